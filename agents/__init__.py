@@ -1,0 +1,1 @@
+"""Training, evaluation and controllers on top of fish_env."""

@@ -1,0 +1,50 @@
+"""Controllers without learning: the open-loop gait that swims the fish by timing alone (Tu 1996, ch. 5)."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fish_env.bodies import Fish
+
+GAIT_FILE = Path(__file__).parent / "pretrained" / "swim" / "gait.json"
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Sinusoidal contraction of each muscle segment, left and right exactly out of phase (docs/physics.md, eq. 17).
+
+    A segment's amplitude and the common frequency play the part of Tu's r and s; the phase is the segment's lag.
+    """
+
+    frequency: float
+    """Tail beats a second, Hz."""
+    amplitude: tuple[float, float, float]
+    """Contraction amplitude of the three segments, 0 to 1."""
+    lag: tuple[float, float, float]
+    """Phase lag of the three segments, rad."""
+
+    def __post_init__(self):
+        if not (np.isfinite(self.frequency) and self.frequency > 0):
+            raise ValueError(f"frequency is {self.frequency!r}; give a positive number of hertz")
+        if not (len(self.amplitude) == 3 and all(0 <= a <= 1 for a in self.amplitude)):
+            raise ValueError(f"amplitude is {self.amplitude!r}; give three numbers from 0 to 1")
+        if not (len(self.lag) == 3 and np.isfinite(self.lag).all()):
+            raise ValueError(f"lag is {self.lag!r}; give three finite angles in radians")
+
+    def contraction(self, fish: Fish, time) -> np.ndarray:
+        """Contraction of each muscle at `time` (...,) s: (..., M) in [0, 1]."""
+        amplitude, lag = np.array(self.amplitude)[fish.segments], np.array(self.lag)[fish.segments]
+        angle = 2 * np.pi * self.frequency * np.asarray(time)[..., None] - lag
+        return 0.5 * amplitude * (1.0 + fish.sides * np.sin(angle))  # (17)
+
+    def action(self, fish: Fish, time) -> np.ndarray:
+        """The same as an action, (..., M) in [-1, 1]."""
+        return 2.0 * self.contraction(fish, time) - 1.0
+
+
+def best_gait() -> Gait:
+    """The fastest open-loop gait of the default fish, as `benchmarks/calibrate.py` found it."""
+    found = json.loads(GAIT_FILE.read_text())["gait"]
+    return Gait(found["frequency"], tuple(found["amplitude"]), tuple(found["lag"]))

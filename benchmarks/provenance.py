@@ -1,0 +1,44 @@
+"""What a measurement was made with: written beside every CSV and into every calibrated file."""
+
+import csv
+import os
+import platform
+import subprocess
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def provenance(command: str) -> dict[str, str]:
+    """Command, commit, processor, threads and versions."""
+    root = Path(__file__).parent.parent
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=root, capture_output=True, text=True, check=False
+    ).stdout.strip()
+    processor = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        processor = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), processor)
+    return {
+        "command": command,
+        "commit": commit or "unknown",
+        "date": date.today().isoformat(),
+        "processor": f"{processor}, {os.cpu_count()} cores",
+        "python": platform.python_version(),
+        **{package: version(package) for package in ("numpy", "scipy", "numba", "gymnasium")},
+    }
+
+
+def write_csv(name: str, rows: list[dict], command: str) -> Path:
+    """Write rows to results/name, preceded by the provenance as comment lines."""
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / name
+    with path.open("w", newline="") as file:
+        for key, value in provenance(command).items():
+            file.write(f"# {key}: {value}\n")
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    return path

@@ -1,0 +1,42 @@
+"""Fish and the BODIES table: parameters in, a `Fish` out. No physics here."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fish_env.bodies.fish import Fish
+from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
+
+__all__ = ["BODIES", "BodyKind", "Fish", "MassSpringParameters", "make_fish"]
+
+
+@dataclass(frozen=True)
+class BodyKind:
+    """A way to build a fish."""
+
+    name: str
+    description: str
+    make: Callable[..., Fish]
+
+
+BODIES: dict[str, BodyKind] = {
+    record.name: record
+    for record in (
+        BodyKind("mass_spring", "23 nodes, 91 units, 12 muscles, calibrated to swim, SI units", make_mass_spring),
+        BodyKind("published", "the same topology with the published masses and constants, graphics units", make_published),
+    )
+}
+
+
+def make_fish(body: str = "mass_spring", **parameters) -> Fish:
+    """Build a fish by name: `make_fish("mass_spring", length=0.3)`.
+
+    Args:
+        body: a key of `BODIES`.
+        parameters: passed to that body; for "mass_spring" the fields of `MassSpringParameters`.
+
+    Raises:
+        ValueError: for an unknown body, an unknown parameter or a value that is not allowed.
+    """
+    if body not in BODIES:
+        raise ValueError(f"unknown body {body!r}; choose from {', '.join(map(repr, BODIES))}")
+    return BODIES[body].make(**parameters)

@@ -1,0 +1,227 @@
+"""Tu & Terzopoulos' artificial fish: 23 nodes, 91 viscoelastic units, 12 muscles (Tu 1996, ch. 4).
+
+`make_mass_spring` builds the default, calibrated to swim like a fish of its length by `benchmarks/calibrate.py`, which
+wrote `mass_spring.json`; `make_published` keeps the published masses and constants, which barely swim.
+"""
+
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from fish_env.bodies.fish import Fish
+from fish_env.body import finite_array, make_body, positive_array
+
+CALIBRATED_FILE = Path(__file__).with_suffix(".json")
+WATER_DENSITY = 1000.0  # kg/m3; the fish displaces its own mass of it
+REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this length
+
+NOSE, TAIL = 0, (21, 22)
+LAYERS = [[0], [1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20], [21, 22]]
+CROSS, MUSCLE, OTHER = 0, 1, 2
+
+
+def topology():
+    """Pairs (91,2), class (91,) and section (91,) of the units, and faces (24,4).
+
+    A layer's nodes are numbered up-left, up-right, down-right, down-left. The class is CROSS, MUSCLE or OTHER. The
+    section is where along the body a unit lies: 0 the head, 5 the tail fin, whole numbers for the units between two
+    layers and halves for those inside a layer.
+    """
+    pairs, classes, sections = [], [], []
+
+    def unit(i, j, kind, section):
+        pairs.append((i, j))
+        classes.append(kind)
+        sections.append(section)
+
+    faces = []
+    for side in range(4):  # the head: a pyramid
+        a, b = LAYERS[1][side], LAYERS[1][(side + 1) % 4]
+        unit(NOSE, a, OTHER, 0)
+        faces.append((NOSE, b, a, a))
+    for number, layer in enumerate(LAYERS[1:6], start=1):  # the square layers
+        for side in range(4):
+            unit(*sorted((layer[side], layer[(side + 1) % 4])), OTHER, number - 0.5)
+        unit(layer[0], layer[2], CROSS, number - 0.5)
+        unit(layer[1], layer[3], CROSS, number - 0.5)
+    for section in range(1, 5):  # between square layers
+        here, behind = LAYERS[section], LAYERS[section + 1]
+        for side in range(4):
+            following = (side + 1) % 4
+            unit(here[side], behind[side], MUSCLE if section < 4 else OTHER, section)
+            unit(here[side], behind[following], CROSS, section)
+            unit(here[following], behind[side], CROSS, section)
+            faces.append((here[side], here[following], behind[following], behind[side]))
+    upper, lower = TAIL
+    for node in LAYERS[5]:  # the tail fin: a wedge
+        near, far = (upper, lower) if node in LAYERS[5][:2] else (lower, upper)
+        unit(node, near, OTHER, 5)
+        unit(node, far, CROSS, 5)
+    unit(upper, lower, OTHER, 5)
+    up_left, up_right, down_right, down_left = LAYERS[5]
+    faces += [
+        (up_left, up_right, upper, upper),
+        (down_right, down_left, lower, lower),
+        (up_right, down_right, lower, upper),
+        (down_left, up_left, upper, lower),
+    ]
+    return np.array(pairs), np.array(classes), np.array(sections, dtype=float), np.array(faces)
+
+
+@dataclass(frozen=True)
+class MassSpringParameters:
+    """Shape, material and muscles of the default fish; `calibrated()` are the values it has."""
+
+    length: float
+    """Nose to tail tip, m. Stiffness and damping grow as its cube, so motion stays the same in lengths and seconds."""
+    layer_position: tuple[float, ...]
+    """Distance of the five square layers from the nose, in lengths."""
+    half_depth: tuple[float, ...]
+    """Half the depth (z) of the five layers, in lengths."""
+    half_width: tuple[float, ...]
+    """Half the width (y) of the five layers, in lengths."""
+    tail_half_span: float
+    """Half the height of the caudal fin at its tips, in lengths."""
+    stiffness: tuple[float, float, float]
+    """c of the cross, muscle and other units for a fish of 0.2 m, N/m."""
+    taper: tuple[float, ...]
+    """Factor on c in the head, the four sections between layers, and the tail fin."""
+    relaxation_time: float
+    """Damping over stiffness k/c of every unit, s."""
+    mass_factor: tuple[float, ...]
+    """Factor on the mass of each layer, nose to tail tips, before the total is set to that of the displaced water."""
+    contracted: tuple[float, float, float]
+    """Rest length at full contraction over natural length, for the three muscle segments."""
+    contraction_time: float
+    """Shortest time from natural length to full contraction, s."""
+    time_step: float
+    """Default integrator step, s."""
+    control_interval: float
+    """Default time between two decisions, s."""
+
+    def __post_init__(self):
+        for name, size in (
+            ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
+            ("mass_factor", 7), ("contracted", 3),
+        ):  # fmt: skip
+            positive_array(getattr(self, name), (size,), name)
+        for name in ("length", "tail_half_span", "contraction_time", "time_step", "control_interval"):
+            positive_array(getattr(self, name), (), name)
+        positive_array(self.relaxation_time, (), "relaxation_time", zero=True)
+        stations = np.array([0.0, *self.layer_position, 1.0])
+        if np.any(np.diff(stations) <= 0):
+            raise ValueError(f"layer_position is {self.layer_position}; give increasing numbers between 0 and 1")
+        if np.any(np.array(self.contracted) >= 1):
+            raise ValueError(f"contracted is {self.contracted}; give fractions below 1")
+
+
+def calibrated() -> dict:
+    """The calibrated parameters, from `mass_spring.json` (which also says how they were found)."""
+    return json.loads(CALIBRATED_FILE.read_text())["parameters"]
+
+
+def shape(parameters: MassSpringParameters) -> np.ndarray:
+    """Rest positions (23,3) m: nose at the origin, body along -x, y to the left, z up."""
+    position = np.zeros((23, 3))
+    for layer, station, depth, width in zip(
+        LAYERS[1:6], parameters.layer_position, parameters.half_depth, parameters.half_width, strict=True
+    ):
+        position[layer] = [(-station, sy * width, sz * depth) for sy, sz in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    position[list(TAIL)] = [(-1.0, 0.0, parameters.tail_half_span), (-1.0, 0.0, -parameters.tail_half_span)]
+    return position * parameters.length
+
+
+def masses(parameters: MassSpringParameters) -> np.ndarray:
+    """Node masses (23,) kg that add up to the mass of the displaced water (neutral buoyancy).
+
+    Each section's volume goes half to the layer before it and half to the one behind, equally to their nodes; then
+    `mass_factor` shifts mass along the body and the total is restored.
+    """
+    station = np.array([0.0, *parameters.layer_position, 1.0])
+    depth = np.array([0.0, *parameters.half_depth, parameters.tail_half_span])
+    width = np.array([0.0, *parameters.half_width, 0.0])
+    a, b = width[:-1], width[1:]
+    c, d = depth[:-1], depth[1:]
+    volume = 4 / 6 * np.diff(station) * (2 * a * c + a * d + b * c + 2 * b * d)  # of a section with straight edges
+    total = WATER_DENSITY * volume.sum() * parameters.length**3
+    layer = np.zeros(7)
+    layer[:-1] += volume / 2
+    layer[1:] += volume / 2
+    layer *= parameters.mass_factor
+    mass = np.empty(23)
+    for nodes, share in zip(LAYERS, layer / layer.sum(), strict=True):
+        mass[nodes] = total * share / len(nodes)
+    return mass
+
+
+def make_mass_spring(**parameters) -> Fish:
+    """The default fish, in SI units; keywords are the fields of `MassSpringParameters`.
+
+    Raises:
+        ValueError: for an unknown parameter or a value that is not allowed.
+    """
+    allowed = [field.name for field in fields(MassSpringParameters)]
+    for name in parameters:
+        if name not in allowed:
+            raise ValueError(f"unknown parameter {name!r} of the mass_spring fish; choose from {', '.join(allowed)}")
+    p = MassSpringParameters(**(calibrated() | parameters))
+    pairs, classes, sections, faces = topology()
+    position = shape(p)
+    taper = np.exp(np.interp(sections, np.arange(6), np.log(p.taper)))
+    stiffness = np.array(p.stiffness)[classes] * taper * (p.length / REFERENCE_LENGTH) ** 3
+    natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
+    body = make_body(position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces)
+    return _fish("mass_spring", body, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval)
+
+
+def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.055) -> Fish:
+    """The fish with the published masses (107.03 in all), stiffness 38, 28, 30 and viscosity 0.1, in graphics units.
+
+    Dimensions and contracted length were never printed; these are a re-implementation's
+    (vanish87/UnityFishSimulation, 2020), as is `contraction_time`, its fastest half beat. See docs/physics.md.
+    """
+    position = np.zeros((23, 3))
+    for layer, x, half in zip(LAYERS[1:6], (5, 10, 15, 20, 22), (2, 3, 2, 1, 0.8), strict=True):
+        position[layer] = [(-x, sy * half, sz * half) for sy, sz in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    position[list(TAIL)] = [(-26, 0, 3), (-26, 0, -3)]
+    mass = np.full(23, 1.1)
+    mass[1:5] = mass[9:13] = 6.6
+    mass[5:9] = 11.0
+    mass[21:] = 0.165
+    pairs, classes, _, faces = topology()
+    natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
+    body = make_body(position, mass, pairs, np.array([38.0, 28.0, 30.0])[classes], np.full(91, 0.1), natural, faces)
+    contracted = finite_array(contracted, (3,), "contracted")
+    return _fish("published", body, 26.0, contracted, contraction_time, time_step, 4 * time_step)
+
+
+def _fish(name, body, length, contracted, contraction_time, time_step, control_interval) -> Fish:
+    """Add the muscles, the head and the tail to a body with this topology."""
+    pairs, classes, sections, _ = topology()
+    muscles = np.flatnonzero(classes == MUSCLE)
+    segments = sections[muscles].astype(int) - 1
+    left = np.array([node for layer in LAYERS[1:6] for node in (layer[0], layer[3])])
+    right = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])])
+    mirror = np.arange(23)
+    mirror[left], mirror[right] = right, left
+    return Fish(
+        name=name,
+        body=body,
+        length=float(length),
+        muscles=muscles,
+        sides=np.where(np.isin(pairs[muscles, 0], left), 1, -1),
+        segments=segments,
+        contracted=np.array(contracted, dtype=float)[segments],
+        contraction_time=float(contraction_time),
+        time_step=float(time_step),
+        control_interval=float(control_interval),
+        nose=NOSE,
+        tail=np.array(TAIL),
+        front=np.array(LAYERS[1]),
+        rear=np.array(LAYERS[4]),
+        left=left,
+        right=right,
+        mirror=mirror,
+    )

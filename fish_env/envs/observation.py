@@ -1,0 +1,58 @@
+"""What a fish sees: its own nodes in its own frame, its muscles, and what is asked of it. One float32 row a fish."""
+
+import numpy as np
+
+from fish_env._jit import njit
+
+POSITION_LIMIT, VELOCITY_LIMIT, VECTOR_LIMIT = 10.0, 1000.0, 1000.0  # body lengths, body lengths per second
+
+
+def table(fish, task) -> list[tuple[str, str, float]]:
+    """Name, unit and bound of every element of the observation, in order. The bound is symmetric about zero."""
+    nodes, axes = range(fish.body.mass.size), ("forward", "left", "up")
+    rows = [(f"position of node {i}, {axis}", "body lengths", POSITION_LIMIT) for i in nodes for axis in axes]
+    rows += [(f"velocity of node {i}, {axis}", "body lengths/s", VELOCITY_LIMIT) for i in nodes for axis in axes]
+    for spring, side, segment in zip(fish.muscles, fish.sides, fish.segments, strict=True):
+        name = f"rest length of muscle {spring} ({'left' if side > 0 else 'right'}, segment {segment})"
+        rows.append((name, "-1 natural, 1 contracted", 1.0))
+    rows += [(f"{name}, {axis}", "in the body frame", VECTOR_LIMIT) for name in task.vector_names for axis in axes]
+    return rows
+
+
+@njit
+def observe(x, v, pose, length, contraction, vectors, out):
+    """Fill out (B,D) float32 in the order of `table` from x, v (B,N,3), the pose, contraction (B,M), vectors (B,K,3).
+
+    Values beyond the bounds of the observation space are set to the bound.
+    """
+    nodes, muscles = x.shape[1], contraction.shape[1]
+    scale = 1.0 / length
+    for b in range(x.shape[0]):
+        axes, centre = pose.axes[b], pose.centre[b]
+        for i in range(nodes):
+            dx, dy, dz = x[b, i, 0] - centre[0], x[b, i, 1] - centre[1], x[b, i, 2] - centre[2]
+            vx, vy, vz = v[b, i, 0], v[b, i, 1], v[b, i, 2]
+            for k in range(3):
+                position = scale * (axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz)
+                velocity = scale * (axes[k, 0] * vx + axes[k, 1] * vy + axes[k, 2] * vz)
+                out[b, 3 * i + k] = bounded(position, POSITION_LIMIT)
+                out[b, 3 * (nodes + i) + k] = bounded(velocity, VELOCITY_LIMIT)
+        base = 6 * nodes
+        for m in range(muscles):
+            out[b, base + m] = bounded(2.0 * contraction[b, m] - 1.0, 1.0)
+        base += muscles
+        for q in range(vectors.shape[1]):
+            for k in range(3):
+                value = axes[k, 0] * vectors[b, q, 0] + axes[k, 1] * vectors[b, q, 1] + axes[k, 2] * vectors[b, q, 2]
+                out[b, base + 3 * q + k] = bounded(value, VECTOR_LIMIT)
+
+
+@njit
+def bounded(value, limit):
+    """value, no further from zero than limit."""
+    return min(max(value, -limit), limit)
+
+
+def bounds(fish, task) -> np.ndarray:
+    """The symmetric bound of every element, (D,) float32."""
+    return np.array([bound for _, _, bound in table(fish, task)], dtype=np.float32)

@@ -1,0 +1,102 @@
+"""A native Stable-Baselines3 `VecEnv`: the batch of fish with `dones` and a list of dicts. Needs the extra [train]."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv, VecMonitor
+except ImportError as error:
+    raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
+
+from fish_env.envs.vector import FishVectorEnv
+
+
+class FishVecEnv(VecEnv):
+    """`FishVectorEnv` as Stable-Baselines3 wants it. Episodes begin anew in the step in which they end."""
+
+    def __init__(self, fish: FishVectorEnv):
+        self.fish = fish
+        super().__init__(fish.num_envs, fish.single_observation_space, fish.single_action_space)
+        self.metadata = fish.metadata
+
+    def reset(self) -> np.ndarray:
+        """Begin all episodes anew with the seeds and options set before, and return what the fish see."""
+        options = self._options[0] or {}
+        if any((other or {}) != options for other in self._options):
+            raise ValueError("fish of one batch share their reset options; set_options takes one dict for all")
+        self.fish.restart(np.ones(self.num_envs, dtype=bool), self._seeds, options)
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return self.fish.observe()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self):
+        """One control interval: observations, rewards float32, dones, infos."""
+        reward, terminated, truncated = self.fish.advance(self._actions)
+        obs = self.fish.observe()
+        done = terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if done.any():
+            for i in np.flatnonzero(done):
+                infos[i] = self.fish.episode_info(i)
+                infos[i]["terminal_observation"] = obs[i].copy()
+                infos[i]["TimeLimit.truncated"] = bool(truncated[i])
+            self.fish.restart(done)
+            obs = self.fish.observe()
+        return obs, reward.astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Close the window and the threads."""
+        self.fish.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """A picture of each fish."""
+        return self.fish.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices=None) -> list[Any]:
+        """The attribute of the batch, once for each fish asked for."""
+        return [getattr(self.fish, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
+        """Set an attribute of the batch; the fish share it, so it can only be set for all."""
+        if len(list(self._get_indices(indices))) != self.num_envs:
+            raise ValueError("fish of one batch share their attributes; set it for all (indices=None)")
+        setattr(self.fish, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args, indices=None, **method_kwargs) -> list[Any]:
+        """Call a method of the batch once, and return its result for each fish asked for."""
+        result = getattr(self.fish, method_name)(*method_args, **method_kwargs)
+        return [result] * len(list(self._get_indices(indices)))
+
+    def env_is_wrapped(self, wrapper_class, indices=None) -> list[bool]:
+        """No fish of a batch is wrapped."""
+        return [False] * len(list(self._get_indices(indices)))
+
+
+def make_sb3_vec_env(id: str, num_envs: int = 1, seed: int | None = None, monitor: bool = True, **options) -> VecEnv:
+    """A batch of fish for Stable-Baselines3: `make_sb3_vec_env("FishEnv/Swim-v0", num_envs=256, seed=0)`.
+
+    Args:
+        id: a registered environment of this package.
+        num_envs: the number of fish.
+        seed: fish i starts from seed + i.
+        monitor: wrap it in `VecMonitor`, so that returns are logged.
+        options: keywords of `FishVectorEnv`.
+
+    Raises:
+        gymnasium.error.Error: for an id that is not registered.
+        ValueError: for an option that is not allowed.
+    """
+    fish = gym.make_vec(id, num_envs, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **options)
+    env: VecEnv = FishVecEnv(fish.unwrapped)
+    if monitor:
+        env = VecMonitor(env)
+    env.seed(seed)
+    return env

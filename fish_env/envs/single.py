@@ -1,0 +1,59 @@
+"""FishEnv: one fish, the Gymnasium `Env`. It is the vector environment with one fish in it."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from fish_env.envs.vector import FishVectorEnv
+
+
+class FishEnv(gym.Env):
+    """One fish in water. Keywords are those of `FishVectorEnv`; the time limit is `gym.make`'s `TimeLimit`.
+
+    The page of each task, with its tables of actions, observations and rewards, is in docs/envs/.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30}
+    vector_class = FishVectorEnv
+
+    def __init__(self, render_mode: str | None = None, **options):
+        self.fish = self.vector_class(1, render_mode=render_mode, threads=1, **options)
+        self.render_mode = render_mode
+        self.metadata = self.metadata | {"render_fps": self.fish.metadata["render_fps"]}
+        self.observation_space = self.fish.single_observation_space
+        self.action_space = self.fish.single_action_space
+
+    @property
+    def tank(self):
+        """The physics: a `Tank` with one fish."""
+        return self.fish.tank
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        """Begin an episode. `options` are the task's (`env.unwrapped.fish.task.reset_options`)."""
+        super().reset(seed=seed)
+        self.fish._generators[0] = self.np_random
+        self.fish.restart(np.ones(1, dtype=bool), None, options)
+        if self.render_mode == "human":
+            self.render()
+        return self.fish.observe()[0], {}
+
+    def step(self, action: np.ndarray):
+        """One control interval: observation, reward, terminated, truncated, info."""
+        reward, terminated, truncated = self.fish.advance(np.asarray(action)[None])
+        info = self.fish.step_info(0) if self.fish.info_every_step else {}
+        over = bool(terminated[0] or truncated[0])
+        if over or (self.spec is not None and self.fish._elapsed[0] == self.spec.max_episode_steps):
+            info |= self.fish.episode_info(0)
+        if self.render_mode == "human":
+            self.render()
+        return self.fish.observe()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def render(self):
+        """A picture (H,W,3) uint8, or None after drawing to the window ("human")."""
+        frames = self.fish.render()
+        return None if frames is None else frames[0]
+
+    def close(self):
+        """Close the window."""
+        self.fish.close()

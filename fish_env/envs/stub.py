@@ -1,0 +1,54 @@
+"""Stub-v0: the spaces and the behaviour of Swim-v0 without physics and without compilation, for other projects' tests.
+
+The fish glides stiffly along its nose, faster the more its muscles are contracted. Everything else, from seeding to
+the end of an episode, is the code of the real environments.
+"""
+
+import numpy as np
+
+from fish_env.envs.single import FishEnv
+from fish_env.envs.vector import FishVectorEnv
+
+
+class StubVectorEnv(FishVectorEnv):
+    """`FishVectorEnv` whose fish glide instead of swimming. Plain numpy: nothing is compiled."""
+
+    def _swim(self, contraction):
+        tank = self.tank
+        natural = tank.fish.body.springs.rest_length[tank.fish.muscles]
+        tank.rest_length[:, tank.fish.muscles] = natural * (1.0 - contraction * (1.0 - tank.fish.contracted))
+        velocity = tank.fish.length * contraction.mean(axis=1)[:, None] * self._pose.axes[:, 0]
+        tank.velocity[:] = velocity[:, None]
+        tank.position[:] += tank.velocity * self.control_interval
+        tank.time[:] += self.control_interval
+
+    def _measure(self):
+        fish, pose = self.tank.fish, self._pose
+        mass = fish.body.mass / fish.body.mass.sum()
+        pose.centre[:], pose.velocity[:] = mass @ self.tank.position, mass @ self.tank.velocity
+        x = self.tank.position
+        forward = x[:, fish.front].mean(axis=1) - x[:, fish.rear].mean(axis=1)
+        forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+        left = (x[:, fish.left] - x[:, fish.right]).sum(axis=1)
+        left -= (left * forward).sum(axis=1, keepdims=True) * forward
+        left /= np.linalg.norm(left, axis=1, keepdims=True)
+        pose.axes[:] = np.stack([forward, left, np.cross(forward, left)], axis=1)
+
+    def observe(self):
+        tank, axes = self.tank, self._pose.axes
+        rotate = axes.transpose(0, 2, 1)
+        parts = [
+            (tank.position - self._pose.centre[:, None]) @ rotate / tank.fish.length,
+            tank.velocity @ rotate / tank.fish.length,
+            2.0 * tank.contraction - 1.0,
+            self.task.vectors(tank, self._pose) @ rotate,
+        ]
+        obs = np.concatenate([part.reshape(self.num_envs, -1) for part in parts], axis=1)
+        space = self.observation_space
+        return np.clip(obs.astype(np.float32), space.low, space.high)
+
+
+class StubEnv(FishEnv):
+    """`FishEnv` on `StubVectorEnv`."""
+
+    vector_class = StubVectorEnv

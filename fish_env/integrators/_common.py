@@ -1,0 +1,39 @@
+"""What every `advance` does before the first and after the last step of a call."""
+
+import math
+
+from fish_env._jit import njit
+from fish_env.body import NON_FINITE, STRETCH_LIMIT, TORN
+from fish_env.forces import springs
+
+
+@njit
+def rest_lengths(control, b, elapsed, out):
+    """Rest lengths (E,) m of body b, `elapsed` seconds into the call."""
+    for e in range(out.size):
+        out[e] = control.rest_length[b, e] + elapsed * control.rate[b, e]
+
+
+@njit
+def check(body, x, v):
+    """0 if the state of one body is sound, else the reason it is not: an index into FAILURES."""
+    for i in range(x.shape[0]):
+        for k in range(3):
+            if not (math.isfinite(x[i, k]) and math.isfinite(v[i, k])):
+                return NON_FINITE
+    if springs.longest_stretch(body, x) > STRETCH_LIMIT:
+        return TORN
+    return 0
+
+
+@njit
+def settle(body, state, b, before_x, before_v, failure, elapsed):
+    """End a call for body b: advance its clock, or record why it failed and put back its last sound state."""
+    if failure == 0:
+        failure = check(body, state.x[b], state.v[b])
+    if failure == 0:
+        state.t[b] += elapsed
+    else:
+        state.failure[b] = failure
+        state.x[b] = before_x
+        state.v[b] = before_v

@@ -1,0 +1,80 @@
+"""Tu's semi-implicit Euler method: the units' effective stiffness implicit but lagged, the water explicit (Tu 1996, ch. 4).
+
+The force of a unit is eta r with eta frozen at the start of the step and r at its end, so one symmetric N x N matrix
+serves x, y and z. Not what Newton and Warp call semi-implicit; that is `symplectic_euler.py`.
+
+Legend: x, v positions and velocities of one body; h step; a the system matrix in its skyline, then L; g the load,
+then the new velocities; eta effective stiffness.
+"""
+
+import numpy as np
+
+from fish_env._jit import njit
+from fish_env.body import UNTRUSTED_SOLVE
+from fish_env.forces import springs, water
+from fish_env.integrators._common import rest_lengths, settle
+from fish_env.linalg import ldlt
+
+
+@njit
+def assemble(body, world, rest, x, v, h, a, g):
+    """System matrix a (S,) kg, in its skyline, and load g (N,3) kg m/s: both sides of the equation times h."""
+    g[:] = 0.0
+    water.add_force(body, world, x, v, g)
+    a[:] = 0.0
+    start = body.profile.start
+    for i in range(body.mass.size):
+        a[start[i + 1] - 1] = body.mass[i]
+        for k in range(3):
+            g[i, k] = body.mass[i] * v[i, k] + h * g[i, k]
+    for e in range(body.springs.stiffness.size):
+        i, j = body.springs.nodes[e, 0], body.springs.nodes[e, 1]
+        rx, ry, rz, eta = springs.unit(body.springs, rest, x, v, e)
+        weight = h * eta
+        a[start[i + 1] - 1] += h * weight  # (7)
+        a[start[j + 1] - 1] += h * weight
+        a[body.springs.entry[e]] -= h * weight
+        g[i, 0] += weight * rx  # (8)
+        g[i, 1] += weight * ry
+        g[i, 2] += weight * rz
+        g[j, 0] -= weight * rx
+        g[j, 1] -= weight * ry
+        g[j, 2] -= weight * rz
+
+
+@njit
+def step(body, world, rest, x, v, h, a, g, inverse_pivot, row):
+    """One step of one body; x and v are changed in place, the rest is scratch. Returns (non-positive pivots, trusted)."""
+    assemble(body, world, rest, x, v, h, a, g)
+    negative, trusted = ldlt.factor_solve(body.profile, a, g, inverse_pivot, row)  # (9)
+    for i in range(body.mass.size):
+        for k in range(3):
+            v[i, k] = g[i, k]
+            x[i, k] += h * g[i, k]
+    return negative, trusted
+
+
+@njit
+def advance(body, world, state, control, h, n):
+    """Move every sound body n steps of h seconds; state is changed in place."""
+    nodes = body.mass.size
+    a = np.empty(body.profile.start[nodes])
+    g = np.empty((nodes, 3))
+    inverse_pivot, row = np.empty(nodes), np.empty(nodes)
+    rest = np.empty(body.springs.stiffness.size)
+    before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
+    for b in range(state.t.size):
+        if state.failure[b]:
+            continue
+        x, v = state.x[b], state.v[b]
+        before_x[:] = x
+        before_v[:] = v
+        failure = 0
+        for s in range(n):
+            rest_lengths(control, b, s * h, rest)
+            negative, trusted = step(body, world, rest, x, v, h, a, g, inverse_pivot, row)
+            state.pivots[b] += negative
+            if not trusted:
+                failure = UNTRUSTED_SOLVE
+                break
+        settle(body, state, b, before_x, before_v, failure, n * h)

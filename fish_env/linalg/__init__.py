@@ -1,0 +1,1 @@
+"""Direct solvers for the small symmetric systems of one fish."""

@@ -1,0 +1,70 @@
+"""Where each fish is and which way it points: centre of mass, its velocity, and the body's axes.
+
+Legend: b fish; i node; k axis; forward, left, up are the rows of the axes.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from fish_env._jit import njit
+
+
+class Pose(NamedTuple):
+    """Pose of B fish."""
+
+    centre: np.ndarray  # (B,3) centre of mass, m
+    velocity: np.ndarray  # (B,3) of the centre of mass, m/s
+    axes: np.ndarray  # (B,3,3) rows: unit vectors forward, left and up
+
+
+def make_pose(num_fish: int) -> Pose:
+    """An empty pose of `num_fish` fish, for `measure` to fill."""
+    return Pose(np.empty((num_fish, 3)), np.empty((num_fish, 3)), np.empty((num_fish, 3, 3)))
+
+
+@njit
+def measure(mass, front, rear, left, right, x, v, pose):
+    """Fill the pose from positions and velocities x, v (B,N,3).
+
+    Forward runs from the mean of the nodes `rear` to the mean of the nodes `front`; left is the mean of the
+    differences from `right` to `left`, made orthogonal to it; up is their cross product (docs/physics.md, eq. 18).
+    """
+    total = 0.0
+    for i in range(mass.size):
+        total += mass[i]
+    for b in range(x.shape[0]):
+        for k in range(3):
+            centre, velocity, ahead, aside = 0.0, 0.0, 0.0, 0.0
+            for i in range(mass.size):
+                centre += mass[i] * x[b, i, k]
+                velocity += mass[i] * v[b, i, k]
+            for i in front:
+                ahead += x[b, i, k] / front.size
+            for i in rear:
+                ahead -= x[b, i, k] / rear.size
+            for i in range(left.size):
+                aside += x[b, left[i], k] - x[b, right[i], k]
+            pose.centre[b, k] = centre / total
+            pose.velocity[b, k] = velocity / total
+            pose.axes[b, 0, k] = ahead
+            pose.axes[b, 1, k] = aside
+        f, s, u = pose.axes[b, 0], pose.axes[b, 1], pose.axes[b, 2]
+        normalise(f)
+        along = s[0] * f[0] + s[1] * f[1] + s[2] * f[2]
+        for k in range(3):
+            s[k] -= along * f[k]
+        normalise(s)
+        u[0] = f[1] * s[2] - f[2] * s[1]
+        u[1] = f[2] * s[0] - f[0] * s[2]
+        u[2] = f[0] * s[1] - f[1] * s[0]
+
+
+@njit
+def normalise(a):
+    """Scale a (3,) to unit length in place; a null vector stays null."""
+    length = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+    if length > 0.0:
+        for k in range(3):
+            a[k] /= length

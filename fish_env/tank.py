@@ -1,0 +1,235 @@
+"""Tank: B fish of one kind in water. The one stateful simulation class."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from fish_env._jit import njit
+from fish_env.bodies.fish import Fish
+from fish_env.body import FAILURES, VACUUM, Control, State, World, finite_array
+from fish_env.integrators import INTEGRATORS
+
+FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
+
+
+class Tank:
+    """B fish of one kind, each alone in the same water, advanced together by one integrator.
+
+    Args:
+        fish: what swims (`make_fish`).
+        num_fish: B, at least 1.
+        integrator: a key of `INTEGRATORS`.
+        dt: integrator step, s; None takes the fish's own `time_step`.
+        water: `make_water(...)`, or None for vacuum.
+        threads: over how many threads the fish are shared out; None takes the processors this process may use.
+            Results do not depend on it.
+
+    Raises:
+        ValueError: for an unknown integrator, `num_fish` or `threads` below 1, or a step that is not positive.
+    """
+
+    def __init__(self, fish: Fish, num_fish=1, integrator="semi_implicit", dt=None, water: World | None = None,
+                 threads: int | None = None):  # fmt: skip
+        if not isinstance(fish, Fish):
+            raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
+        if integrator not in INTEGRATORS:
+            raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
+        dt = fish.time_step if dt is None else dt
+        if not (np.isscalar(dt) and np.isfinite(dt) and dt > 0):
+            raise ValueError(f"dt is {dt!r}; give a positive number of seconds (this fish's own is {fish.time_step})")
+        for name, value in (("num_fish", num_fish), ("threads", 1 if threads is None else threads)):
+            if not (isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1):
+                raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
+        if not isinstance(water, World | None):
+            raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...), or None for vacuum")
+        self.fish, self.num_fish, self.dt = fish, int(num_fish), float(dt)
+        self.integrator = INTEGRATORS[integrator]
+        self.world = VACUUM if water is None else water
+        self.threads = threads or available_processors()
+        body, b = fish.body, self.num_fish
+        self.state = State(
+            np.repeat(body.position[None], b, axis=0),
+            np.zeros((b, body.mass.size, 3)),
+            np.zeros(b),
+            np.zeros(b, dtype=np.int64),
+            np.zeros(b, dtype=np.int64),
+        )
+        springs = body.springs.rest_length
+        self.control = Control(np.repeat(springs[None], b, axis=0), np.zeros((b, springs.size)))
+        self._natural = springs[fish.muscles]
+        self._span = (1.0 - fish.contracted) * self._natural
+        self.effort = np.zeros(b)
+        """(B,) mean over the muscles of the square of their speed in the last `swim`, 1 if all moved at their fastest."""
+        self._pool = None
+
+    def __getstate__(self):
+        return self.__dict__ | {"_pool": None}
+
+    @property
+    def position(self) -> np.ndarray:
+        """Node positions, (B,N,3) m: live and writable."""
+        return self.state.x
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Node velocities, (B,N,3) m/s: live and writable."""
+        return self.state.v
+
+    @property
+    def rest_length(self) -> np.ndarray:
+        """Rest lengths of all springs, (B,E) m: live and writable."""
+        return self.control.rest_length
+
+    @property
+    def time(self) -> np.ndarray:
+        """Clock of each fish, (B,) s."""
+        return self.state.t
+
+    @property
+    def alive(self) -> np.ndarray:
+        """(B,) True for each fish whose physics is sound."""
+        return self.state.failure == 0
+
+    @property
+    def failure(self) -> np.ndarray:
+        """(B,) why each fish failed, "" where it did not."""
+        return np.array(FAILURES, dtype=object)[self.state.failure]
+
+    @property
+    def contraction(self) -> np.ndarray:
+        """Contraction of each muscle's rest length, (B,M): 0 natural, 1 full."""
+        return (self._natural - self.rest_length[:, self.fish.muscles]) / self._span
+
+    def advance(self, steps: int) -> None:
+        """Take `steps` steps of dt with the controls held. A fish that fails stops at its last sound state."""
+        if not (isinstance(steps, int | np.integer) and steps >= 0):
+            raise ValueError(f"steps is {steps!r}; give a whole number, zero or more")
+        self._run(int(steps))
+
+    def swim(self, action, duration: float) -> None:
+        """Move the muscles' rest lengths towards a command at a limited rate, and advance.
+
+        A rest length moves linearly over the whole duration and arrives at its end, or covers what
+        `fish.contraction_time` allows: there are no jumps.
+
+        Args:
+            action: (B,M), or (M,) for all fish, in [-1, 1]: -1 natural length, 1 full contraction.
+            duration: s, a whole multiple of dt.
+
+        Raises:
+            ValueError: for an action of another shape, not finite or outside [-1, 1], or such a duration.
+        """
+        steps = whole_steps(duration, self.dt, "duration")
+        wanted = (self.num_fish, self.fish.num_muscles)
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape == wanted[1:]:
+            action = np.broadcast_to(action, wanted)
+        if action.shape != wanted or not np.abs(action).max() <= 1.0:
+            action = finite_array(action, wanted, "action")
+            raise ValueError(f"action reaches {np.abs(action).max():g}; give values in [-1, 1] (clip them first)")
+        self.drive(0.5 * (action + 1.0), steps)
+
+    def drive(self, contraction: np.ndarray, steps: int) -> None:
+        """`swim` without the checks: contraction (B,M) in [0, 1], steps of dt."""
+        duration = steps * self.dt
+        fastest = duration / self.fish.contraction_time
+        command(self.fish.muscles, self._natural, self._span, contraction, fastest, duration, self.control, self.effort)
+        self._run(steps)
+        arrive(self.fish.muscles, duration, self.control)
+
+    def _run(self, steps: int) -> None:
+        chunks = min(self.threads, max(1, self.num_fish // FISH_PER_THREAD))
+        if chunks == 1:
+            self.integrator.advance(self.fish.body, self.world, self.state, self.control, self.dt, steps)
+            return
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads)
+        edges = np.linspace(0, self.num_fish, chunks + 1).astype(int)
+        jobs = [
+            self._pool.submit(
+                self.integrator.advance,
+                self.fish.body,
+                self.world,
+                State(*(array[lo:hi] for array in self.state)),
+                Control(*(array[lo:hi] for array in self.control)),
+                self.dt,
+                steps,
+            )
+            for lo, hi in zip(edges[:-1], edges[1:], strict=True)
+        ]
+        for job in jobs:
+            job.result()
+
+    def reset(self, mask=None) -> None:
+        """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero."""
+        which = slice(None) if mask is None else mask
+        for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0), strict=True):
+            array[which] = value
+        self.control.rest_length[which] = self.fish.body.springs.rest_length
+        self.effort[which] = 0.0
+
+    def close(self) -> None:
+        """End the threads; they start again when needed."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that decides what happens next, as copies: x, v, t, failure, pivots, rest_length."""
+        named = self.state._asdict() | {"rest_length": self.control.rest_length}
+        return {name: array.copy() for name, array in named.items()}
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore what `get_state` returned.
+
+        Raises:
+            ValueError: if a part is missing, unknown, of another shape or not finite; nothing is changed then.
+        """
+        target = self.state._asdict() | {"rest_length": self.control.rest_length}
+        if set(state) != set(target):
+            raise ValueError(f"state holds {sorted(state)}; give {sorted(target)}, as get_state returns them")
+        checked = {name: finite_array(state[name], array.shape, name) for name, array in target.items()}
+        for name, array in target.items():
+            array[...] = checked[name]
+
+
+@njit
+def command(muscles, natural, span, contraction, fastest, duration, control, effort):
+    """Set the rates at which the muscles' rest lengths move: to a contraction (B,M), or as far as they can get.
+
+    `fastest` is the largest change of contraction in the `duration` (s). effort (B,) is overwritten.
+    """
+    for b in range(contraction.shape[0]):
+        squares = 0.0
+        for m in range(muscles.size):
+            wanted = natural[m] - contraction[b, m] * span[m] - control.rest_length[b, muscles[m]]
+            limit = fastest * span[m]
+            change = min(max(wanted, -limit), limit)
+            control.rate[b, muscles[m]] = change / duration
+            squares += (change / limit) ** 2
+        effort[b] = squares / muscles.size
+
+
+@njit
+def arrive(muscles, duration, control):
+    """Move the muscles' rest lengths to where their rates have taken them, and stop them there."""
+    for b in range(control.rate.shape[0]):
+        for m in muscles:
+            control.rest_length[b, m] += duration * control.rate[b, m]
+            control.rate[b, m] = 0.0
+
+
+def available_processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def whole_steps(duration: float, dt: float, name: str) -> int:
+    """How many steps of dt make up the duration; ValueError unless it is a positive whole multiple."""
+    if not (np.isscalar(duration) and np.isfinite(duration) and duration > 0):
+        raise ValueError(f"{name} is {duration!r}; give a positive number of seconds")
+    steps = round(duration / dt)
+    if steps < 1 or abs(steps * dt - duration) > 1e-9 * duration:
+        raise ValueError(f"{name} is {duration!r} s; give a whole multiple of dt = {dt!r} s")
+    return steps
