@@ -7,6 +7,7 @@ import numpy as np
 from agents.controllers import Gait
 from fish_env.bodies import Fish
 from fish_env.body import World
+from fish_env.pose import make_pose, measure
 from fish_env.tank import Tank
 
 
@@ -22,28 +23,41 @@ class Swum:
     """Peak-to-peak excursion of the tail tip across the path, body lengths."""
     strouhal: float
     """Frequency times sweep over speed."""
+    wobble: float
+    """Largest departure of the body's up axis from its mean in a beat, degrees: a fish that rolls shows it here."""
     failure: str
 
 
+NOISE = 0.05  # body lengths a second: node velocities at the start, so that an unstable gait has something to grow from
+
+
 def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator="semi_implicit", beats=14, measured=6,
-         decisions=24) -> Swum:  # fmt: skip
-    """Swim `beats` beats from rest with `decisions` control points a beat, and measure the last `measured`."""
+         decisions=24, push=0.4) -> Swum:  # fmt: skip
+    """Swim `beats` beats with `decisions` control points a beat, and measure the last `measured`.
+
+    The fish starts at `push` body lengths a beat, which shortens the approach to cruising; 0 starts it from rest.
+    """
     dt = fish.time_step if dt is None else dt
     steps = max(1, round(1 / (gait.frequency * decisions * dt)))
     tank = Tank(fish, 1, integrator, 1 / (gait.frequency * decisions * steps), water)
     period = 1 / gait.frequency
     mass = fish.body.mass / fish.body.mass.sum()
-    centre, tail = [], []
+    centre, tail, up, pose = [], [], [], make_pose(1)
     contraction = gait.contraction(fish, period / decisions * np.arange(1, decisions + 1))[:, None]
-    tank.velocity[:, :, 0] = 0.4 * fish.length * gait.frequency  # a push start: it shortens the approach to cruising
+    tank.velocity[0] = np.random.default_rng(0).normal(0.0, NOISE * fish.length, tank.velocity[0].shape)
+    tank.velocity[0, :, 0] += push * fish.length * gait.frequency
     for beat in range(beats):
         for k in range(decisions):
             tank.drive(contraction[k], steps)
             if beat >= beats - measured - 1:
                 centre.append(mass @ tank.position[0])
                 tail.append(tank.position[0, fish.tail].mean(axis=0))
+                measure(
+                    fish.body.mass, fish.front, fish.rear, fish.left, fish.right, tank.position, tank.velocity, pose
+                )
+                up.append(pose.axes[0, 2].copy())
         if not tank.alive[0]:
-            return Swum(0.0, 0.0, 0.0, np.inf, tank.failure[0])
+            return Swum(0.0, 0.0, 0.0, np.inf, 180.0, tank.failure[0])
     centre, tail = np.array(centre)[decisions - 1 :], np.array(tail)[decisions - 1 :]
     path = centre[-1] - centre[0]
     distance = np.linalg.norm(path)
@@ -54,4 +68,6 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator="semi_implici
     # a fish that is pushed backwards has swum a negative distance
     ahead = tank.position[0, fish.front].mean(axis=0) - tank.position[0, fish.rear].mean(axis=0)
     stride = float(np.copysign(stride, path @ ahead))
-    return Swum(stride * gait.frequency, stride, float(sweep), float(sweep / abs(stride)), "")
+    tilt = np.array(up) @ np.mean(up, axis=0) / np.linalg.norm(np.mean(up, axis=0))
+    wobble = float(np.degrees(np.arccos(min(1.0, tilt.min()))))
+    return Swum(stride * gait.frequency, stride, float(sweep), float(sweep / abs(stride)), wobble, "")

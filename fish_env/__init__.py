@@ -20,7 +20,7 @@ EPISODE_STEPS = {"swim": 400}
 
 for _task, _steps in EPISODE_STEPS.items():
     register(
-        id=f"FishEnv/{_task.title()}-v0",
+        id=f"FishEnv/{_task.title().replace('_', '')}-v0",
         entry_point="fish_env.envs:FishEnv",
         vector_entry_point="fish_env.envs:FishVectorEnv",
         max_episode_steps=_steps,

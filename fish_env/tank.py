@@ -2,6 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 
@@ -60,7 +61,7 @@ class Tank:
         self._natural = springs[fish.muscles]
         self._span = (1.0 - fish.contracted) * self._natural
         self.effort = np.zeros(b)
-        """(B,) mean over the muscles of the square of their speed in the last `swim`, 1 if all moved at their fastest."""
+        """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
         self._pool = None
 
     def __getstate__(self):
@@ -156,7 +157,7 @@ class Tank:
                 self.dt,
                 steps,
             )
-            for lo, hi in zip(edges[:-1], edges[1:], strict=True)
+            for lo, hi in pairwise(edges)
         ]
         for job in jobs:
             job.result()

@@ -22,7 +22,9 @@ BODIES: dict[str, BodyKind] = {
     record.name: record
     for record in (
         BodyKind("mass_spring", "23 nodes, 91 units, 12 muscles, calibrated to swim, SI units", make_mass_spring),
-        BodyKind("published", "the same topology with the published masses and constants, graphics units", make_published),
+        BodyKind(
+            "published", "the same topology with the published masses and constants, graphics units", make_published
+        ),
     )
 }
 

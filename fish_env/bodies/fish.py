@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fish_env.body import Body
+from fish_env.body import Body, World
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,8 @@ class Fish:
     """Default integrator step, s."""
     control_interval: float
     """Default time between two decisions, s."""
+    water: World
+    """The water it is made for; an environment that is not told otherwise fills its tank with it."""
     nose: int
     tail: np.ndarray
     """(2,) upper and lower tip of the caudal fin."""

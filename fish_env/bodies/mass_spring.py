@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fish_env.bodies.fish import Fish
-from fish_env.body import finite_array, make_body, positive_array
+from fish_env.body import finite_array, make_body, make_water, positive_array
 
 CALIBRATED_FILE = Path(__file__).with_suffix(".json")
 WATER_DENSITY = 1000.0  # kg/m3; the fish displaces its own mass of it
@@ -40,7 +40,7 @@ def topology():
     for side in range(4):  # the head: a pyramid
         a, b = LAYERS[1][side], LAYERS[1][(side + 1) % 4]
         unit(NOSE, a, OTHER, 0)
-        faces.append((NOSE, b, a, a))
+        faces.append((NOSE, a, b, b))
     for number, layer in enumerate(LAYERS[1:6], start=1):  # the square layers
         for side in range(4):
             unit(*sorted((layer[side], layer[(side + 1) % 4])), OTHER, number - 0.5)
@@ -53,7 +53,7 @@ def topology():
             unit(here[side], behind[side], MUSCLE if section < 4 else OTHER, section)
             unit(here[side], behind[following], CROSS, section)
             unit(here[following], behind[side], CROSS, section)
-            faces.append((here[side], here[following], behind[following], behind[side]))
+            faces.append((here[side], behind[side], behind[following], here[following]))
     upper, lower = TAIL
     for node in LAYERS[5]:  # the tail fin: a wedge
         near, far = (upper, lower) if node in LAYERS[5][:2] else (lower, upper)
@@ -62,10 +62,10 @@ def topology():
     unit(upper, lower, OTHER, 5)
     up_left, up_right, down_right, down_left = LAYERS[5]
     faces += [
-        (up_left, up_right, upper, upper),
-        (down_right, down_left, lower, lower),
-        (up_right, down_right, lower, upper),
-        (down_left, up_left, upper, lower),
+        (up_right, up_left, upper, upper),
+        (down_left, down_right, lower, lower),
+        (up_right, upper, lower, down_right),
+        (down_left, lower, upper, up_left),
     ]
     return np.array(pairs), np.array(classes), np.array(sections, dtype=float), np.array(faces)
 
@@ -173,14 +173,18 @@ def make_mass_spring(**parameters) -> Fish:
     stiffness = np.array(p.stiffness)[classes] * taper * (p.length / REFERENCE_LENGTH) ** 3
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     body = make_body(position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces)
-    return _fish("mass_spring", body, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval)
+    water = make_water(WATER_DENSITY)
+    return _fish(
+        "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval
+    )
 
 
 def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.055) -> Fish:
     """The fish with the published masses (107.03 in all), stiffness 38, 28, 30 and viscosity 0.1, in graphics units.
 
     Dimensions and contracted length were never printed; these are a re-implementation's
-    (vanish87/UnityFishSimulation, 2020), as is `contraction_time`, its fastest half beat. See docs/physics.md.
+    (vanish87/UnityFishSimulation, 2020), as is `contraction_time`, its fastest half beat. The water is linear, as the
+    published one, and thick enough for the published step to survive hard jerks. See docs/physics.md.
     """
     position = np.zeros((23, 3))
     for layer, x, half in zip(LAYERS[1:6], (5, 10, 15, 20, 22), (2, 3, 2, 1, 0.8), strict=True):
@@ -194,10 +198,11 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     body = make_body(position, mass, pairs, np.array([38.0, 28.0, 30.0])[classes], np.full(91, 0.1), natural, faces)
     contracted = finite_array(contracted, (3,), "contracted")
-    return _fish("published", body, 26.0, contracted, contraction_time, time_step, 4 * time_step)
+    water = make_water(law="linear", drag_coefficient=3.0)
+    return _fish("published", body, water, 26.0, contracted, contraction_time, time_step, 4 * time_step)
 
 
-def _fish(name, body, length, contracted, contraction_time, time_step, control_interval) -> Fish:
+def _fish(name, body, water, length, contracted, contraction_time, time_step, control_interval) -> Fish:
     """Add the muscles, the head and the tail to a body with this topology."""
     pairs, classes, sections, _ = topology()
     muscles = np.flatnonzero(classes == MUSCLE)
@@ -217,6 +222,7 @@ def _fish(name, body, length, contracted, contraction_time, time_step, control_i
         contraction_time=float(contraction_time),
         time_step=float(time_step),
         control_interval=float(control_interval),
+        water=water,
         nose=NOSE,
         tail=np.array(TAIL),
         front=np.array(LAYERS[1]),

@@ -1,4 +1,4 @@
-"""The environments: one implementation of an episode (`vector.py`), and its single, stub and Stable-Baselines3 faces."""
+"""The environments: one implementation of an episode, and its single, vector, stub and Stable-Baselines3 faces."""
 
 from fish_env.envs.single import FishEnv
 from fish_env.envs.stub import StubEnv, StubVectorEnv

@@ -4,7 +4,7 @@ import numpy as np
 
 from fish_env._jit import njit
 
-POSITION_LIMIT, VELOCITY_LIMIT, VECTOR_LIMIT = 10.0, 1000.0, 1000.0  # body lengths, body lengths per second
+POSITION_LIMIT, VELOCITY_LIMIT = 10.0, 1000.0  # body lengths, body lengths per second
 
 
 def table(fish, task) -> list[tuple[str, str, float]]:
@@ -15,12 +15,12 @@ def table(fish, task) -> list[tuple[str, str, float]]:
     for spring, side, segment in zip(fish.muscles, fish.sides, fish.segments, strict=True):
         name = f"rest length of muscle {spring} ({'left' if side > 0 else 'right'}, segment {segment})"
         rows.append((name, "-1 natural, 1 contracted", 1.0))
-    rows += [(f"{name}, {axis}", "in the body frame", VECTOR_LIMIT) for name in task.vector_names for axis in axes]
+    rows += [(f"{name}, {axis}", "in the body frame", task.vector_limit) for name in task.vector_names for axis in axes]
     return rows
 
 
 @njit
-def observe(x, v, pose, length, contraction, vectors, out):
+def observe(x, v, pose, length, contraction, vectors, vector_limit, out):
     """Fill out (B,D) float32 in the order of `table` from x, v (B,N,3), the pose, contraction (B,M), vectors (B,K,3).
 
     Values beyond the bounds of the observation space are set to the bound.
@@ -44,7 +44,7 @@ def observe(x, v, pose, length, contraction, vectors, out):
         for q in range(vectors.shape[1]):
             for k in range(3):
                 value = axes[k, 0] * vectors[b, q, 0] + axes[k, 1] * vectors[b, q, 1] + axes[k, 2] * vectors[b, q, 2]
-                out[b, base + 3 * q + k] = bounded(value, VECTOR_LIMIT)
+                out[b, base + 3 * q + k] = bounded(value, vector_limit)
 
 
 @njit

@@ -32,6 +32,7 @@ class FishEnv(gym.Env):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """Begin an episode. `options` are the task's (`env.unwrapped.fish.task.reset_options`)."""
         super().reset(seed=seed)
+        self._limit = None if self.spec is None else gym.spec(self.spec.id).max_episode_steps
         self.fish._generators[0] = self.np_random
         self.fish.restart(np.ones(1, dtype=bool), None, options)
         if self.render_mode == "human":
@@ -42,12 +43,19 @@ class FishEnv(gym.Env):
         """One control interval: observation, reward, terminated, truncated, info."""
         reward, terminated, truncated = self.fish.advance(np.asarray(action)[None])
         info = self.fish.step_info(0) if self.fish.info_every_step else {}
-        over = bool(terminated[0] or truncated[0])
-        if over or (self.spec is not None and self.fish._elapsed[0] == self.spec.max_episode_steps):
-            info |= self.fish.episode_info(0)
+        if terminated[0] or truncated[0] or self.fish._elapsed[0] == self._limit:
+            info |= self.episode_info()
         if self.render_mode == "human":
             self.render()
         return self.fish.observe()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def episode_info(self) -> dict[str, Any]:
+        """What the episode has come to so far: reward terms, the task's metrics, seconds, the failure if any.
+
+        The last step of an episode has it in `info`. An environment cannot see a time limit other than the registered
+        one (`gym.make(id, max_episode_steps=...)` wraps it from outside): ask here then.
+        """
+        return self.fish.episode_info(0)
 
     def render(self):
         """A picture (H,W,3) uint8, or None after drawing to the window ("human")."""

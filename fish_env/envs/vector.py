@@ -31,7 +31,7 @@ class FishVectorEnv(VectorEnv):
         integrator: a key of `fish_env.INTEGRATORS`.
         dt: integrator step, s; None takes the fish's own.
         control_interval: time between two decisions, s, a whole multiple of dt; None takes the fish's own.
-        water: keywords of `fish_env.make_water`, or its result; None is still water.
+        water: keywords of `fish_env.make_water`, or its result; None is the water the fish is made for.
         muscle_groups: "muscles", an action for each muscle, or "pairs", one for the left and one for the right side
             of each segment (the upper and lower muscle contract together: for planar scenes).
         max_episode_steps: decisions after which an episode is truncated; None for no limit.
@@ -74,7 +74,7 @@ class FishVectorEnv(VectorEnv):
             raise ValueError(f"max_episode_steps is {max_episode_steps!r}; give a whole number, at least 1, or None")
         fish = body if isinstance(body, Fish) else make_fish(body)
         if not isinstance(water, World):
-            water = make_water(**(water or {}))
+            water = fish.water if water is None else make_water(**water)
         self.tank = Tank(fish, num_envs, integrator, dt, water, threads)
         self.control_interval = float(fish.control_interval if control_interval is None else control_interval)
         self._substeps = whole_steps(self.control_interval, self.tank.dt, "control_interval")
@@ -117,7 +117,7 @@ class FishVectorEnv(VectorEnv):
                 raise ValueError(f"unknown reset option {name!r}; choose from {allowed}")
         which = np.flatnonzero(mask)
         for i in which:
-            if seeds is not None and seeds[i] is not None or self._generators[i] is None:
+            if (seeds is not None and seeds[i] is not None) or self._generators[i] is None:
                 self._generators[i], self._seeds[i] = np_random(None if seeds is None else seeds[i])
         self.tank.reset(mask)
         self.task.start(self.tank, which, [self._generators[i] for i in which], options)
@@ -160,7 +160,10 @@ class FishVectorEnv(VectorEnv):
         tank = self.tank
         out = np.empty(self.observation_space.shape, dtype=np.float32)
         vectors = self.task.vectors(tank, self._pose)
-        observation.observe(tank.position, tank.velocity, self._pose, tank.fish.length, tank.contraction, vectors, out)
+        observation.observe(
+            tank.position, tank.velocity, self._pose, tank.fish.length, tank.contraction, vectors,
+            self.task.vector_limit, out,
+        )  # fmt: skip
         return out
 
     def episode_info(self, i: int) -> dict[str, Any]:
@@ -192,9 +195,13 @@ class FishVectorEnv(VectorEnv):
 
     def _checked(self, action) -> np.ndarray:
         """The action as float64 (B,A) clipped to [-1, 1]; ValueError if its shape is wrong or it is not finite."""
-        array = np.asarray(action, dtype=np.float64)
-        if array.shape != self.action_space.shape or not np.isfinite(array).all():
-            finite_array(action, self.action_space.shape, "action")
+        try:
+            array = np.asarray(action, dtype=np.float64)
+            good = array.shape == self.action_space.shape and np.isfinite(array).all()
+        except (TypeError, ValueError):
+            good = False
+        if not good:
+            finite_array(action, self.action_space.shape, "action")  # says what is wrong
         return np.minimum(np.maximum(array, -1.0), 1.0)
 
     # -- the Gymnasium vector interface -----------------------------------------------------------------------------
@@ -212,7 +219,9 @@ class FishVectorEnv(VectorEnv):
         mask = options.pop("reset_mask", None)
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)
-        elif not (isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,) and mask.any()):
+        elif not (
+            isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,) and mask.any()
+        ):
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
         self.restart(mask, seed, options)
         return self.observe(), {}

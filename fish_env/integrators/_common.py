@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from fish_env._jit import njit
 from fish_env.body import NON_FINITE, STRETCH_LIMIT, TORN
 from fish_env.forces import springs
@@ -28,12 +30,16 @@ def check(body, x, v):
 
 @njit
 def settle(body, state, b, before_x, before_v, failure, elapsed):
-    """End a call for body b: advance its clock, or record why it failed and put back its last sound state."""
+    """End a call for body b: advance its clock, or record why it failed and put back its last sound state.
+
+    That is the one it had before the call, or the body at rest if it was handed over broken already.
+    """
     if failure == 0:
         failure = check(body, state.x[b], state.v[b])
     if failure == 0:
         state.t[b] += elapsed
     else:
-        state.failure[b] = failure
-        state.x[b] = before_x
-        state.v[b] = before_v
+        broken = check(body, before_x, before_v)
+        state.failure[b] = broken if broken else failure
+        state.x[b] = body.position if broken else before_x
+        state.v[b] = np.zeros_like(before_v) if broken else before_v

@@ -1,4 +1,4 @@
-"""Tu's semi-implicit Euler method: the units' effective stiffness implicit but lagged, the water explicit (Tu 1996, ch. 4).
+"""Tu's semi-implicit Euler method: effective stiffness implicit but lagged, water explicit (Tu 1996, ch. 4).
 
 The force of a unit is eta r with eta frozen at the start of the step and r at its end, so one symmetric N x N matrix
 serves x, y and z. Not what Newton and Warp call semi-implicit; that is `symplectic_euler.py`.
@@ -9,9 +9,10 @@ then the new velocities; eta effective stiffness.
 
 import numpy as np
 
+from fish_env import forces
 from fish_env._jit import njit
 from fish_env.body import UNTRUSTED_SOLVE
-from fish_env.forces import springs, water
+from fish_env.forces import springs
 from fish_env.integrators._common import rest_lengths, settle
 from fish_env.linalg import ldlt
 
@@ -19,8 +20,7 @@ from fish_env.linalg import ldlt
 @njit
 def assemble(body, world, rest, x, v, h, a, g):
     """System matrix a (S,) kg, in its skyline, and load g (N,3) kg m/s: both sides of the equation times h."""
-    g[:] = 0.0
-    water.add_force(body, world, x, v, g)
+    forces.external(body, world, x, v, g)
     a[:] = 0.0
     start = body.profile.start
     for i in range(body.mass.size):
@@ -44,7 +44,7 @@ def assemble(body, world, rest, x, v, h, a, g):
 
 @njit
 def step(body, world, rest, x, v, h, a, g, inverse_pivot, row):
-    """One step of one body; x and v are changed in place, the rest is scratch. Returns (non-positive pivots, trusted)."""
+    """One step of one body, x and v changed in place, the rest scratch. Returns (non-positive pivots, trusted)."""
     assemble(body, world, rest, x, v, h, a, g)
     negative, trusted = ldlt.factor_solve(body.profile, a, g, inverse_pivot, row)  # (9)
     for i in range(body.mass.size):

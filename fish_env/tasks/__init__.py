@@ -23,11 +23,13 @@ class Task(Protocol):
     """How many directions the observation ends with, 3 numbers each."""
     vector_names: tuple[str, ...]
     """Their names, for the table of observations."""
+    vector_limit: float
+    """Bound of their components in the observation space."""
     reset_options: Mapping[str, str]
     """Keys that `reset(options=...)` accepts, with their meaning."""
 
     def start(self, tank: Tank, fish: np.ndarray, generators: Sequence[np.random.Generator], options: Mapping) -> None:
-        """Begin an episode for the fish numbered in `fish` (K,), freshly reset, one generator each: pose and command."""
+        """Begin an episode for the fish numbered in `fish` (K,), freshly reset, one generator each."""
 
     def vectors(self, tank: Tank, pose: Pose) -> np.ndarray:
         """World vectors (B, num_vectors, 3) that tell each fish what is asked; it sees them in its own frame."""

@@ -21,6 +21,7 @@ class SwimTask:
 
     num_vectors = 1
     vector_names = ("commanded heading",)
+    vector_limit = 1.0
     reset_options = {
         "yaw": "the fish's heading at the start, rad",
         "heading": "the commanded heading, rad",

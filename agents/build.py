@@ -1,0 +1,95 @@
+"""Put environment and learner together: PPO on the native batch of fish, with fixed scaling of what the fish see."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecEnv
+
+from agents.config import TrainConfig
+from agents.policy import Policy
+from fish_env.envs.sb3 import make_sb3_vec_env
+
+POSITION_SCALE = 0.1  # body lengths: how far a node strays from its place in the body while swimming
+VELOCITY_SCALE = 1.0  # body lengths per second
+VECTOR_SCALE = 0.3  # a heading error of 0.3 rad counts as much as a node out of place
+
+
+class ScaledObservation(BaseFeaturesExtractor):
+    """(obs - offset) / scale with fixed numbers from the body at rest: no running statistics to lose."""
+
+    def __init__(self, observation_space, offset: np.ndarray, scale: np.ndarray):
+        super().__init__(observation_space, offset.size)
+        self.register_buffer("offset", torch.as_tensor(offset, dtype=torch.float32))
+        self.register_buffer("scale", torch.as_tensor(scale, dtype=torch.float32))
+
+    def forward(self, obs: torch.Tensor) -> torch.Tensor:
+        """Scaled observations (B,D)."""
+        return (obs - self.offset) / self.scale
+
+
+def scaling(fish) -> tuple[np.ndarray, np.ndarray]:
+    """Offset and scale (D,) of the observations of a `FishVectorEnv`."""
+    body, length = fish.tank.fish.body, fish.tank.fish.length
+    rest = (body.position - body.mass @ body.position / body.mass.sum()).ravel() / length
+    muscles, vectors = fish.tank.fish.num_muscles, 3 * fish.task.num_vectors
+    offset = np.concatenate([rest, np.zeros(rest.size + muscles + vectors)])
+    parts = ((rest.size, POSITION_SCALE), (rest.size, VELOCITY_SCALE), (muscles, 1.0), (vectors, VECTOR_SCALE))
+    return offset, np.concatenate([np.full(size, scale) for size, scale in parts])
+
+
+def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
+    """The batch of fish to train on, its returns logged."""
+    return make_sb3_vec_env(config.env_id, num_envs, seed=seed, **config.env_options)
+
+
+def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None) -> PPO:
+    """A fresh PPO learner."""
+    fish = env.unwrapped.fish
+    offset, scale = scaling(fish)
+    return PPO(
+        "MlpPolicy",
+        env,
+        n_steps=config.rollout,
+        batch_size=config.batch_size,
+        n_epochs=config.epochs,
+        learning_rate=falling(config.learning_rate),
+        gamma=config.discount(fish.control_interval),
+        gae_lambda=config.gae_lambda,
+        clip_range=config.clip_range,
+        ent_coef=config.entropy_weight,
+        policy_kwargs={
+            "net_arch": list(config.hidden),
+            "log_std_init": config.initial_log_std,
+            "features_extractor_class": ScaledObservation,
+            "features_extractor_kwargs": {"offset": offset, "scale": scale},
+        },
+        tensorboard_log=str(log_folder) if log_folder else None,
+        seed=seed,
+        device="cpu",
+    )
+
+
+class falling:  # noqa: N801 - used like a function; a class so that it can be pickled with the model
+    """A learning rate that falls linearly to a tenth over the training."""
+
+    def __init__(self, start: float):
+        self.start = start
+
+    def __call__(self, remaining: float) -> float:
+        return self.start * (0.1 + 0.9 * max(remaining, 0.0))
+
+
+def export_policy(model: PPO, about: dict[str, Any]) -> Policy:
+    """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
+    network, scaler = model.policy, model.policy.pi_features_extractor
+    layers = [m for m in network.mlp_extractor.policy_net if isinstance(m, torch.nn.Linear)] + [network.action_net]
+    weights = [layer.weight.detach().double().numpy().T.copy() for layer in layers]
+    biases = [layer.bias.detach().double().numpy().copy() for layer in layers]
+    weights[0] /= scaler.scale.double().numpy()[:, None]
+    biases[0] -= scaler.offset.double().numpy() @ weights[0]
+    as_float = [tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases)]
+    return Policy(*as_float, about)

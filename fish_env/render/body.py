@@ -1,0 +1,100 @@
+"""Drawing the skin of a fish on a surface, as seen along any direction."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pygame
+
+from fish_env.render.fins import EYE_HEIGHT
+from fish_env.render.frame import Frame
+from fish_env.render.skin import CONTRACTED, Skin, normals, skin_of
+
+MARGIN, LARGEST = 8, 4096  # pixels
+EYE_RADIUS, EYE_WHITE, PUPIL = 0.018, (250, 246, 220), (18, 26, 34)  # radius in lengths
+
+
+class View(NamedTuple):
+    """A parallel projection."""
+
+    axes: np.ndarray  # (3,3) rows: unit world vectors to the right, upwards, and towards the eye of the beholder
+    centre: np.ndarray  # (3,) world point, m, that is shown at
+    origin: tuple[float, float]  # this pixel
+    scale: float  # pixels a metre
+    light: np.ndarray  # (3,) towards the light, unit vector in the axes of the view
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (P,2) and depth (P,), m, larger is nearer, of world points (P,3)."""
+        seen = (points - self.centre) @ self.axes.T
+        return seen[:, :2] * (self.scale, -self.scale) + self.origin, seen[:, 2]
+
+
+def body_picture(frame: Frame, view: View) -> tuple[pygame.Surface, tuple[int, int]]:
+    """The fish on a transparent surface just large enough, and where the surface's upper left corner belongs."""
+    skin = skin_of(frame.rest, frame.faces, frame.muscles)
+    pixels, depth = view.project(skin.weights @ frame.position)
+    low = np.floor(pixels.min(axis=0)).astype(int) - MARGIN
+    size = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + MARGIN - low, LARGEST)
+    surface = pygame.Surface(size.tolist(), pygame.SRCALPHA, 32)
+    pixels = pixels - low
+    normal = normals(np.column_stack([pixels * (1, -1), view.scale * depth]), skin.quads)
+    thin = np.arange(len(normal)) >= skin.num_closed
+    order = np.flatnonzero(thin | (normal[:, 2] > 0))
+    order = order[np.argsort(depth[skin.quads[order]].mean(axis=1), kind="stable")]
+    colours = shade(normal[order], thin[order], muscle_colour(frame, skin)[order], view.light)
+    for colour, corners in zip(groups(colours, 3), groups(pixels[skin.quads[order]], 2, 4), strict=True):
+        pygame.draw.polygon(surface, colour, corners)
+    draw_eyes(surface, frame, skin, view._replace(origin=tuple(view.origin - low)))
+    return surface, tuple(low.tolist())
+
+
+def groups(array: np.ndarray, *sizes: int):
+    """The numbers of an array in tuples, or tuples of tuples, of the sizes, inner first.
+
+    Made one at a time, unlike with `tolist`: thousands of lists at once would set off the garbage collector.
+    """
+    numbers = iter(array.ravel().tolist())
+    for size in sizes:
+        numbers = zip(*[numbers] * size, strict=True)
+    return numbers
+
+
+def muscle_colour(frame: Frame, skin: Skin) -> np.ndarray:
+    """Colour of each quadrilateral (Q,3): its own, turned to red as far as the muscles below contract."""
+    warmth = np.clip(skin.influence @ frame.contraction, 0.0, 1.0)[:, None]
+    return skin.colour + warmth * (CONTRACTED - skin.colour)
+
+
+def shade(normal: np.ndarray, thin: np.ndarray, colour: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Colours (Q,3) uint8 under light from one side, with a wet gleam and darker rims; normals in the axes of the view.
+
+    What is thin (Q,) bool has neither inside nor rim, and light shines through it.
+    """
+    facing = np.clip(normal @ light, 0.0, None)
+    half = light + np.array((0.0, 0.0, 1.0))
+    gleam = 62.0 * np.clip(normal @ (half / np.linalg.norm(half)), 0.0, None) ** 22
+    bright = (0.64 + 0.5 * facing) * (0.74 + 0.26 * np.clip(normal[:, 2] / 0.6, 0.0, 1.0))
+    bright, gleam = np.where(thin, 0.8 + 0.2 * np.abs(normal @ light), bright), np.where(thin, 0.0, gleam)
+    return np.clip(colour * bright[:, None] + gleam[:, None], 0, 255).astype(np.uint8)
+
+
+def draw_eyes(surface, frame: Frame, skin: Skin, view: View) -> None:
+    """The eyes that look towards the beholder."""
+    places = skin.eyes @ frame.position
+    pixels, _ = view.project(places)
+    outward = (places - places[::-1]) @ view.axes.T
+    outward /= max(float(np.linalg.norm(outward[0])), 1e-300)
+    radius = EYE_RADIUS * frame.length * view.scale
+    lift = EYE_HEIGHT * float(view.axes[2] @ rotation(frame)[2])  # they sit above the middle of the flank
+    for place, out in zip(pixels, outward, strict=True):
+        if out[2] + lift > 0:
+            pygame.draw.circle(surface, EYE_WHITE, place, radius)
+            pygame.draw.circle(surface, PUPIL, place, 0.7 * radius)
+            pygame.draw.circle(surface, EYE_WHITE, place - 0.25 * radius, 0.2 * radius)
+
+
+def rotation(frame: Frame) -> np.ndarray:
+    """How the body at rest is best turned to lie on the body as it is: rows forward, left, up, (3,3) unit vectors."""
+    rest, now = (nodes - nodes.mean(axis=0) for nodes in (frame.rest, frame.position))
+    u, _, v = np.linalg.svd(rest.T @ now)
+    u[:, 2] *= np.sign(np.linalg.det(u @ v))  # no mirror images
+    return u @ v

@@ -1,0 +1,128 @@
+"""The picture of one fish: from above, following it, and from the side in an inset; drawn at twice the size."""
+
+import numpy as np
+import pygame
+
+from fish_env.render import water
+from fish_env.render.body import View, body_picture, rotation
+from fish_env.render.frame import Frame
+from fish_env.render.labels import write
+from fish_env.render.layout import CENTRE, FOAM, HEIGHT, INK, OVER, PANEL, SIDE_UNIT, TRAIL, UNIT, WIDTH, enlarged
+
+SOFT = 8  # the shadow is made so many times smaller
+FADE = 1.1  # body lengths over which the path fades to a third
+ARROW = (0.56, 0.74)  # body lengths ahead of the fish where the arrow of a command begins and ends
+ABOVE_LIGHT, SIDE_LIGHT = (np.array(v) / np.linalg.norm(v) for v in ((-0.5, 0.6, 0.8), (-0.3, 0.9, 0.55)))
+
+
+def draw(frame: Frame) -> np.ndarray:
+    """The picture of a frame, (H,W,3) uint8."""
+    return pixels_of(draw_surface(frame))
+
+
+def pixels_of(surface: pygame.Surface) -> np.ndarray:
+    """The pixels of a surface, (H,W,3) uint8."""
+    width, height = surface.get_size()
+    return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(height, width, 3).copy()
+
+
+def draw_surface(frame: Frame) -> pygame.Surface:
+    """The picture of a frame, a new surface."""
+    canvas = pygame.Surface((OVER * WIDTH, OVER * HEIGHT), 0, 32)
+    from_above(canvas, frame)
+    from_the_side(canvas, frame)
+    picture = pygame.transform.smoothscale(canvas, (WIDTH, HEIGHT))
+    picture.blit(water.vignette(WIDTH, HEIGHT), (0, 0), special_flags=pygame.BLEND_MULT)
+    write(picture, frame)
+    return picture
+
+
+def place_of(frame: Frame) -> np.ndarray:
+    """Where the fish is, (3,) m: the last place of its path, or the mean of its nodes."""
+    middle = frame.position.mean(axis=0)
+    if len(frame.path):
+        middle[: frame.path.shape[1]] = frame.path[-1]
+    return middle
+
+
+def from_above(canvas, frame: Frame) -> None:
+    """Water, shadow, path, command and fish."""
+    place, origin = place_of(frame), (OVER * CENTRE[0], OVER * CENTRE[1])
+    view = View(np.eye(3), place, origin, OVER * UNIT / frame.length, ABOVE_LIGHT)
+    water.scroll(canvas, OVER * UNIT, place[:2] / frame.length, origin)
+    body, corner = body_picture(frame, view)
+    draw_shadow(canvas, body, corner)
+    draw_path(canvas, frame, view)
+    draw_commands(canvas, frame, view)
+    canvas.blit(body, corner)
+
+
+def draw_shadow(canvas, body: pygame.Surface, corner) -> None:
+    """A soft shadow of the fish on the bed, to its lower right."""
+    width, height = (side // SOFT + 4 for side in body.get_size())
+    small = pygame.Surface((width, height), pygame.SRCALPHA, 32)
+    small.blit(pygame.transform.smoothscale(body, (width - 4, height - 4)), (2, 2))
+    small.fill((0, 30, 50, 90), special_flags=pygame.BLEND_RGBA_MULT)
+    soft = pygame.transform.smoothscale(pygame.transform.box_blur(small, 1), (SOFT * width, SOFT * height))
+    canvas.blit(soft, (corner[0] - 2 * SOFT + 0.05 * UNIT * OVER, corner[1] - 2 * SOFT + 0.09 * UNIT * OVER))
+
+
+def draw_path(canvas, frame: Frame, view: View) -> None:
+    """The path so far: a line that fades and narrows with the distance swum since."""
+    if len(frame.path) < 2:
+        return
+    path = np.zeros((len(frame.path), 3))
+    path[:, : frame.path.shape[1]] = frame.path
+    pixels, _ = view.project(path)
+    step = np.linalg.norm(np.diff(path, axis=0), axis=1) / frame.length
+    age = np.cumsum(step[::-1])[::-1]
+    strength = np.exp(-age / FADE)
+    colours = (water.DEEP + strength[:, None] * (np.array(TRAIL) - water.DEEP)).astype(np.uint8)
+    width = np.round(3 + 7 * strength * np.clip(age / 0.15, 0.0, 1.0)).astype(int).tolist()
+    for k in np.flatnonzero(strength > 0.04).tolist():
+        pygame.draw.line(canvas, colours[k], pixels[k], pixels[k + 1], width[k])
+
+
+def draw_commands(canvas, frame: Frame, view: View) -> None:
+    """An arrow for each command, ahead of the fish; one out of the plane of the picture is foreshortened."""
+    unit = view.scale * frame.length
+    for command in frame.commands:
+        size = np.linalg.norm(command)
+        if size > 0:
+            along = unit * (view.axes[:2] @ (command / size)) * (1, -1)
+            tail, tip = (np.array(view.origin) + reach * along for reach in ARROW)
+            arrow(canvas, tail, tip, unit)
+
+
+def arrow(canvas, tail, tip, unit) -> None:
+    """An arrow with a dark rim."""
+    along = tip - tail
+    size = np.linalg.norm(along)
+    if size < 2:
+        return
+    along = along / size
+    across = np.array((-along[1], along[0]))
+    head, half, barb = min(0.1 * unit, size), 0.014 * unit, 0.05 * unit
+    neck = tip - head * along
+    outline = [
+        tail + half * across, neck + half * across, neck + barb * across, tip,
+        neck - barb * across, neck - half * across, tail - half * across,
+    ]  # fmt: skip
+    corners = [tuple(point) for point in outline]
+    pygame.draw.polygon(canvas, FOAM, corners, 9)
+    pygame.draw.polygon(canvas, INK, corners)
+
+
+def from_the_side(canvas, frame: Frame) -> None:
+    """The inset: the fish seen from its right, level, with lines of equal depth."""
+    box = enlarged(PANEL)
+    inset = pygame.Surface(box.size, 0, 32)
+    place, middle = place_of(frame), (box.width / 2, box.height / 2)
+    water.layers(inset, OVER * SIDE_UNIT, place[2] / frame.length, middle[1])
+    forward = rotation(frame)[0] * (1.0, 1.0, 0.0)
+    size = np.linalg.norm(forward)
+    forward = forward / size if size > 1e-6 else np.array((1.0, 0.0, 0.0))
+    axes = np.array((forward, (0.0, 0.0, 1.0), (forward[1], -forward[0], 0.0)))
+    inset.blit(*body_picture(frame, View(axes, place, middle, OVER * SIDE_UNIT / frame.length, SIDE_LIGHT)))
+    canvas.blit(inset, box)
+    pygame.draw.rect(canvas, FOAM, box.inflate(6, 6), 6, border_radius=14)

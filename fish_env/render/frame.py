@@ -1,0 +1,45 @@
+"""Frame: all that a picture may know of one fish. Draw it from an environment, or from a log with `_replace`."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fish_env.tasks import TASKS
+
+
+class Frame(NamedTuple):
+    """One fish at one moment. N nodes, F faces, M muscles, K past places, C commands."""
+
+    position: np.ndarray  # (N,3) m
+    rest: np.ndarray  # (N,3) positions at rest, m: nose towards +x, left +y, up +z
+    faces: np.ndarray  # (F,4) corners, all the same way round; a triangle gives its third node twice
+    muscles: np.ndarray  # (M,2) the two nodes of each muscle
+    contraction: np.ndarray  # (M,) 0 natural, 1 full
+    length: float  # nose to tail tip, m
+    path: np.ndarray  # (K,3) or (K,2) centres of mass so far, m, the present one last; K may be 0
+    commands: np.ndarray  # (C,3) what the fish is told, world vectors of any length; C may be 0
+    time: float  # s
+    speed: float  # of the centre of mass, body lengths per second
+    caption: str = ""  # a short remark
+    task: str = ""  # name of the task
+
+
+def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
+    """The frame of fish i of a `FishVectorEnv`; path is (K,3) m, or None for only the place it is at."""
+    tank, pose = env.tank, env._pose
+    fish = tank.fish
+    name = next((name for name, task in TASKS.items() if type(env.task) is task), type(env.task).__name__)
+    return Frame(
+        position=tank.position[i].copy(),
+        rest=fish.body.position,
+        faces=fish.body.faces.nodes,
+        muscles=fish.body.springs.nodes[fish.muscles],
+        contraction=np.clip(tank.contraction[i], 0.0, 1.0),
+        length=fish.length,
+        path=pose.centre[i : i + 1].copy() if path is None else np.asarray(path, dtype=float),
+        commands=np.array(env.task.vectors(tank, pose)[i], dtype=float).reshape(-1, 3),
+        time=float(tank.time[i]),
+        speed=float(np.linalg.norm(pose.velocity[i]) / fish.length),
+        caption=str(tank.failure[i]).partition(":")[0],
+        task=name,
+    )

@@ -1,0 +1,100 @@
+"""Renderer: the pictures of an environment, as arrays or in a window."""
+
+from collections import deque
+
+import gymnasium as gym
+import numpy as np
+import pygame
+
+from fish_env.render.flat import draw_surface, pixels_of
+from fish_env.render.frame import make_frame
+from fish_env.render.layout import HEIGHT, WIDTH
+
+PATH_POINTS = 1000  # a path forgets what is older: it has faded by then
+WINDOW_FISH = 4  # a window shows the first ones of a batch; more could not be drawn in real time
+
+
+class WindowClosed(gym.error.Error):
+    """The user closed the window. The next call of `render` opens a new one."""
+
+
+class Renderer:
+    """Draws the fish of a `FishVectorEnv`, with the paths they swam between the calls of `render`.
+
+    Args:
+        env: the environment. Its `render_mode` says whether `render` returns pictures or shows a window.
+    """
+
+    def __init__(self, env):
+        self.env = env
+        self._paths = [deque(maxlen=PATH_POINTS) for _ in range(env.num_envs)]
+        self._window: pygame.Surface | None = None
+        self._clock = pygame.time.Clock()
+
+    def restart(self, mask: np.ndarray) -> None:
+        """Forget the paths of the fish of the boolean mask (B,)."""
+        for i in np.flatnonzero(mask):
+            self._paths[i].clear()
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """A picture (H,W,3) uint8 of each fish, or None after showing them in the window ("human").
+
+        Raises:
+            WindowClosed: if the user closed the window or pressed Escape.
+            RuntimeError: if there is no display to open a window on.
+            gymnasium.error.ResetNeeded: before the first `reset`.
+        """
+        if not self.env._started:
+            raise gym.error.ResetNeeded("render was called before reset; call env.reset() first")
+        self._remember()
+        if self.env.render_mode == "human":
+            self._show()
+            return None
+        return tuple(pixels_of(self._picture(i)) for i in range(self.env.num_envs))
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._has_window():
+            pygame.display.quit()
+        self._window = None
+
+    def _remember(self) -> None:
+        for path, centre in zip(self._paths, self.env._pose.centre, strict=True):
+            if not path or not np.array_equal(path[-1], centre):
+                path.append(centre.copy())
+
+    def _picture(self, i: int) -> pygame.Surface:
+        return draw_surface(make_frame(self.env, i, np.array(self._paths[i])))
+
+    def _show(self) -> None:
+        """Draw to the window, answer its events, and wait until the next picture is due."""
+        shown = min(self.env.num_envs, WINDOW_FISH)
+        columns = 1 if shown == 1 else 2
+        window = self._window
+        if window is None or not self._has_window():
+            window = self._open((columns * WIDTH, -(-shown // columns) * HEIGHT))
+        for i in range(shown):
+            window.blit(self._picture(i), (i % columns * WIDTH, i // columns * HEIGHT))
+        pygame.display.flip()
+        self._clock.tick(self.env.metadata["render_fps"])
+        for event in pygame.event.get():
+            if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
+                self.close()
+                raise WindowClosed("the window was closed; call env.close(), or go on and a new one opens")
+
+    def _has_window(self) -> bool:
+        """Whether the window is open and still this renderer's: pygame has only one, and anyone may close it."""
+        return self._window is not None and pygame.display.get_init() and pygame.display.get_surface() is self._window
+
+    def _open(self, size: tuple[int, int]) -> pygame.Surface:
+        try:
+            pygame.display.init()
+            self._window = window = pygame.display.set_mode(size)
+        except pygame.error as error:
+            raise RuntimeError(
+                f"no window could be opened ({error}): use render_mode='rgb_array', or run with a display"
+            ) from error
+        count = self.env.num_envs
+        title = "fish_env" if count <= WINDOW_FISH else f"fish_env: the first {WINDOW_FISH} of {count} fish"
+        pygame.display.set_caption(title)
+        return window

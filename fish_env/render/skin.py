@@ -1,0 +1,116 @@
+"""Skin: what a fish looks like, worked out once from its shape at rest.
+
+Everything on it, fins and eyes too, is a weighted sum of node positions, so it bends as the body bends. The physics
+knows none of it: the fins on back, belly and flanks are paint.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from fish_env.render.fins import eyes, fins
+from fish_env.render.mesh import smooth
+
+LEVELS = 3  # of subdivision: 24 faces become some 1400, small enough not to be told apart
+BACK, FLANK, BELLY, TAIL_FIN, OTHER_FINS, CONTRACTED = np.array(
+    [(44, 92, 120), (182, 208, 208), (255, 250, 236), (226, 178, 84), (238, 204, 128), (250, 66, 34)], dtype=float
+)
+MUSCLE_REACH = 0.055  # lengths: how far from a muscle the skin still takes on its colour
+FORK = 0.45  # how far the notch of the tail fin reaches towards its root
+
+
+class Skin(NamedTuple):
+    """V points, Q quadrilaterals of which the last ones are thin fins, M muscles."""
+
+    weights: np.ndarray  # (V,N) points from node positions
+    quads: np.ndarray  # (Q,4) corners, counter-clockwise seen from outside
+    colour: np.ndarray  # (Q,3) of the relaxed fish, 0..255
+    influence: np.ndarray  # (Q,M) share of each muscle's contraction in the colour of a quadrilateral
+    num_closed: int  # the quadrilaterals before this one enclose the body; later ones are fins, seen from both sides
+    eyes: np.ndarray  # (2,N) weights of the left and the right eye
+
+
+def skin_of(rest: np.ndarray, faces: np.ndarray, muscles: np.ndarray) -> Skin:
+    """The skin of a body at rest (N,3) with faces (F,4) and muscle node pairs (M,2)."""
+    parts = (np.ascontiguousarray(rest, dtype=float), np.asarray(faces, np.int64), np.asarray(muscles, np.int64))
+    return _skin(*(part.tobytes() for part in parts))
+
+
+@lru_cache(maxsize=8)
+def _skin(rest: bytes, faces: bytes, muscles: bytes) -> Skin:
+    nodes, corners = np.frombuffer(rest).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 4)
+    pairs = np.frombuffer(muscles, np.int64).reshape(-1, 2)
+    x, length = nodes[:, 0], np.ptp(nodes[:, 0])
+    nose, tail = (np.flatnonzero(abs(x - end) < 0.01 * length) for end in (x.max(), x.min()))
+    weights, quads = smooth(corners, len(nodes), LEVELS, np.concatenate([nose, tail]))
+    quads = facing_out(weights @ nodes, quads)
+    weights = fork(weights, nodes, corners, tail, length)
+    colour = paint(weights @ nodes, quads, length)
+    influence = muscle_influence((weights @ nodes)[quads].mean(axis=1), nodes[pairs], length)
+    extra, fin_quads = fins(weights, weights @ nodes, length)
+    return Skin(
+        np.concatenate([weights, extra]),
+        np.concatenate([quads, fin_quads]),
+        np.concatenate([colour, np.broadcast_to(OTHER_FINS, (len(fin_quads), 3))]),
+        np.concatenate([influence, np.zeros((len(fin_quads), len(pairs)))]),
+        len(quads),
+        eyes(weights, weights @ nodes, length),
+    )
+
+
+def fork(weights, nodes, corners, tail, length) -> np.ndarray:
+    """Draw the middle of the tail fin's rear edge towards its root, so that the fin is forked; weights (V,N)."""
+    if len(tail) < 2:
+        return weights
+    fin = np.isin(corners, tail).any(axis=1)
+    root = np.setdiff1d(corners[fin], tail)
+    points = weights @ nodes
+    start, end = nodes[root, 0].mean(), nodes[tail, 0].mean()
+    behind = np.clip((points[:, 0] - start) / (end - start), 0.0, 1.0)
+    span = np.abs(nodes[tail, 2] - nodes[tail, 2].mean()).max() or length
+    height = np.clip(np.abs(points[:, 2] - nodes[tail, 2].mean()) / span, 0.0, 1.0)
+    pull = np.eye(len(nodes))[root].mean(axis=0) - np.eye(len(nodes))[tail].mean(axis=0)
+    return weights + (FORK * behind**1.5 * (1.0 - height))[:, None] * pull
+
+
+def facing_out(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """The quadrilaterals (Q,4) counter-clockwise seen from outside, whichever way round all of them are given."""
+    a, b, c, d = points[quads].transpose(1, 0, 2)
+    volume = (a * (np.cross(b, c) + np.cross(c, d))).sum()  # enclosed, times six
+    return quads if volume > 0 else quads[:, ::-1]
+
+
+def normals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Unit outward normals (Q,3) of quadrilaterals; null where one has no area."""
+    a, b, c, d = points[quads].transpose(1, 0, 2)
+    n = np.cross(c - a, d - b)
+    return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+
+
+def paint(points, quads, length) -> np.ndarray:
+    """Countershading, (Q,3): dark above and light below, as in the open sea, and a golden tail fin."""
+    middle = points[quads].mean(axis=1)
+    up = normals(points, quads)[:, 2]
+    behind = (points[:, 0].max() - middle[:, 0]) / length
+    light = np.clip((0.8 - up) / 0.7, 0.0, 1.0)[:, None]
+    pale = np.clip((-0.05 - up) / 0.5, 0.0, 1.0)[:, None]
+    colour = BACK + light * (FLANK - BACK) + pale * (BELLY - FLANK)
+    bars = 0.06 * np.sin(2 * np.pi * 9 * behind) * np.clip(up + 0.3, 0.0, 1.0)
+    colour *= (1.0 + bars)[:, None]
+    fin = np.clip((behind - 0.8) / 0.12, 0.0, 1.0)[:, None]
+    return colour + 0.85 * fin * (TAIL_FIN - colour)
+
+
+def muscle_influence(middle, ends, length) -> np.ndarray:
+    """How much each muscle, from ends[:,0] to ends[:,1] (M,2,3), colours the skin at middle (Q,3): (Q,M)."""
+    start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
+    offset = middle[:, None] - start
+    where = (offset * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-300)
+    nearest = np.clip(where, 0.0, 1.0)[..., None] * along
+    distance = np.linalg.norm(offset - nearest, axis=-1) / length
+    spindle = np.sqrt(np.clip(1.06 - (2.0 * where - 1.0) ** 2, 0.0, 1.0))  # thick in the middle, like a muscle
+    reach = np.clip(1.4 - distance / (MUSCLE_REACH * (0.35 + 0.65 * spindle)), 0.0, 1.0) * (spindle > 0)
+    reach *= middle[:, None, 1] * ends[:, :, 1].mean(axis=1) > 0  # only of its own side
+    total = reach.sum(axis=1, keepdims=True)
+    return np.minimum(total, 1.0) * reach / np.maximum(total, 1e-9)

@@ -1,0 +1,259 @@
+"""Forces against their slow twins, against energy, and against what is known of them without computing them."""
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from fish_env import BODIES, forces, make_fish, make_water
+from fish_env.body import VACUUM, World, make_body
+from fish_env.forces import springs, water
+
+LAWS = ("quadratic", "linear")
+FISH = {name: make_fish(name) for name in BODIES}
+SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+seeds = st.integers(0, 2**32 - 1)
+bodies = st.sampled_from(list(BODIES))
+
+
+def kernel(add, *arguments):
+    """The force a kernel adds to nothing."""
+    f = np.zeros_like(arguments[-1])
+    add(*arguments, f)
+    return f
+
+
+def plate(corners, faces=((0, 1, 2, 3),)):
+    """A surface without springs."""
+    return make_body(corners, np.ones(len(corners)), [], [], [], [], faces)
+
+
+def world_of(fish, law="quadratic", current=(0.3, -0.2, 0.1)):
+    """The water of `naive.dense_water` as the kernels take it."""
+    return World(*naive.dense_water(fish, law, current))
+
+
+def close(actual, wanted, tolerance=1e-12):
+    """Equal up to `tolerance` times the largest element."""
+    np.testing.assert_allclose(actual, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
+
+
+@given(seeds, bodies)
+def test_springs_equal_their_twin(seed, name):
+    """Spring forces and energy on a random state, with random rest lengths, equal the textbook formulas."""
+    fish, rng = FISH[name], np.random.default_rng(seed)
+    x, v = naive.random_state(fish, rng)
+    rest = fish.body.springs.rest_length * rng.uniform(0.7, 1.3, 91)
+    close(kernel(springs.add_force, fish.body, rest, x, v), naive.spring_force(fish.body.springs, rest, x, v))
+    energy = springs.energy(fish.body, rest, x)
+    assert energy == pytest.approx(naive.spring_energy(fish.body.springs, rest, x), rel=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@given(seed=seeds, name=bodies)
+def test_water_equals_its_twin(law, seed, name):
+    """Water forces on a random state in a current equal the textbook formulas, face by face."""
+    fish = FISH[name]
+    world = world_of(fish, law)
+    x, v = naive.random_state(fish, np.random.default_rng(seed))
+    close(kernel(water.add_force, fish.body, world, x, v), naive.water_force(fish.body.faces, world, x, v))
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_total_is_the_sum(name):
+    """The total force is the springs' plus the water's, and forgets what stood in the array before."""
+    fish, rng = FISH[name], np.random.default_rng(1)
+    x, v = naive.random_state(fish, rng)
+    rest, world = fish.body.springs.rest_length, world_of(fish)
+    f = np.full_like(x, np.nan)
+    forces.total(fish.body, world, rest, x, v, f)
+    close(f, naive.total_force(fish.body, world, rest, x, v))
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_elastic_force_is_minus_gradient_of_energy(name):
+    """Without damping the force on each node is minus the gradient of the elastic energy (central differences)."""
+    fish, rng = FISH[name], np.random.default_rng(2)
+    body = fish.body._replace(springs=fish.body.springs._replace(damping=np.zeros(91)))
+    rest = body.springs.rest_length * rng.uniform(0.7, 1.3, 91)
+    x, v = naive.random_state(fish, rng)
+    step = 1e-3 * body.springs.rest_length.min()
+    gradient = np.zeros_like(x)
+    for place in np.ndindex(x.shape):
+        for shift, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):  # fourth order
+            moved = x.copy()
+            moved[place] += shift * step
+            gradient[place] += weight * springs.energy(body, rest, moved) / step
+    close(kernel(springs.add_force, body, rest, x, v), -gradient, 1e-9)
+
+
+@given(seeds, bodies)
+def test_internal_forces_have_no_force_and_no_torque(seed, name):
+    """Elastic and viscous forces sum to zero force and zero torque: they can neither push nor turn the whole body."""
+    fish, rng = FISH[name], np.random.default_rng(seed)
+    x, v = naive.random_state(fish, rng, displacement=0.1)
+    rest = fish.body.springs.rest_length * rng.uniform(0.5, 1.5, 91)
+    f = kernel(springs.add_force, fish.body, rest, x, v)
+    size = np.abs(f).sum()
+    assert np.abs(f.sum(axis=0)).max() <= 1e-14 * size
+    assert np.abs(np.cross(x, f).sum(axis=0)).max() <= 1e-14 * size * fish.length
+
+
+@given(seeds, bodies)
+def test_damping_only_takes_energy_away(seed, name):
+    """The viscous part of the units never adds energy, and leaves a rigid motion alone."""
+    fish, rng = FISH[name], np.random.default_rng(seed)
+    x, v = naive.random_state(fish, rng, displacement=0.1)
+    relaxed = fish.body._replace(springs=fish.body.springs._replace(stiffness=np.zeros(91)))
+    rest = fish.body.springs.rest_length
+    assert np.sum(kernel(springs.add_force, relaxed, rest, x, v) * v) < 0
+    rigid = rng.normal(size=3) + np.cross(rng.normal(size=3), x)
+    f = kernel(springs.add_force, relaxed, rest, x, rigid)
+    assert np.abs(f).max() <= 1e-13 * fish.body.springs.damping.max() * np.abs(rigid).max()
+
+
+@pytest.mark.parametrize("law", LAWS)
+@given(
+    name=bodies,
+    displacement=hnp.arrays(float, (23, 3), elements=st.floats(-0.3, 0.3)),
+    velocity=hnp.arrays(float, (23, 3), elements=st.floats(-10, 10)),
+    current=hnp.arrays(float, 3, elements=st.floats(-3, 3)),
+)
+def test_water_only_takes_energy_away(law, name, displacement, velocity, current):
+    """The water's force never does positive work on the motion through it, however the body is bent and moves."""
+    fish = FISH[name]
+    world = world_of(fish, law, current)
+    x = fish.body.position + fish.length * displacement
+    v = fish.length / fish.contraction_time * velocity
+    f = kernel(water.add_force, fish.body, world, x, v)
+    work = f * (v - world.current)
+    assert work.sum() <= 1e-14 * np.abs(work).sum()
+
+
+@pytest.mark.parametrize("law", LAWS)
+@given(
+    corners=hnp.arrays(float, (4, 3), elements=st.floats(-1, 1)),
+    velocity=hnp.arrays(float, (4, 3), elements=st.floats(-2, 2)),
+)
+def test_one_sided(law, corners, velocity):
+    """A face feels nothing while it moves inward, and a push against its normal while it moves outward."""
+    world = make_water(law=law)
+    area, mean = naive.area_vector(corners), velocity.mean(axis=0)
+    f = kernel(water.add_force, plate(corners), world, corners, velocity)
+    if area @ mean <= -1e-12:
+        assert not f.any()
+    if area @ mean >= 1e-12:
+        assert np.all(f @ area < 0)
+        assert np.abs(np.cross(f, area)).max() <= 1e-12 * np.linalg.norm(f) * np.linalg.norm(area)
+
+
+@pytest.mark.parametrize(
+    "faces", [[(0, 1, 2, 3)], [(0, 1, 2, 2), (0, 2, 3, 3)]], ids=["quadrilateral", "two triangles"]
+)
+@given(seed=seeds, size=st.floats(0.1, 10), speed=st.floats(1e-3, 1e3), outward=st.booleans())
+def test_flat_plate(faces, seed, size, speed, outward):
+    """A plate moving along its normal at speed U is pushed back with half rho C_d A U^2; the other way, not at all."""
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    corners, normal = size * SQUARE @ turn.T, turn[:, 2]
+    v = np.tile(normal * speed * (1 if outward else -1), (4, 1))
+    body = plate(corners, faces)
+    density, drag_coefficient = 998.0, 1.17
+    f = kernel(water.add_force, body, make_water(density, drag_coefficient), corners, v)
+    wanted = 0.5 * density * drag_coefficient * size**2 * speed**2 if outward else 0.0
+    np.testing.assert_allclose(f.sum(axis=0), -wanted * normal, rtol=0, atol=1e-12 * wanted)
+    f = kernel(water.add_force, body, make_water(drag_coefficient=drag_coefficient, law="linear"), corners, v)
+    wanted = drag_coefficient * size**2 * speed if outward else 0.0
+    np.testing.assert_allclose(f.sum(axis=0), -wanted * normal, rtol=0, atol=1e-12 * wanted)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_pushed_on_the_leading_side(name):
+    """A straight fish moved bodily is held back; moved sideways or up, only the nodes of its leading side feel it."""
+    fish = FISH[name]
+    world = world_of(fish, current=(0, 0, 0))
+    for direction in np.vstack([np.eye(3), -np.eye(3)]):
+        f = kernel(water.add_force, fish.body, world, fish.body.position, np.tile(direction * fish.length, (23, 1)))
+        assert f.sum(axis=0) @ direction < 0
+        if direction[0] == 0:
+            trailing = fish.body.position @ direction < 0
+            assert np.abs(f[trailing]).max() <= 1e-12 * np.abs(f).max()
+
+
+@given(seeds, bodies, st.sampled_from(LAWS))
+def test_only_velocity_through_the_water_counts(seed, name, law):
+    """Adding one velocity to the current and to all nodes leaves the water's force as it is."""
+    fish, rng = FISH[name], np.random.default_rng(seed)
+    x, v = naive.random_state(fish, rng)
+    world = world_of(fish, law)
+    drift = fish.length / fish.contraction_time * rng.uniform(-1, 1, 3)
+    f = kernel(water.add_force, fish.body, world, x, v)
+    moved = kernel(water.add_force, fish.body, world._replace(current=world.current + drift), x, v + drift)
+    close(moved, f)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("name", BODIES)
+def test_force_turns_with_the_fish(name, law):
+    """Turning positions, velocities and current together turns the water's force with them."""
+    fish, rng = FISH[name], np.random.default_rng(3)
+    x, v = naive.random_state(fish, rng)
+    world = world_of(fish, law)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    f = kernel(water.add_force, fish.body, world, x, v)
+    turned = world._replace(current=turn @ world.current)
+    close(kernel(water.add_force, fish.body, turned, x @ turn.T, v @ turn.T), f @ turn.T)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_vacuum_and_water_at_rest(name):
+    """Vacuum pushes on nothing, and neither does water that moves with the fish."""
+    fish = FISH[name]
+    x, v = naive.random_state(fish, np.random.default_rng(4))
+    assert not kernel(water.add_force, fish.body, VACUUM, x, v).any()
+    for law in LAWS:
+        world = world_of(fish, law)
+        moving = np.abs(kernel(water.add_force, fish.body, world, x, v)).max()
+        carried = np.abs(kernel(water.add_force, fish.body, world, x, np.tile(world.current, (23, 1)))).max()
+        assert carried <= 1e-14 * moving
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_stretch(name):
+    """The longest stretch is the largest length over natural length of all units."""
+    fish = FISH[name]
+    x, _ = naive.random_state(fish, np.random.default_rng(5), displacement=0.1)
+    ends = x[fish.body.springs.nodes]
+    ratio = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / fish.body.springs.rest_length
+    assert springs.longest_stretch(fish.body, x) == pytest.approx(ratio.max(), rel=1e-14)
+
+
+def test_make_water():
+    """Water holds the coefficient of its law and no other: half density times drag coefficient, or the linear one."""
+    quadratic = make_water(998.0, 1.2, current=(1, 2, 3))
+    assert (quadratic.linear, quadratic.quadratic) == (0.0, 0.5 * 998.0 * 1.2)
+    np.testing.assert_array_equal(quadratic.current, [1.0, 2.0, 3.0])
+    linear = make_water(drag_coefficient=3.0, law="linear")
+    assert (linear.linear, linear.quadratic) == (3.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"law": "cubic"}, "unknown water law 'cubic'; choose 'quadratic' or 'linear'"),
+        ({"density": -1.0}, "density is -1.0"),
+        ({"density": float("nan")}, "density is nan"),
+        ({"density": [1.0]}, "density is"),
+        ({"drag_coefficient": float("inf")}, "drag_coefficient is inf"),
+        ({"current": (0.0, 0.0)}, r"current \(m/s\) has shape \(2,\); give shape \(3,\)"),
+        ({"current": (0.0, float("nan"), 0.0)}, r"current \(m/s\) is nan at \(1,\)"),
+        ({"current": "fast"}, "current .* is 'fast'"),
+    ],
+)
+def test_make_water_refuses(arguments, text):
+    """Water with an unknown law or a number it cannot have is refused, saying what is allowed."""
+    with pytest.raises(ValueError, match=text):
+        make_water(**arguments)

@@ -1,0 +1,154 @@
+"""Skyline L D L^T against scipy, and its signs against the eigenvalues."""
+
+import naive
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fish_env import BODIES, make_fish
+from fish_env.linalg import ldlt
+
+EPSILON = np.finfo(float).eps
+
+
+@st.composite
+def systems(draw, definite):
+    """A symmetric matrix built as L D L^T with a random skyline, its profile and three right-hand sides.
+
+    The pivots lie in 0.5 to 2 (with random signs, unless `definite`), so none is lost to cancellation.
+    """
+    order = draw(st.integers(1, 16))
+    first = [draw(st.integers(0, i)) for i in range(order)]
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    lower = np.eye(order)
+    for i in range(order):
+        lower[i, first[i] : i] = rng.uniform(-1, 1, i - first[i])
+    pivots = rng.uniform(0.5, 2.0, order)
+    if not definite:
+        pivots *= rng.choice([-1.0, 1.0], order)
+    matrix = lower @ np.diag(pivots) @ lower.T
+    return ldlt.profile([(i, first[i]) for i in range(order)], order), matrix, rng.normal(size=(order, 3))
+
+
+def skyline(shape, matrix):
+    """The stored entries of a dense matrix."""
+    return np.concatenate([row[first : i + 1] for i, (row, first) in enumerate(zip(matrix, shape.first, strict=True))])
+
+
+def solve(shape, matrix, b):
+    """Solution, L, D, non-positive pivots and trust, from the kernel."""
+    order = len(matrix)
+    a, x, inverse_pivot = skyline(shape, matrix), b.copy(), np.empty(order)
+    negative, trusted = ldlt.factor_solve(shape, a, x, inverse_pivot, np.empty(order))
+    lower = np.eye(order)
+    for i in range(order):
+        lower[i, shape.first[i] : i] = a[shape.start[i] : shape.start[i + 1] - 1]
+    with np.errstate(divide="ignore"):
+        return x, lower, 1.0 / inverse_pivot, negative, trusted
+
+
+@pytest.mark.parametrize("definite", [True, False])
+@given(data=st.data())
+def test_factors_and_solution(definite, data):
+    """L D L^T is the matrix and the solution solves it, to the rounding that the factors' sizes allow; scipy agrees."""
+    shape, matrix, b = data.draw(systems(definite))
+    x, lower, pivots, negative, trusted = solve(shape, matrix, b)
+    order = len(matrix)
+    size = np.abs(lower) @ np.diag(np.abs(pivots)) @ np.abs(lower).T
+    assert trusted
+    assert np.all(np.abs(lower @ np.diag(pivots) @ lower.T - matrix) <= 4 * (order + 3) * EPSILON * size)
+    assert np.all(np.abs(matrix @ x - b) <= 8 * (order + 3) * EPSILON * (size @ np.abs(x) + np.abs(b)))
+    reference = scipy.linalg.solve(matrix, b)
+    allowed = 20 * order * EPSILON * np.abs(np.linalg.inv(matrix)) @ (size @ np.abs(reference) + np.abs(b))
+    assert np.all(np.abs(x - reference) <= allowed)
+    assert negative == np.count_nonzero(scipy.linalg.eigvalsh(matrix) < 0)  # Sylvester's law of inertia
+    if definite:
+        assert negative == 0
+
+
+@given(seed=st.integers(0, 2**32 - 1), order=st.integers(1, 20), width=st.integers(0, 19), shift=st.floats(-3, 3))
+def test_band_matrices(seed, order, width, shift):
+    """Random symmetric band matrices, whatever their signs: solved to scipy's accuracy, or flagged as untrusted."""
+    rng = np.random.default_rng(seed)
+    matrix = np.tril(np.triu(rng.normal(size=(order, order)), -width))
+    matrix = matrix + matrix.T + shift * np.eye(order)
+    shape = ldlt.profile([(i, max(0, i - width)) for i in range(order)], order)
+    b = rng.normal(size=(order, 3))
+    x, lower, pivots, negative, trusted = solve(shape, matrix, b)
+    if not trusted:
+        return
+    size = np.abs(lower) @ np.diag(np.abs(pivots)) @ np.abs(lower).T
+    assert np.all(np.abs(matrix @ x - b) <= 8 * (order + 3) * EPSILON * (size @ np.abs(x) + np.abs(b)))
+    values = scipy.linalg.eigvalsh(matrix)
+    if np.abs(values).min() > 1e-6 * np.abs(size).max():
+        assert negative == np.count_nonzero(values < 0)
+
+
+@given(st.data())
+def test_storage(data):
+    """Each row is stored from its first entry to the diagonal; `entries` finds an entry, whichever node comes first."""
+    order = data.draw(st.integers(1, 12))
+    node = st.integers(0, order - 1)
+    pairs = np.array(data.draw(st.lists(st.tuples(node, node), max_size=15)), dtype=int).reshape(-1, 2)
+    shape = ldlt.profile(pairs, order)
+    for i in range(order):
+        partners = [min(pair) for pair in pairs.tolist() if max(pair) == i]
+        assert shape.first[i] == min([i, *partners])
+    numbers = np.arange(float(order * order)).reshape(order, order)
+    stored = skyline(shape, numbers)
+    assert len(stored) == shape.start[-1]
+    low, high = np.sort(pairs, axis=1).T
+    for wanted in (pairs, pairs[:, ::-1]):
+        np.testing.assert_array_equal(stored[ldlt.entries(shape, wanted)], numbers[high, low])
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        [[0.0]],
+        [[float("nan")]],
+        [[float("inf")]],
+        [[1.0, 1.0], [1.0, 1.0]],
+        [[1.0, 1.0], [1.0, 1.0 + 1e-12]],
+        [[1.0, float("nan")], [float("nan"), 1.0]],
+        [[1.0, 1e200], [1e200, 1.0]],
+        [[2.0, -1.0, -1.0], [-1.0, 2.0, -1.0], [-1.0, -1.0, 2.0]],
+    ],
+    ids=["zero", "nan", "infinite", "singular", "nearly singular", "nan inside", "overflow", "free springs"],
+)
+def test_untrusted(matrix):
+    """A singular, nearly singular, overflowing or non-finite matrix is reported: its solution is not to be trusted."""
+    matrix = np.array(matrix)
+    order = len(matrix)
+    shape = ldlt.profile([(i, 0) for i in range(order)], order)
+    assert not solve(shape, matrix, np.ones((order, 3)))[-1]
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+def test_trust_does_not_depend_on_units(scale):
+    """Scaling all entries changes neither trust nor the count of pivots, nor, for a power of two, one bit of L."""
+    shape = ldlt.profile([(1, 0), (2, 1)], 3)
+    matrix = np.array([[2.0, -1.0, 0.0], [-1.0, -3.0, 0.5], [0.0, 0.5, 1.0]])
+    _, lower, _, negative, trusted = solve(shape, matrix, np.ones((3, 3)))
+    _, scaled, _, scaled_negative, scaled_trusted = solve(shape, 2.0 ** round(np.log2(scale)) * matrix, np.ones((3, 3)))
+    assert (negative, trusted) == (scaled_negative, scaled_trusted) == (1, True)
+    np.testing.assert_array_equal(lower, scaled)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_system_matrix_of_the_fish(name):
+    """The fish's own system, assembled densely, fits its skyline and is solved to rounding."""
+    fish = make_fish(name)
+    x, v = naive.random_state(fish, np.random.default_rng(1))
+    rest = fish.body.springs.rest_length
+    matrix, load = naive.tu_system(fish.body, naive.VACUUM, rest, fish.time_step, x, v)
+    profile = fish.body.profile
+    assert (profile.first[0], profile.first[4], profile.first[22], profile.start[-1]) == (0, 0, 17, 126)
+    for i in range(23):
+        assert not matrix[i, : profile.first[i]].any() and matrix[i, profile.first[i]] != 0
+    solution, *_, negative, trusted = solve(profile, matrix, load)
+    assert trusted and negative == np.count_nonzero(np.linalg.eigvalsh(matrix) < 0)
+    reference = scipy.linalg.solve(matrix, load)
+    assert np.abs(solution - reference).max() <= 10 * EPSILON * np.linalg.cond(matrix) * np.abs(reference).max()

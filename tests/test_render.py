@@ -1,0 +1,270 @@
+"""Pictures: their shape and content, the window, and the tools of Gymnasium that use them."""
+
+import os
+import pickle
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pygame
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordVideo
+
+import fish_env
+from fish_env.render import Frame, Renderer, WindowClosed, draw, make_frame
+from fish_env.render.layout import CENTRE, HEIGHT, PANEL, WIDTH
+from fish_env.render.skin import normals, skin_of
+
+
+@pytest.fixture
+def batch():
+    """Two stub fish that have swum a little."""
+    env = gym.make_vec("FishEnv/Stub-v0", 2, vectorization_mode="vector_entry_point", render_mode="rgb_array")
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+    yield env.unwrapped
+    env.close()
+
+
+@pytest.fixture
+def window(monkeypatch):
+    """Windows open on SDL's dummy display, and none is left behind."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame.display.quit()
+    yield
+    pygame.display.quit()
+
+
+def run_python(code, **changes):
+    """Run code in a fresh interpreter; an environment variable changed to None is unset."""
+    variables = {name: value for name, value in {**os.environ, **changes}.items() if value is not None}
+    return subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, text=True, timeout=300)
+
+
+def contracted(frame, value):
+    """The frame with every muscle contracted by the same value."""
+    return frame._replace(contraction=np.full(len(frame.contraction), value))
+
+
+def test_one_picture_a_fish(batch):
+    """rgb_array: a tuple with an (H,W,3) uint8 array for each fish, full of different colours, two fish differing."""
+    pictures = batch.render()
+    assert isinstance(pictures, tuple) and len(pictures) == 2
+    for picture in pictures:
+        assert picture.shape == (HEIGHT, WIDTH, 3) and picture.dtype == np.uint8
+        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 1000
+    assert not np.array_equal(*pictures)
+
+
+def test_same_state_same_picture(batch):
+    """The same state gives the same pixels, from the same renderer and from a second one with the same path."""
+    first = batch.render()
+    assert all(np.array_equal(a, b) for a, b in zip(first, batch.render(), strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(first, Renderer(batch).render(), strict=True))
+
+
+def test_contraction_shows(batch):
+    """Contraction alone turns part of the picture red, and only near the fish and in its inset."""
+    frame = make_frame(batch, 0)
+    relaxed, tense = draw(contracted(frame, 0.0)).astype(int), draw(contracted(frame, 1.0)).astype(int)
+    changed = (relaxed != tense).any(axis=2)
+    assert 200 < changed.sum() < 0.1 * changed.size
+    redder = (tense - relaxed)[changed] @ (2, -1, -1)
+    assert redder.mean() > 50
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_right_side_turns_red(batch, side):
+    """Seen from above, contracted left muscles are red to the left of the fish's axis, right ones to its right."""
+    fish = batch.tank.fish
+    frame = make_frame(batch, 0)._replace(position=fish.body.position, path=np.zeros((0, 3)))  # nose to the right
+    redness = (
+        draw(frame._replace(contraction=(fish.sides == side).astype(float))).astype(int) - draw(contracted(frame, 0.0))
+    ) @ (2, -1, -1)
+    rows, _ = np.nonzero(redness[: PANEL.top - 5] > 60)
+    assert len(rows) > 20
+    assert (np.sign(CENTRE[1] - 0.5 - rows) == side).mean() > 0.95
+
+
+def test_skin_faces_out_and_keeps_the_ends(batch):
+    """The skin encloses its volume whichever way round the faces are given, and passes through nose and tail tips."""
+    fish = batch.tank.fish
+    rest, faces, muscles = fish.body.position, fish.body.faces.nodes, fish.body.springs.nodes[fish.muscles]
+    for given in (faces, faces[:, ::-1]):
+        skin = skin_of(rest, given, muscles)
+        points, closed = skin.weights @ rest, skin.quads[: skin.num_closed]
+        middle = points[closed].mean(axis=1)
+        outward = (normals(points, closed) * middle * (0, 1, 1)).sum(axis=1)
+        assert (outward > 0).mean() > 0.95
+        np.testing.assert_allclose(skin.weights.sum(axis=1), 1.0, atol=1e-9)
+        for end in (fish.nose, *fish.tail):
+            assert np.linalg.norm(points[: skin.weights.shape[0]] - rest[end], axis=1).min() < 1e-6 * fish.length
+
+
+def test_path_grows_and_is_forgotten(batch):
+    """The path is drawn, gains a point with every new place, and is forgotten by the fish that restart."""
+    batch.render()
+    for _ in range(40):
+        batch.step(np.ones(batch.action_space.shape, dtype=np.float32))
+        batch.render()
+    renderer = batch._renderer
+    assert [len(path) for path in renderer._paths] == [41, 41]
+    swum = make_frame(batch, 1, np.array(renderer._paths[1]))
+    assert not np.array_equal(draw(swum), draw(swum._replace(path=swum.path[-1:])))
+    assert np.array_equal(draw(swum), draw(swum._replace(path=swum.path[:, :2])))
+    batch.reset(seed=3, options={"reset_mask": np.array([True, False])})
+    assert [len(path) for path in renderer._paths] == [0, 41]
+
+
+def test_commands_show(batch):
+    """Each command is an arrow towards where it points; none, no arrow; a null vector is passed over."""
+    frame = make_frame(batch, 0)
+    bare = draw(frame._replace(commands=np.zeros((0, 3))))
+    assert np.array_equal(bare, draw(frame._replace(commands=np.zeros((1, 3)))))
+    for command, (x, y) in (((2.0, 0.0, 0.0), (1, 0)), ((0.0, 1.0, 0.0), (0, -1))):
+        rows, columns = np.nonzero((bare != draw(frame._replace(commands=np.array([command])))).any(axis=2))
+        ahead = np.array([columns.mean() - CENTRE[0], rows.mean() - CENTRE[1]])
+        assert ahead @ (x, y) > 100 and abs(ahead @ (y, x)) < 5
+
+
+def test_draws_any_frame(batch):
+    """`draw` needs no environment: another body in other units, a caption, no path and no command."""
+    published = fish_env.make_fish("published")
+    body = published.body
+    frame = Frame(
+        body.position, body.position, body.faces.nodes, body.springs.nodes[published.muscles], np.zeros(12),
+        published.length, np.zeros((0, 3)), np.zeros((0, 3)), 1.0, 0.5,
+    )  # fmt: skip
+    picture = draw(frame)
+    assert not np.array_equal(picture, draw(frame._replace(caption="torn")))
+    assert not np.array_equal(picture, draw(frame._replace(position=body.position @ np.diag((-1.0, -1.0, 1.0)))))
+
+
+def test_no_display_needed_for_arrays():
+    """rgb_array works without DISPLAY and SDL_VIDEODRIVER and never starts the display; importing is pygame-free."""
+    code = """
+import sys, gymnasium, fish_env
+assert "pygame" not in sys.modules, "pygame"
+env = gymnasium.make("FishEnv/Stub-v0", render_mode="rgb_array")
+env.reset(seed=0)
+print(env.render().std() > 10)
+import pygame
+print(pygame.display.get_init())
+"""
+    done = run_python(code, DISPLAY=None, WAYLAND_DISPLAY=None, SDL_VIDEODRIVER=None)
+    assert done.stdout.split() == ["True", "False"], done.stderr
+
+
+def test_missing_pygame_says_what_to_install():
+    """Without pygame the error names the extra that brings it."""
+    done = run_python("import sys; sys.modules['pygame'] = None; import fish_env.render")
+    assert "DependencyNotInstalled" in done.stderr and 'pip install "fish_env[render]"' in done.stderr
+
+
+def test_no_window_is_explained(batch, monkeypatch):
+    """Where no window can be opened, the error says what to do instead."""
+    pygame.display.quit()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nosuchdriver")
+    batch.render_mode = "human"
+    with pytest.raises(RuntimeError, match="rgb_array"):
+        batch.render()
+
+
+@pytest.mark.parametrize("num_fish", [1, 3, 6])
+def test_window(window, num_fish):
+    """human: render returns None, shows up to four fish in a grid, and close takes the window away."""
+    env = gym.make_vec("FishEnv/Stub-v0", num_fish, vectorization_mode="vector_entry_point", render_mode="human")
+    env.reset(seed=0)
+    env.step(np.zeros(env.action_space.shape, dtype=np.float32))  # shows by itself
+    screen = pygame.display.get_surface()
+    assert env.unwrapped.render() is None
+    assert screen.get_size() == {1: (WIDTH, HEIGHT), 3: (2 * WIDTH, 2 * HEIGHT), 6: (2 * WIDTH, 2 * HEIGHT)}[num_fish]
+    shown = pygame.surfarray.array3d(screen).transpose(1, 0, 2)
+    env.unwrapped.render_mode = "rgb_array"
+    pictures = env.unwrapped.render()
+    assert np.array_equal(shown[:HEIGHT, :WIDTH], pictures[0])
+    if num_fish > 2:
+        assert np.array_equal(shown[HEIGHT:, :WIDTH], pictures[2])
+    env.close()
+    assert not pygame.display.get_init()
+
+
+def test_window_keeps_to_real_time(window):
+    """human: pictures come no faster than the control intervals they show."""
+    env = gym.make("FishEnv/Stub-v0", render_mode="human")
+    env.reset(seed=0)
+    start = pygame.time.get_ticks()
+    for _ in range(15):
+        env.step(np.zeros(12, dtype=np.float32))
+    wanted = 15 * 1000 / env.metadata["render_fps"]
+    assert pygame.time.get_ticks() - start >= 0.9 * wanted
+    env.close()
+
+
+@pytest.mark.parametrize(
+    "event", [pygame.event.Event(pygame.QUIT), pygame.event.Event(pygame.KEYDOWN, key=pygame.K_ESCAPE)]
+)
+def test_closing_the_window(window, event):
+    """The user's closing the window is an error that can be caught; the next picture opens a new window."""
+    env = gym.make("FishEnv/Stub-v0", render_mode="human")
+    env.reset(seed=0)
+    pygame.event.post(event)
+    with pytest.raises(WindowClosed):
+        env.step(np.zeros(12, dtype=np.float32))
+    assert not pygame.display.get_init()
+    env.step(np.zeros(12, dtype=np.float32))
+    assert pygame.display.get_init()
+    env.close()
+
+
+def test_survives_pygame_quit(window):
+    """Another library's pygame.quit takes the window; the next picture opens a new one, text and all."""
+    env = gym.make("FishEnv/Stub-v0", render_mode="human")
+    env.reset(seed=0)
+    pygame.quit()
+    env.step(np.zeros(12, dtype=np.float32))
+    assert pygame.display.get_init()
+    env.close()
+
+
+def test_render_before_reset(batch):
+    """A picture before the first reset is refused as Gymnasium refuses it."""
+    env = gym.make_vec("FishEnv/Stub-v0", 1, vectorization_mode="vector_entry_point", render_mode="rgb_array")
+    with pytest.raises(gym.error.ResetNeeded):
+        env.unwrapped.render()
+
+
+@pytest.mark.parametrize("name", ["Stub", "Swim"])
+def test_check_env(window, name):
+    """Gymnasium's checker, with its check of every render mode, has no complaint."""
+    env = gym.make(f"FishEnv/{name}-v0", render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+    env.close()
+
+
+def test_record_video(tmp_path):
+    """RecordVideo writes a video that can be read back: a frame for the reset and one for every step."""
+    moviepy = pytest.importorskip("moviepy")
+    env = RecordVideo(gym.make("FishEnv/Stub-v0", render_mode="rgb_array"), str(tmp_path / "video"), video_length=12)
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(env.action_space.sample())
+    env.close()
+    (path,) = tmp_path.glob("video/*.mp4")
+    with moviepy.VideoFileClip(str(path)) as clip:
+        assert clip.size == [WIDTH, HEIGHT] and clip.fps == env.metadata["render_fps"]
+        assert clip.n_frames == 12
+
+
+def test_pickles_after_drawing():
+    """An environment that has drawn can be pickled, and its copy draws the same."""
+    env = gym.make("FishEnv/Stub-v0", render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    picture = env.render()
+    assert np.array_equal(pickle.loads(pickle.dumps(env)).render(), picture)

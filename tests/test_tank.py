@@ -1,0 +1,444 @@
+"""Tank: what it refuses, what it lets a user write, and that a fish in a batch is the fish it would be alone."""
+
+import copy
+import pickle
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fish_env import BODIES, INTEGRATORS, Tank, World, make_fish, make_water
+from fish_env.tank import whole_steps
+
+FISH = make_fish()
+WATER = make_water()
+PAUSE = FISH.control_interval
+MANY = 33  # enough for two threads
+each_method = pytest.mark.parametrize("name", INTEGRATORS)
+
+
+def same(state, other, which=slice(None)):
+    """All parts of two states (those of the fish `which`) are the same bits."""
+    for part in state:
+        np.testing.assert_array_equal(state[part][which], other[part][which], err_msg=part)
+
+
+def actions(seed, *shape):
+    """Random actions."""
+    return np.random.default_rng(seed).uniform(-1, 1, (*shape, 12))
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"integrator": "euler"}, "unknown integrator 'euler'; choose from 'semi_implicit'"),
+        ({"integrator": None}, "unknown integrator None; choose from"),
+        ({"dt": 0}, "dt is 0; give a positive number of seconds"),
+        ({"dt": -0.01}, "dt is -0.01; give a positive"),
+        ({"dt": float("nan")}, "dt is nan; give a positive"),
+        ({"dt": float("inf")}, "dt is inf; give a positive"),
+        ({"dt": [0.01]}, "dt is .*; give a positive"),
+        ({"dt": "fast"}, "dt is 'fast'; give a positive"),
+        ({"num_fish": 0}, "num_fish is 0; give a whole number, at least 1"),
+        ({"num_fish": True}, "num_fish is True; give a whole number"),
+        ({"num_fish": 2.0}, "num_fish is 2.0; give a whole number"),
+        ({"threads": 0}, "threads is 0; give a whole number"),
+        ({"threads": False}, "threads is False; give a whole number"),
+        ({"water": 1000.0}, "water is a float; give fish_env.make_water"),
+        ({"water": (0.0, 750.0, np.zeros(3))}, "water is a tuple; give fish_env.make_water"),
+        ({"fish": "trout"}, "fish is a str; give a Fish"),
+        ({"fish": FISH.body}, "fish is a Body; give a Fish"),
+    ],
+    ids=str,
+)
+def test_tank_refuses(arguments, text):
+    """A tank of wrong parts is refused with what was given and what is allowed."""
+    with pytest.raises(ValueError, match=text):
+        Tank(**({"fish": FISH} | arguments))
+
+
+@pytest.mark.parametrize(
+    ("action", "text"),
+    [
+        (np.zeros(11), r"action has shape \(11,\); give shape \(3, 12\)"),
+        (np.zeros((2, 12)), r"action has shape \(2, 12\); give shape \(3, 12\)"),
+        (np.zeros((3, 12, 1)), r"action has shape \(3, 12, 1\)"),
+        (0.5, r"action has shape \(\)"),
+        (np.full(12, np.nan), r"action is nan at \(0, 0\); give finite numbers"),
+        (np.full((3, 12), np.inf), r"action is inf at \(0, 0\)"),
+        (np.where(np.arange(12) == 7, -1.01, 0), r"action reaches 1.01; give values in \[-1, 1\]"),
+        ("left", "left"),
+    ],
+    ids=["11", "2x12", "3x12x1", "scalar", "nan", "infinite", "beyond", "text"],
+)
+def test_swim_refuses_action(action, text):
+    """An action of another shape, not finite or out of range is refused, and nothing moves."""
+    tank = Tank(FISH, 3, water=WATER)
+    before = tank.get_state()
+    with pytest.raises(ValueError, match=text):
+        tank.swim(action, PAUSE)
+    same(tank.get_state(), before)
+
+
+@pytest.mark.parametrize(
+    ("duration", "text"),
+    [
+        (0.0, "duration is 0.0; give a positive number of seconds"),
+        (-PAUSE, "duration is .*; give a positive"),
+        (float("nan"), "duration is nan; give a positive"),
+        (float("inf"), "duration is inf; give a positive"),
+        (None, "duration is None; give a positive"),
+        ("long", "duration is 'long'; give a positive"),
+        (1.5 * FISH.time_step, "give a whole multiple of dt"),
+        (0.2 * FISH.time_step, "give a whole multiple of dt"),
+        (PAUSE * (1 + 1e-7), "give a whole multiple of dt"),
+    ],
+    ids=str,
+)
+def test_swim_refuses_duration(duration, text):
+    """A duration that is not a positive whole multiple of dt is refused, and nothing moves."""
+    tank = Tank(FISH, water=WATER)
+    before = tank.get_state()
+    with pytest.raises(ValueError, match=text):
+        tank.swim(np.zeros(12), duration)
+    same(tank.get_state(), before)
+
+
+@given(st.integers(1, 10_000), st.floats(1e-6, 1e3))
+@settings(max_examples=200)
+def test_whole_multiples_are_accepted(steps, dt):
+    """Every n dt computed in floating point counts as n steps, whatever its rounding."""
+    assert whole_steps(steps * dt, dt, "duration") == steps
+    assert whole_steps(sum([dt] * 7), dt, "duration") == 7
+
+
+@pytest.mark.parametrize("steps", [-1, 1.0, "3", None])
+def test_advance_refuses(steps):
+    """Steps are whole and not negative."""
+    with pytest.raises(ValueError, match=r"steps is .*; give a whole number, zero or more"):
+        Tank(FISH).advance(steps)
+
+
+def wrong_states():
+    """Changes to a good state of two fish that make it a bad one, and what is said about them."""
+    nan = np.zeros((2, 23, 3))
+    nan[1, 4, 2] = np.nan
+    return {
+        "missing": (lambda s: s.pop("v"), "state holds .*; give .*'v'"),
+        "unknown": (lambda s: s.update(colour=np.zeros(2)), "state holds .*'colour'"),
+        "shape": (lambda s: s.update(x=s["x"][:1]), r"x has shape \(1, 23, 3\); give shape \(2, 23, 3\)"),
+        "nan": (lambda s: s.update(v=nan), r"v is nan at \(1, 4, 2\); give finite"),
+        "infinite": (lambda s: s.update(t=np.array([0.0, np.inf])), r"t is inf at \(1,\)"),
+        "text": (lambda s: s.update(rest_length="short"), "rest_length is 'short'"),
+        "no reason": (lambda s: s.update(failure=np.array([0, 99])), "failure"),
+        "negative reason": (lambda s: s.update(failure=np.array([-1, 0])), "failure"),
+        "rest length": (lambda s: s.update(rest_length=-s["rest_length"]), "rest_length"),
+    }
+
+
+@pytest.mark.parametrize("kind", wrong_states())
+def test_set_state_refuses(kind):
+    """A state with a missing, unknown, misshapen, non-finite or impossible part is refused, and changes nothing."""
+    tank = Tank(FISH, 2, water=WATER)
+    tank.swim(actions(0, 2), PAUSE)
+    state, before = tank.get_state(), tank.get_state()
+    state["x"] += 1.0  # a part that is good must not be taken either
+    spoil, text = wrong_states()[kind]
+    spoil(state)
+    with pytest.raises(ValueError, match=text):
+        tank.set_state(state)
+    same(tank.get_state(), before)
+
+
+# Live state
+
+
+@each_method
+def test_views_are_live(name):
+    """What is written to position, velocity and rest_length swims next, and the same arrays show what happens."""
+    fish = make_fish("published")
+    world = World(*naive.dense_water(fish))
+    tank = Tank(fish, 2, name, water=world)
+    x, v, rest = tank.position, tank.velocity, tank.rest_length
+    assert (x.shape, v.shape, rest.shape) == ((2, 23, 3), (2, 23, 3), (2, 91))
+    start_x, start_v = naive.random_state(fish, np.random.default_rng(1), speed=0.2)
+    start_rest = fish.body.springs.rest_length * np.random.default_rng(2).uniform(0.9, 1.1, 91)
+    x[1], v[1], rest[1] = start_x, start_v, start_rest
+    h = tank.dt
+    tank.advance(3)
+    assert tank.alive.all()
+    wanted = naive.advance(name, fish.body, world, start_rest, np.zeros(91), start_x, start_v, h, 3)
+    np.testing.assert_allclose(x[1], wanted[0], rtol=0, atol=1e-11 * fish.length)
+    np.testing.assert_allclose(v[1], wanted[1], rtol=0, atol=1e-11 * np.abs(wanted[1]).max())
+    assert tank.position is tank.state.x and np.shares_memory(tank.position, x)
+    np.testing.assert_array_equal(rest[1], start_rest)
+    still = naive.advance(
+        name, fish.body, world, fish.body.springs.rest_length, np.zeros(91), fish.body.position, 0 * start_v, h, 3
+    )
+    np.testing.assert_allclose(x[0], still[0], rtol=0, atol=1e-11 * fish.length)
+
+
+def test_tank_leaves_the_fish_alone():
+    """Two tanks share a fish and nothing else: swimming in one changes neither the fish nor the other tank."""
+    tanks = [Tank(FISH, water=WATER) for _ in range(2)]
+    body = copy.deepcopy(FISH.body)
+    before = tanks[1].get_state()
+    tanks[0].swim(actions(3), PAUSE)
+    same(tanks[1].get_state(), before)
+    np.testing.assert_array_equal(FISH.body.position, body.position)
+    np.testing.assert_array_equal(FISH.body.springs.rest_length, body.springs.rest_length)
+
+
+def test_default_is_vacuum():
+    """Without water a tank is empty: a fish set off keeps its velocity; in water it loses it."""
+    for water, kept in ((None, True), (WATER, False)):
+        tank = Tank(FISH, water=water)
+        tank.velocity[:, :, 0] = FISH.length
+        tank.advance(16)
+        momentum = naive.momentum(FISH.body.mass, tank.velocity[0])[0]
+        assert (momentum == pytest.approx(FISH.body.mass.sum() * FISH.length, rel=1e-12)) == kept
+
+
+# Muscles
+
+
+@each_method
+def test_rest_lengths_move_linearly(name):
+    """During a swim the muscles' rest lengths run straight to the command: the motion is that of the slow twin's."""
+    fish = make_fish()
+    world = World(*naive.dense_water(fish))
+    tank = Tank(fish, 1, name, water=world)
+    command, steps = actions(4), 8
+    natural = fish.body.springs.rest_length
+    duration = steps * tank.dt
+    target = 0.5 * (command + 1.0)
+    reach = min(1.0, duration / fish.contraction_time)
+    rate = np.zeros(91)
+    contracted = np.minimum(target, reach)
+    rate[fish.muscles] = -contracted * (1 - fish.contracted) * natural[fish.muscles] / duration
+    wanted = naive.advance(name, fish.body, world, natural, rate, fish.body.position, np.zeros((23, 3)), tank.dt, steps)
+    tank.swim(command, duration)
+    np.testing.assert_allclose(tank.position[0], wanted[0], rtol=0, atol=1e-12 * fish.length)
+    np.testing.assert_allclose(tank.velocity[0], wanted[1], rtol=0, atol=1e-11 * np.abs(wanted[1]).max())
+    np.testing.assert_allclose(tank.contraction[0], contracted, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_rest_lengths_are_rate_limited(body):
+    """Rest lengths approach a command as fast as the contraction time allows, reach it, and stay; no other moves."""
+    fish = make_fish(body)
+    tank = Tank(fish, 2)
+    pause = 4 * tank.dt
+    limit = pause / fish.contraction_time
+    rng = np.random.default_rng(5)
+    for command in rng.uniform(-1, 1, (3, 2, 12)):
+        target = 0.5 * (command + 1.0)
+        for _ in range(int(np.ceil(1 / limit)) + 1):
+            before = tank.contraction.copy()
+            tank.swim(command, pause)
+            wanted = before + np.clip(target - before, -limit, limit)
+            np.testing.assert_allclose(tank.contraction, wanted, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(tank.contraction, target, rtol=0, atol=1e-14)
+        others = np.delete(tank.rest_length, fish.muscles, axis=1)
+        np.testing.assert_array_equal(others, np.tile(np.delete(fish.body.springs.rest_length, fish.muscles), (2, 1)))
+    assert tank.alive.all()
+
+
+def test_ends_of_the_range():
+    """-1 is the natural length and 1 full contraction, the fraction `contracted` of it, of each muscle."""
+    tank = Tank(FISH, 2)
+    command = np.array([np.full(12, -1.0), np.full(12, 1.0)])
+    steps = int(np.ceil(FISH.contraction_time / tank.dt))
+    tank.swim(command, steps * tank.dt)
+    natural = FISH.body.springs.rest_length[FISH.muscles]
+    np.testing.assert_array_equal(tank.rest_length[0, FISH.muscles], natural)
+    np.testing.assert_allclose(tank.rest_length[1, FISH.muscles], FISH.contracted * natural, rtol=1e-14)
+
+
+def test_one_action_for_all():
+    """An action (M,) moves all fish as the same action (B,M) does."""
+    one, all_ = Tank(FISH, 3, water=WATER), Tank(FISH, 3, water=WATER)
+    action = actions(6)
+    one.swim(action, PAUSE)
+    all_.swim(np.tile(action, (3, 1)), PAUSE)
+    same(one.get_state(), all_.get_state())
+
+
+def test_effort():
+    """Effort is the mean square of the muscles' speeds: 1 all at their fastest, 1/12 one of them, 1/4 at half speed."""
+    tank = Tank(FISH, 4)
+    steps = 8
+    reach = steps * tank.dt / FISH.contraction_time
+    assert reach < 1
+    contraction = np.zeros((4, 12))
+    contraction[0] = 1.0
+    contraction[1, 5] = 1.0
+    contraction[2] = 0.5 * reach
+    tank.swim(2 * contraction - 1, steps * tank.dt)
+    np.testing.assert_allclose(tank.effort, [1.0, 1 / 12, 0.25, 0.0], rtol=1e-12, atol=0)
+    tank.swim(np.full(12, -1.0), steps * tank.dt)
+    np.testing.assert_allclose(tank.effort, [1.0, 1 / 12, 0.25, 0.0], rtol=1e-12, atol=0)
+    tank.swim(np.full(12, -1.0), steps * tank.dt)
+    np.testing.assert_allclose(tank.effort, 0.0, atol=1e-24)
+
+
+# Batches
+
+
+@each_method
+def test_batch_equals_one_by_one(name):
+    """Each of 33 fish with commands of its own is bit for bit the fish alone, on one thread and on two."""
+    commands = actions(7, 4, MANY)
+    batches = [Tank(FISH, MANY, name, water=WATER, threads=threads) for threads in (1, 2)]
+    start = np.random.default_rng(8).normal(0, 0.1 * FISH.length, (MANY, 23, 3))
+    for tank in batches:
+        tank.velocity[:] = start
+        for command in commands:
+            tank.swim(command, PAUSE)
+        assert tank.alive.all()
+    one, two = (tank.get_state() for tank in batches)
+    same(one, two)
+    for b in (0, 1, 15, 16, 17, 32):
+        alone = Tank(FISH, 1, name, water=WATER)
+        alone.velocity[:] = start[b]
+        for command in commands:
+            alone.swim(command[b], PAUSE)
+        assert alone.effort[0] == batches[0].effort[b] == batches[1].effort[b]
+        same(alone.get_state(), {part: value[b : b + 1] for part, value in one.items()})
+    for tank in batches:
+        tank.close()
+    batches[1].swim(commands[0], PAUSE)  # the threads start again
+    batches[0].swim(commands[0], PAUSE)
+    same(batches[0].get_state(), batches[1].get_state())
+    batches[1].close()
+
+
+@each_method
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_failing_fish_harms_no_other(name, threads):
+    """A fish that blows up fails with a reason and stops; its neighbours are the same bits as without it."""
+    commands = actions(9, 4, MANY)
+    healthy = Tank(FISH, MANY, name, water=WATER, threads=threads)
+    hit = Tank(FISH, MANY, name, water=WATER, threads=threads)
+    for tank in (healthy, hit):
+        tank.swim(commands[0], PAUSE)
+    hit.velocity[4, 7] = [1e9, -1e9, 1e9]
+    hit.velocity[16, 2, 1] = np.nan
+    hit.position[32, 0, 0] = np.inf
+    victims = [4, 16, 32]
+    stopped = hit.time[victims].copy()
+    for command in commands[1:]:
+        healthy.swim(command, PAUSE)
+        hit.swim(command, PAUSE)
+    np.testing.assert_array_equal(np.flatnonzero(~hit.alive), victims)
+    assert all(hit.failure[victims]) and not any(np.delete(hit.failure, victims))
+    for reason in hit.failure[victims]:
+        assert reason.startswith(("non-finite", "torn", "untrusted solve"))
+    np.testing.assert_array_equal(hit.time[victims], stopped)
+    same(hit.get_state(), healthy.get_state(), np.delete(np.arange(MANY), victims))
+    hit.reset(~hit.alive)
+    hit.swim(commands[0], PAUSE)
+    assert hit.alive.all()
+    for tank in (healthy, hit):
+        tank.close()
+
+
+# Saving
+
+
+@each_method
+def test_state_replays(name):
+    """From a state that was saved, the same commands lead to the same bits, in the same tank and in another."""
+    commands = actions(10, 6, 2)
+    tank = Tank(FISH, 2, name, water=WATER)
+    for command in commands[:3]:
+        tank.swim(command, PAUSE)
+    saved = tank.get_state()
+    kept = copy.deepcopy(saved)
+    for command in commands[3:]:
+        tank.swim(command, PAUSE)
+    end = tank.get_state()
+    same(saved, kept)  # the saved state is a copy
+    other = Tank(FISH, 2, name, water=WATER)
+    for replay in (tank, other):
+        replay.set_state(saved)
+        same(replay.get_state(), saved)
+        for command in commands[3:]:
+            replay.swim(command, PAUSE)
+        same(replay.get_state(), end)
+
+
+def test_state_keeps_failures():
+    """A saved failure is restored: the fish stays failed, with its reason and its count of pivots."""
+    tank = Tank(FISH, 2, water=WATER)
+    tank.velocity[0] = 1e200
+    tank.swim(np.zeros(12), PAUSE)
+    assert tank.alive.tolist() == [False, True]
+    other = Tank(FISH, 2, water=WATER)
+    other.set_state(tank.get_state())
+    assert other.failure.tolist() == tank.failure.tolist()
+    same(other.get_state(), tank.get_state())
+
+
+@each_method
+@pytest.mark.parametrize("way", ["pickle", "deepcopy"])
+def test_copies_swim_alike(name, way):
+    """A pickled or deep-copied tank, its threads running, swims on to the same bits, and apart from the original."""
+    tank = Tank(FISH, MANY, name, water=WATER, threads=2)
+    commands = actions(11, 3, MANY)
+    tank.swim(commands[0], PAUSE)
+    twin = pickle.loads(pickle.dumps(tank)) if way == "pickle" else copy.deepcopy(tank)
+    before = twin.get_state()
+    for command in commands[1:]:
+        tank.swim(command, PAUSE)
+    same(twin.get_state(), before)
+    for command in commands[1:]:
+        twin.swim(command, PAUSE)
+    same(twin.get_state(), tank.get_state())
+    np.testing.assert_array_equal(twin.effort, tank.effort)
+    tank.close()
+    twin.close()
+
+
+@each_method
+def test_pickle_names_its_integrator(name):
+    """A pickled tank holds its method's name, not its code: it would be compiled anew, or stale, where it is loaded."""
+    tank = pickle.loads(pickle.dumps(Tank(FISH, 1, name)))
+    assert tank.integrator is INTEGRATORS[name]
+
+
+def test_reset():
+    """Reset puts the fish of a mask, failed ones too, to rest at time zero, and leaves the others as they are."""
+    tank = Tank(FISH, 4, water=WATER)
+    fresh = tank.get_state()
+    tank.velocity[1] = 1e200
+    for command in actions(12, 3, 4):
+        tank.swim(command, PAUSE)
+    tank.state.pivots[:] = 3
+    before, effort = tank.get_state(), tank.effort.copy()
+    assert not tank.alive[1]
+    tank.reset(np.array([True, True, False, False]))
+    same(tank.get_state(), fresh, [0, 1])
+    same(tank.get_state(), before, [2, 3])
+    np.testing.assert_array_equal(tank.effort, [0, 0, *effort[2:]])
+    tank.reset()
+    same(tank.get_state(), fresh)
+    other = Tank(FISH, 4, water=WATER)
+    for tank_ in (tank, other):
+        tank_.swim(actions(13), PAUSE)
+    same(tank.get_state(), other.get_state())
+
+
+def test_clock():
+    """Every sound fish's clock advances by what was swum."""
+    tank = Tank(FISH, 2, water=WATER)
+    tank.swim(np.zeros(12), PAUSE)
+    tank.advance(5)
+    np.testing.assert_allclose(tank.time, PAUSE + 5 * tank.dt, rtol=1e-14)
+    tank.advance(0)
+    np.testing.assert_allclose(tank.time, PAUSE + 5 * tank.dt, rtol=1e-14)
