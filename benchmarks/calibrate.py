@@ -46,11 +46,12 @@ TROUT = tuple(Trout(u, f, cm / 19.6) for u, f, cm in ((0.5, 2.48, 1.80), (1.0, 3
 
 # name, lowest, highest, logarithmic
 SPANS = {
-    "layer_position": ((0.14, 0.20), (0.30, 0.42), (0.48, 0.62), (0.66, 0.78), (0.80, 0.86)),
-    "half_depth": ((0.065, 0.09), (0.105, 0.125), (0.085, 0.115), (0.045, 0.062), (0.034, 0.045)),
-    "half_width": ((0.04, 0.06), (0.045, 0.07), (0.04, 0.065), (0.02, 0.034), (0.008, 0.015)),
-    "tail_half_span": ((0.12, 0.15),),
-    "contracted": ((0.7, 0.8), (0.7, 0.92), (0.7, 0.92)),
+    "layer_position": ((0.14, 0.26), (0.30, 0.46), (0.48, 0.62), (0.66, 0.78), (0.80, 0.87)),
+    "half_depth": ((0.05, 0.09), (0.085, 0.125), (0.07, 0.115), (0.04, 0.062), (0.03, 0.045)),
+    "half_width": ((0.025, 0.06), (0.035, 0.07), (0.03, 0.065), (0.015, 0.034), (0.006, 0.015)),
+    "tail_half_span": ((0.12, 0.16),),
+    "contracted": ((0.65, 0.8), (0.65, 0.92), (0.65, 0.92)),
+    "drag_coefficient": ((1.1, 1.9),),
     "scale": ((0.2, 0.8), (0.3, 0.9), (0.5, 1.0)),  # of the amplitude, at the trout's three frequencies
 }
 
@@ -64,8 +65,8 @@ SEARCHED = (
     linear("layer_position", "half_depth", "half_width", "tail_half_span")
     + [(f"stiffness{k}", 20.0, 5e3, True) for k in range(3)]
     + [(f"taper{k}", 0.1, 3.0, True) for k in range(1, 6)]
-    + [("relaxation_time0", 5e-4, 5e-3, True), ("mass_factor5", 1.0, 1.5, True), ("mass_factor6", 1.0, 3.0, True)]
-    + linear("contracted")
+    + [("relaxation_time0", 5e-4, 5e-3, True), ("mass_factor5", 1.0, 2.0, True), ("mass_factor6", 1.0, 4.0, True)]
+    + linear("contracted", "drag_coefficient")
     + [("front", 0.0, 1.0, False), ("lag1", -1.0, 6.0, False), ("lag2", -1.0, 7.0, False)]
     + linear("scale")
 )
@@ -85,7 +86,7 @@ def parameters(values: dict[str, float]) -> dict:
     def row(name, count, first=0):
         return [1.0] * first + [float(f"{values[f'{name}{k}']:.{DIGITS}g}") for k in range(first, count)]
 
-    single = ("tail_half_span", "relaxation_time")
+    single = ("tail_half_span", "relaxation_time", "drag_coefficient")
     rows = {"layer_position": 5, "half_depth": 5, "half_width": 5, "stiffness": 3, "contracted": 3}
     return {
         "length": 0.2,
@@ -303,7 +304,7 @@ def trout() -> None:
 
         def swum(scale, real=real):
             gait = Gait(real.frequency, tuple(scale * a for a in best.amplitude), best.lag)
-            return swim(fish, gait, fish.water, 1 / (real.frequency * 240))
+            return swim(fish, gait, fish.water)
 
         top = 1.0 / max(best.amplitude)
         scale = top

@@ -5,6 +5,7 @@ served stale after an edit. Here the cache folder's name is a hash of every sour
 anywhere opens a new folder, and a stale kernel cannot be found.
 """
 
+import contextlib
 import hashlib
 import os
 import sys
@@ -17,6 +18,7 @@ import numba
 # Contraction (fused multiply-add), reciprocals and sign of zero may be traded for speed. `nnan` and `ninf` may not:
 # the failure check must see a NaN. `reassoc` may not: the loops are short, and vectorised sums make them slower.
 FASTMATH = {"contract", "arcp", "nsz"}
+CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
 def source_hash(package: Path = Path(__file__).parent) -> str:
@@ -29,12 +31,23 @@ def source_hash(package: Path = Path(__file__).parent) -> str:
 
 
 def cache_folder() -> str | None:
-    """The folder compiled kernels are kept in, created if need be; None (with a warning) if none can be written."""
-    user = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    bases = [Path(user) if user else Path.home() / ".cache", Path(tempfile.gettempdir())]
+    """The folder compiled kernels are kept in, created if need be; None (with a warning) if none can be written.
+
+    Compiled kernels are pickles, so the folder is the user's own: under NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA
+    or ~/.cache, else a private one among the temporary files.
+    """
+    user = next((os.environ[name] for name in CACHE_VARIABLES if os.environ.get(name)), None)
+    private = Path(tempfile.gettempdir()) / f"cache-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    bases = [private]
+    with contextlib.suppress(RuntimeError):  # no home folder is known
+        bases.insert(0, Path(user) if user else Path.home() / ".cache")
     for base in bases:
         folder = base / "fish_env" / f"{source_hash()}-py{sys.version_info.major}{sys.version_info.minor}"
         try:
+            if base is private:
+                base.mkdir(mode=0o700, exist_ok=True)
+                if hasattr(os, "getuid") and base.stat().st_uid != os.getuid():
+                    continue  # somebody else made it
             folder.mkdir(parents=True, exist_ok=True)
             if os.access(folder, os.W_OK):
                 return str(folder)

@@ -4,6 +4,7 @@ A body is data. Every array here enters the compiled kernels as it is; the funct
 check what they are given and say what is allowed.
 """
 
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -91,7 +92,7 @@ def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0
     if law not in ("quadratic", "linear"):
         raise ValueError(f"unknown water law {law!r}; choose 'quadratic' or 'linear'")
     for name, value in (("density", density), ("drag_coefficient", drag_coefficient)):
-        if not (np.isscalar(value) and np.isfinite(value) and value >= 0):
+        if not (isinstance(value, Real) and np.isfinite(value) and value >= 0):
             raise ValueError(f"{name} is {value!r}; give a finite number, zero or positive")
     flow = finite_array(current, (3,), "current (m/s)")
     if law == "linear":
@@ -136,8 +137,21 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces) -> 
         ldlt.entries(shape, pairs),
     )
     corners = node_array(faces, 4, n, "faces")
+    check_outward(position, corners)
     share = np.where(corners[:, 2:3] == corners[:, 3:4], [[1 / 3, 1 / 3, 1 / 6, 1 / 6]], 0.25)
     return Body(position, mass, springs, Faces(corners, np.ascontiguousarray(share)), shape)
+
+
+def check_outward(position, corners) -> None:
+    """Raise ValueError if the faces (F,4) close a surface that is inside out: the water would pull instead of push."""
+    edges = {(int(a), int(b)) for face in corners for a, b in zip(face, np.roll(face, -1), strict=True) if a != b}
+    if not edges or any((b, a) not in edges for a, b in edges):
+        return  # an open surface has no inside
+    p, q, r, s = position[corners].transpose(1, 0, 2)
+    area = 0.5 * np.cross(r - p, s - q)
+    volume = np.sum(area * (p + q + r + s)) / 12  # exact for flat faces, near enough for the sign otherwise
+    if volume <= 0:
+        raise ValueError("the faces enclose a negative volume; give their nodes counter-clockwise seen from outside")
 
 
 def finite_array(value, shape, name) -> np.ndarray:

@@ -3,12 +3,13 @@
 import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from numbers import Real
 
 import numpy as np
 
 from fish_env._jit import njit
 from fish_env.bodies.fish import Fish
-from fish_env.body import FAILURES, VACUUM, Control, State, World, finite_array
+from fish_env.body import FAILURES, VACUUM, Control, State, World, finite_array, positive_array
 from fish_env.integrators import INTEGRATORS
 
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
@@ -34,10 +35,10 @@ class Tank:
                  threads: int | None = None):  # fmt: skip
         if not isinstance(fish, Fish):
             raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
-        if integrator not in INTEGRATORS:
+        if not isinstance(integrator, str) or integrator not in INTEGRATORS:
             raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
         dt = fish.time_step if dt is None else dt
-        if not (np.isscalar(dt) and np.isfinite(dt) and dt > 0):
+        if not (isinstance(dt, Real) and np.isfinite(dt) and dt > 0):
             raise ValueError(f"dt is {dt!r}; give a positive number of seconds (this fish's own is {fish.time_step})")
         for name, value in (("num_fish", num_fish), ("threads", 1 if threads is None else threads)):
             if not (isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1):
@@ -164,7 +165,9 @@ class Tank:
 
     def reset(self, mask=None) -> None:
         """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero."""
-        which = slice(None) if mask is None else mask
+        which = slice(None) if mask is None else np.asarray(mask)
+        if mask is not None and (which.dtype != bool or which.shape != (self.num_fish,)):
+            raise ValueError(f"mask is {mask!r}; give a boolean array ({self.num_fish},), or None for all fish")
         for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0), strict=True):
             array[which] = value
         self.control.rest_length[which] = self.fish.body.springs.rest_length
@@ -191,6 +194,9 @@ class Tank:
         if set(state) != set(target):
             raise ValueError(f"state holds {sorted(state)}; give {sorted(target)}, as get_state returns them")
         checked = {name: finite_array(state[name], array.shape, name) for name, array in target.items()}
+        positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
+        if not np.isin(checked["failure"], range(len(FAILURES))).all():
+            raise ValueError(f"failure is {checked['failure']}; give whole numbers from 0 to {len(FAILURES) - 1}")
         for name, array in target.items():
             array[...] = checked[name]
 
@@ -228,7 +234,7 @@ def available_processors() -> int:
 
 def whole_steps(duration: float, dt: float, name: str) -> int:
     """How many steps of dt make up the duration; ValueError unless it is a positive whole multiple."""
-    if not (np.isscalar(duration) and np.isfinite(duration) and duration > 0):
+    if not (isinstance(duration, Real) and np.isfinite(duration) and duration > 0):
         raise ValueError(f"{name} is {duration!r}; give a positive number of seconds")
     steps = round(duration / dt)
     if steps < 1 or abs(steps * dt - duration) > 1e-9 * duration:

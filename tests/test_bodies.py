@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fish_env import BODIES, INTEGRATORS, Fish, Tank, make_fish, make_water
+from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
 from fish_env.body import make_body
 
 each_body = pytest.mark.parametrize("name", BODIES)
@@ -14,6 +14,7 @@ def test_every_body_builds(name):
     """Each entry of the table builds a fish of its name, whose numbers are finite and whose arrays the kernels take."""
     fish = make_fish(name)
     assert isinstance(fish, Fish) and fish.name == name == BODIES[name].name and BODIES[name].description
+    assert isinstance(fish.water, World) and (fish.water.linear > 0 or fish.water.quadratic > 0)
     body = fish.body
     for array in (body.position, body.mass, *body.springs, *body.faces, *body.profile):
         assert array.dtype in (np.float64, np.int64) and array.flags.c_contiguous and np.isfinite(array).all()
@@ -191,3 +192,12 @@ def test_make_body_refuses(part, value, text):
     """A body with a misshapen, non-finite or impossible part is refused by that part's name."""
     with pytest.raises(ValueError, match=text):
         make_body(**(GOOD | {part: value}))
+
+
+def test_inside_out_surface_is_refused():
+    """A closed surface wound clockwise, on which the water would pull instead of push, is refused."""
+    body = make_fish().body
+    parts = (body.position, body.mass, body.springs.nodes, *body.springs[1:4])
+    make_body(*parts, body.faces.nodes)
+    with pytest.raises(ValueError, match="negative volume"):
+        make_body(*parts, body.faces.nodes[:, ::-1][:, [2, 3, 0, 1]])

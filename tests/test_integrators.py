@@ -395,7 +395,7 @@ def test_sound_fish_meets_no_bad_pivot(name):
 
 @each_method
 def test_no_steps(name):
-    """Zero steps change nothing, but a state that is not sound is found out."""
+    """Zero steps change nothing, but a state that is not sound is found out, and the body at rest put in its place."""
     fish = FISH["mass_spring"]
     x, v = naive.random_state(fish, np.random.default_rng(12))
     state = start(x, v)
@@ -404,5 +404,8 @@ def test_no_steps(name):
     np.testing.assert_array_equal(state.x[0], x)
     assert state.t[0] == 0 and state.failure[0] == 0
     state.v[0, 3, 1] = np.nan
+    state.t[0] = 7.0
     INTEGRATORS[name].advance(fish.body, VACUUM, state, control, fish.time_step, 0)
     assert state.failure[0] == NON_FINITE
+    np.testing.assert_array_equal(state.x[0], fish.body.position)  # it was handed over broken: no sound state to keep
+    assert not state.v.any() and state.t[0] == 7.0

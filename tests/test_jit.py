@@ -135,14 +135,14 @@ def test_falls_back_to_the_temporary_folder(nowhere, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert _jit.cache_folder().startswith(str(tmp_path / "fish_env"))
+        assert _jit.cache_folder().startswith(str(tmp_path / "cache-"))
 
 
 def test_no_home(nowhere, tmp_path, monkeypatch):
     """A user without a home directory, as in some containers, gets the temporary folder."""
     monkeypatch.setattr(Path, "home", home_missing)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    assert _jit.cache_folder().startswith(str(tmp_path / "fish_env"))
+    assert _jit.cache_folder().startswith(str(tmp_path / "cache-"))
 
 
 def home_missing():

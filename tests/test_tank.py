@@ -340,6 +340,7 @@ def test_a_failing_fish_harms_no_other(name, threads):
     for reason in hit.failure[victims]:
         assert reason.startswith(("non-finite", "torn", "untrusted solve"))
     np.testing.assert_array_equal(hit.time[victims], stopped)
+    assert np.isfinite(hit.position).all() and np.isfinite(hit.velocity).all()
     same(hit.get_state(), healthy.get_state(), np.delete(np.arange(MANY), victims))
     hit.reset(~hit.alive)
     hit.swim(commands[0], PAUSE)

@@ -1,5 +1,6 @@
 """Fish and the BODIES table: parameters in, a `Fish` out. No physics here."""
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -39,6 +40,12 @@ def make_fish(body: str = "mass_spring", **parameters) -> Fish:
     Raises:
         ValueError: for an unknown body, an unknown parameter or a value that is not allowed.
     """
-    if body not in BODIES:
+    if not isinstance(body, str) or body not in BODIES:
         raise ValueError(f"unknown body {body!r}; choose from {', '.join(map(repr, BODIES))}")
-    return BODIES[body].make(**parameters)
+    make = BODIES[body].make
+    allowed = inspect.signature(make).parameters
+    if not any(p.kind is p.VAR_KEYWORD for p in allowed.values()):
+        for name in parameters:
+            if name not in allowed:
+                raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
+    return make(**parameters)

@@ -94,6 +94,8 @@ class MassSpringParameters:
     """Factor on the mass of each layer, nose to tail tips, before the total is set to that of the displaced water."""
     contracted: tuple[float, float, float]
     """Rest length at full contraction over natural length, for the three muscle segments."""
+    drag_coefficient: float
+    """Of the water the fish is made for: of a face moving along its normal."""
     contraction_time: float
     """Shortest time from natural length to full contraction, s."""
     time_step: float
@@ -107,7 +109,14 @@ class MassSpringParameters:
             ("mass_factor", 7), ("contracted", 3),
         ):  # fmt: skip
             positive_array(getattr(self, name), (size,), name)
-        for name in ("length", "tail_half_span", "contraction_time", "time_step", "control_interval"):
+        for name in (
+            "length",
+            "tail_half_span",
+            "drag_coefficient",
+            "contraction_time",
+            "time_step",
+            "control_interval",
+        ):
             positive_array(getattr(self, name), (), name)
         positive_array(self.relaxation_time, (), "relaxation_time", zero=True)
         stations = np.array([0.0, *self.layer_position, 1.0])
@@ -173,7 +182,7 @@ def make_mass_spring(**parameters) -> Fish:
     stiffness = np.array(p.stiffness)[classes] * taper * (p.length / REFERENCE_LENGTH) ** 3
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     body = make_body(position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces)
-    water = make_water(WATER_DENSITY)
+    water = make_water(WATER_DENSITY, p.drag_coefficient)
     return _fish(
         "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval
     )

@@ -20,6 +20,14 @@ class Integrator:
     source: str
     advance: Callable
 
+    def __reduce__(self):
+        return named, (self.name,)  # a pickle names its method; compiled code stays in the process that compiled it
+
+
+def named(name: str) -> Integrator:
+    """The entry of the table."""
+    return INTEGRATORS[name]
+
 
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record

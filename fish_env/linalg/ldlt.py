@@ -6,6 +6,7 @@ Fill-in stays inside that skyline, so the profile is computed once a body and ne
 Legend: i, j, k rows and columns; a stored values, overwritten by L (below the diagonal); d the pivots D.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -76,7 +77,7 @@ def factor_solve(shape, a, b, inverse_pivot, row):
         b[i, 0], b[i, 1], b[i, 2] = b0, b1, b2
         if not d > 0.0:
             negative += 1
-        if not abs(d) > TRUSTED_PIVOT * abs(diagonal):
+        if not TRUSTED_PIVOT * abs(diagonal) < abs(d) < math.inf:
             trusted = False
         inverse_pivot[i] = 1.0 / d
     for i in range(order):  # division by D

@@ -1,0 +1,232 @@
+"""Training, its files and its commands: a run can be trusted, and what is not a policy is refused."""
+
+import csv
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+import fish_env
+from agents import report
+from agents import train as training
+from agents.build import export_policy, make_env, make_model
+from agents.config import CONFIGS
+from agents.controllers import Gait, best_gait
+from agents.evaluate import evaluate, gait_controller, make_eval_env, policy_controller
+from agents.policy import Policy, load_policy
+
+ROOT = Path(__file__).parent.parent
+SHORT = {"timesteps": 1024, "num_envs": 8}
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Torch on one thread, as the scripts have it."""
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(autouse=True)
+def few_episodes(monkeypatch):
+    """Reports of a few episodes only."""
+    monkeypatch.setattr(report, "EPISODES", 3)
+
+
+@pytest.fixture
+def policy():
+    """A small policy of no particular use."""
+    rng = np.random.default_rng(0)
+    sizes = (153, 8, 6)
+    weights = [rng.normal(size=pair).astype(np.float32) for pair in pairwise(sizes)]
+    return Policy(tuple(weights), tuple(np.zeros(n, np.float32) for n in sizes[1:]), {"env_id": "FishEnv/Swim-v0"})
+
+
+def test_policy_file_round_trip(policy, tmp_path):
+    """A policy read back from its file acts the same, bit for bit."""
+    policy.save(tmp_path / "policy.npz")
+    obs = np.random.default_rng(1).normal(size=(5, 153))
+    np.testing.assert_array_equal(load_policy(tmp_path / "policy.npz", "FishEnv/Swim-v0")(obs), policy(obs))
+
+
+def test_bad_policy_files_are_refused(policy, tmp_path):
+    """Missing, truncated, pickled, foreign, ill-fitting and non-finite files are refused with a reason."""
+    good = tmp_path / "good.npz"
+    policy.save(good)
+
+    def refused(content, message, error=ValueError):
+        path = tmp_path / "bad.npz"
+        path.unlink(missing_ok=True)
+        if isinstance(content, bytes):
+            path.write_bytes(content)
+        elif content is not None:
+            np.savez(path, **content)
+        with pytest.raises(error, match=message):
+            load_policy(path, "FishEnv/Swim-v0")
+
+    refused(None, "no policy file", FileNotFoundError)
+    refused(good.read_bytes()[:-200], "not a policy file, or is damaged or pickled")
+    refused(b"", "not a policy file")
+    refused(b"hello", "not a policy file")
+    whole = dict(np.load(good))
+    refused(whole | {"weight0": np.array([{"pickled": 1}], dtype=object)}, "damaged or pickled")
+    refused({key: value for key, value in whole.items() if key != "bias1"}, "not a policy file")
+    refused(whole | {"format": 99}, "format 99")
+    refused(whole | {"weight1": whole["weight1"][:-1]}, "do not fit together")
+    refused(whole | {"bias1": whole["bias1"] * np.nan}, "not finite")
+    refused(whole | {"about": json.dumps({"env_id": "FishEnv/Other-v0"})}, "trained for FishEnv/Other-v0")
+
+
+def test_exported_policy_acts_like_the_model():
+    """The exported numpy policy gives the model's deterministic actions on raw observations."""
+    config = CONFIGS["swim"]
+    env = make_env(config, 4, seed=0)
+    model = make_model(config, env, seed=0)
+    obs = env.reset()
+    obs, *_ = env.step(np.random.default_rng(0).uniform(-1, 1, (4, env.action_space.shape[0])))
+    expected, _ = model.predict(obs, deterministic=True)
+    np.testing.assert_allclose(export_policy(model, {})(obs), np.clip(expected, -1, 1), atol=2e-5)
+
+
+def test_run_leaves_everything_behind(tmp_path, capsys):
+    """A training run leaves model, policy, configuration, curve, pictures and video, and prints what to do next."""
+    folder = training.train("swim", seed=3, root=tmp_path, **SHORT)
+    for name in ("model.zip", "policy.npz", "config.json", "results.json", "curve.csv", "curve.png", "path.png"):
+        assert (folder / name).stat().st_size > 0, name
+    assert (folder / "swim.mp4").stat().st_size > 10_000
+    assert list((folder / "tensorboard").rglob("events.*"))
+    record = json.loads((folder / "config.json").read_text())
+    assert record["seed"] == 3 and record["config"]["timesteps"] == 1024 and record["versions"]["torch"]
+    printed = capsys.readouterr().out
+    assert f"python train.py play {folder / 'policy.npz'}" in printed
+    assert "best open-loop gait" in printed and "untrained policy" in printed
+
+
+def test_same_seed_same_policy(tmp_path, monkeypatch):
+    """Two runs with one seed give the same policy bits; another seed gives another policy."""
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    runs = [training.train("swim", seed=seed, root=tmp_path, **SHORT) for seed in (0, 0, 1)]
+    one, same, other = (np.load(run / "policy.npz")["weight0"] for run in runs)
+    np.testing.assert_array_equal(one, same)
+    assert (one != other).any()
+
+
+def test_ctrl_c_keeps_what_was_learnt_and_resume_goes_on(tmp_path, monkeypatch, capsys):
+    """Ctrl-C saves model and policy and says how to go on; --resume goes on from there to the end."""
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    interrupt = training.Progress._on_rollout_end
+
+    def press(self):
+        interrupt(self)
+        if self.num_timesteps >= 512:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training.Progress, "_on_rollout_end", press)
+        folder = training.train("swim", root=tmp_path, **SHORT)
+    printed = capsys.readouterr().out
+    assert f"--resume {folder}" in printed and load_policy(folder / "policy.npz")
+    assert training.train("swim", resume=folder) == folder
+    with (folder / "curve.csv").open() as file:
+        assert len(list(csv.DictReader(file))) >= 0
+    model = training.PPO.load(folder / "model.zip", device="cpu")
+    assert model.num_timesteps == 1024
+
+
+def test_bad_training_requests_are_refused(tmp_path):
+    """Unknown tasks, counts below one and folders that hold no run are refused."""
+    with pytest.raises(ValueError, match="unknown task 'fly'"):
+        training.train("fly", root=tmp_path)
+    with pytest.raises(ValueError, match="num_envs is 0"):
+        training.train("swim", root=tmp_path, num_envs=0)
+    with pytest.raises(FileNotFoundError, match="to go on with"):
+        training.train("swim", resume=tmp_path)
+
+
+def test_gait_is_what_it_says():
+    """Left and right contract exactly out of phase, within [0, amplitude], at the stated frequency."""
+    fish, gait = fish_env.make_fish(), Gait(2.0, (0.3, 0.6, 1.0), (0.0, 1.0, 2.0))
+    time = np.linspace(0, 1, 101)
+    contraction = gait.contraction(fish, time)
+    assert contraction.shape == (101, 12)
+    amplitude = np.array(gait.amplitude)[fish.segments]
+    assert (contraction >= 0).all() and (contraction <= amplitude).all()
+    left, right = (contraction[:, fish.sides == side] for side in (1, -1))
+    np.testing.assert_allclose(left + right, np.broadcast_to(amplitude[fish.sides == 1], left.shape), atol=1e-12)
+    np.testing.assert_allclose(contraction, gait.contraction(fish, time + 0.5), atol=1e-12)
+    for bad in ({"frequency": 0.0}, {"amplitude": (1.0, 1.0, 1.5)}, {"lag": (0.0, np.nan, 0.0)}):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            replace(gait, **bad)
+
+
+def test_gait_swims():
+    """The best open-loop gait swims along its heading, and far better than random twitching."""
+    env = make_eval_env("FishEnv/Swim-v0", 4, {"muscle_groups": "pairs"})
+    gait = evaluate(gait_controller(best_gait(), env), env)
+    rng = np.random.default_rng(0)
+    twitching = evaluate(lambda obs, time: rng.uniform(-1, 1, env.action_space.shape), env)
+    assert gait.failures == twitching.failures == 0
+    assert gait.speed.min() > 1.0 and gait.speed.min() > 3 * np.abs(twitching.speed).max()
+
+
+def test_evaluation_is_repeatable():
+    """Evaluating twice gives the same numbers."""
+    env = make_eval_env("FishEnv/Swim-v0", 3, {"muscle_groups": "pairs"})
+    one, other = (evaluate(gait_controller(best_gait(), env), env) for _ in range(2))
+    np.testing.assert_array_equal(one.speed, other.speed)
+
+
+def test_short_training_learns(tmp_path, monkeypatch):
+    """A short PPO run swims faster than it did before, on the evaluation seeds."""
+    config = CONFIGS["swim"]
+    env = make_eval_env(config.env_id, 8, config.env_options)
+    before = evaluate(policy_controller(report.untrained(config, 0)), env).speed.mean()
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    folder = training.train("swim", root=tmp_path, timesteps=100_000, num_envs=64)
+    after = evaluate(policy_controller(load_policy(folder / "policy.npz")), env).speed.mean()
+    assert after > before + 0.1
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "agents" / "pretrained").rglob("policy.npz")), ids=lambda p: p.parent.name
+)
+def test_shipped_policy_swims(path):
+    """The shipped policy beats the best open-loop gait by a tenth on the evaluation seeds, with no failure."""
+    assert path.stat().st_size < 300_000
+    policy = load_policy(path)
+    env = make_eval_env(policy.about["env_id"], 32, policy.about["env_options"])
+    learnt, gait = evaluate(policy_controller(policy), env), evaluate(gait_controller(best_gait(), env), env)
+    assert learnt.failures == 0
+    assert learnt.speed.mean() >= 1.1 * gait.own_speed.mean()
+
+
+def test_command_line(tmp_path):
+    """`train.py` evaluates and plays a policy, and answers mistakes in one line without a traceback."""
+    shipped = ROOT / "agents" / "pretrained" / "swim" / "policy.npz"
+    video = tmp_path / "swim.mp4"
+
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, "train.py", *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+
+    played = run("play", shipped, "--episodes", 1, "--video", video)
+    assert played.returncode == 0 and video.stat().st_size > 10_000, played.stderr
+    wrong = run("play", tmp_path / "none.npz")
+    assert wrong.returncode == 2 and "no policy file" in wrong.stderr and "Traceback" not in wrong.stderr
+    assert run("fly").returncode == 2
+
+
+def test_policy_needs_only_numpy():
+    """A policy file can be run without torch or Stable-Baselines3."""
+    code = """import sys; from agents.policy import load_policy; import gymnasium as gym, fish_env
+p = load_policy("agents/pretrained/swim/policy.npz"); e = gym.make(p.about["env_id"], **p.about["env_options"])
+print(p(e.reset(seed=0)[0]).shape, {"torch", "stable_baselines3"} & set(sys.modules))"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1] == "set()"
+    assert gym.spec("FishEnv/Swim-v0")
