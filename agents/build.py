@@ -54,7 +54,7 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
         "MlpPolicy",
         env,
         n_steps=config.rollout,
-        batch_size=config.batch_size,
+        batch_size=min(config.batch_size, config.rollout * env.num_envs),
         n_epochs=config.epochs,
         learning_rate=falling(config.learning_rate),
         gamma=config.discount(fish.control_interval),

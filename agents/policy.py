@@ -55,7 +55,7 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
         with np.load(path, allow_pickle=False) as file:
             held = {name: file[name] for name in file.files}
         version, about = int(held.pop("format")), json.loads(str(held.pop("about")))
-        layers = len(held) // 2
+        layers = sum(name.startswith("weight") for name in held)
         weights = tuple(held.pop(f"weight{k}") for k in range(layers))
         biases = tuple(held.pop(f"bias{k}") for k in range(layers))
     except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile, AttributeError) as error:
