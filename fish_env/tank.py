@@ -59,10 +59,13 @@ class Tank:
         )
         springs = body.springs.rest_length
         self.control = Control(np.repeat(springs[None], b, axis=0), np.zeros((b, springs.size)))
-        self._natural = springs[fish.muscles]
-        self._span = (1.0 - fish.contracted) * self._natural
+        self.natural = springs[fish.muscles]
+        """(M,) natural length of each muscle, m."""
+        self.span = (1.0 - fish.contracted) * self.natural
+        """(M,) what full contraction takes off it, m."""
         self.effort = np.zeros(b)
         """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
+        self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
         self._pool = None
 
     def __getstate__(self):
@@ -101,7 +104,7 @@ class Tank:
     @property
     def contraction(self) -> np.ndarray:
         """Contraction of each muscle's rest length, (B,M): 0 natural, 1 full."""
-        return (self._natural - self.rest_length[:, self.fish.muscles]) / self._span
+        return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
 
     def advance(self, steps: int) -> None:
         """Take `steps` steps of dt with the controls held. A fish that fails stops at its last sound state."""
@@ -136,18 +139,17 @@ class Tank:
         """`swim` without the checks: contraction (B,M) in [0, 1], steps of dt."""
         duration = steps * self.dt
         fastest = duration / self.fish.contraction_time
-        command(self.fish.muscles, self._natural, self._span, contraction, fastest, duration, self.control, self.effort)
+        command(self.fish.muscles, self.natural, self.span, contraction, fastest, duration, self.control, self.effort)
         self._run(steps)
         arrive(self.fish.muscles, duration, self.control)
 
     def _run(self, steps: int) -> None:
-        chunks = min(self.threads, max(1, self.num_fish // FISH_PER_THREAD))
-        if chunks == 1:
+        if self._chunks == 1:
             self.integrator.advance(self.fish.body, self.world, self.state, self.control, self.dt, steps)
             return
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads)
-        edges = np.linspace(0, self.num_fish, chunks + 1).astype(int)
+        edges = np.linspace(0, self.num_fish, self._chunks + 1).astype(int)
         jobs = [
             self._pool.submit(
                 self.integrator.advance,

@@ -244,7 +244,7 @@ def test_angular_momentum(name, body):
         return
     drifts = [drift(h / k, 100 * k) for k in (1, 2, 4)]
     order = slope_of(drifts, h / np.array([1, 2, 4]))
-    assert abs(order - INTEGRATORS[name].order) <= 0.2, f"drift falls with order {order:.3f}: {drifts}"
+    assert order >= INTEGRATORS[name].order - 0.2, f"drift falls with order {order:.3f}: {drifts}"
 
 
 @each_method

@@ -1,4 +1,6 @@
-"""What a fish sees: its own nodes in its own frame, its muscles, and what is asked of it. One float32 row a fish."""
+"""What a fish sees (its nodes in its own frame, its muscles, what is asked; one float32 row) and what it does."""
+
+import math
 
 import numpy as np
 
@@ -20,12 +22,13 @@ def table(fish, task) -> list[tuple[str, str, float]]:
 
 
 @njit
-def observe(x, v, pose, length, contraction, vectors, vector_limit, out):
-    """Fill out (B,D) float32 in the order of `table` from x, v (B,N,3), the pose, contraction (B,M), vectors (B,K,3).
+def observe(x, v, pose, length, rest_length, muscles, natural, span, vectors, vector_limit, out):
+    """Fill out (B,D) float32 in the order of `table`.
 
-    Values beyond the bounds of the observation space are set to the bound.
+    From x, v (B,N,3), the pose, the rest lengths (B,E) with the muscles' numbers, natural length and span (M,), and the
+    task's vectors (B,K,3). Values beyond the bounds of the observation space are set to the bound.
     """
-    nodes, muscles = x.shape[1], contraction.shape[1]
+    nodes = x.shape[1]
     scale = 1.0 / length
     for b in range(x.shape[0]):
         axes, centre = pose.axes[b], pose.centre[b]
@@ -38,13 +41,26 @@ def observe(x, v, pose, length, contraction, vectors, vector_limit, out):
                 out[b, 3 * i + k] = bounded(position, POSITION_LIMIT)
                 out[b, 3 * (nodes + i) + k] = bounded(velocity, VELOCITY_LIMIT)
         base = 6 * nodes
-        for m in range(muscles):
-            out[b, base + m] = bounded(2.0 * contraction[b, m] - 1.0, 1.0)
-        base += muscles
+        for m in range(muscles.size):
+            contraction = (natural[m] - rest_length[b, muscles[m]]) / span[m]
+            out[b, base + m] = bounded(2.0 * contraction - 1.0, 1.0)
+        base += muscles.size
         for q in range(vectors.shape[1]):
             for k in range(3):
                 value = axes[k, 0] * vectors[b, q, 0] + axes[k, 1] * vectors[b, q, 1] + axes[k, 2] * vectors[b, q, 2]
                 out[b, base + 3 * q + k] = bounded(value, vector_limit)
+
+
+@njit
+def contractions(action, groups, out):
+    """Contractions (B,M) in [0, 1] for actions (B,A) clipped to [-1, 1]; False (and void) if one is not finite."""
+    for b in range(action.shape[0]):
+        for m in range(groups.size):
+            command = action[b, groups[m]]
+            if not math.isfinite(command):
+                return False
+            out[b, m] = 0.5 * (bounded(command, 1.0) + 1.0)
+    return True
 
 
 @njit

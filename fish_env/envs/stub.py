@@ -13,10 +13,13 @@ from fish_env.envs.vector import FishVectorEnv
 class StubVectorEnv(FishVectorEnv):
     """`FishVectorEnv` whose fish glide instead of swimming. Plain numpy: nothing is compiled."""
 
-    def _swim(self, contraction):
-        tank = self.tank
-        natural = tank.fish.body.springs.rest_length[tank.fish.muscles]
-        tank.rest_length[:, tank.fish.muscles] = natural * (1.0 - contraction * (1.0 - tank.fish.contracted))
+    def _contract(self, action):
+        self._contraction[:] = 0.5 * (np.clip(action, -1.0, 1.0)[:, self.groups] + 1.0)
+        return np.isfinite(action).all()
+
+    def _swim(self):
+        tank, contraction = self.tank, self._contraction
+        tank.rest_length[:, tank.fish.muscles] = tank.natural - contraction * tank.span
         velocity = tank.fish.length * contraction.mean(axis=1)[:, None] * self._pose.axes[:, 0]
         tank.velocity[:] = velocity[:, None]
         tank.position[:] += tank.velocity * self.control_interval

@@ -97,6 +97,8 @@ class FishVectorEnv(VectorEnv):
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (int(self.groups.max()) + 1,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._action_shape = self.action_space.shape
+        self._contraction = np.zeros((self.num_envs, fish.num_muscles))
         self._pose = make_pose(self.num_envs)
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int | None] = [None] * self.num_envs
@@ -134,26 +136,23 @@ class FishVectorEnv(VectorEnv):
         """One control interval: reward (B,) float64, terminated (B,), truncated (B,)."""
         if not self._started:
             raise gym.error.ResetNeeded("step was called before reset; call env.reset() first")
-        self._swim(0.5 * (self._checked(action)[:, self.groups] + 1.0))
+        self._command(action)
+        self._swim()
         self._measure()
         terms = self.task.reward(self.tank, self._pose, self.control_interval)
         failed = self.tank.state.failure != 0
-        terms["failure"] = -FAILURE_PENALTY * failed
+        terms["failure"] = failed * -FAILURE_PENALTY
         if not self._totals:
             self._totals = {name: np.zeros(self.num_envs) for name in terms}
-        reward = np.zeros(self.num_envs)
+        reward = sum(terms.values())
         for name, term in terms.items():
-            reward += term
             self._totals[name] += term
         self._terms = terms
         self._elapsed += 1
         terminated = failed | self.task.done(self.tank, self._pose)
-        truncated = (
-            np.zeros(self.num_envs, dtype=bool)
-            if self.max_episode_steps is None
-            else ~terminated & (self._elapsed >= self.max_episode_steps)
-        )
-        return reward, terminated, truncated
+        if self.max_episode_steps is None:
+            return reward, terminated, np.zeros(self.num_envs, dtype=bool)
+        return reward, terminated, ~terminated & (self._elapsed >= self.max_episode_steps)
 
     def observe(self) -> np.ndarray:
         """What every fish sees now, a new (B,D) float32 array."""
@@ -161,8 +160,9 @@ class FishVectorEnv(VectorEnv):
         out = np.empty(self.observation_space.shape, dtype=np.float32)
         vectors = self.task.vectors(tank, self._pose)
         observation.observe(
-            tank.position, tank.velocity, self._pose, tank.fish.length, tank.contraction, vectors,
-            self.task.vector_limit, out,
+            tank.position, tank.velocity, self._pose, tank.fish.length,
+            tank.rest_length, tank.fish.muscles, tank.natural, tank.span,
+            vectors, self.task.vector_limit, out,
         )  # fmt: skip
         return out
 
@@ -186,23 +186,25 @@ class FishVectorEnv(VectorEnv):
             "heading": float(np.arctan2(forward[1], forward[0])),
         }
 
-    def _swim(self, contraction: np.ndarray) -> None:
-        self.tank.drive(contraction, self._substeps)
+    def _command(self, action) -> None:
+        """Turn the action (B,A) into contractions; ValueError, and nothing moves, if its shape or a number is wrong."""
+        try:
+            array = np.ascontiguousarray(action, dtype=np.float64)
+            good = array.shape == self._action_shape and self._contract(array)
+        except (TypeError, ValueError):
+            good = False
+        if not good:
+            finite_array(action, self._action_shape, "action")  # says what is wrong
+
+    def _contract(self, action: np.ndarray) -> bool:
+        return observation.contractions(action, self.groups, self._contraction)
+
+    def _swim(self) -> None:
+        self.tank.drive(self._contraction, self._substeps)
 
     def _measure(self) -> None:
         fish, tank = self.tank.fish, self.tank
         measure(fish.body.mass, fish.front, fish.rear, fish.left, fish.right, tank.position, tank.velocity, self._pose)
-
-    def _checked(self, action) -> np.ndarray:
-        """The action as float64 (B,A) clipped to [-1, 1]; ValueError if its shape is wrong or it is not finite."""
-        try:
-            array = np.asarray(action, dtype=np.float64)
-            good = array.shape == self.action_space.shape and np.isfinite(array).all()
-        except (TypeError, ValueError):
-            good = False
-        if not good:
-            finite_array(action, self.action_space.shape, "action")  # says what is wrong
-        return np.minimum(np.maximum(array, -1.0), 1.0)
 
     # -- the Gymnasium vector interface -----------------------------------------------------------------------------
 

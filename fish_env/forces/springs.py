@@ -5,13 +5,13 @@ Legend: i, j the unit's nodes; r = x_j - x_i; u = v_j - v_i; e elongation; eta e
 
 import math
 
-from fish_env._jit import njit
+from fish_env._jit import INDEX, njit
 
 
 @njit
 def unit(springs, rest_length, x, v, e):
     """One unit e: its separation r (3 numbers, m) and effective stiffness eta (N/m); the force on node i is eta r."""
-    i, j = springs.nodes[e, 0], springs.nodes[e, 1]
+    i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
     rx, ry, rz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
     ux, uy, uz = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1], v[j, 2] - v[i, 2]
     inverse = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz)
@@ -25,7 +25,7 @@ def unit(springs, rest_length, x, v, e):
 def add_force(body, rest_length, x, v, f):
     """Add the elastic and viscous force of every unit to f (N,3) N."""
     for e in range(body.springs.stiffness.size):
-        i, j = body.springs.nodes[e, 0], body.springs.nodes[e, 1]
+        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
         rx, ry, rz, eta = unit(body.springs, rest_length, x, v, e)
         f[i, 0] += eta * rx  # (3)
         f[i, 1] += eta * ry
@@ -40,7 +40,7 @@ def energy(body, rest_length, x):
     """Elastic energy of all units, J."""
     total = 0.0
     for e in range(body.springs.stiffness.size):
-        i, j = body.springs.nodes[e, 0], body.springs.nodes[e, 1]
+        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
         rx, ry, rz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
         stretch = math.sqrt(rx * rx + ry * ry + rz * rz) - rest_length[e]
         total += 0.5 * body.springs.stiffness[e] * stretch * stretch  # (5)
@@ -52,7 +52,7 @@ def longest_stretch(body, x):
     """The largest ratio of a unit's length to its natural length, dimensionless."""
     longest = 0.0
     for e in range(body.springs.stiffness.size):
-        i, j = body.springs.nodes[e, 0], body.springs.nodes[e, 1]
+        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
         rx, ry, rz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
         longest = max(longest, math.sqrt(rx * rx + ry * ry + rz * rz) / body.springs.rest_length[e])
     return longest

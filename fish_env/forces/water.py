@@ -8,7 +8,7 @@ Legend: a area vector (area times outward normal); w velocity of the face throug
 
 import math
 
-from fish_env._jit import njit
+from fish_env._jit import INDEX, njit
 
 
 @njit
@@ -18,7 +18,8 @@ def add_force(body, world, x, v, f):
         return
     c0, c1, c2 = world.current[0], world.current[1], world.current[2]
     for k in range(body.faces.nodes.shape[0]):
-        p, q, r, s = body.faces.nodes[k, 0], body.faces.nodes[k, 1], body.faces.nodes[k, 2], body.faces.nodes[k, 3]
+        p, q = INDEX(body.faces.nodes[k, 0]), INDEX(body.faces.nodes[k, 1])
+        r, s = INDEX(body.faces.nodes[k, 2]), INDEX(body.faces.nodes[k, 3])
         sp, sq, sr, ss = body.faces.share[k, 0], body.faces.share[k, 1], body.faces.share[k, 2], body.faces.share[k, 3]
         d0, d1, d2 = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
         e0, e1, e2 = x[s, 0] - x[q, 0], x[s, 1] - x[q, 1], x[s, 2] - x[q, 2]

@@ -10,7 +10,7 @@ then the new velocities; eta effective stiffness.
 import numpy as np
 
 from fish_env import forces
-from fish_env._jit import njit
+from fish_env._jit import INDEX, njit
 from fish_env.body import UNTRUSTED_SOLVE
 from fish_env.forces import springs
 from fish_env.integrators._common import rest_lengths, settle
@@ -22,18 +22,18 @@ def assemble(body, world, rest, x, v, h, a, g):
     """System matrix a (S,) kg, in its skyline, and load g (N,3) kg m/s: both sides of the equation times h."""
     forces.external(body, world, x, v, g)
     a[:] = 0.0
-    start = body.profile.start
+    diagonal = body.profile.diagonal
     for i in range(body.mass.size):
-        a[start[i + 1] - 1] = body.mass[i]
+        a[INDEX(diagonal[i])] = body.mass[i]
         for k in range(3):
             g[i, k] = body.mass[i] * v[i, k] + h * g[i, k]
     for e in range(body.springs.stiffness.size):
-        i, j = body.springs.nodes[e, 0], body.springs.nodes[e, 1]
+        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
         rx, ry, rz, eta = springs.unit(body.springs, rest, x, v, e)
         weight = h * eta
-        a[start[i + 1] - 1] += h * weight  # (7)
-        a[start[j + 1] - 1] += h * weight
-        a[body.springs.entry[e]] -= h * weight
+        a[INDEX(diagonal[i])] += h * weight  # (7)
+        a[INDEX(diagonal[j])] += h * weight
+        a[INDEX(body.springs.entry[e])] -= h * weight
         g[i, 0] += weight * rx  # (8)
         g[i, 1] += weight * ry
         g[i, 2] += weight * rz

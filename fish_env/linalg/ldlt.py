@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env._jit import njit
+from fish_env._jit import INDEX, njit
 
+ONE, TWO = INDEX(1), INDEX(2)  # an unsigned and a signed integer would add up to a float
 TRUSTED_PIVOT = 1e-9  # a pivot below this fraction of its diagonal entry has lost nine digits to cancellation
 
 
@@ -21,6 +22,7 @@ class Profile(NamedTuple):
 
     first: np.ndarray  # (N,) first stored column of each row
     start: np.ndarray  # (N+1,) where each row begins; the last element is the number of stored entries
+    diagonal: np.ndarray  # (N,) where each diagonal entry is
 
 
 def profile(pairs: np.ndarray, order: int) -> Profile:
@@ -29,7 +31,7 @@ def profile(pairs: np.ndarray, order: int) -> Profile:
     for i, j in np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1):
         first[j] = min(first[j], i)
     start = np.concatenate([[0], np.cumsum(np.arange(order) - first + 1)])
-    return Profile(first.astype(np.int64), start.astype(np.int64))
+    return Profile(first.astype(np.int64), start.astype(np.int64), (start[1:] - 1).astype(np.int64))
 
 
 def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
@@ -51,20 +53,21 @@ def factor_solve(shape, a, b, inverse_pivot, row):
     """
     negative = 0
     trusted = True
-    order = shape.first.size
+    order = INDEX(shape.first.size)
     for i in range(order):
-        first = shape.first[i]
-        row_i = shape.start[i] - first
+        first = INDEX(shape.first[i])
+        row_i = INDEX(shape.start[i]) - first
         b0, b1, b2 = b[i, 0], b[i, 1], b[i, 2]
         diagonal = a[row_i + i]
         d = diagonal
         for j in range(first, i):
-            k = max(first, shape.first[j])
-            row_j = shape.start[j] - shape.first[j]
+            first_j = INDEX(shape.first[j])
+            k = max(first, first_j)
+            row_j = INDEX(shape.start[j]) - first_j
             s = a[row_i + j]
-            while k + 1 < j:  # two terms a turn: saves a sixth of the factorisation
-                s -= row[k] * a[row_j + k] + row[k + 1] * a[row_j + k + 1]
-                k += 2
+            while k + ONE < j:  # two terms a turn: saves a sixth of the factorisation
+                s -= row[k] * a[row_j + k] + row[k + ONE] * a[row_j + k + ONE]
+                k += TWO
             if k < j:
                 s -= row[k] * a[row_j + k]
             row[j] = s  # L_ij D_j
@@ -83,10 +86,12 @@ def factor_solve(shape, a, b, inverse_pivot, row):
     for i in range(order):  # division by D
         for k in range(3):
             b[i, k] *= inverse_pivot[i]
-    for i in range(order - 1, -1, -1):  # back substitution
-        row_i = shape.start[i] - shape.first[i]
+    for below in range(order):  # back substitution
+        i = order - ONE - below
+        first = INDEX(shape.first[i])
+        row_i = INDEX(shape.start[i]) - first
         b0, b1, b2 = b[i, 0], b[i, 1], b[i, 2]
-        for k in range(shape.first[i], i):
+        for k in range(first, i):
             lower = a[row_i + k]
             b[k, 0] -= lower * b0
             b[k, 1] -= lower * b1
