@@ -32,10 +32,11 @@ NOISE = 0.05  # body lengths a second: node velocities at the start, so that an 
 
 
 def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator="semi_implicit", beats=14, measured=6,
-         decisions=24, push=0.4) -> Swum:  # fmt: skip
+         decisions=24, push=0.4, seed=0) -> Swum:  # fmt: skip
     """Swim `beats` beats with `decisions` control points a beat, and measure the last `measured`.
 
-    The fish starts at `push` body lengths a beat, which shortens the approach to cruising; 0 starts it from rest.
+    The fish starts at `push` body lengths a beat, which shortens the approach to cruising; 0 starts it from rest. Its
+    nodes have a little random velocity, from `seed`.
     """
     dt = fish.time_step if dt is None else dt
     steps = max(1, round(1 / (gait.frequency * decisions * dt)))
@@ -44,7 +45,7 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator="semi_implici
     mass = fish.body.mass / fish.body.mass.sum()
     centre, tail, up, pose = [], [], [], make_pose(1)
     contraction = gait.contraction(fish, period / decisions * np.arange(1, decisions + 1))[:, None]
-    tank.velocity[0] = np.random.default_rng(0).normal(0.0, NOISE * fish.length, tank.velocity[0].shape)
+    tank.velocity[0] = np.random.default_rng(seed).normal(0.0, NOISE * fish.length, tank.velocity[0].shape)
     tank.velocity[0, :, 0] += push * fish.length * gait.frequency
     for beat in range(beats):
         for k in range(decisions):

@@ -58,10 +58,10 @@ class State(NamedTuple):
 
 
 class Control(NamedTuple):
-    """What drives the bodies: rest lengths that move linearly in time during one call of `advance`."""
+    """What drives the bodies: rest lengths that move linearly in time during one call of `advance`, and then stop."""
 
-    rest_length: np.ndarray  # (B,E) m, at the start of the call
-    rate: np.ndarray  # (B,E) m/s
+    rest_length: np.ndarray  # (B,E) m; advanced in place at the end of the call
+    rate: np.ndarray  # (B,E) m/s; zero after it
 
 
 STRETCH_LIMIT = 3.0  # a unit longer than this many natural lengths is taken as torn

@@ -141,7 +141,6 @@ class Tank:
         fastest = duration / self.fish.contraction_time
         command(self.fish.muscles, self.natural, self.span, contraction, fastest, duration, self.control, self.effort)
         self._run(steps)
-        arrive(self.fish.muscles, duration, self.control)
 
     def _run(self, steps: int) -> None:
         if self._chunks == 1:
@@ -218,15 +217,6 @@ def command(muscles, natural, span, contraction, fastest, duration, control, eff
             control.rate[b, muscles[m]] = change / duration
             squares += (change / limit) ** 2
         effort[b] = squares / muscles.size
-
-
-@njit
-def arrive(muscles, duration, control):
-    """Move the muscles' rest lengths to where their rates have taken them, and stop them there."""
-    for b in range(control.rate.shape[0]):
-        for m in muscles:
-            control.rest_length[b, m] += duration * control.rate[b, m]
-            control.rate[b, m] = 0.0
 
 
 def available_processors() -> int:

@@ -104,7 +104,8 @@ class FishVectorEnv(VectorEnv):
         self._seeds: list[int | None] = [None] * self.num_envs
         self._elapsed = np.zeros(self.num_envs, dtype=np.int64)
         self._over = np.zeros(self.num_envs, dtype=bool)
-        self._totals: dict[str, np.ndarray] = {}
+        self._no_penalty = np.zeros(self.num_envs)
+        self._totals = {name: np.zeros(self.num_envs) for name in (*self.task.term_names, "failure")}
         self._started = False
         self._renderer = None
 
@@ -140,16 +141,20 @@ class FishVectorEnv(VectorEnv):
         self._swim()
         self._measure()
         terms = self.task.reward(self.tank, self._pose, self.control_interval)
-        failed = self.tank.state.failure != 0
-        terms["failure"] = failed * -FAILURE_PENALTY
-        if not self._totals:
-            self._totals = {name: np.zeros(self.num_envs) for name in terms}
-        reward = sum(terms.values())
-        for name, term in terms.items():
-            self._totals[name] += term
+        terminated = self.task.done(self.tank, self._pose)
+        if np.count_nonzero(self.tank.state.failure):  # rare: the quick test keeps it out of the hot path
+            failed = self.tank.state.failure != 0
+            terms["failure"] = failed * -FAILURE_PENALTY
+            terminated = terminated | failed
+        else:
+            terms["failure"] = self._no_penalty
         self._terms = terms
+        reward = self._no_penalty.copy()
+        for name, term in terms.items():
+            if term is not self._no_penalty:
+                reward += term
+                self._totals[name] += term
         self._elapsed += 1
-        terminated = failed | self.task.done(self.tank, self._pose)
         if self.max_episode_steps is None:
             return reward, terminated, np.zeros(self.num_envs, dtype=bool)
         return reward, terminated, ~terminated & (self._elapsed >= self.max_episode_steps)

@@ -48,11 +48,12 @@ def energy(body, rest_length, x):
 
 
 @njit
-def longest_stretch(body, x):
-    """The largest ratio of a unit's length to its natural length, dimensionless."""
-    longest = 0.0
+def all_shorter(body, x, limit):
+    """True if no unit is longer than `limit` times its natural length."""
     for e in range(body.springs.stiffness.size):
         i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
         rx, ry, rz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-        longest = max(longest, math.sqrt(rx * rx + ry * ry + rz * rz) / body.springs.rest_length[e])
-    return longest
+        allowed = limit * body.springs.rest_length[e]
+        if rx * rx + ry * ry + rz * rz > allowed * allowed:
+            return False
+    return True

@@ -12,8 +12,9 @@ from fish_env.forces import springs
 @njit
 def rest_lengths(control, b, elapsed, out):
     """Rest lengths (E,) m of body b, `elapsed` seconds into the call."""
+    start, rate = control.rest_length[b], control.rate[b]
     for e in range(out.size):
-        out[e] = control.rest_length[b, e] + elapsed * control.rate[b, e]
+        out[e] = start[e] + elapsed * rate[e]  # (14)
 
 
 @njit
@@ -23,17 +24,23 @@ def check(body, x, v):
         for k in range(3):
             if not (math.isfinite(x[i, k]) and math.isfinite(v[i, k])):
                 return NON_FINITE
-    if springs.longest_stretch(body, x) > STRETCH_LIMIT:
+    if not springs.all_shorter(body, x, STRETCH_LIMIT):
         return TORN
     return 0
 
 
 @njit
-def settle(body, state, b, before_x, before_v, failure, elapsed):
+def settle(body, state, control, b, before_x, before_v, failure, elapsed):
     """End a call for body b: advance its clock, or record why it failed and put back its last sound state.
+
+    Its rest lengths stop where their rates have taken them.
 
     That is the one it had before the call, or the body at rest if it was handed over broken already.
     """
+    start, rate = control.rest_length[b], control.rate[b]
+    for e in range(rate.size):
+        start[e] += elapsed * rate[e]
+        rate[e] = 0.0
     if failure == 0:
         failure = check(body, state.x[b], state.v[b])
     if failure == 0:

@@ -54,4 +54,4 @@ def advance(body, world, state, control, h, n):
         before_v[:] = v
         for s in range(n):
             step(body, world, control, b, s * h, h, x, v, rest, f, sx, sv, kx, kv)
-        settle(body, state, b, before_x, before_v, 0, n * h)
+        settle(body, state, control, b, before_x, before_v, 0, n * h)

@@ -77,4 +77,4 @@ def advance(body, world, state, control, h, n):
             if not trusted:
                 failure = UNTRUSTED_SOLVE
                 break
-        settle(body, state, b, before_x, before_v, failure, n * h)
+        settle(body, state, control, b, before_x, before_v, failure, n * h)

@@ -33,4 +33,4 @@ def advance(body, world, state, control, h, n):
                 for k in range(3):
                     v[i, k] += factor * f[i, k]  # (15)
                     x[i, k] += h * v[i, k]
-        settle(body, state, b, before_x, before_v, 0, n * h)
+        settle(body, state, control, b, before_x, before_v, 0, n * h)

@@ -25,6 +25,8 @@ class Task(Protocol):
     """Their names, for the table of observations."""
     vector_limit: float
     """Bound of their components in the observation space."""
+    term_names: tuple[str, ...]
+    """Names of the terms of its reward."""
     reset_options: Mapping[str, str]
     """Keys that `reset(options=...)` accepts, with their meaning."""
 

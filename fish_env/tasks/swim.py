@@ -3,6 +3,7 @@
 import numpy as np
 
 from fish_env.body import finite_array
+from fish_env.tasks import rewards
 
 EFFORT_WEIGHT = 0.1  # body lengths a second, the price of moving every muscle at its fastest all the time
 START_NOISE = 0.01  # body lengths a second: standard deviation of the node velocities at the start
@@ -22,6 +23,7 @@ class SwimTask:
     num_vectors = 1
     vector_names = ("commanded heading",)
     vector_limit = 1.0
+    term_names = ("progress", "effort")
     reset_options = {
         "yaw": "the fish's heading at the start, rad",
         "heading": "the commanded heading, rad",
@@ -58,10 +60,9 @@ class SwimTask:
 
     def reward(self, tank, pose, interval):
         """Progress along the heading, body lengths, less the effort of moving the muscles."""
-        step, heading = pose.centre - self._before, self._heading
+        progress = rewards.progress(pose.centre, self._before, self._heading, tank.fish.length)  # (19)
         self._before[:] = pose.centre
-        along = step[:, 0] * heading[:, 0] + step[:, 1] * heading[:, 1] + step[:, 2] * heading[:, 2]
-        return {"progress": along / tank.fish.length, "effort": -EFFORT_WEIGHT * interval * tank.effort}  # (19), (20)
+        return {"progress": progress, "effort": tank.effort * (-EFFORT_WEIGHT * interval)}  # (20)
 
     def done(self, tank, pose):
         """Never: the episode ends at the time limit."""
