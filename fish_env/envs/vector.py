@@ -48,6 +48,8 @@ class FishVectorEnv(VectorEnv):
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30, "autoreset_mode": AutoresetMode.NEXT_STEP}
 
+    tasks = TASKS
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -66,8 +68,8 @@ class FishVectorEnv(VectorEnv):
         threads: int | None = None,
         **task_options,
     ):
-        if task not in TASKS:
-            raise ValueError(f"unknown task {task!r}; choose from {', '.join(map(repr, TASKS))}")
+        if task not in self.tasks:
+            raise ValueError(f"unknown task {task!r}; choose from {', '.join(map(repr, self.tasks))}")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"unknown render_mode {render_mode!r}; choose None, 'human' or 'rgb_array'")
         if max_episode_steps is not None and not (isinstance(max_episode_steps, int) and max_episode_steps >= 1):
@@ -79,7 +81,7 @@ class FishVectorEnv(VectorEnv):
         self.control_interval = float(fish.control_interval if control_interval is None else control_interval)
         self._substeps = whole_steps(self.control_interval, self.tank.dt, "control_interval")
         try:
-            self.task = TASKS[task](**task_options)
+            self.task = self.tasks[task](**task_options)
         except TypeError as error:
             raise ValueError(f"unknown option of the environment or of task {task!r}: {error}") from error
         self.num_envs = self.tank.num_fish
