@@ -12,7 +12,7 @@ class TrainConfig:
     env_id: str
     env_options: dict[str, Any] = field(default_factory=dict)
     """Keywords of the environment."""
-    timesteps: int = 1_600_000
+    timesteps: int = 2_000_000
     """Decisions to train for, all fish together."""
     num_envs: int = 256
     """Fish trained side by side."""

@@ -29,7 +29,7 @@ class SwimTask:
         "heading": "the commanded heading, rad",
     }
 
-    def __init__(self, heading_error: float = 0.25):
+    def __init__(self, heading_error: float = 0.5):
         if not (np.isscalar(heading_error) and 0 <= heading_error <= np.pi):
             raise ValueError(f"heading_error is {heading_error!r}; give an angle from 0 to pi, in radians")
         self.heading_error = float(heading_error)
