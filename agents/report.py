@@ -28,13 +28,13 @@ def report(folder: Path, task: str, config: TrainConfig, seed: int) -> None:
     }
     scores = {name: evaluate(controller, env) for name, controller in controllers.items()}
     rows = [table_row(name, s) for name, s in scores.items()]
-    ratio = rows[2]["speed"] / rows[1]["own_speed"]
-    results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "ratio": ratio, "rows": rows}
+    ratios = [rows[2]["speed"] / rows[1][speed] for speed in ("speed", "own_speed")]
+    results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "ratios": ratios, "rows": rows}
     (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
     draw_curve(folder / "curve.csv", folder / "curve.png", rows[1]["own_speed"])
     draw_path(config, {name: controllers[name] for name in list(controllers)[1:]}, folder / "path.png")
     record_video(config, controllers["trained policy"], folder / "swim.mp4")
-    print_table(rows, ratio)
+    print_table(rows, ratios)
     print(f"\nKept in {folder}: model.zip, policy.npz, config.json, results.json, curve.png, path.png, swim.mp4")
     print(f"See it swim: python train.py play {folder / 'policy.npz'}")
 
@@ -57,15 +57,16 @@ def table_row(name: str, scores: Scores) -> dict:
     }
 
 
-def print_table(rows, ratio=None) -> None:
+def print_table(rows, ratios=None) -> None:
     """Speeds in body lengths per second, over the fixed evaluation episodes."""
     print(f"\nMean over {EPISODES} episodes, speeds in body lengths per second:")
     print(f"{'':22}{'along heading':>14}{'slowest':>9}{'own line':>10}{'return':>8}{'failures':>10}")
     for row in rows:
         print(f"{row['controller']:22}{row['speed']:14.3f}{row['lowest']:9.3f}{row['own_speed']:10.3f}"
               f"{row['return']:8.2f}{row['failures']:10d}")  # fmt: skip
-    if ratio is not None:
-        print(f"The policy swims at {ratio:.2f} times the gait's speed along the gait's own line.")
+    if ratios is not None:
+        print("The policy swims at {:.2f} times the gait's speed along the heading; at {:.2f} times what the gait, "
+              "which cannot steer, makes along its own line.".format(*ratios))  # fmt: skip
 
 
 def draw_curve(data: Path, picture: Path, gait_speed: float) -> None:

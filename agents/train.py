@@ -107,7 +107,7 @@ def _write_config(folder: Path, task: str, config: TrainConfig, seed: int) -> No
         "task": task,
         "seed": seed,
         "config": asdict(config),
-        "command": " ".join(["python", *sys.argv]),
+        "command": f"python train.py {task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}",
         "versions": {name: version(name) for name in PACKAGES} | {"python": sys.version.split()[0]},
         "threads": {"torch": torch.get_num_threads(), "processors": os.cpu_count()},
     }

@@ -173,8 +173,8 @@ def test_arguments():
     env = FishVectorEnv(1)
     assert stated["dt"][1].endswith(f"own, {env.tank.dt:g}")
     assert stated["control_interval"][1].endswith(f"own, {env.control_interval:g}")
-    water = {name: p.default for name, p in inspect.signature(fish_env.make_water).parameters.items()}
-    assert "still water, {density:g} kg/m³, drag coefficient {drag_coefficient}, {law} law".format(**water) in SWIM
+    coefficient = fish_env.make_fish().water.quadratic / 500.0
+    assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, quadratic law" in SWIM
 
 
 def test_reset_options_and_failures():
