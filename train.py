@@ -30,6 +30,8 @@ def parse() -> argparse.Namespace:
         command.add_argument("--torch-threads", type=int, default=1, help="more is often slower (default 1)")
     command = commands.add_parser("evaluate", help="measure a policy on fixed seeds")
     command.add_argument("policy", type=Path)
+    command.add_argument("--integrator", help="measure under another integrator than the one it was trained with")
+    command.add_argument("--dt", type=float, help="and with another step, s")
     command = commands.add_parser("play", help="watch a policy")
     command.add_argument("policy", type=Path)
     command.add_argument("--seed", type=int, default=0)
@@ -47,7 +49,7 @@ def main() -> int:
         if arguments.command == "evaluate":
             from agents.report import evaluate_file
 
-            evaluate_file(arguments.policy)
+            evaluate_file(arguments.policy, integrator=arguments.integrator, dt=arguments.dt)
         elif arguments.command == "play":
             from agents.play import play
 

@@ -28,7 +28,7 @@ def report(folder: Path, task: str, config: TrainConfig, seed: int) -> None:
     }
     scores = {name: evaluate(controller, env) for name, controller in controllers.items()}
     rows = [table_row(name, s) for name, s in scores.items()]
-    ratios = [rows[2]["speed"] / rows[1][speed] for speed in ("speed", "own_speed")]
+    ratios = speed_ratios(rows)
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "ratios": ratios, "rows": rows}
     (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
     draw_curve(folder / "curve.csv", folder / "curve.png", rows[1]["own_speed"])
@@ -55,6 +55,11 @@ def table_row(name: str, scores: Scores) -> dict:
         "return": round(float(scores.total.mean()), 4),
         "failures": scores.failures,
     }
+
+
+def speed_ratios(rows) -> list[float]:
+    """Speed of the last row over that of the one before: along the heading, and along the other one's own line."""
+    return [rows[-1]["speed"] / rows[-2][speed] for speed in ("speed", "own_speed")]
 
 
 def print_table(rows, ratios=None) -> None:
@@ -140,9 +145,11 @@ def _pyplot():
     return pyplot
 
 
-def evaluate_file(path: Path) -> None:
-    """Measure a policy file on the fixed seeds and print the table."""
+def evaluate_file(path: Path, **options) -> None:
+    """Measure a policy file on the fixed seeds beside the open-loop gait; options of the environment may differ."""
     policy = load_policy(path)
-    env = make_eval_env(policy.about["env_id"], EPISODES, policy.about["env_options"])
-    s = evaluate(policy_controller(policy), env)
-    print_table([table_row(path.parent.name, s)])
+    changes = {name: value for name, value in options.items() if value is not None}
+    env = make_eval_env(policy.about["env_id"], EPISODES, dict(policy.about["env_options"]) | changes)
+    controllers = {"best open-loop gait": gait_controller(best_gait(), env), "policy": policy_controller(policy)}
+    rows = [table_row(name, evaluate(controller, env)) for name, controller in controllers.items()]
+    print_table(rows, speed_ratios(rows))
