@@ -11,10 +11,14 @@ nearly the largest step; how far speed and sweep are from the trout's at its thr
 the steps a beat costs, since stiffness is what makes a fish swim and what makes it dear.
 """
 
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
+
 import argparse
 import json
 import multiprocessing
-import sys
 from dataclasses import dataclass
 
 import numpy as np

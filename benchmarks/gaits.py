@@ -54,7 +54,7 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator="semi_implici
                 centre.append(mass @ tank.position[0])
                 tail.append(tank.position[0, fish.tail].mean(axis=0))
                 measure(
-                    fish.body.mass, fish.front, fish.rear, fish.left, fish.right, tank.position, tank.velocity, pose
+                    fish.body.mass, fish.front, fish.rear, fish.left, fish.right, tank.position, tank.velocity, *pose
                 )
                 up.append(pose.axes[0, 2].copy())
         if not tank.alive[0]:

@@ -3,7 +3,10 @@
 python -m benchmarks.pictures       writes docs/images/swim.png
 """
 
+import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
 
 import numpy as np
 

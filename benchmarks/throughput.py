@@ -5,10 +5,14 @@
 Run it pinned to one core and on a quiet machine. Ratios are taken from runs that alternate within one process.
 """
 
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
+
 import argparse
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from statistics import median

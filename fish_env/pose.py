@@ -25,8 +25,8 @@ def make_pose(num_fish: int) -> Pose:
 
 
 @njit
-def measure(mass, front, rear, left, right, x, v, pose):
-    """Fill the pose from positions and velocities x, v (B,N,3).
+def measure(mass, front, rear, left, right, x, v, centre, velocity, axes):
+    """Fill the three arrays of a `Pose` from positions and velocities x, v (B,N,3).
 
     Forward runs from the mean of the nodes `rear` to the mean of the nodes `front`; left is the mean of the
     differences from `right` to `left`, made orthogonal to it; up is their cross product (docs/physics.md, eq. 18).
@@ -36,21 +36,21 @@ def measure(mass, front, rear, left, right, x, v, pose):
         total += mass[i]
     for b in range(x.shape[0]):
         for k in range(3):
-            centre, velocity, ahead, aside = 0.0, 0.0, 0.0, 0.0
+            middle, drift, ahead, aside = 0.0, 0.0, 0.0, 0.0
             for i in range(mass.size):
-                centre += mass[i] * x[b, i, k]
-                velocity += mass[i] * v[b, i, k]
+                middle += mass[i] * x[b, i, k]
+                drift += mass[i] * v[b, i, k]
             for i in front:
                 ahead += x[b, i, k] / front.size
             for i in rear:
                 ahead -= x[b, i, k] / rear.size
             for i in range(left.size):
                 aside += x[b, left[i], k] - x[b, right[i], k]
-            pose.centre[b, k] = centre / total
-            pose.velocity[b, k] = velocity / total
-            pose.axes[b, 0, k] = ahead
-            pose.axes[b, 1, k] = aside
-        f, s, u = pose.axes[b, 0], pose.axes[b, 1], pose.axes[b, 2]
+            centre[b, k] = middle / total
+            velocity[b, k] = drift / total
+            axes[b, 0, k] = ahead
+            axes[b, 1, k] = aside
+        f, s, u = axes[b, 0], axes[b, 1], axes[b, 2]
         normalise(f)
         along = s[0] * f[0] + s[1] * f[1] + s[2] * f[2]
         for k in range(3):

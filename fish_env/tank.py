@@ -139,7 +139,7 @@ class Tank:
         """`swim` without the checks: contraction (B,M) in [0, 1], steps of dt."""
         duration = steps * self.dt
         fastest = duration / self.fish.contraction_time
-        command(self.fish.muscles, self.natural, self.span, contraction, fastest, duration, self.control, self.effort)
+        command(self.fish.muscles, self.natural, self.span, contraction, fastest, duration, *self.control, self.effort)
         self._run(steps)
 
     def _run(self, steps: int) -> None:
@@ -203,7 +203,7 @@ class Tank:
 
 
 @njit
-def command(muscles, natural, span, contraction, fastest, duration, control, effort):
+def command(muscles, natural, span, contraction, fastest, duration, rest_length, rate, effort):
     """Set the rates at which the muscles' rest lengths move: to a contraction (B,M), or as far as they can get.
 
     `fastest` is the largest change of contraction in the `duration` (s). effort (B,) is overwritten.
@@ -211,10 +211,10 @@ def command(muscles, natural, span, contraction, fastest, duration, control, eff
     for b in range(contraction.shape[0]):
         squares = 0.0
         for m in range(muscles.size):
-            wanted = natural[m] - contraction[b, m] * span[m] - control.rest_length[b, muscles[m]]
+            wanted = natural[m] - contraction[b, m] * span[m] - rest_length[b, muscles[m]]
             limit = fastest * span[m]
             change = min(max(wanted, -limit), limit)
-            control.rate[b, muscles[m]] = change / duration
+            rate[b, muscles[m]] = change / duration
             squares += (change / limit) ** 2
         effort[b] = squares / muscles.size
 

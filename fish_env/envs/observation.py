@@ -22,16 +22,17 @@ def table(fish, task) -> list[tuple[str, str, float]]:
 
 
 @njit
-def observe(x, v, pose, length, rest_length, muscles, natural, span, vectors, vector_limit, out):
+def observe(x, v, centres, frames, length, rest_length, muscles, natural, span, vectors, vector_limit, out):
     """Fill out (B,D) float32 in the order of `table`.
 
-    From x, v (B,N,3), the pose, the rest lengths (B,E) with the muscles' numbers, natural length and span (M,), and the
-    task's vectors (B,K,3). Values beyond the bounds of the observation space are set to the bound.
+    From x, v (B,N,3), the poses' centres (B,3) and axes (B,3,3), the rest lengths (B,E) with the muscles' numbers,
+    natural length and span (M,), and the task's vectors (B,K,3). Values beyond the bounds of the observation space are
+    set to the bound.
     """
     nodes = x.shape[1]
     scale = 1.0 / length
     for b in range(x.shape[0]):
-        axes, centre = pose.axes[b], pose.centre[b]
+        axes, centre = frames[b], centres[b]
         for i in range(nodes):
             dx, dy, dz = x[b, i, 0] - centre[0], x[b, i, 1] - centre[1], x[b, i, 2] - centre[2]
             vx, vy, vz = v[b, i, 0], v[b, i, 1], v[b, i, 2]

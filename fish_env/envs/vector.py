@@ -167,7 +167,7 @@ class FishVectorEnv(VectorEnv):
         out = np.empty(self.observation_space.shape, dtype=np.float32)
         vectors = self.task.vectors(tank, self._pose)
         observation.observe(
-            tank.position, tank.velocity, self._pose, tank.fish.length,
+            tank.position, tank.velocity, self._pose.centre, self._pose.axes, tank.fish.length,
             tank.rest_length, tank.fish.muscles, tank.natural, tank.span,
             vectors, self.task.vector_limit, out,
         )  # fmt: skip
@@ -211,7 +211,7 @@ class FishVectorEnv(VectorEnv):
 
     def _measure(self) -> None:
         fish, tank = self.tank.fish, self.tank
-        measure(fish.body.mass, fish.front, fish.rear, fish.left, fish.right, tank.position, tank.velocity, self._pose)
+        measure(fish.body.mass, fish.front, fish.rear, fish.left, fish.right, tank.position, tank.velocity, *self._pose)
 
     # -- the Gymnasium vector interface -----------------------------------------------------------------------------
 
