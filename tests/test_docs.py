@@ -15,7 +15,7 @@ import pytest
 
 import fish_env
 from fish_env.body import FAILURES
-from fish_env.envs import FishVectorEnv, observation, vector
+from fish_env.envs import FishVectorEnv, episode, observation
 from fish_env.tasks import swim
 
 ROOT = Path(__file__).parent.parent
@@ -154,7 +154,7 @@ def test_rewards_and_start():
     """Weights of the reward and widths of the starting state."""
     env = FishVectorEnv(1)
     assert number(r"\*effort\*: \$`-([\d.]+)") == swim.EFFORT_WEIGHT
-    assert number(r"\*failure\*: -(\d+) ") == vector.FAILURE_PENALTY
+    assert number(r"\*failure\*: -(\d+) ") == episode.FAILURE_PENALTY
     assert number(r"standard deviation of ([\d.]+) body lengths/s") == swim.START_NOISE
     assert number(r"by at most\s+([\d.]+) rad") == env.task.heading_error
 
@@ -163,6 +163,7 @@ def test_arguments():
     """Every keyword of the environment and of the task, with its default; times and water as the fish has them."""
     stated = {name.strip("`"): (default.strip("`"), meaning) for name, default, meaning in rows("Arguments")}
     keywords = dict(list(inspect.signature(FishVectorEnv).parameters.items())[:-1])
+    keywords |= dict(list(inspect.signature(episode.Episodes).parameters.items())[:-1])
     keywords |= inspect.signature(swim.SwimTask).parameters
     assert set(stated) == set(keywords)
     for name, parameter in keywords.items():

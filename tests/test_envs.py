@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 import fish_env
-from fish_env.envs import FishVectorEnv, observation, vector
+from fish_env.envs import FishVectorEnv, episode, observation
 from fish_env.envs.sb3 import make_sb3_vec_env
 
 IDS = sorted(id for id in gym.registry if id.startswith("FishEnv/"))
@@ -268,7 +268,7 @@ def test_blown_up_fish_leaves_its_neighbours_alone(mode):
             assert np.isfinite(b[0]).all() and np.isfinite(b[1]).all()
         _, reward, terminated, truncated, infos = wild[3]
         assert terminated.tolist() == [False, False, True, False] and not truncated.any()
-        assert reward[2] < -vector.FAILURE_PENALTY + 1
+        assert reward[2] < -episode.FAILURE_PENALTY + 1
         failure = (infos["final_info"] if mode is AutoresetMode.SAME_STEP else infos)["failure"][2]
         assert failure.split(":")[0] in ("non-finite", "torn", "untrusted solve")
         assert not wild[5][2].any()
@@ -282,7 +282,7 @@ def test_single_failure():
     obs, reward, terminated, truncated, info = env.step(env.action_space.sample())
     assert terminated is True and truncated is False and info["failure"].startswith("non-finite")
     assert np.isfinite(obs).all() and np.isfinite(reward)
-    assert info["terms"]["failure"] == -vector.FAILURE_PENALTY
+    assert info["terms"]["failure"] == -episode.FAILURE_PENALTY
 
 
 def test_sb3_vec_env():
@@ -343,6 +343,8 @@ def test_clone_goes_on_alike(id, clone):
         ({"control_interval": 0.0201}, "whole multiple"),
         ({"water": {"law": "cubic"}}, "unknown water law 'cubic'"),
         ({"water": {"density": -1.0}}, "density is -1.0"),
+        ({"water": {"salt": 1.0}}, "give keywords of fish_env.make_water"),
+        ({"water": "deep"}, "give keywords of fish_env.make_water"),
         ({"muscle_groups": "all"}, "unknown muscle grouping 'all'"),
         ({"render_mode": "ascii"}, "unknown render_mode 'ascii'"),
         ({"heading_error": 9.0}, "heading_error is 9.0"),
@@ -369,6 +371,9 @@ def test_bad_use_is_refused():
             env.step(bad)
     with pytest.raises(ValueError, match="unknown reset option 'wind'"):
         env.reset(options={"wind": 1})
+    for yaw in (np.nan, "north", [1.0, 2.0]):
+        with pytest.raises(ValueError, match="yaw"):
+            env.reset(options={"yaw": yaw})
     with pytest.raises(ValueError, match="3 seeds were given for 2 fish"):
         env.reset(seed=[1, 2, 3])
     for mask in (np.zeros(2, dtype=bool), np.ones(3, dtype=bool), [True, True], np.ones(2)):

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from fish_env.body import finite_array
 from fish_env.tasks import rewards
 
 EFFORT_WEIGHT = 0.1  # body lengths a second, the price of moving every muscle at its fastest all the time
@@ -46,8 +45,8 @@ class SwimTask:
         for i, generator in zip(fish, generators, strict=True):
             yaw, error = generator.uniform(-1.0, 1.0, 2) * (np.pi, self.heading_error)
             noise = generator.normal(0.0, START_NOISE * length, body.position.shape)
-            yaw = float(finite_array(options.get("yaw", yaw), (), "options['yaw'] (rad)"))
-            heading = float(finite_array(options.get("heading", yaw + error), (), "options['heading'] (rad)"))
+            yaw = options.get("yaw", yaw)
+            heading = options.get("heading", yaw + error)
             c, s = np.cos(yaw), np.sin(yaw)
             tank.position[i] = (body.position - centre) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
             tank.velocity[i] = noise
