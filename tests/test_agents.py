@@ -1,6 +1,5 @@
 """Training, its files and its commands: a run can be trusted, and what is not a policy is refused."""
 
-import csv
 import json
 import subprocess
 import sys
@@ -132,8 +131,6 @@ def test_ctrl_c_keeps_what_was_learnt_and_resume_goes_on(tmp_path, monkeypatch, 
     printed = capsys.readouterr().out
     assert f"--resume {folder}" in printed and load_policy(folder / "policy.npz")
     assert training.train("swim", resume=folder) == folder
-    with (folder / "curve.csv").open() as file:
-        assert len(list(csv.DictReader(file))) >= 0
     model = training.PPO.load(folder / "model.zip", device="cpu")
     assert model.num_timesteps == 1024
 
