@@ -31,7 +31,7 @@ class Swum:
 NOISE = 0.05  # body lengths a second: node velocities at the start, so that an unstable gait has something to grow from
 
 
-def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator="semi_implicit", beats=14, measured=6,
+def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=14, measured=6,
          decisions=24, push=0.4, seed=0) -> Swum:  # fmt: skip
     """Swim `beats` beats with `decisions` control points a beat, and measure the last `measured`.
 

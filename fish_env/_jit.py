@@ -69,13 +69,19 @@ def cache_folder() -> str | None:
 _FOLDER = cache_folder()
 
 
-def njit(function):
+def njit(function, forceinline=False):
     """Compile `function` with numba: no Python objects, no GIL, numpy's division rules, cached by source hash."""
     previous = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _FOLDER or ""
     try:
         return numba.njit(
-            cache=_FOLDER is not None, nogil=True, fastmath=FASTMATH, error_model="numpy", boundscheck=False
-        )(function)
+            cache=_FOLDER is not None, nogil=True, fastmath=FASTMATH, error_model="numpy", boundscheck=False,
+            forceinline=forceinline,
+        )(function)  # fmt: skip
     finally:
         numba.config.CACHE_DIR = previous
+
+
+def njit_inline(function):
+    """As `njit`, and made part of every kernel that calls it: a call copies each array of a tuple it is handed."""
+    return njit(function, forceinline=True)

@@ -4,6 +4,7 @@ A body is data. Every array here enters the compiled kernels as it is; the funct
 check what they are given and say what is allowed.
 """
 
+from itertools import combinations
 from numbers import Real
 from typing import NamedTuple
 
@@ -36,7 +37,9 @@ class Body(NamedTuple):
     mass: np.ndarray  # (N,) kg
     springs: Springs
     faces: Faces
-    profile: ldlt.Profile  # skyline of the N x N system matrix
+    elastic_rate: float  # highest eigenvalue of M^-1 K at rest, 1/s2: the square of the highest frequency
+    viscous_rate: float  # highest eigenvalue of M^-1 D at rest, 1/s
+    profile: ldlt.Profile  # skyline of the system matrix: the nodes that a unit or a face joins
 
 
 class World(NamedTuple):
@@ -54,7 +57,7 @@ class State(NamedTuple):
     v: np.ndarray  # (B,N,3) m/s
     t: np.ndarray  # (B,) s
     failure: np.ndarray  # (B,) 0 while the body is sound, else an index into FAILURES
-    pivots: np.ndarray  # (B,) non-positive pivots met so far
+    counters: np.ndarray  # (B,4) work done and trouble met so far, a column for each of COUNTERS
 
 
 class Control(NamedTuple):
@@ -64,14 +67,18 @@ class Control(NamedTuple):
     rate: np.ndarray  # (B,E) m/s; zero after it
 
 
+COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivots")
+FORCES, FACTORISATIONS, SOLVES, PIVOTS = 0, 1, 2, 3
+
 STRETCH_LIMIT = 3.0  # a unit longer than this many natural lengths is taken as torn
 FAILURES = (
     "",
     "non-finite: a position or velocity is not a number or infinite",
     f"torn: a unit is stretched beyond {STRETCH_LIMIT:g} times its natural length",
     "untrusted solve: a pivot of the system matrix has lost nine digits or is not finite",
+    "no convergence: the adaptive method gave up",
 )
-NON_FINITE, TORN, UNTRUSTED_SOLVE = 1, 2, 3
+NON_FINITE, TORN, UNTRUSTED_SOLVE, NO_CONVERGENCE = 1, 2, 3, 4
 
 VACUUM = World(0.0, 0.0, np.zeros(3))
 
@@ -128,7 +135,9 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces) -> 
     if len(np.unique(np.sort(pairs, axis=1), axis=0)) != len(pairs):
         raise ValueError("two springs join the same pair of nodes; add their constants into one spring")
     count = len(pairs)
-    shape = ldlt.profile(pairs, n)
+    corners = node_array(faces, 4, n, "faces")
+    check_outward(position, corners)
+    shape = ldlt.profile(np.concatenate([pairs, *(corners[:, pair] for pair in combinations(range(4), 2))]), n)
     springs = Springs(
         pairs,
         positive_array(stiffness, (count,), "stiffness (N/m)", zero=True),
@@ -136,10 +145,24 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces) -> 
         positive_array(rest_length, (count,), "rest_length (m)"),
         ldlt.entries(shape, pairs),
     )
-    corners = node_array(faces, 4, n, "faces")
-    check_outward(position, corners)
     share = np.where(corners[:, 2:3] == corners[:, 3:4], [[1 / 3, 1 / 3, 1 / 6, 1 / 6]], 0.25)
-    return Body(position, mass, springs, Faces(corners, np.ascontiguousarray(share)), shape)
+    rates = [highest_rate(position, mass, pairs, constant) for constant in (springs.stiffness, springs.damping)]
+    return Body(position, mass, springs, Faces(corners, np.ascontiguousarray(share)), *rates, shape)
+
+
+def highest_rate(position, mass, pairs, constant) -> float:
+    """Highest eigenvalue of M^-1 K for units of the given stiffness (E,) along their directions at rest."""
+    n = len(mass)
+    matrix = np.zeros((n, 3, n, 3))
+    for (i, j), c in zip(pairs, constant, strict=True):
+        r = position[j] - position[i]
+        block = c * np.outer(r, r) / (r @ r)
+        matrix[i, :, i] += block
+        matrix[j, :, j] += block
+        matrix[i, :, j] -= block
+        matrix[j, :, i] -= block
+    root = np.repeat(mass, 3) ** -0.5
+    return float(np.linalg.eigvalsh(matrix.reshape(3 * n, 3 * n) * np.outer(root, root))[-1])
 
 
 def check_outward(position, corners) -> None:

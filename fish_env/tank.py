@@ -1,5 +1,6 @@
 """Tank: B fish of one kind in water. The one stateful simulation class."""
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -9,8 +10,8 @@ import numpy as np
 
 from fish_env._jit import njit
 from fish_env.bodies.fish import Fish
-from fish_env.body import FAILURES, VACUUM, Control, State, World, finite_array, positive_array
-from fish_env.integrators import INTEGRATORS
+from fish_env.body import COUNTERS, FAILURES, VACUUM, Control, State, World, finite_array, positive_array
+from fish_env.integrators import INTEGRATORS, Integrator
 
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
@@ -21,8 +22,9 @@ class Tank:
     Args:
         fish: what swims (`make_fish`).
         num_fish: B, at least 1.
-        integrator: a key of `INTEGRATORS`.
-        dt: integrator step, s; None takes the fish's own `time_step`.
+        integrator: a key of `INTEGRATORS`; None takes the fish's own.
+        dt: integrator step, s; None takes the fish's `time_step` for its own integrator, and for another the longest
+            that divides the control interval and is at most half of what the method bears at rest (`own_step`).
         water: `make_water(...)`, or None for vacuum.
         threads: over how many threads the fish are shared out; None takes the processors this process may use.
             Results do not depend on it.
@@ -31,13 +33,14 @@ class Tank:
         ValueError: for an unknown integrator, `num_fish` or `threads` below 1, or a step that is not positive.
     """
 
-    def __init__(self, fish: Fish, num_fish=1, integrator="semi_implicit", dt=None, water: World | None = None,
-                 threads: int | None = None):  # fmt: skip
+    def __init__(self, fish: Fish, num_fish=1, integrator: str | None = None, dt: float | None = None,
+                 water: World | None = None, threads: int | None = None):  # fmt: skip
         if not isinstance(fish, Fish):
             raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
+        integrator = fish.integrator if integrator is None else integrator
         if not isinstance(integrator, str) or integrator not in INTEGRATORS:
             raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
-        dt = fish.time_step if dt is None else dt
+        dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
         if not (isinstance(dt, Real) and np.isfinite(dt) and dt > 0):
             raise ValueError(f"dt is {dt!r}; give a positive number of seconds (this fish's own is {fish.time_step})")
         for name, value in (("num_fish", num_fish), ("threads", 1 if threads is None else threads)):
@@ -55,7 +58,7 @@ class Tank:
             np.zeros((b, body.mass.size, 3)),
             np.zeros(b),
             np.zeros(b, dtype=np.int64),
-            np.zeros(b, dtype=np.int64),
+            np.zeros((b, len(COUNTERS)), dtype=np.int64),
         )
         springs = body.springs.rest_length
         self.control = Control(np.repeat(springs[None], b, axis=0), np.zeros((b, springs.size)))
@@ -102,6 +105,11 @@ class Tank:
         return np.array(FAILURES, dtype=object)[self.state.failure]
 
     @property
+    def counters(self) -> dict[str, np.ndarray]:
+        """What each fish has cost since its reset, (B,) a name of COUNTERS: live."""
+        return dict(zip(COUNTERS, self.state.counters.T, strict=True))
+
+    @property
     def contraction(self) -> np.ndarray:
         """Contraction of each muscle's rest length, (B,M): 0 natural, 1 full."""
         return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
@@ -137,10 +145,13 @@ class Tank:
 
     def drive(self, contraction: np.ndarray, steps: int) -> None:
         """`swim` without the checks: contraction (B,M) in [0, 1], steps of dt."""
-        duration = steps * self.dt
+        self.command(contraction, steps * self.dt)
+        self._run(steps)
+
+    def command(self, contraction: np.ndarray, duration: float) -> None:
+        """Set the muscles' rest lengths out for a contraction (B,M) in [0, 1] within `duration` s, without moving."""
         fastest = duration / self.fish.contraction_time
         command(self.fish.muscles, self.natural, self.span, contraction, fastest, duration, *self.control, self.effort)
-        self._run(steps)
 
     def _run(self, steps: int) -> None:
         if self._chunks == 1:
@@ -181,7 +192,7 @@ class Tank:
             self._pool = None
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that decides what happens next, as copies: x, v, t, failure, pivots, rest_length."""
+        """Everything that decides what happens next, as copies: x, v, t, failure, counters, rest_length."""
         named = self.state._asdict() | {"rest_length": self.control.rest_length}
         return {name: array.copy() for name, array in named.items()}
 
@@ -198,6 +209,8 @@ class Tank:
         positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
         if not np.isin(checked["failure"], range(len(FAILURES))).all():
             raise ValueError(f"failure is {checked['failure']}; give whole numbers from 0 to {len(FAILURES) - 1}")
+        if not (np.equal(np.floor(checked["counters"]), checked["counters"]) & (checked["counters"] >= 0)).all():
+            raise ValueError(f"counters are {checked['counters']}; give whole numbers, zero or more")
         for name, array in target.items():
             array[...] = checked[name]
 
@@ -217,6 +230,23 @@ def command(muscles, natural, span, contraction, fastest, duration, rest_length,
             rate[b, muscles[m]] = change / duration
             squares += (change / limit) ** 2
         effort[b] = squares / muscles.size
+
+
+def own_step(fish: Fish, integrator: Integrator) -> float:
+    """The step a fish is moved with if none is given, s.
+
+    Raises:
+        ValueError: for a method that has no stable step on this body.
+    """
+    if integrator.name == fish.integrator:
+        return fish.time_step
+    limit = integrator.limit(fish.body)
+    if not limit > 0:
+        others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.limit(fish.body) > 0)
+        raise ValueError(
+            f"{integrator.name!r} has no stable step on {fish.name!r}, whose units are not damped; choose from {others}"
+        )
+    return fish.control_interval / max(1, math.ceil(2.0 * fish.control_interval / limit))
 
 
 def available_processors() -> int:

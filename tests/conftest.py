@@ -1,5 +1,10 @@
 """Settings shared by all tests: hypothesis without time limits, so that a busy machine fails nothing."""
 
+import os
+
+# before numpy is loaded: small matrices gain nothing from its threads, which on a busy machine take far longer
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from hypothesis import settings
 
 settings.register_profile("fish_env", deadline=None, max_examples=50, print_blob=True)

@@ -89,6 +89,143 @@ def test_elastic_force_is_minus_gradient_of_energy(name):
     close(kernel(springs.add_force, body, rest, x, v), -gradient, 1e-9)
 
 
+# Derivatives
+
+
+def dense(shape, a):
+    """The symmetric matrix (3N,3N) whose blocks are stored in a (S,3,3); above the diagonal nothing is read."""
+    nodes = len(shape.first)
+    matrix = np.zeros((3 * nodes, 3 * nodes))
+    for i in range(nodes):
+        for j in range(shape.first[i], i + 1):
+            matrix[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = a[shape.start[i] + j - shape.first[i]]
+    return np.tril(matrix) + np.tril(matrix, -1).T
+
+
+def system(fish, world, rest, x, v, h, lowest, wet):
+    """The matrix h D + h^2 K (3N,3N), as the linearly implicit methods assemble it."""
+    body = fish.body
+    a = np.empty((body.profile.start[-1], 3, 3))
+    forces.system(body, world, rest, x, v, h, lowest, wet, a)
+    return dense(body.profile, a) - np.diag(np.repeat(body.mass, 3))
+
+
+def jacobian(fish, world, rest, x, v):
+    """-df/dx and -df/dv (3N,3N) of all forces."""
+    stiffness, damping = np.full((69, 69), np.nan), np.full((69, 69), np.nan)
+    forces.jacobian(fish.body, world, rest, x, v, stiffness, damping)
+    return stiffness, damping
+
+
+@pytest.mark.parametrize("part", ["springs", "water", "total"])
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("seed", range(2))
+def test_derivatives(part, law, name, seed):
+    """The exact derivatives are the differences of the textbook forces, of units and water alone and of both."""
+    fish, rng = FISH[name], np.random.default_rng(seed)
+    x, v = naive.random_state(fish, rng)
+    rest = fish.body.springs.rest_length * rng.uniform(0.7, 1.3, 91)
+    world = VACUUM if part == "springs" else world_of(fish, law)
+    body = fish.body
+    if part == "water":
+        body = body._replace(springs=body.springs._replace(stiffness=np.zeros(91), damping=np.zeros(91)))
+    stiffness, damping = np.full((69, 69), np.nan), np.full((69, 69), np.nan)
+    forces.jacobian(body, world, rest, x, v, stiffness, damping)
+    force = {
+        "springs": lambda x, v: naive.spring_force(body.springs, rest, x, v),
+        "water": lambda x, v: naive.water_force(body.faces, world, x, v),
+        "total": lambda x, v: naive.total_force(body, world, rest, x, v),
+    }[part]
+    wanted = naive.derivatives(force, x, v, 1e-5 * fish.length, 1e-5 * np.abs(v).max())
+    close(stiffness, wanted[0], 1e-6)
+    close(damping, wanted[1], 1e-6)
+    assert part == "springs" or np.abs(stiffness - stiffness.T).max() > 1e-3 * np.abs(stiffness).max()
+
+
+def test_inward_faces_have_no_derivative():
+    """A face that moves inward changes nothing in the forces around it."""
+    outward = make_body(SQUARE, np.ones(4), [], [], [], [], [(0, 1, 2, 3)])
+    world, v = make_water(), np.zeros((4, 3))
+    for speed, found in ((1.0, True), (-1.0, False)):
+        v[:, 2] = speed
+        stiffness, damping = np.full((12, 12), np.nan), np.full((12, 12), np.nan)
+        forces.jacobian(outward, world, np.zeros(0), SQUARE, v, stiffness, damping)
+        assert (stiffness.any(), damping.any()) == (found, found)
+
+
+@given(seeds, bodies)
+def test_system_is_the_symmetric_part(seed, name):
+    """The assembled h D + h^2 K is that of the exact derivatives of the units, less what turns with the velocities.
+
+    Of the stiffness that is k n (P u)^T/|r|: nothing where nothing moves or nothing is damped.
+    """
+    fish, rng, h = FISH[name], np.random.default_rng(seed), 0.37
+    x, v = naive.random_state(fish, rng)
+    rest = fish.body.springs.rest_length * rng.uniform(0.7, 1.3, 91)
+    still = np.zeros_like(v)
+    stiffness, damping = jacobian(fish, VACUUM, rest, x, still)
+    close(damping, damping.T)
+    close(stiffness, stiffness.T)
+    close(system(fish, VACUUM, rest, x, still, h, -np.inf, False), h * damping + h**2 * stiffness)
+    moving, damping = jacobian(fish, VACUUM, rest, x, v)
+    turning = np.zeros((23, 3, 23, 3))
+    for (i, j), k in zip(fish.body.springs.nodes, fish.body.springs.damping, strict=True):
+        r, u = x[j] - x[i], v[j] - v[i]
+        n = r / np.linalg.norm(r)
+        term = k * np.outer(n, u - n * (n @ u)) / np.linalg.norm(r)
+        for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            turning[p, :, q] += sign * term
+    close(system(fish, VACUUM, rest, x, v, h, -np.inf, False), h * damping + h**2 * (moving - turning.reshape(69, 69)))
+
+
+@given(seeds, bodies, st.sampled_from(LAWS))
+def test_assembled_matrices_equal_their_twins(seed, name, law):
+    """K and D of every linearly implicit method, projected or not, with and without the water, as the textbook's."""
+    fish, rng, h = FISH[name], np.random.default_rng(seed), 0.37
+    x, v = naive.random_state(fish, rng)
+    rest, world = fish.body.springs.rest_length * rng.uniform(0.7, 1.3, 91), world_of(fish, law)
+    for projected, wet in ((False, False), (True, False), (False, True)):
+        stiffness, damping = naive.implicit_matrices(fish.body, world, rest, x, v, projected, wet)
+        found = system(fish, world, rest, x, v, h, 0.0 if projected else -np.inf, wet)
+        close(found, h * damping + h**2 * stiffness)
+        y, pull = rng.normal(size=(23, 3)), np.zeros((23, 3))
+        springs.add_stiffness_force(fish.body, rest, x, v, y, h, 0.0 if projected else -np.inf, pull)
+        close(pull.ravel(), -h * stiffness @ y.ravel())
+
+
+@given(seeds, bodies, st.sampled_from(LAWS))
+def test_semi_definite(seed, name, law):
+    """Projected, K of a compressed fish has no negative eigenvalue, and as it is, it has; the water adds none to D."""
+    fish, rng = FISH[name], np.random.default_rng(seed)
+    x, v = naive.random_state(fish, rng)
+    body = fish.body
+    undamped = FISH[name].body._replace(springs=body.springs._replace(damping=np.zeros(91)))
+    rest, a = 1.3 * body.springs.rest_length, np.empty((body.profile.start[-1], 3, 3))
+    lowest = {}
+    for floor in (-np.inf, 0.0):
+        a[:] = 0.0
+        springs.add_system(undamped, rest, x, v, 1.0, floor, a)
+        values = np.linalg.eigvalsh(dense(body.profile, a))
+        lowest[floor] = values[0] / values[-1]
+    assert lowest[-np.inf] < -1e-6 and lowest[0.0] > -1e-13
+    a[:] = 0.0
+    water.add_system(body, world_of(fish, law), x, v, 1.0, a)
+    values = np.linalg.eigvalsh(dense(body.profile, a))
+    assert values[0] > -1e-13 * values[-1] and values[-1] > 0
+
+
+def test_damping_of_the_water_is_part_of_its_derivative():
+    """The water's part of D is what a push along a face's normal changes along it; square to the flow, it is all."""
+    world, v = make_water(), np.tile([0.0, 0.0, 0.7], (4, 1))
+    body = make_body(SQUARE, np.ones(4), [], [], [], [], [(0, 1, 2, 3)])
+    a = np.zeros((body.profile.start[-1], 3, 3))
+    water.add_system(body, world, SQUARE, v, 1.0, a)
+    stiffness, damping = np.empty((12, 12)), np.empty((12, 12))
+    forces.jacobian(body, world, np.zeros(0), SQUARE, v, stiffness, damping)
+    close(dense(body.profile, a), damping)
+
+
 @given(seeds, bodies)
 def test_internal_forces_have_no_force_and_no_torque(seed, name):
     """Elastic and viscous forces sum to zero force and zero torque: they can neither push nor turn the whole body."""

@@ -49,6 +49,92 @@ def solve(shape, matrix, b):
         return x, lower, 1.0 / inverse_pivot, negative, trusted
 
 
+def blocks(shape, matrix):
+    """The stored blocks (S,3,3) of a dense matrix of order 3N; what stands above the diagonal is NaN."""
+    rows = [(i, j) for i, first in enumerate(shape.first) for j in range(first, i + 1)]
+    stored = np.array([matrix[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] for i, j in rows])
+    stored[shape.diagonal] += np.triu(np.full((3, 3), np.nan), 1)
+    return stored
+
+
+def wide(shape):
+    """The scalar profile of order 3N of the blocks of `shape`."""
+    first = [(3 * i + k, 3 * int(first)) for i, first in enumerate(shape.first) for k in range(3)]
+    return ldlt.profile(first, 3 * len(shape.first))
+
+
+@st.composite
+def block_systems(draw, definite):
+    """A symmetric matrix of order 3N built as L D L^T with a random skyline of 3 x 3 blocks, its profile, and b (N,3).
+
+    Made as `systems` are.
+    """
+    order = draw(st.integers(1, 8))
+    shape = ldlt.profile([(i, draw(st.integers(0, i))) for i in range(order)], order)
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    lower = np.eye(3 * order)
+    for i, first in enumerate(wide(shape).first):
+        lower[i, first:i] = rng.uniform(-1, 1, i - first)
+    pivots = rng.uniform(0.5, 2.0, 3 * order) * (1.0 if definite else rng.choice([-1.0, 1.0], 3 * order))
+    return shape, lower @ np.diag(pivots) @ lower.T, rng.normal(size=(order, 3))
+
+
+def factor(shape, matrix):
+    """Factored blocks, 1/D (N,3), non-positive pivots and trust, from the kernel."""
+    a, order = blocks(shape, matrix), len(shape.first)
+    inverse_pivot = np.empty((order, 3))
+    negative, trusted = ldlt.factor(shape, a, inverse_pivot, np.empty((order, 3, 3)))
+    return a, inverse_pivot, negative, trusted
+
+
+@pytest.mark.parametrize("definite", [True, False])
+@given(data=st.data())
+def test_blocks(definite, data):
+    """The factors of 3 x 3 blocks are those of the same matrix entry by entry; the solution solves it; scipy agrees."""
+    shape, matrix, b = data.draw(block_systems(definite))
+    order = len(matrix)
+    a, inverse_pivot, negative, trusted = factor(shape, matrix)
+    x = b.copy()
+    ldlt.solve(shape, a, inverse_pivot, x)
+    _, lower, pivots, *_ = solve(wide(shape), matrix, np.zeros((order, 3)))
+    assert trusted
+    size = np.abs(lower) @ np.diag(np.abs(pivots)) @ np.abs(lower).T
+    allowed = 20 * order * EPSILON * np.abs(np.linalg.inv(matrix)) @ (size @ np.abs(x).ravel() + np.abs(b).ravel())
+    assert np.all(np.abs(x.ravel() - scipy.linalg.solve(matrix, b.ravel())) <= allowed)
+    assert np.all(
+        np.abs(matrix @ x.ravel() - b.ravel())
+        <= 8 * (order + 3) * EPSILON * (size @ np.abs(x).ravel() + np.abs(b).ravel())
+    )
+    assert negative == np.count_nonzero(scipy.linalg.eigvalsh(matrix) < 0)
+    found = np.eye(order)
+    stored = iter(a)
+    for i, first in enumerate(shape.first):
+        for j in range(first, i + 1):
+            block = next(stored)
+            found[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block if i > j else np.tril(block, -1) + np.eye(3)
+    rebuilt = found @ np.diag(1.0 / inverse_pivot.ravel()) @ found.T
+    assert np.all(np.abs(rebuilt - matrix) <= 4 * (order + 3) * EPSILON * size)
+    again = 2.0 * b  # a second right-hand side, with the same factors
+    ldlt.solve(shape, a, inverse_pivot, again)
+    np.testing.assert_array_equal(again, 2.0 * x)
+
+
+@pytest.mark.parametrize("place", range(6))
+@pytest.mark.parametrize("value", [0.0, float("nan"), float("inf"), "lost"])
+def test_untrusted_blocks(place, value):
+    """A pivot that vanishes, is not finite or has lost twelve digits is found in every row of a node."""
+    shape = ldlt.profile([(1, 0)], 2)
+    matrix = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    assert factor(shape, matrix)[-1]
+    if value == "lost":  # to the next row; after the last comes the first
+        low, high = sorted((place, (place + 1) % 6))
+        matrix[low, low] = matrix[low, high] = matrix[high, low] = 1.0
+        matrix[high, high] = 1.0 + 1e-12
+    else:
+        matrix[place, place] = value
+    assert not factor(shape, matrix)[-1]
+
+
 @pytest.mark.parametrize("definite", [True, False])
 @given(data=st.data())
 def test_factors_and_solution(definite, data):

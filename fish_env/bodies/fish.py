@@ -26,7 +26,7 @@ class Fish:
     contraction_time: float
     """Shortest time from natural length to full contraction, s."""
     time_step: float
-    """Default integrator step, s."""
+    """Step of its own integrator, s."""
     control_interval: float
     """Default time between two decisions, s."""
     water: World
@@ -43,6 +43,8 @@ class Fish:
     right: np.ndarray
     mirror: np.ndarray
     """(N,) the node that each node becomes when left and right are exchanged."""
+    integrator: str = "leapfrog_chebyshev"
+    """The method it is moved with unless told otherwise: a key of INTEGRATORS."""
 
     def __post_init__(self):
         for name in ("length", "contraction_time", "time_step", "control_interval"):

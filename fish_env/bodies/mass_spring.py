@@ -99,7 +99,7 @@ class MassSpringParameters:
     contraction_time: float
     """Shortest time from natural length to full contraction, s."""
     time_step: float
-    """Default integrator step, s."""
+    """Step of the default integrator, s."""
     control_interval: float
     """Default time between two decisions, s."""
 
@@ -188,12 +188,12 @@ def make_mass_spring(**parameters) -> Fish:
     )
 
 
-def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.055) -> Fish:
+def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.0275) -> Fish:
     """The fish with the published masses (107.03 in all), stiffness 38, 28, 30 and viscosity 0.1, in graphics units.
 
     Dimensions and contracted length were never printed; these are a re-implementation's
     (vanish87/UnityFishSimulation, 2020), as is `contraction_time`, its fastest half beat. The water is linear, as the
-    published one, and thick enough for the published step to survive hard jerks. See docs/physics.md.
+    published one, and thick enough for the published step, 0.055, to survive hard jerks. See docs/physics.md.
     """
     position = np.zeros((23, 3))
     for layer, x, half in zip(LAYERS[1:6], (5, 10, 15, 20, 22), (2, 3, 2, 1, 0.8), strict=True):
@@ -208,7 +208,7 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
     body = make_body(position, mass, pairs, np.array([38.0, 28.0, 30.0])[classes], np.full(91, 0.1), natural, faces)
     contracted = finite_array(contracted, (3,), "contracted")
     water = make_water(law="linear", drag_coefficient=3.0)
-    return _fish("published", body, water, 26.0, contracted, contraction_time, time_step, 4 * time_step)
+    return _fish("published", body, water, 26.0, contracted, contraction_time, time_step, 8 * time_step)
 
 
 def _fish(name, body, water, length, contracted, contraction_time, time_step, control_interval) -> Fish:

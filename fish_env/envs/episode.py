@@ -32,7 +32,7 @@ class Episodes:
         *,
         task: str = "swim",
         body: str | Fish = "mass_spring",
-        integrator: str = "semi_implicit",
+        integrator: str | None = None,
         dt: float | None = None,
         control_interval: float | None = None,
         water: Mapping[str, Any] | World | None = None,

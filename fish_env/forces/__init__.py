@@ -1,6 +1,6 @@
-"""The force on every node: the sum over the force modules, a line each."""
+"""The force on every node and its derivatives: sums over the force modules, a line each."""
 
-from fish_env._jit import njit
+from fish_env._jit import INDEX, njit
 from fish_env.forces import springs, water
 
 
@@ -16,3 +16,28 @@ def external(body, world, x, v, f):
     """Sum of the forces from outside the body, which a semi-implicit method takes explicitly: f is overwritten."""
     f[:] = 0.0
     water.add_force(body, world, x, v, f)
+
+
+@njit
+def jacobian(body, world, rest_length, x, v, stiffness, damping):
+    """Exact derivatives of `total`: stiffness -df/dx (3N,3N) N/m and damping -df/dv (3N,3N) N s/m are overwritten."""
+    stiffness[:] = 0.0
+    damping[:] = 0.0
+    water.add_jacobian(body, world, x, v, stiffness, damping)
+    springs.add_jacobian(body, rest_length, x, v, stiffness, damping)
+
+
+@njit
+def system(body, world, rest_length, x, v, h, lowest, wet, a):
+    """Matrix M + h D + h^2 K of a linearly implicit method: a (S,3,3) kg is overwritten.
+
+    Symmetric, a 3 x 3 block for each entry of the nodes' skyline. K and D are the units' (`springs.add_system`, for
+    `lowest` too); where `wet` is true, D is the water's as well (`water.add_system`).
+    """
+    a[:] = 0.0
+    for i in range(body.mass.size):
+        for k in range(3):
+            a[INDEX(body.profile.diagonal[i]), k, k] = body.mass[i]
+    if wet:
+        water.add_system(body, world, x, v, h, a)
+    springs.add_system(body, rest_length, x, v, h, lowest, a)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from fish_env._jit import njit
-from fish_env.body import NON_FINITE, STRETCH_LIMIT, TORN
+from fish_env.body import FACTORISATIONS, FORCES, NON_FINITE, SOLVES, STRETCH_LIMIT, TORN
 from fish_env.forces import springs
 
 
@@ -15,6 +15,14 @@ def rest_lengths(control, b, elapsed, out):
     start, rate = control.rest_length[b], control.rate[b]
     for e in range(out.size):
         out[e] = start[e] + elapsed * rate[e]  # (14)
+
+
+@njit
+def count(state, b, forces, factorisations, solves):
+    """Add what a call did to the counters of body b."""
+    state.counters[b, FORCES] += forces
+    state.counters[b, FACTORISATIONS] += factorisations
+    state.counters[b, SOLVES] += solves
 
 
 @njit

@@ -7,7 +7,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import njit
-from fish_env.integrators._common import rest_lengths, settle
+from fish_env.integrators._common import count, rest_lengths, settle
 
 TIME = (0.0, 0.5, 0.5, 1.0)  # when each stage is taken, in steps
 WEIGHT = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
@@ -54,4 +54,5 @@ def advance(body, world, state, control, h, n):
         before_v[:] = v
         for s in range(n):
             step(body, world, control, b, s * h, h, x, v, rest, f, sx, sv, kx, kv)
+        count(state, b, 4 * n, 0, 0)
         settle(body, state, control, b, before_x, before_v, 0, n * h)

@@ -11,9 +11,9 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import INDEX, njit
-from fish_env.body import UNTRUSTED_SOLVE
+from fish_env.body import PIVOTS, UNTRUSTED_SOLVE
 from fish_env.forces import springs
-from fish_env.integrators._common import rest_lengths, settle
+from fish_env.integrators._common import count, rest_lengths, settle
 from fish_env.linalg import ldlt
 
 
@@ -69,12 +69,14 @@ def advance(body, world, state, control, h, n):
         x, v = state.x[b], state.v[b]
         before_x[:] = x
         before_v[:] = v
-        failure = 0
+        failure = taken = 0
         for s in range(n):
             rest_lengths(control, b, s * h, rest)
             negative, trusted = step(body, world, rest, x, v, h, a, g, inverse_pivot, row)
-            state.pivots[b] += negative
+            taken += 1
+            state.counters[b, PIVOTS] += negative
             if not trusted:
                 failure = UNTRUSTED_SOLVE
                 break
+        count(state, b, taken, taken, taken)
         settle(body, state, control, b, before_x, before_v, failure, n * h)

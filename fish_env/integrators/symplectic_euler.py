@@ -9,7 +9,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import njit
-from fish_env.integrators._common import rest_lengths, settle
+from fish_env.integrators._common import count, rest_lengths, settle
 
 
 @njit
@@ -33,4 +33,5 @@ def advance(body, world, state, control, h, n):
                 for k in range(3):
                     v[i, k] += factor * f[i, k]  # (15)
                     x[i, k] += h * v[i, k]
+        count(state, b, n, 0, 0)
         settle(body, state, control, b, before_x, before_v, 0, n * h)
