@@ -21,7 +21,7 @@ from statistics import median
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.problems import Problem, distance, independent, problems, reference, run, tank_of
+from benchmarks.problems import Problem, distance, independent, magnified, problems, reference, run, tank_of
 from benchmarks.provenance import RESULTS, write_csv
 from fish_env import INTEGRATORS
 
@@ -110,7 +110,8 @@ def true_path(problem: Problem) -> tuple[np.ndarray, dict]:
     method, tolerance = ("Radau", 1e-9) if stiff else ("DOP853", 1e-11)
     apart = distance(problem.fish, independent(problem, method, tolerance), truth)
     row = {"scene": problem.name, "rk4_substeps": substeps, "change": change, "independent": method,
-           "tolerance": tolerance, "apart": apart}  # fmt: skip
+           "tolerance": tolerance, "apart": apart,
+           "magnified": round(magnified(problem, truth, substeps), 1)}  # fmt: skip
     return truth, row
 
 

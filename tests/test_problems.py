@@ -1,0 +1,98 @@
+"""The scenes methods are compared on: what they hold, their references, and the default's error on the hardest."""
+
+import numpy as np
+import pytest
+
+from benchmarks import problems, work_precision
+from fish_env import INTEGRATORS
+
+TURN = problems.problems()["turn"]
+
+
+def test_scaled():
+    """Stiffness, damping and mass are multiplied, and the rates that follow from them; the rest is the same fish."""
+    fish = TURN.fish
+    other = problems.scaled(fish, stiffness=4.0, damping=3.0, mass=2.0)
+    np.testing.assert_array_equal(other.body.springs.stiffness, 4.0 * fish.body.springs.stiffness)
+    np.testing.assert_array_equal(other.body.springs.damping, 3.0 * fish.body.springs.damping)
+    np.testing.assert_array_equal(other.body.mass, 2.0 * fish.body.mass)
+    assert other.body.elastic_rate == pytest.approx(2.0 * fish.body.elastic_rate, rel=1e-12)
+    assert other.body.viscous_rate == pytest.approx(1.5 * fish.body.viscous_rate, rel=1e-12)
+    np.testing.assert_array_equal(other.muscles, fish.muscles)
+
+
+def test_left_after_right():
+    """All muscles of the right side pull and none of the left, then the other way round; two seconds in all."""
+    fish, goal = TURN.fish, TURN.contraction
+    right, left = goal[problems.LEAD], goal[problems.LEAD + problems.RIGHT]
+    np.testing.assert_array_equal(right, fish.sides < 0)
+    np.testing.assert_array_equal(left, fish.sides > 0)
+    assert len(goal) * fish.control_interval == pytest.approx(2.0)
+    assert goal.min() >= 0 and goal.max() <= 1
+
+
+def test_reference_agrees_with_another_method():
+    """The path of the free vibration by halved RK4 steps is that of scipy's DOP853."""
+    scene = problems.problems()["vibration"]
+    truth, substeps, change = problems.reference(scene)
+    assert change <= problems.CONVERGED and substeps >= 2048
+    assert problems.distance(scene.fish, problems.independent(scene), truth) < 1e-9
+
+
+def test_a_reference_that_does_not_converge_is_an_error():
+    """Too few steps are refused as a reference, naming the scene, what is left and what to do; so is one that fails."""
+    with pytest.raises(problems.NotConvergedError, match=r"turn: RK4 with 16 .* differs by .* allow more steps"):
+        problems.reference(TURN, 8, 16)
+    with pytest.raises(problems.NotConvergedError, match="differs by inf"):
+        problems.reference(TURN, 1, 2)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """The abrupt manoeuvre, to 1e-6 of a body length."""
+    return problems.run(TURN, "rk4", 128)[0]
+
+
+def test_default_is_accurate(truth):
+    """The default method at the default step: within 1 % of a body length over the abrupt manoeuvre, every node."""
+    fish = TURN.fish
+    path, tank = problems.run(TURN, fish.integrator, round(fish.control_interval / fish.time_step))
+    assert tank.alive[0] and tank.dt == pytest.approx(fish.time_step)
+    assert problems.distance(fish, path, truth) <= work_precision.ACCURATE
+
+
+def test_the_manoeuvre_is_predictable(truth):
+    """It magnifies a disturbance less than a thousandfold: an error on it is the method's, not a buckling fish's."""
+    assert 1.0 < problems.magnified(TURN, truth, 128) < 1000.0
+
+
+def test_few_steps_do(truth):
+    """The default method needs five steps a control interval for that; Tu's is far off with sixteen."""
+    path, _ = problems.run(TURN, "leapfrog_chebyshev", 5)
+    assert problems.distance(TURN.fish, path, truth) <= work_precision.ACCURATE
+    path, tank = problems.run(TURN, "semi_implicit", 16)
+    assert tank.alive[0] and problems.distance(TURN.fish, path, truth) > 10 * work_precision.ACCURATE
+
+
+def test_a_row(truth):
+    """A row names scene, method and step; a sound run has an error and work, a failed one a reason and neither."""
+    sound = work_precision.measure(TURN, "rk4", 16, truth, seconds=False)
+    assert (sound["scene"], sound["integrator"], sound["substeps"]) == ("turn", "rk4", 16)
+    assert sound["error"] < 1e-3 and sound["forces_per_interval"] == 64 and sound["failure"] == ""
+    failed = work_precision.measure(TURN, "symplectic_euler", 4, truth, seconds=False)
+    assert np.isinf(failed["error"]) and np.isnan(failed["forces_per_interval"]) and failed["failure"]
+
+
+def test_cheapest():
+    """The cheapest accurate row is found only among steps below which everything is accurate."""
+    rows = [
+        {"scene": "s", "integrator": "a", "substeps": k, "error": error, "us_per_interval": float(k)}
+        for k, error in ((1, 0.001), (2, 0.5), (4, 0.009), (8, 0.002))
+    ]
+    rows.append({"scene": "s", "integrator": "b", "substeps": 1, "error": np.inf, "us_per_interval": np.nan})
+    assert work_precision.cheapest(rows, "s", ["a", "b"])["substeps"] == 4
+
+
+def test_every_method_has_a_style():
+    """Every fixed-step method is told apart in the charts."""
+    assert set(work_precision.STYLE) == {n for n, record in INTEGRATORS.items() if record.kind != "adaptive"}

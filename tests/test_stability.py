@@ -1,0 +1,142 @@
+"""Stability: linear theory against formulas, the default step's margin, and the worst that was found, done again."""
+
+import numpy as np
+import pytest
+
+from benchmarks import attack, margins, stability
+from benchmarks.problems import scaled
+from fish_env import BODIES, INTEGRATORS, Tank, make_fish
+from fish_env.body import FAILURES, STRETCH_LIMIT, TORN
+
+FISH = make_fish()
+LONGEST = 10 * FISH.control_interval
+OMEGA = np.sqrt(FISH.body.elastic_rate)
+THETA = FISH.body.springs.damping[0] / FISH.body.springs.stiffness[0]
+CASES = attack.kept()
+each_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+
+
+# Linear theory
+
+
+def test_modes_are_those_of_the_body():
+    """As many vibrations as coordinates less six; the highest is the body's, all relax in the units' time."""
+    squares, damping = stability.modes(FISH.body)
+    assert squares.size == 3 * FISH.body.mass.size - 6
+    assert np.isclose(squares.max(), FISH.body.elastic_rate, rtol=1e-12)
+    assert np.allclose(damping, THETA * squares, rtol=1e-9, atol=0)
+
+
+@pytest.mark.parametrize("factor", [1.0, 100.0])
+@pytest.mark.parametrize("name", ["symplectic_euler", "semi_implicit"])
+def test_limit_of_symplectic_euler(name, factor):
+    """(sqrt(w^2 theta^2 + 4) - w theta) / w; Tu's method has the same limit about rest."""
+    body = scaled(FISH, stiffness=factor).body
+    omega, theta = OMEGA * np.sqrt(factor), THETA / factor
+    expected = (np.sqrt((omega * theta) ** 2 + 4.0) - omega * theta) / omega
+    assert np.isclose(stability.linear_limit(name, body, LONGEST), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("factor", [1.0, 100.0])
+def test_limit_of_explicit_euler(factor):
+    """The relaxation time, where every mode is lightly damped."""
+    body = scaled(FISH, stiffness=factor).body
+    assert np.isclose(stability.linear_limit("explicit_euler", body, LONGEST), THETA / factor, rtol=1e-3)
+
+
+def test_limit_of_rk4_undamped():
+    """2 sqrt(2) over the highest frequency: its stability region's end on the imaginary axis."""
+    body = scaled(FISH, damping=0.0).body
+    assert np.isclose(stability.linear_limit("rk4", body, LONGEST), np.sqrt(8.0) / OMEGA, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", [n for n in stability.FIXED if INTEGRATORS[n].kind != "explicit"])
+def test_no_linear_limit(name):
+    """A method that solves for, or filters, the whole stiffness bears any step on a hundredfold stiff body at rest."""
+    body = scaled(FISH, stiffness=100.0).body
+    assert np.isinf(stability.linear_limit(name, body, LONGEST)) == (name != "semi_implicit")
+
+
+# The survey
+
+
+def test_limit_is_below_every_unstable_step():
+    """A stable step beyond an unstable one does not count."""
+    found = ((1.0, 2), (0.5, 1), (0.3, 2), (0.2, 1), (0.1, 0))
+    rows = [{"step_s": h, "verdict": stability.VERDICTS[v]} for h, v in found]
+    assert stability.limit(rows) == (0.2, 0.3)
+    assert stability.limit(rows[4:]) == (0.1, np.inf)
+    assert np.isnan(stability.limit(rows[:1])[0])
+
+
+def test_verdicts():
+    """The truth is accurate by its own measure, explicit Euler blows up at the control interval, and says why."""
+    path, energy = stability.truth(FISH)
+    cells = [stability.cell(FISH, *run, path, energy) for run in (("rk4", 64, 1), ("symplectic_euler", 16, 1),
+                                                                ("explicit_euler", 1, 1))]  # fmt: skip
+    assert [cell["verdict"] for cell in cells] == list(stability.VERDICTS)
+    assert cells[0]["failure"] == "" and cells[2]["failure"] in [text.split(":")[0] for text in FAILURES[1:]]
+
+
+# Margins
+
+
+def test_margin_of_the_default_step():
+    """Bang-bang actions in every task: the default step is at most half the largest stable one."""
+    assert margins.margins(kinds=("bang-bang",), stiffness=(1.0,), save=False)
+
+
+def test_margin_can_be_missed():
+    """Symplectic Euler is stable at its linear limit's nine tenths, so it has no margin of two there."""
+    assert not margins.margins("symplectic_euler", 10, kinds=("gait",), stiffness=(1.0,), save=False)
+
+
+# The worst that was found
+
+
+def test_worst_cases_are_there():
+    """Every body has survivors, and the kept cases are small."""
+    assert {case["body"] for case in CASES.values() if not case["failure"]} == set(BODIES)
+    assert sum(path.stat().st_size for path in attack.WORST.iterdir()) < 100_000
+
+
+@each_case
+def test_replay(case):
+    """A survivor survives; a fish that fails says why and keeps a sound state. Alone or among others: the same.
+
+    Whether a fish on the brink fails may hang on the last digit, so a kept failure need not fail again.
+    """
+    alone, stretch = attack.replay(case)
+    batch, stretches = attack.replay(case, copies=33, threads=2)
+    batch.close()
+    for one, many in zip(alone.state, batch.state, strict=True):
+        assert np.isfinite(one).all()
+        assert np.array_equal(np.repeat(one, 33, axis=0), many)
+    assert np.all(stretches == stretch)
+    assert stretch[0] <= STRETCH_LIMIT
+    assert alone.alive[0] == (alone.failure[0] == "")
+    assert alone.failure[0] in FAILURES
+    if not case["failure"]:
+        assert alone.alive[0]
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case["body"] == FISH.name])
+def test_the_worst_at_the_default_step(name):
+    """What stretched the default fish most, at the step it has now: it survives, and what it stretches is bounded."""
+    tank, stretch = attack.replay(CASES[name], FISH.integrator, round(FISH.control_interval / FISH.time_step))
+    assert tank.alive[0] and stretch[0] < 0.9 * STRETCH_LIMIT
+
+
+def test_a_failure_leaves_its_neighbours_alone():
+    """A fish torn between two that swim: it is put back to rest, they are bit for bit those of a tank without it."""
+    goals = np.random.default_rng(0).uniform(size=(20, 1, FISH.num_muscles))
+    three, two = Tank(FISH, 3, water=FISH.water, threads=1), Tank(FISH, 2, water=FISH.water, threads=1)
+    three.position[1] *= STRETCH_LIMIT + 1.0
+    substeps = round(FISH.control_interval / three.dt)
+    for goal in goals:
+        three.drive(np.repeat(goal, 3, axis=0), substeps)
+        two.drive(np.repeat(goal, 2, axis=0), substeps)
+    assert list(three.failure) == ["", FAILURES[TORN], ""]
+    assert np.array_equal(three.position[1], FISH.body.position)
+    for many, few in zip(three.state, two.state, strict=True):
+        assert np.array_equal(many[[0, 2]], few)
