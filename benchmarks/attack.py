@@ -1,4 +1,4 @@
-"""Try to break the fish, as a user's agent might: `python -m benchmarks.stability --attack` (about 8 min).
+"""Try to break the fish, as a user's agent might: `python -m benchmarks.stability --attack` (about 6 min).
 
 Thousands of fish at the defaults are driven at random and bang-bang, at their own natural frequencies, from perturbed,
 fast, crumpled and inverted starts, softer and stiffer, lighter and heavier; then a search (CMA-ES) looks for the

@@ -109,7 +109,7 @@ def margins(integrator: str | None = None, substeps: int | None = None, kinds=("
             rows.append(
                 {
                     "task": task, "actions": kind, "stiffness": factor, "damping": damping, "integrator": integrator,
-                    "default_ms": 1e3 * default, "largest_stable_ms": round(1e3 * largest, 4),
+                    "default_ms": round(1e3 * default, 4), "largest_stable_ms": round(1e3 * largest, 4),
                     "margin": round(largest / default, 3), "met": 0 < 2 * fewest <= substeps,
                     "beyond": beyond,
                 }

@@ -1,9 +1,9 @@
 """How long a step each method bears: against stiffness, on the abrupt manoeuvre, in every task, and under attack.
 
-    taskset -c 1 python -m benchmarks.stability             every method, step and stiffness (11 min): CSVs, charts
+    taskset -c 1 python -m benchmarks.stability             every method, step and stiffness (9 min): CSVs, charts
     taskset -c 1 python -m benchmarks.stability --draw      tables and charts again, from the CSV
     taskset -c 1 python -m benchmarks.stability --margins   is the default step at most half of what is stable? (1 min)
-    python -m benchmarks.stability --attack                 try to break the fish (8 min): see benchmarks/attack.py
+    python -m benchmarks.stability --attack                 try to break the fish (6 min): see benchmarks/attack.py
 
 A run is stable if the fish lives and its energy, kinetic and elastic, never exceeds BOUND times the true motion's. The
 largest stable step is the largest below which every tested one is stable: stability can come and go with the step.
@@ -42,6 +42,7 @@ ACCURATE = 0.01  # body lengths
 TRUTH = 1e-4  # body lengths: how little halving its steps may change the true motion
 COMMAND = "python -m benchmarks.stability"
 THESIS = "100 to 150 (Tu 1996)"
+PUBLISHED_STEP = 0.055  # s, of the published fish: see docs/physics.md
 VERDICTS = ("accurate", "bounded", "blown up")
 
 
@@ -423,8 +424,8 @@ def draw_published(rows: list[dict], path: Path, body="published") -> None:
                 panel.plot(row["step_s"], number, "o", color="white", mec="black", mew=0.4, markersize=3)
     own = FIXED[::-1].index(fish.integrator)
     panel.plot(fish.time_step, own, "D", color="white", mec="black", mew=1.6, markersize=8)
-    panel.axvline(fish.time_step, color="black", linewidth=0.9, linestyle=":")
-    panel.set(xscale="log", xlabel="step, s (dotted line: the published 0.055 s)", yticks=range(len(FIXED)),
+    panel.axvline(PUBLISHED_STEP, color="black", linewidth=0.9, linestyle=":")
+    panel.set(xscale="log", xlabel=f"step, s (dotted line: the published {PUBLISHED_STEP} s)", yticks=range(len(FIXED)),
               yticklabels=FIXED[::-1], title="the published fish in its own water")  # fmt: skip
     panel.set_ylim(-0.6, len(FIXED) - 0.4)
     draw_verdicts(plt, figure, 3)

@@ -148,15 +148,16 @@ def read() -> list[dict]:
     return rows
 
 
-def draw(rows: list[dict], across: str, label: str, path: Path) -> None:
-    """One panel a scene: error against `across`, a line a method; failed runs on the top edge."""
+def draw(rows: list[dict], across: str, label: str, path: Path, only=()) -> None:
+    """One panel a scene (those of `only`, or all): error against `across`, a line a method; failed runs on top."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    scenes = problems()
-    figure, panels = plt.subplots(2, 4, figsize=(16, 8.2), sharey=True, layout="constrained")
+    scenes = {name: problem for name, problem in problems().items() if not only or name in only}
+    shape, size = ((1, len(only)), (5.2 * len(only), 4.6)) if only else ((2, 4), (16, 8.2))
+    figure, panels = plt.subplots(*shape, figsize=size, sharey=True, squeeze=False, layout="constrained")
     top, bottom = 2.0, 1e-6
     for panel, (scene, problem) in zip(panels.flat, scenes.items(), strict=True):
         mine = [row for row in rows if row["scene"] == scene]
@@ -179,7 +180,7 @@ def draw(rows: list[dict], across: str, label: str, path: Path) -> None:
     for row in panels:
         row[0].set_ylabel("error, body lengths (hollow: failed)")
     handles, names = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False)
+    figure.legend(handles, names, loc="outside lower center", ncols=4 if only else 5, frameon=False)
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
 
@@ -215,6 +216,8 @@ def draw_all() -> None:
     """Every chart from the CSV."""
     rows = read()
     draw(rows, "us_per_interval", "time, us per control interval", RESULTS / "work_precision_time.svg")
+    path = RESULTS / "work_precision_turn.svg"
+    draw(rows, "us_per_interval", "time, us per control interval", path, only=("turn", "turn_x10"))
     draw(rows, "forces_per_interval", "force evaluations per control interval", RESULTS / "work_precision_forces.svg")
 
 

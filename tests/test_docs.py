@@ -85,7 +85,7 @@ def test_links_lead_somewhere(page):
 def test_design_names_what_exists():
     """Every file and folder in the layout of design.md exists."""
     layout = (ROOT / "docs/design.md").read_text().split("```")[1]
-    names = re.findall(r"[\w/.]+\.(?:py|json|md|toml|txt)\b|\w+/", layout)
+    names = re.findall(r"[\w/.-]+\.(?:py|json|md|toml|txt)\b|\w+/", layout)
     assert len(names) > 30
     for name in names:
         assert any(ROOT.rglob(name.rstrip("/"))), name

@@ -73,6 +73,38 @@ def test_total_is_the_sum(name):
 
 
 @pytest.mark.parametrize("name", BODIES)
+def test_kept_total_is_the_total(name):
+    """The sum that keeps what the filtered leapfrog needs is the total force; its change is that of a new velocity.
+
+    Faces with no mobility take nothing of their own drag implicitly.
+    """
+    fish, rng = FISH[name], np.random.default_rng(15)
+    x, v = naive.random_state(fish, rng)
+    rest, world = fish.body.springs.rest_length, world_of(fish)
+    f, tangent, kept = np.zeros_like(x), np.empty((7, 91)), np.empty((24, 5))
+    forces.add_total_kept(fish.body, world, rest, x, v, f, tangent, kept)
+    close(f, naive.total_force(fish.body, world, rest, x, v))
+    later, change = v + 0.1 * rng.normal(size=v.shape) * np.abs(v).max(), np.zeros_like(x)
+    forces.add_change(fish.body, world, kept, np.zeros(24), later, change)
+    close(change, naive.water_force(fish.body.faces, world, x, later) - naive.water_force(fish.body.faces, world, x, v))
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_tangent_is_the_stiffness(name):
+    """What units of a given stiffness pull when nodes move is that of the derivative of the elastic force."""
+    fish, rng = FISH[name], np.random.default_rng(16)
+    body = fish.body._replace(springs=fish.body.springs._replace(damping=np.zeros(91)))
+    x, v = naive.random_state(fish, rng, displacement=0.002)
+    rest = body.springs.rest_length * rng.uniform(0.95, 1.05, 91)
+    f, tangent = np.zeros_like(x), np.empty((7, 91))
+    springs.add_force_tangent(body, rest, x, v, f, tangent)
+    y, pull = rng.normal(size=x.shape), np.zeros_like(x)
+    springs.add_tangent(body, body.springs.stiffness, body.springs.stiffness, tangent, y, pull)
+    stiffness, _ = naive.implicit_matrices(body, naive.VACUUM, rest, x, 0 * v)
+    close(pull, -(stiffness @ y.ravel()).reshape(x.shape))
+
+
+@pytest.mark.parametrize("name", BODIES)
 def test_elastic_force_is_minus_gradient_of_energy(name):
     """Without damping the force on each node is minus the gradient of the elastic energy (central differences)."""
     fish, rng = FISH[name], np.random.default_rng(2)

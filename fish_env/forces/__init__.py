@@ -1,6 +1,6 @@
 """The force on every node and its derivatives: sums over the force modules, a line each."""
 
-from fish_env._jit import INDEX, njit
+from fish_env._jit import INDEX, njit, njit_inline
 from fish_env.forces import springs, water
 
 
@@ -16,6 +16,19 @@ def external(body, world, x, v, f):
     """Sum of the forces from outside the body, which a semi-implicit method takes explicitly: f is overwritten."""
     f[:] = 0.0
     water.add_force(body, world, x, v, f)
+
+
+@njit_inline
+def add_total_kept(body, world, rest_length, x, v, f, tangent, kept):
+    """Add the sum of all forces to f (N,3) N, and keep what `springs.add_tangent` and `add_change` need of it."""
+    water.add_force_kept(body, world, x, v, f, kept)
+    springs.add_force_tangent(body, rest_length, x, v, f, tangent)
+
+
+@njit_inline
+def add_change(body, world, kept, mobility, v, f):
+    """Add to f (N,3) what the forces from outside change by when the velocities become v; x is that of `kept`."""
+    water.add_change(body, world, kept, mobility, v, f)
 
 
 @njit

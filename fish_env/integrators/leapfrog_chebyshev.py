@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 
+from fish_env import forces
 from fish_env._jit import njit, njit_inline
 from fish_env.forces import springs, water
 from fish_env.integrators._common import count, rest_lengths, settle
@@ -76,8 +77,7 @@ def step(body, world, rest, h, stages, filtering, inverse_mass, mobility, x, v, 
         for k in range(3):
             x[i, k] += 0.5 * h * v[i, k]  # (35)
             before[i, k] = 0.0
-    water.add_force_kept(body, world, x, v, f, kept)
-    springs.add_force_tangent(body, rest, x, v, f, tangent)
+    forces.add_total_kept(body, world, rest, x, v, f, tangent, kept)
     for i in range(x.shape[0]):
         for k in range(3):
             kick[i, k] = inverse_mass[i] * f[i, k]
@@ -94,7 +94,7 @@ def step(body, world, rest, h, stages, filtering, inverse_mass, mobility, x, v, 
     for i in range(x.shape[0]):
         for k in range(3):
             before[i, k] = v[i, k] + 0.5 * h * a[i, k]
-    water.add_change(body, world, kept, mobility, before, f)
+    forces.add_change(body, world, kept, mobility, before, f)
     for i in range(x.shape[0]):
         for k in range(3):
             v[i, k] += h * (a[i, k] + inverse_mass[i] * f[i, k])
