@@ -167,15 +167,15 @@ def draw(rows: list[dict], across: str, label: str, path: Path, only=()) -> None
             sound = [row for row in line if np.isfinite(row["error"])]
             size = 9 if name == "leapfrog_chebyshev" else 4.5
             panel.loglog([row[across] for row in sound], [min(max(row["error"], bottom), top) for row in sound],
-                         color=colour, marker=marker, markersize=size, linewidth=1.2, label=name,
-                         clip_on=False)  # fmt: skip
+                         color=colour, marker=marker, markersize=size, linewidth=1.2, label=name)  # fmt: skip
             if sound and len(line) > len(sound):  # where failed runs would lie: a step costs what it costs
                 unit = median(row[across] / row["substeps"] for row in sound)
                 failed = [row["substeps"] * unit for row in line if not np.isfinite(row["error"])]
                 panel.plot(failed, [top] * len(failed), linestyle="", color=colour, marker=marker,
-                           markersize=size, fillstyle="none", clip_on=False)  # fmt: skip
+                           markersize=size, fillstyle="none")  # fmt: skip
         panel.axhline(ACCURATE, color="#bbbbbb", linewidth=0.8, zorder=0)
-        panel.set(title=problem.title, ylim=(bottom, top), xlabel=label)
+        panel.set(ylim=(bottom, 1.6 * top), xlabel=label)
+        panel.set_title(problem.title.replace(", ", ",\n"), fontsize=10)
         panel.grid(alpha=0.2)
     for row in panels:
         row[0].set_ylabel("error, body lengths (hollow: failed)")

@@ -3,7 +3,7 @@
 Drift half a step, kick, drift half a step. The kick passes through a polynomial of the frozen stiffness and damping,
 which slows only what the step cannot resolve: a leapfrog-Chebyshev scheme (Gilbert & Joly 2008; Carle, Hochbruck &
 Sturm 2020), here with damped units and with a face's own drag taken implicitly. `plan` says how many stages a step of h
-needs, so the method stays stable at any h and pays for it with the square root of the stiffness.
+needs: small motion is stable at any h that MOST_STAGES reach, at a price that grows with the root of the stiffness.
 
 Legend: x, v positions and velocities of one body; h step; f the force; w the water's correction; a the filtered
 acceleration of this stage, before of the last one, kick of all forces; t Chebyshev polynomials T_k at their midpoint.
