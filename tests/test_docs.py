@@ -183,7 +183,7 @@ def test_arguments():
         assert ast.literal_eval(stated[name][0]) == getattr(wanted, "value", wanted), name
     env = FishVectorEnv(1)
     assert stated["dt"][1].endswith(f"own, {env.tank.dt:g}")
-    assert f"own, `\"{env.tank.integrator.name}\"`" in stated["integrator"][1]
+    assert f'own, `"{env.tank.integrator.name}"`' in stated["integrator"][1]
     assert stated["control_interval"][1].endswith(f"own, {env.control_interval:g}")
     coefficient = fish_env.make_fish().water.quadratic / 500.0
     assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, quadratic law" in SWIM

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
 import naive
 import numpy as np
@@ -42,6 +43,28 @@ def actions(seed, *shape):
 
 
 # Bad input
+
+
+@pytest.mark.parametrize("name", ["explicit_euler", "midpoint"])
+def test_a_method_that_cannot_serve_a_body(name):
+    """A method without a stable step on undamped units is refused, naming those that have one; a given dt is used."""
+    springs = FISH.body.springs
+    body = FISH.body._replace(springs=springs._replace(damping=np.zeros_like(springs.damping)), viscous_rate=0.0)
+    undamped = replace(FISH, body=body)
+    with pytest.raises(ValueError, match=f"{name!r} has no stable step on 'mass_spring', .* from 'semi_implicit'"):
+        Tank(undamped, 1, name)
+    assert Tank(undamped, 1, name, 1e-5).dt == 1e-5
+    assert Tank(undamped, 1, "rk4").dt < 1 / np.sqrt(body.elastic_rate)
+
+
+def test_own_method_and_step():
+    """A fish is moved with its own method and step; another method gets a step that divides its control interval."""
+    tank = Tank(FISH)
+    assert (tank.integrator.name, tank.dt) == (FISH.integrator, FISH.time_step)
+    for name, record in INTEGRATORS.items():
+        steps = FISH.control_interval / Tank(FISH, 1, name).dt
+        assert steps == pytest.approx(round(steps), rel=1e-12)
+        assert name == FISH.integrator or Tank(FISH, 1, name).dt <= 0.5 * record.limit(FISH.body)
 
 
 @pytest.mark.parametrize(
