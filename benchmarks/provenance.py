@@ -12,11 +12,15 @@ RESULTS = Path(__file__).parent / "results"
 
 
 def provenance(command: str) -> dict[str, str]:
-    """Command, commit, processor, threads and versions."""
+    """Command, commit, processor, threads and versions. A commit is dirty if anything but results and tests differs."""
     root = Path(__file__).parent.parent
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=root, capture_output=True, text=True, check=False
-    ).stdout.strip()
+
+    def git(*arguments):
+        return subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=False).stdout.strip()
+
+    commit = git("describe", "--always")
+    if commit and git("status", "--porcelain", "--", "fish_env", "agents", "benchmarks", ":!benchmarks/results"):
+        commit += "-dirty"
     processor = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():
         lines = Path("/proc/cpuinfo").read_text().splitlines()
