@@ -325,6 +325,7 @@ def attack(integrator=None, substeps=None, fish=10_000, evaluations=10_000) -> b
     """Attack every body; table, CSV and kept cases. True if each failure of the default fish run again is RK4's too."""
     rows, cases, default = [], [], make_fish().name
     effort = {name: 1 if name == default else OTHERS for name in BODIES}
+    complete = False
     with tqdm(total=sum((fish + evaluations) // less for less in effort.values()), unit="fish") as bar:
         try:
             for name, less in effort.items():
@@ -342,10 +343,12 @@ def attack(integrator=None, substeps=None, fish=10_000, evaluations=10_000) -> b
                 found_rows, found = search(name, evaluations // less, method, steps, usual, bar)
                 rows += found_rows
                 cases += found
+            complete = True
         except KeyboardInterrupt:
-            print("interrupted: what was found is kept")
+            print("interrupted: the table holds what was found; the kept cases stay as they were")
     if rows:
         write_csv("attack.csv", rows, COMMAND)
+    if complete:
         keep(cases)
     print(f"{'body':12}{'family':40}{'fish':>7}{'failed':>8}{'RK4 too':>12}{'stretch':>9}{'energy':>8}")
     for row in rows:

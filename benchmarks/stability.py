@@ -22,13 +22,13 @@ from itertools import pairwise
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.margins import stretch_and_energy
 from benchmarks.problems import LEAD, LEFT, RIGHT, NotConvergedError, distance, left_after_right, scaled
 from benchmarks.provenance import RESULTS, write_csv
 from benchmarks.work_precision import STYLE
-from fish_env import BODIES, INTEGRATORS, make_fish
+from fish_env import BODIES, INTEGRATORS, forces, make_fish
 from fish_env.bodies import Fish
 from fish_env.body import COUNTERS, VACUUM, Body, Control, State, make_body
-from fish_env.forces import springs
 from fish_env.tank import Tank
 
 FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]
@@ -54,17 +54,11 @@ def modes(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
     The damping of a mode is its share of the units' damping; exact where all units relax in the same time.
     """
-    n = body.mass.size
-    matrices = np.zeros((2, n, 3, n, 3))
-    for (i, j), c, k in zip(body.springs.nodes, body.springs.stiffness, body.springs.damping, strict=True):
-        r = body.position[j] - body.position[i]
-        block = np.multiply.outer((c, k), np.outer(r, r) / (r @ r))
-        matrices[:, i, :, i] += block
-        matrices[:, j, :, j] += block
-        matrices[:, i, :, j] -= block
-        matrices[:, j, :, i] -= block
+    size = 3 * body.mass.size
+    matrices = np.empty((2, size, size))
+    forces.jacobian(body, VACUUM, body.springs.rest_length, body.position, np.zeros_like(body.position), *matrices)
     root = np.repeat(body.mass, 3) ** -0.5
-    stiffness, damping = matrices.reshape(2, 3 * n, 3 * n) * np.outer(root, root)
+    stiffness, damping = matrices * np.outer(root, root)
     squares, shapes = np.linalg.eigh(stiffness)
     real = squares > 1e-9 * squares[-1]
     return squares[real], np.einsum("ik,ij,jk->k", shapes, damping, shapes)[real]
@@ -134,14 +128,6 @@ def manoeuvre(fish: Fish) -> np.ndarray:
     return left_after_right(fish)[: LEAD + RIGHT + LEFT + 10]
 
 
-def energy(tank: Tank) -> np.ndarray:
-    """Kinetic and elastic energy of every fish, (B,) J."""
-    body = tank.fish.body
-    motion = 0.5 * np.einsum("n,bnk,bnk->b", body.mass, tank.velocity, tank.velocity)
-    elastic = [springs.energy(body, rest, x) for rest, x in zip(tank.rest_length, tank.position, strict=True)]
-    return motion + elastic
-
-
 def motion(fish: Fish, name: str, substeps: int, held: int = 1) -> tuple[np.ndarray, float, Tank]:
     """The manoeuvre with `substeps` steps every `held` control intervals, until it ends or the fish fails.
 
@@ -154,7 +140,7 @@ def motion(fish: Fish, name: str, substeps: int, held: int = 1) -> tuple[np.ndar
         if not tank.alive[0]:
             break
         path.append(tank.position[0].copy())
-        highest = max(highest, energy(tank)[0])
+        highest = max(highest, stretch_and_energy(tank)[1][0])
     return np.array(path), highest, tank
 
 

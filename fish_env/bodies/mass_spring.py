@@ -193,7 +193,7 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
 
     Dimensions and contracted length were never printed; these are a re-implementation's
     (vanish87/UnityFishSimulation, 2020), as is `contraction_time`, its fastest half beat. The water is linear, as the
-    published one, and thick enough for the published step, 0.055, to survive hard jerks. See docs/physics.md.
+    published one, and thick enough to survive hard jerks at half the published step of 0.055. See docs/physics.md.
     """
     position = np.zeros((23, 3))
     for layer, x, half in zip(LAYERS[1:6], (5, 10, 15, 20, 22), (2, 3, 2, 1, 0.8), strict=True):

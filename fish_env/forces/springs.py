@@ -45,7 +45,7 @@ def add_force_tangent(body, rest_length, x, v, f, tangent):
     """As `add_force`, and keep what `add_tangent` needs: tangent (7,E).
 
     Its rows: separation r (3), 1/|r|^2, strain 1 - l/|r| but no less than MOST_COMPRESSED, and two of scratch. In three
-    loops, of which the middle one, with the root and the divisions, does four units at a time: a quarter less time.
+    loops, so that the middle one, with the root and the divisions, does several units at a time.
     """
     springs = body.springs
     for e in range(springs.stiffness.size):
