@@ -1,8 +1,11 @@
 """Train a fish, measure what it learnt, watch it.
 
-python train.py swim                                 train, then show what was learnt
+python train.py swim                                 train, then show what was learnt (tasks: see below)
 python train.py swim --resume runs/swim/<time>       go on with a run that was stopped
-python train.py evaluate runs/swim/<time>/policy.npz measure a policy on the fixed evaluation seeds
+python train.py all                                  train every task with all its seeds; stop and go on at any time
+python train.py evaluate runs/swim/<time>/policy.npz measure policies on the fixed evaluation seeds
+python train.py compare runs/swim/<time>/policy.npz  the same, beside the controllers without learning
+python train.py compare --integrators                replay the shipped policies with every integrator
 python train.py play runs/swim/<time>/policy.npz     watch it in a window (or --video file.mp4)
 """
 
@@ -27,11 +30,20 @@ def parse() -> argparse.Namespace:
         command.add_argument("--num-envs", type=int, help=f"fish trained side by side (default {config.num_envs})")
         command.add_argument("--resume", type=Path, help="folder of a run to go on with")
         command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are kept (default runs)")
+        command.add_argument("--folder", type=Path, help="keep the run in this folder")
+        command.add_argument("--no-pictures", action="store_true", help="only measure the policy at the end")
         command.add_argument("--torch-threads", type=int, default=1, help="more is often slower (default 1)")
-    command = commands.add_parser("evaluate", help="measure a policy on fixed seeds")
-    command.add_argument("policy", type=Path)
+    command = commands.add_parser("all", help="train every task with all its seeds, and publish the results")
+    command.add_argument("--runs", type=Path, default=Path("runs/all"), help="where runs are kept (default runs/all)")
+    command.add_argument("--tasks", nargs="+", help="only these")
+    command.add_argument("--jobs", type=int, help="runs side by side (default one a processor)")
+    command = commands.add_parser("evaluate", help="measure policies on fixed seeds")
+    command.add_argument("policies", type=Path, nargs="+")
     command.add_argument("--integrator", help="measure under another integrator than the one it was trained with")
     command.add_argument("--dt", type=float, help="and with another step, s")
+    command = commands.add_parser("compare", help="measure policies beside the controllers without learning")
+    command.add_argument("policies", type=Path, nargs="*", help="default: those that are shipped")
+    command.add_argument("--integrators", action="store_true", help="under every integrator, RK4 as the reference")
     command = commands.add_parser("play", help="watch a policy")
     command.add_argument("policy", type=Path)
     command.add_argument("--seed", type=int, default=0)
@@ -40,31 +52,53 @@ def parse() -> argparse.Namespace:
     return parser.parse_args()
 
 
+def run(arguments: argparse.Namespace) -> None:
+    """Run a command."""
+    if arguments.command == "evaluate":
+        from agents.report import measure
+
+        measure(arguments.policies, integrator=arguments.integrator, dt=arguments.dt)
+    elif arguments.command == "compare" and arguments.integrators:
+        from agents.integrators import compare_integrators
+
+        compare_integrators(arguments.policies)
+    elif arguments.command == "compare":
+        from agents.report import compare
+
+        compare(arguments.policies)
+    elif arguments.command == "play":
+        from agents.play import play
+
+        play(arguments.policy, arguments.seed, arguments.episodes, arguments.video)
+    elif arguments.command == "all":
+        from agents.results import publish
+        from agents.train_all import train_all
+
+        train_all(arguments.runs, arguments.tasks, arguments.jobs)
+        publish(arguments.runs, arguments.tasks)
+    else:
+        import torch
+
+        torch.set_num_threads(arguments.torch_threads)
+        from agents.train import train
+
+        train(arguments.command, arguments.seed, arguments.runs, arguments.resume, arguments.folder,
+              not arguments.no_pictures, timesteps=arguments.timesteps, num_envs=arguments.num_envs)  # fmt: skip
+
+
 def main() -> int:
     """Run a command; errors a user can mend are printed without a traceback."""
     for name in THREADS:  # before numpy and torch are loaded
         os.environ.setdefault(name, "1")
     arguments = parse()
     try:
-        if arguments.command == "evaluate":
-            from agents.report import evaluate_file
-
-            evaluate_file(arguments.policy, integrator=arguments.integrator, dt=arguments.dt)
-        elif arguments.command == "play":
-            from agents.play import play
-
-            play(arguments.policy, arguments.seed, arguments.episodes, arguments.video)
-        else:
-            import torch
-
-            torch.set_num_threads(arguments.torch_threads)
-            from agents.train import train
-
-            train(arguments.command, arguments.seed, arguments.runs, arguments.resume,
-                  timesteps=arguments.timesteps, num_envs=arguments.num_envs)  # fmt: skip
-    except (ValueError, FileNotFoundError) as error:
+        run(arguments)
+    except (ValueError, FileNotFoundError, RuntimeError) as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print(f"\nStopped. Go on with: python train.py {' '.join(sys.argv[1:])}", file=sys.stderr)
+        return 130
     return 0
 
 

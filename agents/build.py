@@ -15,7 +15,6 @@ from fish_env.envs.sb3 import make_sb3_vec_env
 
 POSITION_SCALE = 0.1  # body lengths: how far a node strays from its place in the body while swimming
 VELOCITY_SCALE = 1.0  # body lengths per second
-VECTOR_SCALE = 0.3  # a heading error of 0.3 rad counts as much as a node out of place
 
 
 class ScaledObservation(BaseFeaturesExtractor):
@@ -35,15 +34,16 @@ def scaling(fish) -> tuple[np.ndarray, np.ndarray]:
     """Offset and scale (D,) of the observations of a `FishVectorEnv`."""
     body, length = fish.tank.fish.body, fish.tank.fish.length
     rest = (body.position - body.mass @ body.position / body.mass.sum()).ravel() / length
-    muscles, vectors = fish.tank.fish.num_muscles, 3 * fish.task.num_vectors
-    offset = np.concatenate([rest, np.zeros(rest.size + muscles + vectors)])
-    parts = ((rest.size, POSITION_SCALE), (rest.size, VELOCITY_SCALE), (muscles, 1.0), (vectors, VECTOR_SCALE))
+    muscles, directions = fish.tank.fish.num_muscles, fish.task.directions
+    offset = np.concatenate([rest, np.zeros(rest.size + muscles + 3 * len(directions))])
+    parts = [(rest.size, POSITION_SCALE), (rest.size, VELOCITY_SCALE), (muscles, 1.0)]
+    parts += [(3, direction.typical) for direction in directions]
     return offset, np.concatenate([np.full(size, scale) for size, scale in parts])
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
     """The batch of fish to train on, its returns logged."""
-    return make_sb3_vec_env(config.env_id, num_envs, seed=seed, **config.env_options)
+    return make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **config.env_options)
 
 
 def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None) -> PPO:

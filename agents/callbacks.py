@@ -4,12 +4,13 @@ import os
 import time
 from pathlib import Path
 
+import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 
 class Progress(BaseCallback):
-    """One line that moves: decisions, their rate, and the speed the fish swim at now."""
+    """One line that moves: decisions, their rate, and what an episode returns now."""
 
     def _on_training_start(self) -> None:
         self._bar = tqdm(
@@ -32,33 +33,43 @@ class Progress(BaseCallback):
 
 
 class LearningCurve(BaseCallback):
-    """Appends (timesteps, seconds, speed, return) of the episodes that ended since the last row to a CSV file."""
+    """Appends (timesteps, seconds, episodes, score, return) of the episodes that ended lately to a CSV file.
 
-    def __init__(self, path: Path):
+    All their metrics go to TensorBoard.
+
+    Args:
+        path: the file.
+        score: the metric that is the score.
+        min_episodes: rows wait for so many.
+    """
+
+    def __init__(self, path: Path, score: str, min_episodes: int = 100):
         super().__init__()
-        self.path = path
+        self.path, self.score, self.min_episodes = path, score, min_episodes
 
     def _on_training_start(self) -> None:
-        self._begin, self._speeds, self._returns = time.perf_counter(), [], []
+        self._begin, self._infos = time.perf_counter(), []
         if not self.path.exists():
-            self.path.write_text("timesteps,seconds,episodes,speed,return\n")
+            self.path.write_text("timesteps,seconds,episodes,score,return\n")
 
     def _on_step(self) -> bool:
-        for info in self.locals["infos"]:
-            if "speed" in info:
-                self._speeds.append(info["speed"])
-                self._returns.append(sum(info["terms"].values()))
+        self._infos += [info for info in self.locals["infos"] if info]
         return True
 
     def _on_rollout_end(self) -> None:
-        if not self._speeds:
+        if len(self._infos) < self.min_episodes:
             return
-        count, seconds = len(self._speeds), time.perf_counter() - self._begin
-        speed, total = sum(self._speeds) / count, sum(self._returns) / count
+        seconds = time.perf_counter() - self._begin
+        total = sum(sum(info["terms"].values()) for info in self._infos) / len(self._infos)
+        for name in self._infos[0]:
+            values = [float(info[name]) for info in self._infos if isinstance(info.get(name), int | float)]
+            known = [value for value in values if np.isfinite(value)]
+            if known:
+                self.logger.record(f"episode/{name}", float(np.mean(known)))
+        score = np.mean([info[self.score] for info in self._infos])
         with self.path.open("a") as file:
-            file.write(f"{self.num_timesteps},{seconds:.1f},{count},{speed:.4f},{total:.4f}\n")
-        self.logger.record("swim/speed", speed)
-        self._speeds, self._returns = [], []
+            file.write(f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}\n")
+        self._infos = []
 
 
 class Checkpoint(BaseCallback):

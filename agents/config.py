@@ -35,6 +35,36 @@ class TrainConfig:
         return math.exp(-control_interval / self.horizon)
 
 
+@dataclass(frozen=True)
+class Result:
+    """How a trained task is judged and published."""
+
+    score: str
+    """The metric its seeds are ranked by; more is better."""
+    metrics: tuple[str, ...]
+    """What its tables show."""
+    seeds: int
+    """How many seeds `train.py all` trains."""
+
+
+PAIRS = {"muscle_groups": "pairs"}
+TURNING = ("success", "latency", "overshoot", "radius", "turning_rate", "speed_lost", "work", "peak_strain")
+
 CONFIGS: dict[str, TrainConfig] = {
-    "swim": TrainConfig("FishEnv/Swim-v0", {"muscle_groups": "pairs"}),
+    "swim": TrainConfig("FishEnv/Swim-v0", PAIRS),
+    "turn": TrainConfig("FishEnv/Turn-v0", PAIRS, timesteps=3_000_000),
+    "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", PAIRS, timesteps=4_000_000),
+    "target": TrainConfig("FishEnv/Target-v0", PAIRS, timesteps=3_000_000),
+    "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, timesteps=5_000_000),
+    "avoid": TrainConfig("FishEnv/Avoid-v0", PAIRS, timesteps=4_000_000),
+}
+"""A task of the package, or one in a certain form, by the name that `train.py` knows it by."""
+
+RESULTS: dict[str, Result] = {
+    "swim": Result("speed", ("speed", "sideways"), 10),
+    "turn": Result("success", TURNING, 5),
+    "left_after_right": Result("success", TURNING, 10),
+    "target": Result("targets", ("targets", "success", "time_per_target"), 5),
+    "target_3d": Result("targets", ("targets", "success", "time_per_target"), 5),
+    "avoid": Result("avoided", ("avoided", "success", "clearance", "work", "peak_strain"), 5),
 }

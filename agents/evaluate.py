@@ -1,7 +1,6 @@
 """Play episodes on fixed seeds and measure them: any controller that turns observations and time into actions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -11,23 +10,13 @@ from agents.controllers import Gait
 from fish_env.envs import FishVectorEnv
 
 FIRST_SEED = 1_000_000  # far from the seeds of training, which count up from --seed
+EPISODES = 100
 
 Controller = Callable[[np.ndarray, float], np.ndarray]
 """(observations (B,D), seconds since the start) -> actions (B,A) or (A,)"""
 
-
-@dataclass(frozen=True)
-class Scores:
-    """One number an episode."""
-
-    speed: np.ndarray
-    """Mean speed along the commanded heading, body lengths per second."""
-    own_speed: np.ndarray
-    """Distance between start and end over time, whatever the direction, body lengths per second."""
-    total: np.ndarray
-    """Sum of rewards."""
-    failures: int
-    """Episodes ended by the physics."""
+Scores = dict[str, np.ndarray]
+"""One number an episode, (B,): `return`, `failed` (ended by the physics), `seconds`, and the task's metrics."""
 
 
 def gait_controller(gait: Gait, env: FishVectorEnv) -> Controller:
@@ -47,9 +36,9 @@ def make_eval_env(env_id: str, num_envs: int, options: dict[str, Any]) -> FishVe
     return gym.make_vec(env_id, num_envs, autoreset_mode="SameStep", **options).unwrapped
 
 
-def evaluate(controller: Controller, env: FishVectorEnv, first_seed: int = FIRST_SEED) -> Scores:
+def evaluate(controller: Controller, env: FishVectorEnv, first_seed: int = FIRST_SEED, options=None) -> Scores:
     """Play one episode with every fish of the batch, seeds first_seed, first_seed + 1, ..."""
-    obs, _ = env.reset(seed=first_seed)
+    obs, _ = env.reset(seed=first_seed, options=options)
     done = np.zeros(env.num_envs, dtype=bool)
     results: list[dict[str, Any]] = [{}] * env.num_envs
     time = 0.0
@@ -57,9 +46,28 @@ def evaluate(controller: Controller, env: FishVectorEnv, first_seed: int = FIRST
         action = np.broadcast_to(controller(obs, time), env.action_space.shape)
         obs, _, terminated, truncated, infos = env.step(action)
         time += env.control_interval
-        for i in np.flatnonzero((terminated | truncated) & ~done):
-            results[i] = {key: value[i] for key, value in infos["final_info"].items() if not isinstance(value, dict)}
-            results[i]["total"] = sum(v[i] for k, v in infos["final_info"]["terms"].items() if not k.startswith("_"))
+        over = terminated | truncated
+        for i in np.flatnonzero(over & ~done):
+            results[i] = episode_scores(infos["final_info"], i)
             done[i] = True
-    speed, sideways, total = (np.array([r[key] for r in results]) for key in ("speed", "sideways", "total"))
-    return Scores(speed, np.hypot(speed, sideways), total, sum(bool(r.get("failure")) for r in results))
+    return {name: np.array([result[name] for result in results]) for name in results[0]}
+
+
+def episode_scores(infos: dict[str, Any], i: int) -> dict[str, float]:
+    """The numbers of fish i in the infos of a batch."""
+    scores = {"return": sum(v[i] for k, v in infos["terms"].items() if not k.startswith("_"))}
+    scores["failed"] = bool(infos["failure"][i]) if "failure" in infos else False
+    for name, values in infos.items():
+        if not name.startswith("_") and name not in ("terms", "failure"):
+            scores[name] = values[i]
+    return {name: float(value) for name, value in scores.items()}
+
+
+def means(scores: Scores) -> dict[str, float]:
+    """Mean of every score over the episodes in which it is known; None if there are none."""
+    known = {name: values[np.isfinite(values)] for name, values in scores.items()}
+    found = {name: round(float(values.mean()), 4) if values.size else None for name, values in known.items()}
+    if "time_per_target" in scores:  # all targets together, not the mean of the episodes' means
+        targets = scores["targets"].sum()
+        found["time_per_target"] = round(float(scores["seconds"].sum() / targets), 4) if targets else None
+    return found

@@ -7,35 +7,54 @@ from pathlib import Path
 import numpy as np
 
 from agents.build import export_policy, make_env, make_model
-from agents.config import TrainConfig
-from agents.controllers import best_gait
-from agents.evaluate import FIRST_SEED, Controller, Scores, evaluate, gait_controller, make_eval_env, policy_controller
+from agents.config import CONFIGS, RESULTS, TrainConfig
+from agents.controllers import best_gait, random_actions, scripted
+from agents.evaluate import (
+    EPISODES,
+    FIRST_SEED,
+    Controller,
+    evaluate,
+    gait_controller,
+    make_eval_env,
+    means,
+    policy_controller,
+)
 from agents.play import write_video
 from agents.policy import load_policy
 from fish_env.envs import FishVectorEnv
 
-EPISODES = 100
+PRETRAINED = Path(__file__).parent / "pretrained"
 
 
-def report(folder: Path, task: str, config: TrainConfig, seed: int) -> None:
-    """Evaluate on fixed seeds, write results.json and the pictures, print the table and the command to play it."""
-    env = make_eval_env(config.env_id, EPISODES, config.env_options)
-    policy = load_policy(folder / "policy.npz", config.env_id)
-    controllers: dict[str, Controller] = {
-        "untrained policy": policy_controller(untrained(config, seed)),
+def baselines(env: FishVectorEnv) -> dict[str, Controller]:
+    """The controllers without learning."""
+    return {
+        "random": random_actions(env),
         "best open-loop gait": gait_controller(best_gait(), env),
-        "trained policy": policy_controller(policy),
+        "motor controllers": scripted(env),
     }
+
+
+def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bool = True) -> None:
+    """Evaluate on fixed seeds; write results.json and the pictures, print the table and the command to play it."""
+    env = make_eval_env(config.env_id, EPISODES, config.env_options)
+    policy = policy_controller(load_policy(folder / "policy.npz", config.env_id))
+    controllers = {"untrained policy": policy_controller(untrained(config, seed))} if pictures else {}
+    controllers |= (baselines(env) if pictures else {}) | {"trained policy": policy}
     scores = {name: evaluate(controller, env) for name, controller in controllers.items()}
-    rows = [table_row(name, s) for name, s in scores.items()]
-    ratios = speed_ratios(rows)
-    results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "ratios": ratios, "rows": rows}
+    rows = {name: means(found) for name, found in scores.items()}
+    np.savez(folder / "scores.npz", **scores["trained policy"])
+    results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
     (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
-    draw_curve(folder / "curve.csv", folder / "curve.png", rows[1]["own_speed"])
-    draw_path(config, {name: controllers[name] for name in list(controllers)[1:]}, folder / "path.png")
-    record_video(config, controllers["trained policy"], folder / "swim.mp4")
-    print_table(rows, ratios)
-    print(f"\nKept in {folder}: model.zip, policy.npz, config.json, results.json, curve.png, path.png, swim.mp4")
+    if not pictures:
+        return
+    metric = RESULTS[task].score
+    draw_curve(folder / "curve.csv", folder / "curve.png", metric, rows)
+    compared = ("best open-loop gait" if task == "swim" else "motor controllers", "trained policy")
+    draw_path(config, {name: controllers[name] for name in compared}, folder / "path.png")
+    record_video(config, policy, folder / f"{task}.mp4")
+    print_table(task, rows)
+    print(f"\nKept in {folder}: model.zip, policy.npz, config.json, results.json, curve.png, path.png, {task}.mp4")
     print(f"See it swim: python train.py play {folder / 'policy.npz'}")
 
 
@@ -45,80 +64,74 @@ def untrained(config: TrainConfig, seed: int):
     return export_policy(make_model(config, env, seed), {"env_id": config.env_id})
 
 
-def table_row(name: str, scores: Scores) -> dict:
-    """The scores of one controller as a row of the table."""
-    return {
-        "controller": name,
-        "speed": round(float(scores.speed.mean()), 4),
-        "lowest": round(float(scores.speed.min()), 4),
-        "own_speed": round(float(scores.own_speed.mean()), 4),
-        "return": round(float(scores.total.mean()), 4),
-        "failures": scores.failures,
-    }
+def print_table(task: str, rows: dict[str, dict]) -> None:
+    """The means of every controller over the fixed evaluation episodes."""
+    columns = (*RESULTS[task].metrics, "return", "failed")
+    print(f"\n{task}: mean over {EPISODES} episodes (docs/envs/ says what is measured, and in what)")
+    print(" " * 20 + "".join(f"{name:>16}" for name in columns))
+    for name, row in rows.items():
+        cells = ("-" if row.get(column) is None else f"{row[column]:.3f}" for column in columns)
+        print(f"{name:20}" + "".join(f"{cell:>16}" for cell in cells))
+    if task == "swim" and "best open-loop gait" in rows:
+        gait, policy = rows["best open-loop gait"], rows["trained policy"]
+        along, own = (policy["speed"] / speed for speed in (gait["speed"], own_speed(gait)))
+        print(f"The policy swims at {along:.2f} times the gait's speed along the heading; at {own:.2f} times what the "
+              "gait, which cannot steer, makes along its own line.")  # fmt: skip
 
 
-def speed_ratios(rows) -> list[float]:
-    """Speed of the last row over that of the one before: along the heading, and along the other one's own line."""
-    return [rows[-1]["speed"] / rows[-2][speed] for speed in ("speed", "own_speed")]
+def own_speed(row: dict) -> float:
+    """About the distance between start and end over time, whatever the direction, body lengths per second."""
+    return float(np.hypot(row["speed"], row["sideways"]))
 
 
-def print_table(rows, ratios=None) -> None:
-    """Speeds in body lengths per second, over the fixed evaluation episodes."""
-    print(f"\nMean over {EPISODES} episodes, speeds in body lengths per second:")
-    print(f"{'':22}{'along heading':>14}{'slowest':>9}{'own line':>10}{'return':>8}{'failures':>10}")
-    for row in rows:
-        print(f"{row['controller']:22}{row['speed']:14.3f}{row['lowest']:9.3f}{row['own_speed']:10.3f}"
-              f"{row['return']:8.2f}{row['failures']:10d}")  # fmt: skip
-    if ratios is not None:
-        print("The policy swims at {:.2f} times the gait's speed along the heading; at {:.2f} times what the gait, "
-              "which cannot steer, makes along its own line.".format(*ratios))  # fmt: skip
-
-
-def draw_curve(data: Path, picture: Path, gait_speed: float) -> None:
-    """Speed against training time, with the gait's speed as a line."""
-    plt = _pyplot()
+def draw_curve(data: Path, picture: Path, metric: str, rows: dict[str, dict]) -> None:
+    """The score against training time, with the baselines as lines."""
+    plt = pyplot()
     with data.open() as file:
-        rows = [(float(r["timesteps"]), float(r["speed"])) for r in csv.DictReader(file)]
+        points = [(float(r["timesteps"]), float(r["score"])) for r in csv.DictReader(file)]
     figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
-    if rows:
-        axes.plot(*np.array(rows).T, color="#0b7a99", label="policy, while training")
-    axes.axhline(gait_speed, color="#c0562f", linestyle="--", label="best open-loop gait, along its own line")
-    axes.set(xlabel="decisions", ylabel="speed along the heading, lengths/s", ylim=(0, None))
+    if points:
+        axes.plot(*np.array(points).T, color="#0b7a99", label="policy, while training")
+    for name, colour in (("best open-loop gait", "#c0562f"), ("motor controllers", "#7a7a2f")):
+        axes.axhline(rows[name][metric], color=colour, linestyle="--", label=name)
+    axes.set(xlabel="decisions", ylabel=metric, ylim=(0, None))
     axes.legend(frameon=False)
     figure.savefig(picture, dpi=110)
     plt.close(figure)
 
 
 def draw_path(config: TrainConfig, controllers: dict[str, Controller], picture: Path, fish: int = 6) -> None:
-    """Paths of a few fish seen from above, turned so that each commanded heading points to the right."""
-    plt = _pyplot()
+    """Paths of a few fish seen from above, turned so that each fish sets out to the right."""
+    plt = pyplot()
     env = make_eval_env(config.env_id, fish, config.env_options | {"info_every_step": True})
     figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
     for colour, (name, controller) in zip(("#c0562f", "#0b7a99"), controllers.items(), strict=True):
-        tracks = swum_tracks(controller, env)
-        for i, track in enumerate(tracks):
+        for i, track in enumerate(swum_tracks(controller, env)):
             axes.plot(*track.T, color=colour, lw=1.2, label=name if i == 0 else None)
-    axes.set(xlabel="along the commanded heading, body lengths", ylabel="across, body lengths", aspect="equal")
+    axes.set(xlabel="along the first command, body lengths", ylabel="across, body lengths", aspect="equal")
     axes.legend(frameon=False)
     figure.savefig(picture, dpi=110)
     plt.close(figure)
 
 
-def swum_tracks(controller: Controller, env: FishVectorEnv) -> np.ndarray:
-    """Centre of mass of each fish over one episode, (B,T,2) body lengths, commanded heading along +x."""
+def swum_tracks(controller: Controller, env: FishVectorEnv) -> list[np.ndarray]:
+    """Centre of mass of each fish over one episode, (T,2) body lengths, its first command along +x."""
     obs, _ = env.reset(seed=FIRST_SEED)
     heading = env.task.vectors(env.tank, env._pose)[:, 0, :2].copy()
-    track, time = [np.zeros((env.num_envs, 3))], 0.0
-    while True:
+    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+    tracks, time = [[np.zeros(3)] for _ in heading], 0.0
+    over = np.zeros(env.num_envs, dtype=bool)
+    while not over.all():
         action = np.broadcast_to(controller(obs, time), env.action_space.shape)
         obs, _, terminated, truncated, infos = env.step(action)
         time += env.control_interval
-        if (terminated | truncated).any():
-            break
-        track.append(infos["position"])
-    flat = np.array(track).transpose(1, 0, 2)[..., :2]
+        over |= terminated | truncated
+        for i in np.flatnonzero(~over):
+            tracks[i].append(infos["position"][i])
     across = np.stack([-heading[:, 1], heading[:, 0]], axis=1)
-    return np.stack([np.einsum("btk,bk->bt", flat, d) for d in (heading, across)], axis=-1)
+    return [
+        np.array(track)[:, :2] @ np.stack(axes, axis=1) for track, *axes in zip(tracks, heading, across, strict=True)
+    ]
 
 
 def record_video(config: TrainConfig, controller: Controller, path: Path, seconds: float = 6.0) -> None:
@@ -136,7 +149,8 @@ def record_video(config: TrainConfig, controller: Controller, path: Path, second
     env.close()
 
 
-def _pyplot():
+def pyplot():
+    """Matplotlib without a display."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -145,11 +159,38 @@ def _pyplot():
     return pyplot
 
 
-def evaluate_file(path: Path, **options) -> None:
-    """Measure a policy file on the fixed seeds beside the open-loop gait; options of the environment may differ."""
+def shipped() -> list[Path]:
+    """The policy files that come with the project."""
+    return sorted(PRETRAINED.glob("*/policy.npz"))
+
+
+def opened(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Controller, FishVectorEnv]:
+    """A policy file: its task, the policy, and an environment to measure it in; `changes` are options of that."""
     policy = load_policy(path)
-    changes = {name: value for name, value in options.items() if value is not None}
-    env = make_eval_env(policy.about["env_id"], EPISODES, dict(policy.about["env_options"]) | changes)
-    controllers = {"best open-loop gait": gait_controller(best_gait(), env), "policy": policy_controller(policy)}
-    rows = [table_row(name, evaluate(controller, env)) for name, controller in controllers.items()]
-    print_table(rows, speed_ratios(rows))
+    task = policy.about.get("task")
+    if task not in CONFIGS:
+        raise ValueError(f"{path} is for task {task!r}; known are {', '.join(CONFIGS)}")
+    changes = {name: value for name, value in changes.items() if value is not None}
+    env = make_eval_env(policy.about["env_id"], episodes, dict(policy.about["env_options"]) | changes)
+    return task, policy_controller(policy), env
+
+
+def measure(paths: list[Path], **options) -> dict[Path, dict]:
+    """Measure policy files on the fixed seeds; options of the environment may differ from those of the training."""
+    rows = {}
+    for path in paths:
+        task, policy, env = opened(path, **options)
+        rows[path] = means(evaluate(policy, env))
+        print_table(task, {task: rows[path]})
+    return rows
+
+
+def compare(paths: list[Path]) -> dict[Path, dict]:
+    """Measure policy files (or those that are shipped) on the fixed seeds beside the controllers without learning."""
+    found = {}
+    for path in paths or shipped():
+        task, policy, env = opened(path)
+        controllers = {**baselines(env), "trained policy": policy}
+        found[path] = {name: means(evaluate(controller, env)) for name, controller in controllers.items()}
+        print_table(task, found[path])
+    return found

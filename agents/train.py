@@ -14,7 +14,7 @@ from stable_baselines3.common.callbacks import CallbackList
 
 from agents.build import export_policy, make_env, make_model
 from agents.callbacks import Checkpoint, LearningCurve, Progress, save_whole
-from agents.config import CONFIGS, TrainConfig
+from agents.config import CONFIGS, RESULTS, TrainConfig
 from agents.report import report
 
 PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "torch")
@@ -33,7 +33,15 @@ def new_folder(root: Path, task: str) -> Path:
     raise FileExistsError(f"{root / task / stamp} and 98 like it exist")
 
 
-def train(task: str, seed: int = 0, root: Path = Path("runs"), resume: Path | None = None, **changes) -> Path:
+def train(
+    task: str,
+    seed: int = 0,
+    root: Path = Path("runs"),
+    resume: Path | None = None,
+    folder: Path | None = None,
+    pictures: bool = True,
+    **changes,
+) -> Path:
     """Train, evaluate and report; returns the run's folder.
 
     Args:
@@ -41,6 +49,8 @@ def train(task: str, seed: int = 0, root: Path = Path("runs"), resume: Path | No
         seed: of the learner; fish i starts from seed + i.
         root: where the run's folder is made.
         resume: the folder of an earlier run to go on with, until its number of timesteps (or the one given) is reached.
+        folder: where to keep the run, instead of a new folder under `root`.
+        pictures: make the pictures, the video and the table beside the baselines; else only measure the policy.
         changes: fields of `TrainConfig` to use instead of the task's (None is ignored).
 
     Raises:
@@ -51,7 +61,9 @@ def train(task: str, seed: int = 0, root: Path = Path("runs"), resume: Path | No
     if resume is None:
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
-        folder, config = new_folder(root, task), replace(CONFIGS[task], **changes)
+        config = replace(CONFIGS[task], **changes)
+        folder = new_folder(root, task) if folder is None else Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
     else:
         folder = Path(resume)
         config, seed = _resumable(folder, task, changes)
@@ -64,7 +76,7 @@ def train(task: str, seed: int = 0, root: Path = Path("runs"), resume: Path | No
         model = make_model(config, env, seed, folder / "tensorboard")
     else:
         model = PPO.load(folder / "model.zip", env, device="cpu")
-    finished = learn(model, config, folder)
+    finished = learn(model, config, folder, RESULTS[task].score)
     env.close()
     save_whole(model, folder / "model.zip")
     export_policy(model, {"task": task, "env_id": config.env_id, "env_options": config.env_options}).save(
@@ -75,13 +87,13 @@ def train(task: str, seed: int = 0, root: Path = Path("runs"), resume: Path | No
         print(f"Go on with:  python train.py {task} --resume {folder}")
         print(f"See it swim: python train.py play {folder / 'policy.npz'}")
         return folder
-    report(folder, task, config, seed)
+    report(folder, task, config, seed, pictures)
     return folder
 
 
-def learn(model: PPO, config: TrainConfig, folder: Path) -> bool:
+def learn(model: PPO, config: TrainConfig, folder: Path, score: str) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C stopped it first."""
-    callbacks = CallbackList([Progress(), LearningCurve(folder / "curve.csv"), Checkpoint(folder / "model.zip")])
+    callbacks = CallbackList([Progress(), LearningCurve(folder / "curve.csv", score), Checkpoint(folder / "model.zip")])
     left = config.timesteps - model.num_timesteps
     if left <= 0:
         return True

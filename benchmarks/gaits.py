@@ -53,9 +53,7 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=1
             if beat >= beats - measured - 1:
                 centre.append(mass @ tank.position[0])
                 tail.append(tank.position[0, fish.tail].mean(axis=0))
-                measure(
-                    fish.body.mass, fish.front, fish.rear, fish.left, fish.right, tank.position, tank.velocity, *pose
-                )
+                measure(fish.body.mass, fish.line, fish.left, fish.right, tank.position, tank.velocity, *pose)
                 up.append(pose.axes[0, 2].copy())
         if not tank.alive[0]:
             return Swum(0.0, 0.0, 0.0, np.inf, 180.0, tank.failure[0])
@@ -67,8 +65,7 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=1
     sweep = np.mean([np.ptp(offset[k * decisions : (k + 1) * decisions + 1]) for k in range(measured)]) / fish.length
     stride = distance / (measured * fish.length)
     # a fish that is pushed backwards has swum a negative distance
-    ahead = tank.position[0, fish.front].mean(axis=0) - tank.position[0, fish.rear].mean(axis=0)
-    stride = float(np.copysign(stride, path @ ahead))
+    stride = float(np.copysign(stride, path @ (fish.line @ tank.position[0])))
     tilt = np.array(up) @ np.mean(up, axis=0) / np.linalg.norm(np.mean(up, axis=0))
     wobble = float(np.degrees(np.arccos(min(1.0, tilt.min()))))
     return Swum(stride * gait.frequency, stride, float(sweep), float(sweep / abs(stride)), wobble, "")

@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 
 from agents.controllers import Gait
-from fish_env import make_fish
+from fish_env import body, make_fish
 from fish_env.bodies import Fish
-from fish_env.body import VACUUM, World, make_body
+from fish_env.body import VACUUM, World
 from fish_env.integrators.adaptive import solve
 from fish_env.tank import Tank
 
@@ -39,19 +39,7 @@ class Problem:
 
 def scaled(fish: Fish, stiffness=1.0, damping=1.0, mass=1.0) -> Fish:
     """The fish with its units' stiffness and damping and its nodes' masses multiplied."""
-    body, springs = fish.body, fish.body.springs
-    return replace(
-        fish,
-        body=make_body(
-            body.position,
-            body.mass * mass,
-            springs.nodes,
-            springs.stiffness * stiffness,
-            springs.damping * damping,
-            springs.rest_length,
-            body.faces.nodes,
-        ),
-    )
+    return replace(fish, body=body.scaled(fish.body, stiffness, damping, mass))
 
 
 def swimming(fish: Fish, intervals: int) -> np.ndarray:

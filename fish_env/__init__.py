@@ -15,7 +15,7 @@ from fish_env.tasks import TASKS
 __version__ = "0.1.0"
 __all__ = ["BODIES", "INTEGRATORS", "TASKS", "Fish", "Tank", "World", "make_fish", "make_water"]
 
-EPISODE_STEPS = {"swim": 250}
+EPISODE_STEPS = {"swim": 250, "turn": 250, "left_after_right": 250, "target": 500, "avoid": 300}
 """Decisions in an episode of each task."""
 
 for _task, _steps in EPISODE_STEPS.items():

@@ -150,6 +150,19 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces) -> 
     return Body(position, mass, springs, Faces(corners, np.ascontiguousarray(share)), *rates, shape)
 
 
+def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
+    """The body with its units' stiffness and damping and its nodes' masses multiplied by positive factors."""
+    springs = body.springs._replace(
+        stiffness=body.springs.stiffness * stiffness, damping=body.springs.damping * damping
+    )
+    return body._replace(
+        mass=body.mass * mass,
+        springs=springs,
+        elastic_rate=body.elastic_rate * (stiffness / mass),
+        viscous_rate=body.viscous_rate * (damping / mass),
+    )
+
+
 def highest_rate(position, mass, pairs, constant) -> float:
     """Highest eigenvalue of M^-1 K for units of the given stiffness (E,) along their directions at rest."""
     n = len(mass)

@@ -25,11 +25,11 @@ def make_pose(num_fish: int) -> Pose:
 
 
 @njit
-def measure(mass, front, rear, left, right, x, v, centre, velocity, axes):
+def measure(mass, line, left, right, x, v, centre, velocity, axes):
     """Fill the three arrays of a `Pose` from positions and velocities x, v (B,N,3).
 
-    Forward runs from the mean of the nodes `rear` to the mean of the nodes `front`; left is the mean of the
-    differences from `right` to `left`, made orthogonal to it; up is their cross product (docs/physics.md, eq. 18).
+    Forward is the sum of the positions times the weights `line` (N,), `Fish.line`; left is the mean of the differences
+    from `right` to `left`, made orthogonal to it; up is their cross product (docs/physics.md, eq. 18).
     """
     total = 0.0
     for i in range(mass.size):
@@ -40,10 +40,7 @@ def measure(mass, front, rear, left, right, x, v, centre, velocity, axes):
             for i in range(mass.size):
                 middle += mass[i] * x[b, i, k]
                 drift += mass[i] * v[b, i, k]
-            for i in front:
-                ahead += x[b, i, k] / front.size
-            for i in rear:
-                ahead -= x[b, i, k] / rear.size
+                ahead += line[i] * x[b, i, k]
             for i in range(left.size):
                 aside += x[b, left[i], k] - x[b, right[i], k]
             centre[b, k] = middle / total

@@ -10,9 +10,22 @@ import numpy as np
 
 from fish_env._jit import njit
 from fish_env.bodies.fish import Fish
-from fish_env.body import COUNTERS, FAILURES, VACUUM, Control, State, World, finite_array, positive_array
+from fish_env.body import (
+    COUNTERS,
+    FAILURES,
+    VACUUM,
+    Body,
+    Control,
+    State,
+    World,
+    finite_array,
+    positive_array,
+    scaled,
+)
 from fish_env.integrators import INTEGRATORS, Integrator
 
+NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+"""Factors on stiffness (and damping), mass and drag, and a current to add, m/s: a fish as it was made."""
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
 
@@ -68,6 +81,9 @@ class Tank:
         """(M,) what full contraction takes off it, m."""
         self.effort = np.zeros(b)
         """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
+        self.variation = np.tile(NOMINAL, (b, 1))
+        """(B,6) what sets each fish and its water apart from the rest (`vary`); read only."""
+        self._own: dict[int, tuple[Body, World]] = {}
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
         self._pool = None
 
@@ -114,6 +130,42 @@ class Tank:
         """Contraction of each muscle's rest length, (B,M): 0 natural, 1 full."""
         return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
 
+    def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0)) -> None:
+        """Make fish i and its water differ from the others; without arguments, as they were made.
+
+        Fish that differ cost a call of the integrator each, some microseconds a control interval.
+
+        Args:
+            i: number of the fish, 0 to B - 1.
+            stiffness: factor on the stiffness and the damping of its units.
+            mass: factor on its mass.
+            drag: factor on the force of the water.
+            current: velocity of its water beyond that of the tank's, (3,) m/s.
+
+        Raises:
+            ValueError: for a missing fish, a factor that is not positive (for drag: a negative one), or a current that
+                is not finite.
+        """
+        if not (isinstance(i, int | np.integer) and 0 <= i < self.num_fish):
+            raise ValueError(f"fish is {i!r}; give a whole number from 0 to {self.num_fish - 1}")
+        row = np.concatenate([
+            positive_array([stiffness, mass], (2,), "factors on stiffness and mass"),
+            positive_array([drag], (1,), "factor on drag", zero=True),
+            finite_array(current, (3,), "current (m/s)"),
+        ])  # fmt: skip
+        self._set_variation(int(i), row)
+
+    def _set_variation(self, i: int, row: np.ndarray) -> None:
+        self.variation[i] = row
+        self._own.pop(i, None)
+        if tuple(row) != NOMINAL:
+            stiffness, mass, drag = (float(factor) for factor in row[:3])
+            world = self.world
+            self._own[i] = (
+                scaled(self.fish.body, stiffness, stiffness, mass),
+                World(world.linear * drag, world.quadratic * drag, world.current + row[3:]),
+            )
+
     def advance(self, steps: int) -> None:
         """Take `steps` steps of dt with the controls held. A fish that fails stops at its last sound state."""
         if not (isinstance(steps, int | np.integer) and steps >= 0):
@@ -155,28 +207,29 @@ class Tank:
 
     def _run(self, steps: int) -> None:
         if self._chunks == 1:
-            self.integrator.advance(self.fish.body, self.world, self.state, self.control, self.dt, steps)
+            self._move(0, self.num_fish, steps)
             return
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads)
         edges = np.linspace(0, self.num_fish, self._chunks + 1).astype(int)
-        jobs = [
-            self._pool.submit(
-                self.integrator.advance,
-                self.fish.body,
-                self.world,
-                State(*(array[lo:hi] for array in self.state)),
-                Control(*(array[lo:hi] for array in self.control)),
-                self.dt,
-                steps,
-            )
-            for lo, hi in pairwise(edges)
-        ]
-        for job in jobs:
+        for job in [self._pool.submit(self._move, lo, hi, steps) for lo, hi in pairwise(edges)]:
             job.result()
 
+    def _move(self, lo: int, hi: int, steps: int) -> None:
+        """Advance fish lo to hi - 1: in one call, or one by one if any differ from the rest."""
+        if not self._own:
+            state, control = (self.state, self.control) if hi - lo == self.num_fish else (self._rows(lo, hi))
+            self.integrator.advance(self.fish.body, self.world, state, control, self.dt, steps)
+            return
+        for i in range(lo, hi):
+            body, world = self._own.get(i, (self.fish.body, self.world))
+            self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
+
+    def _rows(self, lo: int, hi: int) -> tuple[State, Control]:
+        return State(*(array[lo:hi] for array in self.state)), Control(*(array[lo:hi] for array in self.control))
+
     def reset(self, mask=None) -> None:
-        """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero."""
+        """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero; `vary` stays."""
         which = slice(None) if mask is None else np.asarray(mask)
         if mask is not None and (which.dtype != bool or which.shape != (self.num_fish,)):
             raise ValueError(f"mask is {mask!r}; give a boolean array ({self.num_fish},), or None for all fish")
@@ -192,8 +245,8 @@ class Tank:
             self._pool = None
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that decides what happens next, as copies: x, v, t, failure, counters, rest_length."""
-        named = self.state._asdict() | {"rest_length": self.control.rest_length}
+        """Everything that decides what happens next, as copies: x, v, t, failure, counters, rest_length, variation."""
+        named = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
         return {name: array.copy() for name, array in named.items()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
@@ -202,17 +255,21 @@ class Tank:
         Raises:
             ValueError: if a part is missing, unknown, of another shape or not finite; nothing is changed then.
         """
-        target = self.state._asdict() | {"rest_length": self.control.rest_length}
+        target = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
         if set(state) != set(target):
             raise ValueError(f"state holds {sorted(state)}; give {sorted(target)}, as get_state returns them")
         checked = {name: finite_array(state[name], array.shape, name) for name, array in target.items()}
         positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
+        positive_array(checked["variation"][:, :2], (self.num_fish, 2), "factors on stiffness and mass")
+        positive_array(checked["variation"][:, 2], (self.num_fish,), "factor on drag", zero=True)
         if not np.isin(checked["failure"], range(len(FAILURES))).all():
             raise ValueError(f"failure is {checked['failure']}; give whole numbers from 0 to {len(FAILURES) - 1}")
         if not (np.equal(np.floor(checked["counters"]), checked["counters"]) & (checked["counters"] >= 0)).all():
             raise ValueError(f"counters are {checked['counters']}; give whole numbers, zero or more")
         for name, array in target.items():
             array[...] = checked[name]
+        for i, row in enumerate(checked["variation"]):
+            self._set_variation(i, row)
 
 
 @njit

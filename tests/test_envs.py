@@ -29,7 +29,7 @@ def actions(env, steps, seed=0):
 
 def test_ids():
     """Every task of the table, and the stub, is registered."""
-    assert set(IDS) == {f"FishEnv/{task.title()}-v0" for task in fish_env.TASKS} | {"FishEnv/Stub-v0"}
+    assert set(IDS) == {f"FishEnv/{task.title().replace('_', '')}-v0" for task in fish_env.TASKS} | {"FishEnv/Stub-v0"}
 
 
 @pytest.mark.parametrize("id", IDS)
@@ -111,7 +111,7 @@ def test_batch_equals_singles(id):
             assert (reward[i], terminated[i], truncated[i]) == expected[1:]
             over[i] = expected[2] or expected[3]
             ends += over[i]
-    assert ends == count, "no episode ended: the restart was not tested"
+    assert ends >= count, "no episode ended: the restart was not tested"
 
 
 def test_threads_do_not_matter():
@@ -143,9 +143,11 @@ def test_same_seed_same_bits():
 def test_observations(id):
     """Observations are finite, fresh, float32, inside their space, and no element is constant."""
     env = gym.make(id)
-    seen = [env.reset(seed=0)[0]]
-    for action in actions(env, 120):
-        seen.append(env.step(action)[0])
+    seen = []
+    for seed in range(3):  # an episode may lack what a task only sometimes has, such as an obstacle that moves
+        seen.append(env.reset(seed=seed)[0])
+        for action in actions(env, gym.spec(id).max_episode_steps - 1, seed):
+            seen.append(env.step(action)[0])
     assert all(env.observation_space.contains(obs) for obs in seen)
     assert not any(np.shares_memory(a, b) for a, b in pairwise(seen))
     if id != "FishEnv/Stub-v0":  # the stub is stiff
@@ -163,7 +165,7 @@ def test_observation_table():
     assert len(rows) == obs.size == len({name for name, _, _ in rows})
     mass = fish.body.mass / fish.body.mass.sum()
     x = tank.position[0] - mass @ tank.position[0]
-    forward = x[fish.front].mean(axis=0) - x[fish.rear].mean(axis=0)
+    forward = fish.line @ x
     forward /= np.linalg.norm(forward)
     np.testing.assert_allclose(obs[0:69:3], x @ forward / fish.length, atol=1e-6)
     np.testing.assert_allclose(obs[69:138:3], tank.velocity[0] @ forward / fish.length, atol=1e-5)
@@ -229,7 +231,7 @@ def test_autoreset(id, mode):
         assert infos["final_info"]["seconds"] == pytest.approx([4 * env.unwrapped.control_interval] * 3)
         assert (env.unwrapped.tank.time == 0).all()
         return
-    assert infos["_speed"].all() and infos["seconds"].shape == (3,)
+    assert infos["_seconds"].all() and infos["seconds"].shape == (3,)
     if mode is AutoresetMode.NEXT_STEP:
         fresh, reward, terminated, truncated, _ = env.step(env.action_space.sample())
         assert (reward == 0).all() and not truncated.any() and (env.unwrapped.tank.time == 0).all()
@@ -348,7 +350,18 @@ def test_clone_goes_on_alike(id, clone):
         ({"water": "deep"}, "give keywords of fish_env.make_water"),
         ({"muscle_groups": "all"}, "unknown muscle grouping 'all'"),
         ({"render_mode": "ascii"}, "unknown render_mode 'ascii'"),
-        ({"heading_error": 9.0}, "heading_error is 9.0"),
+        ({"heading_error": 9.0}, "heading_error is 9; give a number from 0 to 3.14159"),
+        ({"speed": 9.0}, "speed is 9; give a number from 0.1 to 3"),
+        ({"speed": (2.0, 1.0)}, "lowest first"),
+        ({"task": "turn", "angle": 4.0}, "angle is 4; give a number from 0.174533 to 3.14159"),
+        ({"task": "left_after_right", "severity": 3.0}, "severity is 3; give a number from 0.1 to 2"),
+        ({"task": "left_after_right", "reversals": 3}, "reversals is 3; give 1"),
+        ({"task": "target", "dimensions": 4}, "dimensions is 4; give 2 or 3"),
+        ({"task": "target", "distance": 0.3}, "distance is 0.3; give a number from 0.8 to 5"),
+        ({"task": "avoid", "gap": (0.0, 1.0)}, "gap is 0; give a number from 0.2 to 5"),
+        ({"variation": {"depth": 1.0}}, "unknown variation 'depth'; choose from stiffness"),
+        ({"variation": {"mass": 0.0}}, "give a number from 0.25 to 4"),
+        ({"variation": 3}, "variation is 3; give a dict"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"num_envs": 0}, "num_fish is 0"),
         ({"threads": 0}, "threads is 0"),

@@ -16,7 +16,7 @@ from gymnasium.wrappers import RecordVideo
 
 import fish_env
 from fish_env.render import Frame, Renderer, WindowClosed, draw, make_frame
-from fish_env.render.layout import CENTRE, HEIGHT, PANEL, WIDTH
+from fish_env.render.layout import CENTRE, HEIGHT, PANEL, SCALE, SIDE_UNIT, UNIT, WIDTH
 from fish_env.render.skin import normals, skin_of
 
 
@@ -49,6 +49,12 @@ def run_python(code, **changes):
 def contracted(frame, value):
     """The frame with every muscle contracted by the same value."""
     return frame._replace(contraction=np.full(len(frame.contraction), value))
+
+
+def with_sphere(frame, offset, radius, touchable):
+    """The frame without command and with one sphere, offset (3,) body lengths from the fish, radius in body lengths."""
+    centre = frame.path[-1] + np.multiply(offset, frame.length)
+    return frame._replace(commands=np.zeros((0, 3)), spheres=np.array([[*centre, radius]]), touchable=touchable)
 
 
 def test_one_picture_a_fish(batch):
@@ -130,6 +136,75 @@ def test_commands_show(batch):
         rows, columns = np.nonzero((bare != draw(frame._replace(commands=np.array([command])))).any(axis=2))
         ahead = np.array([columns.mean() - CENTRE[0], rows.mean() - CENTRE[1]])
         assert ahead @ (x, y) > 100 and abs(ahead @ (y, x)) < 5
+
+
+@pytest.mark.parametrize("touchable", [True, False])
+@pytest.mark.parametrize("offset", [(0.0, 0.6, 0.0), (-0.7, -0.5, 0.1)])
+def test_spheres_show(batch, offset, touchable):
+    """A sphere changes the picture where it is seen from above (a stone's shadow: a little further), and only there."""
+    frame = make_frame(batch, 0)._replace(commands=np.zeros((0, 3)))
+    assert frame.spheres.shape == (0, 4)
+    radius = 0.15
+    changed = (draw(frame) != draw(with_sphere(frame, offset, radius, touchable))).any(axis=2)
+    x, y = CENTRE[0] + UNIT * offset[0], CENTRE[1] - UNIT * offset[1]
+    rows, columns = np.indices(changed.shape)
+    distance = np.hypot(columns + 0.5 - x, rows + 0.5 - y)
+    inside, shadow = distance < UNIT * radius - 2, 0 if touchable else 40
+    inside[SCALE.top : SCALE.bottom, SCALE.left : SCALE.right] = False  # the card lies over it
+    changed[PANEL.top - 3 : PANEL.bottom + 3, PANEL.left - 3 : PANEL.right + 3] = False  # the view from the side
+    assert changed[inside].mean() > 0.99
+    assert not changed[distance > UNIT * radius + 2 + shadow].any()
+
+
+def test_spheres_show_from_the_side(batch):
+    """A sphere above the fish is in the inset, over the fish; one far off, or nowhere, is not in the picture."""
+    frame = make_frame(batch, 0)._replace(commands=np.zeros((0, 3)))
+    bare = draw(frame)
+    for touchable in (True, False):
+        changed = (bare != draw(with_sphere(frame, (0.0, 0.0, 0.2), 0.1, touchable))).any(axis=2)
+        rows, columns = np.nonzero(changed[PANEL.top : PANEL.bottom, PANEL.left : PANEL.right])
+        assert abs(columns.mean() - PANEL.width / 2) < 5
+        assert abs(PANEL.height / 2 - 0.2 * SIDE_UNIT - rows.mean()) < 5
+        for away in (9.0, -1e15, np.nan):
+            assert np.array_equal(bare, draw(with_sphere(frame, (away, away, away), 0.1, touchable)))
+
+
+def test_solid_spheres_hide_what_is_below(batch):
+    """From above, a stone over the fish veils it and one under it does not; a target never does."""
+    frame = make_frame(batch, 0)._replace(commands=np.zeros((0, 3)))
+    for height, touchable, hidden in ((0.3, False, True), (-0.3, False, False), (0.3, True, False)):
+        with_it = with_sphere(frame, (0.0, 0.0, height), 0.2, touchable)
+        tense, relaxed = (draw(contracted(with_it, value)).astype(int) for value in (1.0, 0.0))
+        bare = draw(contracted(frame, 1.0)).astype(int) - draw(contracted(frame, 0.0))
+        near = np.s_[CENTRE[1] - 20 : CENTRE[1] + 20, CENTRE[0] - 20 : CENTRE[0] + 20]
+        share = np.abs(tense - relaxed)[near].sum() / np.abs(bare)[near].sum()
+        assert share < 0.6 if hidden else share > 0.9
+
+
+@pytest.mark.parametrize("name", ["Target", "Avoid"])
+def test_tasks_show_their_spheres(name):
+    """Target shows where its target is; Avoid an obstacle once it has appeared; both only one arrow."""
+    env = gym.make_vec(f"FishEnv/{name}-v0", 2, vectorization_mode="vector_entry_point").unwrapped
+    env.reset(seed=0)
+    task = env.task
+    if name == "Avoid":
+        assert make_frame(env, 1).spheres.shape == (0, 4)
+        task.present[1], task.obstacle[1] = True, (0.1, 0.2, 0.3)
+        assert make_frame(env, 0).spheres.shape == (0, 4)
+    frame = make_frame(env, 1)
+    way = env._pose.centre[1] + frame.commands[0] * frame.length
+    where = way if name == "Target" else (0.1, 0.2, 0.3)
+    np.testing.assert_allclose(frame.spheres, [[*where, task.radius]], atol=1e-12)
+    assert frame.touchable == (name == "Target") and frame.commands.shape == (1, 3)
+    env.close()
+
+
+def test_no_arrow_past_the_target(batch):
+    """Near a target no arrow is drawn, which would point from beyond it."""
+    for distance, shown in ((0.5, False), (1.2, True)):
+        silent = with_sphere(make_frame(batch, 0), (0.0, distance, 0.0), 0.15, True)
+        told = silent._replace(commands=np.array([[0.0, distance, 0.0]]))
+        assert shown != np.array_equal(draw(told), draw(silent))
 
 
 def test_draws_any_frame(batch):

@@ -34,10 +34,6 @@ class Fish:
     nose: int
     tail: np.ndarray
     """(2,) upper and lower tip of the caudal fin."""
-    front: np.ndarray
-    """Nodes whose mean marks the front of the trunk's axis."""
-    rear: np.ndarray
-    """Nodes whose mean marks the rear of the trunk's axis."""
     left: np.ndarray
     """Nodes of the trunk's left side; `right` are their mirror images, in the same order."""
     right: np.ndarray
@@ -53,6 +49,15 @@ class Fish:
                 raise ValueError(f"{name} is {value!r}; give a positive, finite number")
         if np.any(self.contracted <= 0) or np.any(self.contracted >= 1):
             raise ValueError(f"contracted is {self.contracted}; give fractions between 0 and 1")
+
+    @property
+    def line(self) -> np.ndarray:
+        """(N,) weights whose sum with the positions points forward: the slope of the mass-weighted line of best fit.
+
+        That line sways half as far as the trunk with every beat, so it says better where the fish is heading.
+        """
+        along = self.body.position[:, 0] - self.body.mass @ self.body.position[:, 0] / self.body.mass.sum()
+        return self.body.mass * along / (self.body.mass @ along**2)
 
     @property
     def num_muscles(self) -> int:

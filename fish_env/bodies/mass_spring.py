@@ -234,8 +234,6 @@ def _fish(name, body, water, length, contracted, contraction_time, time_step, co
         water=water,
         nose=NOSE,
         tail=np.array(TAIL),
-        front=np.array(LAYERS[1]),
-        rear=np.array(LAYERS[4]),
         left=left,
         right=right,
         mirror=mirror,

@@ -2,6 +2,7 @@
 
 from fish_env.envs.single import FishEnv
 from fish_env.envs.stub import StubEnv, StubVectorEnv
+from fish_env.envs.variation import VARIATIONS
 from fish_env.envs.vector import FishVectorEnv
 
-__all__ = ["FishEnv", "FishVectorEnv", "StubEnv", "StubVectorEnv"]
+__all__ = ["VARIATIONS", "FishEnv", "FishVectorEnv", "StubEnv", "StubVectorEnv"]

@@ -11,9 +11,11 @@ from gymnasium.vector.utils import batch_space
 from fish_env.bodies import Fish, make_fish
 from fish_env.body import World, finite_array, make_water
 from fish_env.envs import observation
+from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.pose import make_pose, measure
 from fish_env.tank import Tank, whole_steps
 from fish_env.tasks import TASKS
+from fish_env.tasks.options import checked_options
 
 FAILURE_PENALTY = 10.0  # body lengths: what a failure of the physics costs
 
@@ -37,6 +39,7 @@ class Episodes:
         control_interval: float | None = None,
         water: Mapping[str, Any] | World | None = None,
         muscle_groups: str = "muscles",
+        variation: Mapping[str, Any] | None = None,
         max_episode_steps: int | None = None,
         threads: int | None = None,
         **task_options,
@@ -56,10 +59,14 @@ class Episodes:
             self.task = self.tasks[task](**task_options)
         except TypeError as error:
             raise ValueError(f"unknown option of the environment or of task {task!r}: {error}") from error
+        self.task.prepare(self.tank, self.control_interval)
+        self.variation = checked_variation(variation or {})
+        self.reset_options = {**self.task.reset_options, **VARIATIONS}
         self.num_envs = self.tank.num_fish
         self.max_episode_steps = max_episode_steps
         self.groups = fish.grouping(muscle_groups)
         bound = observation.bounds(fish, self.task)
+        self._limits = np.array([direction.limit for direction in self.task.directions])
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (int(self.groups.max()) + 1,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -67,23 +74,30 @@ class Episodes:
         self._action_shape = self.action_space.shape
         self._contraction = np.zeros((self.num_envs, fish.num_muscles))
         self._pose = make_pose(self.num_envs)
+        self._line = fish.line
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int | None] = [None] * self.num_envs
         self._elapsed = np.zeros(self.num_envs, dtype=np.int64)
+        self._limit = np.full(self.num_envs, max_episode_steps or np.iinfo(np.int64).max)
         self._no_penalty = np.zeros(self.num_envs)
         self._totals = {name: np.zeros(self.num_envs) for name in (*self.task.term_names, "failure")}
         self._started = False
 
     def restart(self, mask: np.ndarray, seeds: Sequence[int | None] | None = None, options: Mapping | None = None):
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
-        options = self._checked_options(options or {})
+        options = checked_options(options or {}, self.reset_options)
         which = np.flatnonzero(mask)
         for i in which:
             if (seeds is not None and seeds[i] is not None) or self._generators[i] is None:
                 self._generators[i], self._seeds[i] = np_random(None if seeds is None else seeds[i])
         self.tank.reset(mask)
-        self.task.start(self.tank, which, [self._generators[i] for i in which], options)
+        for i in which:
+            generator = self._generators[i]
+            drawn = draw(self.variation, generator) | options
+            vary(self.tank, i, drawn)
+            self.task.start(self.tank, i, generator, drawn)
         self._elapsed[mask] = 0
+        self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
         for total in self._totals.values():
             total[mask] = 0.0
         self._measure()
@@ -96,7 +110,7 @@ class Episodes:
         self._command(action)
         self._swim()
         self._measure()
-        terms = self.task.reward(self.tank, self._pose, self.control_interval)
+        terms = self.task.reward(self.tank, self._pose)
         terminated = self.task.done(self.tank, self._pose)
         if np.count_nonzero(self.tank.state.failure):  # rare: the quick test keeps it out of the hot path
             failed = self.tank.state.failure != 0
@@ -111,9 +125,15 @@ class Episodes:
                 reward += term
                 self._totals[name] += term
         self._elapsed += 1
-        if self.max_episode_steps is None:
-            return reward, terminated, np.zeros(self.num_envs, dtype=bool)
-        return reward, terminated, ~terminated & (self._elapsed >= self.max_episode_steps)
+        return reward, terminated, ~terminated & (self._elapsed >= self._limit)
+
+    def stagger(self) -> None:
+        """Shorten the episodes just begun to lengths spread evenly up to the limit, so that they end one by one.
+
+        A learner then sees all parts of an episode in every batch, not all beginnings and then all ends.
+        """
+        if self.max_episode_steps is not None:
+            self._limit[:] = 1 + np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
 
     def observe(self) -> np.ndarray:
         """What every fish sees now, a new (B,D) float32 array."""
@@ -123,7 +143,7 @@ class Episodes:
         observation.observe(
             tank.position, tank.velocity, self._pose.centre, self._pose.axes, tank.fish.length,
             tank.rest_length, tank.fish.muscles, tank.natural, tank.span,
-            vectors, self.task.vector_limit, out,
+            vectors, self._limits, out,
         )  # fmt: skip
         return out
 
@@ -165,15 +185,7 @@ class Episodes:
 
     def _measure(self) -> None:
         fish, tank = self.tank.fish, self.tank
-        measure(fish.body.mass, fish.front, fish.rear, fish.left, fish.right, tank.position, tank.velocity, *self._pose)
-
-    def _checked_options(self, options: Mapping[str, Any]) -> dict[str, float]:
-        """The reset options as numbers, or ValueError before anything is touched."""
-        for name in options:
-            if name not in self.task.reset_options:
-                allowed = "; ".join(f"{key!r}, {text}" for key, text in self.task.reset_options.items())
-                raise ValueError(f"unknown reset option {name!r}; choose from {allowed}")
-        return {name: float(finite_array(value, (), f"options[{name!r}]")) for name, value in options.items()}
+        measure(fish.body.mass, self._line, fish.left, fish.right, tank.position, tank.velocity, *self._pose)
 
 
 def _water(keywords) -> World:

@@ -17,17 +17,17 @@ def table(fish, task) -> list[tuple[str, str, float]]:
     for spring, side, segment in zip(fish.muscles, fish.sides, fish.segments, strict=True):
         name = f"rest length of muscle {spring} ({'left' if side > 0 else 'right'}, segment {segment})"
         rows.append((name, "-1 natural, 1 contracted", 1.0))
-    rows += [(f"{name}, {axis}", "in the body frame", task.vector_limit) for name in task.vector_names for axis in axes]
+    rows += [(f"{d.name}, {axis}", d.unit, d.limit) for d in task.directions for axis in axes]
     return rows
 
 
 @njit
-def observe(x, v, centres, frames, length, rest_length, muscles, natural, span, vectors, vector_limit, out):
+def observe(x, v, centres, frames, length, rest_length, muscles, natural, span, vectors, limits, out):
     """Fill out (B,D) float32 in the order of `table`.
 
     From x, v (B,N,3), the poses' centres (B,3) and axes (B,3,3), the rest lengths (B,E) with the muscles' numbers,
-    natural length and span (M,), and the task's vectors (B,K,3). Values beyond the bounds of the observation space are
-    set to the bound.
+    natural length and span (M,), and the task's vectors (B,K,3) with their limits (K,). Values beyond the bounds of the
+    observation space are set to the bound.
     """
     nodes = x.shape[1]
     scale = 1.0 / length
@@ -49,7 +49,7 @@ def observe(x, v, centres, frames, length, rest_length, muscles, natural, span, 
         for q in range(vectors.shape[1]):
             for k in range(3):
                 value = axes[k, 0] * vectors[b, q, 0] + axes[k, 1] * vectors[b, q, 1] + axes[k, 2] * vectors[b, q, 2]
-                out[b, base + 3 * q + k] = bounded(value, vector_limit)
+                out[b, base + 3 * q + k] = bounded(value, limits[q])
 
 
 @njit

@@ -17,8 +17,8 @@ from fish_env.envs.vector import FishVectorEnv
 class FishVecEnv(VecEnv):
     """`FishVectorEnv` as Stable-Baselines3 wants it. Episodes begin anew in the step in which they end."""
 
-    def __init__(self, fish: FishVectorEnv):
-        self.fish = fish
+    def __init__(self, fish: FishVectorEnv, staggered: bool = False):
+        self.fish, self.staggered = fish, staggered
         super().__init__(fish.num_envs, fish.single_observation_space, fish.single_action_space)
         self.metadata = fish.metadata
 
@@ -28,6 +28,8 @@ class FishVecEnv(VecEnv):
         if any((other or {}) != options for other in self._options):
             raise ValueError("fish of one batch share their reset options; set_options takes one dict for all")
         self.fish.restart(np.ones(self.num_envs, dtype=bool), self._seeds, options)
+        if self.staggered:
+            self.fish.stagger()
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -80,7 +82,9 @@ class FishVecEnv(VecEnv):
         return [False] * len(list(self._get_indices(indices)))
 
 
-def make_sb3_vec_env(id: str, num_envs: int = 1, seed: int | None = None, monitor: bool = True, **options) -> VecEnv:
+def make_sb3_vec_env(
+    id: str, num_envs: int = 1, seed: int | None = None, monitor: bool = True, staggered: bool = False, **options
+) -> VecEnv:
     """A batch of fish for Stable-Baselines3: `make_sb3_vec_env("FishEnv/Swim-v0", num_envs=256, seed=0)`.
 
     Args:
@@ -88,6 +92,7 @@ def make_sb3_vec_env(id: str, num_envs: int = 1, seed: int | None = None, monito
         num_envs: the number of fish.
         seed: fish i starts from seed + i.
         monitor: wrap it in `VecMonitor`, so that returns are logged.
+        staggered: shorten the first episodes so that the fish do not all end theirs together (for training).
         options: keywords of `FishVectorEnv`.
 
     Raises:
@@ -95,7 +100,7 @@ def make_sb3_vec_env(id: str, num_envs: int = 1, seed: int | None = None, monito
         ValueError: for an option that is not allowed.
     """
     fish = gym.make_vec(id, num_envs, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **options)
-    env: VecEnv = FishVecEnv(fish.unwrapped)
+    env: VecEnv = FishVecEnv(fish.unwrapped, staggered)
     if monitor:
         env = VecMonitor(env)
     env.seed(seed)

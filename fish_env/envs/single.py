@@ -30,7 +30,7 @@ class FishEnv(gym.Env):
         return self.fish.tank
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
-        """Begin an episode. `options` are the task's (`env.unwrapped.fish.task.reset_options`)."""
+        """Begin an episode. `options` are keys of `env.unwrapped.fish.reset_options`."""
         super().reset(seed=seed)
         self._limit = None if self.spec is None else gym.spec(self.spec.id).max_episode_steps
         self.fish._generators[0] = self.np_random

@@ -14,7 +14,7 @@ from fish_env.tasks import SwimTask
 class StubTask(SwimTask):
     """`SwimTask` without its kernel."""
 
-    def reward(self, tank, pose, interval):
+    def reward(self, tank, pose):
         progress = ((pose.centre - self._before) * self._heading).sum(axis=1) / tank.fish.length
         self._before[:] = pose.centre
         return {"progress": progress, "effort": np.zeros(tank.num_fish)}
@@ -42,7 +42,7 @@ class StubVectorEnv(FishVectorEnv):
         mass = fish.body.mass / fish.body.mass.sum()
         pose.centre[:], pose.velocity[:] = mass @ self.tank.position, mass @ self.tank.velocity
         x = self.tank.position
-        forward = x[:, fish.front].mean(axis=1) - x[:, fish.rear].mean(axis=1)
+        forward = fish.line @ x
         forward /= np.linalg.norm(forward, axis=1, keepdims=True)
         left = (x[:, fish.left] - x[:, fish.right]).sum(axis=1)
         left -= (left * forward).sum(axis=1, keepdims=True) * forward

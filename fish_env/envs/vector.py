@@ -25,6 +25,8 @@ class FishVectorEnv(Episodes, VectorEnv):
         water: keywords of `fish_env.make_water`, or its result; None is the water the fish is made for.
         muscle_groups: "muscles", an action for each muscle, or "pairs", one for the left and one for the right side
             of each segment (the upper and lower muscle contract together: for planar scenes).
+        variation: what differs from fish to fish, drawn at every reset: a number or a pair (lowest, highest) for keys
+            of `fish_env.envs.VARIATIONS`, such as `{"stiffness": (0.8, 1.25), "current": (0, 0.5)}`.
         max_episode_steps: decisions after which an episode is truncated; None for no limit.
         autoreset_mode: an `AutoresetMode` or its value, "NextStep", "SameStep" or "Disabled".
         render_mode: None, "rgb_array" or "human".
@@ -71,7 +73,7 @@ class FishVectorEnv(Episodes, VectorEnv):
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None):
         """Begin new episodes: all of them, or those of `options["reset_mask"]`, (B,) bool.
 
-        Other options are the task's (`task.reset_options`). Seeds: one number s for s, s+1, ..., or one a fish.
+        Other options are keys of `reset_options`. Seeds: one number s for s, s+1, ..., or one a fish.
         """
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + i for i in range(self.num_envs)]

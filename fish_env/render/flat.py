@@ -8,6 +8,7 @@ from fish_env.render.body import View, body_picture, rotation
 from fish_env.render.frame import Frame
 from fish_env.render.labels import write
 from fish_env.render.layout import CENTRE, FOAM, HEIGHT, INK, OVER, PANEL, SIDE_UNIT, TRAIL, UNIT, WIDTH, enlarged
+from fish_env.render.spheres import sphere_pictures
 
 SOFT = 8  # the shadow is made so many times smaller
 FADE = 1.1  # body lengths over which the path fades to a third
@@ -46,19 +47,25 @@ def place_of(frame: Frame) -> np.ndarray:
 
 
 def from_above(canvas, frame: Frame) -> None:
-    """Water, shadow, path, command and fish."""
+    """Water, shadows, path, spheres, command and fish."""
     place, origin = place_of(frame), (OVER * CENTRE[0], OVER * CENTRE[1])
     view = View(np.eye(3), place, origin, OVER * UNIT / frame.length, ABOVE_LIGHT)
     water.scroll(canvas, OVER * UNIT, place[:2] / frame.length, origin)
     body, corner = body_picture(frame, view)
+    behind, front = sphere_pictures(frame, view, canvas.get_size())
+    if not frame.touchable:  # a bubble lets the light through
+        for stone in behind + front:
+            draw_shadow(canvas, *stone)
     draw_shadow(canvas, body, corner)
     draw_path(canvas, frame, view)
+    canvas.fblits(behind)
     draw_commands(canvas, frame, view)
     canvas.blit(body, corner)
+    canvas.fblits(front)
 
 
 def draw_shadow(canvas, body: pygame.Surface, corner) -> None:
-    """A soft shadow of the fish on the bed, to its lower right."""
+    """A soft shadow on the bed, to the lower right of what casts it."""
     width, height = (side // SOFT + 4 for side in body.get_size())
     small = pygame.Surface((width, height), pygame.SRCALPHA, 32)
     small.blit(pygame.transform.smoothscale(body, (width - 4, height - 4)), (2, 2))
@@ -84,7 +91,13 @@ def draw_path(canvas, frame: Frame, view: View) -> None:
 
 
 def draw_commands(canvas, frame: Frame, view: View) -> None:
-    """An arrow for each command, ahead of the fish; one out of the plane of the picture is foreshortened."""
+    """An arrow for each command, ahead of the fish; one out of the plane of the picture is foreshortened.
+
+    None for a fish that is near its target: the arrow would point from beyond it.
+    """
+    far = np.linalg.norm(frame.spheres[:, :3] - view.centre, axis=1) / frame.length - frame.spheres[:, 3]
+    if frame.touchable and (far < ARROW[1]).any():
+        return
     unit = view.scale * frame.length
     for command in frame.commands:
         size = np.linalg.norm(command)
@@ -123,6 +136,8 @@ def from_the_side(canvas, frame: Frame) -> None:
     size = np.linalg.norm(forward)
     forward = forward / size if size > 1e-6 else np.array((1.0, 0.0, 0.0))
     axes = np.array((forward, (0.0, 0.0, 1.0), (forward[1], -forward[0], 0.0)))
-    inset.blit(*body_picture(frame, View(axes, place, middle, OVER * SIDE_UNIT / frame.length, SIDE_LIGHT)))
+    view = View(axes, place, middle, OVER * SIDE_UNIT / frame.length, SIDE_LIGHT)
+    behind, front = sphere_pictures(frame, view, inset.get_size())
+    inset.fblits([*behind, body_picture(frame, view), *front])
     canvas.blit(inset, box)
     pygame.draw.rect(canvas, FOAM, box.inflate(6, 6), 6, border_radius=14)

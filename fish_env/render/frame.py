@@ -8,7 +8,7 @@ from fish_env.tasks import TASKS
 
 
 class Frame(NamedTuple):
-    """One fish at one moment. N nodes, F faces, M muscles, K past places, C commands."""
+    """One fish at one moment. N nodes, F faces, M muscles, K past places, C commands, S spheres."""
 
     position: np.ndarray  # (N,3) m
     rest: np.ndarray  # (N,3) positions at rest, m: nose towards +x, left +y, up +z
@@ -22,6 +22,8 @@ class Frame(NamedTuple):
     speed: float  # of the centre of mass, body lengths per second
     caption: str = ""  # a short remark
     task: str = ""  # name of the task
+    spheres: np.ndarray = np.zeros((0, 4))  # (S,4) what else is in the water: centres, m, and radii, body lengths
+    touchable: bool = False  # whether the spheres are targets, to be touched, or obstacles
 
 
 def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
@@ -37,9 +39,12 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
         contraction=np.clip(tank.contraction[i], 0.0, 1.0),
         length=fish.length,
         path=pose.centre[i : i + 1].copy() if path is None else np.asarray(path, dtype=float),
-        commands=np.array(env.task.vectors(tank, pose)[i], dtype=float).reshape(-1, 3),
+        # a task's further vectors say what it sees, not where to go
+        commands=np.array(env.task.vectors(tank, pose)[i, :1], dtype=float),
         time=float(tank.time[i]),
         speed=float(np.linalg.norm(pose.velocity[i]) / fish.length),
         caption=str(tank.failure[i]).partition(":")[0],
         task=name,
+        spheres=env.task.spheres(i) if hasattr(env.task, "spheres") else np.zeros((0, 4)),
+        touchable=getattr(env.task, "touchable", False),
     )

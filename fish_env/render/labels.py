@@ -23,7 +23,7 @@ def write(picture: pygame.Surface, frame: Frame) -> None:
     ):
         picture.blit(text(words, size), (left + x, top + y))
     picture.blit(text("from the side", 17, FOAM), (PANEL.x + 9, PANEL.y + 8))
-    above = text(f"{frame.task}, from above" if frame.task else "from above", 17)
+    above = text(f"{frame.task.replace('_', ' ')}, from above" if frame.task else "from above", 17)
     picture.blit(above, (WIDTH - 16 - above.get_width(), 16))
     if frame.caption:
         picture.blit(text(frame.caption, 26), (NUMBERS.right + 12, top + 8))

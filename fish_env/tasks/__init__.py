@@ -1,49 +1,63 @@
 """What a fish is asked to do: the Task protocol and the TASKS table. Only a task has opinions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
 
 from fish_env.pose import Pose
 from fish_env.tank import Tank
+from fish_env.tasks.avoid import AvoidTask
+from fish_env.tasks.left_after_right import LeftAfterRightTask
+from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.swim import SwimTask
+from fish_env.tasks.target import TargetTask
+from fish_env.tasks.turn import TurnTask
 
-__all__ = ["TASKS", "SwimTask", "Task"]
+__all__ = ["TASKS", "Direction", "Option", "SwimTask", "Task"]
 
 
 class Task(Protocol):
-    """A batched task: every method sees all B fish of a tank at once.
+    """A batched task: it sees all B fish of a tank at once, and begins episodes one fish at a time.
 
-    A task keeps what it must remember in arrays with a row a fish, and draws random numbers only from the generators
+    A task keeps what it must remember in arrays with a row a fish, and draws random numbers only from the generator
     it is handed, so that fish i of a batch is the same fish alone.
+
+    A task that puts something into the water may also have a method `spheres(i)`: what a picture of fish i should show,
+    an array (S,4) of centres, m, and radii, body lengths. Its attribute `touchable` says whether they are targets.
+    Of `vectors`, pictures show the first, as an arrow.
     """
 
-    num_vectors: int
-    """How many directions the observation ends with, 3 numbers each."""
-    vector_names: tuple[str, ...]
-    """Their names, for the table of observations."""
-    vector_limit: float
-    """Bound of their components in the observation space."""
+    directions: tuple[Direction, ...]
+    """The vectors that the observation ends with, 3 numbers each."""
     term_names: tuple[str, ...]
     """Names of the terms of its reward."""
-    reset_options: Mapping[str, str]
-    """Keys that `reset(options=...)` accepts, with their meaning."""
+    reset_options: Mapping[str, Option]
+    """Keys that `reset(options=...)` accepts, with their ranges and meaning."""
 
-    def start(self, tank: Tank, fish: np.ndarray, generators: Sequence[np.random.Generator], options: Mapping) -> None:
-        """Begin an episode for the fish numbered in `fish` (K,), freshly reset, one generator each."""
+    def prepare(self, tank: Tank, interval: float) -> None:
+        """Make the arrays for the fish of a tank, decisions `interval` seconds apart."""
+
+    def start(self, tank: Tank, i: int, generator: np.random.Generator, options: Mapping[str, float]) -> None:
+        """Begin an episode for fish i, freshly reset."""
 
     def vectors(self, tank: Tank, pose: Pose) -> np.ndarray:
-        """World vectors (B, num_vectors, 3) that tell each fish what is asked; it sees them in its own frame."""
+        """World vectors (B, directions, 3) that tell each fish what is asked; it sees them in its own frame."""
 
-    def reward(self, tank: Tank, pose: Pose, interval: float) -> dict[str, np.ndarray]:
+    def reward(self, tank: Tank, pose: Pose) -> dict[str, np.ndarray]:
         """Named terms (B,) of the reward for the last control interval; the reward is their sum."""
 
     def done(self, tank: Tank, pose: Pose) -> np.ndarray:
         """(B,) True where the task itself ends the episode."""
 
-    def metrics(self, tank: Tank, fish: int, seconds: float) -> dict[str, Any]:
+    def metrics(self, tank: Tank, i: int, seconds: float) -> dict[str, Any]:
         """What an episode of `seconds` achieved, for the `info` of its last step."""
 
 
-TASKS: dict[str, type[Task]] = {"swim": SwimTask}
+TASKS: dict[str, type[Task]] = {
+    "swim": SwimTask,
+    "turn": TurnTask,
+    "left_after_right": LeftAfterRightTask,
+    "target": TargetTask,
+    "avoid": AvoidTask,
+}

@@ -1,5 +1,7 @@
 """Pieces of rewards that more than one task is made of."""
 
+import math
+
 import numpy as np
 
 from fish_env._jit import njit
@@ -15,3 +17,22 @@ def progress(centre, before, heading, length):
             along += (centre[b, k] - before[b, k]) * heading[b, k]
         out[b] = along / length
     return out
+
+
+@njit
+def alignment(axes, heading):
+    """How well the forward axis of axes (B,3,3) points along `heading` (B,3): 1 along it, 0 across, -1 away, (B,).
+
+    Linear in the angle between them, so that the last degrees count as much as the first ones.
+    """
+    out = np.empty(axes.shape[0])
+    for b in range(out.size):
+        cosine = axes[b, 0, 0] * heading[b, 0] + axes[b, 0, 1] * heading[b, 1] + axes[b, 0, 2] * heading[b, 2]
+        out[b] = 1.0 - 2.0 / math.pi * math.acos(min(max(cosine, -1.0), 1.0))
+    return out
+
+
+@njit
+def wrapped(angle):
+    """An angle, rad, brought to [-pi, pi)."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi

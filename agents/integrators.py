@@ -1,0 +1,125 @@
+"""Does a policy exploit the integrator? Replay it under RK4 at an eighth of the step, and under every other method.
+
+`python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from agents.evaluate import FIRST_SEED, Scores, episode_scores
+from agents.report import opened, pyplot, shipped
+from agents.results import rounded, write_rows
+from fish_env import INTEGRATORS
+from fish_env.envs import FishVectorEnv
+
+RESULTS_FOLDER = Path(__file__).parent.parent / "benchmarks" / "results"
+EPISODES = 100
+FINER = 8  # the reference takes this part of the fish's own step
+
+
+def settings(fish) -> list[tuple[str, float]]:
+    """Methods and steps to replay with, the reference first: each method at its own step and at half of it."""
+    from fish_env.tank import own_step
+
+    own = fish.control_interval / fish.time_step
+    found = [("rk4", fish.control_interval / (FINER * own))]
+    for record in INTEGRATORS.values():
+        if record.kind == "adaptive":
+            continue  # they find their own step, and take a hundred times as long
+        steps = round(fish.control_interval / own_step(fish, record))
+        found += [(record.name, fish.control_interval / (factor * steps)) for factor in (1, 2)]
+        if record.name == fish.integrator:
+            found += [(record.name, fish.control_interval / part) for part in (steps // 2, steps // 4)]
+    return found
+
+
+def replay(path: Path, integrator: str, dt: float, episodes: int) -> tuple[Scores, np.ndarray]:
+    """Scores (B,) and path (T,B,3), body lengths, of the policy under a method and step; the path ends in NaN."""
+    _, policy, env = opened(path, episodes, integrator=integrator, dt=dt)
+    obs, _ = env.reset(seed=FIRST_SEED)
+    done = np.zeros(env.num_envs, dtype=bool)
+    results, track = [{}] * env.num_envs, []
+    while not done.all():
+        obs, _, terminated, truncated, infos = env.step(policy(obs, 0.0))
+        over = (terminated | truncated) & ~done
+        for i in np.flatnonzero(over):
+            results[i] = episode_scores(infos["final_info"], i)
+        done |= over
+        track.append(np.where(done[:, None], np.nan, places(env)))
+    return {name: np.array([result[name] for result in results]) for name in results[0]}, np.array(track)
+
+
+def places(env: FishVectorEnv) -> np.ndarray:
+    """Centres of mass now, (B,3) body lengths."""
+    mass = env.tank.fish.body.mass
+    return np.tensordot(mass, env.tank.position, (0, 1)) / mass.sum() / env.tank.fish.length
+
+
+def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODES) -> list[dict]:
+    """Replay policies (or those that are shipped) under every method; print, and write the table and the chart."""
+    rows = []
+    for path in paths or shipped():
+        task, _, env = opened(path, 1)
+        reference = None
+        for integrator, dt in tqdm(settings(env.tank.fish), desc=task, unit=" settings"):
+            scores, track = replay(path, integrator, dt, episodes)
+            if reference is None:
+                reference = (scores, track)
+            rows.append({"task": task, "integrator": integrator, "dt_ms": round(1e3 * dt, 6), "episodes": episodes}
+                        | differences(scores, track, *reference))  # fmt: skip
+    write_rows(RESULTS_FOLDER / "integrators_policies.csv", rows)
+    draw(rows, RESULTS_FOLDER / "integrators_policies.svg")
+    print_rows(rows)
+    return rows
+
+
+def differences(scores: Scores, track: np.ndarray, reference: Scores, reference_track: np.ndarray) -> dict:
+    """How scores and paths differ from the reference's."""
+    count = min(len(track), len(reference_track))
+    apart = np.linalg.norm(track[:count] - reference_track[:count], axis=2)
+    known = np.isfinite(apart).any(axis=0)
+    total, wanted = scores["return"].mean(), reference["return"].mean()
+    success = "success" if "success" in scores else None
+    return {
+        "return": rounded(total),
+        "return_change": rounded(total / wanted - 1.0),
+        "success": rounded(scores[success].mean()) if success else "",
+        "success_change": rounded(scores[success].mean() - reference[success].mean()) if success else "",
+        "path_difference": rounded(float(np.median(np.nanmax(apart[:, known], axis=0)))) if known.any() else "",
+        "failed": int(scores["failed"].sum()),
+    }
+
+
+def print_rows(rows: list[dict]) -> None:
+    """The table."""
+    columns = {"task": 18, "integrator": 32, "dt_ms": 10, "return": 9, "return_change": 15, "success": 9,
+               "success_change": 16, "path_difference": 17, "failed": 8}  # fmt: skip
+    print("".join(name.rjust(width) for name, width in columns.items()))
+    for row in rows:
+        print("".join(str(row[name]).rjust(width) for name, width in columns.items()))
+
+
+def draw(rows: list[dict], path: Path) -> None:
+    """Change of the return against the step, a panel a task, a colour a method; failures at the top edge."""
+    plt = pyplot()
+    plt.rcParams["svg.hashsalt"] = "fish_env"
+    tasks = list(dict.fromkeys(row["task"] for row in rows))
+    figure, grid = plt.subplots(2, -(-len(tasks) // 2), figsize=(10, 6), layout="constrained", squeeze=False)
+    names = list(dict.fromkeys(row["integrator"] for row in rows))
+    colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False))
+    for axes, task in zip(grid.flat, tasks, strict=False):
+        for name in names:
+            points = [(r["dt_ms"], max(abs(r["return_change"]), 1e-4)) for r in rows
+                      if (r["task"], r["integrator"]) == (task, name) and r["return_change"] != 0]  # fmt: skip
+            if points:
+                axes.loglog(*np.array(sorted(points)).T, "o-", color=colours[name], ms=4, lw=1, label=name)
+        axes.axhline(0.02, color="black", lw=0.8, ls=":")
+        axes.set(title=task.replace("_", " "), xlabel="step, ms", ylabel="change of the return", ylim=(5e-5, 3))
+    for axes in list(grid.flat)[len(tasks) :]:
+        axes.set_axis_off()
+    handles, labels = grid.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)

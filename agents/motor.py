@@ -1,0 +1,370 @@
+"""Tu's motor controllers without learning: swim, turn and glide by tables, sequenced by what the fish is told and sees.
+
+Legend: b fish; segment 0 the foremost of three; side 0 left, 1 right; level 0 upper, 1 lower muscle. Angles are
+positive to the left, rad; times are seconds. The numbers in the tables were found by `benchmarks/motor_controllers.py`.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from fish_env.bodies import Fish
+from fish_env.envs import FishVectorEnv
+from fish_env.tasks import TASKS
+from fish_env.tasks.avoid import AvoidTask
+from fish_env.tasks.rewards import wrapped
+from fish_env.tasks.swim import SwimTask
+from fish_env.tasks.target import TargetTask
+from fish_env.tasks.turns import CommandedTurns
+
+MOTOR_FILE = Path(__file__).parent / "pretrained" / "motor_controllers.json"
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One row of left-turn-MC's table: bend to the left, hold, straighten more slowly, while the strokes go on."""
+
+    angle: float
+    """Change of the mean heading that it makes, rad."""
+    front: float
+    """Contraction added to the left muscles of segment 0, 0 to 1, as fast as they can."""
+    middle: float
+    """The same of segment 1."""
+    tail: float
+    """The same of segment 2, -1 to 1; negative: of its right muscles."""
+    strokes: float
+    """Part of swimming's strokes that goes on during the turn, 0 to 1; 0 is a turn in gliding."""
+    hold: float
+    """Time from the start until the fish begins to straighten, s: contraction and hold."""
+    straighten: float
+    """Time over which the bend is let go and the strokes grow to their full size, s."""
+    phase: float
+    """Where in the beat the strokes go on from when the turn begins, beats."""
+
+    def __post_init__(self):
+        numbers = [getattr(self, field.name) for field in fields(self)]
+        if not np.isfinite(numbers).all():
+            raise ValueError(f"{self}; give finite numbers")
+        if not (self.angle > 0 and self.hold > 0 and self.straighten > 0):
+            raise ValueError(f"{self}; give a positive angle, hold and straightening time")
+        if not (min(self.front, self.middle, self.strokes) >= 0 and self.tail >= -1 and max(numbers[1:5]) <= 1):
+            raise ValueError(f"{self}; give contractions and strokes from 0 to 1, the tail's contraction from -1 to 1")
+
+
+@dataclass(frozen=True)
+class Swim:
+    """One row of swim-MC's table: amplitude r and frequency s of the anterior and the posterior swimming segment."""
+
+    speed: float
+    """Speed that it gives, body lengths per second."""
+    r1: float
+    """Contraction amplitude of segment 1, 0 to 1."""
+    s1: float
+    """Beats a second of segment 1."""
+    r2: float
+    """Amplitude of segment 2."""
+    s2: float
+    """Beats a second of segment 2."""
+
+    def __post_init__(self):
+        if not (0 <= self.r1 <= 1 and 0 <= self.r2 <= 1):
+            raise ValueError(f"{self}; give amplitudes r1 and r2 from 0 to 1")
+        if not (
+            self.speed >= 0 and self.s1 >= 0 and self.s2 >= 0 and np.isfinite([self.speed, self.s1, self.s2]).all()
+        ):
+            raise ValueError(f"{self}; give a finite speed and frequencies s1 and s2, none negative")
+
+
+class Table:
+    """Rows of one dataclass, in the order of its first field, read in between by linear interpolation."""
+
+    def __init__(self, rows):
+        if len(rows) < 2:
+            raise ValueError(f"a table of {len(rows)} rows; give at least two")
+        self.rows = tuple(rows)
+        self.names = [field.name for field in fields(rows[0])]
+        self.values = np.array([[getattr(row, name) for name in self.names] for row in rows])
+        if np.any(np.diff(self.values[:, 0]) <= 0):
+            raise ValueError(f"{self.names[0]} is {self.values[:, 0].tolist()}; give rows in increasing order")
+
+    def at(self, wanted: np.ndarray) -> np.ndarray:
+        """Parameters (B,P) at values `wanted` (B,) of the first field, held at the ends of the table."""
+        key = self.values[:, 0]
+        return np.stack([np.interp(wanted, key, column) for column in self.values.T], axis=1)
+
+
+@dataclass(frozen=True)
+class MotorTables:
+    """All that the motor controllers need to know of the fish."""
+
+    turns: Table
+    swims: Table
+    front: float
+    """Amplitude of segment 0 when swimming, as a part of r1."""
+    lag: tuple[float, float, float]
+    """Phase lags of the three segments when swimming, rad."""
+
+
+def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
+    """The tables of the default fish."""
+    found = json.loads(path.read_text())
+    turns = [Turn(np.radians(row["angle"]), *(row[f.name] for f in fields(Turn)[1:])) for row in found["turns"]]
+    return MotorTables(
+        Table(turns), Table([Swim(**row) for row in found["swims"]]), found["front"], tuple(found["lag"])
+    )
+
+
+def swim_mc(tables: MotorTables, rows: np.ndarray, beats: np.ndarray) -> np.ndarray:
+    """swim-MC: contractions (B,3,2) of segments and sides, for table rows (B,5) and clocks `beats` (B,2) of s1, s2."""
+    r1, r2 = rows[:, 1], rows[:, 3]
+    amplitude = np.stack([tables.front * r1, r1, r2], axis=1)
+    wave = np.sin(2 * np.pi * beats[:, (0, 0, 1)] - np.array(tables.lag))
+    return 0.5 * amplitude[:, :, None] * (1.0 + np.stack([wave, -wave], axis=2))
+
+
+def turn_mc(rows: np.ndarray, side: np.ndarray, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """left-turn-MC (side +1) and right-turn-MC (side -1), `since` (B,) s after their start, for table rows (B,8).
+
+    Returns contractions (B,3,2), and the part (B,) of swimming's strokes that is to be added to them.
+    """
+    _, front, middle, tail, strokes, hold, straighten, _ = rows.T
+    done = np.clip((since - hold) / straighten, 0.0, 1.0)
+    bend = np.zeros((len(rows), 3, 2))
+    inside = np.where(side > 0, 0, 1)
+    b = np.arange(len(rows))
+    bend[b, 0, inside], bend[b, 1, inside] = front, middle
+    bend[b, 2, np.where(tail > 0, inside, 1 - inside)] = np.abs(tail)
+    return bend * (1.0 - done)[:, None, None], strokes + (1.0 - strokes) * done
+
+
+def scaled_turns(table: Table, angle: np.ndarray) -> np.ndarray:
+    """Rows (B,8) for turns by `angle` (B,) rad >= 0; below the table it bends less and strokes on more."""
+    rows = table.at(angle)
+    part = np.minimum(angle / table.values[0, 0], 1.0)[:, None]
+    rows[:, 1:4] *= part
+    rows[:, 4:5] = 1.0 - part * (1.0 - rows[:, 4:5])
+    return rows
+
+
+def spread(fish: Fish, pairs: np.ndarray) -> np.ndarray:
+    """Contractions (B,M) of the muscles, for those of segments and sides (B,3,2): the upper as the lower."""
+    return pairs[:, fish.segments, np.where(fish.sides > 0, 0, 1)]
+
+
+def glide_mc(num_fish: int) -> np.ndarray:
+    """glide-MC: every muscle relaxed, (B,3,2)."""
+    return np.zeros((num_fish, 3, 2))
+
+
+class Aim(NamedTuple):
+    """What B fish want to do next, in their own frames."""
+
+    error: np.ndarray  # (B,) rad, angle from where they point to where they want to go
+    climb: np.ndarray  # (B,) rad, the same upwards
+    speed: np.ndarray  # (B,) wanted, body lengths per second
+
+
+@dataclass(frozen=True)
+class Habits:
+    """When the sequencer does what."""
+
+    threshold: float = np.radians(22.0)
+    """Mean heading error from which a turn is begun, rad; smaller ones are corrected while swimming."""
+    jump: float = np.radians(20.0)
+    """Change of the error between two decisions that only a new command can cause, rad."""
+    lead: float = 0.12
+    """How far ahead a fish that must break off a turn counts on turning on, s."""
+    trim: float = 1.0
+    """Contraction, per rad of mean error, added to one side of the anterior segments while swimming."""
+    most_trim: float = 0.4
+    """Largest such contraction."""
+    beat: float = 0.26
+    """Time over which the error is averaged, s: about a beat."""
+    pitch: float = 1.0
+    """Contraction, per rad of climb, added to the upper (or lower) muscles."""
+    most_pitch: float = 0.6
+    """Largest such contraction."""
+
+
+class Sequencer:
+    """Plays swim-, turn- and glide-MC one after another; sees nothing but the observation and the time.
+
+    Its memory is a row a fish: the errors of the last beat, the turn under way and the clocks of the strokes. It begins
+    anew when it is called with time 0.
+    """
+
+    def __init__(self, env, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
+        fish: Fish = env.tank.fish
+        self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
+        self.muscle = np.array([np.flatnonzero(env.groups == g)[0] for g in range(env.groups.max() + 1)])
+        height = fish.body.position[fish.body.springs.nodes[fish.muscles], 2].mean(axis=1)
+        self.fish, self.level = fish, np.where(height > 0, 0, 1)
+        self.window = max(1, round(habits.beat / self.interval))
+
+    def __call__(self, obs: np.ndarray, time: float) -> np.ndarray:
+        """Actions (B,A) for observations (B,D) at `time` s."""
+        aim = self.aim(obs)
+        if time == 0:
+            self.begin(aim.error)
+        self.look(aim.error)
+        self.decide(aim.error)
+        return 2.0 * self.contract(aim)[:, self.muscle] - 1.0
+
+    def begin(self, error: np.ndarray) -> None:
+        """Forget everything: swimming, with the error (B,) seen for a beat."""
+        b = error.size
+        self.last, self.rate = error.copy(), np.zeros(b)
+        self.errors = np.repeat(error[:, None], self.window, axis=1)
+        self.jumped, self.turning = np.zeros((2, b), dtype=bool)
+        self.rows = self.tables.turns.at(np.zeros(b))
+        self.side, self.since, self.left = np.ones(b), np.full(b, np.inf), np.zeros(b)
+        self.beats = np.zeros((b, 2))
+
+    def look(self, error: np.ndarray) -> None:
+        """Take in the error (B,); a jump of it is a new command, by which the errors of the beat are shifted."""
+        change = wrapped(error - self.last)
+        self.jumped = np.abs(change) > self.habits.jump
+        self.rate = np.where(self.jumped, self.rate, change / self.interval)
+        self.errors += np.where(self.jumped, change, 0.0)[:, None]
+        self.errors = np.column_stack([self.errors[:, 1:], error])
+        self.last = error
+
+    def mean_error(self) -> np.ndarray:
+        """Heading error averaged over a beat, (B,) rad."""
+        return wrapped(self.last + wrapped(self.errors - self.last[:, None]).mean(axis=1))
+
+    def decide(self, error: np.ndarray) -> None:
+        """Begin and end turns: when the error is large, when a new command comes, when one is over."""
+        over = self.turning & (self.since >= self.rows[:, 5] + self.rows[:, 6] - 1e-9)
+        self.errors[over] = self.left[over, None]  # until a beat has been seen, the table is believed
+        self.turning &= ~over
+        broken = self.turning & self.jumped
+        wanted = np.where(broken, wrapped(error + self.habits.lead * self.rate), self.mean_error())
+        self.turning &= ~broken
+        self.begin_turns(~self.turning & (np.abs(wanted) > self.habits.threshold), wanted)
+
+    def begin_turns(self, which: np.ndarray, wanted: np.ndarray) -> None:
+        """Begin a turn by `wanted` (B,) rad, or by as much of it as the table has, for the fish of the mask (B,)."""
+        table = self.tables.turns.values
+        size = np.minimum(np.abs(wanted), table[-1, 0])
+        rows = scaled_turns(self.tables.turns, size)
+        side = np.sign(wanted)
+        self.rows = np.where(which[:, None], rows, self.rows)
+        self.side = np.where(which, side, self.side)
+        self.since = np.where(which, 0.0, self.since)
+        self.left = np.where(which, wanted - side * size, self.left)
+        self.turning |= which
+        start = rows[:, 7] + 0.25 * (1.0 - side)  # a right turn is the mirror image: half a beat later
+        self.beats = np.where(which[:, None], start[:, None], self.beats)
+
+    def contract(self, aim: Aim) -> np.ndarray:
+        """Contraction of every muscle at the end of the coming interval, (B,M) in [0, 1]."""
+        habits = self.habits
+        swims = self.tables.swims.at(aim.speed)
+        swims[self.turning] = self.tables.swims.values[-1]
+        self.since += self.interval
+        self.beats += self.interval * swims[:, (2, 4)]
+        bend, part = turn_mc(self.rows, self.side, np.minimum(self.since, 1e3))
+        trim = np.clip(habits.trim * self.mean_error(), -habits.most_trim, habits.most_trim) * ~self.turning
+        pairs = bend + part[:, None, None] * swim_mc(self.tables, swims, self.beats)
+        pairs[:, :2, 0] += np.maximum(trim, 0.0)[:, None]
+        pairs[:, :2, 1] += np.maximum(-trim, 0.0)[:, None]
+        pitch = np.clip(habits.pitch * aim.climb, -habits.most_pitch, habits.most_pitch)
+        lift = np.maximum(np.stack([pitch, -pitch], axis=1), 0.0)
+        return np.clip(spread(self.fish, pairs) + lift[:, self.level], 0.0, 1.0)
+
+
+def bearing(vector: np.ndarray) -> np.ndarray:
+    """Angle (B,) rad of vectors (B,3) from straight ahead, positive to the left."""
+    return np.arctan2(vector[:, 1], vector[:, 0])
+
+
+def aim_heading(obs: np.ndarray) -> Aim:
+    """At the commanded heading or velocity, the last three numbers of the observation."""
+    wanted = obs[:, -3:].astype(float)
+    return Aim(bearing(wanted), np.zeros(len(obs)), np.linalg.norm(wanted, axis=1))
+
+
+def aim_fast(obs: np.ndarray) -> Aim:
+    """At the commanded heading, as fast as possible."""
+    return aim_heading(obs)._replace(speed=np.full(len(obs), np.inf))
+
+
+def aim_target(obs: np.ndarray, dimensions: int, ahead: float = 0.4) -> Aim:
+    """At the target, counted from where the fish will be `ahead` body lengths on: it swims on while it turns."""
+    way = obs[:, -3:].astype(float)
+    error = bearing(way)
+    nearer = way.copy()
+    nearer[:, 0] -= ahead * np.clip(np.abs(error) / (np.pi / 2), 0.0, 1.0)
+    climb = np.arctan2(way[:, 2], np.hypot(way[:, 0], way[:, 1])) * (dimensions == 3)
+    return Aim(bearing(nearer), climb, np.full(len(obs), np.inf))
+
+
+@dataclass(frozen=True)
+class Caution:
+    """How an obstacle is passed."""
+
+    radius: float
+    """Of the obstacle, body lengths."""
+    room: float = 0.3
+    """Water to be left between it and the line on which the fish's centre will pass, body lengths."""
+    speed: float = 2.0
+    """At which the fish reckons with going on, body lengths per second."""
+    horizon: float = 1.2
+    """How far it looks ahead, s."""
+
+
+COURSES = np.radians(np.arange(-105.0, 106.0, 15.0))  # rad off the commanded heading, from which one is chosen
+
+
+def aim_past(obs: np.ndarray, caution: Caution) -> Aim:
+    """Along the course nearest to the commanded heading that passes the obstacle; the heading itself if there is none.
+
+    For each of the COURSES the nearest approach of a fish that swims straight on to an obstacle that drifts on is
+    reckoned; a course that is too near costs the more the nearer it passes.
+    """
+    heading, near, drift = obs[:, None, -9:].astype(float).reshape(len(obs), 1, 3, 3).transpose(2, 0, 1, 3)[..., :2]
+    nearness = np.hypot(*np.moveaxis(near, -1, 0))  # (B,1)
+    seen = nearness > 0
+    safe = np.where(seen, nearness, 1.0)
+    way = near / safe[..., None] * (1.0 / safe - 1.0 + caution.radius)[..., None]
+    course = np.arctan2(heading[..., 1], heading[..., 0]) + COURSES  # (B,K)
+    closing = caution.speed * np.stack([np.cos(course), np.sin(course)], axis=-1) - drift
+    when = np.clip((way * closing).sum(-1) / np.maximum((closing**2).sum(-1), 1e-9), 0.0, caution.horizon)
+    miss = np.linalg.norm(way - closing * when[..., None], axis=-1)
+    short = np.maximum(caution.radius + caution.room - miss, 0.0) * seen
+    cost = np.abs(COURSES) + 0.3 * np.abs(wrapped(course)) + 20.0 * short
+    best = course[np.arange(len(obs)), np.where(seen[:, 0], cost.argmin(axis=1), COURSES.size // 2)]
+    return Aim(wrapped(best), np.zeros(len(obs)), np.full(len(obs), np.inf))
+
+
+def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habits | None = None) -> Sequencer:
+    """The sequenced motor controllers for the task of an environment, as a controller (`agents/evaluate.py`).
+
+    Raises:
+        ValueError: for a task that they cannot do.
+    """
+    task = env.task
+    if isinstance(task, TargetTask):
+        aim = partial(aim_target, dimensions=task.dimensions)
+    elif isinstance(task, AvoidTask):
+        aim = partial(aim_past, caution=Caution(task.radius))
+    elif isinstance(task, SwimTask) and task.speed is not None:
+        aim = aim_heading
+    elif isinstance(task, SwimTask | CommandedTurns):
+        aim = aim_fast
+    else:
+        names = ", ".join(sorted(cls.__name__ for cls in TASKS.values()))
+        raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
+    return Sequencer(env, aim, load_tables() if tables is None else tables, Habits() if habits is None else habits)
+
+
+def random_actions(env: FishVectorEnv, seed: int = 0):
+    """A controller that draws every action anew, uniformly from the whole range, whatever the fish sees."""
+    generator = np.random.default_rng(seed)
+    return lambda obs, time: generator.uniform(-1.0, 1.0, env.action_space.shape)

@@ -1,0 +1,106 @@
+"""Train every task with all its seeds, a run on each processor; stop and go on at any time."""
+
+import csv
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from agents.config import CONFIGS, RESULTS
+
+LOOK = 2.0  # s between two looks at the runs
+
+
+@dataclass
+class Job:
+    """One run: a task with a seed, in a folder of its own."""
+
+    task: str
+    seed: int
+    folder: Path
+    process: subprocess.Popen | None = None
+
+    @property
+    def finished(self) -> bool:
+        return (self.folder / "results.json").exists()
+
+    @property
+    def decisions(self) -> int:
+        """How far it has come."""
+        if self.finished:
+            return CONFIGS[self.task].timesteps
+        try:
+            with (self.folder / "curve.csv").open() as file:
+                return int(list(csv.DictReader(file))[-1]["timesteps"])
+        except (OSError, IndexError, ValueError):
+            return 0
+
+    def start(self, processor: int | None) -> None:
+        """Begin the run, or go on with it from its last checkpoint, on one processor."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        command = [sys.executable, "train.py", self.task, "--seed", str(self.seed), "--no-pictures"]
+        started = (self.folder / "model.zip").exists()
+        command += ["--resume" if started else "--folder", str(self.folder)]
+        pin = (lambda: os.sched_setaffinity(0, {processor})) if processor is not None else None
+        with (self.folder / "log.txt").open("a") as log:
+            self.process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, preexec_fn=pin)
+
+
+def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None) -> list[Path]:
+    """Train what is not trained yet; returns the folders of all runs.
+
+    Args:
+        root: a run is kept in root/<task>/seed_<k>; one that is finished there is left alone, one that was stopped
+            goes on from its last checkpoint.
+        tasks: keys of `CONFIGS`; None for all.
+        jobs: runs side by side; None for one a processor.
+
+    Raises:
+        ValueError: for an unknown task.
+        RuntimeError: if a run fails; its log is named.
+    """
+    tasks = list(CONFIGS if tasks is None else tasks)
+    for task in tasks:
+        if task not in CONFIGS:
+            raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
+    work = [Job(t, seed, root / t / f"seed_{seed}") for t in tasks for seed in range(RESULTS[t].seeds)]
+    can_pin = hasattr(os, "sched_getaffinity")
+    processors = sorted(os.sched_getaffinity(0)) if can_pin else list(range(os.cpu_count() or 1))
+    slots: list[Job | None] = [None] * (jobs or len(processors))
+    waiting = [job for job in work if not job.finished]
+    total = sum(CONFIGS[job.task].timesteps for job in work)
+    try:
+        with tqdm(total=total, unit=" decisions", unit_scale=True, desc="all tasks", dynamic_ncols=True) as bar:
+            bar.initial = sum(job.decisions for job in work)
+            while waiting or any(slots):
+                for k, job in enumerate(slots):
+                    if job is not None and job.process.poll() is not None:
+                        if not job.finished:
+                            raise RuntimeError(f"{job.task}, seed {job.seed} failed; see {job.folder / 'log.txt'}")
+                        slots[k] = None
+                    if slots[k] is None and waiting:
+                        slots[k] = waiting.pop(0)
+                        slots[k].start(processors[k % len(processors)] if can_pin else None)
+                running = ", ".join(f"{job.task} {job.seed}" for job in slots if job)
+                bar.set_postfix_str(
+                    f"{sum(job.finished for job in work)} of {len(work)} runs; now {running}", refresh=False
+                )
+                bar.n = sum(job.decisions for job in work)
+                bar.refresh()
+                time.sleep(LOOK)
+    finally:
+        stop([job for job in slots if job])
+    return [job.folder for job in work]
+
+
+def stop(jobs: list[Job]) -> None:
+    """Let the runs that are going keep what they learnt and end."""
+    for job in jobs:
+        if job.process.poll() is None:
+            job.process.send_signal(2)
+    for job in jobs:
+        job.process.wait()

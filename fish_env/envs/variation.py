@@ -1,0 +1,46 @@
+"""What may differ from episode to episode whatever the task: the body, the water and its current, the pose."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fish_env.tank import Tank
+from fish_env.tasks.options import Option
+from fish_env.tasks.start import POSE_OPTIONS
+
+VARIATIONS: dict[str, Option] = {
+    "stiffness": Option(0.25, 4.0, "factor on the stiffness and damping of every unit"),
+    "mass": Option(0.25, 4.0, "factor on the mass"),
+    "drag": Option(0.25, 4.0, "factor on the force of the water"),
+    "current": Option(0.0, 2.0, "speed of the water, body lengths per second"),
+    "current_heading": Option(-np.pi, np.pi, "where the water flows to, rad"),
+    "pitch": POSE_OPTIONS["pitch"],
+    "roll": POSE_OPTIONS["roll"],
+}
+"""Keys of the keyword `variation` and, beside the task's own, of `reset(options=...)`."""
+
+
+def checked_variation(given: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """The range of every key given, or ValueError saying what is allowed."""
+    if not isinstance(given, Mapping):
+        raise ValueError(f"variation is {given!r}; give a dict with keys among {', '.join(VARIATIONS)}")
+    for name in given:
+        if name not in VARIATIONS:
+            raise ValueError(f"unknown variation {name!r}; choose from {', '.join(VARIATIONS)}")
+    return {name: VARIATIONS[name].checked_range(f"variation[{name!r}]", value) for name, value in given.items()}
+
+
+def draw(variation: Mapping[str, tuple[float, float]], generator: np.random.Generator) -> dict[str, float]:
+    """A value for every key, uniform over its range; a current without a heading flows anywhere."""
+    drawn = {name: generator.uniform(*bounds) for name, bounds in variation.items()}
+    if "current" in drawn and "current_heading" not in drawn:
+        drawn["current_heading"] = generator.uniform(-np.pi, np.pi)
+    return drawn
+
+
+def vary(tank: Tank, i: int, values: Mapping[str, float]) -> None:
+    """Give fish i of the tank the body and the water of these values; what is not named is as it was made."""
+    factors = {name: values[name] for name in ("stiffness", "mass", "drag") if name in values}
+    heading, speed = values.get("current_heading", 0.0), values.get("current", 0.0) * tank.fish.length
+    tank.vary(i, **factors, current=(speed * np.cos(heading), speed * np.sin(heading), 0.0))

@@ -1,0 +1,54 @@
+"""What may be asked of a task: numbers with their range, refused at the door if they lie outside."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fish_env.body import finite_array
+
+
+class Option(NamedTuple):
+    """A number that a keyword or `reset(options=...)` may set."""
+
+    low: float
+    high: float
+    text: str
+    """Its meaning, with the unit."""
+
+    def checked(self, name: str, value: Any) -> float:
+        """`value` as a float; ValueError, naming the range, unless it is one finite number inside it."""
+        number = float(finite_array(value, (), name))
+        if not self.low <= number <= self.high:
+            raise ValueError(f"{name} is {number:g}; give a number from {self.low:g} to {self.high:g} ({self.text})")
+        return number
+
+    def checked_range(self, name: str, value: Any) -> tuple[float, float]:
+        """`value`, a number or a pair (lowest, highest), as a pair; ValueError unless it lies in the range."""
+        pair = (value, value) if np.ndim(value) == 0 else tuple(value)
+        if len(pair) != 2:
+            raise ValueError(f"{name} is {value!r}; give a number, or a pair (lowest, highest)")
+        low, high = (self.checked(name, number) for number in pair)
+        if low > high:
+            raise ValueError(f"{name} is {value!r}; give the lowest first")
+        return low, high
+
+
+class Direction(NamedTuple):
+    """A vector that the observation ends with."""
+
+    name: str
+    unit: str
+    limit: float
+    """Bound of its components in the observation space."""
+    typical: float
+    """A typical change of a component: what a learner should scale it by."""
+
+
+def checked_options(given: Mapping[str, Any], allowed: Mapping[str, Option]) -> dict[str, float]:
+    """The options of a reset as numbers, or ValueError naming what is allowed."""
+    for name in given:
+        if name not in allowed:
+            meant = "; ".join(f"{key!r}, {option.text}" for key, option in allowed.items())
+            raise ValueError(f"unknown reset option {name!r}; choose from {meant}")
+    return {name: allowed[name].checked(f"options[{name!r}]", value) for name, value in given.items()}

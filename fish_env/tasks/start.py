@@ -1,0 +1,36 @@
+"""How every task begins: the fish at the origin, almost at rest, in a random or a given pose."""
+
+import numpy as np
+
+from fish_env.tasks.options import Option
+
+NOISE = 0.01  # body lengths a second: standard deviation of the node velocities at the start
+
+POSE_OPTIONS = {
+    "yaw": Option(-np.pi, np.pi, "the fish's heading at the start, rad"),
+    "pitch": Option(-np.pi / 2, np.pi / 2, "how far its nose points up at the start, rad"),
+    "roll": Option(-np.pi, np.pi, "how far it lies over to its right at the start, rad"),
+}
+
+
+def place(tank, i, generator, yaw, options) -> None:
+    """Put fish i, freshly reset, with its centre of mass at the origin, turned to `yaw` unless an option says else."""
+    body = tank.fish.body
+    noise = generator.normal(0.0, NOISE * tank.fish.length, body.position.shape)
+    turn = rotation(options.get("yaw", yaw), options.get("pitch", 0.0), options.get("roll", 0.0))
+    tank.position[i] = (body.position - body.mass @ body.position / body.mass.sum()) @ turn.T
+    tank.velocity[i] = noise
+
+
+def rotation(yaw, pitch, roll) -> np.ndarray:
+    """The rotation (3,3) that rolls, then pitches, then yaws."""
+    (cy, cp, cr), (sy, sp, sr) = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
+    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    about_y = np.array([[cp, 0.0, -sp], [0.0, 1.0, 0.0], [sp, 0.0, cp]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    return about_z @ about_y @ about_x
+
+
+def level(angle) -> np.ndarray:
+    """The horizontal unit vector (3,) in a direction, rad."""
+    return np.array([np.cos(angle), np.sin(angle), 0.0])

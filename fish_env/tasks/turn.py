@@ -1,0 +1,31 @@
+"""Turn-v0: swim, then turn to a commanded heading."""
+
+import numpy as np
+
+from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns, turn_options
+
+
+class TurnTask(CommandedTurns):
+    """Swim straight, then follow one commanded change of heading to either side.
+
+    Args:
+        angle: size of the turn, rad, a number or a pair (lowest, highest) to draw it from; the side is drawn too.
+        wait: time from the start to the command, s, a number or a pair.
+
+    Raises:
+        ValueError: for a number out of range, saying what is allowed.
+    """
+
+    reset_options = turn_options(("turn", ANGLE_SIGNED), ("wait", WAIT))
+
+    def __init__(self, angle=(np.pi / 6, np.pi), wait=(0.8, 1.6)):
+        self.angle = ANGLE.checked_range("angle", angle)
+        self.wait = WAIT.checked_range("wait", wait)
+
+    def plan(self, i, generator, options):
+        """One turn, by time."""
+        angle, side = generator.uniform(*self.angle), generator.choice([-1.0, 1.0])
+        wait = generator.uniform(*self.wait)
+        self.course.count[i] = 1
+        self.course.angle[i, 0] = options.get("turn", side * angle)
+        self.course.wait[i, 0] = options.get("wait", wait)

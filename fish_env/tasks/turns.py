@@ -1,0 +1,210 @@
+"""Commanded turns: when each is commanded, how well it is followed, and what it costs. Three tasks are made of them.
+
+Legend: b fish; k turn or axis; angles positive to the left.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from fish_env._jit import njit
+from fish_env.tasks import rewards
+from fish_env.tasks.measures import make_load, measure_load
+from fish_env.tasks.options import Direction, Option
+from fish_env.tasks.rewards import wrapped
+from fish_env.tasks.start import POSE_OPTIONS, level, place
+
+ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the worth of pointing along the commanded heading
+EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
+COMPLETE = 0.9  # part of a turn after which it counts as made
+SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
+MEAN_TIME = 0.26  # s, about a beat: headings are averaged over it
+PATIENCE = 3.0  # s: a turn whose predecessor is never as far along as it should be is commanded then
+
+ANGLE = Option(math.radians(10.0), math.pi, "a commanded turn, rad")
+ANGLE_SIGNED = Option(-math.pi, math.pi, "commanded turn, rad, positive to the left")
+WAIT = Option(0.0, 10.0, "time until a command, s")
+
+
+class Course(NamedTuple):
+    """Turns commanded to B fish, at most K each, and how far each fish is with the last one."""
+
+    angle: np.ndarray  # (B,K) rad; once commanded, from where the fish pointed then
+    wait: np.ndarray  # (B,K) s after the command before (or the start) at which it is commanded at the latest
+    part: np.ndarray  # (B,K) of the turn before, after which it is commanded already; infinite: by time alone
+    count: np.ndarray  # (B,) turns that will be commanded
+    stage: np.ndarray  # (B,) turns commanded so far
+    heading: np.ndarray  # (B,) commanded heading, rad
+    since: np.ndarray  # (B,) s since the last command
+    yaw: np.ndarray  # (B,) where the fish points, rad
+    facing: np.ndarray  # (B,) the same, counted on beyond pi
+    origin: np.ndarray  # (B,) facing at the last command
+    history: np.ndarray  # (B,W) facing at the last W decisions
+    decisions: np.ndarray  # (B,) since the start
+
+
+class Record(NamedTuple):
+    """How the last commanded turn went, and what was paid from the first command on; NaN until known."""
+
+    latency: np.ndarray  # (B,) s from command to 90 % of the turn
+    overshoot: np.ndarray  # (B,) rad beyond the commanded heading, averaged over a beat
+    path: np.ndarray  # (B,) m swum from command to 90 % of the turn
+    radius: np.ndarray  # (B,) m, path over angle turned by then
+    rate: np.ndarray  # (B,) rad/s, the fastest turning between two decisions since the first command
+    before: np.ndarray  # (B,) m/s at the first command
+    after: np.ndarray  # (B,) m/s at 90 % of the last turn
+
+
+def make_records(kind, shapes):
+    """A NamedTuple of zeros: floats, or whole numbers where the shape is given as a list."""
+    return kind(*(np.zeros(s, dtype=np.int64 if isinstance(s, list) else float) for s in shapes))
+
+
+@njit
+def follow(course, record, axes, centre, velocity, before, interval):
+    """Measure where every fish points, and command the next turn of those that are due; in place.
+
+    axes (B,3,3), centre (B,3) m and velocity (B,3) m/s now, and centre `before`, a control interval ago.
+    """
+    window = course.history.shape[1]
+    for b in range(course.yaw.size):
+        yaw = math.atan2(axes[b, 0, 1], axes[b, 0, 0])
+        turn = wrapped(yaw - course.yaw[b])
+        course.yaw[b] = yaw
+        course.facing[b] += turn
+        course.history[b, course.decisions[b] % window] = course.facing[b]
+        course.decisions[b] += 1
+        course.since[b] += interval
+        turned, wanted = course.facing[b] - course.origin[b], 0.0
+        stage = course.stage[b]
+        if stage > 0:
+            wanted = course.angle[b, stage - 1]
+            side = 1.0 if wanted > 0.0 else -1.0
+            record.rate[b] = max(record.rate[b], abs(turn) / interval)
+            if math.isnan(record.latency[b]):
+                record.path[b] += math.hypot(centre[b, 0] - before[b, 0], centre[b, 1] - before[b, 1])
+                if side * turned >= COMPLETE * abs(wanted):
+                    record.latency[b] = course.since[b]
+                    record.radius[b] = record.path[b] / max(abs(turned), 1e-9)
+                    record.after[b] = math.hypot(velocity[b, 0], velocity[b, 1])
+                    record.overshoot[b] = 0.0
+            else:
+                beyond = side * (mean_facing(course, b) - course.origin[b]) - abs(wanted)
+                record.overshoot[b] = max(record.overshoot[b], beyond)
+        if stage < course.count[b]:
+            due = stage > 0 and turned * wanted >= course.part[b, stage] * wanted * wanted
+            if due or course.since[b] >= course.wait[b, stage] - 1e-9:
+                if stage == 0:
+                    record.before[b] = math.hypot(velocity[b, 0], velocity[b, 1])
+                    asked = course.angle[b, 0]
+                    course.angle[b, 0] = asked + wrapped(course.heading[b] - yaw)
+                    course.heading[b] = wrapped(course.heading[b] + asked)
+                else:
+                    course.heading[b] = wrapped(yaw + course.angle[b, stage])
+                course.stage[b] += 1
+                course.since[b] = 0.0
+                course.origin[b] = course.facing[b]
+                record.latency[b] = record.overshoot[b] = record.radius[b] = record.after[b] = math.nan
+                record.path[b] = 0.0
+
+
+@njit
+def mean_facing(course, b):
+    """Where fish b pointed on average over about a beat, rad, counted on beyond pi."""
+    kept = min(course.decisions[b], course.history.shape[1])
+    total = 0.0
+    for k in range(kept):
+        total += course.history[b, k]
+    return total / kept if kept > 0 else course.facing[b]
+
+
+class CommandedTurns:
+    """Swim along a commanded heading that changes: the part that tasks with commanded turns share.
+
+    A task says in `plan` which turns it commands.
+    """
+
+    most_turns = 1
+    term_names = ("progress", "alignment", "effort")
+    directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
+
+    def prepare(self, tank, interval):
+        """Make the arrays for the fish of a tank."""
+        b, k, w = tank.num_fish, self.most_turns, max(1, round(MEAN_TIME / interval))
+        self.interval = interval
+        self.course = make_records(
+            Course, [(b, k), (b, k), (b, k), [b], [b], (b,), (b,), (b,), (b,), (b,), (b, w), [b]]
+        )
+        self.record = make_records(Record, [(b,)] * 7)
+        self.load = make_load(tank)
+        self._before, self._start, self._heading = np.zeros((3, b, 3))
+        self._never = np.zeros(b, dtype=bool)
+
+    def start(self, tank, i, generator, options):
+        """Place the fish at the origin with a random yaw, almost at rest, heading where it points; plan its turns."""
+        yaw = options.get("yaw", generator.uniform(-np.pi, np.pi))
+        place(tank, i, generator, yaw, options)
+        course = self.course
+        for array in (*course, *self.record, *self.load):
+            array[i] = 0
+        self.record.latency[i] = self.record.overshoot[i] = self.record.radius[i] = self.record.after[i] = np.nan
+        course.yaw[i] = course.facing[i] = course.origin[i] = course.heading[i] = yaw
+        course.part[i] = np.inf
+        self.plan(i, generator, options)
+        self._heading[i] = level(yaw)
+        mass = tank.fish.body.mass
+        self._before[i] = self._start[i] = mass @ tank.position[i] / mass.sum()
+
+    def plan(self, i, generator, options) -> None:
+        """Set the course of fish i: count, angle, wait and part."""
+        raise NotImplementedError
+
+    def vectors(self, tank, pose):
+        """The commanded heading, a unit vector, (B,1,3)."""
+        return self._heading[:, None]
+
+    def reward(self, tank, pose):
+        """Progress along the commanded heading and pointing along it, less the effort; then the course goes on."""
+        terms = {
+            "progress": rewards.progress(pose.centre, self._before, self._heading, tank.fish.length),  # (19)
+            "alignment": rewards.alignment(pose.axes, self._heading) * (ALIGNMENT_WEIGHT * self.interval),  # (40)
+            "effort": tank.effort * (-EFFORT_WEIGHT * self.interval),  # (20)
+        }
+        measure_load(tank, self.load)
+        follow(self.course, self.record, pose.axes, pose.centre, pose.velocity, self._before, self.interval)
+        self._before[:] = pose.centre
+        self._heading[:, 0], self._heading[:, 1] = np.cos(self.course.heading), np.sin(self.course.heading)
+        return terms
+
+    def done(self, tank, pose):
+        """Never: the episode ends at the time limit."""
+        return self._never
+
+    def metrics(self, tank, i, seconds):
+        """How the last commanded turn went; angles in degrees, lengths in body lengths."""
+        course, record, load, length = self.course, self.record, self.load, tank.fish.length
+        error = abs(wrapped(course.heading[i] - mean_facing(course, i)))
+        made = bool(course.stage[i] == course.count[i] and np.isfinite(record.latency[i]))
+        settled = bool(error <= SETTLED)
+        speed = np.linalg.norm(self._before[i] - self._start[i]) / length / seconds
+        lost = 1.0 - record.after[i] / record.before[i] if record.before[i] > 0 else np.nan
+        return {
+            "success": made and settled,
+            "settled": settled,
+            "heading_error": float(np.degrees(error)),
+            "latency": float(record.latency[i]),
+            "overshoot": float(np.degrees(record.overshoot[i])),
+            "radius": float(record.radius[i] / length),
+            "turning_rate": float(np.degrees(record.rate[i])),
+            "speed_lost": float(lost),
+            "turn": float(np.degrees(course.angle[i, course.stage[i] - 1])) if course.stage[i] else 0.0,
+            "work": float(load.work[i] / (tank.fish.body.mass.sum() * tank.variation[i, 1])),
+            "peak_strain": float(load.strain[i]),
+            "speed": float(speed),
+        }
+
+
+def turn_options(*extra) -> dict[str, Option]:
+    """Reset options of a task with commanded turns: the pose, and (name, option) pairs of its own."""
+    return {**POSE_OPTIONS, **dict(extra)}

@@ -1,0 +1,405 @@
+"""The tasks ask what they say they ask, measure what they say they measure, and refuse what cannot be asked."""
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import fish_env
+from fish_env.envs import FishVectorEnv
+from fish_env.tasks import avoid, measures, rewards, start, target, turns
+
+TURNING = ("turn", "left_after_right", "avoid")
+
+
+def spun(env, yaw, forward=0.0):
+    """Put all fish straight, turned to yaw (B,), and `forward` body lengths further along it; at rest."""
+    fish, tank = env.tank.fish, env.tank
+    rest = fish.body.position - fish.body.mass @ fish.body.position / fish.body.mass.sum()
+    if not hasattr(env, "_places"):
+        env._places = np.zeros((tank.num_fish, 3))
+    for i, angle in enumerate(yaw):
+        env._places[i] += forward * fish.length * start.level(angle)
+        tank.position[i] = rest @ start.rotation(angle, 0.0, 0.0).T + env._places[i]
+    tank.velocity[:] = 0.0
+    env._measure()
+
+
+def decide(env):
+    """What the task does in one decision."""
+    terms = env.task.reward(env.tank, env._pose)
+    return {name: term.copy() for name, term in terms.items()}
+
+
+# Start
+
+
+def test_start_pose():
+    """Yaw, pitch and roll of the options are those of the fish; without them the yaw is spread over the circle."""
+    env = FishVectorEnv(200)
+    env.reset(seed=0)
+    headings = np.arctan2(env._pose.axes[:, 0, 1], env._pose.axes[:, 0, 0])
+    assert np.abs(np.mean(np.exp(1j * headings))) < 0.2
+    env.reset(seed=0, options={"yaw": 1.0, "pitch": 0.3, "roll": 0.2})
+    forward, left, up = env._pose.axes[0]
+    np.testing.assert_allclose(forward, np.cos(0.3) * start.level(1.0) + [0, 0, np.sin(0.3)], atol=1e-12)
+    assert left[2] == pytest.approx(np.sin(0.2) * np.cos(0.3), abs=1e-12)  # its left side is up, its right one down
+    np.testing.assert_allclose(np.cross(forward, left), up, atol=1e-12)
+
+
+@pytest.mark.parametrize("task", fish_env.TASKS)
+def test_starts_differ(task):
+    """Two seeds start differently, and so do an episode and the next."""
+    env = FishVectorEnv(2, task=task)
+    one = env.reset(seed=3)[0]
+    assert (one[0] != one[1]).any() and (env.reset()[0] != one).any()
+
+
+# Commanded turns
+
+
+def test_turn_is_commanded_when_it_should_be():
+    """The heading changes by the angle at the time; the latency is that of 90 % of it; the overshoot is a mean."""
+    env = FishVectorEnv(1, task="turn")
+    env.reset(seed=0, options={"yaw": 0.5, "turn": 1.0, "wait": 0.1})
+    heading = [env.task.vectors(None, None)[0, 0].copy()]
+    for k in range(60):
+        spun(env, [0.5 + min(max(k - 5, 0) * 0.07, 1.2)], forward=0.02)
+        decide(env)
+        heading.append(env.task.vectors(None, None)[0, 0].copy())
+    np.testing.assert_allclose(heading[:5], [start.level(0.5)] * 5, atol=1e-12)
+    np.testing.assert_allclose(heading[5:], [start.level(1.5)] * 56, atol=1e-12)
+    found = env.task.metrics(env.tank, 0, 1.2)
+    # commanded at decision 4 (0.1 s), pointing at 0.5; it turns from decision 6 on, and has made 0.91 rad at decision 18
+    assert found["latency"] == pytest.approx(14 * 0.02)
+    assert found["overshoot"] == pytest.approx(math.degrees(0.2), rel=1e-6)
+    assert found["turning_rate"] == pytest.approx(math.degrees(0.07 / 0.02), rel=1e-6)
+    assert found["radius"] == pytest.approx(14 * 0.02 / 0.91, rel=1e-6)
+    assert found["heading_error"] == pytest.approx(math.degrees(0.2), rel=1e-6)
+    assert found["turn"] == pytest.approx(math.degrees(1.0))
+    assert not found["success"] and not found["settled"]
+    for _ in range(20):
+        spun(env, [1.55])
+        decide(env)
+    assert env.task.metrics(env.tank, 0, 1.6)["success"]
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_reversal_comes_in_the_middle(side):
+    """The second turn is commanded after the given part of the first, from where the fish points, to the other side."""
+    env = FishVectorEnv(1, task="left_after_right")
+    env.reset(seed=1, options={"yaw": 3.0, "first": 1.0, "second": 1.4, "side": side, "part": 0.5, "wait": 0.04})
+    course, seen = env.task.course, []
+    for k in range(30):
+        spun(env, [3.0 + side * 0.03 * k])
+        decide(env)
+        seen.append((int(course.stage[0]), float(course.heading[0])))
+    stages = [stage for stage, _ in seen]
+    assert stages[:1] == [0] and stages[-1] == 2
+    second = stages.index(2)
+    # commanded at decision 1, pointing at 3.03: the first turn is 0.97 from there, and its half 0.485
+    assert second == 1 + math.ceil(0.485 / 0.03)
+    facing = 3.0 + side * 0.03 * second
+    assert rewards.wrapped(seen[second][1] - (facing - side * 1.4)) == pytest.approx(0.0, abs=1e-9)
+    assert rewards.wrapped(seen[1][1] - (3.0 + side)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_reversal_by_time_and_twice():
+    """With a dwell the next turn comes by time; two reversals make three turns of alternating sides."""
+    env = FishVectorEnv(1, task="left_after_right", reversals=2)
+    env.reset(seed=1, options={"yaw": 0.0, "side": -1, "dwell": 0.2, "wait": 0.1})
+    when, commanded = [], []
+    for k in range(60):
+        before = env.task.course.stage[0]
+        spun(env, [0.0])
+        decide(env)
+        if env.task.course.stage[0] > before:
+            when.append(k + 1)
+            commanded.append(env.task.course.heading[0])
+    assert when == [5, 15, 25]
+    assert np.sign(commanded).tolist() == [-1, 1, -1]
+
+
+def test_severity_widens_the_turns():
+    """Angles grow with the severity, up to half a circle; left and right first are equally frequent."""
+    found = {}
+    for severity in (1.0, 2.0):
+        env = FishVectorEnv(400, task="left_after_right", severity=severity)
+        env.reset(seed=0)
+        found[severity] = env.task.course.angle[:, :2]
+    for severity, angles in found.items():
+        assert np.abs(angles).min() >= severity * np.pi / 4 and np.abs(angles).max() <= severity * np.pi / 2
+        assert (angles[:, 0] * angles[:, 1] < 0).all()
+        assert abs(np.sign(angles[:, 0]).mean()) < 0.15
+    env = FishVectorEnv(400, task="left_after_right")
+    env.reset(seed=0)
+    assert 0.4 < np.isfinite(env.task.course.part[:, 1]).mean() < 0.6
+
+
+def test_follow_agrees_with_its_twin():
+    """The compiled course is followed as an obvious program follows it, on random motions."""
+    rng, interval, window = np.random.default_rng(0), 0.02, 13
+    for _ in range(20):
+        env = FishVectorEnv(1, task="left_after_right", reversals=int(rng.integers(1, 3)))
+        env.reset(seed=int(rng.integers(1000)))
+        task, angle, wait, part = env.task, *(getattr(env.task.course, n)[0].copy() for n in ("angle", "wait", "part"))
+        yaw, heading = float(task.course.yaw[0]), float(task.course.heading[0])
+        facing, history, stage, since, origin, latency = yaw, [], 0, 0.0, yaw, None
+        drift = rng.normal(0, 6)
+        for _ in range(200):
+            target_rate = 4.0 * rewards.wrapped(heading - yaw) + drift * rng.normal()
+            step = target_rate * interval
+            facing += step
+            yaw = facing
+            history.append(facing)
+            since += interval
+            asked = angle[stage - 1] if stage else 0.0
+            if stage and latency is None and (facing - origin) / asked >= 0.9:
+                latency = since
+            if stage < task.course.count[0]:
+                reached = stage > 0 and (facing - origin) / asked >= part[stage]
+                if reached or since >= wait[stage] - 1e-9:
+                    base = heading if stage == 0 else yaw
+                    heading = base + angle[stage]
+                    angle[stage] += rewards.wrapped(base - yaw)
+                    stage, since, origin, latency = stage + 1, 0.0, facing, None
+            spun(env, [yaw])
+            decide(env)
+        assert task.course.stage[0] == stage
+        assert rewards.wrapped(task.course.heading[0] - heading) == pytest.approx(0.0, abs=1e-9)
+        assert task.course.since[0] == pytest.approx(since)
+        mean = np.mean(history[-window:])
+        found = task.metrics(env.tank, 0, 4.0)
+        assert found["heading_error"] == pytest.approx(abs(math.degrees(rewards.wrapped(heading - mean))), abs=1e-6)
+        assert (latency is None) == math.isnan(found["latency"])
+        assert latency is None or found["latency"] == pytest.approx(latency)
+
+
+def test_alignment_is_linear_in_the_angle():
+    """1 along the heading, 0 across, -1 away, and a degree costs the same everywhere."""
+    angles = np.linspace(0, np.pi, 7)
+    axes = np.zeros((7, 3, 3))
+    axes[:, 0] = [start.level(a) for a in angles]
+    found = rewards.alignment(axes, np.tile(start.level(0.0), (7, 1)))
+    np.testing.assert_allclose(found, np.linspace(1, -1, 7), atol=1e-7)
+
+
+# Strain and work
+
+
+def test_strain_and_work_against_their_definitions():
+    """Largest strain over all units, and tension times shortening of the muscles, as numpy sums them."""
+    env = FishVectorEnv(1, task="turn")
+    env.reset(seed=0)
+    tank, springs, muscles = env.tank, env.tank.fish.body.springs, env.tank.fish.muscles
+    strain, work, before = 0.0, 0.0, None
+    for action in np.random.default_rng(0).uniform(-1, 1, (30, 1, 12)):
+        env.step(action)
+        x, rest = tank.position[0], tank.rest_length[0, muscles].copy()
+        length = np.linalg.norm(x[springs.nodes[:, 0]] - x[springs.nodes[:, 1]], axis=1)
+        strain = max(strain, np.abs(length / springs.rest_length - 1).max())
+        pull = springs.stiffness[muscles] * (length[muscles] - rest)
+        if before is not None:
+            work -= 0.5 * ((pull + before[0]) @ (rest - before[1]))
+        before = pull, rest
+    found = env.task.metrics(tank, 0, 0.6)
+    assert found["peak_strain"] == pytest.approx(strain, rel=1e-12)
+    assert found["work"] == pytest.approx(work / tank.fish.body.mass.sum(), rel=1e-9)
+    assert work > 0
+
+
+def test_work_of_one_muscle():
+    """A muscle that shortens under its own elastic force does the work of a spring: c (dl)^2 / 2 goes in at most."""
+    nodes, natural, stiffness = np.array([[0, 1]]), np.array([1.0]), np.array([10.0])
+    x, rest = np.array([[[0.0, 0, 0], [1.0, 0, 0]]]), np.array([[1.0]])
+    load = measures.Load(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)))
+    for length in np.linspace(1.0, 0.5, 11):
+        rest[0, 0] = length
+        measures.add_load(nodes, natural, stiffness, np.ones(1), np.array([0]), x, rest, *load)
+    assert load.work[0] == pytest.approx(0.5 * 10.0 * 0.5**2, rel=1e-12)  # the trapezoidal rule is exact here
+
+
+# Target
+
+
+def test_targets_follow_one_another():
+    """A target that the nose reaches pays the bonus and the next appears; one that waits too long is missed."""
+    env = FishVectorEnv(1, task="target", patience=1.0)
+    env.reset(seed=0, options={"yaw": 0.0, "distance": 1.5, "bearing": 0.4})
+    task, length = env.task, env.tank.fish.length
+    np.testing.assert_allclose(task.vectors(env.tank, env._pose)[0, 0], 1.5 * start.level(0.4), atol=1e-9)
+    way = task.vectors(env.tank, env._pose)[0, 0] * length
+    nose = env.tank.position[0, 0].copy()
+    total = 0.0
+    goal = task._target[0].copy()
+    first = np.linalg.norm(goal - nose) / length
+    for part in np.linspace(0, 1, 11)[1:]:
+        env.tank.position[0] += 0.1 * (goal - nose)
+        env._measure()
+        terms = decide(env)
+        total += terms["progress"][0]
+        if terms["reached"][0]:
+            break
+    assert part > 0.85 and task.reached[0] == 1
+    assert total == pytest.approx(first - np.linalg.norm(goal - env.tank.position[0, 0]) / length, rel=1e-9)
+    assert terms["reached"][0] == target.REACH_BONUS
+    assert (task._target[0] != goal).any() and np.linalg.norm(way) > 0
+    for _ in range(50):
+        decide(env)
+    assert task.missed[0] == 1
+    found = task.metrics(env.tank, 0, 2.0)
+    assert found["targets"] == 1 and found["success"] == 0.5 and found["time_per_target"] == 2.0
+
+
+def test_targets_in_three_dimensions():
+    """Planar targets are level; in three dimensions they lie above and below, within the elevation."""
+    for dimensions in (2, 3):
+        env = FishVectorEnv(300, task="target", dimensions=dimensions, elevation=0.6, distance=2.0)
+        env.reset(seed=0)
+        way = env.task.vectors(env.tank, env._pose)[:, 0]
+        np.testing.assert_allclose(np.linalg.norm(way, axis=1), 2.0, rtol=1e-6)
+        height = np.abs(way[:, 2]).max()
+        assert height < 1e-6 if dimensions == 2 else 1.0 < height <= 2 * np.sin(0.6) + 1e-6
+
+
+# Avoid
+
+
+def test_obstacle_appears_ahead_and_moves():
+    """The sphere stands the given gap ahead of the nose when it is due; a sweeping one comes from the side."""
+    for drift in (0.0, 0.8):
+        env = FishVectorEnv(1, task="avoid")
+        env.reset(seed=0, options={"yaw": 0.0, "turn": 0.0, "wait": 0.1, "gap": 1.0, "aside": 0.0, "drift": drift})
+        task, length = env.task, env.tank.fish.length
+        assert not task.vectors(env.tank, env._pose)[0, 1:].any()
+        for _ in range(5):
+            spun(env, [0.0])
+            decide(env)
+        nose = env.tank.position[0, 0]
+        ahead = 1.0 + task.radius
+        expected = nose + length * np.array([ahead, -drift * ahead / avoid.CRUISE, 0.0])
+        np.testing.assert_allclose(task.obstacle[0], expected, atol=1e-9)
+        way = (expected - env._pose.centre[0]) / length
+        distance = np.linalg.norm(way)
+        seen = task.vectors(env.tank, env._pose)[0]
+        np.testing.assert_allclose(seen[1], way / distance / (1 + distance - task.radius), atol=1e-9)
+        np.testing.assert_allclose(seen[2], [0.0, drift, 0.0], atol=1e-12)
+        for _ in range(10):
+            decide(env)
+        np.testing.assert_allclose(task.obstacle[0], expected + [0.0, drift * 0.2 * length, 0.0], atol=1e-9)
+
+
+def test_touching_ends_the_episode():
+    """A fish that swims straight into the sphere pays the penalty and is done; one far away is not."""
+    env = FishVectorEnv(2, task="avoid")
+    env.reset(seed=0, options={"yaw": 0.0, "turn": 0.0, "wait": 0.0, "gap": 0.5, "aside": 0.0, "drift": 0.0})
+    spun(env, [0.0, 0.0])
+    decide(env)
+    env.tank.position[0, :, 0] += 0.45 * env.tank.fish.length
+    env._measure()
+    assert not decide(env)["touch"].any() and not env.task.done(None, None).any()
+    env.tank.position[0, :, 0] += 0.1 * env.tank.fish.length
+    env._measure()
+    terms = decide(env)
+    assert terms["touch"].tolist() == [-avoid.TOUCH_PENALTY, 0.0]
+    assert env.task.done(None, None).tolist() == [True, False]
+    one, other = (env.task.metrics(env.tank, i, 1.0) for i in range(2))
+    assert not one["avoided"] and one["clearance"] < 0 < other["clearance"] and other["avoided"]
+    assert not other["passed"] and not other["success"]
+
+
+# All tasks
+
+
+@pytest.mark.parametrize("task", fish_env.TASKS)
+def test_terms_add_up(task):
+    """The rewards of an episode add up to its named terms; the metrics are numbers."""
+    id = f"FishEnv/{task.title().replace('_', '')}-v0"
+    env = gym.make(id)
+    env.reset(seed=2)
+    env.action_space.seed(0)
+    total, over = 0.0, False
+    while not over:
+        _, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        total, over = total + reward, terminated or truncated
+    assert sum(info["terms"].values()) == pytest.approx(total, rel=1e-9)
+    assert set(info["terms"]) == {*env.unwrapped.fish.task.term_names, "failure"}
+    assert all(isinstance(value, float | int) for name, value in info.items() if name != "terms")
+
+
+@pytest.mark.parametrize("task", fish_env.TASKS)
+def test_mirrored_fish_is_paid_the_same(task):
+    """A mirrored start, command and action give the mirrored motion and the same reward."""
+    env = FishVectorEnv(2, task=task)
+    fish = env.tank.fish
+    options = {"yaw": 0.0, "turn": 0.9, "wait": 0.1, "heading": 0.3, "side": 1, "dwell": 0.1, "first": 0.9, "second": 1.2,
+               "bearing": 0.5, "distance": 2.0, "gap": 0.5, "aside": 0.3, "drift": 0.5}  # fmt: skip
+    signed = {"turn", "heading", "side", "bearing", "aside", "drift"}
+    given = {name: value for name, value in options.items() if name in env.reset_options}
+    for i, sign in enumerate((1.0, -1.0)):
+        turned = {name: sign * value if name in signed else value for name, value in given.items()}
+        env.reset(seed=0, options={**turned, "reset_mask": np.arange(2) == i})
+    env.tank.velocity[:] = 0.0
+    i, j = fish.body.springs.nodes[fish.muscles].T
+    pairs = {frozenset(pair): m for m, pair in enumerate(zip(i.tolist(), j.tolist(), strict=True))}
+    mirrored = [pairs[frozenset((fish.mirror[a], fish.mirror[b]))] for a, b in zip(i, j, strict=True)]
+    same = [env.tank.position[0], env.tank.position[1][fish.mirror] * [1, -1, 1]]
+    env.tank.position[1] = (same[0] * [1, -1, 1])[fish.mirror]
+    env._measure()
+    for action in np.random.default_rng(0).uniform(-1, 1, (40, 12)):
+        _, reward, *_ = env.step(np.stack([action, action[mirrored]]))
+        assert reward[0] == pytest.approx(reward[1], rel=1e-6, abs=1e-9)
+    np.testing.assert_allclose(same[0], env.tank.position[1][fish.mirror] * [1, -1, 1], atol=1e-9)
+
+
+def test_commanded_speed_pays_for_keeping_it():
+    """The reward is greatest at the commanded speed, and the commanded velocity is what the fish sees."""
+    env = FishVectorEnv(1, speed=(0.5, 2.0))
+    env.reset(seed=0, options={"yaw": 0.0, "heading": 0.0, "speed": 1.5})
+    np.testing.assert_allclose(env.task.vectors(None, None)[0, 0], [1.5, 0.0, 0.0])
+    env.task._before[:] = env._pose.centre
+    paid = []
+    for speed in (1.0, 1.5, 2.0):
+        env._pose.centre[:, 0] += speed * 0.02 * env.tank.fish.length
+        paid.append(decide(env)["progress"][0])
+    np.testing.assert_allclose(paid, [0.02, 0.03, 0.02], atol=1e-12)
+    found = env.task.metrics(env.tank, 0, 0.06)
+    assert found["speed_error"] == pytest.approx(0.0, abs=1e-9) and found["commanded_speed"] == 1.5
+
+
+# Variation
+
+
+def test_variation_reaches_the_physics():
+    """Drawn or given, stiffness, mass, drag and current are those the fish is moved with; without them it is as made."""
+    env = FishVectorEnv(3, variation={"stiffness": (0.5, 2.0), "current": 0.4})
+    env.reset(seed=0)
+    rows = env.tank.variation.copy()
+    assert len(set(rows[:, 0])) == 3 and (rows[:, 0] >= 0.5).all() and (rows[:, 0] <= 2.0).all()
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 3:], axis=1), 0.4 * env.tank.fish.length)
+    env.reset(seed=0, options={"stiffness": 1.5, "mass": 2.0, "drag": 0.5, "current": 1.0, "current_heading": np.pi / 2})
+    np.testing.assert_allclose(env.tank.variation, [[1.5, 2.0, 0.5, 0.0, env.tank.fish.length, 0.0]] * 3, atol=1e-12)
+    for _ in range(10):
+        env.step(-np.ones((3, 12)))
+    assert (env._pose.velocity[:, 1] > 0.1 * env.tank.fish.length).all()  # it is carried along
+    plain = FishVectorEnv(1)
+    plain.reset(options={"mass": 2.0})
+    plain.reset(seed=0)
+    np.testing.assert_array_equal(plain.tank.variation, [[1, 1, 1, 0, 0, 0]])
+
+
+@pytest.mark.parametrize("task", TURNING)
+def test_impossible_commands_are_refused(task):
+    """Commands out of range are refused with the range, and nothing moves."""
+    env = FishVectorEnv(1, task=task)
+    env.reset(seed=0)
+    before = env.tank.get_state()
+    wrong = {"yaw": 7.0, "wait": -1.0, "stiffness": 0.0, "current": 9.0}
+    wrong |= {"turn": {"turn": 4.0}, "left_after_right": {"first": 0.0, "part": 1.5}, "avoid": {"gap": 0.0}}[task]
+    for name, value in wrong.items():
+        with pytest.raises(ValueError, match=rf"options\['{name}'\] is .*; give a number from"):
+            env.reset(options={name: value})
+    for name, value in env.tank.get_state().items():
+        np.testing.assert_array_equal(value, before[name])
+    assert turns.COMPLETE == 0.9
