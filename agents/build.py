@@ -10,6 +10,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.config import TrainConfig
+from agents.mirror import MirroredPolicy, mirror_of, plain_layers
 from agents.policy import Policy
 from fish_env.envs.sb3 import make_sb3_vec_env
 
@@ -51,7 +52,7 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
     fish = env.unwrapped.fish
     offset, scale = scaling(fish)
     return PPO(
-        "MlpPolicy",
+        MirroredPolicy,
         env,
         n_steps=config.rollout,
         batch_size=min(config.batch_size, config.rollout * env.num_envs),
@@ -64,6 +65,7 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
         policy_kwargs={
             "net_arch": list(config.hidden),
             "log_std_init": config.initial_log_std,
+            "mirror": mirror_of(fish),
             "features_extractor_class": ScaledObservation,
             "features_extractor_kwargs": {"offset": offset, "scale": scale},
         },
@@ -85,10 +87,8 @@ class falling:  # noqa: N801 - used like a function; a class so that it can be p
 
 def export_policy(model: PPO, about: dict[str, Any]) -> Policy:
     """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
-    network, scaler = model.policy, model.policy.pi_features_extractor
-    layers = [m for m in network.mlp_extractor.policy_net if isinstance(m, torch.nn.Linear)] + [network.action_net]
-    weights = [layer.weight.detach().double().numpy().T.copy() for layer in layers]
-    biases = [layer.bias.detach().double().numpy().copy() for layer in layers]
+    scaler = model.policy.pi_features_extractor
+    weights, biases = plain_layers(model.policy)
     weights[0] /= scaler.scale.double().numpy()[:, None]
     biases[0] -= scaler.offset.double().numpy() @ weights[0]
     as_float = [tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases)]

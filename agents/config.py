@@ -45,6 +45,8 @@ class Result:
     """What its tables show."""
     seeds: int
     """How many seeds `train.py all` trains."""
+    conditions: dict[str, tuple[dict[str, Any], dict[str, Any]]] = field(default_factory=dict)
+    """Under what else they are measured: keywords of the environment and reset options, by name."""
 
 
 PAIRS = {"muscle_groups": "pairs"}
@@ -62,8 +64,20 @@ CONFIGS: dict[str, TrainConfig] = {
 
 RESULTS: dict[str, Result] = {
     "swim": Result("speed", ("speed", "sideways"), 10),
-    "turn": Result("success", TURNING, 5),
-    "left_after_right": Result("success", TURNING, 10),
+    "turn": Result(
+        "success", TURNING, 5, {"90 left": ({}, {"turn": math.pi / 2}), "90 right": ({}, {"turn": -math.pi / 2})}
+    ),
+    "left_after_right": Result(
+        "success",
+        TURNING,
+        10,
+        {
+            "left after right": ({}, {"side": -1}),
+            "right after left": ({}, {"side": 1}),
+            "twice the severity": ({"severity": 2.0}, {}),
+            "double reversal": ({"reversals": 2}, {}),
+        },
+    ),
     "target": Result("targets", ("targets", "success", "time_per_target"), 5),
     "target_3d": Result("targets", ("targets", "success", "time_per_target"), 5),
     "avoid": Result("avoided", ("avoided", "success", "clearance", "work", "peak_strain"), 5),

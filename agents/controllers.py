@@ -1,4 +1,7 @@
-"""Controllers without learning: the open-loop gait that swims the fish by timing alone (Tu 1996, ch. 5)."""
+"""Controllers without learning: the open-loop gait that swims the fish by timing alone (Tu 1996, ch. 5).
+
+The motor controllers that also turn and are sequenced for every task, `scripted`, are in `agents/motor.py`.
+"""
 
 import json
 from dataclasses import dataclass
@@ -6,7 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from agents.motor import random_actions, scripted
 from fish_env.bodies import Fish
+
+__all__ = ["GAIT_FILE", "Gait", "best_gait", "random_actions", "scripted"]
 
 GAIT_FILE = Path(__file__).parent / "pretrained" / "swim" / "gait.json"
 

@@ -10,11 +10,11 @@ from tqdm import tqdm
 
 from agents.evaluate import FIRST_SEED, Scores, episode_scores
 from agents.report import opened, pyplot, shipped
-from agents.results import rounded, write_rows
+from agents.results import rounded
+from benchmarks.provenance import RESULTS, write_csv
 from fish_env import INTEGRATORS
 from fish_env.envs import FishVectorEnv
 
-RESULTS_FOLDER = Path(__file__).parent.parent / "benchmarks" / "results"
 EPISODES = 100
 FINER = 8  # the reference takes this part of the fish's own step
 
@@ -69,8 +69,8 @@ def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODE
                 reference = (scores, track)
             rows.append({"task": task, "integrator": integrator, "dt_ms": round(1e3 * dt, 6), "episodes": episodes}
                         | differences(scores, track, *reference))  # fmt: skip
-    write_rows(RESULTS_FOLDER / "integrators_policies.csv", rows)
-    draw(rows, RESULTS_FOLDER / "integrators_policies.svg")
+    write_csv("integrators_policies.csv", rows, "python train.py compare --integrators")
+    draw(rows, RESULTS / "integrators_policies.svg")
     print_rows(rows)
     return rows
 

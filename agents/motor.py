@@ -202,6 +202,7 @@ class Sequencer:
         fish: Fish = env.tank.fish
         self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
         self.muscle = np.array([np.flatnonzero(env.groups == g)[0] for g in range(env.groups.max() + 1)])
+        self.can_pitch = self.muscle.size == fish.num_muscles  # pairs contract above and below together
         height = fish.body.position[fish.body.springs.nodes[fish.muscles], 2].mean(axis=1)
         self.fish, self.level = fish, np.where(height > 0, 0, 1)
         self.window = max(1, round(habits.beat / self.interval))
@@ -240,8 +241,9 @@ class Sequencer:
 
     def decide(self, error: np.ndarray) -> None:
         """Begin and end turns: when the error is large, when a new command comes, when one is over."""
-        over = self.turning & (self.since >= self.rows[:, 5] + self.rows[:, 6] - 1e-9)
-        self.errors[over] = self.left[over, None]  # until a beat has been seen, the table is believed
+        more = np.abs(self.left) > self.habits.threshold  # a successive turn follows at once, without straightening
+        over = self.turning & (self.since >= self.rows[:, 5] + self.rows[:, 6] * ~more - 1e-9)
+        self.errors[over] = error[over, None]  # what was seen in the turn no longer counts
         self.turning &= ~over
         broken = self.turning & self.jumped
         wanted = np.where(broken, wrapped(error + self.habits.lead * self.rate), self.mean_error())
@@ -274,7 +276,8 @@ class Sequencer:
         pairs = bend + part[:, None, None] * swim_mc(self.tables, swims, self.beats)
         pairs[:, :2, 0] += np.maximum(trim, 0.0)[:, None]
         pairs[:, :2, 1] += np.maximum(-trim, 0.0)[:, None]
-        pitch = np.clip(habits.pitch * aim.climb, -habits.most_pitch, habits.most_pitch)
+        pairs[(aim.speed <= 0.0) & ~self.turning] = glide_mc(1)
+        pitch = np.clip(habits.pitch * aim.climb, -habits.most_pitch, habits.most_pitch) * self.can_pitch
         lift = np.maximum(np.stack([pitch, -pitch], axis=1), 0.0)
         return np.clip(spread(self.fish, pairs) + lift[:, self.level], 0.0, 1.0)
 
@@ -284,25 +287,34 @@ def bearing(vector: np.ndarray) -> np.ndarray:
     return np.arctan2(vector[:, 1], vector[:, 0])
 
 
+def climb(vector: np.ndarray) -> np.ndarray:
+    """How far a fish must pitch up to point along vectors (B,3), (B,) rad; 0 for those abeam or behind: turn first."""
+    size = np.linalg.norm(vector, axis=1) + 1e-9
+    return np.arcsin(vector[:, 2] / size) * np.clip(vector[:, 0] / size, 0.0, 1.0)
+
+
 def aim_heading(obs: np.ndarray) -> Aim:
-    """At the commanded heading or velocity, the last three numbers of the observation."""
+    """At the commanded heading, the last three numbers of the observation, as fast as possible."""
     wanted = obs[:, -3:].astype(float)
-    return Aim(bearing(wanted), np.zeros(len(obs)), np.linalg.norm(wanted, axis=1))
+    return Aim(bearing(wanted), climb(wanted), np.full(len(obs), np.inf))
 
 
-def aim_fast(obs: np.ndarray) -> Aim:
-    """At the commanded heading, as fast as possible."""
-    return aim_heading(obs)._replace(speed=np.full(len(obs), np.inf))
+def aim_velocity(obs: np.ndarray, mass: np.ndarray, haste: float = 1.0) -> Aim:
+    """At the commanded velocity, of fish with node masses (N,): the faster, the further they are behind it."""
+    wanted = obs[:, -3:].astype(float)
+    speed = np.linalg.norm(wanted, axis=1)
+    nodes = mass.size
+    own = mass @ obs[:, 3 * nodes : 6 * nodes].reshape(-1, nodes, 3).astype(float) / mass.sum()
+    along = (own * wanted).sum(axis=1) / speed
+    return Aim(bearing(wanted), climb(wanted), np.maximum(speed + haste * (speed - along), 0.0))
 
 
-def aim_target(obs: np.ndarray, dimensions: int, ahead: float = 0.4) -> Aim:
+def aim_target(obs: np.ndarray, ahead: float = 0.4) -> Aim:
     """At the target, counted from where the fish will be `ahead` body lengths on: it swims on while it turns."""
     way = obs[:, -3:].astype(float)
-    error = bearing(way)
     nearer = way.copy()
-    nearer[:, 0] -= ahead * np.clip(np.abs(error) / (np.pi / 2), 0.0, 1.0)
-    climb = np.arctan2(way[:, 2], np.hypot(way[:, 0], way[:, 1])) * (dimensions == 3)
-    return Aim(bearing(nearer), climb, np.full(len(obs), np.inf))
+    nearer[:, 0] -= ahead * np.clip(np.abs(bearing(way)) / (np.pi / 2), 0.0, 1.0)
+    return Aim(bearing(nearer), climb(way), np.full(len(obs), np.inf))
 
 
 @dataclass(frozen=True)
@@ -340,7 +352,7 @@ def aim_past(obs: np.ndarray, caution: Caution) -> Aim:
     short = np.maximum(caution.radius + caution.room - miss, 0.0) * seen
     cost = np.abs(COURSES) + 0.3 * np.abs(wrapped(course)) + 20.0 * short
     best = course[np.arange(len(obs)), np.where(seen[:, 0], cost.argmin(axis=1), COURSES.size // 2)]
-    return Aim(wrapped(best), np.zeros(len(obs)), np.full(len(obs), np.inf))
+    return Aim(wrapped(best), climb(obs[:, -9:-6].astype(float)), np.full(len(obs), np.inf))
 
 
 def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habits | None = None) -> Sequencer:
@@ -351,13 +363,13 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habi
     """
     task = env.task
     if isinstance(task, TargetTask):
-        aim = partial(aim_target, dimensions=task.dimensions)
+        aim = aim_target
     elif isinstance(task, AvoidTask):
         aim = partial(aim_past, caution=Caution(task.radius))
     elif isinstance(task, SwimTask) and task.speed is not None:
-        aim = aim_heading
+        aim = partial(aim_velocity, mass=env.tank.fish.body.mass)
     elif isinstance(task, SwimTask | CommandedTurns):
-        aim = aim_fast
+        aim = aim_heading
     else:
         names = ", ".join(sorted(cls.__name__ for cls in TASKS.values()))
         raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")

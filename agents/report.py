@@ -43,7 +43,6 @@ def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bo
     controllers |= (baselines(env) if pictures else {}) | {"trained policy": policy}
     scores = {name: evaluate(controller, env) for name, controller in controllers.items()}
     rows = {name: means(found) for name, found in scores.items()}
-    np.savez(folder / "scores.npz", **scores["trained policy"])
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
     (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
     if not pictures:

@@ -1,53 +1,86 @@
 """Publish what `train.py all` found: interquartile means over seeds beside the baselines, curves, the median policies.
 
-For every task, agents/pretrained/<task>/ gets the policy of the median seed, seeds.csv (a row a seed), methods.csv (a
-row a method, with intervals) and curves.csv; docs/images/curves.svg shows the curves.
+For every task, agents/pretrained/<task>/ gets the policy of the median seed with its configuration, and
+benchmarks/results/learning/ gets <task>_seeds.csv (a row a seed and condition), <task>_methods.csv (a row a method,
+condition and metric, with intervals) and <task>_curves.csv; docs/images/curves.svg shows the curves.
 """
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 
 from agents.config import CONFIGS, RESULTS
-from agents.evaluate import FIRST_SEED, Scores, evaluate, make_eval_env
+from agents.evaluate import EPISODES, Scores, evaluate, make_eval_env, policy_controller
+from agents.policy import load_policy
 from agents.report import PRETRAINED, baselines, pyplot
+from benchmarks import provenance
 
+COMMAND = "python train.py all"
 RESAMPLES = 2000
 CURVE_POINTS = 60
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
+LEARNING = provenance.RESULTS / "learning"
+PAGE = Path(__file__).parent.parent / "docs" / "results.md"
+UNITS = {
+    "speed": ("speed, L/s", 1, 2), "sideways": ("sideways, L/s", 1, 2), "success": ("success, %", 100, 1),
+    "latency": ("latency, s", 1, 2), "overshoot": ("overshoot, °", 1, 1), "radius": ("radius, L", 1, 2),
+    "turning_rate": ("peak rate, °/s", 1, 0), "speed_lost": ("speed lost, %", 100, 0), "work": ("work, J/kg", 1, 2),
+    "peak_strain": ("peak strain, %", 100, 0), "targets": ("targets", 1, 2), "time_per_target": ("s a target", 1, 2),
+    "avoided": ("avoided, %", 100, 1), "clearance": ("clearance, L", 1, 2), "return": ("return", 1, 1),
+    "failed": ("physics failed, %", 100, 2),
+}  # fmt: skip
+"""Heading, factor and digits of a metric in the tables of the page."""
 
 
 def publish(root: Path, tasks=None) -> None:
-    """Gather the finished runs under root/<task>/seed_<k> and publish them.
+    """Measure the finished runs under root/<task>/seed_<k> beside the baselines, and publish them.
 
     Raises:
-        FileNotFoundError: if a seed of a task has no results.
+        FileNotFoundError: if a seed of a task is not finished.
     """
-    tasks = list(CONFIGS if tasks is None else tasks)
-    for task in tasks:
+    for task in CONFIGS if tasks is None else tasks:
         runs = [root / task / f"seed_{seed}" for seed in range(RESULTS[task].seeds)]
         for run in runs:
-            if not (run / "scores.npz").exists():
+            if not (run / "results.json").exists():
                 raise FileNotFoundError(f"{run} is not finished; go on with: python train.py all --runs {root}")
-        folder = PRETRAINED / task
-        folder.mkdir(parents=True, exist_ok=True)
-        scores = [dict(np.load(run / "scores.npz")) for run in runs]
-        write_rows(folder / "seeds.csv", [seed_row(run, found) for run, found in zip(runs, scores, strict=True)])
-        ship(runs, scores, RESULTS[task].score, folder)
-        write_rows(folder / "methods.csv", method_rows(task, scores))
-        write_rows(folder / "curves.csv", [row for run in runs for row in curve_rows(run)])
-        print(f"{task}: median policy, seeds, methods and curves are in {folder}")
-    if all((PRETRAINED / task / "curves.csv").exists() for task in CONFIGS):
+        publish_task(task, runs)
+    if all((LEARNING / f"{task}_curves.csv").exists() for task in CONFIGS):
         draw_curves(IMAGES / "curves.svg")
+    PAGE.write_text(filled(PAGE.read_text()))
+
+
+def publish_task(task: str, runs: list[Path]) -> None:
+    """Measure the seeds of a task and the controllers without learning, under every condition; write it all down."""
+    config, result = CONFIGS[task], RESULTS[task]
+    policies = [policy_controller(load_policy(run / "policy.npz", config.env_id)) for run in runs]
+    seed_rows, method_rows, generator = [], [], np.random.default_rng(0)
+    for condition, (keywords, options) in {"": ({}, {}), **result.conditions}.items():
+        env = make_eval_env(config.env_id, EPISODES, config.env_options | keywords)
+        methods = {name: [evaluate(controller, env, options=options)] for name, controller in baselines(env).items()}
+        methods["PPO"] = [evaluate(policy, env, options=options) for policy in policies]
+        seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]
+        for method, found in methods.items():
+            for metric in dict.fromkeys((*result.metrics, "return", "failed")):
+                value, low, high = interval(found, metric, generator)
+                method_rows.append({"condition": condition, "method": method, "metric": metric, "value": rounded(value),
+                                    "low": rounded(low), "high": rounded(high), "seeds": len(found),
+                                    "episodes": EPISODES})  # fmt: skip
+        if not condition:
+            ship(runs, methods["PPO"], result.score, PRETRAINED / task)
+    provenance.write_csv(f"learning/{task}_seeds.csv", seed_rows, COMMAND)
+    provenance.write_csv(f"learning/{task}_methods.csv", method_rows, COMMAND)
+    provenance.write_csv(f"learning/{task}_curves.csv", [row for run in runs for row in curve_rows(run)], COMMAND)
+    print(f"\n{task}\n{table_of(method_rows)}")
 
 
 def seed_mean(scores: Scores, metric: str) -> float:
     """Mean of a metric over a seed's episodes, those in which it is known; time a target over all targets together."""
     if metric == "time_per_target":
-        return float(scores["seconds"].sum() / max(scores["targets"].sum(), 1e-9))
+        return float(scores["seconds"].sum() / scores["targets"].sum()) if scores["targets"].sum() else np.nan
     values = scores[metric]
     return float(values[np.isfinite(values)].mean()) if np.isfinite(values).any() else np.nan
 
@@ -67,100 +100,108 @@ def interval(scores: list[Scores], metric: str, generator: np.random.Generator) 
 
     Seeds are drawn anew with replacement, and the episodes of each; a method without seeds only draws episodes.
     """
-    found = []
-    for _ in range(RESAMPLES):
-        drawn = [scores[k] for k in generator.integers(len(scores), size=len(scores))]
-        count = len(drawn[0]["return"])
-        picks = [generator.integers(count, size=count) for _ in drawn]
-        means = [
-            seed_mean({name: s[name][pick] for name in {metric, "seconds", "targets"} & s.keys()}, metric)
-            for s, pick in zip(drawn, picks, strict=True)
-        ]
-        found.append(interquartile_mean(np.array(means)))
-    found = np.array(found)
-    low, high = np.quantile(found[np.isfinite(found)], [0.025, 0.975]) if np.isfinite(found).any() else (np.nan, np.nan)
-    return interquartile_mean(np.array([seed_mean(s, metric) for s in scores])), float(low), float(high)
+    kept = [{name: s[name] for name in {metric, "seconds", "targets"} & s.keys()} for s in scores]
+    count, found = len(scores[0]["return"]), np.empty(RESAMPLES)
+    for k in range(RESAMPLES):
+        means = []
+        for s in generator.integers(len(kept), size=len(kept)):
+            pick = generator.integers(count, size=count)
+            means.append(seed_mean({name: values[pick] for name, values in kept[s].items()}, metric))
+        found[k] = interquartile_mean(np.array(means))
+    found = found[np.isfinite(found)]
+    low, high = np.quantile(found, [0.025, 0.975]) if found.size else (np.nan, np.nan)
+    return interquartile_mean(np.array([seed_mean(s, metric) for s in kept])), float(low), float(high)
 
 
-def seed_row(run: Path, scores: Scores) -> dict:
-    """One seed: what it cost and the mean of every metric."""
+def seed_row(run: Path, condition: str, scores: Scores) -> dict:
+    """One seed under one condition: what it cost and the mean of every metric."""
     config = json.loads((run / "config.json").read_text())
-    with (run / "curve.csv").open() as file:
-        seconds = float(list(csv.DictReader(file))[-1]["seconds"])
-    row = {"seed": config["seed"], "timesteps": config["config"]["timesteps"], "training_seconds": round(seconds)}
-    return row | {name: rounded(seed_mean(scores, name)) for name in scores}
+    rows = read_rows(run / "curve.csv")
+    row = {"condition": condition, "seed": config["seed"], "timesteps": config["config"]["timesteps"],
+           "training_seconds": round(float(rows[-1]["seconds"])), "commit": config["commit"]}  # fmt: skip
+    return row | {
+        name: rounded(seed_mean(scores, name)) for name in (*scores, *(["time_per_target"] * ("targets" in scores)))
+    }
 
 
 def ship(runs: list[Path], scores: list[Scores], metric: str, folder: Path) -> None:
     """Copy the policy and the configuration of the seed with the median score (of equals, the median return)."""
     keys = [(round(seed_mean(found, metric), 6), seed_mean(found, "return")) for found in scores]
     median = sorted(range(len(runs)), key=lambda k: keys[k])[len(runs) // 2]
+    folder.mkdir(parents=True, exist_ok=True)
     for name in ("policy.npz", "config.json"):
         shutil.copy(runs[median] / name, folder / name)
 
 
-def method_rows(task: str, scores: list[Scores]) -> list[dict]:
-    """A row for every method and metric: value and interval."""
-    config, episodes = CONFIGS[task], len(scores[0]["return"])
-    env = make_eval_env(config.env_id, episodes, config.env_options)
-    methods = {name: [evaluate(controller, env, FIRST_SEED)] for name, controller in baselines(env).items()}
-    methods["PPO"] = scores
-    generator = np.random.default_rng(0)
-    rows = []
-    for method, found in methods.items():
-        for metric in dict.fromkeys((*RESULTS[task].metrics, "return", "failed")):
-            value, low, high = interval(found, metric, generator)
-            rows.append({"method": method, "metric": metric, "value": rounded(value), "low": rounded(low),
-                         "high": rounded(high), "seeds": len(found), "episodes": episodes})  # fmt: skip
-    return rows
-
-
 def curve_rows(run: Path) -> list[dict]:
     """The learning curve of a run, thinned."""
-    seed = json.loads((run / "config.json").read_text())["seed"]
-    with (run / "curve.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    seed, rows = json.loads((run / "config.json").read_text())["seed"], read_rows(run / "curve.csv")
     keep = np.unique(np.linspace(0, len(rows) - 1, min(CURVE_POINTS, len(rows))).astype(int))
     return [{"seed": seed} | {k: rows[i][k] for k in ("timesteps", "seconds", "score", "return")} for i in keep]
 
 
 def draw_curves(path: Path) -> None:
-    """Score against decisions for every task: a thin line a seed, the interquartile mean bold."""
+    """Score against decisions for every task: a thin line a seed, their interquartile mean bold."""
     plt = pyplot()
     plt.rcParams["svg.hashsalt"] = "fish_env"
     figure, grid = plt.subplots(2, 3, figsize=(10, 5.4), layout="constrained")
     for axes, task in zip(grid.flat, CONFIGS, strict=True):
-        with (PRETRAINED / task / "curves.csv").open() as file:
-            rows = list(csv.DictReader(file))
         lines = {}
-        for row in rows:
+        for row in read_rows(LEARNING / f"{task}_curves.csv"):
             lines.setdefault(row["seed"], []).append((float(row["timesteps"]) / 1e6, float(row["score"])))
         lines = [np.array(line).T for line in lines.values()]
-        grid_points = np.linspace(max(line[0, 0] for line in lines), min(line[0, -1] for line in lines), 60)
-        middle = [
-            interquartile_mean(np.array(v))
-            for v in zip(*(np.interp(grid_points, *line) for line in lines), strict=True)
-        ]
+        points = np.linspace(max(line[0, 0] for line in lines), min(line[0, -1] for line in lines), CURVE_POINTS)
+        levels = np.array([np.interp(points, *line) for line in lines])
         for line in lines:
             axes.plot(*line, color="#0b7a99", alpha=0.3, lw=0.8)
-        axes.plot(grid_points, middle, color="#0b7a99", lw=2)
-        with (PRETRAINED / task / "methods.csv").open() as file:
-            base = [r for r in csv.DictReader(file) if r["method"] == "motor controllers"]
-        level = next(float(r["value"]) for r in base if r["metric"] == RESULTS[task].score)
+        axes.plot(points, [interquartile_mean(column) for column in levels.T], color="#0b7a99", lw=2)
+        wanted = ("", "motor controllers", RESULTS[task].score)
+        rows = read_rows(LEARNING / f"{task}_methods.csv")
+        level = next(float(r["value"]) for r in rows if (r["condition"], r["method"], r["metric"]) == wanted)
         axes.axhline(level, color="#c0562f", ls="--", lw=1)
         axes.set(title=task.replace("_", " "), xlabel="million decisions", ylabel=RESULTS[task].score, ylim=(0, None))
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
 
 
+def filled(page: str) -> str:
+    """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, made anew from the CSV files."""
+
+    def table(match: re.Match) -> str:
+        path = LEARNING / f"{match[1]}_methods.csv"
+        return f"<!-- {match[1]} -->\n\n{table_of(read_rows(path))}\n<!-- end -->" if path.exists() else match[0]
+
+    return re.sub(r"<!-- (\w+) -->.*?<!-- end -->", table, page, flags=re.DOTALL)
+
+
+def table_of(rows: list[dict]) -> str:
+    """The results of a task as Markdown, a line a method and condition."""
+    metrics = list(dict.fromkeys(row["metric"] for row in rows))
+    lines = {}
+    for row in rows:
+        lines.setdefault((row["condition"], row["method"]), []).append(cell(row))
+    head = f"| | {' | '.join(UNITS[metric][0] for metric in metrics)} |\n|---|{'---|' * len(metrics)}\n"
+    return head + "".join(
+        f"| {method}{', ' * bool(condition)}{condition} | {' | '.join(cells)} |\n"
+        for (condition, method), cells in lines.items()
+    )
+
+
+def cell(row: dict) -> str:
+    """A value with its interval."""
+    if row["value"] == "":
+        return "-"
+    _, factor, digits = UNITS[row["metric"]]
+    value, low, high = (f"{factor * float(row[name]):.{digits}f}" for name in ("value", "low", "high"))
+    return value if low == value == high else f"{value} ({low} to {high})"
+
+
 def rounded(value: float) -> float | str:
     """Four digits after the point, or nothing for what is not known."""
-    return round(value, 4) if np.isfinite(value) else ""
+    return round(float(value), 4) if np.isfinite(value) else ""
 
 
-def write_rows(path: Path, rows: list[dict]) -> None:
-    """A CSV file."""
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+def read_rows(path: Path) -> list[dict]:
+    """The rows of a CSV file, without its comment lines."""
+    with path.open() as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))

@@ -16,6 +16,7 @@ from agents.build import export_policy, make_env, make_model
 from agents.callbacks import Checkpoint, LearningCurve, Progress, save_whole
 from agents.config import CONFIGS, RESULTS, TrainConfig
 from agents.report import report
+from benchmarks.provenance import provenance
 
 PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "torch")
 
@@ -120,6 +121,7 @@ def _write_config(folder: Path, task: str, config: TrainConfig, seed: int) -> No
         "seed": seed,
         "config": asdict(config),
         "command": f"python train.py {task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}",
+        "commit": provenance("")["commit"],
         "versions": {name: version(name) for name in PACKAGES} | {"python": sys.version.split()[0]},
         "threads": {"torch": torch.get_num_threads(), "processors": os.cpu_count()},
     }

@@ -1,6 +1,7 @@
-"""The pictures of the documentation, from the shipped policy.
+"""The pictures and videos of the documentation, from the shipped policies.
 
-python -m benchmarks.pictures       writes docs/images/swim.png
+python -m benchmarks.pictures            writes docs/images/swim.png
+python -m benchmarks.pictures --videos   writes docs/videos/<task>.mp4
 """
 
 import sys
@@ -8,33 +9,65 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
 
+import argparse
+
 import numpy as np
 
+from agents.config import CONFIGS
 from agents.evaluate import FIRST_SEED, make_eval_env
+from agents.play import write_video
 from agents.policy import load_policy
+from agents.report import PRETRAINED
 
 ROOT = Path(__file__).parent.parent
 MOMENTS = (0.06, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed
+SIZE = (480, 360)  # of a video
+SECONDS, EVERY, SLOWER = 4.0, 2, 2  # of the episode; a frame every so many decisions; so many times slower than life
+
+
+def play(task: str, seconds: float):
+    """Play an episode with the shipped policy: (time, picture) after every decision."""
+    policy = load_policy(PRETRAINED / task / "policy.npz")
+    env = make_eval_env(policy.about["env_id"], 1, dict(policy.about["env_options"]) | {"render_mode": "rgb_array"})
+    obs, _ = env.reset(seed=FIRST_SEED)
+    for step in range(1, round(seconds / env.control_interval) + 1):
+        obs, _, terminated, truncated, _ = env.step(policy(obs))
+        if (terminated | truncated).any():
+            break
+        yield step * env.control_interval, env.render()[0]
+    env.close()
+
+
+def picture() -> None:
+    """Three moments of an episode side by side."""
+    from PIL import Image
+
+    frames = [frame for time, frame in play("swim", MOMENTS[-1]) if any(abs(time - m) < 1e-9 for m in MOMENTS)]
+    together = Image.fromarray(np.concatenate(frames, axis=1)).resize((1260, 315), Image.Resampling.LANCZOS)
+    path = ROOT / "docs" / "images" / "swim.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    together.quantize(256).save(path, optimize=True)
+    print(f"{path}: {path.stat().st_size // 1000} kB")
+
+
+def videos() -> None:
+    """A short video of every task, at half speed."""
+    from PIL import Image
+
+    folder = ROOT / "docs" / "videos"
+    folder.mkdir(parents=True, exist_ok=True)
+    for task in CONFIGS:
+        frames = [frame for _, frame in play(task, SECONDS)][::EVERY]
+        small = [np.asarray(Image.fromarray(frame).resize(SIZE, Image.Resampling.LANCZOS)) for frame in frames]
+        write_video(small, 50 / EVERY / SLOWER, folder / f"{task}.mp4")
+        print(f"{folder / task}.mp4: {(folder / f'{task}.mp4').stat().st_size // 1000} kB")
 
 
 def main() -> None:
-    """Play one episode and keep three moments of it, side by side."""
-    from PIL import Image
-
-    policy = load_policy(ROOT / "agents" / "pretrained" / "swim" / "policy.npz")
-    env = make_eval_env(policy.about["env_id"], 1, dict(policy.about["env_options"]) | {"render_mode": "rgb_array"})
-    obs, _ = env.reset(seed=FIRST_SEED)
-    frames = []
-    for step in range(1, round(MOMENTS[-1] / env.control_interval) + 1):
-        obs, *_ = env.step(policy(obs))
-        frame = env.render()[0]
-        if any(abs(step * env.control_interval - moment) < 1e-9 for moment in MOMENTS):
-            frames.append(frame)
-    picture = Image.fromarray(np.concatenate(frames, axis=1)).resize((1260, 315), Image.Resampling.LANCZOS)
-    path = ROOT / "docs" / "images" / "swim.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    picture.quantize(256).save(path, optimize=True)
-    print(f"{path}: {path.stat().st_size // 1000} kB")
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--videos", action="store_true", help="the videos instead")
+    videos() if parser.parse_args().videos else picture()
 
 
 if __name__ == "__main__":

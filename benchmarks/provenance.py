@@ -37,8 +37,8 @@ def provenance(command: str) -> dict[str, str]:
 
 def write_csv(name: str, rows: list[dict], command: str) -> Path:
     """Write rows to results/name, preceded by the provenance as comment lines."""
-    RESULTS.mkdir(exist_ok=True)
     path = RESULTS / name
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         for key, value in provenance(command).items():
             file.write(f"# {key}: {value}\n")

@@ -144,7 +144,7 @@ def test_observations(id):
     """Observations are finite, fresh, float32, inside their space, and no element is constant."""
     env = gym.make(id)
     seen = []
-    for seed in range(3):  # an episode may lack what a task only sometimes has, such as an obstacle that moves
+    for seed in range(4):  # an episode may lack what a task only sometimes has, such as an obstacle that moves
         seen.append(env.reset(seed=seed)[0])
         for action in actions(env, gym.spec(id).max_episode_steps - 1, seed):
             seen.append(env.step(action)[0])

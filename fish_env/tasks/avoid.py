@@ -146,7 +146,7 @@ def see(centre, heading, obstacle, drift, present, radius, length, out):
             distance = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
             gap = max(distance / length - radius, 0.0)
             for k in range(3):
-                out[b, 1, k] = way[k] / (distance * (1.0 + gap))
+                out[b, 1, k] = way[k] / (distance * (1.0 + gap))  # (44)
                 out[b, 2, k] = drift[b, k] / length
 
 

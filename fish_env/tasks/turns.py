@@ -86,7 +86,7 @@ def follow(course, record, axes, centre, velocity, before, interval):
                 record.path[b] += math.hypot(centre[b, 0] - before[b, 0], centre[b, 1] - before[b, 1])
                 if side * turned >= COMPLETE * abs(wanted):
                     record.latency[b] = course.since[b]
-                    record.radius[b] = record.path[b] / max(abs(turned), 1e-9)
+                    record.radius[b] = record.path[b] / max(abs(turned), 1e-9)  # (43)
                     record.after[b] = math.hypot(velocity[b, 0], velocity[b, 1])
                     record.overshoot[b] = 0.0
             else:

@@ -1,0 +1,117 @@
+"""A policy that cannot tell left from right: what it does when mirrored is the mirror image of what it does.
+
+The fish and the water are symmetric, and so are all tasks; a network that is symmetric by construction learns a turn to
+one side from turns to the other, and has no bias that makes it swim askew.
+"""
+
+import numpy as np
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import MlpExtractor
+from torch import nn
+
+
+def mirror_of(env) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How left and right are exchanged in a `FishVectorEnv`.
+
+    The mirrored observation is `obs[place] * sign`, both (D,), the mirrored action `action[swap]`, (A,).
+    """
+    fish = env.tank.fish
+    nodes = (3 * fish.mirror[:, None] + np.arange(3)).ravel()
+    muscles = mirrored_muscles(fish)
+    directions = np.arange(3 * len(env.task.directions))
+    parts = (nodes, nodes, muscles, directions)
+    starts = np.cumsum([0, *map(len, parts)])
+    place = np.concatenate([start + part for start, part in zip(starts, parts, strict=False)])
+    flip = [1.0, -1.0, 1.0]  # forward and up stay, left becomes right
+    sign = np.concatenate(
+        [np.tile(flip, 2 * len(fish.mirror)), np.ones(len(muscles)), np.tile(flip, len(directions) // 3)]
+    )
+    first = np.array([np.flatnonzero(env.groups == group)[0] for group in range(env.groups.max() + 1)])
+    return place, sign, env.groups[muscles[first]]
+
+
+def mirrored_muscles(fish) -> np.ndarray:
+    """(M,) the muscle that each muscle becomes when left and right are exchanged."""
+    pairs = fish.body.springs.nodes[fish.muscles]
+    number = {frozenset(pair): m for m, pair in enumerate(pairs.tolist())}
+    return np.array([number[frozenset(pair)] for pair in fish.mirror[pairs].tolist()])
+
+
+class MirroredExtractor(MlpExtractor):
+    """Hidden layers that see an observation and its mirror image; the value does not depend on which is which."""
+
+    def __init__(self, place, sign, **options):
+        super().__init__(**options)
+        self.register_buffer("place", torch.as_tensor(place))
+        self.register_buffer("sign", torch.as_tensor(sign, dtype=torch.float32))
+        self.latent_dim_pi *= 2
+
+    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
+        """Hidden features of the observations and of their mirror images, side by side, (B,2H)."""
+        mirrored = features[:, self.place] * self.sign
+        return torch.cat([self.policy_net(features), self.policy_net(mirrored)], dim=1)
+
+    def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
+        """The mean of both, (B,H)."""
+        mirrored = features[:, self.place] * self.sign
+        return 0.5 * (self.value_net(features) + self.value_net(mirrored))
+
+
+class MirroredActions(nn.Module):
+    """Mean of the action for the observation and of the mirrored action for its mirror image."""
+
+    def __init__(self, size: int, swap: np.ndarray):
+        super().__init__()
+        self.linear = nn.Linear(size, len(swap))
+        self.register_buffer("swap", torch.as_tensor(swap))
+
+    def forward(self, latent: torch.Tensor) -> torch.Tensor:
+        """Actions (B,A) from the features of both, (B,2H)."""
+        plain, mirrored = latent.chunk(2, dim=1)
+        return 0.5 * (self.linear(plain) + self.linear(mirrored)[:, self.swap])
+
+
+class MirroredPolicy(ActorCriticPolicy):
+    """SB3's policy with both networks symmetric. Takes `mirror`, what `mirror_of` returns."""
+
+    def __init__(self, *arguments, mirror, **options):
+        self.mirror = mirror
+        super().__init__(*arguments, **options)
+
+    def _build_mlp_extractor(self) -> None:
+        place, sign, _ = self.mirror
+        self.mlp_extractor = MirroredExtractor(
+            place, sign, feature_dim=self.features_dim, net_arch=self.net_arch,
+            activation_fn=self.activation_fn, device=self.device,
+        )  # fmt: skip
+
+    def _build(self, lr_schedule) -> None:
+        super()._build(lr_schedule)
+        self.action_net = MirroredActions(self.mlp_extractor.latent_dim_pi // 2, self.mirror[2])
+        self.init_weights(self.action_net.linear, gain=0.01)  # as SB3 does: small actions at first
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+
+    def _get_constructor_parameters(self):
+        return super()._get_constructor_parameters() | {"mirror": self.mirror}
+
+
+def plain_layers(policy: MirroredPolicy) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Weights (inputs, outputs) and biases of the same function as ordinary layers, twice as wide."""
+    extractor, actions = policy.mlp_extractor, policy.action_net
+    place, sign = extractor.place.numpy(), extractor.sign.double().numpy()
+    layers = [layer for layer in extractor.policy_net if isinstance(layer, nn.Linear)]
+    pairs = [(layer.weight.detach().double().numpy().T, layer.bias.detach().double().numpy()) for layer in layers]
+    first = pairs[0][0]
+    mirrored = np.empty_like(first)
+    mirrored[place] = first * sign[:, None]
+    weights, biases = [np.hstack([first, mirrored])], [np.tile(pairs[0][1], 2)]
+    for weight, bias in pairs[1:]:
+        nothing = np.zeros_like(weight)
+        weights.append(np.block([[weight, nothing], [nothing, weight]]))
+        biases.append(np.tile(bias, 2))
+    last, bias = actions.linear.weight.detach().double().numpy().T, actions.linear.bias.detach().double().numpy()
+    swap = actions.swap.numpy()
+    weights.append(0.5 * np.vstack([last, last[:, swap]]))
+    biases.append(0.5 * (bias + bias[swap]))
+    return weights, biases

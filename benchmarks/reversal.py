@@ -1,0 +1,99 @@
+"""One left turn begun before a right turn is over, drawn: path, heading with its command, and strain.
+
+python -m benchmarks.reversal     writes docs/images/reversal.svg and results/reversal.csv
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
+
+import numpy as np
+
+from agents.config import CONFIGS
+from agents.controllers import scripted
+from agents.evaluate import make_eval_env, policy_controller
+from agents.policy import load_policy
+from agents.report import PRETRAINED, pyplot
+from agents.results import IMAGES
+from benchmarks.provenance import write_csv
+from fish_env.envs import FishVectorEnv
+
+COMMAND = {"yaw": 0.0, "side": -1, "first": 1.3, "second": 1.3, "part": 0.6, "wait": 1.0}
+SEED = 0
+COLOURS = {"motor controllers": "#c0562f", "PPO": "#0b7a99"}
+
+
+def swum(controller, env: FishVectorEnv) -> dict[str, np.ndarray]:
+    """One episode with the fixed command, a row a decision: place, L, heading and command, degrees, strain, midline."""
+    obs, _ = env.reset(seed=SEED, options=COMMAND)
+    tank, task, length = env.tank, env.task, env.tank.fish.length
+    springs, line = tank.fish.body.springs, tank.fish.line
+    rows: dict[str, list] = {name: [] for name in ("time", "place", "heading", "command", "strain", "midline")}
+    for _ in range(env.max_episode_steps - 1):
+        action = np.broadcast_to(controller(obs, tank.time[0]), env.action_space.shape)
+        obs, *_ = env.step(action)
+        x = tank.position[0]
+        forward = line @ x
+        ends = x[springs.nodes]
+        stretch = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / springs.rest_length - 1.0
+        rows["time"].append(tank.time[0])
+        rows["place"].append(env._pose.centre[0, :2] / length)
+        rows["heading"].append(np.degrees(np.arctan2(forward[1], forward[0])))
+        rows["command"].append(np.degrees(task.course.heading[0]))
+        rows["strain"].append(np.abs(stretch).max())
+        rows["midline"].append(midline(x) / length)
+    return {name: np.array(values) for name, values in rows.items()}
+
+
+def midline(x: np.ndarray) -> np.ndarray:
+    """The body's middle seen from above, (7,2) m: the mean of each layer of nodes, nose to tail."""
+    layers = ([0], *(range(1 + 4 * k, 5 + 4 * k) for k in range(5)), [21, 22])
+    return np.array([x[list(layer), :2].mean(axis=0) for layer in layers])
+
+
+def draw(runs: dict[str, dict], path: Path) -> None:
+    """Path with the body every tenth of a second, heading against time with the command, strain against time."""
+    plt = pyplot()
+    plt.rcParams["svg.hashsalt"] = "fish_env"
+    figure = plt.figure(figsize=(10, 5), layout="constrained")
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1))
+    above, heading, strain = (
+        figure.add_subplot(grid[:, 0]),
+        figure.add_subplot(grid[0, 1]),
+        figure.add_subplot(grid[1, 1]),
+    )
+    for name, run in runs.items():
+        colour = COLOURS[name]
+        above.plot(*run["place"].T, color=colour, lw=1.5, label=name)
+        for body in run["midline"][::10]:
+            above.plot(*body.T, color=colour, lw=0.8, alpha=0.5)
+        heading.plot(run["time"], np.degrees(np.unwrap(np.radians(run["heading"]))), color=colour, lw=1.5, label=name)
+        heading.plot(run["time"], run["command"], color=colour, lw=1, ls="--")
+        strain.plot(run["time"], 100 * run["strain"], color=colour, lw=1)
+    above.set(aspect="equal", xlabel="body lengths", ylabel="body lengths", title="from above, the body every 0.2 s")
+    above.legend(frameon=False)
+    heading.set(ylabel="heading, degrees", title="heading; dashed: what is commanded")
+    strain.set(xlabel="time, s", ylabel="largest strain, %")
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def main() -> None:
+    """Swim it with the motor controllers and the shipped policy."""
+    config = CONFIGS["left_after_right"]
+    env = make_eval_env(config.env_id, 1, config.env_options)
+    policy = policy_controller(load_policy(PRETRAINED / "left_after_right" / "policy.npz"))
+    runs = {"motor controllers": swum(scripted(env), env), "PPO": swum(policy, env)}
+    draw(runs, IMAGES / "reversal.svg")
+    rows = [
+        {"controller": name, "time": round(run["time"][k], 4), "x": round(run["place"][k, 0], 4),
+         "y": round(run["place"][k, 1], 4), "heading": round(run["heading"][k], 2),
+         "command": round(run["command"][k], 2), "strain": round(run["strain"][k], 4)}
+        for name, run in runs.items() for k in range(len(run["time"]))
+    ]  # fmt: skip
+    print(write_csv("reversal.csv", rows, "python -m benchmarks.reversal"))
+
+
+if __name__ == "__main__":
+    main()
