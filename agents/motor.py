@@ -1,5 +1,10 @@
 """Tu's motor controllers without learning: swim, turn and glide by tables, sequenced by what the fish is told and sees.
 
+swim-MC has an amplitude r and a frequency s for the anterior and one for the posterior swimming segment, read from a
+table of speeds; the foremost segment takes a part of r1, since the best gait does. The turns are read from a table of
+angles; larger ones are successive turns. Errors too small for a turn are corrected while swimming, by contracting one
+side a little. Upper or lower muscles contracted alone make the fish pitch; nothing steers its roll.
+
 Legend: b fish; segment 0 the foremost of three; side 0 left, 1 right; level 0 upper, 1 lower muscle. Angles are
 positive to the left, rad; times are seconds. The numbers in the tables were found by `benchmarks/motor_controllers.py`.
 """
@@ -27,7 +32,10 @@ MOTOR_FILE = Path(__file__).parent / "pretrained" / "motor_controllers.json"
 
 @dataclass(frozen=True)
 class Turn:
-    """One row of left-turn-MC's table: bend to the left, hold, straighten more slowly, while the strokes go on."""
+    """One row of left-turn-MC's table: bend to the left, hold, straighten more slowly.
+
+    Some of the strokes of swimming go on meanwhile: a fish that only bends loses its speed, and then no longer turns.
+    """
 
     angle: float
     """Change of the mean heading that it makes, rad."""
@@ -38,7 +46,7 @@ class Turn:
     tail: float
     """The same of segment 2, -1 to 1; negative: of its right muscles."""
     strokes: float
-    """Part of swimming's strokes that goes on during the turn, 0 to 1; 0 is a turn in gliding."""
+    """Part of swimming's strokes that goes on during the turn, 0 to 1."""
     hold: float
     """Time from the start until the fish begins to straighten, s: contraction and hold."""
     straighten: float
@@ -135,15 +143,14 @@ def turn_mc(rows: np.ndarray, side: np.ndarray, since: np.ndarray) -> tuple[np.n
     _, front, middle, tail, strokes, hold, straighten, _ = rows.T
     done = np.clip((since - hold) / straighten, 0.0, 1.0)
     bend = np.zeros((len(rows), 3, 2))
-    inside = np.where(side > 0, 0, 1)
-    b = np.arange(len(rows))
+    inside, b = np.where(side > 0, 0, 1), np.arange(len(rows))
     bend[b, 0, inside], bend[b, 1, inside] = front, middle
     bend[b, 2, np.where(tail > 0, inside, 1 - inside)] = np.abs(tail)
     return bend * (1.0 - done)[:, None, None], strokes + (1.0 - strokes) * done
 
 
 def scaled_turns(table: Table, angle: np.ndarray) -> np.ndarray:
-    """Rows (B,8) for turns by `angle` (B,) rad >= 0; below the table it bends less and strokes on more."""
+    """Rows (B,8) for turns by `angle` (B,) rad >= 0; below the table the fish bends less and strokes on more."""
     rows = table.at(angle)
     part = np.minimum(angle / table.values[0, 0], 1.0)[:, None]
     rows[:, 1:4] *= part
@@ -175,14 +182,18 @@ class Habits:
 
     threshold: float = np.radians(22.0)
     """Mean heading error from which a turn is begun, rad; smaller ones are corrected while swimming."""
+    again: float = np.radians(40.0)
+    """Heading error at the end of a turn's hold from which the next turn begins at once, without straightening, rad."""
     jump: float = np.radians(20.0)
     """Change of the error between two decisions that only a new command can cause, rad."""
     lead: float = 0.12
     """How far ahead a fish that must break off a turn counts on turning on, s."""
-    trim: float = 1.0
+    trim: float = 0.4
     """Contraction, per rad of mean error, added to one side of the anterior segments while swimming."""
     most_trim: float = 0.4
     """Largest such contraction."""
+    strokes: float = 1.0
+    """Least part of swimming's strokes that goes on in a turn: 0 leaves it to the table, 1 keeps up the speed."""
     beat: float = 0.26
     """Time over which the error is averaged, s: about a beat."""
     pitch: float = 1.0
@@ -198,7 +209,7 @@ class Sequencer:
     anew when it is called with time 0.
     """
 
-    def __init__(self, env, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
+    def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
         fish: Fish = env.tank.fish
         self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
         self.muscle = np.array([np.flatnonzero(env.groups == g)[0] for g in range(env.groups.max() + 1)])
@@ -223,7 +234,7 @@ class Sequencer:
         self.errors = np.repeat(error[:, None], self.window, axis=1)
         self.jumped, self.turning = np.zeros((2, b), dtype=bool)
         self.rows = self.tables.turns.at(np.zeros(b))
-        self.side, self.since, self.left = np.ones(b), np.full(b, np.inf), np.zeros(b)
+        self.side, self.since = np.ones(b), np.full(b, np.inf)
         self.beats = np.zeros((b, 2))
 
     def look(self, error: np.ndarray) -> None:
@@ -241,7 +252,7 @@ class Sequencer:
 
     def decide(self, error: np.ndarray) -> None:
         """Begin and end turns: when the error is large, when a new command comes, when one is over."""
-        more = np.abs(self.left) > self.habits.threshold  # a successive turn follows at once, without straightening
+        more = np.abs(error) > self.habits.again  # a successive turn follows at once, without straightening
         over = self.turning & (self.since >= self.rows[:, 5] + self.rows[:, 6] * ~more - 1e-9)
         self.errors[over] = error[over, None]  # what was seen in the turn no longer counts
         self.turning &= ~over
@@ -259,7 +270,6 @@ class Sequencer:
         self.rows = np.where(which[:, None], rows, self.rows)
         self.side = np.where(which, side, self.side)
         self.since = np.where(which, 0.0, self.since)
-        self.left = np.where(which, wanted - side * size, self.left)
         self.turning |= which
         start = rows[:, 7] + 0.25 * (1.0 - side)  # a right turn is the mirror image: half a beat later
         self.beats = np.where(which[:, None], start[:, None], self.beats)
@@ -271,7 +281,8 @@ class Sequencer:
         swims[self.turning] = self.tables.swims.values[-1]
         self.since += self.interval
         self.beats += self.interval * swims[:, (2, 4)]
-        bend, part = turn_mc(self.rows, self.side, np.minimum(self.since, 1e3))
+        bend, part = turn_mc(self.rows, self.side, self.since)
+        part = np.maximum(part, habits.strokes)
         trim = np.clip(habits.trim * self.mean_error(), -habits.most_trim, habits.most_trim) * ~self.turning
         pairs = bend + part[:, None, None] * swim_mc(self.tables, swims, self.beats)
         pairs[:, :2, 0] += np.maximum(trim, 0.0)[:, None]
@@ -299,7 +310,7 @@ def aim_heading(obs: np.ndarray) -> Aim:
     return Aim(bearing(wanted), climb(wanted), np.full(len(obs), np.inf))
 
 
-def aim_velocity(obs: np.ndarray, mass: np.ndarray, haste: float = 1.0) -> Aim:
+def aim_velocity(obs: np.ndarray, mass: np.ndarray, haste: float = 2.0) -> Aim:
     """At the commanded velocity, of fish with node masses (N,): the faster, the further they are behind it."""
     wanted = obs[:, -3:].astype(float)
     speed = np.linalg.norm(wanted, axis=1)
@@ -309,12 +320,12 @@ def aim_velocity(obs: np.ndarray, mass: np.ndarray, haste: float = 1.0) -> Aim:
     return Aim(bearing(wanted), climb(wanted), np.maximum(speed + haste * (speed - along), 0.0))
 
 
-def aim_target(obs: np.ndarray, ahead: float = 0.4) -> Aim:
-    """At the target, counted from where the fish will be `ahead` body lengths on: it swims on while it turns."""
+def aim_target(obs: np.ndarray, dimensions: int, ahead: float = 0.65) -> Aim:
+    """At the target, counted from where the fish will be up to `ahead` body lengths on: it swims on while it turns."""
     way = obs[:, -3:].astype(float)
     nearer = way.copy()
     nearer[:, 0] -= ahead * np.clip(np.abs(bearing(way)) / (np.pi / 2), 0.0, 1.0)
-    return Aim(bearing(nearer), climb(way), np.full(len(obs), np.inf))
+    return Aim(bearing(nearer), climb(way) * (dimensions == 3), np.full(len(obs), np.inf))
 
 
 @dataclass(frozen=True)
@@ -323,10 +334,10 @@ class Caution:
 
     radius: float
     """Of the obstacle, body lengths."""
-    room: float = 0.3
+    room: float = 0.35
     """Water to be left between it and the line on which the fish's centre will pass, body lengths."""
-    speed: float = 2.0
-    """At which the fish reckons with going on, body lengths per second."""
+    speed: float = 1.8
+    """Speed at which the fish reckons with going on, body lengths per second."""
     horizon: float = 1.2
     """How far it looks ahead, s."""
 
@@ -355,25 +366,34 @@ def aim_past(obs: np.ndarray, caution: Caution) -> Aim:
     return Aim(wrapped(best), climb(obs[:, -9:-6].astype(float)), np.full(len(obs), np.inf))
 
 
+HABITS = {
+    SwimTask: Habits(),
+    CommandedTurns: Habits(),
+    TargetTask: Habits(strokes=0.0, trim=0.6, pitch=2.0),  # a tight turn is worth more than speed
+    AvoidTask: Habits(strokes=0.6, trim=0.6),
+}
+"""What serves each task best, tried by hand on episodes that are neither those of training nor of evaluation."""
+
+
 def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habits | None = None) -> Sequencer:
     """The sequenced motor controllers for the task of an environment, as a controller (`agents/evaluate.py`).
 
     Raises:
         ValueError: for a task that they cannot do.
     """
-    task = env.task
+    task, mass = env.task, env.tank.fish.body.mass
     if isinstance(task, TargetTask):
-        aim = aim_target
+        kind, aim = TargetTask, partial(aim_target, dimensions=task.dimensions)
     elif isinstance(task, AvoidTask):
-        aim = partial(aim_past, caution=Caution(task.radius))
-    elif isinstance(task, SwimTask) and task.speed is not None:
-        aim = partial(aim_velocity, mass=env.tank.fish.body.mass)
-    elif isinstance(task, SwimTask | CommandedTurns):
-        aim = aim_heading
+        kind, aim = AvoidTask, partial(aim_past, caution=Caution(task.radius))
+    elif isinstance(task, SwimTask):
+        kind, aim = SwimTask, aim_heading if task.speed is None else partial(aim_velocity, mass=mass)
+    elif isinstance(task, CommandedTurns):
+        kind, aim = CommandedTurns, aim_heading
     else:
         names = ", ".join(sorted(cls.__name__ for cls in TASKS.values()))
         raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
-    return Sequencer(env, aim, load_tables() if tables is None else tables, Habits() if habits is None else habits)
+    return Sequencer(env, aim, load_tables() if tables is None else tables, HABITS[kind] if habits is None else habits)
 
 
 def random_actions(env: FishVectorEnv, seed: int = 0):

@@ -1,12 +1,12 @@
 """What the pages in docs/ say is what the code does: their examples run, their tables and numbers agree."""
 
-import ast
 import inspect
 import os
 import re
 import subprocess
 import sys
-from functools import partial
+from fractions import Fraction
+from functools import cache, partial
 from pathlib import Path
 
 import gymnasium as gym
@@ -15,12 +15,16 @@ import pytest
 
 import fish_env
 from fish_env.body import FAILURES
-from fish_env.envs import FishVectorEnv, episode, observation
-from fish_env.tasks import swim
+from fish_env.envs import VARIATIONS, FishVectorEnv, episode, observation
+from fish_env.tasks import TASKS, avoid, start, target, turns
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
-SWIM = (ROOT / "docs/envs/swim.md").read_text()
+FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
+FIRST = 150  # elements of the observation before the task's own, for which all pages refer to swim.md
+
+every_task = pytest.mark.parametrize("task", TASKS)
+every_form = pytest.mark.parametrize(("task", "keywords"), FORMS)
 
 
 def blocks(page):
@@ -28,19 +32,56 @@ def blocks(page):
     return re.findall(r"^```python\n(.*?)^```", (ROOT / "docs" / page).read_text(), re.DOTALL | re.MULTILINE)
 
 
-def rows(heading, table=0):
-    """Cells of a table of swim.md, the table-th under this second-level heading."""
-    section = SWIM.split(f"\n## {heading}\n")[1].split("\n## ")[0]
-    tables = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
+@cache
+def page(name):
+    """Text of a page under docs/: of a task, if it is given by its key."""
+    return (ROOT / "docs" / (f"envs/{name}.md" if name in TASKS else name)).read_text()
+
+
+def section(name, heading):
+    """What stands under a second-level heading of a page."""
+    parts = page(name).split(f"\n## {heading}\n")
+    assert len(parts) == 2, f"{name} has no section {heading!r}, or more than one"
+    return parts[1].split("\n## ")[0]
+
+
+def rows(name, heading, table=0):
+    """Cells of a table of a page, the table-th under this second-level heading."""
+    tables = re.findall(r"(?:^\|.*\n)+", section(name, heading), re.MULTILINE)
     lines = tables[table].splitlines()[2:]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
 
 
-def number(pattern):
-    """The number that this pattern finds in swim.md, where it must stand exactly once."""
-    found = re.findall(pattern, SWIM)
-    assert len(found) == 1, pattern
-    return float(found[0])
+def number(name, pattern):
+    """The number that this pattern finds on a page; it may stand there more than once, but only with one value."""
+    found = set(re.findall(pattern, page(name)))
+    assert len(found) == 1, f"{name}: {pattern} finds {found or 'nothing'}"
+    return float(found.pop())
+
+
+def spelled(value):
+    """A bound as the pages write it: "π/18", "-π", "0.1"."""
+    part = Fraction(value / np.pi).limit_denominator(36)
+    if value == 0 or abs(part * np.pi - value) > 1e-12:
+        return f"{value:g}"
+    over = "" if part.denominator == 1 else f"/{part.denominator}"
+    return f"{part.numerator}π{over}".replace("1π", "π")
+
+
+def span(option):
+    """The range of an `Option` as the pages write it: "-π to π"."""
+    return f"{spelled(option.low)} to {spelled(option.high)}"
+
+
+def applies(meaning, keywords):
+    """Whether a row holds for an environment with these keywords: it may say "only with `speed`"."""
+    only = re.search(r"only with `(\w+)", meaning)
+    return only is None or only[1] in keywords
+
+
+def modules(task):
+    """The modules that the class of a task and its bases are in."""
+    return [sys.modules[cls.__module__] for cls in TASKS[task].__mro__ if cls is not object]
 
 
 # Examples
@@ -55,15 +96,6 @@ def test_extending_runs(tmp_path):
     assert run.returncode == 0, run.stderr
 
 
-def test_swim_examples_run():
-    """The blocks of swim.md."""
-    scope = {}
-    for block in blocks("envs/swim.md"):
-        exec(block, scope)
-    assert scope["envs"].num_envs == 256
-    assert scope["env"].action_space.shape == (6,)
-
-
 def test_stub_example_passes():
     """The test that stub.md shows."""
     scope = {}
@@ -74,12 +106,20 @@ def test_stub_example_passes():
 # Links, names and equation numbers
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_lead_somewhere(page):
-    """Every relative link and picture of a page exists."""
-    for target in re.findall(r"\]\(([^)#\s]+)", page.read_text()):
-        if "://" not in target:
-            assert (page.parent / target).exists(), target
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(path):
+    """Every relative link and picture of a page exists, and the heading it leads to."""
+    for link, anchor in re.findall(r"\]\(([^)#\s]*)#?([^)\s]*)\)", path.read_text()):
+        if "://" not in link:
+            assert (path.parent / link).exists(), link
+            assert not anchor or anchor in anchors((path.parent / link if link else path).read_text()), anchor
+
+
+def anchors(text):
+    """The names that the headings of a page have as the end of a link."""
+    return {
+        re.sub(r"[^\w\s-]", "", line).strip().lower().replace(" ", "-") for line in re.findall(r"^#+ (.*)$", text, re.M)
+    }
 
 
 def test_design_names_what_exists():
@@ -103,44 +143,75 @@ def test_equations():
 
 def test_methods_table():
     """The table of methods in physics.md is that of INTEGRATORS."""
-    section = (ROOT / "docs/physics.md").read_text().split("\n## Methods\n")[1].split("\n## ")[0]
-    stated = [[cell.strip() for cell in line.strip("|").split("|")] for line in re.findall(r"^\| `.*$", section, re.M)]
+    stated = rows("physics.md", "Methods")
     for record in fish_env.INTEGRATORS.values():
         cost = f"{record.forces}, {record.factorisations}, {record.solves}" if record.forces else "counted as they come"
         assert [f"`{record.name}`", str(record.order), record.kind, cost] in stated
     assert len(stated) == len(fish_env.INTEGRATORS)
 
 
-# swim.md
+# Pages of the tasks
 
 
-def test_observation_table():
-    """The table of observations is that of `observation.table`, element by element."""
-    env = FishVectorEnv(1)
+@every_task
+def test_page_begins_with_its_picture(task):
+    """The first thing on a page is a picture of the task, not too large to load at once."""
+    lines = page(task).splitlines()
+    assert lines[0].startswith("# ")
+    assert re.fullmatch(rf"!\[.+\]\(\.\./images/{task}\.png\)", lines[2])
+    assert (ROOT / f"docs/images/{task}.png").stat().st_size < 250_000
+
+
+@every_task
+def test_page_examples_run(task):
+    """The blocks of a page make the task's environments."""
+    scope = {}
+    for block in blocks(f"envs/{task}.md"):
+        exec(block, scope)
+    assert scope["envs"].num_envs == 256
+    assert scope["envs"].spec.id == scope["env"].spec.id == env_id(task)
+
+
+def env_id(task):
+    """The id that a task is registered under, which its page must name."""
+    found = {spec.kwargs["task"]: name for name, spec in gym.registry.items() if re.match(r"FishEnv/(?!Stub)", name)}
+    assert f'"{found[task]}"' in page(task)
+    return found[task]
+
+
+@every_form
+def test_observation_table(task, keywords):
+    """The table of observations is that of `observation.table`, element by element; from FIRST on beside swim.md."""
+    env = FishVectorEnv(1, task=task, **keywords)
     wanted = observation.table(env.tank.fish, env.task)
+    whole = task == "swim" and not keywords
     stated = {}
-    for index, name, unit, low, high in rows("Observation Space"):
+    for index, name, unit, low, high in rows(task, "Observation Space", 1 if "speed" in keywords else 0):
         assert float(low) == -float(high)
         for i in range(23) if "i" in index else [None]:
             place = eval(index.replace("3i", f"3 * {i}"))
             assert place not in stated
             stated[place] = (name.replace("node i", f"node {i}"), unit, float(high))
-    assert [stated[place] for place in range(len(stated))] == wanted
-    assert env.single_observation_space.shape == (number(r"`Box\(\((\d+),\), float32\)`"),)
+    begin = 0 if whole else FIRST
+    assert sorted(stated) == list(range(begin, len(wanted)))
+    assert [stated[place] for place in range(begin, len(wanted))] == wanted[begin:]
+    assert whole or "speed" in keywords or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
+    assert env.single_observation_space.shape == (number(task, r"`Box\(\((\d+),\), float32\)`"),)
+    assert len(wanted) - 3 * len(env.task.directions) == FIRST
 
 
 def test_action_tables():
     """The tables of actions name each muscle's segment, side, nodes and group."""
     fish = fish_env.make_fish()
     groups = fish.grouping("pairs")
-    stated = rows("Action Space")
+    stated = rows("swim", "Action Space")
     assert [int(row[0]) for row in stated] == list(range(fish.num_muscles))
     for muscle, (_, name, nodes, *_) in enumerate(stated):
         i, j = fish.body.springs.nodes[fish.muscles[muscle]]
         height = "upper" if fish.body.position[i, 2] > 0 else "lower"
         side = "left" if fish.sides[muscle] > 0 else "right"
         assert (name, nodes) == (f"segment {fish.segments[muscle]}, {height} {side}", f"{i}-{j}")
-    paired = rows("Action Space", 1)
+    paired = rows("swim", "Action Space", 1)
     assert len(paired) == FishVectorEnv(1, muscle_groups="pairs").single_action_space.shape[0]
     for group, (index, name, muscles, *_) in enumerate(paired):
         members = np.flatnonzero(groups == group)
@@ -149,65 +220,148 @@ def test_action_tables():
         assert muscles == ", ".join(map(str, members))
 
 
-def test_times():
-    """Step, control interval and length of an episode."""
-    env = FishVectorEnv(1)
-    steps = gym.spec("FishEnv/Swim-v0").max_episode_steps
-    assert number(r"one control interval of ([\d.]+) s") == env.control_interval
-    assert number(r"s, (\d+) integrator steps") == env._substeps
-    assert number(r"integrator steps of ([\d.]+) s\.") == pytest.approx(env.tank.dt, rel=1e-5)
-    assert number(r"after (\d+) steps") == steps
-    assert number(r"after \d+ steps, ([\d.]+) s\.") == pytest.approx(steps * env.control_interval)
+@every_task
+def test_times(task):
+    """Length of an episode, and on swim.md the step and the control interval, which all tasks share."""
+    env = FishVectorEnv(1, task=task)
+    steps = gym.spec(env_id(task)).max_episode_steps
+    assert number(task, r"after (\d+) steps") == steps
+    assert number(task, r"after \d+ steps, ([\d.]+) s\.") == pytest.approx(steps * env.control_interval)
+    assert number("swim", r"one control interval of ([\d.]+) s") == env.control_interval
+    assert number("swim", r"s, (\d+) integrator steps") == env._substeps
+    assert number("swim", r"integrator steps of ([\d.]+) s\.") == pytest.approx(env.tank.dt, rel=1e-5)
 
 
-def test_rewards_and_start():
-    """Weights of the reward and widths of the starting state."""
-    env = FishVectorEnv(1)
-    assert number(r"\*effort\*: \$`-([\d.]+)") == swim.EFFORT_WEIGHT
-    assert number(r"\*failure\*: -(\d+) ") == episode.FAILURE_PENALTY
-    assert number(r"standard deviation of ([\d.]+) body lengths/s") == swim.START_NOISE
-    assert number(r"by at most\s+([\d.]+) rad") == env.task.heading_error
+@every_task
+def test_rewards(task):
+    """The terms of the reward in their order, and every weight, bonus and penalty that the code has for one of them."""
+    found = re.findall(r"^- \*(\w+)\*:((?:.*\n)(?:  .*\n)*)", section(task, "Rewards"), re.MULTILINE)
+    stated = dict(found)
+    terms = (*TASKS[task].term_names, "failure")
+    assert tuple(name for name, _ in found) == terms
+    constants = {
+        name: value
+        for module in [*modules(task), episode]
+        for name, value in vars(module).items()
+        if re.search("_(WEIGHT|BONUS|PENALTY)$", name)
+    }
+    assert constants
+    for name, value in constants.items():
+        (term,) = (term for term in terms if term.startswith(name.split("_")[0].lower()))
+        wanted = -value if name == "EFFORT_WEIGHT" or name.endswith("_PENALTY") else value
+        first = re.search(r"-?\d+(?:\.\d+)?", stated[term])
+        assert first and float(first[0]) == wanted, f"{task}.md: *{term}* has {first and first[0]}; {name} is {value}"
 
 
-def test_arguments():
-    """Every keyword of the environment and of the task, with its default; times and water as the fish has them."""
-    stated = {name.strip("`"): (default.strip("`"), meaning) for name, default, meaning in rows("Arguments")}
-    keywords = dict(list(inspect.signature(FishVectorEnv).parameters.items())[:-1])
-    keywords |= dict(list(inspect.signature(episode.Episodes).parameters.items())[:-1])
-    keywords |= inspect.signature(swim.SwimTask).parameters
-    assert set(stated) == set(keywords)
-    for name, parameter in keywords.items():
-        wanted = parameter.default
-        if name == "max_episode_steps":
-            wanted = gym.spec("FishEnv/Swim-v0").max_episode_steps
-        assert ast.literal_eval(stated[name][0]) == getattr(wanted, "value", wanted), name
-    env = FishVectorEnv(1)
-    assert stated["dt"][1].endswith(f"own, {env.tank.dt:g}")
-    assert f'own, `"{env.tank.integrator.name}"`' in stated["integrator"][1]
-    assert stated["control_interval"][1].endswith(f"own, {env.control_interval:g}")
-    coefficient = fish_env.make_fish().water.quadratic / 500.0
-    assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, quadratic law" in SWIM
+FACTS = [
+    ("swim", r"standard deviation of ([\d.]+) body lengths/s", start.NOISE),
+    ("swim", r"by at most\s+([\d.]+) rad", TASKS["swim"]().heading_error),
+    *((name, r"(\d+) % (?:of|was)", 100 * turns.COMPLETE) for name in ("turn", "left_after_right", "avoid")),
+    *((name, r"([\d.]+) s, degrees", turns.MEAN_TIME) for name in ("turn", "left_after_right", "avoid")),
+    *((name, r"(\d+) degrees \|", np.degrees(turns.SETTLED)) for name in ("turn", "left_after_right", "avoid")),
+    ("physics.md", r"until (\d+) % of the angle", 100 * turns.COMPLETE),
+    ("physics.md", r"averaged over the last ([\d.]+) s", turns.MEAN_TIME),
+    ("physics.md", r"at most (\d+) degrees", np.degrees(turns.SETTLED)),
+    ("left_after_right", r"at the latest after (\d+) s", turns.PATIENCE),
+    ("target", r"(\d+) targets are drawn", target.DRAWN),
+    ("avoid", r"a fish at (\d+) body lengths per second", avoid.CRUISE),
+]
 
 
-def test_reset_options_and_failures():
-    """Keys of `reset(options=...)` with their meaning, and every reason for a failure."""
-    stated = {name.strip('`"'): meaning for name, meaning in rows("Starting State")}
-    assert stated == swim.SwimTask.reset_options
-    for reason in FAILURES[1:]:
-        assert f"- `{reason}`" in SWIM
+@pytest.mark.parametrize(("name", "pattern", "value"), FACTS, ids=lambda part: str(part)[:40])
+def test_facts(name, pattern, value):
+    """Numbers in the text that are constants of the code."""
+    assert number(name, pattern) == pytest.approx(value)
 
 
-@pytest.mark.parametrize("single", [False, True])
-def test_info_keys(single):
-    """`info` has the keys the page lists: those of the step, and at the end of an episode those of the episode."""
-    listed = [{row[0].strip("`") for row in rows("Info", table)} for table in (0, 1)]
-    make = gym.make if single else partial(gym.make_vec, num_envs=2)
-    env = make("FishEnv/Swim-v0", info_every_step=True)
+def test_turn_before_the_obstacle():
+    """Avoid: how long before the obstacle a turn is commanded."""
+    env = FishVectorEnv(500, task="avoid", turning=1.0)
     env.reset(seed=0)
-    steps = gym.spec("FishEnv/Swim-v0").max_episode_steps
-    infos = [env.step(env.action_space.sample())[4] for _ in range(steps)]
+    lead = env.task._appears - env.task.course.wait[:, 0]
+    low, high = map(float, re.search(r"commanded ([\d.]+) to ([\d.]+) s before", page("avoid")).groups())
+    assert low <= lead.min() < low + 0.01 and high - 0.01 < lead.max() <= high
+
+
+@every_task
+def test_arguments(task):
+    """Every keyword of the task, with its default and range; on swim.md those of the environment too."""
+    stated = {name.strip("`"): (default.strip("`"), meaning) for name, default, meaning in rows(task, "Arguments")}
+    shared = dict(list(inspect.signature(FishVectorEnv).parameters.items())[:-1])
+    shared |= dict(list(inspect.signature(episode.Episodes).parameters.items())[:-1])
+    own = dict(inspect.signature(TASKS[task]).parameters)
+    wanted = {name: parameter.default for name, parameter in (shared | own).items()}
+    wanted |= {"task": task, "max_episode_steps": gym.spec(env_id(task)).max_episode_steps}
+    if task != "swim":
+        assert "Those of [Swim](swim.md#arguments) without `heading_error` and `speed`, and:" in page(task)
+        wanted = {name: wanted[name] for name in (*own, "max_episode_steps", "task")}
+    assert set(stated) == set(wanted)
+    for name, default in wanted.items():
+        assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name
+    for name in set(own) - {"dimensions", "reversals"}:  # whose meaning lists what is allowed
+        option = vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
+        assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
+
+
+def test_times_and_water_of_the_fish():
+    """What swim.md says that the fish has of its own, in the meaning of the arguments."""
+    stated = {name.strip("`"): meaning for name, _, meaning in rows("swim", "Arguments")}
+    env = FishVectorEnv(1)
+    assert stated["dt"].endswith(f"own, {env.tank.dt:g}")
+    assert f'own, `"{env.tank.integrator.name}"`' in stated["integrator"]
+    assert stated["control_interval"].endswith(f"own, {env.control_interval:g}")
+    coefficient = fish_env.make_fish().water.quadratic / 500.0
+    assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, quadratic law" in page("swim")
+
+
+@every_form
+def test_reset_options(task, keywords):
+    """Keys of `reset(options=...)`, in order, with their range and meaning."""
+    options = FishVectorEnv(1, task=task, **keywords).task.reset_options
+    check_options(options, [row for row in rows(task, "Starting State") if applies(row[2], keywords)])
+    assert task == "swim" or "beside those of [`variation`](swim.md#starting-state)" in page(task)
+
+
+def test_variations():
+    """What may vary in every task, in order, with its range and meaning."""
+    check_options(VARIATIONS, rows("swim", "Starting State", 1))
+
+
+def check_options(options, stated):
+    """Rows of a page are options, in their order, with their range; a row may say more than the option's text."""
+    assert [key.strip('`"') for key, *_ in stated] == list(options)
+    for (key, between, meaning), option in zip(stated, options.values(), strict=True):
+        assert between == span(option), f"{key} is from {span(option)}"
+        assert option.text in meaning, f"{key}: {option.text!r}"
+
+
+@every_task
+def test_failures(task):
+    """Every reason for a failure is listed on swim.md, and the other pages lead there."""
+    if task == "swim":
+        assert re.findall(r"^  - `(.*)`$", section(task, "Episode End"), re.MULTILINE) == list(FAILURES[1:])
+    else:
+        assert "the reasons [listed for Swim](swim.md#episode-end)" in section(task, "Episode End")
+
+
+@every_form
+@pytest.mark.parametrize("single", [False, True])
+def test_info_keys(task, keywords, single):
+    """`info` has the keys the page lists: those of the step, and at the end of an episode those of the episode."""
+    stated = [row for row in rows(task, "Info") if applies(row[1], keywords)]
+    of_episode = {key.strip("`") for key, _ in stated}
+    of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)}
+    assert task == "swim" or "every step has the keys [listed for Swim](swim.md#info)" in page(task)
+    make = gym.make if single else partial(gym.make_vec, num_envs=2)
+    env = make(env_id(task), info_every_step=True, **keywords)
+    env.reset(seed=0)
+    over, infos = False, []
+    while not over:
+        _, _, terminated, truncated, info = env.step(env.action_space.sample())
+        infos.append(info)
+        over = np.any(terminated) or np.any(truncated)
     keys = [{key for key in info if not key.startswith("_")} for info in infos]
-    assert all(key == listed[1] for key in keys[:-1])
-    assert keys[-1] == listed[1] | listed[0] - {"failure"}
+    assert all(key == of_step for key in keys[:-1])
+    assert keys[-1] == of_step | of_episode - {"failure"}
     terms = {key for key in infos[-1]["terms"] if not key.startswith("_")}
-    assert terms == set(re.findall(r"`(\w+)`", rows("Info")[0][1]))
+    assert terms == set(re.findall(r"`(\w+)`", stated[0][1]))

@@ -12,9 +12,10 @@ CHANCE = Option(0.0, 1.0, "chance of it")
 RADIUS = Option(0.05, 1.0, "radius of the obstacle, body lengths")
 GAP = Option(0.2, 5.0, "water between the nose and the obstacle where they would meet, body lengths")
 ASIDE = Option(0.0, 1.0, "largest distance of the obstacle from the fish's line, as a part of its radius")
-ASIDE_SIGNED = Option(-1.0, 1.0, "the same, positive to the left")
+ASIDE_SIGNED = Option(-1.0, 1.0, "distance of the obstacle to the left of the fish's line, as a part of its radius")
 DRIFT = Option(0.0, 3.0, "speed of the obstacle, body lengths per second")
 DRIFT_SIGNED = Option(-3.0, 3.0, "speed of the obstacle to the left, body lengths per second")
+LEAD = (0.1, 0.4)  # s before the obstacle appears at which a turn is commanded
 CRUISE = 2.0  # body lengths a second: the speed of the fish for which a sweeping obstacle is aimed
 
 
@@ -87,7 +88,7 @@ class AvoidTask(CommandedTurns):
         sweeping, turning = generator.random(2) < (self.sweeping, self.turning)
         drift = generator.uniform(*self.drift) * generator.choice([-1.0, 1.0])
         self._drift[i] = options.get("drift", drift * sweeping)
-        turn, lead = generator.uniform(*self.angle) * generator.choice([-1.0, 1.0]), generator.uniform(0.1, 0.4)
+        turn, lead = generator.uniform(*self.angle) * generator.choice([-1.0, 1.0]), generator.uniform(*LEAD)
         self.course.count[i] = int(options["turn"] != 0.0 if "turn" in options else turning)
         self.course.angle[i, 0] = options.get("turn", turn)
         self.course.wait[i, 0] = max(0.0, self._appears[i] - lead)

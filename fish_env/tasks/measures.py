@@ -17,9 +17,9 @@ class Load(NamedTuple):
 
 
 def make_load(tank) -> Load:
-    """Nothing yet, for the fish of a tank."""
+    """Nothing yet, for relaxed fish of a tank."""
     b, m = tank.num_fish, tank.fish.num_muscles
-    return Load(np.zeros(b), np.zeros(b), np.zeros((b, m)), np.zeros((b, m)))
+    return Load(np.zeros(b), np.zeros(b), np.zeros((b, m)), np.tile(tank.natural, (b, 1)))
 
 
 def measure_load(tank, load: Load) -> None:
@@ -45,8 +45,7 @@ def add_load(nodes, natural, stiffness, factor, muscles, x, rest_length, strain,
             e = muscles[m]
             now = rest_length[b, e]
             pull = factor[b] * stiffness[e] * (distance(x[b], nodes[e]) - now)
-            if rest[b, m] > 0.0:
-                work[b] -= 0.5 * (pull + tension[b, m]) * (now - rest[b, m])  # (41)
+            work[b] -= 0.5 * (pull + tension[b, m]) * (now - rest[b, m])  # (41)
             tension[b, m], rest[b, m] = pull, now
 
 

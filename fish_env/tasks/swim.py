@@ -60,12 +60,16 @@ class SwimTask:
 
     def reward(self, tank, pose):
         """Progress along the heading, body lengths, less the effort of moving the muscles."""
-        progress = rewards.progress(pose.centre, self._before, self._heading, tank.fish.length)  # (19)
+        progress = self.progress(tank, pose)
         if self.speed is not None:
             wanted = self._speed * self.interval
             progress = wanted - np.abs(progress - wanted)  # (39)
         self._before[:] = pose.centre
         return {"progress": progress, "effort": tank.effort * (-EFFORT_WEIGHT * self.interval)}  # (20)
+
+    def progress(self, tank, pose):
+        """Body lengths covered along the heading in the last interval, (B,)."""
+        return rewards.progress(pose.centre, self._before, self._heading, tank.fish.length)  # (19)
 
     def done(self, tank, pose):
         """Never: the episode ends at the time limit."""

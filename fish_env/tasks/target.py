@@ -3,9 +3,11 @@
 import numpy as np
 
 from fish_env._jit import njit
+from fish_env.tasks import rewards
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS, place
 
+ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the worth of pointing at the target
 REACH_BONUS = 1.0  # body lengths: what reaching a target is worth beside the way to it
 EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 DRAWN = 50  # targets drawn at the start of an episode, the first again after the last
@@ -34,8 +36,11 @@ class TargetTask:
         ValueError: for a number out of range, saying what is allowed.
     """
 
-    term_names = ("progress", "reached", "effort")
-    directions = (Direction("way to the target", "body lengths, in the body frame", 10.0, 1.0),)
+    term_names = ("progress", "alignment", "reached", "effort")
+    directions = (
+        Direction("direction of the target", "in the body frame", 1.0, 0.3),
+        Direction("way to the target", "body lengths, in the body frame", 10.0, 1.0),
+    )
     touchable = True  # pictures show its spheres as targets
 
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0):
@@ -78,15 +83,18 @@ class TargetTask:
         self._gap[i] = np.linalg.norm(self._target[i] - tank.position[i, tank.fish.nose]) / tank.fish.length
 
     def vectors(self, tank, pose):
-        """From the fish's centre to its target, body lengths, (B,1,3)."""
-        return ((self._target - pose.centre) / tank.fish.length)[:, None]
+        """From the fish's centre to its target, a unit vector and the whole way in body lengths, (B,2,3)."""
+        way = (self._target - pose.centre) / tank.fish.length
+        return np.stack([unit(way), way], axis=1)
 
     def spheres(self, i) -> np.ndarray:
         """For pictures of fish i: centre of its target, m, and how near the nose must come, body lengths, (1,4)."""
         return np.array([[*self._target[i], self.radius]])
 
     def reward(self, tank, pose):
-        """How much nearer the nose has come, a bonus for reaching the target, less the effort; then the next one."""
+        """How much nearer the nose has come, pointing at the target, reaching it, less effort; then the next one."""
+        way = unit(self._target - pose.centre)
+        alignment = rewards.alignment(pose.axes, way) * (ALIGNMENT_WEIGHT * self.interval)  # (40)
         progress, reached = np.empty((2, tank.num_fish))
         pursue(
             tank.position[:, tank.fish.nose], pose.centre, pose.axes, tank.fish.length, self.radius, self.patience,
@@ -94,7 +102,12 @@ class TargetTask:
             progress, reached,
         )  # fmt: skip
         effort = tank.effort * (-EFFORT_WEIGHT * self.interval)  # (20)
-        return {"progress": progress, "reached": REACH_BONUS * reached, "effort": effort}  # (42)
+        return {
+            "progress": progress,
+            "alignment": alignment,
+            "reached": REACH_BONUS * reached,
+            "effort": effort,
+        }  # (42)
 
     def done(self, tank, pose):
         """Never: the episode ends at the time limit."""
@@ -109,6 +122,11 @@ class TargetTask:
             "success": reached / (reached + missed) if reached + missed else 0.0,
             "time_per_target": seconds / reached if reached else np.nan,
         }
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (B,3) scaled to length 1."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9)
 
 
 @njit

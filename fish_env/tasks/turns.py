@@ -45,7 +45,7 @@ class Course(NamedTuple):
 
 
 class Record(NamedTuple):
-    """How the last commanded turn went, and what was paid from the first command on; NaN until known."""
+    """How the last commanded turn went; NaN until known."""
 
     latency: np.ndarray  # (B,) s from command to 90 % of the turn
     overshoot: np.ndarray  # (B,) rad beyond the commanded heading, averaged over a beat
@@ -84,7 +84,8 @@ def follow(course, record, axes, centre, velocity, before, interval):
             record.rate[b] = max(record.rate[b], abs(turn) / interval)
             if math.isnan(record.latency[b]):
                 record.path[b] += math.hypot(centre[b, 0] - before[b, 0], centre[b, 1] - before[b, 1])
-                if side * turned >= COMPLETE * abs(wanted):
+                left = abs(wrapped(course.heading[b] - yaw))  # to turn, whichever way round it came
+                if side * turned >= COMPLETE * abs(wanted) or left <= (1.0 - COMPLETE) * abs(wanted):
                     record.latency[b] = course.since[b]
                     record.radius[b] = record.path[b] / max(abs(turned), 1e-9)  # (43)
                     record.after[b] = math.hypot(velocity[b, 0], velocity[b, 1])
@@ -148,6 +149,7 @@ class CommandedTurns:
         course = self.course
         for array in (*course, *self.record, *self.load):
             array[i] = 0
+        self.load.rest[i] = tank.rest_length[i, tank.fish.muscles]
         self.record.latency[i] = self.record.overshoot[i] = self.record.radius[i] = self.record.after[i] = np.nan
         course.yaw[i] = course.facing[i] = course.origin[i] = course.heading[i] = yaw
         course.part[i] = np.inf
