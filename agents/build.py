@@ -16,6 +16,7 @@ from fish_env.envs.sb3 import make_sb3_vec_env
 
 POSITION_SCALE = 0.1  # body lengths: how far a node strays from its place in the body while swimming
 VELOCITY_SCALE = 1.0  # body lengths per second
+TILT_SCALE = 0.3  # a tilt of 0.3 rad counts as much as a node out of place
 
 
 class ScaledObservation(BaseFeaturesExtractor):
@@ -36,8 +37,8 @@ def scaling(fish) -> tuple[np.ndarray, np.ndarray]:
     body, length = fish.tank.fish.body, fish.tank.fish.length
     rest = (body.position - body.mass @ body.position / body.mass.sum()).ravel() / length
     muscles, directions = fish.tank.fish.num_muscles, fish.task.directions
-    offset = np.concatenate([rest, np.zeros(rest.size + muscles + 3 * len(directions))])
-    parts = [(rest.size, POSITION_SCALE), (rest.size, VELOCITY_SCALE), (muscles, 1.0)]
+    offset = np.concatenate([rest, np.zeros(rest.size + muscles), [0.0, 0.0, 1.0], np.zeros(3 * len(directions))])
+    parts = [(rest.size, POSITION_SCALE), (rest.size, VELOCITY_SCALE), (muscles, 1.0), (3, TILT_SCALE)]
     parts += [(3, direction.typical) for direction in directions]
     return offset, np.concatenate([np.full(size, scale) for size, scale in parts])
 

@@ -19,7 +19,7 @@ def mirror_of(env) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     fish = env.tank.fish
     nodes = (3 * fish.mirror[:, None] + np.arange(3)).ravel()
     muscles = mirrored_muscles(fish)
-    directions = np.arange(3 * len(env.task.directions))
+    directions = np.arange(3 + 3 * len(env.task.directions))  # the vertical, and what the task shows
     parts = (nodes, nodes, muscles, directions)
     starts = np.cumsum([0, *map(len, parts)])
     place = np.concatenate([start + part for start, part in zip(starts, parts, strict=False)])

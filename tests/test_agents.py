@@ -43,7 +43,7 @@ def few_episodes(monkeypatch):
 def policy():
     """A small policy of no particular use."""
     rng = np.random.default_rng(0)
-    sizes = (153, 8, 6)
+    sizes = (156, 8, 6)
     weights = [rng.normal(size=pair).astype(np.float32) for pair in pairwise(sizes)]
     return Policy(tuple(weights), tuple(np.zeros(n, np.float32) for n in sizes[1:]), {"env_id": "FishEnv/Swim-v0"})
 
@@ -51,7 +51,7 @@ def policy():
 def test_policy_file_round_trip(policy, tmp_path):
     """A policy read back from its file acts the same, bit for bit."""
     policy.save(tmp_path / "policy.npz")
-    obs = np.random.default_rng(1).normal(size=(5, 153))
+    obs = np.random.default_rng(1).normal(size=(5, 156))
     np.testing.assert_array_equal(load_policy(tmp_path / "policy.npz", "FishEnv/Swim-v0")(obs), policy(obs))
 
 

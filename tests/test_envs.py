@@ -66,7 +66,7 @@ def test_module_id():
     """`gym.make("fish_env:FishEnv/Swim-v0")` works in a process that has not imported the package."""
     code = "import gymnasium as gym; print(gym.make('fish_env:FishEnv/Stub-v0').reset(seed=0)[0].shape)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "(153,)"
+    assert done.stdout.strip() == "(156,)"
 
 
 def test_import_is_light():
@@ -170,8 +170,10 @@ def test_observation_table():
     np.testing.assert_allclose(obs[0:69:3], x @ forward / fish.length, atol=1e-6)
     np.testing.assert_allclose(obs[69:138:3], tank.velocity[0] @ forward / fish.length, atol=1e-5)
     np.testing.assert_allclose(obs[138:150], 2 * tank.contraction[0] - 1, atol=1e-6)
-    assert obs[150] == pytest.approx(forward @ [np.cos(1.2), np.sin(1.2), 0], abs=1e-6)
+    assert obs[150] == pytest.approx(forward[2], abs=1e-6)
     assert obs[150:153] @ obs[150:153] == pytest.approx(1, abs=1e-6)
+    assert obs[153] == pytest.approx(forward @ [np.cos(1.2), np.sin(1.2), 0], abs=1e-6)
+    assert obs[153:156] @ obs[153:156] == pytest.approx(1, abs=1e-6)
 
 
 def test_reward_is_progress_less_effort():

@@ -1,4 +1,4 @@
-"""What a fish sees (its nodes in its own frame, its muscles, what is asked; one float32 row) and what it does."""
+"""What a fish sees (its nodes in its own frame, its muscles, the vertical, what is asked; one float32 row) and what it does."""
 
 import math
 
@@ -17,6 +17,7 @@ def table(fish, task) -> list[tuple[str, str, float]]:
     for spring, side, segment in zip(fish.muscles, fish.sides, fish.segments, strict=True):
         name = f"rest length of muscle {spring} ({'left' if side > 0 else 'right'}, segment {segment})"
         rows.append((name, "-1 natural, 1 contracted", 1.0))
+    rows += [(f"vertical, {axis}", "in the body frame", 1.0) for axis in axes]
     rows += [(f"{d.name}, {axis}", d.unit, d.limit) for d in task.directions for axis in axes]
     return rows
 
@@ -46,6 +47,9 @@ def observe(x, v, centres, frames, length, rest_length, muscles, natural, span, 
             contraction = (natural[m] - rest_length[b, muscles[m]]) / span[m]
             out[b, base + m] = bounded(2.0 * contraction - 1.0, 1.0)
         base += muscles.size
+        for k in range(3):
+            out[b, base + k] = axes[k, 2]
+        base += 3
         for q in range(vectors.shape[1]):
             for k in range(3):
                 value = axes[k, 0] * vectors[b, q, 0] + axes[k, 1] * vectors[b, q, 1] + axes[k, 2] * vectors[b, q, 2]

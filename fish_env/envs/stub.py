@@ -54,6 +54,7 @@ class StubVectorEnv(FishVectorEnv):
             (tank.position - self._pose.centre[:, None]) @ rotate / tank.fish.length,
             tank.velocity @ rotate / tank.fish.length,
             2.0 * tank.contraction - 1.0,
+            axes[:, :, 2],
             self.task.vectors(tank, self._pose) @ rotate,
         ]
         obs = np.concatenate([part.reshape(self.num_envs, -1) for part in parts], axis=1)
