@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from agents.config import TrainConfig
 from agents.mirror import MirroredPolicy, mirror_of, plain_layers
 from agents.policy import Policy
+from agents.synergy import Synergies, synergies
 from fish_env.envs.sb3 import make_sb3_vec_env
 
 POSITION_SCALE = 0.1  # body lengths: how far a node strays from its place in the body while swimming
@@ -45,7 +46,8 @@ def scaling(fish) -> tuple[np.ndarray, np.ndarray]:
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
     """The batch of fish to train on, its returns logged."""
-    return make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **config.env_options)
+    options = config.env_options | config.training_options
+    return Synergies(make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options))
 
 
 def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None) -> PPO:
@@ -90,6 +92,8 @@ def export_policy(model: PPO, about: dict[str, Any]) -> Policy:
     """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
     scaler = model.policy.pi_features_extractor
     weights, biases = plain_layers(model.policy)
+    together = synergies(model.get_env().unwrapped.fish)
+    weights[-1], biases[-1] = weights[-1] @ together.T, together @ biases[-1]
     weights[0] /= scaler.scale.double().numpy()[:, None]
     biases[0] -= scaler.offset.double().numpy() @ weights[0]
     as_float = [tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases)]

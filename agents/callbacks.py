@@ -51,14 +51,23 @@ class LearningCurve(BaseCallback):
         self._begin, self._infos = time.perf_counter(), []
         if not self.path.exists():
             self.path.write_text("timesteps,seconds,episodes,score,return\n")
+        last = self.path.read_text().splitlines()[-1].split(",")
+        if last[1] != "seconds":  # a run that goes on
+            self._begin -= float(last[1])
 
     def _on_step(self) -> bool:
         self._infos += [info for info in self.locals["infos"] if info]
         return True
 
     def _on_rollout_end(self) -> None:
-        if len(self._infos) < self.min_episodes:
-            return
+        if len(self._infos) >= self.min_episodes:
+            self._write()
+
+    def _on_training_end(self) -> None:
+        if self._infos:
+            self._write()
+
+    def _write(self) -> None:
         seconds = time.perf_counter() - self._begin
         total = sum(sum(info["terms"].values()) for info in self._infos) / len(self._infos)
         for name in self._infos[0]:

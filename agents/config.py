@@ -12,6 +12,8 @@ class TrainConfig:
     env_id: str
     env_options: dict[str, Any] = field(default_factory=dict)
     """Keywords of the environment."""
+    training_options: dict[str, Any] = field(default_factory=dict)
+    """Keywords that are different while training: more of what is to be learnt in every second."""
     timesteps: int = 2_000_000
     """Decisions to train for, all fish together."""
     num_envs: int = 256

@@ -47,15 +47,31 @@ class MirroredExtractor(MlpExtractor):
         self.register_buffer("sign", torch.as_tensor(sign, dtype=torch.float32))
         self.latent_dim_pi *= 2
 
+    def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Hidden features of the actor for both images side by side, (B,2H), and of the critic, their mean, (B,H)."""
+        actor, critic = self._hidden(features, self.policy_net, self.value_net)
+        return actor.flatten(1), critic.mean(1)
+
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
-        """Hidden features of the observations and of their mirror images, side by side, (B,2H)."""
-        mirrored = features[:, self.place] * self.sign
-        return torch.cat([self.policy_net(features), self.policy_net(mirrored)], dim=1)
+        """The actor's alone."""
+        return self._hidden(features, self.policy_net)[0].flatten(1)
 
     def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
-        """The mean of both, (B,H)."""
-        mirrored = features[:, self.place] * self.sign
-        return 0.5 * (self.value_net(features) + self.value_net(mirrored))
+        """The critic's alone."""
+        return self._hidden(features, self.value_net)[0].mean(1)
+
+    def _hidden(self, features: torch.Tensor, *networks: nn.Sequential) -> list[torch.Tensor]:
+        """Each network's output for the observations and for their mirror images, (B,2,H).
+
+        The first layers are one product, with the weights mirrored in place of the observations: twice as fast.
+        """
+        firsts = [network[0] for network in networks]
+        weight = torch.cat([w for layer in firsts for w in (layer.weight, layer.weight[:, self.place] * self.sign)])
+        bias = torch.cat([layer.bias for layer in firsts for _ in range(2)])
+        sizes = [2 * layer.out_features for layer in firsts]
+        parts = nn.functional.linear(features, weight, bias).split(sizes, dim=1)
+        both = [part.contiguous().unflatten(1, (2, -1)) for part in parts]
+        return [network[1:](images) for network, images in zip(networks, both, strict=True)]
 
 
 class MirroredActions(nn.Module):

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -46,8 +47,20 @@ class Job:
         started = (self.folder / "model.zip").exists()
         command += ["--resume" if started else "--folder", str(self.folder)]
         pin = (lambda: os.sched_setaffinity(0, {processor})) if processor is not None else None
-        with (self.folder / "log.txt").open("a") as log:
-            self.process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, preexec_fn=pin)
+        with (self.folder / "log.txt").open("a") as log:  # in a session of its own: Ctrl-C reaches it once, from here
+            self.process = subprocess.Popen(
+                command, stdout=log, stderr=subprocess.STDOUT, preexec_fn=pin, start_new_session=True
+            )
+        (self.folder / "process.txt").write_text(str(self.process.pid))
+
+    def check_free(self) -> None:
+        """RuntimeError if another program is training this run."""
+        try:
+            number = int((self.folder / "process.txt").read_text())
+            os.kill(number, 0)
+        except (OSError, ValueError):
+            return
+        raise RuntimeError(f"{self.folder} is being trained by process {number}; wait for it, or end it first")
 
 
 def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None) -> list[Path]:
@@ -67,20 +80,29 @@ def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None
     for task in tasks:
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
-    work = [Job(t, seed, root / t / f"seed_{seed}") for t in tasks for seed in range(RESULTS[t].seeds)]
+    most = max(RESULTS[task].seeds for task in tasks)
+    work = [  # the first seed of every task before the second of any: a run that is stopped has something of each
+        Job(task, seed, root / task / f"seed_{seed}")
+        for seed in range(most)
+        for task in tasks
+        if seed < RESULTS[task].seeds
+    ]
     can_pin = hasattr(os, "sched_getaffinity")
     processors = sorted(os.sched_getaffinity(0)) if can_pin else list(range(os.cpu_count() or 1))
     slots: list[Job | None] = [None] * (jobs or len(processors))
     waiting = [job for job in work if not job.finished]
-    total = sum(CONFIGS[job.task].timesteps for job in work)
+    for job in waiting:
+        job.check_free()
+    total, done = sum(CONFIGS[job.task].timesteps for job in work), sum(job.decisions for job in work)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # being terminated is like Ctrl-C
     try:
-        with tqdm(total=total, unit=" decisions", unit_scale=True, desc="all tasks", dynamic_ncols=True) as bar:
-            bar.initial = sum(job.decisions for job in work)
+        with tqdm(total=total, initial=done, unit=" decisions", unit_scale=True, desc="all tasks") as bar:
             while waiting or any(slots):
                 for k, job in enumerate(slots):
                     if job is not None and job.process.poll() is not None:
                         if not job.finished:
                             raise RuntimeError(f"{job.task}, seed {job.seed} failed; see {job.folder / 'log.txt'}")
+                        (job.folder / "process.txt").unlink(missing_ok=True)
                         slots[k] = None
                     if slots[k] is None and waiting:
                         slots[k] = waiting.pop(0)
@@ -101,6 +123,7 @@ def stop(jobs: list[Job]) -> None:
     """Let the runs that are going keep what they learnt and end."""
     for job in jobs:
         if job.process.poll() is None:
-            job.process.send_signal(2)
+            job.process.send_signal(signal.SIGINT)
     for job in jobs:
         job.process.wait()
+        (job.folder / "process.txt").unlink(missing_ok=True)

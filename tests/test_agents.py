@@ -1,6 +1,7 @@
 """Training, its files and its commands: a run can be trusted, and what is not a policy is refused."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,16 +12,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+import yaml
+from scipy import stats
 
 import fish_env
-from agents import report
+from agents import integrators, report, results, train_all
 from agents import train as training
 from agents.build import export_policy, make_env, make_model
-from agents.config import CONFIGS
+from agents.config import CONFIGS, RESULTS
 from agents.controllers import Gait, best_gait
 from agents.evaluate import evaluate, gait_controller, make_eval_env, policy_controller
 from agents.mirror import mirror_of
 from agents.policy import Policy, load_policy
+from agents.synergy import synergies
 from fish_env.envs import FishVectorEnv
 
 ROOT = Path(__file__).parent.parent
@@ -95,7 +99,7 @@ def test_exported_policy_acts_like_the_model(task):
     env.reset()
     for _ in range(5):
         obs, *_ = env.step(np.random.default_rng(0).uniform(-1, 1, (4, env.action_space.shape[0])))
-    expected, _ = model.predict(obs, deterministic=True)
+    expected = model.predict(obs, deterministic=True)[0] @ synergies(env.unwrapped.fish).T
     policy = export_policy(model, {})
     np.testing.assert_allclose(policy(obs), np.clip(expected, -1, 1), atol=2e-5)
     place, sign, swap = mirror_of(env.unwrapped.fish)
@@ -163,6 +167,82 @@ def test_ctrl_c_keeps_what_was_learnt_and_resume_goes_on(tmp_path, monkeypatch, 
     assert training.train("swim", resume=folder) == folder
     model = training.PPO.load(folder / "model.zip", device="cpu")
     assert model.num_timesteps == 1024
+
+
+def test_training_everything_can_be_stopped_and_goes_on(tmp_path, monkeypatch):
+    """`train.py all` leaves finished runs alone, goes on with stopped ones, and publishes what all of them found."""
+    for name, values in (("CONFIGS", {"swim": replace(CONFIGS["swim"], **SHORT)}), ("RESULTS", RESULTS)):
+        monkeypatch.setattr(train_all, name, {"swim": values["swim"]})
+    monkeypatch.setattr(train_all, "RESULTS", {"swim": replace(RESULTS["swim"], seeds=2)})
+    started = []
+
+    def start(self, processor):
+        started.append((self.seed, (self.folder / "model.zip").exists()))
+        resume = self.folder if started[-1][1] else None
+        training.train("swim", self.seed, resume=resume, folder=self.folder, pictures=False, **SHORT)
+        self.process = subprocess.Popen(["true"])
+
+    monkeypatch.setattr(train_all.Job, "start", start)
+    folders = train_all.train_all(tmp_path, ["swim"], jobs=1)
+    assert started == [(0, False), (1, False)] and all((run / "results.json").exists() for run in folders)
+    before = (folders[0] / "policy.npz").read_bytes()
+    (folders[1] / "results.json").unlink()
+    train_all.train_all(tmp_path, ["swim"], jobs=1)
+    assert started[2:] == [(1, True)] and (folders[0] / "policy.npz").read_bytes() == before
+    (folders[1] / "results.json").unlink()
+    (folders[1] / "process.txt").write_text(str(os.getpid()))
+    with pytest.raises(RuntimeError, match="is being trained by process"):
+        train_all.train_all(tmp_path, ["swim"], jobs=1)
+
+
+def test_interquartile_mean_and_interval():
+    """The interquartile mean is scipy's trimmed mean where a quarter is whole; the interval mostly holds the truth."""
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=12)
+    assert results.interquartile_mean(values) == pytest.approx(stats.trim_mean(values, 0.25))
+    assert results.interquartile_mean(np.array([1.0, 2.0, np.nan])) == pytest.approx(1.5)
+    held = 0
+    for _ in range(40):
+        levels = rng.normal(3.0, 0.5, 10)
+        scores = [{"return": rng.normal(level, 1.0, 50)} for level in levels]
+        value, low, high = results.interval(scores, "return", rng)
+        assert low < value < high
+        held += low < 3.0 < high
+    assert held >= 32
+
+
+def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
+    """Publishing writes seeds, methods and curves, ships the median seed, and fills in the table of the page."""
+    monkeypatch.setattr(results, "LEARNING", tmp_path / "learning")
+    monkeypatch.setattr(results.provenance, "RESULTS", tmp_path)
+    monkeypatch.setattr(results, "PRETRAINED", tmp_path / "pretrained")
+    monkeypatch.setattr(results, "EPISODES", 4)
+    monkeypatch.setattr(results, "RESAMPLES", 20)
+    monkeypatch.setattr(results, "RESULTS", {"swim": replace(RESULTS["swim"], seeds=2)})
+    page = tmp_path / "results.md"
+    page.write_text("before <!-- swim --> old <!-- end --> after")
+    monkeypatch.setattr(results, "PAGE", page)
+    for seed in range(2):
+        training.train("swim", seed, folder=tmp_path / "runs" / "swim" / f"seed_{seed}", pictures=False, **SHORT)
+    results.publish(tmp_path / "runs", ["swim"])
+    assert "| PPO |" in page.read_text() and "old" not in page.read_text() and page.read_text().endswith("after")
+    assert load_policy(tmp_path / "pretrained" / "swim" / "policy.npz")
+    assert [row["seed"] for row in results.read_rows(tmp_path / "learning" / "swim_seeds.csv")] == ["0", "1"]
+    (tmp_path / "runs" / "swim" / "seed_1" / "results.json").unlink()
+    with pytest.raises(FileNotFoundError, match="is not finished"):
+        results.publish(tmp_path / "runs", ["swim"])
+
+
+def test_integrator_check_sees_a_difference(tmp_path, monkeypatch):
+    """A policy replayed with the same method does the same; a coarse step shows in return and path."""
+    path = ROOT / "agents" / "pretrained" / "swim" / "policy.npz"
+    fine = integrators.replay(path, "rk4", 0.00125, 3)
+    assert integrators.differences(*fine, *fine)["path_difference"] == 0.0
+    found = integrators.differences(*integrators.replay(path, "semi_implicit", 0.00125, 3), *fine)
+    assert found["failed"] == 0 and found["path_difference"] > 0.01
+    names = [name for name, _ in integrators.settings(fish_env.make_fish())]
+    fixed = {name for name, record in fish_env.INTEGRATORS.items() if record.kind != "adaptive"}
+    assert names[0] == "rk4" and set(names) == fixed
 
 
 def test_bad_training_requests_are_refused(tmp_path):
@@ -241,6 +321,26 @@ def test_shipped_policy_keeps_its_bar(task):
     assert not scores["failed"].any()
     for metric, bar in BARS[task].items():
         assert scores[metric].mean() >= bar
+
+
+def test_zoo_file_agrees_with_the_settings():
+    """agents/rl_zoo3.yml has the settings of CONFIGS, for as many decisions an update."""
+    zoo = yaml.safe_load((ROOT / "agents" / "rl_zoo3.yml").read_text())
+    assert set(zoo) == {config.env_id for config in CONFIGS.values()}
+    for task in fish_env.TASKS:
+        config = CONFIGS[task]
+        given = zoo[config.env_id]
+        update = given["n_envs"] * given["n_steps"]
+        assert update == config.num_envs * config.rollout
+        assert given["n_timesteps"] % update == 0 and given["n_timesteps"] == pytest.approx(
+            config.timesteps, abs=update
+        )
+        assert given["gamma"] == pytest.approx(config.discount(0.02), abs=1e-4)
+        wanted = (config.batch_size, config.epochs, config.gae_lambda, config.clip_range, config.entropy_weight)
+        assert tuple(given[k] for k in ("batch_size", "n_epochs", "gae_lambda", "clip_range", "ent_coef")) == wanted
+        assert given["learning_rate"] == f"lin_{config.learning_rate:.0e}".replace("e-0", "e-")
+        assert given["policy_kwargs"] == {"net_arch": list(config.hidden), "log_std_init": config.initial_log_std}
+        assert given.get("env_kwargs", {}) == config.env_options
 
 
 def test_command_line(tmp_path):

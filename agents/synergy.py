@@ -1,0 +1,52 @@
+"""Learn the upper and the lower muscle of a side together and apart: what they do alike, and a smaller difference.
+
+Noise on every muscle alone mostly twists the fish; noise on pairs bends it, which is how it learns to swim. The
+difference keeps what pairs lack, roll and pitch.
+"""
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+APART = 0.4  # what the difference counts, beside what both do alike
+WIDE = 3.0  # a learner's actions are not clipped to [-1, 1]: the muscles' are, after they are put together
+
+
+def synergies(env) -> np.ndarray:
+    """The matrix (A,A) from a learner's actions to those of a `FishVectorEnv`.
+
+    In place of the upper muscle of a pair stands what both do, in place of the lower one their difference. Where the
+    environment has pairs already, the actions are the same.
+    """
+    fish, size = env.tank.fish, int(env.groups.max()) + 1
+    matrix = np.eye(size)
+    if size < fish.num_muscles:
+        return matrix
+    height = fish.body.position[fish.body.springs.nodes[fish.muscles], 2].mean(axis=1)
+    for segment in np.unique(fish.segments):
+        for side in (1, -1):
+            pair = np.flatnonzero((fish.segments == segment) & (fish.sides == side))
+            upper, lower = pair[np.argsort(-height[pair])]
+            matrix[upper, lower], matrix[lower, upper], matrix[lower, lower] = APART, 1.0, -APART
+    return matrix
+
+
+class Synergies(VecEnvWrapper):
+    """Hands a learner's actions to the environment as those of its muscles."""
+
+    def __init__(self, venv: VecEnv):
+        self.matrix = synergies(venv.unwrapped.fish).T.astype(np.float32)
+        size = len(self.matrix)
+        super().__init__(venv, action_space=gym.spaces.Box(-WIDE, WIDE, (size,), dtype=np.float32))
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Put the actions together and hand them on."""
+        self.venv.step_async(actions @ self.matrix)
+
+    def step_wait(self):
+        """What the environment answers."""
+        return self.venv.step_wait()
+
+    def reset(self) -> np.ndarray:
+        """Begin all episodes anew."""
+        return self.venv.reset()
