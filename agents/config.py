@@ -32,6 +32,12 @@ class TrainConfig:
     initial_log_std: float = -0.5
     hidden: tuple[int, ...] = (64, 64)
 
+    @property
+    def task_options(self) -> dict[str, Any]:
+        """What the keywords say of the task alone: other controllers keep the fish's own control interval."""
+        own = ("control_interval", "max_episode_steps", "muscle_groups")
+        return {name: value for name, value in self.env_options.items() if name not in own}
+
     def discount(self, control_interval: float) -> float:
         """The discount factor for decisions `control_interval` seconds apart."""
         return math.exp(-control_interval / self.horizon)
@@ -51,16 +57,24 @@ class Result:
     """Under what else they are measured: keywords of the environment and reset options, by name."""
 
 
-PAIRS = {"muscle_groups": "pairs"}
 TURNING = ("success", "latency", "overshoot", "radius", "turning_rate", "speed_lost", "work", "peak_strain")
 
+
+def slower(seconds: float) -> dict[str, Any]:
+    """Keywords for decisions twice as far apart, in episodes of so many seconds: longer noise explores more."""
+    return {"control_interval": 0.04, "max_episode_steps": round(seconds / 0.04)}
+
+
+DENSER = {**slower(3.0), "wait": (0.3, 1.0)}
+"""Sooner turns in shorter episodes: more of what is to be learnt in every second."""
+
 CONFIGS: dict[str, TrainConfig] = {
-    "swim": TrainConfig("FishEnv/Swim-v0", PAIRS),
-    "turn": TrainConfig("FishEnv/Turn-v0", PAIRS, timesteps=3_000_000),
-    "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", PAIRS, timesteps=4_000_000),
-    "target": TrainConfig("FishEnv/Target-v0", PAIRS, timesteps=3_000_000),
-    "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, timesteps=5_000_000),
-    "avoid": TrainConfig("FishEnv/Avoid-v0", PAIRS, timesteps=4_000_000),
+    "swim": TrainConfig("FishEnv/Swim-v0"),
+    "turn": TrainConfig("FishEnv/Turn-v0", slower(5.0), DENSER),
+    "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", slower(5.0), DENSER, timesteps=2_500_000),
+    "target": TrainConfig("FishEnv/Target-v0", {}, {"patience": 3.0}, timesteps=2_500_000),
+    "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, {"patience": 3.0}, timesteps=4_000_000),
+    "avoid": TrainConfig("FishEnv/Avoid-v0", slower(6.0), timesteps=2_500_000),
 }
 """A task of the package, or one in a certain form, by the name that `train.py` knows it by."""
 

@@ -35,22 +35,28 @@ def baselines(env: FishVectorEnv) -> dict[str, Controller]:
     }
 
 
+def measured(config: TrainConfig, policies: dict[str, Controller], beside: bool) -> dict[str, dict]:
+    """Means over the evaluation episodes of policies, after those of the baselines with the fish's own interval."""
+    rows = {}
+    if beside:
+        env = make_eval_env(config.env_id, EPISODES, config.task_options)
+        rows = {name: means(evaluate(controller, env)) for name, controller in baselines(env).items()}
+    env = make_eval_env(config.env_id, EPISODES, config.env_options)
+    return rows | {name: means(evaluate(policy, env)) for name, policy in policies.items()}
+
+
 def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bool = True) -> None:
     """Evaluate on fixed seeds; write results.json and the pictures, print the table and the command to play it."""
-    env = make_eval_env(config.env_id, EPISODES, config.env_options)
     policy = policy_controller(load_policy(folder / "policy.npz", config.env_id))
     controllers = {"untrained policy": policy_controller(untrained(config, seed))} if pictures else {}
-    controllers |= (baselines(env) if pictures else {}) | {"trained policy": policy}
-    scores = {name: evaluate(controller, env) for name, controller in controllers.items()}
-    rows = {name: means(found) for name, found in scores.items()}
+    rows = measured(config, controllers | {"trained policy": policy}, pictures)
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
     (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
     if not pictures:
         return
     metric = RESULTS[task].score
     draw_curve(folder / "curve.csv", folder / "curve.png", metric, rows)
-    compared = ("best open-loop gait" if task == "swim" else "motor controllers", "trained policy")
-    draw_path(config, {name: controllers[name] for name in compared}, folder / "path.png")
+    draw_path(config, policy, "best open-loop gait" if task == "swim" else "motor controllers", folder / "path.png")
     record_video(config, policy, folder / f"{task}.mp4")
     print_table(task, rows)
     print(f"\nKept in {folder}: model.zip, policy.npz, config.json, results.json, curve.png, path.png, {task}.mp4")
@@ -99,12 +105,14 @@ def draw_curve(data: Path, picture: Path, metric: str, rows: dict[str, dict]) ->
     plt.close(figure)
 
 
-def draw_path(config: TrainConfig, controllers: dict[str, Controller], picture: Path, fish: int = 6) -> None:
-    """Paths of a few fish seen from above, turned so that each fish sets out to the right."""
+def draw_path(config: TrainConfig, policy: Controller, beside: str, picture: Path, fish: int = 6) -> None:
+    """Paths of a few fish, by the policy and by a baseline, seen from above, each setting out to the right."""
     plt = pyplot()
-    env = make_eval_env(config.env_id, fish, config.env_options | {"info_every_step": True})
     figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
-    for colour, (name, controller) in zip(("#c0562f", "#0b7a99"), controllers.items(), strict=True):
+    for colour, name in (("#c0562f", beside), ("#0b7a99", "trained policy")):
+        options = config.env_options if name == "trained policy" else config.task_options
+        env = make_eval_env(config.env_id, fish, options | {"info_every_step": True})
+        controller = policy if name == "trained policy" else baselines(env)[beside]
         for i, track in enumerate(swum_tracks(controller, env)):
             axes.plot(*track.T, color=colour, lw=1.2, label=name if i == 0 else None)
     axes.set(xlabel="along the first command, body lengths", ylabel="across, body lengths", aspect="equal")
@@ -188,8 +196,7 @@ def compare(paths: list[Path]) -> dict[Path, dict]:
     """Measure policy files (or those that are shipped) on the fixed seeds beside the controllers without learning."""
     found = {}
     for path in paths or shipped():
-        task, policy, env = opened(path)
-        controllers = {**baselines(env), "trained policy": policy}
-        found[path] = {name: means(evaluate(controller, env)) for name, controller in controllers.items()}
+        task, policy, _ = opened(path, 1)
+        found[path] = measured(CONFIGS[task], {"trained policy": policy}, beside=True)
         print_table(task, found[path])
     return found

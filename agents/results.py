@@ -59,8 +59,9 @@ def publish_task(task: str, runs: list[Path]) -> None:
     policies = [policy_controller(load_policy(run / "policy.npz", config.env_id)) for run in runs]
     seed_rows, method_rows, generator = [], [], np.random.default_rng(0)
     for condition, (keywords, options) in {"": ({}, {}), **result.conditions}.items():
-        env = make_eval_env(config.env_id, EPISODES, config.env_options | keywords)
+        env = make_eval_env(config.env_id, EPISODES, config.task_options | keywords)
         methods = {name: [evaluate(controller, env, options=options)] for name, controller in baselines(env).items()}
+        env = make_eval_env(config.env_id, EPISODES, config.env_options | keywords)
         methods["PPO"] = [evaluate(policy, env, options=options) for policy in policies]
         seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]
         for method, found in methods.items():

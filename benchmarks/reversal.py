@@ -66,7 +66,7 @@ def draw(runs: dict[str, dict], path: Path) -> None:
     for name, run in runs.items():
         colour = COLOURS[name]
         above.plot(*run["place"].T, color=colour, lw=1.5, label=name)
-        for body in run["midline"][::10]:
+        for body in run["midline"][:: round(0.2 / run["time"][0])]:
             above.plot(*body.T, color=colour, lw=0.8, alpha=0.5)
         heading.plot(run["time"], np.degrees(np.unwrap(np.radians(run["heading"]))), color=colour, lw=1.5, label=name)
         heading.plot(run["time"], run["command"], color=colour, lw=1, ls="--")
@@ -82,9 +82,9 @@ def draw(runs: dict[str, dict], path: Path) -> None:
 def main() -> None:
     """Swim it with the motor controllers and the shipped policy."""
     config = CONFIGS["left_after_right"]
-    env = make_eval_env(config.env_id, 1, config.env_options)
+    own, learnt = (make_eval_env(config.env_id, 1, o) for o in (config.task_options, config.env_options))
     policy = policy_controller(load_policy(PRETRAINED / "left_after_right" / "policy.npz"))
-    runs = {"motor controllers": swum(scripted(env), env), "PPO": swum(policy, env)}
+    runs = {"motor controllers": swum(scripted(own), own), "PPO": swum(policy, learnt)}
     draw(runs, IMAGES / "reversal.svg")
     rows = [
         {"controller": name, "time": round(run["time"][k], 4), "x": round(run["place"][k, 0], 4),

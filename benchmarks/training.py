@@ -100,7 +100,7 @@ class UntilFast(BaseCallback):
 def time_to_gait() -> dict:
     """Seconds of training, the measuring left out, until the policy is as fast as the best open-loop gait."""
     config = CONFIGS["swim"]
-    env = make_eval_env(config.env_id, 100, config.env_options)
+    env = make_eval_env(config.env_id, 100, config.task_options)
     wanted = float(evaluate(gait_controller(best_gait(), env), env)["speed"].mean())
     model = make_model(config, make_env(config, config.num_envs, seed=0), seed=0)
     watch, begin = UntilFast(wanted), time.perf_counter()

@@ -75,13 +75,14 @@ def turn_of(who: str, controller, env) -> dict:
 
 def turning() -> None:
     """Radius (path over angle until 90 % of the turn) and turning rate of the body's line, beside the literature."""
-    env = make_eval_env(CONFIGS["turn"].env_id, 50, CONFIGS["turn"].env_options)
+    config = CONFIGS["turn"]
+    own, learnt = (make_eval_env(config.env_id, 50, options) for options in (config.task_options, config.env_options))
     policy = policy_controller(load_policy(PRETRAINED / "turn" / "policy.npz"))
     rows = [
         bend(True),
         bend(False),
-        turn_of("motor controllers", scripted(env), env),
-        turn_of("PPO", policy, env),
+        turn_of("motor controllers", scripted(own), own),
+        turn_of("PPO", policy, learnt),
         *LIVING,
     ]
     rows = [{"median_radius_L": "", "median_turning_rate": "", **row} for row in rows]

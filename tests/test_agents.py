@@ -335,7 +335,9 @@ def test_zoo_file_agrees_with_the_settings():
         assert given["n_timesteps"] % update == 0 and given["n_timesteps"] == pytest.approx(
             config.timesteps, abs=update
         )
-        assert given["gamma"] == pytest.approx(config.discount(0.02), abs=1e-4)
+        assert given["gamma"] == pytest.approx(
+            config.discount(config.env_options.get("control_interval", 0.02)), abs=1e-4
+        )
         wanted = (config.batch_size, config.epochs, config.gae_lambda, config.clip_range, config.entropy_weight)
         assert tuple(given[k] for k in ("batch_size", "n_epochs", "gae_lambda", "clip_range", "ent_coef")) == wanted
         assert given["learning_rate"] == f"lin_{config.learning_rate:.0e}".replace("e-0", "e-")

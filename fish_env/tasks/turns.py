@@ -15,7 +15,7 @@ from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.rewards import wrapped
 from fish_env.tasks.start import POSE_OPTIONS, level, place
 
-ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the worth of pointing along the commanded heading
+ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the worth of pointing along the commanded heading
 EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 COMPLETE = 0.9  # part of a turn after which it counts as made
 SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
