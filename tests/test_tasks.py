@@ -178,12 +178,12 @@ def test_follow_agrees_with_its_twin():
 
 
 def test_alignment_is_linear_in_the_angle():
-    """1 along the heading, 0 across, -1 away, and a degree costs the same everywhere."""
+    """0 along the heading, -1 across, -2 away, and a degree costs the same everywhere."""
     angles = np.linspace(0, np.pi, 7)
     axes = np.zeros((7, 3, 3))
     axes[:, 0] = [start.level(a) for a in angles]
     found = rewards.alignment(axes, np.tile(start.level(0.0), (7, 1)))
-    np.testing.assert_allclose(found, np.linspace(1, -1, 7), atol=1e-7)
+    np.testing.assert_allclose(found, np.linspace(0, -2, 7), atol=1e-7)
 
 
 # Strain and work

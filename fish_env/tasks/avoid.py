@@ -6,6 +6,7 @@ from fish_env._jit import njit
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns, turn_options
 
+ALIGNMENT_WEIGHT = 2.0  # body lengths a second, as for turns, but a detour must not cost too much
 TOUCH_PENALTY = 5.0  # body lengths: what touching the obstacle costs
 
 CHANCE = Option(0.0, 1.0, "chance of it")
@@ -40,6 +41,7 @@ class AvoidTask(CommandedTurns):
         ValueError: for a number out of range, saying what is allowed.
     """
 
+    alignment_weight = ALIGNMENT_WEIGHT
     term_names = ("progress", "alignment", "effort", "touch")
     directions = (
         *CommandedTurns.directions,

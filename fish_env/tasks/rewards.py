@@ -21,14 +21,15 @@ def progress(centre, before, heading, length):
 
 @njit
 def alignment(axes, heading):
-    """How well the forward axis of axes (B,3,3) points along `heading` (B,3): 1 along it, 0 across, -1 away, (B,).
+    """How well the forward axis of axes (B,3,3) points along `heading` (B,3): 0 along it, -1 across, -2 away, (B,).
 
-    Linear in the angle between them, so that the last degrees count as much as the first ones.
+    Linear in the angle between them, so that the last degrees count as much as the first ones; never positive, so that
+    staying out of trouble earns nothing.
     """
     out = np.empty(axes.shape[0])
     for b in range(out.size):
         cosine = axes[b, 0, 0] * heading[b, 0] + axes[b, 0, 1] * heading[b, 1] + axes[b, 0, 2] * heading[b, 2]
-        out[b] = 1.0 - 2.0 / math.pi * math.acos(min(max(cosine, -1.0), 1.0))
+        out[b] = -2.0 / math.pi * math.acos(min(max(cosine, -1.0), 1.0))
     return out
 
 

@@ -7,7 +7,7 @@ from fish_env.tasks import rewards
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS, place
 
-ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the worth of pointing at the target
+ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the price of pointing across the way to the target
 REACH_BONUS = 1.0  # body lengths: what reaching a target is worth beside the way to it
 EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 DRAWN = 50  # targets drawn at the start of an episode, the first again after the last

@@ -15,7 +15,7 @@ from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.rewards import wrapped
 from fish_env.tasks.start import POSE_OPTIONS, level, place
 
-ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the worth of pointing along the commanded heading
+ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the price of pointing across the commanded heading
 EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 COMPLETE = 0.9  # part of a turn after which it counts as made
 SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
@@ -127,6 +127,7 @@ class CommandedTurns:
     """
 
     most_turns = 1
+    alignment_weight = ALIGNMENT_WEIGHT
     term_names = ("progress", "alignment", "effort")
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
 
@@ -170,7 +171,7 @@ class CommandedTurns:
         """Progress along the commanded heading and pointing along it, less the effort; then the course goes on."""
         terms = {
             "progress": rewards.progress(pose.centre, self._before, self._heading, tank.fish.length),  # (19)
-            "alignment": rewards.alignment(pose.axes, self._heading) * (ALIGNMENT_WEIGHT * self.interval),  # (40)
+            "alignment": rewards.alignment(pose.axes, self._heading) * (self.alignment_weight * self.interval),  # (40)
             "effort": tank.effort * (-EFFORT_WEIGHT * self.interval),  # (20)
         }
         measure_load(tank, self.load)
