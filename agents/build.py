@@ -55,7 +55,7 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
     fish = env.unwrapped.fish
     offset, scale = scaling(fish)
     return PPO(
-        MirroredPolicy,
+        MirroredPolicy if config.symmetric else "MlpPolicy",
         env,
         n_steps=config.rollout,
         batch_size=min(config.batch_size, config.rollout * env.num_envs),
@@ -68,9 +68,9 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
         policy_kwargs={
             "net_arch": list(config.hidden),
             "log_std_init": config.initial_log_std,
-            "mirror": mirror_of(fish),
             "features_extractor_class": ScaledObservation,
             "features_extractor_kwargs": {"offset": offset, "scale": scale},
+            **({"mirror": mirror_of(fish)} if config.symmetric else {}),
         },
         tensorboard_log=str(log_folder) if log_folder else None,
         seed=seed,

@@ -31,6 +31,8 @@ class TrainConfig:
     entropy_weight: float = 0.0
     initial_log_std: float = -0.5
     hidden: tuple[int, ...] = (64, 64)
+    symmetric: bool = True
+    """Whether the policy is symmetric by construction (`agents/mirror.py`)."""
 
     @property
     def task_options(self) -> dict[str, Any]:
@@ -47,8 +49,12 @@ class TrainConfig:
 class Result:
     """How a trained task is judged and published."""
 
+    asked: str
+    """What is asked, in a few words."""
     score: str
     """The metric its seeds are ranked by; more is better."""
+    headline: tuple[str, ...]
+    """What says most."""
     metrics: tuple[str, ...]
     """What its tables show."""
     seeds: int
@@ -79,14 +85,13 @@ CONFIGS: dict[str, TrainConfig] = {
 """A task of the package, or one in a certain form, by the name that `train.py` knows it by."""
 
 RESULTS: dict[str, Result] = {
-    "swim": Result("speed", ("speed", "sideways"), 10),
+    "swim": Result("swim along a commanded heading", "speed", ("speed",), ("speed", "sideways"), 10),
     "turn": Result(
-        "success", TURNING, 5, {"90 left": ({}, {"turn": math.pi / 2}), "90 right": ({}, {"turn": -math.pi / 2})}
+        "turn by 30 to 180 degrees to either side", "success", ("success", "latency"), TURNING, 5,
+        {"90 left": ({}, {"turn": math.pi / 2}), "90 right": ({}, {"turn": -math.pi / 2})},
     ),
     "left_after_right": Result(
-        "success",
-        TURNING,
-        10,
+        "turn left before a right turn is over, and mirrored", "success", ("success", "latency"), TURNING, 10,
         {
             "left after right": ({}, {"side": -1}),
             "right after left": ({}, {"side": 1}),
@@ -94,7 +99,15 @@ RESULTS: dict[str, Result] = {
             "double reversal": ({"reversals": 2}, {}),
         },
     ),
-    "target": Result("targets", ("targets", "success", "time_per_target"), 5),
-    "target_3d": Result("targets", ("targets", "success", "time_per_target"), 5),
-    "avoid": Result("avoided", ("avoided", "success", "clearance", "work", "peak_strain"), 5),
-}
+    "target": Result(
+        "reach targets one after another", "targets", ("time_per_target",), ("targets", "success", "time_per_target"), 5
+    ),
+    "target_3d": Result(
+        "the same in three dimensions", "success", ("success",), ("targets", "success", "time_per_target"), 5
+    ),
+    "avoid": Result(
+        "pass a sudden obstacle, perhaps in a turn, and come back to the heading", "success", ("avoided", "success"),
+        ("avoided", "avoided_possible", "passed", "success", "clearance", "work", "peak_strain"), 5,
+        {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
+    ),
+}  # fmt: skip

@@ -1,6 +1,6 @@
 """Controllers without learning: the open-loop gait that swims the fish by timing alone (Tu 1996, ch. 5).
 
-The motor controllers that also turn and are sequenced for every task, `scripted`, are in `agents/motor.py`.
+The motor controllers that also turn, sequenced for every task, are made by `scripted` (`agents/sequencer.py`).
 """
 
 import json
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.motor import random_actions, scripted
+from agents.sequencer import random_actions, scripted
 from fish_env.bodies import Fish
 
 __all__ = ["GAIT_FILE", "Gait", "best_gait", "random_actions", "scripted"]

@@ -112,12 +112,13 @@ class MirroredPolicy(ActorCriticPolicy):
         return super()._get_constructor_parameters() | {"mirror": self.mirror}
 
 
-def plain_layers(policy: MirroredPolicy) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Weights (inputs, outputs) and biases of the same function as ordinary layers, twice as wide."""
+def plain_layers(policy: ActorCriticPolicy) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Weights (inputs, outputs) and biases of the actor as ordinary layers; a symmetric one's are twice as wide."""
     extractor, actions = policy.mlp_extractor, policy.action_net
+    pairs = [numbers(layer) for layer in extractor.policy_net if isinstance(layer, nn.Linear)]
+    if not isinstance(policy, MirroredPolicy):
+        return tuple(map(list, zip(*pairs, numbers(actions), strict=True)))
     place, sign = extractor.place.numpy(), extractor.sign.double().numpy()
-    layers = [layer for layer in extractor.policy_net if isinstance(layer, nn.Linear)]
-    pairs = [(layer.weight.detach().double().numpy().T, layer.bias.detach().double().numpy()) for layer in layers]
     first = pairs[0][0]
     mirrored = np.empty_like(first)
     mirrored[place] = first * sign[:, None]
@@ -126,8 +127,13 @@ def plain_layers(policy: MirroredPolicy) -> tuple[list[np.ndarray], list[np.ndar
         nothing = np.zeros_like(weight)
         weights.append(np.block([[weight, nothing], [nothing, weight]]))
         biases.append(np.tile(bias, 2))
-    last, bias = actions.linear.weight.detach().double().numpy().T, actions.linear.bias.detach().double().numpy()
+    last, bias = numbers(actions.linear)
     swap = actions.swap.numpy()
     weights.append(0.5 * np.vstack([last, last[:, swap]]))
     biases.append(0.5 * (bias + bias[swap]))
     return weights, biases
+
+
+def numbers(layer: nn.Linear) -> tuple[np.ndarray, np.ndarray]:
+    """Weight (inputs, outputs) and bias of a layer, float64."""
+    return layer.weight.detach().double().numpy().T, layer.bias.detach().double().numpy()

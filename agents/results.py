@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from agents.bound import possible
 from agents.config import CONFIGS, RESULTS
 from agents.evaluate import EPISODES, Scores, evaluate, make_eval_env, policy_controller
 from agents.policy import load_policy
@@ -25,14 +26,27 @@ CURVE_POINTS = 60
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
 LEARNING = provenance.RESULTS / "learning"
 PAGE = Path(__file__).parent.parent / "docs" / "results.md"
+README = Path(__file__).parent.parent / "README.md"
 UNITS = {
-    "speed": ("speed, L/s", 1, 2), "sideways": ("sideways, L/s", 1, 2), "success": ("success, %", 100, 1),
-    "latency": ("latency, s", 1, 2), "overshoot": ("overshoot, °", 1, 1), "radius": ("radius, L", 1, 2),
-    "turning_rate": ("peak rate, °/s", 1, 0), "speed_lost": ("speed lost, %", 100, 0), "work": ("work, J/kg", 1, 2),
-    "peak_strain": ("peak strain, %", 100, 0), "targets": ("targets", 1, 2), "time_per_target": ("s a target", 1, 2),
-    "avoided": ("avoided, %", 100, 1), "clearance": ("clearance, L", 1, 2), "return": ("return", 1, 1),
+    "speed": ("speed, L/s", 1, 2),
+    "sideways": ("sideways, L/s", 1, 2),
+    "success": ("success, %", 100, 1),
+    "latency": ("latency, s", 1, 2),
+    "overshoot": ("overshoot, °", 1, 1),
+    "radius": ("radius, L", 1, 2),
+    "turning_rate": ("peak rate, °/s", 1, 0),
+    "speed_lost": ("speed lost, %", 100, 0),
+    "work": ("work, J/kg", 1, 2),
+    "peak_strain": ("peak strain, %", 100, 0),
+    "targets": ("targets", 1, 2),
+    "time_per_target": ("s a target", 1, 2),
+    "avoided": ("avoided, %", 100, 1),
+    "avoided_possible": ("avoided where possible, %", 100, 1),
+    "passed": ("passed, %", 100, 1),
+    "clearance": ("clearance, L", 1, 2),
+    "return": ("return", 1, 1),
     "failed": ("physics failed, %", 100, 2),
-}  # fmt: skip
+}
 """Heading, factor and digits of a metric in the tables of the page."""
 
 
@@ -40,17 +54,22 @@ def publish(root: Path, tasks=None) -> None:
     """Measure the finished runs under root/<task>/seed_<k> beside the baselines, and publish them.
 
     Raises:
-        FileNotFoundError: if a seed of a task is not finished.
+        FileNotFoundError: if no seed of a task is finished.
     """
     for task in CONFIGS if tasks is None else tasks:
-        runs = [root / task / f"seed_{seed}" for seed in range(RESULTS[task].seeds)]
-        for run in runs:
-            if not (run / "results.json").exists():
-                raise FileNotFoundError(f"{run} is not finished; go on with: python train.py all --runs {root}")
+        seeds = [root / task / f"seed_{seed}" for seed in range(RESULTS[task].seeds)]
+        runs = [run for run in seeds if (run / "results.json").exists()]
+        if not runs:
+            raise FileNotFoundError(
+                f"no run of {task} in {root} is finished; go on with: python train.py all --runs {root}"
+            )
         publish_task(task, runs)
     if all((LEARNING / f"{task}_curves.csv").exists() for task in CONFIGS):
         draw_curves(IMAGES / "curves.svg")
     PAGE.write_text(filled(PAGE.read_text()))
+    README.write_text(
+        re.sub(r"(?<=<!-- summary -->\n).*?(?=<!-- end -->)", summary(), README.read_text(), flags=re.DOTALL)
+    )
 
 
 def publish_task(task: str, runs: list[Path]) -> None:
@@ -61,8 +80,12 @@ def publish_task(task: str, runs: list[Path]) -> None:
     for condition, (keywords, options) in {"": ({}, {}), **result.conditions}.items():
         env = make_eval_env(config.env_id, EPISODES, config.task_options | keywords)
         methods = {name: [evaluate(controller, env, options=options)] for name, controller in baselines(env).items()}
+        where = possible(env, options) if task == "avoid" else None
         env = make_eval_env(config.env_id, EPISODES, config.env_options | keywords)
         methods["PPO"] = [evaluate(policy, env, options=options) for policy in policies]
+        if where is not None:
+            for scores in (scores for found in methods.values() for scores in found):
+                scores["avoided_possible"] = np.where(where, scores["avoided"], np.nan)
         seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]
         for method, found in methods.items():
             for metric in dict.fromkeys((*result.metrics, "return", "failed")):
@@ -175,12 +198,29 @@ def filled(page: str) -> str:
     return re.sub(r"<!-- (\w+) -->.*?<!-- end -->", table, page, flags=re.DOTALL)
 
 
+def summary() -> str:
+    """The README's table: what is asked, and the numbers that say most, by method."""
+    methods = {
+        name: name.removeprefix("best ") for name in ("random", "best open-loop gait", "motor controllers", "PPO")
+    }
+    lines = [f"| Task | What is asked | | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
+    for task, result in RESULTS.items():
+        path = LEARNING / f"{task}_methods.csv"
+        rows = read_rows(path) if path.exists() else []
+        for metric in result.headline if rows else ():
+            cells = {row["method"]: cell(row) for row in rows if (row["condition"], row["metric"]) == ("", metric)}
+            name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
+            lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {' | '.join(map(cells.get, methods))} |")
+    return "\n" + "\n".join(lines) + "\n\n"
+
+
 def table_of(rows: list[dict]) -> str:
     """The results of a task as Markdown, a line a method and condition."""
     metrics = list(dict.fromkeys(row["metric"] for row in rows))
     lines = {}
     for row in rows:
-        lines.setdefault((row["condition"], row["method"]), []).append(cell(row))
+        method = row["method"] if row["method"] != "PPO" else f"PPO, {row['seeds']} seeds"
+        lines.setdefault((row["condition"], method), []).append(cell(row))
     head = f"| | {' | '.join(UNITS[metric][0] for metric in metrics)} |\n|---|{'---|' * len(metrics)}\n"
     return head + "".join(
         f"| {method}{', ' * bool(condition)}{condition} | {' | '.join(cells)} |\n"

@@ -46,10 +46,15 @@ class Job:
         command = [sys.executable, "train.py", self.task, "--seed", str(self.seed), "--no-pictures"]
         started = (self.folder / "model.zip").exists()
         command += ["--resume" if started else "--folder", str(self.folder)]
-        pin = (lambda: os.sched_setaffinity(0, {processor})) if processor is not None else None
+
+        def prepare() -> None:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # a program in the background may have been told to ignore it
+            if processor is not None:
+                os.sched_setaffinity(0, {processor})
+
         with (self.folder / "log.txt").open("a") as log:  # in a session of its own: Ctrl-C reaches it once, from here
             self.process = subprocess.Popen(
-                command, stdout=log, stderr=subprocess.STDOUT, preexec_fn=pin, start_new_session=True
+                command, stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True
             )
         (self.folder / "process.txt").write_text(str(self.process.pid))
 
@@ -94,7 +99,8 @@ def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None
     for job in waiting:
         job.check_free()
     total, done = sum(CONFIGS[job.task].timesteps for job in work), sum(job.decisions for job in work)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # being terminated is like Ctrl-C
+    for number in (signal.SIGINT, signal.SIGTERM):  # being terminated is like Ctrl-C, also in the background
+        signal.signal(number, signal.default_int_handler)
     try:
         with tqdm(total=total, initial=done, unit=" decisions", unit_scale=True, desc="all tasks") as bar:
             while waiting or any(slots):

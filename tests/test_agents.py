@@ -87,10 +87,11 @@ def test_bad_policy_files_are_refused(policy, tmp_path):
     refused(whole | {"about": json.dumps({"env_id": "FishEnv/Other-v0"})}, "trained for FishEnv/Other-v0")
 
 
+@pytest.mark.parametrize("symmetric", [True, False])
 @pytest.mark.parametrize("task", CONFIGS)
-def test_exported_policy_acts_like_the_model(task):
+def test_exported_policy_acts_like_the_model(task, symmetric):
     """The exported numpy policy gives the model's deterministic actions on raw observations, and is symmetric."""
-    config = CONFIGS[task]
+    config = replace(CONFIGS[task], symmetric=symmetric)
     env = make_env(config, 4, seed=0)
     model = make_model(config, env, seed=0)
     with torch.no_grad():
@@ -103,7 +104,8 @@ def test_exported_policy_acts_like_the_model(task):
     policy = export_policy(model, {})
     np.testing.assert_allclose(policy(obs), np.clip(expected, -1, 1), atol=2e-5)
     place, sign, swap = mirror_of(env.unwrapped.fish)
-    np.testing.assert_allclose(policy((obs[:, place] * sign).astype(np.float32)), policy(obs)[:, swap], atol=2e-5)
+    mirrored = policy((obs[:, place] * sign).astype(np.float32))
+    assert np.allclose(mirrored, policy(obs)[:, swap], atol=2e-5) == symmetric
     assert np.abs(policy(obs) - policy(obs)[:, swap]).max() > 0.05
 
 
@@ -225,12 +227,13 @@ def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
     for seed in range(2):
         training.train("swim", seed, folder=tmp_path / "runs" / "swim" / f"seed_{seed}", pictures=False, **SHORT)
     results.publish(tmp_path / "runs", ["swim"])
-    assert "| PPO |" in page.read_text() and "old" not in page.read_text() and page.read_text().endswith("after")
+    assert (
+        "| PPO, 2 seeds |" in page.read_text() and "old" not in page.read_text() and page.read_text().endswith("after")
+    )
     assert load_policy(tmp_path / "pretrained" / "swim" / "policy.npz")
     assert [row["seed"] for row in results.read_rows(tmp_path / "learning" / "swim_seeds.csv")] == ["0", "1"]
-    (tmp_path / "runs" / "swim" / "seed_1" / "results.json").unlink()
-    with pytest.raises(FileNotFoundError, match="is not finished"):
-        results.publish(tmp_path / "runs", ["swim"])
+    with pytest.raises(FileNotFoundError, match="no run of swim in .* is finished"):
+        results.publish(tmp_path / "nowhere", ["swim"])
 
 
 def test_integrator_check_sees_a_difference(tmp_path, monkeypatch):

@@ -7,7 +7,8 @@ import pytest
 
 from agents.controllers import random_actions, scripted
 from agents.evaluate import evaluate, make_eval_env
-from agents.motor import MOTOR_FILE, Habits, Swim, Table, Turn, load_tables, scaled_turns, turn_mc
+from agents.motor import MOTOR_FILE, Swim, Table, Turn, load_tables, scaled_turns, turn_mc
+from agents.sequencer import Habits
 
 TASKS = ("Swim", "Turn", "LeftAfterRight", "Target", "Avoid")
 

@@ -1,0 +1,255 @@
+"""The motor controllers one after another, by what the fish is told and sees: no learning, a baseline for every task.
+
+Legend: b fish. Angles are positive to the left, rad; times are seconds.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.motor import MotorTables, glide_mc, load_tables, scaled_turns, spread, swim_mc, turn_mc
+from fish_env.bodies import Fish
+from fish_env.envs import FishVectorEnv
+from fish_env.tasks import TASKS
+from fish_env.tasks.avoid import AvoidTask
+from fish_env.tasks.rewards import wrapped
+from fish_env.tasks.swim import SwimTask
+from fish_env.tasks.target import TargetTask
+from fish_env.tasks.turns import CommandedTurns
+
+
+class Aim(NamedTuple):
+    """What B fish want to do next, in their own frames."""
+
+    error: np.ndarray  # (B,) rad, angle from where they point to where they want to go
+    climb: np.ndarray  # (B,) rad, the same upwards
+    speed: np.ndarray  # (B,) wanted, body lengths per second
+
+
+@dataclass(frozen=True)
+class Habits:
+    """When the sequencer does what."""
+
+    threshold: float = np.radians(22.0)
+    """Mean heading error from which a turn is begun, rad; smaller ones are corrected while swimming."""
+    again: float = np.radians(40.0)
+    """Heading error at the end of a turn's hold from which the next turn begins at once, without straightening, rad."""
+    jump: float = np.radians(20.0)
+    """Change of the error between two decisions that only a new command can cause, rad."""
+    lead: float = 0.12
+    """How far ahead a fish that must break off a turn counts on turning on, s."""
+    trim: float = 0.4
+    """Contraction, per rad of mean error, added to one side of the anterior segments while swimming."""
+    most_trim: float = 0.4
+    """Largest such contraction."""
+    strokes: float = 1.0
+    """Least part of swimming's strokes that goes on in a turn: 0 leaves it to the table, 1 keeps up the speed."""
+    beat: float = 0.26
+    """Time over which the error is averaged, s: about a beat."""
+    pitch: float = 1.0
+    """Contraction, per rad of climb, added to the upper (or lower) muscles."""
+    most_pitch: float = 0.6
+    """Largest such contraction."""
+
+
+class Sequencer:
+    """Plays swim-, turn- and glide-MC one after another; sees nothing but the observation and the time.
+
+    Its memory is a row a fish: the errors of the last beat, the turn under way and the clocks of the strokes. It begins
+    anew when it is called with time 0.
+    """
+
+    def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
+        fish: Fish = env.tank.fish
+        self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
+        self.muscle = np.array([np.flatnonzero(env.groups == g)[0] for g in range(env.groups.max() + 1)])
+        self.can_pitch = self.muscle.size == fish.num_muscles  # pairs contract above and below together
+        height = fish.body.position[fish.body.springs.nodes[fish.muscles], 2].mean(axis=1)
+        self.fish, self.level = fish, np.where(height > 0, 0, 1)
+        self.window = max(1, round(habits.beat / self.interval))
+
+    def __call__(self, obs: np.ndarray, time: float) -> np.ndarray:
+        """Actions (B,A) for observations (B,D) at `time` s."""
+        aim = self.aim(obs)
+        if time == 0:
+            self.begin(aim.error)
+        self.look(aim.error)
+        self.decide(aim.error)
+        return 2.0 * self.contract(aim)[:, self.muscle] - 1.0
+
+    def begin(self, error: np.ndarray) -> None:
+        """Forget everything: swimming, with the error (B,) seen for a beat."""
+        b = error.size
+        self.last, self.rate = error.copy(), np.zeros(b)
+        self.errors = np.repeat(error[:, None], self.window, axis=1)
+        self.jumped, self.turning = np.zeros((2, b), dtype=bool)
+        self.rows = self.tables.turns.at(np.zeros(b))
+        self.side, self.since = np.ones(b), np.full(b, np.inf)
+        self.beats = np.zeros((b, 2))
+
+    def look(self, error: np.ndarray) -> None:
+        """Take in the error (B,); a jump of it is a new command, by which the errors of the beat are shifted."""
+        change = wrapped(error - self.last)
+        self.jumped = np.abs(change) > self.habits.jump
+        self.rate = np.where(self.jumped, self.rate, change / self.interval)
+        self.errors += np.where(self.jumped, change, 0.0)[:, None]
+        self.errors = np.column_stack([self.errors[:, 1:], error])
+        self.last = error
+
+    def mean_error(self) -> np.ndarray:
+        """Heading error averaged over a beat, (B,) rad."""
+        return wrapped(self.last + wrapped(self.errors - self.last[:, None]).mean(axis=1))
+
+    def decide(self, error: np.ndarray) -> None:
+        """Begin and end turns: when the error is large, when a new command comes, when one is over."""
+        more = np.abs(error) > self.habits.again  # a successive turn follows at once, without straightening
+        over = self.turning & (self.since >= self.rows[:, 5] + self.rows[:, 6] * ~more - 1e-9)
+        self.errors[over] = error[over, None]  # what was seen in the turn no longer counts
+        self.turning &= ~over
+        broken = self.turning & self.jumped
+        wanted = np.where(broken, wrapped(error + self.habits.lead * self.rate), self.mean_error())
+        self.turning &= ~broken
+        self.begin_turns(~self.turning & (np.abs(wanted) > self.habits.threshold), wanted)
+
+    def begin_turns(self, which: np.ndarray, wanted: np.ndarray) -> None:
+        """Begin a turn by `wanted` (B,) rad, or by as much of it as the table has, for the fish of the mask (B,)."""
+        table = self.tables.turns.values
+        size = np.minimum(np.abs(wanted), table[-1, 0])
+        rows = scaled_turns(self.tables.turns, size)
+        side = np.sign(wanted)
+        self.rows = np.where(which[:, None], rows, self.rows)
+        self.side = np.where(which, side, self.side)
+        self.since = np.where(which, 0.0, self.since)
+        self.turning |= which
+        start = rows[:, 7] + 0.25 * (1.0 - side)  # a right turn is the mirror image: half a beat later
+        self.beats = np.where(which[:, None], start[:, None], self.beats)
+
+    def contract(self, aim: Aim) -> np.ndarray:
+        """Contraction of every muscle at the end of the coming interval, (B,M) in [0, 1]."""
+        habits = self.habits
+        swims = self.tables.swims.at(aim.speed)
+        swims[self.turning] = self.tables.swims.values[-1]
+        self.since += self.interval
+        self.beats += self.interval * swims[:, (2, 4)]
+        bend, part = turn_mc(self.rows, self.side, self.since)
+        part = np.maximum(part, habits.strokes)
+        trim = np.clip(habits.trim * self.mean_error(), -habits.most_trim, habits.most_trim) * ~self.turning
+        pairs = bend + part[:, None, None] * swim_mc(self.tables, swims, self.beats)
+        pairs[:, :2, 0] += np.maximum(trim, 0.0)[:, None]
+        pairs[:, :2, 1] += np.maximum(-trim, 0.0)[:, None]
+        pairs[(aim.speed <= 0.0) & ~self.turning] = glide_mc(1)
+        pitch = np.clip(habits.pitch * aim.climb, -habits.most_pitch, habits.most_pitch) * self.can_pitch
+        lift = np.maximum(np.stack([pitch, -pitch], axis=1), 0.0)
+        return np.clip(spread(self.fish, pairs) + lift[:, self.level], 0.0, 1.0)
+
+
+def bearing(vector: np.ndarray) -> np.ndarray:
+    """Angle (B,) rad of vectors (B,3) from straight ahead, positive to the left."""
+    return np.arctan2(vector[:, 1], vector[:, 0])
+
+
+def climb(vector: np.ndarray) -> np.ndarray:
+    """How far a fish must pitch up to point along vectors (B,3), (B,) rad; 0 for those abeam or behind: turn first."""
+    size = np.linalg.norm(vector, axis=1) + 1e-9
+    return np.arcsin(vector[:, 2] / size) * np.clip(vector[:, 0] / size, 0.0, 1.0)
+
+
+def aim_heading(obs: np.ndarray) -> Aim:
+    """At the commanded heading, the last three numbers of the observation, as fast as possible."""
+    wanted = obs[:, -3:].astype(float)
+    return Aim(bearing(wanted), climb(wanted), np.full(len(obs), np.inf))
+
+
+def aim_velocity(obs: np.ndarray, mass: np.ndarray, haste: float = 2.0) -> Aim:
+    """At the commanded velocity, of fish with node masses (N,): the faster, the further they are behind it."""
+    wanted = obs[:, -3:].astype(float)
+    speed = np.linalg.norm(wanted, axis=1)
+    nodes = mass.size
+    own = mass @ obs[:, 3 * nodes : 6 * nodes].reshape(-1, nodes, 3).astype(float) / mass.sum()
+    along = (own * wanted).sum(axis=1) / speed
+    return Aim(bearing(wanted), climb(wanted), np.maximum(speed + haste * (speed - along), 0.0))
+
+
+def aim_target(obs: np.ndarray, dimensions: int, ahead: float = 0.65) -> Aim:
+    """At the target, counted from where the fish will be up to `ahead` body lengths on: it swims on while it turns."""
+    way = obs[:, -3:].astype(float)
+    nearer = way.copy()
+    nearer[:, 0] -= ahead * np.clip(np.abs(bearing(way)) / (np.pi / 2), 0.0, 1.0)
+    return Aim(bearing(nearer), climb(way) * (dimensions == 3), np.full(len(obs), np.inf))
+
+
+@dataclass(frozen=True)
+class Caution:
+    """How an obstacle is passed."""
+
+    radius: float
+    """Of the obstacle, body lengths."""
+    room: float = 0.35
+    """Water to be left between it and the line on which the fish's centre will pass, body lengths."""
+    speed: float = 1.8
+    """Speed at which the fish reckons with going on, body lengths per second."""
+    horizon: float = 1.2
+    """How far it looks ahead, s."""
+
+
+COURSES = np.radians(np.arange(-105.0, 106.0, 15.0))  # rad off the commanded heading, from which one is chosen
+
+
+def aim_past(obs: np.ndarray, caution: Caution) -> Aim:
+    """Along the course nearest to the commanded heading that passes the obstacle; the heading itself if there is none.
+
+    For each of the COURSES the nearest approach of a fish that swims straight on to an obstacle that drifts on is
+    reckoned; a course that is too near costs the more the nearer it passes.
+    """
+    heading, near, drift = obs[:, None, -9:].astype(float).reshape(len(obs), 1, 3, 3).transpose(2, 0, 1, 3)[..., :2]
+    nearness = np.hypot(*np.moveaxis(near, -1, 0))  # (B,1)
+    seen = nearness > 0
+    safe = np.where(seen, nearness, 1.0)
+    way = near / safe[..., None] * (1.0 / safe - 1.0 + caution.radius)[..., None]
+    course = np.arctan2(heading[..., 1], heading[..., 0]) + COURSES  # (B,K)
+    closing = caution.speed * np.stack([np.cos(course), np.sin(course)], axis=-1) - drift
+    when = np.clip((way * closing).sum(-1) / np.maximum((closing**2).sum(-1), 1e-9), 0.0, caution.horizon)
+    miss = np.linalg.norm(way - closing * when[..., None], axis=-1)
+    short = np.maximum(caution.radius + caution.room - miss, 0.0) * seen
+    cost = np.abs(COURSES) + 0.3 * np.abs(wrapped(course)) + 20.0 * short
+    best = course[np.arange(len(obs)), np.where(seen[:, 0], cost.argmin(axis=1), COURSES.size // 2)]
+    return Aim(wrapped(best), climb(obs[:, -9:-6].astype(float)), np.full(len(obs), np.inf))
+
+
+HABITS = {
+    SwimTask: Habits(),
+    CommandedTurns: Habits(),
+    TargetTask: Habits(strokes=0.0, trim=0.6, pitch=2.0),  # a tight turn is worth more than speed
+    AvoidTask: Habits(strokes=0.6, trim=0.6),
+}
+"""What serves each task best, tried by hand on episodes that are neither those of training nor of evaluation."""
+
+
+def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habits | None = None) -> Sequencer:
+    """The sequenced motor controllers for the task of an environment, as a controller (`agents/evaluate.py`).
+
+    Raises:
+        ValueError: for a task that they cannot do.
+    """
+    task, mass = env.task, env.tank.fish.body.mass
+    if isinstance(task, TargetTask):
+        kind, aim = TargetTask, partial(aim_target, dimensions=task.dimensions)
+    elif isinstance(task, AvoidTask):
+        kind, aim = AvoidTask, partial(aim_past, caution=Caution(task.radius))
+    elif isinstance(task, SwimTask):
+        kind, aim = SwimTask, aim_heading if task.speed is None else partial(aim_velocity, mass=mass)
+    elif isinstance(task, CommandedTurns):
+        kind, aim = CommandedTurns, aim_heading
+    else:
+        names = ", ".join(sorted(cls.__name__ for cls in TASKS.values()))
+        raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
+    return Sequencer(env, aim, load_tables() if tables is None else tables, HABITS[kind] if habits is None else habits)
+
+
+def random_actions(env: FishVectorEnv, seed: int = 0):
+    """A controller that draws every action anew, uniformly from the whole range, whatever the fish sees."""
+    generator = np.random.default_rng(seed)
+    return lambda obs, time: generator.uniform(-1.0, 1.0, env.action_space.shape)

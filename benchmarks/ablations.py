@@ -1,0 +1,100 @@
+"""What each choice of the training is worth: LeftAfterRight-v0 learnt with one choice undone at a time.
+
+    python -m benchmarks.ablations     writes results/ablations.csv (about two minutes a choice and seed)
+
+A row is written as soon as it is known; rows that are there already are kept, so it can be stopped and goes on.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+from contextlib import ExitStack
+from dataclasses import replace
+from unittest.mock import patch
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from agents import build
+from agents.config import CONFIGS, TrainConfig
+from agents.evaluate import EPISODES, evaluate, make_eval_env, means, policy_controller
+from agents.results import read_rows
+from benchmarks.provenance import RESULTS, write_csv
+from fish_env.envs import FishVectorEnv
+from fish_env.tasks import rewards
+from fish_env.tasks.turns import CommandedTurns
+
+COMMAND = "python -m benchmarks.ablations"
+DECISIONS = 1_000_000
+BASE = CONFIGS["left_after_right"]
+
+
+def cosine(axes, heading):
+    """Alignment by the cosine, less 1: flat where the heading is nearly right."""
+    return (axes[:, 0] * heading).sum(axis=1) - 1.0
+
+
+def fine(options: dict) -> dict:
+    """The same episodes with decisions as often as the fish's own, 20 ms."""
+    changed = {name: value for name, value in options.items() if name != "control_interval"}
+    return changed | {"max_episode_steps": 2 * options["max_episode_steps"]}
+
+
+FINE = {"env_options": fine(BASE.env_options), "training_options": fine(BASE.training_options)}
+PAIRS = {"env_options": BASE.env_options | {"muscle_groups": "pairs"}}
+CHOICES: dict[str, tuple[dict, list]] = {
+    "as shipped": ({}, []),
+    "a policy that is not symmetric": ({"symmetric": False}, []),
+    "decisions every 20 ms, as many": (FINE, []),
+    "decisions every 20 ms, twice as many": (FINE | {"timesteps": 2 * DECISIONS}, []),
+    "noise on every muscle alone": ({}, [patch.object(build, "synergies", lambda env: np.eye(12)),
+                                         patch("agents.synergy.synergies", lambda env: np.eye(12))]),
+    "upper and lower muscles as one": (PAIRS, []),
+    "without seeing the vertical": ({}, [patch.object(build, "TILT_SCALE", 1e9)]),
+    "alignment weighed 1 instead of 5": ({}, [patch.object(CommandedTurns, "alignment_weight", 1.0)]),
+    "alignment by its cosine": ({}, [patch.object(rewards, "alignment", cosine)]),
+    "whole episodes, commands as in the task": ({"training_options": {}}, []),
+    "all episodes beginning together": ({}, [patch.object(FishVectorEnv, "stagger", lambda self: None)]),
+}  # fmt: skip
+"""Fields of `TrainConfig` and patches that undo a choice."""
+
+
+def learn(config: TrainConfig, seed: int) -> dict[str, float]:
+    """Train and measure."""
+    env = build.make_env(config, config.num_envs, seed)
+    model = build.make_model(config, env, seed)
+    model.learn(config.timesteps)
+    policy = policy_controller(build.export_policy(model, {}))
+    return means(evaluate(policy, make_eval_env(config.env_id, EPISODES, config.env_options)))
+
+
+def main() -> None:
+    """Every choice that is not in the file yet."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=2, help="seeds a choice (default 2)")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    path = RESULTS / "ablations.csv"
+    rows = read_rows(path) if path.exists() else []
+    done = {(row["choice"], int(row["seed"])) for row in rows}
+    todo = [(name, seed) for seed in range(arguments.seeds) for name in CHOICES if (name, seed) not in done]
+    for name, seed in tqdm(todo, unit=" runs"):
+        fields, patches = CHOICES[name]
+        with ExitStack() as stack:
+            for change in patches:
+                stack.enter_context(change)
+            found = learn(replace(BASE, **({"timesteps": DECISIONS} | fields)), seed)
+        kept = ("success", "latency", "overshoot", "heading_error", "radius", "speed")
+        rows.append({"choice": name, "seed": seed} | {metric: found[metric] for metric in kept})
+        write_csv("ablations.csv", rows, COMMAND)
+        tqdm.write(str(rows[-1]))
+
+
+if __name__ == "__main__":
+    main()
