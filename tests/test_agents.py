@@ -224,15 +224,18 @@ def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
     page = tmp_path / "results.md"
     page.write_text("before <!-- swim --> old <!-- end --> after")
     monkeypatch.setattr(results, "PAGE", page)
+    monkeypatch.setattr(results, "README", tmp_path / "README.md")
+    results.README.write_text("<!-- summary -->\nold\n<!-- end -->")
     for seed in range(2):
         training.train("swim", seed, folder=tmp_path / "runs" / "swim" / f"seed_{seed}", pictures=False, **SHORT)
     results.publish(tmp_path / "runs", ["swim"])
     assert (
         "| PPO, 2 seeds |" in page.read_text() and "old" not in page.read_text() and page.read_text().endswith("after")
     )
+    assert "[`Swim-v0`](docs/envs/swim.md)" in results.README.read_text() and "old" not in results.README.read_text()
     assert load_policy(tmp_path / "pretrained" / "swim" / "policy.npz")
     assert [row["seed"] for row in results.read_rows(tmp_path / "learning" / "swim_seeds.csv")] == ["0", "1"]
-    with pytest.raises(FileNotFoundError, match="no run of swim in .* is finished"):
+    with pytest.raises(FileNotFoundError, match=r"no run of swim in .* is finished"):
         results.publish(tmp_path / "nowhere", ["swim"])
 
 
