@@ -186,6 +186,22 @@ def test_alignment_is_linear_in_the_angle():
     np.testing.assert_allclose(found, np.linspace(0, -2, 7), atol=1e-7)
 
 
+def test_turning_too_far_costs():
+    """The overshoot term is the mean heading beyond the commanded turn, and nothing before that."""
+    env = FishVectorEnv(2, task="turn")
+    env.reset(seed=0, options={"yaw": 0.5, "turn": -0.8, "wait": 0.02})
+    paid = []
+    for k in range(40):
+        spun(env, [0.5 - min(0.03 * k, 1.0), 0.5 - min(0.03 * k, 0.7)])
+        paid.append(decide(env)["overshoot"])
+    paid = np.array(paid)
+    assert (paid[:20] == 0).all() and (paid[:, 1] == 0).all()
+    spun(env, [-0.5, -0.2])
+    for _ in range(13):
+        last = decide(env)["overshoot"]
+    assert last[0] == pytest.approx(-turns.OVERSHOOT_WEIGHT * 0.02 * 2 / np.pi * 0.2, rel=1e-6)
+
+
 # Strain and work
 
 

@@ -1,4 +1,4 @@
-"""What a fish sees (its nodes in its own frame, its muscles, the vertical, what is asked; one float32 row) and what it does."""
+"""What a fish sees (nodes in its own frame, muscles, the vertical, what is asked; one float32 row) and what it does."""
 
 import math
 

@@ -16,6 +16,7 @@ from fish_env.tasks.rewards import wrapped
 from fish_env.tasks.start import POSE_OPTIONS, level, place
 
 ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the price of pointing across the commanded heading
+OVERSHOOT_WEIGHT = 10.0  # body lengths a second, the price of having turned a right angle too far
 EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 COMPLETE = 0.9  # part of a turn after which it counts as made
 SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
@@ -120,6 +121,18 @@ def mean_facing(course, b):
     return total / kept if kept > 0 else course.facing[b]
 
 
+@njit
+def too_far(course):
+    """How far each fish has turned beyond its last command, on average over a beat, (B,) rad; 0 before it is made."""
+    out = np.zeros(course.yaw.size)
+    for b in range(out.size):
+        if course.stage[b] > 0:
+            wanted = course.angle[b, course.stage[b] - 1]
+            turned = (mean_facing(course, b) - course.origin[b]) * (1.0 if wanted > 0.0 else -1.0)
+            out[b] = max(turned - abs(wanted), 0.0)
+    return out
+
+
 class CommandedTurns:
     """Swim along a commanded heading that changes: the part that tasks with commanded turns share.
 
@@ -128,7 +141,7 @@ class CommandedTurns:
 
     most_turns = 1
     alignment_weight = ALIGNMENT_WEIGHT
-    term_names = ("progress", "alignment", "effort")
+    term_names = ("progress", "alignment", "effort", "overshoot")
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
 
     def prepare(self, tank, interval):
@@ -168,12 +181,14 @@ class CommandedTurns:
         return self._heading[:, None]
 
     def reward(self, tank, pose):
-        """Progress along the commanded heading and pointing along it, less the effort; then the course goes on."""
+        """Progress along the commanded heading, less what pointing elsewhere and effort cost; on with the course."""
         terms = {
             "progress": rewards.progress(pose.centre, self._before, self._heading, tank.fish.length),  # (19)
             "alignment": rewards.alignment(pose.axes, self._heading) * (self.alignment_weight * self.interval),  # (40)
             "effort": tank.effort * (-EFFORT_WEIGHT * self.interval),  # (20)
         }
+        if "overshoot" in self.term_names:
+            terms["overshoot"] = too_far(self.course) * (-2.0 / np.pi * OVERSHOOT_WEIGHT * self.interval)  # (45)
         measure_load(tank, self.load)
         follow(self.course, self.record, pose.axes, pose.centre, pose.velocity, self._before, self.interval)
         self._before[:] = pose.centre
