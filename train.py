@@ -97,7 +97,9 @@ def main() -> int:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"\nStopped. Go on with: python train.py {' '.join(sys.argv[1:])}", file=sys.stderr)
+        print("\nStopped.", file=sys.stderr)
+        if arguments.command == "all":
+            print(f"Go on with: python train.py {' '.join(sys.argv[1:])}", file=sys.stderr)
         return 130
     return 0
 

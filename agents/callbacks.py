@@ -49,11 +49,11 @@ class LearningCurve(BaseCallback):
 
     def _on_training_start(self) -> None:
         self._begin, self._infos = time.perf_counter(), []
-        if not self.path.exists():
-            self.path.write_text("timesteps,seconds,episodes,score,return\n")
-        last = self.path.read_text().splitlines()[-1].split(",")
-        if last[1] != "seconds":  # a run that goes on
-            self._begin -= float(last[1])
+        lines = self.path.read_text().splitlines() if self.path.exists() else []
+        rows = [line for line in lines[1:] if int(line.split(",")[0]) <= self.num_timesteps]  # what the model has seen
+        self.path.write_text("\n".join(["timesteps,seconds,episodes,score,return", *rows, ""]))
+        if rows:  # a run that goes on
+            self._begin -= float(rows[-1].split(",")[1])
 
     def _on_step(self) -> bool:
         self._infos += [info for info in self.locals["infos"] if info]
@@ -86,7 +86,7 @@ class Checkpoint(BaseCallback):
 
     def __init__(self, path: Path, seconds: float = 30.0):
         super().__init__()
-        self.path, self.seconds = path, seconds
+        self.path, self.seconds, self.learnt = path, seconds, 0
 
     def _on_training_start(self) -> None:
         self._last = time.perf_counter()
@@ -95,6 +95,7 @@ class Checkpoint(BaseCallback):
         return True
 
     def _on_rollout_start(self) -> None:
+        self.learnt = self.num_timesteps
         if time.perf_counter() - self._last > self.seconds:
             save_whole(self.model, self.path)
             self._last = time.perf_counter()

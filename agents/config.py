@@ -34,15 +34,31 @@ class TrainConfig:
     symmetric: bool = True
     """Whether the policy is symmetric by construction (`agents/mirror.py`)."""
 
-    @property
-    def task_options(self) -> dict[str, Any]:
-        """What the keywords say of the task alone: other controllers keep the fish's own control interval."""
-        own = ("control_interval", "max_episode_steps", "muscle_groups")
-        return {name: value for name, value in self.env_options.items() if name not in own}
-
     def discount(self, control_interval: float) -> float:
         """The discount factor for decisions `control_interval` seconds apart."""
         return math.exp(-control_interval / self.horizon)
+
+
+def settings_of(record: dict[str, Any]) -> TrainConfig:
+    """The settings that `config.json` of a run holds, as JSON gave them back.
+
+    Raises:
+        ValueError: if they are of another version of this program.
+    """
+    try:
+        lists = {name: _tuples(value) for name, value in record.items()}
+        return TrainConfig(**lists)
+    except TypeError as error:
+        raise ValueError(
+            f"the settings {sorted(record)} are not those of this version ({error}); train anew"
+        ) from error
+
+
+def _tuples(value):
+    """Lists as tuples, also inside of dicts: what they were before they became JSON."""
+    if isinstance(value, dict):
+        return {name: _tuples(inner) for name, inner in value.items()}
+    return tuple(value) if isinstance(value, list) else value
 
 
 @dataclass(frozen=True)

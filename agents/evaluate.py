@@ -26,9 +26,41 @@ def gait_controller(gait: Gait, env: FishVectorEnv) -> Controller:
     return lambda obs, time: gait.action(fish, time + env.control_interval)[first]
 
 
-def policy_controller(policy) -> Controller:
-    """A policy as a controller: the time is not looked at."""
-    return lambda obs, time: policy(obs)
+def policy_controller(policy, env: FishVectorEnv) -> Controller:
+    """A policy in an environment that may decide more often than the policy does.
+
+    In between, the muscles go straight on to where it sent them, which is what they do within one interval of the
+    environment that it was trained in: the motion is the same, only more of it is seen.
+
+    Raises:
+        ValueError: if the policy decides more often than the environment, or does not fit it.
+    """
+    policy.check(env.single_observation_space, env.single_action_space)
+    interval = policy.about.get("env_options", {}).get("control_interval", env.tank.fish.control_interval)
+    every = round(interval / env.control_interval)
+    if every < 1 or abs(every * env.control_interval - interval) > 1e-9:
+        raise ValueError(
+            f"the policy decides every {interval:g} s, the environment every {env.control_interval:g} s; "
+            "give an interval that goes into the policy's a whole number of times"
+        )
+    groups = env.groups
+    muscles = 6 * env.tank.fish.body.mass.size + np.array([np.argmax(groups == g) for g in range(groups.max() + 1)])
+    goal = np.zeros(0)
+
+    def act(obs: np.ndarray, time: float) -> np.ndarray:
+        nonlocal goal
+        since = round(time / env.control_interval) % every
+        if since == 0:
+            goal = policy(obs)
+        present = obs[:, muscles]  # rest lengths are seen on the scale of actions
+        return present + (goal - present) / (every - since)
+
+    return act
+
+
+def measuring(options: dict[str, Any]) -> dict[str, Any]:
+    """Options of an environment less those of its clock: all controllers are measured with the fish's own interval."""
+    return {name: value for name, value in options.items() if name not in ("control_interval", "max_episode_steps")}
 
 
 def make_eval_env(env_id: str, num_envs: int, options: dict[str, Any]) -> FishVectorEnv:

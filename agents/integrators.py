@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from agents.evaluate import FIRST_SEED, Scores, episode_scores
+from agents.evaluate import FIRST_SEED, Scores, episode_scores, policy_controller
 from agents.report import opened, pyplot, shipped
 from agents.results import rounded
 from benchmarks.provenance import RESULTS, write_csv
@@ -20,7 +20,7 @@ FINER = 8  # the reference takes this part of the fish's own step
 
 
 def settings(fish) -> list[tuple[str, float]]:
-    """Methods and steps to replay with, the reference first: each method at its own step and at half of it."""
+    """Methods and steps, the reference first: each method at its own step and half of it, the default coarser too."""
     from fish_env.tank import own_step
 
     own = fish.control_interval / fish.time_step
@@ -38,11 +38,13 @@ def settings(fish) -> list[tuple[str, float]]:
 def replay(path: Path, integrator: str, dt: float, episodes: int) -> tuple[Scores, np.ndarray]:
     """Scores (B,) and path (T,B,3), body lengths, of the policy under a method and step; the path ends in NaN."""
     _, policy, env = opened(path, episodes, integrator=integrator, dt=dt)
+    controller = policy_controller(policy, env)
     obs, _ = env.reset(seed=FIRST_SEED)
-    done = np.zeros(env.num_envs, dtype=bool)
+    done, time = np.zeros(env.num_envs, dtype=bool), 0.0
     results, track = [{}] * env.num_envs, []
     while not done.all():
-        obs, _, terminated, truncated, infos = env.step(policy(obs, 0.0))
+        obs, _, terminated, truncated, infos = env.step(controller(obs, time))
+        time += env.control_interval
         over = (terminated | truncated) & ~done
         for i in np.flatnonzero(over):
             results[i] = episode_scores(infos["final_info"], i)
@@ -84,7 +86,7 @@ def differences(scores: Scores, track: np.ndarray, reference: Scores, reference_
     success = "success" if "success" in scores else None
     return {
         "return": rounded(total),
-        "return_change": rounded(total / wanted - 1.0),
+        "return_change": rounded((total - wanted) / abs(wanted)),
         "success": rounded(scores[success].mean()) if success else "",
         "success_change": rounded(scores[success].mean() - reference[success].mean()) if success else "",
         "path_difference": rounded(float(np.median(np.nanmax(apart[:, known], axis=0)))) if known.any() else "",

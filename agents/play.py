@@ -6,6 +6,8 @@ from pathlib import Path
 
 import gymnasium as gym
 
+from agents.config import RESULTS
+from agents.evaluate import measuring, policy_controller
 from agents.policy import load_policy
 from fish_env.render import WindowClosed
 
@@ -21,19 +23,23 @@ def play(path: Path, seed: int = 0, episodes: int = 3, video: Path | None = None
     if video is None and headless and "SDL_VIDEODRIVER" not in os.environ:
         raise ValueError(f"there is no display; write a video instead: python train.py play {path} --video swim.mp4")
     mode = "human" if video is None else "rgb_array"
-    env = gym.make(policy.about["env_id"], render_mode=mode, **policy.about["env_options"])
-    frames = []
+    env = gym.make(policy.about["env_id"], render_mode=mode, **measuring(policy.about["env_options"]))
+    controller = policy_controller(policy, env.unwrapped.fish)
+    task, frames = policy.about.get("task"), []
+    headline = RESULTS[task].metrics if task in RESULTS else ("speed",)
     try:
         for episode in range(episodes):
             obs, _ = env.reset(seed=seed + episode)
-            over = False
+            over, time = False, 0.0
             while not over:
-                obs, _, terminated, truncated, info = env.step(policy(obs))
+                obs, _, terminated, truncated, _ = env.step(controller(obs[None], time)[0])
+                time += env.unwrapped.fish.control_interval
                 over = terminated or truncated
                 if video is not None:
                     frames.append(env.render())
-            print(f"episode {episode}: {info['speed']:.2f} body lengths/s along the heading"
-                  + (f"; ended by {info['failure']}" if "failure" in info else ""))  # fmt: skip
+            found = env.unwrapped.episode_info()
+            said = ", ".join(f"{name} {found[name]:.2f}" for name in headline if name in found)
+            print(f"episode {episode}: {said}" + (f"; ended by {found['failure']}" if "failure" in found else ""))
     except (KeyboardInterrupt, WindowClosed):
         print("stopped")
     finally:

@@ -30,6 +30,15 @@ class Policy:
             h = np.tanh(h @ weight + bias)
         return np.clip(h @ self.weights[-1] + self.biases[-1], -1.0, 1.0)
 
+    def check(self, observations, actions) -> None:
+        """ValueError unless the policy is made for such observations and actions, `Box` spaces of one fish."""
+        wanted, given = (self.weights[0].shape[0], self.weights[-1].shape[1]), (*observations.shape, *actions.shape)
+        if wanted != given:
+            raise ValueError(
+                f"the policy turns {wanted[0]} numbers into {wanted[1]} actions; the environment shows {given[0]} and "
+                f"takes {given[1]}: train a new one, or give the options it was trained with"
+            )
+
     def save(self, path: Path) -> None:
         """Write the policy; nothing in the file is pickled."""
         arrays = {f"weight{k}": weight for k, weight in enumerate(self.weights)}

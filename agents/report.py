@@ -17,10 +17,11 @@ from agents.evaluate import (
     gait_controller,
     make_eval_env,
     means,
+    measuring,
     policy_controller,
 )
 from agents.play import write_video
-from agents.policy import load_policy
+from agents.policy import Policy, load_policy
 from fish_env.envs import FishVectorEnv
 
 PRETRAINED = Path(__file__).parent / "pretrained"
@@ -35,21 +36,17 @@ def baselines(env: FishVectorEnv) -> dict[str, Controller]:
     }
 
 
-def measured(config: TrainConfig, policies: dict[str, Controller], beside: bool) -> dict[str, dict]:
-    """Means over the evaluation episodes of policies, after those of the baselines with the fish's own interval."""
-    rows = {}
-    if beside:
-        env = make_eval_env(config.env_id, EPISODES, config.task_options)
-        rows = {name: means(evaluate(controller, env)) for name, controller in baselines(env).items()}
-    env = make_eval_env(config.env_id, EPISODES, config.env_options)
-    return rows | {name: means(evaluate(policy, env)) for name, policy in policies.items()}
+def measured(env: FishVectorEnv, policies: dict[str, Policy], beside: bool) -> dict[str, dict]:
+    """Means over the evaluation episodes of policies, after those of the baselines."""
+    controllers = (baselines(env) if beside else {}) | {n: policy_controller(p, env) for n, p in policies.items()}
+    return {name: means(evaluate(controller, env)) for name, controller in controllers.items()}
 
 
 def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bool = True) -> None:
     """Evaluate on fixed seeds; write results.json and the pictures, print the table and the command to play it."""
-    policy = policy_controller(load_policy(folder / "policy.npz", config.env_id))
-    controllers = {"untrained policy": policy_controller(untrained(config, seed))} if pictures else {}
-    rows = measured(config, controllers | {"trained policy": policy}, pictures)
+    policy = load_policy(folder / "policy.npz", config.env_id)
+    policies = ({"untrained policy": untrained(config, seed)} if pictures else {}) | {"trained policy": policy}
+    rows = measured(make_eval_env(config.env_id, EPISODES, measuring(config.env_options)), policies, pictures)
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
     (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
     if not pictures:
@@ -105,14 +102,13 @@ def draw_curve(data: Path, picture: Path, metric: str, rows: dict[str, dict]) ->
     plt.close(figure)
 
 
-def draw_path(config: TrainConfig, policy: Controller, beside: str, picture: Path, fish: int = 6) -> None:
+def draw_path(config: TrainConfig, policy: Policy, beside: str, picture: Path, fish: int = 6) -> None:
     """Paths of a few fish, by the policy and by a baseline, seen from above, each setting out to the right."""
     plt = pyplot()
     figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
     for colour, name in (("#c0562f", beside), ("#0b7a99", "trained policy")):
-        options = config.env_options if name == "trained policy" else config.task_options
-        env = make_eval_env(config.env_id, fish, options | {"info_every_step": True})
-        controller = policy if name == "trained policy" else baselines(env)[beside]
+        env = make_eval_env(config.env_id, fish, measuring(config.env_options) | {"info_every_step": True})
+        controller = policy_controller(policy, env) if name == "trained policy" else baselines(env)[beside]
         for i, track in enumerate(swum_tracks(controller, env)):
             axes.plot(*track.T, color=colour, lw=1.2, label=name if i == 0 else None)
     axes.set(xlabel="along the first command, body lengths", ylabel="across, body lengths", aspect="equal")
@@ -141,9 +137,10 @@ def swum_tracks(controller: Controller, env: FishVectorEnv) -> list[np.ndarray]:
     ]
 
 
-def record_video(config: TrainConfig, controller: Controller, path: Path, seconds: float = 6.0) -> None:
+def record_video(config: TrainConfig, policy: Policy, path: Path, seconds: float = 6.0) -> None:
     """One episode as an .mp4 at half speed (a tail beats faster than the eye follows)."""
-    env = make_eval_env(config.env_id, 1, config.env_options | {"render_mode": "rgb_array"})
+    env = make_eval_env(config.env_id, 1, measuring(config.env_options) | {"render_mode": "rgb_array"})
+    controller = policy_controller(policy, env)
     obs, _ = env.reset(seed=FIRST_SEED)
     frames, time = [env.render()[0]], 0.0
     while time < seconds:
@@ -171,15 +168,15 @@ def shipped() -> list[Path]:
     return sorted(PRETRAINED.glob("*/policy.npz"))
 
 
-def opened(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Controller, FishVectorEnv]:
+def opened(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Policy, FishVectorEnv]:
     """A policy file: its task, the policy, and an environment to measure it in; `changes` are options of that."""
     policy = load_policy(path)
     task = policy.about.get("task")
     if task not in CONFIGS:
         raise ValueError(f"{path} is for task {task!r}; known are {', '.join(CONFIGS)}")
     changes = {name: value for name, value in changes.items() if value is not None}
-    env = make_eval_env(policy.about["env_id"], episodes, dict(policy.about["env_options"]) | changes)
-    return task, policy_controller(policy), env
+    env = make_eval_env(policy.about["env_id"], episodes, measuring(policy.about["env_options"]) | changes)
+    return task, policy, env
 
 
 def measure(paths: list[Path], **options) -> dict[Path, dict]:
@@ -187,7 +184,7 @@ def measure(paths: list[Path], **options) -> dict[Path, dict]:
     rows = {}
     for path in paths:
         task, policy, env = opened(path, **options)
-        rows[path] = means(evaluate(policy, env))
+        rows[path] = means(evaluate(policy_controller(policy, env), env))
         print_table(task, {task: rows[path]})
     return rows
 
@@ -196,7 +193,7 @@ def compare(paths: list[Path]) -> dict[Path, dict]:
     """Measure policy files (or those that are shipped) on the fixed seeds beside the controllers without learning."""
     found = {}
     for path in paths or shipped():
-        task, policy, _ = opened(path, 1)
-        found[path] = measured(CONFIGS[task], {"trained policy": policy}, beside=True)
+        task, policy, env = opened(path)
+        found[path] = measured(env, {"trained policy": policy}, beside=True)
         print_table(task, found[path])
     return found

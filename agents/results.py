@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.bound import possible
 from agents.config import CONFIGS, RESULTS
-from agents.evaluate import EPISODES, Scores, evaluate, make_eval_env, policy_controller
+from agents.evaluate import EPISODES, Scores, evaluate, make_eval_env, measuring, policy_controller
 from agents.policy import load_policy
 from agents.report import PRETRAINED, baselines, pyplot
 from benchmarks import provenance
@@ -67,24 +67,23 @@ def publish(root: Path, tasks=None) -> None:
     if all((LEARNING / f"{task}_curves.csv").exists() for task in CONFIGS):
         draw_curves(IMAGES / "curves.svg")
     PAGE.write_text(filled(PAGE.read_text()))
-    README.write_text(
-        re.sub(r"(?<=<!-- summary -->\n).*?(?=<!-- end -->)", summary(), README.read_text(), flags=re.DOTALL)
-    )
+    pattern = r"(?<=<!-- summary -->\n).*?(?=<!-- end -->)"
+    README.write_text(re.sub(pattern, lambda _: summary(), README.read_text(), flags=re.DOTALL))
 
 
 def publish_task(task: str, runs: list[Path]) -> None:
     """Measure the seeds of a task and the controllers without learning, under every condition; write it all down."""
     config, result = CONFIGS[task], RESULTS[task]
-    policies = [policy_controller(load_policy(run / "policy.npz", config.env_id)) for run in runs]
+    policies = [load_policy(run / "policy.npz", config.env_id) for run in runs]
     seed_rows, method_rows, generator = [], [], np.random.default_rng(0)
     for condition, (keywords, options) in {"": ({}, {}), **result.conditions}.items():
-        env = make_eval_env(config.env_id, EPISODES, config.task_options | keywords)
+        env = make_eval_env(config.env_id, EPISODES, measuring(config.env_options) | keywords)
         methods = {name: [evaluate(controller, env, options=options)] for name, controller in baselines(env).items()}
-        where = possible(env, options) if task == "avoid" else None
-        env = make_eval_env(config.env_id, EPISODES, config.env_options | keywords)
-        methods["PPO"] = [evaluate(policy, env, options=options) for policy in policies]
-        if where is not None:
-            for scores in (scores for found in methods.values() for scores in found):
+        methods["PPO"] = [evaluate(policy_controller(policy, env), env, options=options) for policy in policies]
+        if task == "avoid":
+            everyone = [scores for found in methods.values() for scores in found]
+            where = possible(env, options) | np.any([scores["avoided"] > 0 for scores in everyone], axis=0)
+            for scores in everyone:
                 scores["avoided_possible"] = np.where(where, scores["avoided"], np.nan)
         seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]
         for method, found in methods.items():
@@ -122,14 +121,14 @@ def interquartile_mean(values: np.ndarray) -> float:
 def interval(scores: list[Scores], metric: str, generator: np.random.Generator) -> tuple[float, float, float]:
     """Interquartile mean over seeds of their means, and its 95 % bootstrap interval.
 
-    Seeds are drawn anew with replacement, and the episodes of each; a method without seeds only draws episodes.
+    Seeds are drawn anew with replacement, and episodes, the same for all seeds: these have all played the same ones. A
+    method without seeds only draws episodes.
     """
     kept = [{name: s[name] for name in {metric, "seconds", "targets"} & s.keys()} for s in scores]
     count, found = len(scores[0]["return"]), np.empty(RESAMPLES)
     for k in range(RESAMPLES):
-        means = []
+        means, pick = [], generator.integers(count, size=count)
         for s in generator.integers(len(kept), size=len(kept)):
-            pick = generator.integers(count, size=count)
             means.append(seed_mean({name: values[pick] for name, values in kept[s].items()}, metric))
         found[k] = interquartile_mean(np.array(means))
     found = found[np.isfinite(found)]
@@ -142,16 +141,17 @@ def seed_row(run: Path, condition: str, scores: Scores) -> dict:
     config = json.loads((run / "config.json").read_text())
     rows = read_rows(run / "curve.csv")
     row = {"condition": condition, "seed": config["seed"], "timesteps": config["config"]["timesteps"],
-           "training_seconds": round(float(rows[-1]["seconds"])), "commit": config["commit"]}  # fmt: skip
+           "training_seconds": round(float(rows[-1]["seconds"])), "resumed": config.get("resumed", 0),
+           "commit": config["commit"]}  # fmt: skip
     return row | {
         name: rounded(seed_mean(scores, name)) for name in (*scores, *(["time_per_target"] * ("targets" in scores)))
     }
 
 
 def ship(runs: list[Path], scores: list[Scores], metric: str, folder: Path) -> None:
-    """Copy the policy and the configuration of the seed with the median score (of equals, the median return)."""
+    """Copy policy and configuration of the seed with the median score (the lower of two; of equals, by return)."""
     keys = [(round(seed_mean(found, metric), 6), seed_mean(found, "return")) for found in scores]
-    median = sorted(range(len(runs)), key=lambda k: keys[k])[len(runs) // 2]
+    median = sorted(range(len(runs)), key=lambda k: keys[k])[(len(runs) - 1) // 2]
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("policy.npz", "config.json"):
         shutil.copy(runs[median] / name, folder / name)
@@ -210,7 +210,8 @@ def summary() -> str:
         for metric in result.headline if rows else ():
             cells = {row["method"]: cell(row) for row in rows if (row["condition"], row["metric"]) == ("", metric)}
             name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
-            lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {' | '.join(map(cells.get, methods))} |")
+            found = " | ".join(cells.get(method, "-") for method in methods)
+            lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {found} |")
     return "\n" + "\n".join(lines) + "\n\n"
 
 

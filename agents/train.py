@@ -4,6 +4,7 @@ import json
 import os
 import sys
 import time
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -14,9 +15,14 @@ from stable_baselines3.common.callbacks import CallbackList
 
 from agents.build import export_policy, make_env, make_model
 from agents.callbacks import Checkpoint, LearningCurve, Progress, save_whole
-from agents.config import CONFIGS, RESULTS, TrainConfig
+from agents.config import CONFIGS, RESULTS, TrainConfig, settings_of
 from agents.report import report
 from benchmarks.provenance import provenance
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
 
 PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "torch")
 
@@ -55,73 +61,98 @@ def train(
         changes: fields of `TrainConfig` to use instead of the task's (None is ignored).
 
     Raises:
-        ValueError: for an unknown task or a setting that is not allowed.
+        ValueError: for an unknown task, a setting that is not allowed, or a folder that holds a run already.
         FileNotFoundError: if there is nothing to resume.
+        RuntimeError: if another program is training in the folder.
     """
     changes = {name: value for name, value in changes.items() if value is not None}
     if resume is None:
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
-        config = replace(CONFIGS[task], **changes)
-        folder = new_folder(root, task) if folder is None else Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        config, kept = replace(CONFIGS[task], **changes), None
+        if folder is not None and (Path(folder) / "model.zip").exists():
+            raise ValueError(f"{folder} holds a run; go on with: python train.py {task} --resume {folder}")
     else:
         folder = Path(resume)
-        config, seed = _resumable(folder, task, changes)
-    for name in ("timesteps", "num_envs"):
-        if getattr(config, name) < 1:
-            raise ValueError(f"{name} is {getattr(config, name)}; give a whole number, at least 1")
-    _write_config(folder, task, config, seed)
-    env = make_env(config, config.num_envs, seed)
-    if resume is None:
-        model = make_model(config, env, seed, folder / "tensorboard")
-    else:
-        model = PPO.load(folder / "model.zip", env, device="cpu")
-    finished = learn(model, config, folder, RESULTS[task].score)
-    env.close()
-    save_whole(model, folder / "model.zip")
-    export_policy(model, {"task": task, "env_id": config.env_id, "env_options": config.env_options}).save(
-        folder / "policy.npz"
-    )
-    if not finished:
-        print(f"\nStopped after {model.num_timesteps:,} decisions; what was learnt is kept in {folder}.")
-        print(f"Go on with:  python train.py {task} --resume {folder}")
-        print(f"See it swim: python train.py play {folder / 'policy.npz'}")
-        return folder
-    report(folder, task, config, seed, pictures)
+        config, kept = _resumable(folder, task, changes)
+        seed = kept["seed"]
+    for name, value in (("timesteps", config.timesteps), ("num_envs", config.num_envs), ("seed + 1", seed + 1)):
+        if value < 1:
+            raise ValueError(f"{name} is {value}; give a whole number, at least 1")
+    folder = new_folder(root, task) if folder is None else Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder):
+        _write_config(folder, task, config, seed, kept)
+        env = make_env(config, config.num_envs, seed)
+        if resume is None:
+            model = make_model(config, env, seed, folder / "tensorboard")
+        else:
+            model = PPO.load(folder / "model.zip", env, device="cpu")
+        finished = learn(model, config, folder, RESULTS[task].score)
+        env.close()
+        save_whole(model, folder / "model.zip")
+        about = {"task": task, "env_id": config.env_id, "env_options": config.env_options}
+        export_policy(model, about).save(folder / "policy.npz")
+        if not finished:
+            print(f"\nStopped after {model.num_timesteps:,} decisions; what was learnt is kept in {folder}.")
+            print(f"Go on with:  python train.py {task} --resume {folder}")
+            print(f"See it swim: python train.py play {folder / 'policy.npz'}")
+            return folder
+        try:
+            report(folder, task, config, seed, pictures)
+        except KeyboardInterrupt:
+            print(f"\nStopped while measuring. What was learnt is kept; measure it with: "
+                  f"python train.py {task} --resume {folder}")  # fmt: skip
     return folder
+
+
+@contextmanager
+def locked(folder: Path):
+    """Keep other programs from training in the folder; RuntimeError if one is at it. Ends when this program does."""
+    with (folder / "lock").open("w") as file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise RuntimeError(f"another program is training in {folder}; wait for it, or end it first") from error
+        yield
 
 
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C stopped it first."""
-    callbacks = CallbackList([Progress(), LearningCurve(folder / "curve.csv", score), Checkpoint(folder / "model.zip")])
+    checkpoint = Checkpoint(folder / "model.zip")
+    callbacks = CallbackList([Progress(), LearningCurve(folder / "curve.csv", score), checkpoint])
     left = config.timesteps - model.num_timesteps
     if left <= 0:
         return True
     try:
         model.learn(left, callbacks, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
     except KeyboardInterrupt:
+        model.num_timesteps = checkpoint.learnt  # what was seen since then was not learnt from
         return False
     return True
 
 
-def _resumable(folder: Path, task: str, changes: dict) -> tuple[TrainConfig, int]:
+def _resumable(folder: Path, task: str, changes: dict) -> tuple[TrainConfig, dict]:
     if not (folder / "model.zip").is_file() or not (folder / "config.json").is_file():
         raise FileNotFoundError(f"{folder} holds no model.zip and config.json to go on with; give the folder of a run")
     kept = json.loads((folder / "config.json").read_text())
     if kept["task"] != task:
         raise ValueError(f"{folder} is a run of task {kept['task']!r}, not {task!r}")
-    settings = kept["config"] | {"hidden": tuple(kept["config"]["hidden"])}
-    return replace(TrainConfig(**settings), **changes), kept["seed"]
+    return replace(settings_of(kept["config"]), **changes), kept
 
 
-def _write_config(folder: Path, task: str, config: TrainConfig, seed: int) -> None:
+def _write_config(folder: Path, task: str, config: TrainConfig, seed: int, kept: dict | None) -> None:
+    commit = provenance("")["commit"]
+    if kept is not None and commit not in kept["commit"].split(", "):
+        commit = f"{kept['commit']}, {commit}"
     record = {
         "task": task,
         "seed": seed,
         "config": asdict(config),
         "command": f"python train.py {task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}",
-        "commit": provenance("")["commit"],
+        "commit": commit,
+        "resumed": 0 if kept is None else kept.get("resumed", 0) + 1,
         "versions": {name: version(name) for name in PACKAGES} | {"python": sys.version.split()[0]},
         "threads": {"torch": torch.get_num_threads(), "processors": os.cpu_count()},
     }

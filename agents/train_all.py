@@ -1,19 +1,22 @@
-"""Train every task with all its seeds, a run on each processor; stop and go on at any time."""
+"""Train every task with all its seeds, a run on each processor; stop and go on at any time. For Linux and macOS."""
 
 import csv
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.config import CONFIGS, RESULTS
+from agents.config import CONFIGS, RESULTS, settings_of
 
 LOOK = 2.0  # s between two looks at the runs
+SCRIPT = Path(__file__).parent.parent / "train.py"
 
 
 @dataclass
@@ -40,12 +43,29 @@ class Job:
         except (OSError, IndexError, ValueError):
             return 0
 
+    def check(self) -> None:
+        """ValueError if what is in the folder was trained with other settings than the task has now."""
+        path = self.folder / "config.json"
+        if path.exists() and settings_of(json.loads(path.read_text())["config"]) != CONFIGS[self.task]:
+            raise ValueError(f"{self.folder} was trained with other settings; move it away, or give other --runs")
+
+    def command(self) -> list[str]:
+        """What begins the run, or goes on with it from its last checkpoint."""
+        how = "--resume" if (self.folder / "model.zip").exists() else "--folder"
+        return [
+            sys.executable,
+            str(SCRIPT),
+            self.task,
+            "--seed",
+            str(self.seed),
+            "--no-pictures",
+            how,
+            str(self.folder),
+        ]
+
     def start(self, processor: int | None) -> None:
-        """Begin the run, or go on with it from its last checkpoint, on one processor."""
+        """Run the command, on one processor."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        command = [sys.executable, "train.py", self.task, "--seed", str(self.seed), "--no-pictures"]
-        started = (self.folder / "model.zip").exists()
-        command += ["--resume" if started else "--folder", str(self.folder)]
 
         def prepare() -> None:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # a program in the background may have been told to ignore it
@@ -54,18 +74,8 @@ class Job:
 
         with (self.folder / "log.txt").open("a") as log:  # in a session of its own: Ctrl-C reaches it once, from here
             self.process = subprocess.Popen(
-                command, stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True
+                self.command(), stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True
             )
-        (self.folder / "process.txt").write_text(str(self.process.pid))
-
-    def check_free(self) -> None:
-        """RuntimeError if another program is training this run."""
-        try:
-            number = int((self.folder / "process.txt").read_text())
-            os.kill(number, 0)
-        except (OSError, ValueError):
-            return
-        raise RuntimeError(f"{self.folder} is being trained by process {number}; wait for it, or end it first")
 
 
 def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None) -> list[Path]:
@@ -78,13 +88,17 @@ def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None
         jobs: runs side by side; None for one a processor.
 
     Raises:
-        ValueError: for an unknown task.
-        RuntimeError: if a run fails; its log is named.
+        ValueError: for an unknown task, fewer than one job, or a run with other settings than its task has now.
+        RuntimeError: on Windows; and when all others are done, if runs have failed: their logs are named.
     """
-    tasks = list(CONFIGS if tasks is None else tasks)
+    tasks = list(dict.fromkeys(CONFIGS if tasks is None else tasks))
     for task in tasks:
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
+    if jobs is not None and jobs < 1:
+        raise ValueError(f"jobs is {jobs}; give a whole number, at least 1")
+    if os.name == "nt":
+        raise RuntimeError("train.py all is for Linux and macOS; train the tasks one by one here")
     most = max(RESULTS[task].seeds for task in tasks)
     work = [  # the first seed of every task before the second of any: a run that is stopped has something of each
         Job(task, seed, root / task / f"seed_{seed}")
@@ -92,37 +106,50 @@ def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None
         for task in tasks
         if seed < RESULTS[task].seeds
     ]
-    can_pin = hasattr(os, "sched_getaffinity")
-    processors = sorted(os.sched_getaffinity(0)) if can_pin else list(range(os.cpu_count() or 1))
+    for job in work:
+        job.check()
+    failed = run([job for job in work if not job.finished], work, jobs)
+    if failed:
+        logs = ", ".join(str(job.folder / "log.txt") for job in failed)
+        raise RuntimeError(f"{len(failed)} of {len(work)} runs failed; see {logs}")
+    return [job.folder for job in work]
+
+
+def run(waiting: list[Job], work: list[Job], jobs: int | None) -> list[Job]:
+    """Run those that wait, as many side by side as asked; returns those that failed."""
+    processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None] * (os.cpu_count() or 1)
     slots: list[Job | None] = [None] * (jobs or len(processors))
-    waiting = [job for job in work if not job.finished]
-    for job in waiting:
-        job.check_free()
-    total, done = sum(CONFIGS[job.task].timesteps for job in work), sum(job.decisions for job in work)
-    for number in (signal.SIGINT, signal.SIGTERM):  # being terminated is like Ctrl-C, also in the background
-        signal.signal(number, signal.default_int_handler)
-    try:
-        with tqdm(total=total, initial=done, unit=" decisions", unit_scale=True, desc="all tasks") as bar:
+    total, done, failed = sum(CONFIGS[job.task].timesteps for job in work), sum(job.decisions for job in work), []
+    with interruptible(), tqdm(total=total, initial=done, unit=" decisions", unit_scale=True, desc="all tasks") as bar:
+        try:
             while waiting or any(slots):
                 for k, job in enumerate(slots):
                     if job is not None and job.process.poll() is not None:
-                        if not job.finished:
-                            raise RuntimeError(f"{job.task}, seed {job.seed} failed; see {job.folder / 'log.txt'}")
-                        (job.folder / "process.txt").unlink(missing_ok=True)
+                        failed += [] if job.finished else [job]
                         slots[k] = None
                     if slots[k] is None and waiting:
+                        waiting[0].start(processors[k % len(processors)])
                         slots[k] = waiting.pop(0)
-                        slots[k].start(processors[k % len(processors)] if can_pin else None)
                 running = ", ".join(f"{job.task} {job.seed}" for job in slots if job)
-                bar.set_postfix_str(
-                    f"{sum(job.finished for job in work)} of {len(work)} runs; now {running}", refresh=False
-                )
+                ready = f"{sum(job.finished for job in work)} of {len(work)} runs"
+                bar.set_postfix_str(f"{ready}; now {running}", refresh=False)
                 bar.n = sum(job.decisions for job in work)
                 bar.refresh()
                 time.sleep(LOOK)
+        finally:
+            stop([job for job in slots if job])
+    return failed
+
+
+@contextmanager
+def interruptible():
+    """Within it, being terminated is like Ctrl-C, also for a program in the background that was told to ignore that."""
+    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
     finally:
-        stop([job for job in slots if job])
-    return [job.folder for job in work]
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def stop(jobs: list[Job]) -> None:
@@ -132,4 +159,3 @@ def stop(jobs: list[Job]) -> None:
             job.process.send_signal(signal.SIGINT)
     for job in jobs:
         job.process.wait()
-        (job.folder / "process.txt").unlink(missing_ok=True)

@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from agents import build
 from agents.config import CONFIGS, TrainConfig
-from agents.evaluate import EPISODES, evaluate, make_eval_env, means, policy_controller
+from agents.evaluate import EPISODES, evaluate, make_eval_env, means, measuring, policy_controller
 from agents.results import read_rows
 from benchmarks.provenance import RESULTS, write_csv
 from fish_env.envs import FishVectorEnv
@@ -70,8 +70,9 @@ def learn(config: TrainConfig, seed: int) -> dict[str, float]:
     env = build.make_env(config, config.num_envs, seed)
     model = build.make_model(config, env, seed)
     model.learn(config.timesteps)
-    policy = policy_controller(build.export_policy(model, {}))
-    return means(evaluate(policy, make_eval_env(config.env_id, EPISODES, config.env_options)))
+    policy = build.export_policy(model, {"env_options": config.env_options})
+    env = make_eval_env(config.env_id, EPISODES, measuring(config.env_options))
+    return means(evaluate(policy_controller(policy, env), env))
 
 
 def main() -> None:

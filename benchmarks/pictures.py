@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 
 from agents.config import CONFIGS
-from agents.evaluate import FIRST_SEED, make_eval_env
+from agents.evaluate import FIRST_SEED, make_eval_env, measuring, policy_controller
 from agents.play import write_video
 from agents.policy import load_policy
 from agents.report import PRETRAINED
@@ -22,16 +22,18 @@ from agents.report import PRETRAINED
 ROOT = Path(__file__).parent.parent
 MOMENTS = (0.08, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed
 SIZE = (480, 360)  # of a video
-SECONDS, SLOWER = 4.0, 1.5  # of the episode; so many times slower than life
+SECONDS, EVERY, SLOWER = 4.0, 2, 2  # of the episode; a frame every so many decisions; so many times slower than life
 
 
 def play(task: str, seconds: float):
     """Play an episode with the shipped policy: (time, picture) after every decision."""
     policy = load_policy(PRETRAINED / task / "policy.npz")
-    env = make_eval_env(policy.about["env_id"], 1, dict(policy.about["env_options"]) | {"render_mode": "rgb_array"})
+    options = measuring(policy.about["env_options"]) | {"render_mode": "rgb_array"}
+    env = make_eval_env(policy.about["env_id"], 1, options)
+    controller = policy_controller(policy, env)
     obs, _ = env.reset(seed=FIRST_SEED)
     for step in range(1, round(seconds / env.control_interval) + 1):
-        obs, _, terminated, truncated, _ = env.step(policy(obs))
+        obs, _, terminated, truncated, _ = env.step(controller(obs, (step - 1) * env.control_interval))
         if (terminated | truncated).any():
             break
         yield step * env.control_interval, env.render()[0]
@@ -57,9 +59,9 @@ def videos() -> None:
     folder = ROOT / "docs" / "videos"
     folder.mkdir(parents=True, exist_ok=True)
     for task in CONFIGS:
-        times, frames = zip(*play(task, SECONDS), strict=True)
+        times, frames = zip(*list(play(task, SECONDS))[::EVERY], strict=True)
         small = [np.asarray(Image.fromarray(frame).resize(SIZE, Image.Resampling.LANCZOS)) for frame in frames]
-        write_video(small, 1 / (times[0] * SLOWER), folder / f"{task}.mp4")
+        write_video(small, 1 / ((times[1] - times[0]) * SLOWER), folder / f"{task}.mp4")
         print(f"{folder / task}.mp4: {(folder / f'{task}.mp4').stat().st_size // 1000} kB")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.config import CONFIGS
 from agents.controllers import scripted
-from agents.evaluate import make_eval_env, policy_controller
+from agents.evaluate import make_eval_env, measuring, policy_controller
 from agents.policy import load_policy
 from agents.report import PRETRAINED, pyplot
 from agents.results import IMAGES
@@ -53,7 +53,7 @@ def midline(x: np.ndarray) -> np.ndarray:
 
 
 def draw(runs: dict[str, dict], path: Path) -> None:
-    """Path with the body every tenth of a second, heading against time with the command, strain against time."""
+    """Path with the body every fifth of a second, heading against time with the command, strain against time."""
     plt = pyplot()
     plt.rcParams["svg.hashsalt"] = "fish_env"
     figure = plt.figure(figsize=(10, 5), layout="constrained")
@@ -82,9 +82,9 @@ def draw(runs: dict[str, dict], path: Path) -> None:
 def main() -> None:
     """Swim it with the motor controllers and the shipped policy."""
     config = CONFIGS["left_after_right"]
-    own, learnt = (make_eval_env(config.env_id, 1, o) for o in (config.task_options, config.env_options))
-    policy = policy_controller(load_policy(PRETRAINED / "left_after_right" / "policy.npz"))
-    runs = {"motor controllers": swum(scripted(own), own), "PPO": swum(policy, learnt)}
+    env = make_eval_env(config.env_id, 1, measuring(config.env_options))
+    policy = policy_controller(load_policy(PRETRAINED / "left_after_right" / "policy.npz"), env)
+    runs = {"motor controllers": swum(scripted(env), env), "PPO": swum(policy, env)}
     draw(runs, IMAGES / "reversal.svg")
     rows = [
         {"controller": name, "time": round(run["time"][k], 4), "x": round(run["place"][k, 0], 4),

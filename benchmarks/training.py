@@ -24,7 +24,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from agents.build import export_policy, make_env, make_model
 from agents.config import CONFIGS
 from agents.controllers import best_gait
-from agents.evaluate import evaluate, gait_controller, make_eval_env, policy_controller
+from agents.evaluate import evaluate, gait_controller, make_eval_env, measuring, policy_controller
 from benchmarks.provenance import write_csv
 
 ROLLOUTS = 12  # timed, after two that are not
@@ -82,7 +82,7 @@ class UntilFast(BaseCallback):
     def __init__(self, speed: float):
         super().__init__()
         self.speed, self.measuring = speed, 0.0
-        self.env = make_eval_env(CONFIGS["swim"].env_id, 20, CONFIGS["swim"].env_options)
+        self.env = make_eval_env(CONFIGS["swim"].env_id, 20, measuring(CONFIGS["swim"].env_options))
 
     def _on_step(self) -> bool:
         return True
@@ -90,7 +90,7 @@ class UntilFast(BaseCallback):
     def _on_rollout_start(self) -> None:
         begin = time.perf_counter()
         self.reached = (
-            evaluate(policy_controller(export_policy(self.model, {})), self.env)["speed"].mean() >= self.speed
+            evaluate(policy_controller(export_policy(self.model, {}), self.env), self.env)["speed"].mean() >= self.speed
         )
         self.measuring += time.perf_counter() - begin
         if self.reached:
@@ -100,7 +100,7 @@ class UntilFast(BaseCallback):
 def time_to_gait() -> dict:
     """Seconds of training, the measuring left out, until the policy is as fast as the best open-loop gait."""
     config = CONFIGS["swim"]
-    env = make_eval_env(config.env_id, 100, config.task_options)
+    env = make_eval_env(config.env_id, 100, measuring(config.env_options))
     wanted = float(evaluate(gait_controller(best_gait(), env), env)["speed"].mean())
     model = make_model(config, make_env(config, config.num_envs, seed=0), seed=0)
     watch, begin = UntilFast(wanted), time.perf_counter()

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from agents.config import CONFIGS
 from agents.controllers import best_gait, random_actions, scripted
-from agents.evaluate import FIRST_SEED, evaluate, make_eval_env, policy_controller
+from agents.evaluate import FIRST_SEED, evaluate, make_eval_env, measuring, policy_controller
 from agents.policy import load_policy
 from agents.report import PRETRAINED
 from benchmarks.provenance import write_csv
@@ -60,35 +60,34 @@ def bend(cruising: bool) -> dict:
 
 
 def turn_of(who: str, controller, env) -> dict:
-    """A commanded turn of 90 degrees, 50 episodes to either side: the sharpest, the median and the fastest."""
+    """A commanded turn of 90 degrees, 50 episodes to either side: the median and the best."""
     scores = [evaluate(controller, env, options={"turn": side * np.pi / 2}) for side in (1, -1)]
     radius, rate = (np.concatenate([s[name] for s in scores]) for name in ("radius", "turning_rate"))
     known = radius[np.isfinite(radius)]
     return {
         "who": f"{who}, commanded 90 degrees",
-        "radius_L": round(float(known.min()), 3) if known.size else "",
-        "turning_rate": round(float(rate.max())),
-        "median_radius_L": round(float(np.median(known)), 3) if known.size else "",
-        "median_turning_rate": round(float(np.median(rate))),
+        "best_radius_L": round(float(known.min()), 3) if known.size else "",
+        "best_turning_rate": round(float(rate.max())),
+        "radius_L": round(float(np.median(known)), 3) if known.size else "",
+        "turning_rate": round(float(np.median(rate))),
     }
 
 
 def turning() -> None:
     """Radius (path over angle until 90 % of the turn) and turning rate of the body's line, beside the literature."""
     config = CONFIGS["turn"]
-    own, learnt = (make_eval_env(config.env_id, 50, options) for options in (config.task_options, config.env_options))
-    policy = policy_controller(load_policy(PRETRAINED / "turn" / "policy.npz"))
+    env = make_eval_env(config.env_id, 50, measuring(config.env_options))
+    policy = policy_controller(load_policy(PRETRAINED / "turn" / "policy.npz"), env)
     rows = [
         bend(True),
         bend(False),
-        turn_of("motor controllers", scripted(own), own),
-        turn_of("PPO", policy, learnt),
+        turn_of("motor controllers", scripted(env), env),
+        turn_of("PPO", policy, env),
         *LIVING,
     ]
-    rows = [{"median_radius_L": "", "median_turning_rate": "", **row} for row in rows]
+    rows = [{"best_radius_L": "", "best_turning_rate": "", **row} for row in rows]
     rows = [
-        {k: row[k] for k in ("who", "radius_L", "median_radius_L", "turning_rate", "median_turning_rate")}
-        for row in rows
+        {k: row[k] for k in ("who", "radius_L", "best_radius_L", "turning_rate", "best_turning_rate")} for row in rows
     ]
     for row in rows:
         print(row)
@@ -98,10 +97,10 @@ def turning() -> None:
 def reversals(episodes: int = EPISODES) -> None:
     """Failures of the physics and successes in many episodes of LeftAfterRight-v0."""
     config, rows = CONFIGS["left_after_right"], []
-    policy = policy_controller(load_policy(PRETRAINED / "left_after_right" / "policy.npz"))
+    policy = load_policy(PRETRAINED / "left_after_right" / "policy.npz")
     for severity in (1.0, 2.0):
-        env = make_eval_env(config.env_id, BATCH, config.env_options | {"severity": severity})
-        for who, controller in (("PPO", policy), ("random", random_actions(env))):
+        env = make_eval_env(config.env_id, BATCH, measuring(config.env_options) | {"severity": severity})
+        for who, controller in (("PPO", policy_controller(policy, env)), ("random", random_actions(env))):
             failed, success = 0, []
             for k in tqdm(
                 range(episodes // BATCH), desc=f"{who}, severity {severity:g}", unit_scale=BATCH, unit=" episodes"

@@ -1,7 +1,6 @@
 """Training, its files and its commands: a run can be trusted, and what is not a policy is refused."""
 
 import json
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -19,9 +18,9 @@ import fish_env
 from agents import integrators, report, results, train_all
 from agents import train as training
 from agents.build import export_policy, make_env, make_model
-from agents.config import CONFIGS, RESULTS
+from agents.config import CONFIGS, RESULTS, settings_of
 from agents.controllers import Gait, best_gait
-from agents.evaluate import evaluate, gait_controller, make_eval_env, policy_controller
+from agents.evaluate import evaluate, gait_controller, make_eval_env, measuring, policy_controller
 from agents.mirror import mirror_of
 from agents.policy import Policy, load_policy
 from agents.synergy import synergies
@@ -109,6 +108,31 @@ def test_exported_policy_acts_like_the_model(task, symmetric):
     assert np.abs(policy(obs) - policy(obs)[:, swap]).max() > 0.05
 
 
+@pytest.mark.parametrize("groups", ["muscles", "pairs"])
+def test_a_slower_policy_moves_the_same_when_seen_more_often(groups):
+    """A policy for decisions every 40 ms swims alike in an environment of such decisions and, carried on, of 20 ms."""
+    options = {"muscle_groups": groups, "control_interval": 0.04, "max_episode_steps": 125}
+    config = replace(CONFIGS["turn"], env_options=options, training_options={})
+    model = make_model(config, make_env(config, 2, seed=0), seed=0)
+    with torch.no_grad():
+        for parameter in model.policy.parameters():
+            parameter.add_(0.4 * torch.randn_like(parameter))
+    policy = export_policy(model, {"env_options": options})
+    slow, fast = (make_eval_env(config.env_id, 2, chosen) for chosen in (options, measuring(options)))
+    places = []
+    for env in (slow, fast):
+        act, (obs, _), seen = policy_controller(policy, env), env.reset(seed=3), []
+        while env.tank.time[0] < 0.4 - 1e-9:
+            obs, *_ = env.step(act(obs, float(env.tank.time[0])))
+            seen.append(env.tank.position.copy())
+        places.append(seen)
+    moved = np.abs(places[0][-1] - places[0][0]).max()
+    assert len(places[1]) == 2 * len(places[0]) and moved > 0.005
+    np.testing.assert_allclose(places[1][1::2], places[0], atol=1e-3 * moved)
+    with pytest.raises(ValueError, match=r"decides every 0.04 s, the environment every 0.03"):
+        policy_controller(policy, make_eval_env(config.env_id, 1, {"muscle_groups": groups, "control_interval": 0.03}))
+
+
 def test_mirror_is_the_fish_seen_in_a_mirror():
     """Observations of a mirrored fish are the mirrored observations, and mirroring twice changes nothing."""
     env = FishVectorEnv(2, task="avoid")
@@ -173,16 +197,21 @@ def test_ctrl_c_keeps_what_was_learnt_and_resume_goes_on(tmp_path, monkeypatch, 
 
 def test_training_everything_can_be_stopped_and_goes_on(tmp_path, monkeypatch):
     """`train.py all` leaves finished runs alone, goes on with stopped ones, and publishes what all of them found."""
-    for name, values in (("CONFIGS", {"swim": replace(CONFIGS["swim"], **SHORT)}), ("RESULTS", RESULTS)):
-        monkeypatch.setattr(train_all, name, {"swim": values["swim"]})
+    monkeypatch.setattr(train_all, "CONFIGS", {"swim": replace(CONFIGS["swim"], **SHORT)})
     monkeypatch.setattr(train_all, "RESULTS", {"swim": replace(RESULTS["swim"], seeds=2)})
     started = []
+
+    def ended():
+        process = subprocess.Popen(["true"])
+        process.wait()
+        return process
 
     def start(self, processor):
         started.append((self.seed, (self.folder / "model.zip").exists()))
         resume = self.folder if started[-1][1] else None
-        training.train("swim", self.seed, resume=resume, folder=self.folder, pictures=False, **SHORT)
-        self.process = subprocess.Popen(["true"])
+        folder = None if resume else self.folder
+        training.train("swim", self.seed, resume=resume, folder=folder, pictures=False, **SHORT)
+        self.process = ended()
 
     monkeypatch.setattr(train_all.Job, "start", start)
     folders = train_all.train_all(tmp_path, ["swim"], jobs=1)
@@ -191,10 +220,36 @@ def test_training_everything_can_be_stopped_and_goes_on(tmp_path, monkeypatch):
     (folders[1] / "results.json").unlink()
     train_all.train_all(tmp_path, ["swim"], jobs=1)
     assert started[2:] == [(1, True)] and (folders[0] / "policy.npz").read_bytes() == before
+    job = train_all.Job("swim", 0, folders[0])
+    assert job.command()[-2:] == ["--resume", str(folders[0])] and Path(job.command()[1]) == ROOT / "train.py"
     (folders[1] / "results.json").unlink()
-    (folders[1] / "process.txt").write_text(str(os.getpid()))
-    with pytest.raises(RuntimeError, match="is being trained by process"):
+    monkeypatch.setattr(train_all.Job, "start", lambda self, processor: setattr(self, "process", ended()))
+    with pytest.raises(RuntimeError, match=r"1 of 2 runs failed; see .*seed_1"):
         train_all.train_all(tmp_path, ["swim"], jobs=1)
+    monkeypatch.setattr(train_all, "CONFIGS", {"swim": replace(CONFIGS["swim"], epochs=3)})
+    with pytest.raises(ValueError, match="was trained with other settings"):
+        train_all.train_all(tmp_path, ["swim"])
+    with pytest.raises(ValueError, match="jobs is 0"):
+        train_all.train_all(tmp_path, ["swim"], jobs=0)
+
+
+def test_a_folder_takes_one_run(tmp_path, monkeypatch):
+    """A folder with a run in it, or in which another program trains, is left alone; the curve is cut to the model."""
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    folder = training.train("swim", folder=tmp_path / "run", **SHORT)
+    with pytest.raises(ValueError, match="holds a run; go on with"):
+        training.train("swim", folder=folder, **SHORT)
+    with training.locked(folder), pytest.raises(RuntimeError, match="another program is training"):
+        training.train("swim", resume=folder, timesteps=2048)
+    with (folder / "curve.csv").open("a") as file:
+        file.write("999999,9.0,1,0.0,0.0\n")
+    training.train("swim", resume=folder, timesteps=2048)
+    steps = [int(row["timesteps"]) for row in results.read_rows(folder / "curve.csv")]
+    assert steps == sorted(steps) and steps[-1] == 2048
+    record = json.loads((folder / "config.json").read_text())
+    assert record["resumed"] == 1 and settings_of(record["config"]) == replace(
+        CONFIGS["swim"], num_envs=8, timesteps=2048
+    )
 
 
 def test_interquartile_mean_and_interval():
@@ -211,6 +266,13 @@ def test_interquartile_mean_and_interval():
         assert low < value < high
         held += low < 3.0 < high
     assert held >= 32
+    held = 0
+    for _ in range(40):  # all seeds play the same episodes, some of which are hard for all
+        hard, levels = rng.normal(0.0, 1.0, 50), rng.normal(3.0, 0.1, 5)
+        scores = [{"return": level + hard + rng.normal(0.0, 0.3, 50)} for level in levels]
+        _, low, high = results.interval(scores, "return", rng)
+        held += low < 3.0 < high
+    assert held >= 34
 
 
 def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
@@ -298,10 +360,10 @@ def test_short_training_learns(tmp_path, monkeypatch):
     """A short PPO run swims faster than it did before, on the evaluation seeds."""
     config = CONFIGS["swim"]
     env = make_eval_env(config.env_id, 8, config.env_options)
-    before = evaluate(policy_controller(report.untrained(config, 0)), env)["speed"].mean()
+    before = evaluate(policy_controller(report.untrained(config, 0), env), env)["speed"].mean()
     monkeypatch.setattr(training, "report", lambda *args: None)
     folder = training.train("swim", root=tmp_path, timesteps=100_000, num_envs=64)
-    after = evaluate(policy_controller(load_policy(folder / "policy.npz")), env)["speed"].mean()
+    after = evaluate(policy_controller(load_policy(folder / "policy.npz"), env), env)["speed"].mean()
     assert after > before + 0.1
 
 
@@ -322,8 +384,8 @@ def test_shipped_policy_keeps_its_bar(task):
     path = ROOT / "agents" / "pretrained" / task / "policy.npz"
     assert path.stat().st_size < 300_000
     policy = load_policy(path, CONFIGS[task].env_id)
-    env = make_eval_env(policy.about["env_id"], 100, policy.about["env_options"])
-    scores = evaluate(policy_controller(policy), env)
+    env = make_eval_env(policy.about["env_id"], 100, measuring(policy.about["env_options"]))
+    scores = evaluate(policy_controller(policy, env), env)
     assert not scores["failed"].any()
     for metric, bar in BARS[task].items():
         assert scores[metric].mean() >= bar
@@ -353,7 +415,6 @@ def test_zoo_file_agrees_with_the_settings():
 
 def test_command_line(tmp_path):
     """`train.py` evaluates and plays a policy, and answers mistakes in one line without a traceback."""
-    shipped = ROOT / "agents" / "pretrained" / "swim" / "policy.npz"
     video = tmp_path / "swim.mp4"
 
     def run(*arguments):
@@ -361,8 +422,11 @@ def test_command_line(tmp_path):
             [sys.executable, "train.py", *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, check=False
         )
 
-    played = run("play", shipped, "--episodes", 1, "--video", video)
-    assert played.returncode == 0 and video.stat().st_size > 10_000, played.stderr
+    for task in ("left_after_right", "target"):
+        video.unlink(missing_ok=True)
+        played = run("play", ROOT / "agents" / "pretrained" / task / "policy.npz", "--episodes", 1, "--video", video)
+        assert played.returncode == 0 and video.stat().st_size > 10_000, played.stderr
+        assert RESULTS[task].metrics[0] in played.stdout
     wrong = run("play", tmp_path / "none.npz")
     assert wrong.returncode == 2 and "no policy file" in wrong.stderr and "Traceback" not in wrong.stderr
     assert run("fly").returncode == 2

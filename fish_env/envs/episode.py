@@ -111,7 +111,7 @@ class Episodes:
         self._swim()
         self._measure()
         terms = self.task.reward(self.tank, self._pose)
-        terminated = self.task.done(self.tank, self._pose)
+        terminated = self.task.done(self.tank, self._pose).copy()
         if np.count_nonzero(self.tank.state.failure):  # rare: the quick test keeps it out of the hot path
             failed = self.tank.state.failure != 0
             terms["failure"] = failed * -FAILURE_PENALTY

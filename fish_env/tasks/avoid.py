@@ -123,7 +123,7 @@ class AvoidTask(CommandedTurns):
 
     def done(self, tank, pose):
         """True where the obstacle is touched."""
-        return self.touched.copy()
+        return self.touched
 
     def metrics(self, tank, i, seconds):
         """Whether the obstacle was avoided and passed and the heading found again; the rest as for commanded turns."""
