@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Environment and PPO settings of one task. Times are in seconds, so that they survive a change of step."""
+    """Environment and PPO settings of one task."""
 
     env_id: str
     env_options: dict[str, Any] = field(default_factory=dict)

@@ -49,7 +49,7 @@ def fine(options: dict) -> dict:
 FINE = {"env_options": fine(BASE.env_options), "training_options": fine(BASE.training_options)}
 PAIRS = {"env_options": BASE.env_options | {"muscle_groups": "pairs"}}
 CHOICES: dict[str, tuple[dict, list]] = {
-    "as shipped": ({}, []),
+    "none undone": ({}, []),
     "a policy that is not symmetric": ({"symmetric": False}, []),
     "decisions every 20 ms, as many": (FINE, []),
     "decisions every 20 ms, twice as many": (FINE | {"timesteps": 2 * DECISIONS}, []),

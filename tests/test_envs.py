@@ -319,6 +319,24 @@ def test_sb3_failure_is_not_a_time_limit():
     assert infos[1]["TimeLimit.truncated"] is False and infos[1]["failure"].startswith("non-finite")
 
 
+@pytest.mark.parametrize("task", fish_env.TASKS)
+def test_returned_arrays_are_the_callers(task):
+    """What a caller does to the arrays that `step` returned does not come back."""
+    env = FishVectorEnv(2, task=task)
+    env.reset(seed=0)
+    for action in actions(env, 3):
+        _, reward, terminated, truncated, _ = env.step(action)
+        assert not terminated.any() and not truncated.any() and np.isfinite(reward).all()
+        terminated[:], truncated[:], reward[:] = True, True, np.nan
+
+
+def test_unregistered_spec():
+    """An environment made from a spec that is not registered works."""
+    spec = copy.deepcopy(gym.spec("FishEnv/Stub-v0"))
+    spec.id = "Elsewhere/Stub-v0"
+    assert gym.make(spec).reset(seed=0)[0].shape == (156,)
+
+
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("id", IDS)
 def test_clone_goes_on_alike(id, clone):
@@ -357,13 +375,19 @@ def test_clone_goes_on_alike(id, clone):
         ({"speed": (2.0, 1.0)}, "lowest first"),
         ({"task": "turn", "angle": 4.0}, "angle is 4; give a number from 0.174533 to 3.14159"),
         ({"task": "left_after_right", "severity": 3.0}, "severity is 3; give a number from 0.1 to 2"),
-        ({"task": "left_after_right", "reversals": 3}, "reversals is 3; give 1"),
+        ({"task": "left_after_right", "reversals": 3}, "reversals is 3; give 1 or 2"),
         ({"task": "target", "dimensions": 4}, "dimensions is 4; give 2 or 3"),
         ({"task": "target", "distance": 0.3}, "distance is 0.3; give a number from 0.8 to 5"),
         ({"task": "avoid", "gap": (0.0, 1.0)}, "gap is 0; give a number from 0.2 to 5"),
         ({"variation": {"depth": 1.0}}, "unknown variation 'depth'; choose from stiffness"),
-        ({"variation": {"mass": 0.0}}, "give a number from 0.25 to 4"),
+        ({"variation": {"mass": 0.0}}, "give a number from 0.5 to 2"),
         ({"variation": 3}, "variation is 3; give a dict"),
+        ({"variation": 0}, "variation is 0; give a dict"),
+        ({"speed": True}, "speed is True; give a number"),
+        ({"task": "turn", "angle": "x"}, "angle is 'x'; give a number"),
+        ({"task": "target", "dimensions": 2.0}, "dimensions is 2.0; give 2 or 3"),
+        ({"task": "left_after_right", "reversals": True}, "reversals is True; give 1 or 2"),
+        ({"max_episode_steps": True}, "max_episode_steps is True"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"num_envs": 0}, "num_fish is 0"),
         ({"threads": 0}, "threads is 0"),

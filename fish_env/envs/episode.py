@@ -46,7 +46,8 @@ class Episodes:
     ):
         if task not in self.tasks:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(map(repr, self.tasks))}")
-        if max_episode_steps is not None and not (isinstance(max_episode_steps, int) and max_episode_steps >= 1):
+        whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
+        if max_episode_steps is not None and not (whole and max_episode_steps >= 1):
             raise ValueError(f"max_episode_steps is {max_episode_steps!r}; give a whole number, at least 1, or None")
         fish = body if isinstance(body, Fish) else make_fish(body)
         water = fish.water if water is None else water
@@ -60,7 +61,7 @@ class Episodes:
         except TypeError as error:
             raise ValueError(f"unknown option of the environment or of task {task!r}: {error}") from error
         self.task.prepare(self.tank, self.control_interval)
-        self.variation = checked_variation(variation or {})
+        self.variation = checked_variation({} if variation is None else variation)
         self.reset_options = {**self.task.reset_options, **VARIATIONS}
         self.num_envs = self.tank.num_fish
         self.max_episode_steps = max_episode_steps
@@ -85,7 +86,7 @@ class Episodes:
 
     def restart(self, mask: np.ndarray, seeds: Sequence[int | None] | None = None, options: Mapping | None = None):
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
-        options = checked_options(options or {}, self.reset_options)
+        options = checked_options({} if options is None else options, self.reset_options)
         which = np.flatnonzero(mask)
         for i in which:
             if (seeds is not None and seeds[i] is not None) or self._generators[i] is None:

@@ -32,7 +32,8 @@ class FishEnv(gym.Env):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """Begin an episode. `options` are keys of `env.unwrapped.fish.reset_options`."""
         super().reset(seed=seed)
-        self._limit = None if self.spec is None else gym.spec(self.spec.id).max_episode_steps
+        registered = gym.registry.get(self.spec.id) if self.spec is not None else None
+        self._limit = None if registered is None else registered.max_episode_steps
         self.fish._generators[0] = self.np_random
         self.fish.restart(np.ones(1, dtype=bool), None, options)
         if self.render_mode == "human":

@@ -10,10 +10,10 @@ from fish_env.tasks.options import Option
 from fish_env.tasks.start import POSE_OPTIONS
 
 VARIATIONS: dict[str, Option] = {
-    "stiffness": Option(0.25, 4.0, "factor on the stiffness and damping of every unit"),
-    "mass": Option(0.25, 4.0, "factor on the mass"),
-    "drag": Option(0.25, 4.0, "factor on the force of the water"),
-    "current": Option(0.0, 2.0, "speed of the water, body lengths per second"),
+    "stiffness": Option(0.5, 2.0, "factor on the stiffness and damping of every unit"),
+    "mass": Option(0.5, 2.0, "factor on the mass"),
+    "drag": Option(0.5, 2.0, "factor on the force of the water"),
+    "current": Option(0.0, 1.0, "speed of the water, body lengths per second"),
     "current_heading": Option(-np.pi, np.pi, "where the water flows to, rad"),
     "pitch": POSE_OPTIONS["pitch"],
     "roll": POSE_OPTIONS["roll"],

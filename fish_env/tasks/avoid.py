@@ -169,6 +169,8 @@ def loom(x, axes, heading, nose, length, radius, interval, appears, gap, aside, 
         elif time[b] >= appears[b] - 1e-9:
             present[b] = True
             fx, fy = axes[b, 0, 0] + heading[b, 0], axes[b, 0, 1] + heading[b, 1]
+            if np.hypot(fx, fy) < 0.1:  # it is told to turn right round
+                fx, fy = axes[b, 0, 0], axes[b, 0, 1]
             size = max(np.hypot(fx, fy), 1e-9)
             fx, fy = fx / size, fy / size
             ahead, left = gap[b] + radius, aside[b] * radius

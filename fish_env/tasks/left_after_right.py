@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fish_env.tasks.options import Option
+from fish_env.tasks.options import Option, checked_choice
 from fish_env.tasks.turns import ANGLE, PATIENCE, WAIT, CommandedTurns, turn_options
 
 SEVERITY = Option(0.1, 2.0, "factor on the angles of the turns")
@@ -48,9 +48,7 @@ class LeftAfterRightTask(CommandedTurns):
         self.part = PART.checked_range("part", part)
         self.dwell = DWELL.checked_range("dwell", dwell)
         self.wait = WAIT.checked_range("wait", wait)
-        if reversals not in (1, 2):
-            raise ValueError(f"reversals is {reversals!r}; give 1 (left after right) or 2 (and right again)")
-        self.reversals = reversals
+        self.reversals = checked_choice("reversals", reversals, (1, 2))
 
     def plan(self, i, generator, options):
         """The turns, to one side and the other in turn, each before the one before it is complete."""

@@ -18,6 +18,8 @@ class Option(NamedTuple):
 
     def checked(self, name: str, value: Any) -> float:
         """`value` as a float; ValueError, naming the range, unless it is one finite number inside it."""
+        if isinstance(value, bool | np.bool_ | str):
+            raise ValueError(f"{name} is {value!r}; give a number from {self.low:g} to {self.high:g} ({self.text})")
         number = float(finite_array(value, (), name))
         if not self.low <= number <= self.high:
             raise ValueError(f"{name} is {number:g}; give a number from {self.low:g} to {self.high:g} ({self.text})")
@@ -25,7 +27,7 @@ class Option(NamedTuple):
 
     def checked_range(self, name: str, value: Any) -> tuple[float, float]:
         """`value`, a number or a pair (lowest, highest), as a pair; ValueError unless it lies in the range."""
-        pair = (value, value) if np.ndim(value) == 0 else tuple(value)
+        pair = tuple(value) if isinstance(value, tuple | list | np.ndarray) and np.shape(value) else (value, value)
         if len(pair) != 2:
             raise ValueError(f"{name} is {value!r}; give a number, or a pair (lowest, highest)")
         low, high = (self.checked(name, number) for number in pair)
@@ -45,8 +47,17 @@ class Direction(NamedTuple):
     """A typical change of a component: what a learner should scale it by."""
 
 
+def checked_choice(name: str, value: Any, choices: tuple[int, ...]) -> int:
+    """`value` as an int; ValueError unless it is one of the choices."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value not in choices:
+        raise ValueError(f"{name} is {value!r}; give {' or '.join(map(str, choices))}")
+    return int(value)
+
+
 def checked_options(given: Mapping[str, Any], allowed: Mapping[str, Option]) -> dict[str, float]:
     """The options of a reset as numbers, or ValueError naming what is allowed."""
+    if not isinstance(given, Mapping):
+        raise ValueError(f"options is {given!r}; give a dict with keys among {', '.join(allowed)}")
     for name in given:
         if name not in allowed:
             meant = "; ".join(f"{key!r}, {option.text}" for key, option in allowed.items())

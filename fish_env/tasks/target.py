@@ -4,7 +4,7 @@ import numpy as np
 
 from fish_env._jit import njit
 from fish_env.tasks import rewards
-from fish_env.tasks.options import Direction, Option
+from fish_env.tasks.options import Direction, Option, checked_choice
 from fish_env.tasks.start import POSE_OPTIONS, place
 
 ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the price of pointing across the way to the target
@@ -44,12 +44,10 @@ class TargetTask:
     touchable = True  # pictures show its spheres as targets
 
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0):
-        if dimensions not in (2, 3):
-            raise ValueError(f"dimensions is {dimensions!r}; give 2 or 3")
-        self.dimensions = dimensions
+        self.dimensions = checked_choice("dimensions", dimensions, (2, 3))
         self.distance = DISTANCE.checked_range("distance", distance)
         self.bearing = BEARING.checked("bearing", bearing)
-        self.elevation = ELEVATION.checked("elevation", elevation) if dimensions == 3 else 0.0
+        self.elevation = ELEVATION.checked("elevation", elevation) * (self.dimensions == 3)
         self.radius = RADIUS.checked("radius", radius)
         self.patience = PATIENCE.checked("patience", patience)
         self.reset_options = {**POSE_OPTIONS, "distance": DISTANCE, "bearing": BEARING_SIGNED}

@@ -19,6 +19,7 @@ ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the price of pointing across th
 OVERSHOOT_WEIGHT = 10.0  # body lengths a second, the price of having turned a right angle too far
 EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 COMPLETE = 0.9  # part of a turn after which it counts as made
+LEAST_TURN = math.radians(1.0)  # a smaller turn has no radius
 SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
 MEAN_TIME = 0.26  # s, about a beat: headings are averaged over it
 PATIENCE = 3.0  # s: a turn whose predecessor is never as far along as it should be is commanded then
@@ -88,7 +89,7 @@ def follow(course, record, axes, centre, velocity, before, interval):
                 left = abs(wrapped(course.heading[b] - yaw))  # to turn, whichever way round it came
                 if side * turned >= COMPLETE * abs(wanted) or left <= (1.0 - COMPLETE) * abs(wanted):
                     record.latency[b] = course.since[b]
-                    record.radius[b] = record.path[b] / max(abs(turned), 1e-9)  # (43)
+                    record.radius[b] = record.path[b] / abs(turned) if abs(turned) > LEAST_TURN else math.nan  # (43)
                     record.after[b] = math.hypot(velocity[b, 0], velocity[b, 1])
                     record.overshoot[b] = 0.0
             else:
