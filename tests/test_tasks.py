@@ -1,5 +1,6 @@
 """The tasks ask what they say they ask, measure what they say they measure, and refuse what cannot be asked."""
 
+import itertools
 import math
 
 import gymnasium as gym
@@ -7,7 +8,8 @@ import numpy as np
 import pytest
 
 import fish_env
-from fish_env.envs import FishVectorEnv
+from fish_env.envs import VARIATIONS, FishVectorEnv
+from fish_env.envs.variation import vary
 from fish_env.tasks import avoid, measures, rewards, start, target, turns
 
 TURNING = ("turn", "left_after_right", "avoid")
@@ -406,6 +408,19 @@ def test_variation_reaches_the_physics():
     plain.reset(options={"mass": 2.0})
     plain.reset(seed=0)
     np.testing.assert_array_equal(plain.tank.variation, [[1, 1, 1, 0, 0, 0]])
+
+
+def test_the_default_method_bears_every_variation():
+    """In every corner of what may be varied, random actions break no fish."""
+    corners = list(itertools.product(*(VARIATIONS[name][:2] for name in ("stiffness", "mass", "drag", "current"))))
+    env = FishVectorEnv(4 * len(corners))
+    env.reset(seed=0)
+    for i in range(env.num_envs):
+        vary(env.tank, i, dict(zip(("stiffness", "mass", "drag", "current"), corners[i % len(corners)], strict=True)))
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        env.step(rng.choice([-1.0, 0.0, 1.0], (env.num_envs, 12)))
+    assert env.tank.alive.all(), env.tank.failure[~env.tank.alive]
 
 
 @pytest.mark.parametrize("task", TURNING)
