@@ -192,7 +192,7 @@ def test_tasks_show_their_spheres(name):
         task.present[1], task.obstacle[1] = True, (0.1, 0.2, 0.3)
         assert make_frame(env, 0).spheres.shape == (0, 4)
     frame = make_frame(env, 1)
-    way = env._pose.centre[1] + frame.commands[0] * frame.length
+    way = env._pose.centre[1] + task.vectors(env.tank, env._pose)[1, -1] * frame.length
     where = way if name == "Target" else (0.1, 0.2, 0.3)
     np.testing.assert_allclose(frame.spheres, [[*where, task.radius]], atol=1e-12)
     assert frame.touchable == (name == "Target") and frame.commands.shape == (1, 3)
