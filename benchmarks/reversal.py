@@ -21,6 +21,7 @@ from fish_env.envs import FishVectorEnv
 
 COMMAND = {"yaw": 0.0, "side": -1, "first": 1.3, "second": 1.3, "part": 0.6, "wait": 1.0}
 SEED = 0
+DRAWN = 2.8  # s of the path
 COLOURS = {"motor controllers": "#c0562f", "PPO": "#0b7a99"}
 
 
@@ -53,27 +54,23 @@ def midline(x: np.ndarray) -> np.ndarray:
 
 
 def draw(runs: dict[str, dict], path: Path) -> None:
-    """Path with the body every fifth of a second, heading against time with the command, strain against time."""
+    """Path with the body every tenth of a second, heading against time with the command, strain against time."""
     plt = pyplot()
     plt.rcParams["svg.hashsalt"] = "fish_env"
-    figure = plt.figure(figsize=(10, 5), layout="constrained")
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1))
-    above, heading, strain = (
-        figure.add_subplot(grid[:, 0]),
-        figure.add_subplot(grid[0, 1]),
-        figure.add_subplot(grid[1, 1]),
-    )
-    for name, run in runs.items():
-        colour = COLOURS[name]
-        above.plot(*run["place"].T, color=colour, lw=1.5, label=name)
-        for body in run["midline"][:: round(0.2 / run["time"][0])]:
-            above.plot(*body.T, color=colour, lw=0.8, alpha=0.5)
+    figure, places = plt.subplot_mosaic("AA;HS", figsize=(10, 6), height_ratios=(1.2, 1), layout="constrained")
+    above, heading, strain = (places[name] for name in "AHS")
+    for k, (name, run) in enumerate(runs.items()):
+        colour, apart = COLOURS[name], np.array([[0.0, -k]])
+        shown = run["time"] < DRAWN
+        above.plot(*(run["place"][shown] + apart).T, color=colour, lw=1.5, label=name)
+        for body in run["midline"][shown][:: round(0.1 / run["time"][0])]:
+            above.plot(*(body + apart).T, color=colour, lw=1.0, alpha=0.6)
         heading.plot(run["time"], np.degrees(np.unwrap(np.radians(run["heading"]))), color=colour, lw=1.5, label=name)
         heading.plot(run["time"], run["command"], color=colour, lw=1, ls="--")
         strain.plot(run["time"], 100 * run["strain"], color=colour, lw=1)
-    above.set(aspect="equal", xlabel="body lengths", ylabel="body lengths", title="from above, the body every 0.2 s")
-    above.legend(frameon=False)
-    heading.set(ylabel="heading, degrees", title="heading; dashed: what is commanded")
+    above.set(aspect="equal", xlabel="body lengths", title=f"from above, {DRAWN} s, the body every 0.1 s", yticks=[])
+    above.legend(frameon=False, loc="lower right")
+    heading.set(xlabel="time, s", ylabel="heading, degrees", title="heading; dashed: what is commanded")
     strain.set(xlabel="time, s", ylabel="largest strain, %")
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
