@@ -369,9 +369,9 @@ def test_short_training_learns(tmp_path, monkeypatch):
 
 BARS = {
     "swim": {"speed": 2.2},
-    "turn": {"success": 0.95},
+    "turn": {"success": 0.98},
     "left_after_right": {"success": 0.95},
-    "target": {"success": 0.95, "targets": 5.0},
+    "target": {"targets": 7.0},
     "target_3d": {"success": 0.8},
     "avoid": {"avoided": 0.95},
 }
