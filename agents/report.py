@@ -70,10 +70,11 @@ def print_table(task: str, rows: dict[str, dict]) -> None:
     """The means of every controller over the fixed evaluation episodes."""
     columns = (*RESULTS[task].metrics, "return", "failed")
     print(f"\n{task}: mean over {EPISODES} episodes (docs/envs/ says what is measured, and in what)")
-    print(" " * 20 + "".join(f"{name:>16}" for name in columns))
+    widths = [max(12, len(name) + 2) for name in columns]
+    print(" " * 20 + "".join(name.rjust(width) for name, width in zip(columns, widths, strict=True)))
     for name, row in rows.items():
-        cells = ("-" if row.get(column) is None else f"{row[column]:.3f}" for column in columns)
-        print(f"{name:20}" + "".join(f"{cell:>16}" for cell in cells))
+        cells = ["-" if row.get(column) is None else f"{row[column]:.3f}" for column in columns]
+        print(name.ljust(20) + "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
     if task == "swim" and "best open-loop gait" in rows:
         gait, policy = rows["best open-loop gait"], rows["trained policy"]
         along, own = (policy["speed"] / speed for speed in (gait["speed"], own_speed(gait)))
