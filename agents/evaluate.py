@@ -1,6 +1,6 @@
 """Play episodes on fixed seeds and measure them: any controller that turns observations and time into actions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import gymnasium as gym
@@ -68,20 +68,35 @@ def make_eval_env(env_id: str, num_envs: int, options: dict[str, Any]) -> FishVe
     return gym.make_vec(env_id, num_envs, autoreset_mode="SameStep", **options).unwrapped
 
 
-def evaluate(controller: Controller, env: FishVectorEnv, first_seed: int = FIRST_SEED, options=None) -> Scores:
-    """Play one episode with every fish of the batch, seeds first_seed, first_seed + 1, ..."""
-    obs, _ = env.reset(seed=first_seed, options=options)
-    done = np.zeros(env.num_envs, dtype=bool)
-    results: list[dict[str, Any]] = [{}] * env.num_envs
-    time = 0.0
+def played(controller: Controller, env: FishVectorEnv, first_seed: int = FIRST_SEED, options=None) -> Iterator[tuple]:
+    """Play one episode with every fish of the batch, seeds first_seed, first_seed + 1, ...
+
+    After the reset and after every decision it yields which fish have ended their episode just now, (B,) bool, which
+    have ended it at all, (B,) bool, and the infos.
+    """
+    obs, infos = env.reset(seed=first_seed, options=options)
+    done, time = np.zeros(env.num_envs, dtype=bool), 0.0
+    yield done.copy(), done.copy(), infos
     while not done.all():
         action = np.broadcast_to(controller(obs, time), env.action_space.shape)
         obs, _, terminated, truncated, infos = env.step(action)
         time += env.control_interval
-        over = terminated | truncated
-        for i in np.flatnonzero(over & ~done):
+        ended = (terminated | truncated) & ~done
+        done |= ended
+        yield ended, done.copy(), infos
+
+
+def evaluate(controller: Controller, env: FishVectorEnv, first_seed: int = FIRST_SEED, options=None) -> Scores:
+    """Scores of one episode of every fish of the batch."""
+    results: list[dict[str, float]] = [{}] * env.num_envs
+    for ended, _, infos in played(controller, env, first_seed, options):
+        for i in np.flatnonzero(ended):
             results[i] = episode_scores(infos["final_info"], i)
-            done[i] = True
+    return gathered(results)
+
+
+def gathered(results: list[dict[str, float]]) -> Scores:
+    """The scores of all fish, an array a name."""
     return {name: np.array([result[name] for result in results]) for name in results[0]}
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from agents.evaluate import FIRST_SEED, Scores, episode_scores, policy_controller
+from agents.evaluate import Scores, episode_scores, gathered, played, policy_controller
 from agents.report import opened, pyplot, shipped
 from agents.results import rounded
 from benchmarks.provenance import RESULTS, write_csv
@@ -38,19 +38,12 @@ def settings(fish) -> list[tuple[str, float]]:
 def replay(path: Path, integrator: str, dt: float, episodes: int) -> tuple[Scores, np.ndarray]:
     """Scores (B,) and path (T,B,3), body lengths, of the policy under a method and step; the path ends in NaN."""
     _, policy, env = opened(path, episodes, integrator=integrator, dt=dt)
-    controller = policy_controller(policy, env)
-    obs, _ = env.reset(seed=FIRST_SEED)
-    done, time = np.zeros(env.num_envs, dtype=bool), 0.0
     results, track = [{}] * env.num_envs, []
-    while not done.all():
-        obs, _, terminated, truncated, infos = env.step(controller(obs, time))
-        time += env.control_interval
-        over = (terminated | truncated) & ~done
-        for i in np.flatnonzero(over):
+    for ended, done, infos in played(policy_controller(policy, env), env):
+        for i in np.flatnonzero(ended):
             results[i] = episode_scores(infos["final_info"], i)
-        done |= over
         track.append(np.where(done[:, None], np.nan, places(env)))
-    return {name: np.array([result[name] for result in results]) for name in results[0]}, np.array(track)
+    return gathered(results), np.array(track)
 
 
 def places(env: FishVectorEnv) -> np.ndarray:

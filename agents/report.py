@@ -18,6 +18,7 @@ from agents.evaluate import (
     make_eval_env,
     means,
     measuring,
+    played,
     policy_controller,
 )
 from agents.play import write_video
@@ -120,17 +121,13 @@ def draw_path(config: TrainConfig, policy: Policy, beside: str, picture: Path, f
 
 def swum_tracks(controller: Controller, env: FishVectorEnv) -> list[np.ndarray]:
     """Centre of mass of each fish over one episode, (T,2) body lengths, its first command along +x."""
-    obs, _ = env.reset(seed=FIRST_SEED)
-    heading = env.task.vectors(env.tank, env._pose)[:, 0, :2].copy()
-    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
-    tracks, time = [[np.zeros(3)] for _ in heading], 0.0
-    over = np.zeros(env.num_envs, dtype=bool)
-    while not over.all():
-        action = np.broadcast_to(controller(obs, time), env.action_space.shape)
-        obs, _, terminated, truncated, infos = env.step(action)
-        time += env.control_interval
-        over |= terminated | truncated
-        for i in np.flatnonzero(~over):
+    for _, done, infos in played(controller, env):
+        if not infos:  # just reset
+            heading = env.task.vectors(env.tank, env._pose)[:, 0, :2].copy()
+            heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+            tracks = [[np.zeros(3)] for _ in heading]
+            continue
+        for i in np.flatnonzero(~done):
             tracks[i].append(infos["position"][i])
     across = np.stack([-heading[:, 1], heading[:, 0]], axis=1)
     return [
@@ -141,13 +138,9 @@ def swum_tracks(controller: Controller, env: FishVectorEnv) -> list[np.ndarray]:
 def record_video(config: TrainConfig, policy: Policy, path: Path, seconds: float = 6.0) -> None:
     """One episode as an .mp4 at half speed (a tail beats faster than the eye follows)."""
     env = make_eval_env(config.env_id, 1, measuring(config.env_options) | {"render_mode": "rgb_array"})
-    controller = policy_controller(policy, env)
-    obs, _ = env.reset(seed=FIRST_SEED)
-    frames, time = [env.render()[0]], 0.0
-    while time < seconds:
-        obs, _, terminated, truncated, _ = env.step(np.broadcast_to(controller(obs, time), env.action_space.shape))
-        time += env.control_interval
-        if (terminated | truncated).any():
+    frames = []
+    for _, done, _ in played(policy_controller(policy, env), env):
+        if done.any() or env.tank.time[0] > seconds:
             break
         frames.append(env.render()[0])
     write_video(frames, env.metadata["render_fps"] / 2, path)

@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 
 from agents.config import CONFIGS
-from agents.evaluate import FIRST_SEED, make_eval_env, measuring, policy_controller
+from agents.evaluate import make_eval_env, measuring, played, policy_controller
 from agents.play import write_video
 from agents.policy import load_policy
 from agents.report import PRETRAINED
@@ -30,13 +30,11 @@ def play(task: str, seconds: float):
     policy = load_policy(PRETRAINED / task / "policy.npz")
     options = measuring(policy.about["env_options"]) | {"render_mode": "rgb_array"}
     env = make_eval_env(policy.about["env_id"], 1, options)
-    controller = policy_controller(policy, env)
-    obs, _ = env.reset(seed=FIRST_SEED)
-    for step in range(1, round(seconds / env.control_interval) + 1):
-        obs, _, terminated, truncated, _ = env.step(controller(obs, (step - 1) * env.control_interval))
-        if (terminated | truncated).any():
+    for k, (_, done, _) in enumerate(played(policy_controller(policy, env), env)):
+        if done.any() or k > round(seconds / env.control_interval):
             break
-        yield step * env.control_interval, env.render()[0]
+        if k > 0:
+            yield k * env.control_interval, env.render()[0]
     env.close()
 
 

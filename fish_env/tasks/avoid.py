@@ -4,7 +4,8 @@ import numpy as np
 
 from fish_env._jit import njit
 from fish_env.tasks.options import Direction, Option
-from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns, turn_options
+from fish_env.tasks.start import POSE_OPTIONS
+from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns
 
 ALIGNMENT_WEIGHT = 2.0  # body lengths a second, as for turns, but a detour must not cost too much
 TOUCH_PENALTY = 5.0  # body lengths: what touching the obstacle costs
@@ -48,9 +49,14 @@ class AvoidTask(CommandedTurns):
         Direction("obstacle's nearness", "1 / (1 + gap in body lengths), towards it, in the body frame", 1.0, 0.3),
         Direction("obstacle's velocity", "body lengths/s, in the body frame", DRIFT.high, 1.0),
     )
-    reset_options = turn_options(
-        ("turn", ANGLE_SIGNED), ("wait", WAIT), ("gap", GAP), ("aside", ASIDE_SIGNED), ("drift", DRIFT_SIGNED)
-    )
+    reset_options = {
+        **POSE_OPTIONS,
+        "turn": ANGLE_SIGNED,
+        "wait": WAIT,
+        "gap": GAP,
+        "aside": ASIDE_SIGNED,
+        "drift": DRIFT_SIGNED,
+    }
 
     def __init__(
         self,

@@ -3,7 +3,8 @@
 import numpy as np
 
 from fish_env.tasks.options import Option, checked_choice
-from fish_env.tasks.turns import ANGLE, PATIENCE, WAIT, CommandedTurns, turn_options
+from fish_env.tasks.start import POSE_OPTIONS
+from fish_env.tasks.turns import ANGLE, PATIENCE, WAIT, CommandedTurns
 
 SEVERITY = Option(0.1, 2.0, "factor on the angles of the turns")
 PART = Option(0.0, 1.0, "part of a turn after which the next one is commanded")
@@ -30,9 +31,15 @@ class LeftAfterRightTask(CommandedTurns):
     """
 
     most_turns = 3
-    reset_options = turn_options(
-        ("first", ANGLE), ("second", ANGLE), ("side", SIDE), ("part", PART), ("dwell", DWELL), ("wait", WAIT)
-    )
+    reset_options = {
+        **POSE_OPTIONS,
+        "first": ANGLE,
+        "second": ANGLE,
+        "side": SIDE,
+        "part": PART,
+        "dwell": DWELL,
+        "wait": WAIT,
+    }
 
     def __init__(
         self,

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns, turn_options
+from fish_env.tasks.start import POSE_OPTIONS
+from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns
 
 
 class TurnTask(CommandedTurns):
@@ -16,7 +17,7 @@ class TurnTask(CommandedTurns):
         ValueError: for a number out of range, saying what is allowed.
     """
 
-    reset_options = turn_options(("turn", ANGLE_SIGNED), ("wait", WAIT))
+    reset_options = {**POSE_OPTIONS, "turn": ANGLE_SIGNED, "wait": WAIT}
 
     def __init__(self, angle=(np.pi / 6, np.pi), wait=(0.8, 1.6)):
         self.angle = ANGLE.checked_range("angle", angle)

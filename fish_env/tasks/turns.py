@@ -4,6 +4,7 @@ Legend: b fish; k turn or axis; angles positive to the left.
 """
 
 import math
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from fish_env.tasks import rewards
 from fish_env.tasks.measures import make_load, measure_load
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.rewards import wrapped
-from fish_env.tasks.start import POSE_OPTIONS, level, place
+from fish_env.tasks.start import level, place
 
 ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the price of pointing across the commanded heading
 OVERSHOOT_WEIGHT = 10.0  # body lengths a second, the price of having turned a right angle too far
@@ -134,7 +135,7 @@ def too_far(course):
     return out
 
 
-class CommandedTurns:
+class CommandedTurns(ABC):
     """Swim along a commanded heading that changes: the part that tasks with commanded turns share.
 
     A task says in `plan` which turns it commands.
@@ -173,9 +174,9 @@ class CommandedTurns:
         mass = tank.fish.body.mass
         self._before[i] = self._start[i] = mass @ tank.position[i] / mass.sum()
 
+    @abstractmethod
     def plan(self, i, generator, options) -> None:
         """Set the course of fish i: count, angle, wait and part."""
-        raise NotImplementedError
 
     def vectors(self, tank, pose):
         """The commanded heading, a unit vector, (B,1,3)."""
@@ -222,8 +223,3 @@ class CommandedTurns:
             "peak_strain": float(load.strain[i]),
             "speed": float(speed),
         }
-
-
-def turn_options(*extra) -> dict[str, Option]:
-    """Reset options of a task with commanded turns: the pose, and (name, option) pairs of its own."""
-    return {**POSE_OPTIONS, **dict(extra)}
