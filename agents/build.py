@@ -8,6 +8,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
 
 from agents.config import TrainConfig
 from agents.mirror import MirroredPolicy, mirror_of, plain_layers
@@ -31,6 +32,29 @@ class ScaledObservation(BaseFeaturesExtractor):
     def forward(self, obs: torch.Tensor) -> torch.Tensor:
         """Scaled observations (B,D)."""
         return (obs - self.offset) / self.scale
+
+
+class _Tanh(torch.autograd.Function):
+    """tanh(x) = 2 / (1 + exp(-2 x)) - 1."""
+
+    @staticmethod
+    def forward(ctx, x):
+        y = x.mul(2.0).sigmoid_().mul_(2.0).sub_(1.0)
+        ctx.save_for_backward(y)
+        return y
+
+    @staticmethod
+    def backward(ctx, gradient):
+        (y,) = ctx.saved_tensors
+        return torch.ops.aten.tanh_backward(gradient, y)
+
+
+class Tanh(nn.Module):
+    """tanh by way of torch's sigmoid: the same to rounding, and several times as fast as torch's own on a processor."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Of any shape."""
+        return _Tanh.apply(x)
 
 
 def scaling(fish) -> tuple[np.ndarray, np.ndarray]:
@@ -67,6 +91,7 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
         ent_coef=config.entropy_weight,
         policy_kwargs={
             "net_arch": list(config.hidden),
+            "activation_fn": Tanh,
             "log_std_init": config.initial_log_std,
             "features_extractor_class": ScaledObservation,
             "features_extractor_kwargs": {"offset": offset, "scale": scale},

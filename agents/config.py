@@ -91,7 +91,7 @@ DENSER = {**slower(3.0), "wait": (0.3, 1.0)}
 """Sooner turns in shorter episodes: more of what is to be learnt in every second."""
 
 CONFIGS: dict[str, TrainConfig] = {
-    "swim": TrainConfig("FishEnv/Swim-v0"),
+    "swim": TrainConfig("FishEnv/Swim-v0", hidden=(32, 32)),
     "turn": TrainConfig("FishEnv/Turn-v0", slower(5.0), DENSER, timesteps=3_000_000),
     "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", slower(5.0), DENSER, timesteps=2_500_000),
     "target": TrainConfig("FishEnv/Target-v0", {}, {"patience": 3.0}, timesteps=4_000_000),

@@ -63,15 +63,13 @@ class MirroredExtractor(MlpExtractor):
     def _hidden(self, features: torch.Tensor, *networks: nn.Sequential) -> list[torch.Tensor]:
         """Each network's output for the observations and for their mirror images, (B,2,H).
 
-        The first layers are one product, with the weights mirrored in place of the observations: twice as fast.
+        The first layer is one product, with the weights mirrored in place of the observations: twice as fast.
         """
-        firsts = [network[0] for network in networks]
-        weight = torch.cat([w for layer in firsts for w in (layer.weight, layer.weight[:, self.place] * self.sign)])
-        bias = torch.cat([layer.bias for layer in firsts for _ in range(2)])
-        sizes = [2 * layer.out_features for layer in firsts]
-        parts = nn.functional.linear(features, weight, bias).split(sizes, dim=1)
-        both = [part.contiguous().unflatten(1, (2, -1)) for part in parts]
-        return [network[1:](images) for network, images in zip(networks, both, strict=True)]
+        return [network[1:](self._first(features, network[0]).unflatten(1, (2, -1))) for network in networks]
+
+    def _first(self, features: torch.Tensor, layer: nn.Linear) -> torch.Tensor:
+        weight = torch.cat([layer.weight, layer.weight[:, self.place] * self.sign])
+        return nn.functional.linear(features, weight, layer.bias.repeat(2))
 
 
 class MirroredActions(nn.Module):

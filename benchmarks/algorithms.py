@@ -1,0 +1,125 @@
+"""Which SB3 method learns fastest: PPO as shipped, PPO without symmetry, SAC and TD3 for the same wall time.
+
+    python -m benchmarks.algorithms [--task left_after_right] [--seconds 300]     writes results/algorithms.csv
+
+Off-policy methods see as many fish as suits them and make one update of 256 decisions for every few decisions they
+see; the scaling of observations, the synergies and the discount are those of the task.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+import time
+from dataclasses import replace
+
+import numpy as np
+import torch
+from stable_baselines3 import SAC, TD3
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.noise import NormalActionNoise
+
+from agents.build import ScaledObservation, make_env, make_model, scaling
+from agents.config import CONFIGS, RESULTS, TrainConfig
+from agents.evaluate import EPISODES, evaluate, make_eval_env, means
+from agents.results import read_rows
+from benchmarks.provenance import RESULTS as FOLDER
+from benchmarks.provenance import write_csv
+
+FISH = 32  # side by side, for the off-policy methods
+UPDATES = 16  # for every decision of all these fish
+LOOKS = 5  # measurements over the time
+
+
+def off_policy(method, config: TrainConfig, seed: int, **options):
+    """SAC or TD3 on the task's fish."""
+    env = make_env(config, FISH, seed)
+    fish = env.unwrapped.fish
+    offset, scale = scaling(fish)
+    return method(
+        "MlpPolicy", env, learning_rate=1e-3, batch_size=256, gamma=config.discount(fish.control_interval),
+        train_freq=1, gradient_steps=UPDATES, learning_starts=20_000, buffer_size=500_000, seed=seed, device="cpu",
+        policy_kwargs={
+            "net_arch": [128, 128],
+            "features_extractor_class": ScaledObservation,
+            "features_extractor_kwargs": {"offset": offset, "scale": scale},
+        },
+        **options,
+    )  # fmt: skip
+
+
+def td3(config: TrainConfig, seed: int):
+    """TD3 with the usual noise."""
+    return off_policy(TD3, config, seed, action_noise=NormalActionNoise(np.zeros(12), np.full(12, 0.1)))
+
+
+def ppo(config: TrainConfig, seed: int):
+    """PPO as the task is trained."""
+    return make_model(config, make_env(config, config.num_envs, seed), seed)
+
+
+METHODS = {
+    "PPO, symmetric (shipped)": ppo,
+    "PPO": lambda config, seed: ppo(replace(config, symmetric=False), seed),
+    "SAC": lambda config, seed: off_policy(SAC, config, seed),
+    "TD3": td3,
+}
+
+
+class Looks(BaseCallback):
+    """Measures the policy without noise a few times and ends the training when its time is over."""
+
+    def __init__(self, config: TrainConfig, seconds: float):
+        super().__init__()
+        self.env = make_eval_env(config.env_id, EPISODES, config.env_options)
+        self.seconds, self.rows, self.measuring = seconds, [], 0.0
+
+    def _on_training_start(self) -> None:
+        self.begin = time.perf_counter()
+
+    def _on_step(self) -> bool:
+        spent = time.perf_counter() - self.begin - self.measuring
+        if spent >= self.seconds * (len(self.rows) + 1) / LOOKS:
+            begin = time.perf_counter()
+            self.rows.append({"seconds": round(spent), "decisions": self.model.num_timesteps} | self.measured())
+            self.measuring += time.perf_counter() - begin
+        return len(self.rows) < LOOKS
+
+    def measured(self) -> dict:
+        """Scores of the mean action on the evaluation episodes."""
+        matrix = self.model.get_env().matrix
+
+        def act(obs, _):
+            return np.clip(self.model.predict(obs, deterministic=True)[0] @ matrix, -1.0, 1.0)
+
+        return means(evaluate(act, self.env))
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--task", choices=CONFIGS, default="swim")
+    parser.add_argument("--seconds", type=float, default=300.0, help="of training a method, measuring left out")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    config, path = CONFIGS[arguments.task], FOLDER / "algorithms.csv"
+    rows = [r for r in read_rows(path) if r["task"] != arguments.task] if path.exists() else []
+    for name, make in METHODS.items():
+        model, looks = make(config, arguments.seed), Looks(config, arguments.seconds)
+        model.learn(10**9, looks)
+        for row in looks.rows:
+            score = {metric: row[metric] for metric in ("return",)} | {"score": row[RESULTS[arguments.task].score]}
+            rows.append({"task": arguments.task, "method": name, "seed": arguments.seed, "seconds": row["seconds"],
+                         "decisions": row["decisions"]} | score)  # fmt: skip
+            print(rows[-1])
+        command = f"python -m benchmarks.algorithms --task {arguments.task} --seconds {arguments.seconds:g}"
+        write_csv("algorithms.csv", rows, command)
+
+
+if __name__ == "__main__":
+    main()
