@@ -1,6 +1,9 @@
-"""What each choice of the training is worth: LeftAfterRight-v0 learnt with one choice undone at a time.
+"""What each choice of the training is worth: a task learnt with one choice undone at a time.
 
-    python -m benchmarks.ablations     writes results/ablations.csv (about two minutes a choice and seed)
+    python -m benchmarks.ablations                 of LeftAfterRight-v0 (two minutes a choice and seed)
+    python -m benchmarks.ablations --task turn     the price of the overshoot in Turn-v0 (six minutes)
+
+Both write results/ablations.csv.
 
 A row is written as soon as it is known; rows that are there already are kept, so it can be stopped and goes on.
 """
@@ -28,10 +31,10 @@ from agents.results import read_rows
 from benchmarks.provenance import RESULTS, write_csv
 from fish_env.envs import FishVectorEnv
 from fish_env.tasks import rewards
+from fish_env.tasks.turn import TurnTask
 from fish_env.tasks.turns import CommandedTurns
 
 COMMAND = "python -m benchmarks.ablations"
-DECISIONS = 1_000_000
 BASE = CONFIGS["left_after_right"]
 
 
@@ -48,11 +51,11 @@ def fine(options: dict) -> dict:
 
 FINE = {"env_options": fine(BASE.env_options), "training_options": fine(BASE.training_options)}
 PAIRS = {"env_options": BASE.env_options | {"muscle_groups": "pairs"}}
-CHOICES: dict[str, tuple[dict, list]] = {
+LEFT_AFTER_RIGHT: dict[str, tuple[dict, list]] = {
     "none undone": ({}, []),
     "a policy that is not symmetric": ({"symmetric": False}, []),
     "decisions every 20 ms, as many": (FINE, []),
-    "decisions every 20 ms, twice as many": (FINE | {"timesteps": 2 * DECISIONS}, []),
+    "decisions every 20 ms, twice as many": (FINE | {"timesteps": 2_000_000}, []),
     "noise on every muscle alone": ({}, [patch.object(build, "synergies", lambda env: np.eye(12)),
                                          patch("agents.synergy.synergies", lambda env: np.eye(12))]),
     "upper and lower muscles as one": (PAIRS, []),
@@ -62,7 +65,21 @@ CHOICES: dict[str, tuple[dict, list]] = {
     "whole episodes, commands as in the task": ({"training_options": {}}, []),
     "all episodes beginning together": ({}, [patch.object(FishVectorEnv, "stagger", lambda self: None)]),
 }  # fmt: skip
-"""Fields of `TrainConfig` and patches that undo a choice."""
+
+
+def priced(weight: float, margin: float) -> tuple[dict, list]:
+    """Turn-v0 with another price of the overshoot, paid from `margin` rad short of the command."""
+    return {}, [patch.object(TurnTask, "overshoot_weight", weight), patch.object(TurnTask, "margin", margin)]
+
+
+TURN: dict[str, tuple[dict, list]] = {
+    "none undone": ({}, []),
+    "overshoot not paid for": priced(0.0, 0.0),
+    "overshoot weighed 10, no margin": priced(10.0, 0.0),
+    "overshoot weighed 100, no margin": priced(100.0, 0.0),
+}
+CHOICES = {"left_after_right": (LEFT_AFTER_RIGHT, 1_000_000), "turn": (TURN, CONFIGS["turn"].timesteps)}
+"""Fields of `TrainConfig` and patches that undo a choice, and for how many decisions the task is learnt."""
 
 
 def learn(config: TrainConfig, seed: int) -> dict[str, float]:
@@ -78,21 +95,25 @@ def learn(config: TrainConfig, seed: int) -> dict[str, float]:
 def main() -> None:
     """Every choice that is not in the file yet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--task", choices=CHOICES, default="left_after_right")
     parser.add_argument("--seeds", type=int, default=2, help="seeds a choice (default 2)")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
+    choices, decisions = CHOICES[arguments.task]
     path = RESULTS / "ablations.csv"
     rows = read_rows(path) if path.exists() else []
-    done = {(row["choice"], int(row["seed"])) for row in rows}
-    todo = [(name, seed) for seed in range(arguments.seeds) for name in CHOICES if (name, seed) not in done]
+    done = {(row["task"], row["choice"], int(row["seed"])) for row in rows}
+    todo = [
+        (name, seed) for seed in range(arguments.seeds) for name in choices if (arguments.task, name, seed) not in done
+    ]
     for name, seed in tqdm(todo, unit=" runs"):
-        fields, patches = CHOICES[name]
+        fields, patches = choices[name]
         with ExitStack() as stack:
             for change in patches:
                 stack.enter_context(change)
-            found = learn(replace(BASE, **({"timesteps": DECISIONS} | fields)), seed)
+            found = learn(replace(CONFIGS[arguments.task], **({"timesteps": decisions} | fields)), seed)
         kept = ("success", "latency", "overshoot", "heading_error", "radius", "speed")
-        rows.append({"choice": name, "seed": seed} | {metric: found[metric] for metric in kept})
+        rows.append({"task": arguments.task, "choice": name, "seed": seed} | {metric: found[metric] for metric in kept})
         write_csv("ablations.csv", rows, COMMAND)
         tqdm.write(str(rows[-1]))
 

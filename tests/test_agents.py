@@ -17,7 +17,7 @@ from scipy import stats
 import fish_env
 from agents import integrators, report, results, train_all
 from agents import train as training
-from agents.build import export_policy, make_env, make_model
+from agents.build import Tanh, export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, settings_of
 from agents.controllers import Gait, best_gait
 from agents.evaluate import evaluate, gait_controller, make_eval_env, measuring, policy_controller
@@ -131,6 +131,17 @@ def test_a_slower_policy_moves_the_same_when_seen_more_often(groups):
     np.testing.assert_allclose(places[1][1::2], places[0], atol=1e-3 * moved)
     with pytest.raises(ValueError, match=r"decides every 0.04 s, the environment every 0.03"):
         policy_controller(policy, make_eval_env(config.env_id, 1, {"muscle_groups": groups, "control_interval": 0.03}))
+
+
+def test_tanh_is_tanh():
+    """The quick one is torch's to rounding, and so is its gradient."""
+    x = torch.linspace(-30.0, 30.0, 6001, requires_grad=True)
+    quick, slow = Tanh()(x), torch.tanh(x)
+    weights = torch.linspace(0.5, 2.0, 6001)
+    gradients = [torch.autograd.grad((y * weights).sum(), x)[0] for y in (quick, slow)]
+    assert (quick - slow).abs().max() < 3e-7
+    assert (gradients[0] - gradients[1]).abs().max() < 2e-6
+    assert torch.autograd.gradcheck(Tanh(), torch.randn(7, dtype=torch.float64, requires_grad=True))
 
 
 def test_mirror_is_the_fish_seen_in_a_mirror():

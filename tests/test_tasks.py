@@ -10,7 +10,7 @@ import pytest
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv
 from fish_env.envs.variation import vary
-from fish_env.tasks import avoid, measures, rewards, start, target, turns
+from fish_env.tasks import avoid, measures, rewards, start, target, turn, turns
 
 TURNING = ("turn", "left_after_right", "avoid")
 
@@ -81,7 +81,7 @@ def test_turn_is_commanded_when_it_should_be():
     assert found["heading_error"] == pytest.approx(math.degrees(0.2), rel=1e-6)
     assert found["turn"] == pytest.approx(math.degrees(1.0))
     assert not found["success"] and not found["settled"]
-    for _ in range(20):
+    for _ in range(30):
         spun(env, [1.55])
         decide(env)
     assert env.task.metrics(env.tank, 0, 1.6)["success"]
@@ -172,7 +172,8 @@ def test_follow_agrees_with_its_twin():
         assert task.course.stage[0] == stage
         assert rewards.wrapped(task.course.heading[0] - heading) == pytest.approx(0.0, abs=1e-9)
         assert task.course.since[0] == pytest.approx(since)
-        mean = np.mean(history[-window:])
+        beat = np.ones(window) / window
+        mean = np.convolve(np.convolve(history, beat, "valid"), beat, "valid")[-1]
         found = task.metrics(env.tank, 0, 4.0)
         assert found["heading_error"] == pytest.approx(abs(math.degrees(rewards.wrapped(heading - mean))), abs=1e-6)
         assert (latency is None) == math.isnan(found["latency"])
@@ -188,10 +189,15 @@ def test_alignment_is_linear_in_the_angle():
     np.testing.assert_allclose(found, np.linspace(0, -2, 7), atol=1e-7)
 
 
-def test_turning_too_far_costs():
-    """The overshoot term is the mean heading beyond the commanded turn, and nothing before that."""
-    env = FishVectorEnv(2, task="turn")
-    env.reset(seed=0, options={"yaw": 0.5, "turn": -0.8, "wait": 0.02})
+@pytest.mark.parametrize(
+    ("task", "weight", "margin"),
+    [("turn", turn.OVERSHOOT_WEIGHT, turn.MARGIN), ("left_after_right", turns.OVERSHOOT_WEIGHT, 0.0)],
+)
+def test_turning_too_far_costs(task, weight, margin):
+    """The overshoot term is the mean heading beyond the commanded turn less a margin, and nothing before that."""
+    env = FishVectorEnv(2, task=task)
+    asked = {"turn": -0.8} if task == "turn" else {"first": 0.8, "side": -1, "dwell": 2.0}
+    env.reset(seed=0, options={"yaw": 0.5, "wait": 0.02} | asked)
     paid = []
     for k in range(40):
         spun(env, [0.5 - min(0.03 * k, 1.0), 0.5 - min(0.03 * k, 0.7)])
@@ -199,9 +205,22 @@ def test_turning_too_far_costs():
     paid = np.array(paid)
     assert (paid[:20] == 0).all() and (paid[:, 1] == 0).all()
     spun(env, [-0.5, -0.2])
-    for _ in range(13):
+    for _ in range(13):  # a beat, which the mean is over
         last = decide(env)["overshoot"]
-    assert last[0] == pytest.approx(-turns.OVERSHOOT_WEIGHT * 0.02 * 2 / np.pi * 0.2, rel=1e-6)
+    assert last[0] == pytest.approx(-weight * 0.02 * 2 / np.pi * (0.2 + margin), rel=1e-6)
+
+
+@pytest.mark.parametrize("beat", [3.3, 3.9, 4.6])
+def test_swaying_is_no_overshoot(beat):
+    """A fish that sways about the commanded heading holds it, whatever its beat: less than 3 % of the sway is left."""
+    env, sway = FishVectorEnv(1, task="turn"), math.radians(8.0)
+    env.reset(seed=0, options={"yaw": 0.0, "turn": 1.0, "wait": 0.02})
+    for k in range(200):
+        spun(env, [min(0.05 * k, 1.0) + sway * np.sin(2 * np.pi * beat * 0.02 * k)])
+        decide(env)
+    found = env.task.metrics(env.tank, 0, 4.0)
+    assert found["overshoot"] < 0.03 * 8.0
+    assert found["heading_error"] < 0.03 * 8.0
 
 
 # Strain and work
