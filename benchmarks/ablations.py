@@ -67,16 +67,17 @@ LEFT_AFTER_RIGHT: dict[str, tuple[dict, list]] = {
 }  # fmt: skip
 
 
-def priced(weight: float, margin: float) -> tuple[dict, list]:
-    """Turn-v0 with another price of the overshoot, paid from `margin` rad short of the command."""
-    return {}, [patch.object(TurnTask, "overshoot_weight", weight), patch.object(TurnTask, "margin", margin)]
+def priced(weight: float) -> tuple[dict, list]:
+    """Turn-v0 with another price of the overshoot."""
+    return {}, [patch.object(TurnTask, "overshoot_weight", weight)]
 
 
 TURN: dict[str, tuple[dict, list]] = {
     "none undone": ({}, []),
-    "overshoot not paid for": priced(0.0, 0.0),
-    "overshoot weighed 10, no margin": priced(10.0, 0.0),
-    "overshoot weighed 100, no margin": priced(100.0, 0.0),
+    "overshoot not paid for": priced(0.0),
+    "overshoot weighed 10": priced(10.0),
+    "overshoot weighed 30": priced(30.0),
+    "overshoot weighed 100": priced(100.0),
 }
 CHOICES = {"left_after_right": (LEFT_AFTER_RIGHT, 1_000_000), "turn": (TURN, CONFIGS["turn"].timesteps)}
 """Fields of `TrainConfig` and patches that undo a choice, and for how many decisions the task is learnt."""

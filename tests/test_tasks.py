@@ -190,11 +190,10 @@ def test_alignment_is_linear_in_the_angle():
 
 
 @pytest.mark.parametrize(
-    ("task", "weight", "margin"),
-    [("turn", turn.OVERSHOOT_WEIGHT, turn.MARGIN), ("left_after_right", turns.OVERSHOOT_WEIGHT, 0.0)],
+    ("task", "weight"), [("turn", turn.OVERSHOOT_WEIGHT), ("left_after_right", turns.OVERSHOOT_WEIGHT)]
 )
-def test_turning_too_far_costs(task, weight, margin):
-    """The overshoot term is the mean heading beyond the commanded turn less a margin, and nothing before that."""
+def test_turning_too_far_costs(task, weight):
+    """The overshoot term is the mean heading beyond the commanded turn, and nothing before that."""
     env = FishVectorEnv(2, task=task)
     asked = {"turn": -0.8} if task == "turn" else {"first": 0.8, "side": -1, "dwell": 2.0}
     env.reset(seed=0, options={"yaw": 0.5, "wait": 0.02} | asked)
@@ -207,7 +206,7 @@ def test_turning_too_far_costs(task, weight, margin):
     spun(env, [-0.5, -0.2])
     for _ in range(13):  # a beat, which the mean is over
         last = decide(env)["overshoot"]
-    assert last[0] == pytest.approx(-weight * 0.02 * 2 / np.pi * (0.2 + margin), rel=1e-6)
+    assert last[0] == pytest.approx(-weight * 0.02 * 2 / np.pi * 0.2, rel=1e-6)
 
 
 @pytest.mark.parametrize("beat", [3.3, 3.9, 4.6])

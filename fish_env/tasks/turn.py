@@ -6,7 +6,6 @@ from fish_env.tasks.start import POSE_OPTIONS
 from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns
 
 OVERSHOOT_WEIGHT = 60.0  # body lengths a second: with less, a quick turn goes a degree or two too far
-MARGIN = np.radians(1.0)  # it is paid from so much short of the command
 
 
 class TurnTask(CommandedTurns):
@@ -20,7 +19,7 @@ class TurnTask(CommandedTurns):
         ValueError: for a number out of range, saying what is allowed.
     """
 
-    overshoot_weight, margin = OVERSHOOT_WEIGHT, MARGIN
+    overshoot_weight = OVERSHOOT_WEIGHT
     reset_options = {**POSE_OPTIONS, "turn": ANGLE_SIGNED, "wait": WAIT}
 
     def __init__(self, angle=(np.pi / 6, np.pi), wait=(0.8, 1.6)):

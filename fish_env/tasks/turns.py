@@ -140,14 +140,14 @@ def steady_facing(course, b):
 
 
 @njit
-def too_far(course, margin):
-    """How far each fish has turned beyond its last command less the margin, on average over a beat, (B,) rad."""
+def too_far(course):
+    """How far each fish has turned beyond its last command, on average over a beat, (B,) rad; 0 before it is made."""
     out = np.zeros(course.yaw.size)
     for b in range(out.size):
         if course.stage[b] > 0:
             wanted = course.angle[b, course.stage[b] - 1]
             turned = (mean_facing(course, b) - course.origin[b]) * (1.0 if wanted > 0.0 else -1.0)
-            out[b] = max(turned - abs(wanted) + margin, 0.0)
+            out[b] = max(turned - abs(wanted), 0.0)
     return out
 
 
@@ -159,7 +159,7 @@ class CommandedTurns(ABC):
 
     most_turns = 1
     alignment_weight = ALIGNMENT_WEIGHT
-    overshoot_weight, margin = OVERSHOOT_WEIGHT, 0.0
+    overshoot_weight = OVERSHOOT_WEIGHT
     term_names = ("progress", "alignment", "effort", "overshoot")
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
 
@@ -207,8 +207,7 @@ class CommandedTurns(ABC):
             "effort": tank.effort * (-EFFORT_WEIGHT * self.interval),  # (20)
         }
         if "overshoot" in self.term_names:
-            price = -2.0 / np.pi * self.overshoot_weight * self.interval
-            terms["overshoot"] = too_far(self.course, self.margin) * price  # (45)
+            terms["overshoot"] = too_far(self.course) * (-2.0 / np.pi * self.overshoot_weight * self.interval)  # (45)
         measure_load(tank, self.load)
         follow(self.course, self.record, pose.axes, pose.centre, pose.velocity, self._before, self.interval)
         self._before[:] = pose.centre
