@@ -73,12 +73,12 @@ def priced(weight: float) -> tuple[dict, list]:
 
 
 TURN: dict[str, tuple[dict, list]] = {
-    "none undone": ({}, []),
-    "overshoot not paid for": priced(0.0),
-    "overshoot weighed 10": priced(10.0),
-    "overshoot weighed 30": priced(30.0),
+    "overshoot weighed 10 instead of 60": priced(10.0),
     "overshoot weighed 100": priced(100.0),
+    "overshoot weighed 30": priced(30.0),
+    "overshoot not paid for": priced(0.0),
 }
+"""With none undone, `learning/turn_seeds.csv` has it."""
 CHOICES = {"left_after_right": (LEFT_AFTER_RIGHT, 1_000_000), "turn": (TURN, CONFIGS["turn"].timesteps)}
 """Fields of `TrainConfig` and patches that undo a choice, and for how many decisions the task is learnt."""
 

@@ -85,7 +85,7 @@ class Looks(BaseCallback):
         spent = time.perf_counter() - self.begin - self.measuring
         if spent >= self.seconds * (len(self.rows) + 1) / LOOKS:
             begin = time.perf_counter()
-            self.rows.append({"seconds": round(spent), "decisions": self.model.num_timesteps} | self.measured())
+            self.rows.append(self.measured() | {"seconds": round(spent), "decisions": self.model.num_timesteps})
             self.measuring += time.perf_counter() - begin
         return len(self.rows) < LOOKS
 
