@@ -21,9 +21,7 @@ Scores = dict[str, np.ndarray]
 
 def gait_controller(gait: Gait, env: FishVectorEnv) -> Controller:
     """The open-loop gait: its contraction at the end of the coming control interval, whatever the fish sees."""
-    fish, groups = env.tank.fish, env.groups
-    first = np.array([np.flatnonzero(groups == g)[0] for g in range(groups.max() + 1)])  # a muscle of each group
-    return lambda obs, time: gait.action(fish, time + env.control_interval)[first]
+    return lambda obs, time: gait.action(env.tank.fish, time + env.control_interval)[env.leaders]
 
 
 def policy_controller(policy, env: FishVectorEnv) -> Controller:
@@ -43,8 +41,7 @@ def policy_controller(policy, env: FishVectorEnv) -> Controller:
             f"the policy decides every {interval:g} s, the environment every {env.control_interval:g} s; "
             "give an interval that goes into the policy's a whole number of times"
         )
-    groups = env.groups
-    muscles = 6 * env.tank.fish.body.mass.size + np.array([np.argmax(groups == g) for g in range(groups.max() + 1)])
+    muscles = 6 * env.tank.fish.body.mass.size + env.leaders
     goal = np.zeros(0)
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:

@@ -53,7 +53,7 @@ def places(env: FishVectorEnv) -> np.ndarray:
 
 
 def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODES) -> list[dict]:
-    """Replay policies (or those that are shipped) under every method; print, and write the table and the chart."""
+    """Replay policies under every method and print what changes; of the shipped ones, write table and chart too."""
     rows = []
     for path in paths or shipped():
         task, _, env = opened(path, 1)
@@ -64,9 +64,10 @@ def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODE
                 reference = (scores, track)
             rows.append({"task": task, "integrator": integrator, "dt_ms": round(1e3 * dt, 6), "episodes": episodes}
                         | differences(scores, track, *reference))  # fmt: skip
-    write_csv("integrators_policies.csv", rows, "python train.py compare --integrators")
-    draw(rows, RESULTS / "integrators_policies.svg")
     print_rows(rows)
+    if not paths:  # of other policies nothing is published
+        write_csv("integrators_policies.csv", rows, "python train.py compare --integrators")
+        draw(rows, RESULTS / "integrators_policies.svg")
     return rows
 
 
@@ -97,7 +98,7 @@ def print_rows(rows: list[dict]) -> None:
 
 
 def draw(rows: list[dict], path: Path) -> None:
-    """Change of the return against the step, a panel a task, a colour a method; failures at the top edge."""
+    """Change of the return against the step, a panel a task, a colour a method."""
     plt = pyplot()
     plt.rcParams["svg.hashsalt"] = "fish_env"
     tasks = list(dict.fromkeys(row["task"] for row in rows))

@@ -27,8 +27,7 @@ def mirror_of(env) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     sign = np.concatenate(
         [np.tile(flip, 2 * len(fish.mirror)), np.ones(len(muscles)), np.tile(flip, len(directions) // 3)]
     )
-    first = np.array([np.flatnonzero(env.groups == group)[0] for group in range(env.groups.max() + 1)])
-    return place, sign, env.groups[muscles[first]]
+    return place, sign, env.groups[muscles[env.leaders]]
 
 
 def mirrored_muscles(fish) -> np.ndarray:

@@ -23,7 +23,7 @@ def play(path: Path, seed: int = 0, episodes: int = 3, video: Path | None = None
     if video is None and headless and "SDL_VIDEODRIVER" not in os.environ:
         raise ValueError(f"there is no display; write a video instead: python train.py play {path} --video swim.mp4")
     mode = "human" if video is None else "rgb_array"
-    env = gym.make(policy.about["env_id"], render_mode=mode, **measuring(policy.about["env_options"]))
+    env = gym.make(policy.about["env_id"], render_mode=mode, **measuring(policy.about.get("env_options", {})))
     controller = policy_controller(policy, env.unwrapped.fish)
     task, frames = policy.about.get("task"), []
     headline = RESULTS[task].metrics if task in RESULTS else ("speed",)

@@ -76,6 +76,8 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
             f"{path} has format {version} and extra parts {sorted(held)}; this program reads format {FORMAT}"
         )
     _check_layers(path, weights, biases)
+    if "env_id" not in about:
+        raise ValueError(f"{path} does not say which environment it is for; give a policy.npz that train.py wrote")
     if env_id is not None and about.get("env_id") != env_id:
         raise ValueError(f"{path} was trained for {about.get('env_id')}, not {env_id}; choose a policy of that task")
     return Policy(weights, biases, about)

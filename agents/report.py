@@ -64,7 +64,7 @@ def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bo
 def untrained(config: TrainConfig, seed: int):
     """The policy as it was before any training."""
     env = make_env(config, 1, seed)
-    return export_policy(make_model(config, env, seed), {"env_id": config.env_id})
+    return export_policy(make_model(config, env, seed), {"env_id": config.env_id, "env_options": config.env_options})
 
 
 def print_table(task: str, rows: dict[str, dict]) -> None:
@@ -169,7 +169,7 @@ def opened(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Policy
     if task not in CONFIGS:
         raise ValueError(f"{path} is for task {task!r}; known are {', '.join(CONFIGS)}")
     changes = {name: value for name, value in changes.items() if value is not None}
-    env = make_eval_env(policy.about["env_id"], episodes, measuring(policy.about["env_options"]) | changes)
+    env = make_eval_env(policy.about["env_id"], episodes, measuring(policy.about.get("env_options", {})) | changes)
     return task, policy, env
 
 

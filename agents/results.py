@@ -63,6 +63,9 @@ def publish(root: Path, tasks=None) -> None:
             raise FileNotFoundError(
                 f"no run of {task} in {root} is finished; go on with: python train.py all --runs {root}"
             )
+        commits = sorted({json.loads((run / "config.json").read_text())["commit"] for run in runs})
+        if len(commits) > 1:
+            print(f"runs of {task} are of the commits {'; '.join(commits)}: look whether the task changed between them")
         publish_task(task, runs)
     if all((LEARNING / f"{task}_curves.csv").exists() for task in CONFIGS):
         draw_curves(IMAGES / "curves.svg")
@@ -82,7 +85,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
         methods["PPO"] = [evaluate(policy_controller(policy, env), env, options=options) for policy in policies]
         if task == "avoid":
             everyone = [scores for found in methods.values() for scores in found]
-            where = possible(env, options) | np.any([scores["avoided"] > 0 for scores in everyone], axis=0)
+            where = possible(env, options) | np.any([scores["passed"] > 0 for scores in everyone], axis=0)
             for scores in everyone:
                 scores["avoided_possible"] = np.where(where, scores["avoided"], np.nan)
         seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]

@@ -13,7 +13,6 @@ import numpy as np
 from agents.motor import MotorTables, glide_mc, load_tables, scaled_turns, spread, swim_mc, turn_mc
 from fish_env.bodies import Fish
 from fish_env.envs import FishVectorEnv
-from fish_env.tasks import TASKS
 from fish_env.tasks.avoid import AvoidTask
 from fish_env.tasks.rewards import wrapped
 from fish_env.tasks.swim import SwimTask
@@ -65,7 +64,7 @@ class Sequencer:
     def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
         fish: Fish = env.tank.fish
         self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
-        self.muscle = np.array([np.flatnonzero(env.groups == g)[0] for g in range(env.groups.max() + 1)])
+        self.muscle = env.leaders
         self.can_pitch = self.muscle.size == fish.num_muscles  # pairs contract above and below together
         height = fish.body.position[fish.body.springs.nodes[fish.muscles], 2].mean(axis=1)
         self.fish, self.level = fish, np.where(height > 0, 0, 1)
@@ -244,7 +243,7 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habi
     elif isinstance(task, CommandedTurns):
         kind, aim = CommandedTurns, aim_heading
     else:
-        names = ", ".join(sorted(cls.__name__ for cls in TASKS.values()))
+        names = ", ".join(sorted(cls.__name__ for cls in HABITS))
         raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
     return Sequencer(env, aim, load_tables() if tables is None else tables, HABITS[kind] if habits is None else habits)
 

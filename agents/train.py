@@ -76,9 +76,9 @@ def train(
         folder = Path(resume)
         config, kept = _resumable(folder, task, changes)
         seed = kept["seed"]
-    for name, value in (("timesteps", config.timesteps), ("num_envs", config.num_envs), ("seed + 1", seed + 1)):
-        if value < 1:
-            raise ValueError(f"{name} is {value}; give a whole number, at least 1")
+    for name, value, least in (("timesteps", config.timesteps, 1), ("num_envs", config.num_envs, 1), ("seed", seed, 0)):
+        if value < least:
+            raise ValueError(f"{name} is {value}; give a whole number, at least {least}")
     folder = new_folder(root, task) if folder is None else Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):

@@ -3,9 +3,8 @@
     python -m benchmarks.ablations                 of LeftAfterRight-v0 (two minutes a choice and seed)
     python -m benchmarks.ablations --task turn     the price of the overshoot in Turn-v0 (six minutes)
 
-Both write results/ablations.csv.
-
-A row is written as soon as it is known; rows that are there already are kept, so it can be stopped and goes on.
+A row of results/ablations_<task>.csv is written as soon as it is known; rows that are there already are kept, each with
+its commit, so it can be stopped and goes on.
 """
 
 import os
@@ -28,13 +27,12 @@ from agents import build
 from agents.config import CONFIGS, TrainConfig
 from agents.evaluate import EPISODES, evaluate, make_eval_env, means, measuring, policy_controller
 from agents.results import read_rows
-from benchmarks.provenance import RESULTS, write_csv
+from benchmarks.provenance import RESULTS, provenance, write_csv
 from fish_env.envs import FishVectorEnv
 from fish_env.tasks import rewards
 from fish_env.tasks.turn import TurnTask
 from fish_env.tasks.turns import CommandedTurns
 
-COMMAND = "python -m benchmarks.ablations"
 BASE = CONFIGS["left_after_right"]
 
 
@@ -101,12 +99,10 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     choices, decisions = CHOICES[arguments.task]
-    path = RESULTS / "ablations.csv"
+    path = RESULTS / f"ablations_{arguments.task}.csv"
     rows = read_rows(path) if path.exists() else []
-    done = {(row["task"], row["choice"], int(row["seed"])) for row in rows}
-    todo = [
-        (name, seed) for seed in range(arguments.seeds) for name in choices if (arguments.task, name, seed) not in done
-    ]
+    done = {(row["choice"], int(row["seed"])) for row in rows}
+    todo = [(name, seed) for seed in range(arguments.seeds) for name in choices if (name, seed) not in done]
     for name, seed in tqdm(todo, unit=" runs"):
         fields, patches = choices[name]
         with ExitStack() as stack:
@@ -114,8 +110,9 @@ def main() -> None:
                 stack.enter_context(change)
             found = learn(replace(CONFIGS[arguments.task], **({"timesteps": decisions} | fields)), seed)
         kept = ("success", "latency", "overshoot", "heading_error", "radius", "speed")
-        rows.append({"task": arguments.task, "choice": name, "seed": seed} | {metric: found[metric] for metric in kept})
-        write_csv("ablations.csv", rows, COMMAND)
+        about = {"choice": name, "seed": seed, "commit": provenance("")["commit"]}
+        rows.append(about | {metric: found[metric] for metric in kept})
+        write_csv(path.name, rows, f"python -m benchmarks.ablations --task {arguments.task} --seeds {arguments.seeds}")
         tqdm.write(str(rows[-1]))
 
 

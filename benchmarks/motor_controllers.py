@@ -167,7 +167,11 @@ def search_swims() -> list[Swim]:
     swims = np.stack([0 * scale, scale * full[1], frequency, scale * full[3], frequency], axis=1)
     swims = np.vstack([swims, full])
     speed, effort = steady(tables, swims)
-    near = [np.where(np.abs(speed - wanted) < 0.03, effort, np.inf).argmin() for wanted in SPEEDS]
+    costs = [np.where(np.abs(speed - wanted) < 0.03, effort, np.inf) for wanted in SPEEDS]
+    for wanted, cost in zip(SPEEDS, costs, strict=True):
+        if not np.isfinite(cost).any():
+            raise RuntimeError(f"no swimming on the grid goes at {wanted} body lengths/s; make the grid finer")
+    near = [cost.argmin() for cost in costs]
     rows = [Swim(speed[k], *swims[k, 1:]) for k in (*near, -1)]
     return [Swim(0.0, 0.0, rows[0].s1, 0.0, rows[0].s2), *rows]
 

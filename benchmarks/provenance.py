@@ -12,14 +12,15 @@ RESULTS = Path(__file__).parent / "results"
 
 
 def provenance(command: str) -> dict[str, str]:
-    """Command, commit, processor, threads and versions. A commit is dirty if anything but results and tests differs."""
+    """Command, commit, processor and versions. A commit is dirty if code that results depend on is not committed."""
     root = Path(__file__).parent.parent
 
     def git(*arguments):
         return subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=False).stdout.strip()
 
     commit = git("describe", "--always")
-    if commit and git("status", "--porcelain", "--", "fish_env", "agents", "benchmarks", ":!benchmarks/results"):
+    code = ("fish_env", "agents", "benchmarks", "train.py", "constraints.txt", "pyproject.toml")
+    if commit and git("status", "--porcelain", "--", *code, ":!benchmarks/results", ":!agents/pretrained"):
         commit += "-dirty"
     processor = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():

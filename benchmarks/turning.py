@@ -48,14 +48,14 @@ def bend(cruising: bool) -> dict:
             yaws.append(np.arctan2(*(fish.line @ tank.position[0])[1::-1]))
             path.append(mass @ tank.position[0])
         tank.swim(action, fish.control_interval)
-    turn = np.abs(np.diff(np.unwrap(yaws)))
-    moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    going = np.cumsum(turn) <= 0.9 * abs(np.unwrap(yaws)[-1] - yaws[0])
+    turned = np.abs(np.unwrap(yaws) - yaws[0])
+    end = np.argmax(turned >= 0.9 * turned.max())  # (43), of all that it turns before it springs back
+    moved = np.linalg.norm(np.diff(path[: end + 1], axis=0), axis=1).sum()
     how = "cruising" if cruising else "from rest"
     return {
         "who": f"all muscles of one side for {BEND * fish.control_interval:g} s, {how}",
-        "radius_L": round(float(moved[going].sum() / turn[going].sum() / fish.length), 3),
-        "turning_rate": round(float(np.degrees(turn.max() / fish.control_interval))),
+        "radius_L": round(float(moved / turned[end] / fish.length), 3),
+        "turning_rate": round(float(np.degrees(np.abs(np.diff(turned)).max() / fish.control_interval))),
     }
 
 

@@ -84,6 +84,7 @@ def test_bad_policy_files_are_refused(policy, tmp_path):
     refused(whole | {"weight1": whole["weight1"][:-1]}, "do not fit together")
     refused(whole | {"bias1": whole["bias1"] * np.nan}, "not finite")
     refused(whole | {"about": json.dumps({"env_id": "FishEnv/Other-v0"})}, "trained for FishEnv/Other-v0")
+    refused(whole | {"about": "{}"}, "does not say which environment it is for")
 
 
 @pytest.mark.parametrize("symmetric", [True, False])

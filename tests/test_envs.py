@@ -387,6 +387,8 @@ def test_clone_goes_on_alike(id, clone):
         ({"task": "turn", "angle": "x"}, "angle is 'x'; give a number"),
         ({"task": "target", "dimensions": 2.0}, "dimensions is 2.0; give 2 or 3"),
         ({"task": "left_after_right", "reversals": True}, "reversals is True; give 1 or 2"),
+        ({"task": ["swim"]}, "unknown task"),
+        ({"autoreset_mode": "foo"}, "unknown autoreset_mode 'foo'; choose from 'NextStep', 'SameStep', 'Disabled'"),
         ({"max_episode_steps": True}, "max_episode_steps is True"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"num_envs": 0}, "num_fish is 0"),
@@ -404,6 +406,9 @@ def test_bad_use_is_refused():
     env = FishVectorEnv(2)
     with pytest.raises(gym.error.ResetNeeded, match="before reset"):
         env.step(np.zeros((2, 12)))
+    env.reset(seed=0, options={"reset_mask": np.array([True, False])})
+    with pytest.raises(gym.error.ResetNeeded, match=r"fish \[1\]"):
+        env.step(np.zeros((2, 12)))
     env.reset(seed=0)
     before = env.tank.get_state()
     for bad in (np.zeros((2, 11)), np.zeros(12), np.full((2, 12), np.nan), np.full((2, 12), np.inf), "left"):
@@ -414,13 +419,28 @@ def test_bad_use_is_refused():
     for yaw in (np.nan, "north", [1.0, 2.0]):
         with pytest.raises(ValueError, match="yaw"):
             env.reset(options={"yaw": yaw})
-    with pytest.raises(ValueError, match="3 seeds were given for 2 fish"):
-        env.reset(seed=[1, 2, 3])
+    for seed in ([1, 2, 3], 1.5):
+        with pytest.raises(ValueError, match=r"seed is .*; give a whole number, or 2, one for each fish"):
+            env.reset(seed=seed)
+    with pytest.raises(ValueError, match="options is 'abc'; give a dict"):
+        env.reset(options="abc")
     for mask in (np.zeros(2, dtype=bool), np.ones(3, dtype=bool), [True, True], np.ones(2)):
         with pytest.raises(ValueError, match="reset_mask"):
             env.reset(options={"reset_mask": mask})
     for name, value in env.tank.get_state().items():
         np.testing.assert_array_equal(value, before[name])
+
+
+def test_options_that_would_change_nothing_are_refused():
+    """One fish has no autoreset; a `VecEnv` has one of its own."""
+    with pytest.raises(ValueError, match="autoreset_mode is for batches"):
+        gym.make("FishEnv/Swim-v0", autoreset_mode="Disabled")
+    with pytest.raises(ValueError, match="autoreset_mode cannot be chosen"):
+        make_sb3_vec_env("FishEnv/Swim-v0", num_envs=2, autoreset_mode="Disabled")
+    env = make_sb3_vec_env("FishEnv/Swim-v0", num_envs=2, seed=0, max_episode_steps=2, info_every_step=True)
+    env.reset()
+    infos = [env.step(np.zeros((2, 12)))[3][1] for _ in range(2)]
+    assert all("step_terms" in info for info in infos) and "terms" in infos[1]
 
 
 def test_actions_beyond_the_box_are_clipped():

@@ -209,6 +209,21 @@ def test_turning_too_far_costs(task, weight):
     assert last[0] == pytest.approx(-weight * 0.02 * 2 / np.pi * 0.2, rel=1e-6)
 
 
+def test_a_turn_before_is_no_overshoot():
+    """A turn back that ends exactly on its command costs nothing, although the mean is still over the turn before."""
+    env = FishVectorEnv(1, task="left_after_right", severity=0.5)
+    asked = {"first": math.pi / 2, "second": math.pi / 4, "part": 0.8, "side": 1, "wait": 0.1}
+    env.reset(seed=0, options={"yaw": 0.0} | asked)
+    yaw, course, paid = 0.0, env.task.course, 0.0
+    for _ in range(100):
+        yaw += float(np.clip(rewards.wrapped(course.heading[0] - yaw), -0.1, 0.1))
+        spun(env, [yaw])
+        paid += decide(env)["overshoot"][0]
+    found = env.task.metrics(env.tank, 0, 2.0)
+    assert found["success"] and course.stage[0] == 2
+    assert paid == pytest.approx(0.0, abs=1e-9) and found["overshoot"] == pytest.approx(0.0, abs=1e-6)
+
+
 @pytest.mark.parametrize("beat", [3.3, 3.9, 4.6])
 def test_swaying_is_no_overshoot(beat):
     """A fish that sways about the commanded heading holds it, whatever its beat: less than 3 % of the sway is left."""
@@ -410,6 +425,11 @@ def test_commanded_speed_pays_for_keeping_it():
 
 def test_variation_reaches_the_physics():
     """Drawn or given, stiffness, mass, drag and current are those the fish is moved with; else it is as made."""
+    both = {"stiffness": (0.5, 2.0), "mass": (0.5, 2.0)}
+    one, other = (FishVectorEnv(1, variation=v) for v in (both, dict(reversed(both.items()))))
+    for env in (one, other):
+        env.reset(seed=0)
+    np.testing.assert_array_equal(one.tank.variation, other.tank.variation)  # the order of the keys does not matter
     env = FishVectorEnv(3, variation={"stiffness": (0.5, 2.0), "current": 0.4})
     env.reset(seed=0)
     rows = env.tank.variation.copy()

@@ -44,7 +44,7 @@ class Episodes:
         threads: int | None = None,
         **task_options,
     ):
-        if task not in self.tasks:
+        if not isinstance(task, str) or task not in self.tasks:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(map(repr, self.tasks))}")
         whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
         if max_episode_steps is not None and not (whole and max_episode_steps >= 1):
@@ -66,6 +66,7 @@ class Episodes:
         self.num_envs = self.tank.num_fish
         self.max_episode_steps = max_episode_steps
         self.groups = fish.grouping(muscle_groups)
+        self.leaders = np.unique(self.groups, return_index=True)[1]  # (A,) the first muscle of each
         bound = observation.bounds(fish, self.task)
         self._limits = np.array([direction.limit for direction in self.task.directions])
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
@@ -82,7 +83,7 @@ class Episodes:
         self._limit = np.full(self.num_envs, max_episode_steps or np.iinfo(np.int64).max)
         self._no_penalty = np.zeros(self.num_envs)
         self._totals = {name: np.zeros(self.num_envs) for name in (*self.task.term_names, "failure")}
-        self._started = False
+        self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
 
     def restart(self, mask: np.ndarray, seeds: Sequence[int | None] | None = None, options: Mapping | None = None):
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
@@ -102,12 +103,14 @@ class Episodes:
         for total in self._totals.values():
             total[mask] = 0.0
         self._measure()
-        self._started = True
+        self._begun[mask] = True
+        self._started = self._begun.all()
 
     def advance(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One control interval: reward (B,) float64, terminated (B,), truncated (B,)."""
         if not self._started:
-            raise gym.error.ResetNeeded("step was called before reset; call env.reset() first")
+            which = np.flatnonzero(~self._begun).tolist()
+            raise gym.error.ResetNeeded(f"step was called before reset of the fish {which}; call env.reset() first")
         self._command(action)
         self._swim()
         self._measure()

@@ -44,10 +44,11 @@ class FishVecEnv(VecEnv):
         reward, terminated, truncated = self.fish.advance(self._actions)
         obs = self.fish.observe()
         done = terminated | truncated
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        every = self.fish.info_every_step
+        infos: list[dict[str, Any]] = [self.fish.step_info(i) if every else {} for i in range(self.num_envs)]
         if done.any():
             for i in np.flatnonzero(done):
-                infos[i] = self.fish.episode_info(i)
+                infos[i] |= self.fish.episode_info(i)
                 infos[i]["terminal_observation"] = obs[i].copy()
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i])
             self.fish.restart(done)
@@ -99,6 +100,8 @@ def make_sb3_vec_env(
         gymnasium.error.Error: for an id that is not registered.
         ValueError: for an option that is not allowed.
     """
+    if "autoreset_mode" in options:
+        raise ValueError("autoreset_mode cannot be chosen: in a VecEnv, episodes begin anew in the step they end in")
     fish = gym.make_vec(id, num_envs, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **options)
     env: VecEnv = FishVecEnv(fish.unwrapped, staggered)
     if monitor:

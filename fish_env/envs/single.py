@@ -18,6 +18,8 @@ class FishEnv(gym.Env):
     vector_class = FishVectorEnv
 
     def __init__(self, render_mode: str | None = None, **options):
+        if "autoreset_mode" in options:
+            raise ValueError("autoreset_mode is for batches (gym.make_vec); one fish waits for reset")
         self.fish = self.vector_class(1, render_mode=render_mode, threads=1, **options)
         self.render_mode = render_mode
         self.metadata = self.metadata | {"render_fps": self.fish.metadata["render_fps"]}

@@ -28,7 +28,11 @@ def checked_variation(given: Mapping[str, Any]) -> dict[str, tuple[float, float]
     for name in given:
         if name not in VARIATIONS:
             raise ValueError(f"unknown variation {name!r}; choose from {', '.join(VARIATIONS)}")
-    return {name: VARIATIONS[name].checked_range(f"variation[{name!r}]", value) for name, value in given.items()}
+    return {  # in this order whatever the order given: numbers are drawn one after the other
+        name: option.checked_range(f"variation[{name!r}]", given[name])
+        for name, option in VARIATIONS.items()
+        if name in given
+    }
 
 
 def draw(variation: Mapping[str, tuple[float, float]], generator: np.random.Generator) -> dict[str, float]:

@@ -1,6 +1,6 @@
 """FishVectorEnv: a batch of fish as a Gymnasium `VectorEnv`, with all three autoreset modes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -53,7 +53,11 @@ class FishVectorEnv(Episodes, VectorEnv):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"unknown render_mode {render_mode!r}; choose None, 'human' or 'rgb_array'")
         super().__init__(num_envs, **options)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            allowed = ", ".join(repr(mode.value) for mode in AutoresetMode)
+            raise ValueError(f"unknown autoreset_mode {autoreset_mode!r}; choose from {allowed}") from None
         self.render_mode = render_mode
         self.info_every_step = info_every_step
         self.metadata = self.metadata | {
@@ -77,8 +81,10 @@ class FishVectorEnv(Episodes, VectorEnv):
         """
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + i for i in range(self.num_envs)]
-        if seed is not None and len(seed) != self.num_envs:
-            raise ValueError(f"{len(seed)} seeds were given for {self.num_envs} fish; give one each, or one number")
+        if seed is not None and (not isinstance(seed, Sequence | np.ndarray) or len(seed) != self.num_envs):
+            raise ValueError(f"seed is {seed!r}; give a whole number, or {self.num_envs}, one for each fish")
+        if not isinstance(options, Mapping | None):
+            raise ValueError(f"options is {options!r}; give a dict with keys among {', '.join(self.reset_options)}")
         options = dict(options or {})
         mask = options.pop("reset_mask", None)
         if mask is None:

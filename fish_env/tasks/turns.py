@@ -22,7 +22,7 @@ EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 COMPLETE = 0.9  # part of a turn after which it counts as made
 LEAST_TURN = math.radians(1.0)  # a smaller turn has no radius
 SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
-MEAN_TIME = 0.26  # s, about a beat: headings are averaged over it
+MEAN_TIME = 0.26  # s, about a beat: headings are averaged over the whole decisions nearest to it
 PATIENCE = 3.0  # s: a turn whose predecessor is never as far along as it should be is commanded then
 
 ANGLE = Option(math.radians(10.0), math.pi, "a commanded turn, rad")
@@ -93,7 +93,7 @@ def follow(course, record, axes, centre, velocity, before, interval):
                     record.radius[b] = record.path[b] / abs(turned) if abs(turned) > LEAST_TURN else math.nan  # (43)
                     record.after[b] = math.hypot(velocity[b, 0], velocity[b, 1])
                     record.overshoot[b] = 0.0
-            else:
+            elif course.since[b] >= window * interval - 1e-9:  # no heading from before the command is in the average
                 beyond = side * (steady_facing(course, b) - course.origin[b]) - abs(wanted)
                 record.overshoot[b] = max(record.overshoot[b], beyond)
         if stage < course.count[b]:
@@ -140,11 +140,14 @@ def steady_facing(course, b):
 
 
 @njit
-def too_far(course):
-    """How far each fish has turned beyond its last command, on average over a beat, (B,) rad; 0 before it is made."""
+def too_far(course, beat):
+    """How far each fish has turned beyond its last command, on average over a beat, (B,) rad.
+
+    It is 0 before the turn is made, and for a beat, s, after the command: the average is still over the turn before.
+    """
     out = np.zeros(course.yaw.size)
     for b in range(out.size):
-        if course.stage[b] > 0:
+        if course.stage[b] > 0 and course.since[b] >= beat:
             wanted = course.angle[b, course.stage[b] - 1]
             turned = (mean_facing(course, b) - course.origin[b]) * (1.0 if wanted > 0.0 else -1.0)
             out[b] = max(turned - abs(wanted), 0.0)
@@ -165,8 +168,9 @@ class CommandedTurns(ABC):
 
     def prepare(self, tank, interval):
         """Make the arrays for the fish of a tank."""
-        b, k, w = tank.num_fish, self.most_turns, 2 * max(1, round(MEAN_TIME / interval)) - 1
-        self.interval = interval
+        beat = max(1, round(MEAN_TIME / interval))  # decisions: 13 of 20 ms, 6 of 40 ms
+        b, k, w = tank.num_fish, self.most_turns, 2 * beat - 1
+        self.interval, self.beat = interval, beat * interval - 1e-9
         self.course = make_records(
             Course, [(b, k), (b, k), (b, k), [b], [b], (b,), (b,), (b,), (b,), (b,), (b, w), [b]]
         )
@@ -207,7 +211,8 @@ class CommandedTurns(ABC):
             "effort": tank.effort * (-EFFORT_WEIGHT * self.interval),  # (20)
         }
         if "overshoot" in self.term_names:
-            terms["overshoot"] = too_far(self.course) * (-2.0 / np.pi * self.overshoot_weight * self.interval)  # (45)
+            price = -2.0 / np.pi * self.overshoot_weight * self.interval
+            terms["overshoot"] = too_far(self.course, self.beat) * price  # (45)
         measure_load(tank, self.load)
         follow(self.course, self.record, pose.axes, pose.centre, pose.velocity, self._before, self.interval)
         self._before[:] = pose.centre
