@@ -16,7 +16,7 @@ import pytest
 import fish_env
 from fish_env.body import FAILURES
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode, observation
-from fish_env.tasks import TASKS, avoid, start, target, turns
+from fish_env.tasks import TASKS, avoid, rewards, start, target, turns
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -249,7 +249,7 @@ def test_rewards(task):
     assert tuple(name for name, _ in found) == terms
     constants = {
         name: value
-        for module in [episode, *reversed(modules(task))]  # a task may have a weight of its own
+        for module in [episode, rewards, *reversed(modules(task))]  # a task may have a weight of its own
         for name, value in vars(module).items()
         if re.search("_(WEIGHT|BONUS|PENALTY)$", name)
     }

@@ -6,6 +6,8 @@ import numpy as np
 
 from fish_env._jit import njit
 
+EFFORT_WEIGHT = 0.1  # body lengths a second, the price of moving every muscle at its fastest all the time
+
 
 @njit
 def progress(centre, before, heading, length):
@@ -31,6 +33,11 @@ def alignment(axes, heading):
         cosine = axes[b, 0, 0] * heading[b, 0] + axes[b, 0, 1] * heading[b, 1] + axes[b, 0, 2] * heading[b, 2]
         out[b] = -2.0 / math.pi * math.acos(min(max(cosine, -1.0), 1.0))
     return out
+
+
+def effort(tank, interval):
+    """What moving the muscles in the last interval, s, costs, (B,) body lengths, never positive."""
+    return tank.effort * (-EFFORT_WEIGHT * interval)
 
 
 @njit

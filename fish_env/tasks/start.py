@@ -13,13 +13,17 @@ POSE_OPTIONS = {
 }
 
 
-def place(tank, i, generator, yaw, options) -> None:
-    """Put fish i, freshly reset, with its centre of mass at the origin, turned to `yaw` unless an option says else."""
+def place(tank, i, generator, yaw, options) -> np.ndarray:
+    """Put fish i, freshly reset, at the origin, turned to `yaw` unless an option says else.
+
+    Returns its centre of mass (3,), m.
+    """
     body = tank.fish.body
     noise = generator.normal(0.0, NOISE * tank.fish.length, body.position.shape)
     turn = rotation(options.get("yaw", yaw), options.get("pitch", 0.0), options.get("roll", 0.0))
     tank.position[i] = (body.position - body.mass @ body.position / body.mass.sum()) @ turn.T
     tank.velocity[i] = noise
+    return body.mass @ tank.position[i] / body.mass.sum()
 
 
 def rotation(yaw, pitch, roll) -> np.ndarray:

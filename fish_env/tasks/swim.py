@@ -6,8 +6,6 @@ from fish_env.tasks import rewards
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS, level, place
 
-EFFORT_WEIGHT = 0.1  # body lengths a second, the price of moving every muscle at its fastest all the time
-
 HEADING_ERROR = Option(0.0, np.pi, "largest angle between the commanded heading and the fish's own at the start, rad")
 SPEED = Option(0.1, 3.0, "commanded speed, body lengths per second")
 
@@ -47,12 +45,10 @@ class SwimTask:
     def start(self, tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, and draw its commanded heading."""
         yaw, error = generator.uniform(-1.0, 1.0, 2) * (np.pi, self.heading_error)
-        place(tank, i, generator, yaw, options)
+        self._before[i] = self._start[i] = place(tank, i, generator, yaw, options)
         self._heading[i] = level(options.get("heading", options.get("yaw", yaw) + error))
         if self.speed is not None:
             self._speed[i] = options.get("speed", generator.uniform(*self.speed))
-        mass = tank.fish.body.mass
-        self._before[i] = self._start[i] = mass @ tank.position[i] / mass.sum()
 
     def vectors(self, tank, pose):
         """The commanded heading, a unit vector, or the commanded velocity, body lengths per second, (B,1,3)."""
@@ -65,7 +61,7 @@ class SwimTask:
             wanted = self._speed * self.interval
             progress = wanted - np.abs(progress - wanted)  # (39)
         self._before[:] = pose.centre
-        return {"progress": progress, "effort": tank.effort * (-EFFORT_WEIGHT * self.interval)}  # (20)
+        return {"progress": progress, "effort": rewards.effort(tank, self.interval)}  # (20)
 
     def progress(self, tank, pose):
         """Body lengths covered along the heading in the last interval, (B,)."""

@@ -9,7 +9,6 @@ from fish_env.tasks.start import POSE_OPTIONS, place
 
 ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the price of pointing across the way to the target
 REACH_BONUS = 1.0  # body lengths: what reaching a target is worth beside the way to it
-EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 DRAWN = 50  # targets drawn at the start of an episode, the first again after the last
 
 DISTANCE = Option(0.8, 5.0, "distance of a target from the fish's centre when it appears, body lengths")
@@ -66,7 +65,7 @@ class TargetTask:
     def start(self, tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, and draw its targets."""
         yaw = options.get("yaw", generator.uniform(-np.pi, np.pi))
-        place(tank, i, generator, yaw, options)
+        centre = place(tank, i, generator, yaw, options)
         offers = self._offers[i]
         offers[:, 0] = generator.uniform(*self.distance, DRAWN)
         offers[:, 1] = generator.uniform(-self.bearing, self.bearing, DRAWN)
@@ -75,8 +74,6 @@ class TargetTask:
         for k, name in enumerate(("distance", "bearing", "elevation")):
             offers[0, k] = options.get(name, offers[0, k])
         self.reached[i] = self.missed[i] = self._waited[i] = 0
-        mass = tank.fish.body.mass
-        centre = mass @ tank.position[i] / mass.sum()
         offer(offers[0], centre, yaw, tank.fish.length, self._target[i])
         self._gap[i] = np.linalg.norm(self._target[i] - tank.position[i, tank.fish.nose]) / tank.fish.length
 
@@ -99,7 +96,7 @@ class TargetTask:
             self.interval, self._offers, self._target, self._gap, self._waited, self.reached, self.missed,
             progress, reached,
         )  # fmt: skip
-        effort = tank.effort * (-EFFORT_WEIGHT * self.interval)  # (20)
+        effort = rewards.effort(tank, self.interval)  # (20)
         return {
             "progress": progress,
             "alignment": alignment,

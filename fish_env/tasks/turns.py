@@ -18,7 +18,6 @@ from fish_env.tasks.start import level, place
 
 ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the price of pointing across the commanded heading
 OVERSHOOT_WEIGHT = 10.0  # body lengths a second, the price of having turned a right angle too far
-EFFORT_WEIGHT = 0.1  # body lengths a second, as for Swim-v0
 COMPLETE = 0.9  # part of a turn after which it counts as made
 LEAST_TURN = math.radians(1.0)  # a smaller turn has no radius
 SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
@@ -182,7 +181,7 @@ class CommandedTurns(ABC):
     def start(self, tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, heading where it points; plan its turns."""
         yaw = options.get("yaw", generator.uniform(-np.pi, np.pi))
-        place(tank, i, generator, yaw, options)
+        self._before[i] = self._start[i] = place(tank, i, generator, yaw, options)
         course = self.course
         for array in (*course, *self.record, *self.load):
             array[i] = 0
@@ -192,8 +191,6 @@ class CommandedTurns(ABC):
         course.part[i] = np.inf
         self.plan(i, generator, options)
         self._heading[i] = level(yaw)
-        mass = tank.fish.body.mass
-        self._before[i] = self._start[i] = mass @ tank.position[i] / mass.sum()
 
     @abstractmethod
     def plan(self, i, generator, options) -> None:
@@ -208,7 +205,7 @@ class CommandedTurns(ABC):
         terms = {
             "progress": rewards.progress(pose.centre, self._before, self._heading, tank.fish.length),  # (19)
             "alignment": rewards.alignment(pose.axes, self._heading) * (self.alignment_weight * self.interval),  # (40)
-            "effort": tank.effort * (-EFFORT_WEIGHT * self.interval),  # (20)
+            "effort": rewards.effort(tank, self.interval),  # (20)
         }
         if "overshoot" in self.term_names:
             price = -2.0 / np.pi * self.overshoot_weight * self.interval
