@@ -431,6 +431,15 @@ def test_bad_use_is_refused():
         np.testing.assert_array_equal(value, before[name])
 
 
+@pytest.mark.parametrize("task", fish_env.TASKS)
+def test_infos_hold_plain_numbers(task):
+    """What an episode came to is Python's own numbers, not numpy's."""
+    env = FishVectorEnv(1, task=task)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    assert {type(value) for value in env.episode_info(0).values()} <= {float, int, bool, dict}
+
+
 def test_options_that_would_change_nothing_are_refused():
     """One fish has no autoreset; a `VecEnv` has one of its own."""
     with pytest.raises(ValueError, match="autoreset_mode is for batches"):

@@ -156,7 +156,7 @@ class Episodes:
         info = {
             "terms": {name: float(total[i]) for name, total in self._totals.items()},
             "seconds": float(self._elapsed[i] * self.control_interval),
-            **self.task.metrics(self.tank, i, max(1, self._elapsed[i]) * self.control_interval),
+            **self.task.metrics(self.tank, i, float(max(1, self._elapsed[i]) * self.control_interval)),
         }
         if self.tank.state.failure[i]:
             info["failure"] = self.tank.failure[i]
