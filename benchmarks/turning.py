@@ -54,6 +54,7 @@ def bend(cruising: bool) -> dict:
     how = "cruising" if cruising else "from rest"
     return {
         "who": f"all muscles of one side for {BEND * fish.control_interval:g} s, {how}",
+        "turned": round(float(np.degrees(turned.max()))),
         "radius_L": round(float(moved / turned[end] / fish.length), 3),
         "turning_rate": round(float(np.degrees(np.abs(np.diff(turned)).max() / fish.control_interval))),
     }
@@ -66,6 +67,7 @@ def turn_of(who: str, controller, env) -> dict:
     known = radius[np.isfinite(radius)]
     return {
         "who": f"{who}, commanded 90 degrees",
+        "turned": 90,
         "best_radius_L": round(float(known.min()), 3) if known.size else "",
         "best_turning_rate": round(float(rate.max())),
         "radius_L": round(float(np.median(known)), 3) if known.size else "",
@@ -85,10 +87,8 @@ def turning() -> None:
         turn_of("PPO", policy, env),
         *LIVING,
     ]
-    rows = [{"best_radius_L": "", "best_turning_rate": "", **row} for row in rows]
-    rows = [
-        {k: row[k] for k in ("who", "radius_L", "best_radius_L", "turning_rate", "best_turning_rate")} for row in rows
-    ]
+    columns = ("who", "turned", "radius_L", "best_radius_L", "turning_rate", "best_turning_rate")
+    rows = [{name: row.get(name, "") for name in columns} for row in rows]
     for row in rows:
         print(row)
     print(write_csv("turning.csv", rows, "python -m benchmarks.turning"))
