@@ -15,7 +15,7 @@ from benchmarks.provenance import RESULTS, write_csv
 from fish_env import INTEGRATORS
 from fish_env.envs import FishVectorEnv
 
-EPISODES = 100
+EPISODES = 50
 FINER = 8  # the reference takes this part of the fish's own step
 
 
