@@ -383,7 +383,7 @@ BARS = {
     "swim": {"speed": 2.2},
     "turn": {"success": 0.98},
     "left_after_right": {"success": 0.95},
-    "target": {"targets": 7.0},
+    "target": {"targets": 9.5},
     "target_3d": {"success": 0.8},
     "avoid": {"avoided": 0.95},
 }
