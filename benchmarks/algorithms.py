@@ -41,7 +41,7 @@ def off_policy(method, config: TrainConfig, seed: int, **options):
     offset, scale = scaling(fish)
     return method(
         "MlpPolicy", env, learning_rate=1e-3, batch_size=256, gamma=config.discount(fish.control_interval),
-        train_freq=1, gradient_steps=UPDATES, learning_starts=20_000, buffer_size=500_000, seed=seed, device="cpu",
+        train_freq=1, gradient_steps=UPDATES, learning_starts=5_000, buffer_size=500_000, seed=seed, device="cpu",
         policy_kwargs={
             "net_arch": [128, 128],
             "features_extractor_class": ScaledObservation,
@@ -76,6 +76,8 @@ class Looks(BaseCallback):
         super().__init__()
         self.env = make_eval_env(config.env_id, EPISODES, config.env_options)
         self.seconds, self.rows, self.measuring = seconds, [], 0.0
+        self.env.reset(seed=0)
+        self.env.step(self.env.action_space.sample())  # what has to be compiled is compiled now
 
     def _on_training_start(self) -> None:
         self.begin = time.perf_counter()
