@@ -1,6 +1,7 @@
 """Does a policy exploit the integrator? Replay it under RK4 at an eighth of the step, and under every other method.
 
-`python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg.
+`python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg, and, of many more
+episodes by the default method and the reference alone, integrators_default.csv.
 """
 
 from pathlib import Path
@@ -16,6 +17,8 @@ from fish_env import INTEGRATORS
 from fish_env.envs import FishVectorEnv
 
 EPISODES = 50
+MANY = 300  # for the default method: its difference is less than what chance makes of fifty episodes
+COMMAND = "python train.py compare --integrators"
 FINER = 8  # the reference takes this part of the fish's own step
 
 
@@ -66,8 +69,31 @@ def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODE
                         | differences(scores, track, *reference))  # fmt: skip
     print_rows(rows)
     if not paths:  # of other policies nothing is published
-        write_csv("integrators_policies.csv", rows, "python train.py compare --integrators")
+        write_csv("integrators_policies.csv", rows, COMMAND)
         draw(rows, RESULTS / "integrators_policies.svg")
+        check_default()
+    return rows
+
+
+def check_default(episodes: int = MANY) -> list[dict]:
+    """Change of the return between the reference and the default method, with its standard error; writes a table."""
+    rows = []
+    for path in shipped():
+        task, _, env = opened(path, 1)
+        fish = env.tank.fish
+        reference, default = (
+            replay(path, name, dt, episodes)[0] for name, dt in (settings(fish)[0], (fish.integrator, fish.time_step))
+        )
+        change, wanted = default["return"] - reference["return"], abs(reference["return"].mean())
+        rows.append(
+            {"task": task, "episodes": episodes, "return_reference": rounded(reference["return"].mean()),
+             "return_default": rounded(default["return"].mean()), "change": rounded(change.mean() / wanted),
+             "standard_error": rounded(change.std(ddof=1) / np.sqrt(episodes) / wanted)}
+            | {f"success_{name}": rounded(s["success"].mean()) if "success" in s else ""
+               for name, s in (("reference", reference), ("default", default))}
+        )  # fmt: skip
+        print(rows[-1])
+    write_csv("integrators_default.csv", rows, COMMAND)
     return rows
 
 

@@ -106,7 +106,7 @@ def time_to_gait() -> dict:
     watch, begin = UntilFast(wanted), time.perf_counter()
     with contextlib.suppress(StopIteration):
         model.learn(config.timesteps, callback=watch)
-    return {"gait_speed": wanted, "reached": watch.reached, "decisions": model.num_timesteps,
+    return {"gait_speed": wanted, "reached": bool(watch.reached), "decisions": model.num_timesteps,
             "seconds": time.perf_counter() - begin - watch.measuring}  # fmt: skip
 
 
