@@ -88,7 +88,8 @@ def main() -> None:
             rows.append({"harmonics": harmonics, "seed": seed, "speed": round(best, 4),
                          "times_the_gait": round(best / gait, 4), "beats_a_second": beats})  # fmt: skip
             tqdm.write(str(rows[-1]))
-    print(write_csv("waveforms.csv", rows, "python -m benchmarks.waveforms"), f"the gait: {gait:.3f}")
+    command = f"python -m benchmarks.waveforms --seeds {arguments.seeds} --generations {arguments.generations}"
+    print(write_csv("waveforms.csv", rows, command), f"the gait: {gait:.3f}")
 
 
 if __name__ == "__main__":
