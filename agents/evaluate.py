@@ -41,7 +41,7 @@ def policy_controller(policy, env: FishVectorEnv) -> Controller:
             f"the policy decides every {interval:g} s, the environment every {env.control_interval:g} s; "
             "give an interval that goes into the policy's a whole number of times"
         )
-    muscles = 6 * env.tank.fish.body.mass.size + env.leaders
+    muscles = 6 * env.tank.fish.landmarks.node.size + env.leaders
     goal = np.zeros(0)
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:

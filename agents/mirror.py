@@ -17,24 +17,17 @@ def mirror_of(env) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     The mirrored observation is `obs[place] * sign`, both (D,), the mirrored action `action[swap]`, (A,).
     """
     fish = env.tank.fish
-    nodes = (3 * fish.mirror[:, None] + np.arange(3)).ravel()
-    muscles = mirrored_muscles(fish)
+    nodes = (3 * fish.landmarks.mirror[:, None] + np.arange(3)).ravel()
+    muscles = fish.mirrored_muscles
     directions = np.arange(3 + 3 * len(env.task.directions))  # the vertical, and what the task shows
     parts = (nodes, nodes, muscles, directions)
     starts = np.cumsum([0, *map(len, parts)])
     place = np.concatenate([start + part for start, part in zip(starts, parts, strict=False)])
     flip = [1.0, -1.0, 1.0]  # forward and up stay, left becomes right
     sign = np.concatenate(
-        [np.tile(flip, 2 * len(fish.mirror)), np.ones(len(muscles)), np.tile(flip, len(directions) // 3)]
+        [np.tile(flip, 2 * len(fish.landmarks.mirror)), np.ones(len(muscles)), np.tile(flip, len(directions) // 3)]
     )
     return place, sign, env.groups[muscles[env.leaders]]
-
-
-def mirrored_muscles(fish) -> np.ndarray:
-    """(M,) the muscle that each muscle becomes when left and right are exchanged."""
-    pairs = fish.body.springs.nodes[fish.muscles]
-    number = {frozenset(pair): m for m, pair in enumerate(pairs.tolist())}
-    return np.array([number[frozenset(pair)] for pair in fish.mirror[pairs].tolist()])
 
 
 class MirroredExtractor(MlpExtractor):

@@ -66,7 +66,7 @@ class Sequencer:
         self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
         self.muscle = env.leaders
         self.can_pitch = self.muscle.size == fish.num_muscles  # pairs contract above and below together
-        height = fish.body.position[fish.body.springs.nodes[fish.muscles], 2].mean(axis=1)
+        height = fish.heights
         self.fish, self.level = fish, np.where(height > 0, 0, 1)
         self.window = max(1, round(habits.beat / self.interval))
 
@@ -163,7 +163,7 @@ def aim_heading(obs: np.ndarray) -> Aim:
 
 
 def aim_velocity(obs: np.ndarray, mass: np.ndarray, haste: float = 2.0) -> Aim:
-    """At the commanded velocity, of fish with node masses (N,): the faster, the further they are behind it."""
+    """At the commanded velocity, of fish with landmark masses (L,): the faster, the further they are behind it."""
     wanted = obs[:, -3:].astype(float)
     speed = np.linalg.norm(wanted, axis=1)
     nodes = mass.size
@@ -233,7 +233,7 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habi
     Raises:
         ValueError: for a task that they cannot do.
     """
-    task, mass = env.task, env.tank.fish.body.mass
+    task, mass = env.task, env.tank.fish.landmarks.mass
     if isinstance(task, TargetTask):
         kind, aim = TargetTask, partial(aim_target, dimensions=task.dimensions)
     elif isinstance(task, AvoidTask):

@@ -22,7 +22,7 @@ def synergies(env) -> np.ndarray:
     matrix = np.eye(size)
     if size < fish.num_muscles:
         return matrix
-    height = fish.body.position[fish.body.springs.nodes[fish.muscles], 2].mean(axis=1)
+    height = fish.heights
     for segment in np.unique(fish.segments):
         for side in (1, -1):
             pair = np.flatnonzero((fish.segments == segment) & (fish.sides == side))

@@ -6,9 +6,9 @@ import numpy as np
 
 from agents.controllers import Gait
 from fish_env.bodies import Fish
-from fish_env.body import World
 from fish_env.pose import make_pose, measure
 from fish_env.tank import Tank
+from fish_env.world import World
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,9 @@ from benchmarks.provenance import RESULTS, write_csv
 from benchmarks.work_precision import ACCURATE, STYLE
 from fish_env import forces
 from fish_env.bodies.mass_spring import LAYERS
-from fish_env.body import VACUUM, World
 from fish_env.forces import springs, water
 from fish_env.integrators._common import check
+from fish_env.world import VACUUM, World
 
 SCENES = ("turn", "turn_x10", "turn_x10_damped")
 SUBSTEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)

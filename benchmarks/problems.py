@@ -8,9 +8,9 @@ import numpy as np
 from agents.controllers import Gait
 from fish_env import body, make_fish
 from fish_env.bodies import Fish
-from fish_env.body import VACUUM, World
 from fish_env.integrators.adaptive import solve
 from fish_env.tank import Tank
+from fish_env.world import VACUUM, World
 
 LEAD, RIGHT, LEFT, REST = 26, 10, 10, 54  # control intervals of the manoeuvre: swimming, right, left, swimming on
 BEAT = 13  # control intervals of a tail beat

@@ -28,8 +28,9 @@ from benchmarks.provenance import RESULTS, write_csv
 from benchmarks.work_precision import STYLE
 from fish_env import BODIES, INTEGRATORS, forces, make_fish
 from fish_env.bodies import Fish
-from fish_env.body import COUNTERS, VACUUM, Body, Control, State, make_body
+from fish_env.body import COUNTERS, Body, Control, State, make_body
 from fish_env.tank import Tank
+from fish_env.world import VACUUM
 
 FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]
 STIFFNESS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4)  # factors on the units' stiffness, damping kept

@@ -7,13 +7,13 @@ matplotlib is loaded by it.
 from gymnasium.envs.registration import register
 
 from fish_env.bodies import BODIES, Fish, make_fish
-from fish_env.body import World, make_water
 from fish_env.integrators import INTEGRATORS
 from fish_env.tank import Tank
 from fish_env.tasks import TASKS
+from fish_env.world import World, make_water, make_world
 
 __version__ = "0.1.0"
-__all__ = ["BODIES", "INTEGRATORS", "TASKS", "Fish", "Tank", "World", "make_fish", "make_water"]
+__all__ = ["BODIES", "INTEGRATORS", "TASKS", "Fish", "Tank", "World", "make_fish", "make_water", "make_world"]
 
 EPISODE_STEPS = {"swim": 250, "turn": 250, "left_after_right": 250, "target": 500, "avoid": 300}
 """Decisions in an episode of each task."""

@@ -1,15 +1,16 @@
-"""The nouns of the simulation: what a body is, what it swims in, its state and its controls. Plain tuples of arrays.
+"""The nouns of the simulation: what a body is, its state and its controls. Plain tuples of arrays.
 
-A body is data. Every array here enters the compiled kernels as it is; the functions that make a `Body` or a `World`
-check what they are given and say what is allowed.
+A body is data. Every array here enters the compiled kernels as it is; `make_body` checks what it is given and says what
+is allowed. The elements beside springs are made in `elements.py`.
 """
 
 from itertools import combinations
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 
+from fish_env.checks import finite_array, node_array, positive_array
+from fish_env.elements import Chambers, Guards, Tets, chamber_volume, check_outward
 from fish_env.linalg import ldlt
 
 
@@ -24,30 +25,34 @@ class Springs(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """Surface elements the water acts on: F quadrilaterals, or triangles with their third node given twice."""
+    """Surface elements the water acts on: F quadrilaterals, or triangles with their third node given twice.
+
+    A face of a flat body stands upright on it: its third and fourth corner are `depth` above the nodes they name.
+    """
 
     nodes: np.ndarray  # (F,4) counter-clockwise seen from outside
     share: np.ndarray  # (F,4) part of the face's force each corner carries; rows sum to 1
+    depth: np.ndarray  # (F,) m along z; zero for the face of a solid body
 
 
 class Body(NamedTuple):
-    """A deformable body of N nodes at rest."""
+    """A deformable body of N nodes at rest.
+
+    None says that there are no elements of a kind: the kernels are then compiled without them.
+    """
 
     position: np.ndarray  # (N,3) m
     mass: np.ndarray  # (N,) kg
+    inverse_mass: np.ndarray  # (N,3) 1/kg; zero along an axis in which the node is held: its velocity never changes
+    held: np.ndarray  # (H,2) node and axis of every degree of freedom that is eliminated
     springs: Springs
     faces: Faces
+    tets: Tets | None
+    chambers: Chambers | None
+    guards: Guards | None
     elastic_rate: float  # highest eigenvalue of M^-1 K at rest, 1/s2: the square of the highest frequency
     viscous_rate: float  # highest eigenvalue of M^-1 D at rest, 1/s
-    profile: ldlt.Profile  # skyline of the system matrix: the nodes that a unit or a face joins
-
-
-class World(NamedTuple):
-    """What surrounds the body. All zero is vacuum."""
-
-    linear: float  # coefficient of the linear face law, kg/(m2 s)
-    quadratic: float  # coefficient of the quadratic face law, half density times drag coefficient, kg/m3
-    current: np.ndarray  # (3,) velocity of the water, m/s
+    profile: ldlt.Profile  # skyline of the system matrix: the nodes that an element joins
 
 
 class State(NamedTuple):
@@ -70,45 +75,21 @@ class Control(NamedTuple):
 COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivots")
 FORCES, FACTORISATIONS, SOLVES, PIVOTS = 0, 1, 2, 3
 
-STRETCH_LIMIT = 3.0  # a unit longer than this many natural lengths is taken as torn
+STRETCH_LIMIT = 3.0  # an element longer than this many natural lengths is taken as torn
 FAILURES = (
     "",
     "non-finite: a position or velocity is not a number or infinite",
-    f"torn: a unit is stretched beyond {STRETCH_LIMIT:g} times its natural length",
+    f"torn: an element is stretched beyond {STRETCH_LIMIT:g} times its natural length",
     "untrusted solve: a pivot of the system matrix has lost nine digits or is not finite",
     "no convergence: the adaptive method gave up",
+    "escaped: a chamber has no volume left, or a node of an inner layer has left the outer one",
 )
-NON_FINITE, TORN, UNTRUSTED_SOLVE, NO_CONVERGENCE = 1, 2, 3, 4
-
-VACUUM = World(0.0, 0.0, np.zeros(3))
+NON_FINITE, TORN, UNTRUSTED_SOLVE, NO_CONVERGENCE, ESCAPED = 1, 2, 3, 4, 5
 
 
-def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0)) -> World:
-    """Still or uniformly moving water that pushes on outward-moving faces (docs/physics.md, eq. 11-13).
-
-    Args:
-        density: of the water, kg/m3 (quadratic law).
-        drag_coefficient: of a face moving along its normal, dimensionless (quadratic law); for the linear law the
-            coefficient itself, kg/(m2 s), and `density` is not used.
-        law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994) or "linear" (Tu & Terzopoulos 1994).
-        current: velocity of the water, (3,) m/s.
-
-    Raises:
-        ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
-    """
-    if law not in ("quadratic", "linear"):
-        raise ValueError(f"unknown water law {law!r}; choose 'quadratic' or 'linear'")
-    for name, value in (("density", density), ("drag_coefficient", drag_coefficient)):
-        if not (isinstance(value, Real) and np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} is {value!r}; give a finite number, zero or positive")
-    flow = finite_array(current, (3,), "current (m/s)")
-    if law == "linear":
-        return World(float(drag_coefficient), 0.0, flow)
-    return World(0.0, 0.5 * float(density) * float(drag_coefficient), flow)
-
-
-def make_body(position, mass, pairs, stiffness, damping, rest_length, faces) -> Body:
-    """Check the parts of a mass-spring body and put them together, with the skyline computed once.
+def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, depth=None, tets: Tets | None = None,
+              chambers: Chambers | None = None, guards: Guards | None = None) -> Body:  # fmt: skip
+    """Check the parts of a body and put them together, with the skyline computed once.
 
     Args:
         position: rest positions, (N,3) m.
@@ -118,6 +99,10 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces) -> 
         damping: k, (E,) N s/m, zero or positive.
         rest_length: natural lengths, (E,) m, positive.
         faces: surface, (F,4); a triangle gives its third node twice.
+        depth: height of the upright faces of a flat body, (F,) m; None if there are none.
+        tets: of `make_tets`, for these positions, or None.
+        chambers: of `make_chambers`, or None.
+        guards: of `make_guards`, or None.
 
     Raises:
         ValueError: naming the part, what it holds, and what is allowed.
@@ -136,8 +121,16 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces) -> 
         raise ValueError("two springs join the same pair of nodes; add their constants into one spring")
     count = len(pairs)
     corners = node_array(faces, 4, n, "faces")
-    check_outward(position, corners)
-    shape = ldlt.profile(np.concatenate([pairs, *(corners[:, pair] for pair in combinations(range(4), 2))]), n)
+    depth = positive_array(np.zeros(len(corners)) if depth is None else depth, (len(corners),), "depth (m)", zero=True)
+    if not depth.any():
+        check_outward(position, corners)
+    for name, part in (("tets", tets), ("chambers", chambers), ("guards", guards)):
+        highest = 0 if part is None else getattr(part, "faces" if name == "chambers" else "nodes").max(initial=0)
+        if highest >= n:
+            raise ValueError(f"{name} name node {highest}, which is missing; nodes are numbered 0 to {n - 1}")
+    fours = corners if tets is None else np.concatenate([corners, tets.nodes])
+    joined = np.concatenate([pairs, *(fours[:, pair] for pair in combinations(range(4), 2))])
+    shape = ldlt.profile(joined, n)
     springs = Springs(
         pairs,
         positive_array(stiffness, (count,), "stiffness (N/m)", zero=True),
@@ -146,82 +139,96 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces) -> 
         ldlt.entries(shape, pairs),
     )
     share = np.where(corners[:, 2:3] == corners[:, 3:4], [[1 / 3, 1 / 3, 1 / 6, 1 / 6]], 0.25)
-    rates = [highest_rate(position, mass, pairs, constant) for constant in (springs.stiffness, springs.damping)]
-    return Body(position, mass, springs, Faces(corners, np.ascontiguousarray(share)), *rates, shape)
+    body = Body(
+        position, mass, np.repeat(1.0 / mass[:, None], 3, axis=1), np.zeros((0, 2), np.int64), springs,
+        Faces(corners, np.ascontiguousarray(share), depth), tets, chambers, guards, 0.0, 0.0, shape,
+    )  # fmt: skip
+    return with_rates(body)
+
+
+def hold(body: Body, nodes, axes: str = "xyz") -> Body:
+    """The body with nodes held along some axes, by elimination: no force moves them, and no row of a matrix is theirs.
+
+    A held degree of freedom keeps the velocity it is given: zero fixes it, another moves it along its way.
+
+    Args:
+        body: any.
+        nodes: their numbers, or a boolean mask (N,).
+        axes: of "x", "y" and "z".
+
+    Raises:
+        ValueError: for a missing node, an axis of another name, or if nothing were left to move.
+    """
+    if not (isinstance(axes, str) and axes and set(axes) <= set("xyz")):
+        raise ValueError(f"axes are {axes!r}; give some of 'xyz'")
+    nodes = np.asarray(nodes)
+    if nodes.dtype == bool:
+        if nodes.shape != body.mass.shape:
+            raise ValueError(f"the mask of nodes has shape {nodes.shape}; give {body.mass.shape}")
+        nodes = np.flatnonzero(nodes)
+    nodes = node_array(nodes.reshape(-1, 1), 1, body.mass.size, "held nodes")[:, 0]
+    inverse = body.inverse_mass.copy()
+    inverse[np.ix_(nodes, ["xyz".index(axis) for axis in axes])] = 0.0
+    if not inverse.any():
+        raise ValueError(f"all {len(inverse)} nodes would be held along every axis; leave one of them free")
+    return with_rates(body._replace(inverse_mass=inverse, held=np.argwhere(inverse == 0.0).astype(np.int64)))
 
 
 def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
-    """The body with its units' stiffness and damping and its nodes' masses multiplied by positive factors."""
-    springs = body.springs._replace(
-        stiffness=body.springs.stiffness * stiffness, damping=body.springs.damping * damping
-    )
+    """The body with its elements' stiffness and damping and its nodes' masses multiplied by positive factors."""
+    tets, chambers, guards = body.tets, body.chambers, body.guards
     return body._replace(
         mass=body.mass * mass,
-        springs=springs,
+        inverse_mass=body.inverse_mass / mass,
+        springs=body.springs._replace(
+            stiffness=body.springs.stiffness * stiffness, damping=body.springs.damping * damping
+        ),
+        tets=tets
+        and tets._replace(
+            shear=tets.shear * stiffness,
+            dilation=tets.dilation * stiffness,
+            relaxation_time=tets.relaxation_time * (damping / stiffness),
+        ),
+        chambers=chambers and chambers._replace(gas=chambers.gas * stiffness, ambient=chambers.ambient * stiffness),
+        guards=guards and guards._replace(energy=guards.energy * stiffness),
         elastic_rate=body.elastic_rate * (stiffness / mass),
         viscous_rate=body.viscous_rate * (damping / mass),
     )
 
 
-def highest_rate(position, mass, pairs, constant) -> float:
-    """Highest eigenvalue of M^-1 K for units of the given stiffness (E,) along their directions at rest."""
-    n = len(mass)
-    matrix = np.zeros((n, 3, n, 3))
-    for (i, j), c in zip(pairs, constant, strict=True):
-        r = position[j] - position[i]
-        block = c * np.outer(r, r) / (r @ r)
-        matrix[i, :, i] += block
-        matrix[j, :, j] += block
-        matrix[i, :, j] -= block
-        matrix[j, :, i] -= block
-    root = np.repeat(mass, 3) ** -0.5
-    return float(np.linalg.eigvalsh(matrix.reshape(3 * n, 3 * n) * np.outer(root, root))[-1])
+def with_rates(body: Body) -> Body:
+    """The body with its highest elastic and viscous rates worked out, those of its free degrees of freedom."""
+    from fish_env.linalg import rates
+
+    root = np.sqrt(body.inverse_mass)
+    return body._replace(
+        elastic_rate=rates.highest(rest_stiffness(body, "elastic"), root),
+        viscous_rate=rates.highest(rest_stiffness(body, "viscous"), root),
+    )
 
 
-def check_outward(position, corners) -> None:
-    """Raise ValueError if the faces (F,4) close a surface that is inside out: the water would pull instead of push."""
-    edges = {(int(a), int(b)) for face in corners for a, b in zip(face, np.roll(face, -1), strict=True) if a != b}
-    if not edges or any((b, a) not in edges for a, b in edges):
-        return  # an open surface has no inside
-    p, q, r, s = position[corners].transpose(1, 0, 2)
-    area = 0.5 * np.cross(r - p, s - q)
-    volume = np.sum(area * (p + q + r + s)) / 12  # exact for flat faces, near enough for the sign otherwise
-    if volume <= 0:
-        raise ValueError("the faces enclose a negative volume; give their nodes counter-clockwise seen from outside")
+def rest_stiffness(body: Body, kind="elastic") -> list:
+    """Stiffness, N/m, or damping ("viscous"), N s/m, of the elements for small motion about rest.
 
-
-def finite_array(value, shape, name) -> np.ndarray:
-    """`value` as a new float64 array of the given shape, or ValueError saying what it is and what it should be."""
-    try:
-        array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is {value!r}; give finite numbers of shape {shape}") from error
-    if array.shape != tuple(shape):
-        raise ValueError(f"{name} has shape {array.shape}; give shape {tuple(shape)}")
-    if not np.isfinite(array).all():
-        where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
-        raise ValueError(f"{name} is {array[where]} at {where}; give finite numbers")
-    return array
-
-
-def positive_array(value, shape, name, zero=False) -> np.ndarray:
-    """As `finite_array`, and every element positive (or zero, where `zero` allows it)."""
-    array = finite_array(value, shape, name)
-    bad = array < 0 if zero else array <= 0
-    if bad.any():
-        where = tuple(int(k) for k in np.argwhere(bad)[0])
-        raise ValueError(f"{name} is {array[where]} at {where}; give {'zero or ' if zero else ''}positive numbers")
-    return array
-
-
-def node_array(value, width, num_nodes, name) -> np.ndarray:
-    """`value` as an int64 array (K, width) of existing node numbers, or ValueError."""
-    array = np.array(value)
-    if array.size == 0:
-        return np.zeros((0, width), dtype=np.int64)
-    if array.ndim != 2 or array.shape[1] != width or not np.issubdtype(array.dtype, np.integer):
-        raise ValueError(f"{name} have shape {array.shape} and type {array.dtype}; give whole numbers (K, {width})")
-    if array.min() < 0 or array.max() >= num_nodes:
-        bad = int(array[(array < 0) | (array >= num_nodes)][0])
-        raise ValueError(f"{name} name node {bad}, which is missing; nodes are numbered 0 to {num_nodes - 1}")
-    return np.ascontiguousarray(array, dtype=np.int64)
+    A list of (nodes (M,k), matrices (M,3k,3k)): what M elements of k nodes add between them.
+    """
+    springs, tets, chambers, x = body.springs, body.tets, body.chambers, body.position
+    elastic, found = kind == "elastic", []
+    if len(springs.nodes):
+        r = x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]]
+        row = np.concatenate([r, -r], axis=1) / np.linalg.norm(r, axis=1)[:, None]
+        constant = springs.stiffness if elastic else springs.damping
+        found.append((springs.nodes, constant[:, None, None] * row[:, :, None] * row[:, None, :]))
+    if tets is not None:
+        weight = tets.volume * (1.0 if elastic else tets.relaxation_time)
+        shear, dilation = tets.shear * weight, tets.dilation * weight
+        g = tets.gradient
+        block = np.einsum("t,tac,tbc,ij->taibj", shear, g, g, np.eye(3))
+        block += np.einsum("t,tbi,taj->taibj", shear, g, g) + np.einsum("t,tai,tbj->taibj", dilation, g, g)
+        found.append((tets.nodes, block.reshape(-1, 12, 12)))
+    if elastic and chambers is not None:
+        for c in range(chambers.gas.size):
+            volume, slope = chamber_volume(chambers, c, x)
+            block = chambers.gas[c] / volume**2 * np.outer(slope, slope)
+            found.append((np.arange(len(x))[None], block[None]))
+    return found

@@ -1,4 +1,4 @@
-"""Tank: B fish of one kind in water. The one stateful simulation class."""
+"""Tank: B fish of one kind in water, or B other elastic objects. The one stateful simulation class."""
 
 import math
 import os
@@ -9,20 +9,11 @@ from numbers import Real
 import numpy as np
 
 from fish_env._jit import njit
-from fish_env.bodies.fish import Fish
-from fish_env.body import (
-    COUNTERS,
-    FAILURES,
-    VACUUM,
-    Body,
-    Control,
-    State,
-    World,
-    finite_array,
-    positive_array,
-    scaled,
-)
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import COUNTERS, FAILURES, Body, Control, State, scaled
+from fish_env.checks import finite_array, positive_array
 from fish_env.integrators import INTEGRATORS, Integrator
+from fish_env.world import VACUUM, World
 
 NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """Factors on stiffness (and damping), mass and drag, and a current to add, m/s: a fish as it was made."""
@@ -33,7 +24,7 @@ class Tank:
     """B fish of one kind, each alone in the same water, advanced together by one integrator.
 
     Args:
-        fish: what swims (`make_fish`).
+        fish: what swims (`make_fish`), or another elastic object (`fish_env.bodies.objects`).
         num_fish: B, at least 1.
         integrator: a key of `INTEGRATORS`; None takes the fish's own.
         dt: integrator step, s; None takes the fish's `time_step` for its own integrator, and for another the longest
@@ -46,9 +37,9 @@ class Tank:
         ValueError: for an unknown integrator, `num_fish` or `threads` below 1, or a step that is not positive.
     """
 
-    def __init__(self, fish: Fish, num_fish=1, integrator: str | None = None, dt: float | None = None,
+    def __init__(self, fish: ElasticObject, num_fish=1, integrator: str | None = None, dt: float | None = None,
                  water: World | None = None, threads: int | None = None):  # fmt: skip
-        if not isinstance(fish, Fish):
+        if not isinstance(fish, ElasticObject):
             raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
         integrator = fish.integrator if integrator is None else integrator
         if not isinstance(integrator, str) or integrator not in INTEGRATORS:
@@ -65,6 +56,9 @@ class Tank:
         self.integrator = INTEGRATORS[integrator]
         self.world = VACUUM if water is None else water
         self.threads = threads or available_processors()
+        reason = self.integrator.refuses(fish.body, self.world)
+        if reason:
+            raise ValueError(f"{integrator!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
         body, b = fish.body, self.num_fish
         self.state = State(
             np.repeat(body.position[None], b, axis=0),
@@ -79,6 +73,12 @@ class Tank:
         """(M,) natural length of each muscle, m."""
         self.span = (1.0 - fish.contracted) * self.natural
         """(M,) what full contraction takes off it, m."""
+        self._fibres = (
+            fish.fibres,
+            fish.drives,
+            springs[fish.fibres],
+            (1.0 - fish.contracted[fish.drives[:, 0]]) * springs[fish.fibres],
+        )
         self.effort = np.zeros(b)
         """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
         self.variation = np.tile(NOMINAL, (b, 1))
@@ -163,7 +163,9 @@ class Tank:
             world = self.world
             self._own[i] = (
                 scaled(self.fish.body, stiffness, stiffness, mass),
-                World(world.linear * drag, world.quadratic * drag, world.current + row[3:]),
+                world._replace(
+                    linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
+                ),
             )
 
     def advance(self, steps: int) -> None:
@@ -190,6 +192,8 @@ class Tank:
         action = np.asarray(action, dtype=np.float64)
         if action.shape == wanted[1:]:
             action = np.broadcast_to(action, wanted)
+        if not self.fish.num_muscles:
+            raise ValueError(f"{self.fish.name!r} has no muscles to command; use advance")
         if action.shape != wanted or not np.abs(action).max() <= 1.0:
             action = finite_array(action, wanted, "action")
             raise ValueError(f"action reaches {np.abs(action).max():g}; give values in [-1, 1] (clip them first)")
@@ -203,7 +207,7 @@ class Tank:
     def command(self, contraction: np.ndarray, duration: float) -> None:
         """Set the muscles' rest lengths out for a contraction (B,M) in [0, 1] within `duration` s, without moving."""
         fastest = duration / self.fish.contraction_time
-        command(self.fish.muscles, self.natural, self.span, contraction, fastest, duration, *self.control, self.effort)
+        command(*self._fibres, contraction, fastest, duration, *self.control, self.effort)
 
     def _run(self, steps: int) -> None:
         if self._chunks == 1:
@@ -244,6 +248,11 @@ class Tank:
             self._pool.shutdown()
             self._pool = None
 
+    @property
+    def fibre_length(self) -> np.ndarray:
+        """(K,) natural length of each fibre, m."""
+        return self._fibres[2]
+
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides what happens next, as copies: x, v, t, failure, counters, rest_length, variation."""
         named = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
@@ -273,23 +282,24 @@ class Tank:
 
 
 @njit
-def command(muscles, natural, span, contraction, fastest, duration, rest_length, rate, effort):
-    """Set the rates at which the muscles' rest lengths move: to a contraction (B,M), or as far as they can get.
+def command(fibres, drives, natural, span, contraction, fastest, duration, rest_length, rate, effort):
+    """Set the rates at which the fibres' rest lengths move: to a contraction (B,M), or as far as they can get.
 
     `fastest` is the largest change of contraction in the `duration` (s). effort (B,) is overwritten.
     """
     for b in range(contraction.shape[0]):
         squares = 0.0
-        for m in range(muscles.size):
-            wanted = natural[m] - contraction[b, m] * span[m] - rest_length[b, muscles[m]]
+        for m in range(fibres.size):
+            goal = 0.5 * (contraction[b, drives[m, 0]] + contraction[b, drives[m, 1]])
+            wanted = natural[m] - goal * span[m] - rest_length[b, fibres[m]]
             limit = fastest * span[m]
             change = min(max(wanted, -limit), limit)
-            rate[b, muscles[m]] = change / duration
+            rate[b, fibres[m]] = change / duration
             squares += (change / limit) ** 2
-        effort[b] = squares / muscles.size
+        effort[b] = squares / fibres.size
 
 
-def own_step(fish: Fish, integrator: Integrator) -> float:
+def own_step(fish: ElasticObject, integrator: Integrator) -> float:
     """The step a fish is moved with if none is given, s.
 
     Raises:

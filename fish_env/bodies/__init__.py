@@ -4,10 +4,10 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fish_env.bodies.fish import Fish
+from fish_env.bodies.fish import ElasticObject, Fish, Landmarks
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
 
-__all__ = ["BODIES", "BodyKind", "Fish", "MassSpringParameters", "make_fish"]
+__all__ = ["BODIES", "BodyKind", "ElasticObject", "Fish", "Landmarks", "MassSpringParameters", "make_fish"]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from fish_env.bodies.fish import Fish
-from fish_env.body import finite_array, make_body, make_water, positive_array
+from fish_env.body import make_body
+from fish_env.checks import finite_array, positive_array
+from fish_env.world import make_water
 
 CALIBRATED_FILE = Path(__file__).with_suffix(".json")
 WATER_DENSITY = 1000.0  # kg/m3; the fish displaces its own mass of it

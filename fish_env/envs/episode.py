@@ -9,13 +9,14 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.body import World, finite_array, make_water
+from fish_env.checks import finite_array
 from fish_env.envs import observation
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.pose import make_pose, measure
 from fish_env.tank import Tank, whole_steps
 from fish_env.tasks import TASKS
 from fish_env.tasks.options import checked_options
+from fish_env.world import World, make_water
 
 FAILURE_PENALTY = 10.0  # body lengths: what a failure of the physics costs
 
@@ -145,7 +146,8 @@ class Episodes:
         out = np.empty(self.observation_space.shape, dtype=np.float32)
         vectors = self.task.vectors(tank, self._pose)
         observation.observe(
-            tank.position, tank.velocity, self._pose.centre, self._pose.axes, tank.fish.length,
+            tank.position, tank.velocity, tank.fish.landmarks.node, tank.fish.landmarks.height,
+            self._pose.centre, self._pose.axes, tank.fish.length,
             tank.rest_length, tank.fish.muscles, tank.natural, tank.span,
             vectors, self._limits, out,
         )  # fmt: skip

@@ -11,7 +11,7 @@ POSITION_LIMIT, VELOCITY_LIMIT = 10.0, 1000.0  # body lengths, body lengths per 
 
 def table(fish, task) -> list[tuple[str, str, float]]:
     """Name, unit and bound of every element of the observation, in order. The bound is symmetric about zero."""
-    nodes, axes = range(fish.body.mass.size), ("forward", "left", "up")
+    nodes, axes = range(fish.landmarks.node.size), ("forward", "left", "up")
     rows = [(f"position of node {i}, {axis}", "body lengths", POSITION_LIMIT) for i in nodes for axis in axes]
     rows += [(f"velocity of node {i}, {axis}", "body lengths/s", VELOCITY_LIMIT) for i in nodes for axis in axes]
     for spring, side, segment in zip(fish.muscles, fish.sides, fish.segments, strict=True):
@@ -23,20 +23,21 @@ def table(fish, task) -> list[tuple[str, str, float]]:
 
 
 @njit
-def observe(x, v, centres, frames, length, rest_length, muscles, natural, span, vectors, limits, out):
+def observe(x, v, node, height, centres, frames, length, rest_length, muscles, natural, span, vectors, limits, out):
     """Fill out (B,D) float32 in the order of `table`.
 
-    From x, v (B,N,3), the poses' centres (B,3) and axes (B,3,3), the rest lengths (B,E) with the muscles' numbers,
-    natural length and span (M,), and the task's vectors (B,K,3) with their limits (K,). Values beyond the bounds of the
-    observation space are set to the bound.
+    From x, v (B,N,3), the landmarks' nodes and heights (L,), the poses' centres (B,3) and axes (B,3,3), the rest
+    lengths (B,E) with the muscles' numbers, natural length and span (M,), and the task's vectors (B,K,3) with their
+    limits (K,). Values beyond the bounds of the observation space are set to the bound.
     """
-    nodes = x.shape[1]
+    nodes = node.size
     scale = 1.0 / length
     for b in range(x.shape[0]):
         axes, centre = frames[b], centres[b]
         for i in range(nodes):
-            dx, dy, dz = x[b, i, 0] - centre[0], x[b, i, 1] - centre[1], x[b, i, 2] - centre[2]
-            vx, vy, vz = v[b, i, 0], v[b, i, 1], v[b, i, 2]
+            n = node[i]
+            dx, dy, dz = x[b, n, 0] - centre[0], x[b, n, 1] - centre[1], x[b, n, 2] + height[i] - centre[2]
+            vx, vy, vz = v[b, n, 0], v[b, n, 1], v[b, n, 2]
             for k in range(3):
                 position = scale * (axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz)
                 velocity = scale * (axes[k, 0] * vx + axes[k, 1] * vy + axes[k, 2] * vz)

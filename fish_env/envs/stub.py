@@ -51,8 +51,8 @@ class StubVectorEnv(FishVectorEnv):
         tank, axes = self.tank, self._pose.axes
         rotate = axes.transpose(0, 2, 1)
         parts = [
-            (tank.position - self._pose.centre[:, None]) @ rotate / tank.fish.length,
-            tank.velocity @ rotate / tank.fish.length,
+            (tank.fish.points(tank.position) - self._pose.centre[:, None]) @ rotate / tank.fish.length,
+            tank.velocity[:, tank.fish.landmarks.node] @ rotate / tank.fish.length,
             2.0 * tank.contraction - 1.0,
             axes[:, :, 2],
             self.task.vectors(tank, self._pose) @ rotate,

@@ -30,8 +30,8 @@ def face(body, world, x, v, k):
     """Area vector (3 numbers, m2) of face k and its velocity through the water (3 numbers, m/s)."""
     p, q = INDEX(body.faces.nodes[k, 0]), INDEX(body.faces.nodes[k, 1])
     r, s = INDEX(body.faces.nodes[k, 2]), INDEX(body.faces.nodes[k, 3])
-    d0, d1, d2 = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
-    e0, e1, e2 = x[s, 0] - x[q, 0], x[s, 1] - x[q, 1], x[s, 2] - x[q, 2]
+    d0, d1, d2 = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2] + body.faces.depth[k]
+    e0, e1, e2 = x[s, 0] - x[q, 0], x[s, 1] - x[q, 1], x[s, 2] - x[q, 2] + body.faces.depth[k]
     a0, a1, a2 = 0.5 * (d1 * e2 - d2 * e1), 0.5 * (d2 * e0 - d0 * e2), 0.5 * (d0 * e1 - d1 * e0)  # (10)
     w0, w1, w2 = velocity(body, world, v, k)
     return a0, a1, a2, w0, w1, w2
@@ -127,7 +127,9 @@ def mobilities(body, duration, mobility):
         mobility[k] = 0.0
         for c in range(4):
             node = INDEX(body.faces.nodes[k, c])
-            mobility[k] += 0.5 * duration * body.faces.share[k, c] * carried[node] / body.mass[node]
+            free = body.inverse_mass[node]
+            inverse = max(free[0], free[1], free[2])
+            mobility[k] += 0.5 * duration * body.faces.share[k, c] * carried[node] * inverse
 
 
 @njit
@@ -169,6 +171,7 @@ def add_jacobian(body, world, x, v, stiffness, damping):
             other, sign = 1 - m % 2, 0.5 if m in (0, 3) else -0.5
             for c in range(3):
                 half[c] = sign * (x[nodes[other + 2], c] - x[nodes[other], c])  # da = half x dx_m
+            half[2] += sign * body.faces.depth[k]
             for i in range(3):
                 for j in range(3):
                     low, high = (j + 1) % 3, (j + 2) % 3

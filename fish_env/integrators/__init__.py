@@ -16,6 +16,7 @@ from fish_env.integrators import (
     semi_implicit,
     symplectic_euler,
 )
+from fish_env.world import World
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class Integrator:
     advance: Callable
     limit: Callable[[Body], float] = limits.leapfrog
     """Longest step, s, that is sure to be stable for small motion about rest."""
+    refuses: Callable[[Body, World], str] = limits.everything
+    """Why it cannot move a body in a world; "" if it can."""
 
     def __reduce__(self):
         return named, (self.name,)  # a pickle names its method; compiled code stays in the process that compiled it
@@ -54,7 +57,17 @@ IMPLICIT = "linearly implicit"
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record
     for record in (
-        Integrator("semi_implicit", 1, "semi-implicit", 1, 1, 1, "Tu 1996, ch. 4", semi_implicit.advance),
+        Integrator(
+            "semi_implicit",
+            1,
+            "semi-implicit",
+            1,
+            1,
+            1,
+            "Tu 1996, ch. 4",
+            semi_implicit.advance,
+            refuses=limits.whole_nodes,
+        ),
         Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, symplectic_euler.advance),
         Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", rk4.advance),
         Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, explicit_euler.advance, limits.explicit_euler),
@@ -66,7 +79,19 @@ INTEGRATORS: dict[str, Integrator] = {
         Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.advance_projected),
         Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.advance_water),
         Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock.advance),
-        Integrator("dop853", 8, "adaptive", 0, 0, 0, "Hairer, Norsett & Wanner 1993", adaptive.advance_dop853),
-        Integrator("radau", 5, "adaptive", 0, 0, 0, "Hairer & Wanner 1996", adaptive.advance_radau),
+        Integrator(
+            "dop853",
+            8,
+            "adaptive",
+            0,
+            0,
+            0,
+            "Hairer, Norsett & Wanner 1993",
+            adaptive.advance_dop853,
+            refuses=limits.no_walls,
+        ),
+        Integrator(
+            "radau", 5, "adaptive", 0, 0, 0, "Hairer & Wanner 1996", adaptive.advance_radau, refuses=limits.no_walls
+        ),
     )
 }

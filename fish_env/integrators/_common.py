@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from fish_env._jit import njit
-from fish_env.body import FACTORISATIONS, FORCES, NON_FINITE, SOLVES, STRETCH_LIMIT, TORN
-from fish_env.forces import springs
+from fish_env._jit import INDEX, njit
+from fish_env.body import ESCAPED, FACTORISATIONS, FORCES, NON_FINITE, SOLVES, STRETCH_LIMIT, TORN
+from fish_env.forces import guards, pressure, springs, tets
 
 
 @njit
@@ -34,6 +34,10 @@ def check(body, x, v):
                 return NON_FINITE
     if not springs.all_shorter(body, x, STRETCH_LIMIT):
         return TORN
+    if not tets.all_shorter(body.tets, x, STRETCH_LIMIT):
+        return TORN
+    if not (pressure.all_filled(body.chambers, x) and guards.all_inside(body.guards, x)):
+        return ESCAPED
     return 0
 
 
@@ -58,3 +62,24 @@ def settle(body, state, control, b, before_x, before_v, failure, elapsed):
         state.failure[b] = broken if broken else failure
         state.x[b] = body.position if broken else before_x
         state.v[b] = np.zeros_like(before_v) if broken else before_v
+
+
+@njit
+def eliminate(body, a, g):
+    """Take the held degrees of freedom out of a system of accelerations: row and column of a (S,3,3), entry of g (N,3).
+
+    In their place stands the equation that they are not accelerated, so the matrix keeps its shape.
+    """
+    first, start, diagonal = body.profile.first, body.profile.start, body.profile.diagonal
+    for m in range(body.held.shape[0]):
+        i, k = INDEX(body.held[m, 0]), INDEX(body.held[m, 1])
+        for j in range(body.mass.size):
+            if j < i and j >= first[i]:
+                a[INDEX(start[i]) + INDEX(j) - INDEX(first[i]), k, :] = 0.0
+            elif j > i and i >= INDEX(first[j]):
+                a[INDEX(start[j]) + i - INDEX(first[j]), :, k] = 0.0
+        block = a[INDEX(diagonal[i])]
+        block[k, :] = 0.0
+        block[:, k] = 0.0
+        block[k, k] = 1.0
+        g[i, k] = 0.0

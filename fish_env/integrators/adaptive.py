@@ -40,16 +40,16 @@ class Motion:
         forces.total(self.body, self.world, self.rest, x, v, self.f)
         if not np.isfinite(self.f).all() or self.evaluations > MOST_EVALUATIONS:
             raise FloatingPointError
-        return np.concatenate([v.ravel(), (self.f / self.body.mass[:, None]).ravel()])
+        return np.concatenate([v.ravel(), (self.f * self.body.inverse_mass).ravel()])
 
     def jacobian(self, t, y):
         """Its derivative with respect to y, (6N,6N)."""
         x, v = y.reshape(self.shape)
         rest_lengths(self.control, self.b, t, self.rest)
         forces.jacobian(self.body, self.world, self.rest, x, v, self.stiffness, self.damping)
-        mass = np.repeat(self.body.mass, 3)[:, None]
-        upper = np.hstack([np.zeros_like(self.stiffness), np.eye(mass.size)])
-        matrix = np.vstack([upper, np.hstack([-self.stiffness / mass, -self.damping / mass])])
+        inverse = self.body.inverse_mass.reshape(-1, 1)
+        upper = np.hstack([np.zeros_like(self.stiffness), np.eye(inverse.size)])
+        matrix = np.vstack([upper, np.hstack([-self.stiffness * inverse, -self.damping * inverse])])
         if not np.isfinite(matrix).all():
             raise FloatingPointError
         return matrix

@@ -7,6 +7,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import njit
+from fish_env.forces import contact
 from fish_env.integrators._common import count, rest_lengths, settle
 
 
@@ -27,9 +28,9 @@ def advance(body, world, state, control, h, n):
             rest_lengths(control, b, s * h, rest)
             forces.total(body, world, rest, x, v, f)
             for i in range(nodes):
-                factor = h / body.mass[i]
                 for k in range(3):
                     x[i, k] += h * v[i, k]  # (28)
-                    v[i, k] += factor * f[i, k]
+                    v[i, k] += h * body.inverse_mass[i, k] * f[i, k]
+            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
         count(state, b, n, 0, 0)
         settle(body, state, control, b, before_x, before_v, 0, n * h)

@@ -15,7 +15,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import njit, njit_inline
-from fish_env.forces import springs, water
+from fish_env.forces import anchors, contact, pressure, tets, water
 from fish_env.integrators._common import count, rest_lengths, settle
 
 DAMPING = 4.0  # of the polynomial: how far above 1 its midpoint lies, times the square of the stages
@@ -42,10 +42,10 @@ def polynomial(stages, t):
 
 
 @njit
-def plan(body, h, t):
+def plan(elastic_rate, viscous_rate, h, t):
     """Smallest number of stages, at least 2, that keeps a step of h s stable; fills t as `polynomial` does."""
-    viscous = SAFETY * h * body.viscous_rate
-    wanted = SAFETY * h * h * body.elastic_rate + 2.0 * viscous
+    viscous = SAFETY * h * viscous_rate
+    wanted = SAFETY * h * h * elastic_rate + 2.0 * viscous
     stages = min(max(2, int(math.sqrt(wanted / 3.0))), MOST_STAGES)  # the reach is at most 3 times their square
     while stages < MOST_STAGES and (polynomial(stages, t)[3] < wanted or (stages == 2 and viscous > 2.0)):
         stages += 1
@@ -53,42 +53,43 @@ def plan(body, h, t):
 
 
 @njit
-def stage_weights(body, h, stages, t, elastic, along):
+def stage_weights(springs, h, stages, t, elastic, along):
     """Masses (E,) kg with which each unit resists acceleration in a stage, by its stiffness and in all along itself.
 
     Two stages could hold back less than half a step of damping, at small steps: then they hold back just that, so that
-    the damping stays of second order. Returns the filter's midpoint and first factor.
+    the damping stays of second order. Returns the filter's midpoint and first factor, and for the other elements the
+    factor on stiffness and that least part of the damping.
     """
     midpoint, first, factor, _ = polynomial(stages, t)  # (36)
     least = 0.5 * t[2] / first if stages == 2 else 0.0
     for e in range(along.size):
-        viscous = h * body.springs.damping[e]
-        elastic[e] = factor * h * h * body.springs.stiffness[e]
+        viscous = h * springs.damping[e]
+        elastic[e] = factor * h * h * springs.stiffness[e]
         along[e] = max(elastic[e] + 2.0 * factor * viscous, least * viscous)
-    return midpoint, first
+    return midpoint, first, factor, least
 
 
 @njit_inline
-def step(body, world, rest, h, stages, filtering, inverse_mass, mobility, x, v, scratch):
+def step(body, world, rest, h, stages, filtering, mobility, x, v, scratch):
     """One step of one body; x and v are changed in place. filtering and scratch are tuples made by `advance`."""
-    midpoint, first, t, elastic, along = filtering
-    f, kick, a, before, tangent, kept = scratch
+    midpoint, first, t, weights = filtering
+    f, kick, a, before, kept = scratch
     for i in range(x.shape[0]):
         for k in range(3):
             x[i, k] += 0.5 * h * v[i, k]  # (35)
             before[i, k] = 0.0
-    forces.add_total_kept(body, world, rest, x, v, f, tangent, kept)
+    forces.add_total_kept(body, world, rest, x, v, f, kept)
     for i in range(x.shape[0]):
         for k in range(3):
-            kick[i, k] = inverse_mass[i] * f[i, k]
+            kick[i, k] = body.inverse_mass[i, k] * f[i, k]
             a[i, k] = first / midpoint * kick[i, k]
             f[i, k] = 0.0
     for s in range(1, stages):
-        springs.add_tangent(body, elastic, along, tangent, a, f)
+        forces.add_tangent(body, world, weights, kept, a, f)
         now, last = t[s] / t[s + 1], t[s - 1] / t[s + 1]
         for i in range(x.shape[0]):
             for k in range(3):
-                pull = 2.0 * (first * kick[i, k] + midpoint * a[i, k]) + inverse_mass[i] * f[i, k]
+                pull = 2.0 * (first * kick[i, k] + midpoint * a[i, k]) + body.inverse_mass[i, k] * f[i, k]
                 f[i, k] = 0.0
                 a[i, k], before[i, k] = now * pull - last * before[i, k], a[i, k]  # (37)
     for i in range(x.shape[0]):
@@ -97,7 +98,7 @@ def step(body, world, rest, h, stages, filtering, inverse_mass, mobility, x, v, 
     forces.add_change(body, world, kept, mobility, before, f)
     for i in range(x.shape[0]):
         for k in range(3):
-            v[i, k] += h * (a[i, k] + inverse_mass[i] * f[i, k])
+            v[i, k] += h * (a[i, k] + body.inverse_mass[i, k] * f[i, k])
             x[i, k] += 0.5 * h * v[i, k]
             f[i, k] = 0.0
 
@@ -107,13 +108,17 @@ def advance(body, world, state, control, h, n):
     """Move every sound body n steps of h seconds; state is changed in place."""
     nodes, units, faces = body.mass.size, body.springs.stiffness.size, body.faces.share.shape[0]
     t, rest, elastic, along = np.empty(MOST_STAGES + 1), np.empty(units), np.empty(units), np.empty(units)
-    stages = plan(body, h, t)
-    midpoint, first = stage_weights(body, h, stages, t, elastic, along)
-    filtering = (midpoint, first, t, elastic, along)
-    inverse_mass, mobility = 1.0 / body.mass, np.empty(faces)
+    elastic_rate, viscous_rate = anchors.rates(world.anchors, body.inverse_mass)
+    stages = plan(body.elastic_rate + elastic_rate, body.viscous_rate + viscous_rate, h, t)
+    midpoint, first, factor, least = stage_weights(body.springs, h, stages, t, elastic, along)
+    solid = tets.weights(body.tets, factor, h, least)
+    pulling = anchors.weights(world.anchors, factor, h, least)
+    filtering = (midpoint, first, t, (elastic, along, solid, pulling, factor * h * h))
+    mobility = np.empty(faces)
     water.mobilities(body, 0.5 * h, mobility)
     f, kick, a, before = np.zeros((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3))
-    scratch = (f, kick, a, before, np.empty((7, units)), np.empty((faces, 5)))
+    turned, compressed = tets.scratch(body.tets), pressure.scratch(body.chambers, nodes)
+    scratch = (f, kick, a, before, (np.empty((faces, 5)), np.empty((7, units)), turned, compressed))
     before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
     for b in range(state.t.size):
         if state.failure[b]:
@@ -123,6 +128,7 @@ def advance(body, world, state, control, h, n):
         before_v[:] = v
         for s in range(n):
             rest_lengths(control, b, (s + 0.5) * h, rest)
-            step(body, world, rest, h, stages, filtering, inverse_mass, mobility, x, v, scratch)
+            step(body, world, rest, h, stages, filtering, mobility, x, v, scratch)
+            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
         count(state, b, stages * n, 0, 0)
         settle(body, state, control, b, before_x, before_v, 0, n * h)

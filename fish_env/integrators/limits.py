@@ -6,7 +6,10 @@ Where `benchmarks/stability.py` measures more, these stay on the safe side.
 
 import math
 
+import numpy as np
+
 from fish_env.body import Body
+from fish_env.world import World
 
 
 def leapfrog(body: Body) -> float:
@@ -34,3 +37,21 @@ def midpoint(body: Body) -> float:
     if body.elastic_rate == 0.0:
         return leapfrog(body)
     return min((4.0 * relaxation(body) / body.elastic_rate) ** (1 / 3), leapfrog(body))
+
+
+def everything(body: Body, world: World) -> str:
+    """Why a method cannot move this body in this world; "" if it can, as most can any."""
+    return ""
+
+
+def whole_nodes(body: Body, world: World) -> str:
+    """Of Tu's method: one matrix serves all axes, so a node is held along all of them or along none."""
+    held = body.inverse_mass == 0.0
+    mixed = held[:, ~held.all(axis=0)]
+    bad = np.flatnonzero(mixed.any(axis=1) & ~mixed.all(axis=1))
+    return f"node {bad[0]} is held along some axes only, and one matrix serves all of them" if bad.size else ""
+
+
+def no_walls(body: Body, world: World) -> str:
+    """Of the adaptive methods: an impact in the middle of a step is more than error control bears."""
+    return "a step of its own choice would run through the walls" if world.planes is not None else ""

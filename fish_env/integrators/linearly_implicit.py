@@ -14,8 +14,8 @@ import numpy as np
 from fish_env import forces
 from fish_env._jit import njit
 from fish_env.body import PIVOTS, UNTRUSTED_SOLVE
-from fish_env.forces import springs
-from fish_env.integrators._common import count, rest_lengths, settle
+from fish_env.forces import contact
+from fish_env.integrators._common import count, eliminate, rest_lengths, settle
 from fish_env.linalg import ldlt
 
 
@@ -23,8 +23,9 @@ from fish_env.linalg import ldlt
 def step(body, world, rest, x, v, h, lowest, wet, a, g, inverse_pivot, row):
     """One step of one body, x and v changed in place, the rest scratch. Returns (non-positive pivots, trusted)."""
     forces.total(body, world, rest, x, v, g)
-    springs.add_stiffness_force(body, rest, x, v, v, h, lowest, g)
+    forces.add_stiffness_force(body, world, rest, x, v, v, h, lowest, g)
     forces.system(body, world, rest, x, v, h, lowest, wet, a)  # (30)
+    eliminate(body, a, g)
     negative, trusted = ldlt.factor(body.profile, a, inverse_pivot, row)
     ldlt.solve(body.profile, a, inverse_pivot, g)  # (31)
     for i in range(body.mass.size):
@@ -52,6 +53,7 @@ def run(body, world, state, control, h, n, lowest, wet):
         for s in range(n):
             rest_lengths(control, b, (s + 1) * h, rest)
             negative, trusted = step(body, world, rest, x, v, h, lowest, wet, a, g, inverse_pivot, row)
+            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
             taken += 1
             state.counters[b, PIVOTS] += negative
             if not trusted:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import njit
+from fish_env.forces import contact
 from fish_env.integrators._common import count, rest_lengths, settle
 
 
@@ -19,17 +20,15 @@ def step(body, world, control, b, elapsed, h, x, v, rest, f, mx, mv):
     rest_lengths(control, b, elapsed, rest)
     forces.total(body, world, rest, x, v, f)
     for i in range(nodes):
-        factor = 0.5 * h / body.mass[i]
         for k in range(3):
             mx[i, k] = x[i, k] + 0.5 * h * v[i, k]
-            mv[i, k] = v[i, k] + factor * f[i, k]
+            mv[i, k] = v[i, k] + 0.5 * h * body.inverse_mass[i, k] * f[i, k]
     rest_lengths(control, b, elapsed + 0.5 * h, rest)
     forces.total(body, world, rest, mx, mv, f)
     for i in range(nodes):
-        factor = h / body.mass[i]
         for k in range(3):
             x[i, k] += h * mv[i, k]  # (29)
-            v[i, k] += factor * f[i, k]
+            v[i, k] += h * body.inverse_mass[i, k] * f[i, k]
 
 
 @njit
@@ -47,5 +46,6 @@ def advance(body, world, state, control, h, n):
         before_v[:] = v
         for s in range(n):
             step(body, world, control, b, s * h, h, x, v, rest, f, mx, mv)
+            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
         count(state, b, 2 * n, 0, 0)
         settle(body, state, control, b, before_x, before_v, 0, n * h)

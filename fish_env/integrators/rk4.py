@@ -7,6 +7,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import njit
+from fish_env.forces import contact
 from fish_env.integrators._common import count, rest_lengths, settle
 
 TIME = (0.0, 0.5, 0.5, 1.0)  # when each stage is taken, in steps
@@ -27,7 +28,7 @@ def step(body, world, control, b, elapsed, h, x, v, rest, f, sx, sv, kx, kv):
         ahead = h * TIME[min(stage + 1, 3)]
         for i in range(nodes):
             for k in range(3):
-                velocity, acceleration = sv[i, k], f[i, k] / body.mass[i]
+                velocity, acceleration = sv[i, k], body.inverse_mass[i, k] * f[i, k]
                 kx[i, k] += WEIGHT[stage] * velocity
                 kv[i, k] += WEIGHT[stage] * acceleration
                 sx[i, k] = x[i, k] + ahead * velocity
@@ -54,5 +55,6 @@ def advance(body, world, state, control, h, n):
         before_v[:] = v
         for s in range(n):
             step(body, world, control, b, s * h, h, x, v, rest, f, sx, sv, kx, kv)
+            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
         count(state, b, 4 * n, 0, 0)
         settle(body, state, control, b, before_x, before_v, 0, n * h)

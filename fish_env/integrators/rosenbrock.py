@@ -13,8 +13,8 @@ import numpy as np
 from fish_env import forces
 from fish_env._jit import njit
 from fish_env.body import PIVOTS, UNTRUSTED_SOLVE
-from fish_env.forces import springs
-from fish_env.integrators._common import count, rest_lengths, settle
+from fish_env.forces import contact
+from fish_env.integrators._common import count, eliminate, rest_lengths, settle
 from fish_env.linalg import ldlt
 
 GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values that make the method L-stable, and the more accurate
@@ -42,13 +42,16 @@ def step(body, world, control, b, elapsed, h, x, v, rest, late, a, p, q, sx, sv,
     inner = GAMMA * h
     rest_lengths(control, b, elapsed, rest)
     forces.total(body, world, rest, x, v, p)
-    springs.add_stiffness_force(body, rest, x, v, v, inner, -math.inf, p)
+    forces.add_stiffness_force(body, world, rest, x, v, v, inner, -math.inf, p)
     forces.system(body, world, rest, x, v, inner, -math.inf, False, a)
+    eliminate(body, a, p)
     negative, trusted = ldlt.factor(body.profile, a, inverse_pivot, row)
     ldlt.solve(body.profile, a, inverse_pivot, p)  # (33)
     rest_lengths(control, b, elapsed + h, late)
     second_stage(body, world, late, sx, sv, x, v, h, p, rate, q)
-    springs.add_stiffness_force(body, rest, x, v, rate, inner, -math.inf, q)
+    forces.add_stiffness_force(body, world, rest, x, v, rate, inner, -math.inf, q)
+    for m in range(body.held.shape[0]):
+        q[body.held[m, 0], body.held[m, 1]] = 0.0
     ldlt.solve(body.profile, a, inverse_pivot, q)  # (34)
     for i in range(body.mass.size):
         for k in range(3):
@@ -78,6 +81,7 @@ def advance(body, world, state, control, h, n):
             negative, trusted = step(
                 body, world, control, b, s * h, h, x, v, rest, late, a, p, q, sx, sv, rate, inverse_pivot, row
             )
+            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
             taken += 1
             state.counters[b, PIVOTS] += negative
             if not trusted:

@@ -12,7 +12,7 @@ import numpy as np
 from fish_env import forces
 from fish_env._jit import INDEX, njit
 from fish_env.body import PIVOTS, UNTRUSTED_SOLVE
-from fish_env.forces import springs
+from fish_env.forces import contact, springs
 from fish_env.integrators._common import count, rest_lengths, settle
 from fish_env.linalg import ldlt
 
@@ -40,6 +40,58 @@ def assemble(body, world, rest, x, v, h, a, g):
         g[j, 0] -= weight * rx
         g[j, 1] -= weight * ry
         g[j, 2] -= weight * rz
+    add_anchors(world.anchors, body.profile.diagonal, x, v, h, a, g)
+    if body.held.size > 0:
+        eliminate(body, v, a, g)
+
+
+@njit
+def add_anchors(anchors, diagonal, x, v, h, a, g):
+    """The anchors' part, as `assemble`: those without length wholly implicit, the others as the units are."""
+    if anchors is None:
+        return
+    for m in range(anchors.node.size):
+        i, stiffness, damping = INDEX(anchors.node[m]), anchors.stiffness[m], anchors.damping[m]
+        r = anchors.point[m] - x[i]
+        length = np.sqrt(np.sum(r * r))
+        if anchors.rest_length[m] > 0.0:
+            if length == 0.0:
+                continue
+            speed = np.sum(r * (anchors.velocity[m] - v[i])) / length
+            eta = (stiffness * (length - anchors.rest_length[m]) + damping * speed) / length
+            a[INDEX(diagonal[i])] += h * h * eta
+            for k in range(3):
+                g[i, k] += h * eta * r[k]
+            continue
+        a[INDEX(diagonal[i])] += h * (h * stiffness + damping)
+        for k in range(3):
+            g[i, k] += h * (stiffness * r[k] + damping * anchors.velocity[m, k])
+
+
+@njit
+def eliminate(body, v, a, g):
+    """Take the nodes that are held along every axis in which any is free out of the system: they keep their v."""
+    first, start, order = body.profile.first, body.profile.start, body.mass.size
+    free = np.zeros(3, np.bool_)
+    for i in range(order):
+        for k in range(3):
+            free[k] |= body.inverse_mass[i, k] > 0.0
+    for i in range(order):
+        fixed = True
+        for k in range(3):
+            fixed &= not (free[k] and body.inverse_mass[i, k] > 0.0)
+        if not fixed:
+            continue
+        for j in range(order):
+            low, high = min(i, j), max(i, j)
+            if j == i or low < first[high]:
+                continue
+            place = start[high] + low - first[high]
+            for k in range(3):
+                g[j, k] -= a[place] * v[i, k]
+            a[place] = 0.0
+        a[body.profile.diagonal[i]] = 1.0
+        g[i] = v[i]
 
 
 @njit
@@ -49,8 +101,9 @@ def step(body, world, rest, x, v, h, a, g, inverse_pivot, row):
     negative, trusted = ldlt.factor_solve(body.profile, a, g, inverse_pivot, row)  # (9)
     for i in range(body.mass.size):
         for k in range(3):
-            v[i, k] = g[i, k]
-            x[i, k] += h * g[i, k]
+            if body.inverse_mass[i, k] > 0.0:
+                v[i, k] = g[i, k]
+            x[i, k] += h * v[i, k]
     return negative, trusted
 
 
@@ -73,6 +126,7 @@ def advance(body, world, state, control, h, n):
         for s in range(n):
             rest_lengths(control, b, s * h, rest)
             negative, trusted = step(body, world, rest, x, v, h, a, g, inverse_pivot, row)
+            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
             taken += 1
             state.counters[b, PIVOTS] += negative
             if not trusted:

@@ -8,7 +8,7 @@ from fish_env.tasks import TASKS
 
 
 class Frame(NamedTuple):
-    """One fish at one moment. N nodes, F faces, M muscles, K past places, C commands, S spheres."""
+    """One fish at one moment. N landmarks, F faces, M muscles, K past places, C commands, S spheres."""
 
     position: np.ndarray  # (N,3) m
     rest: np.ndarray  # (N,3) positions at rest, m: nose towards +x, left +y, up +z
@@ -32,10 +32,10 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
     fish = tank.fish
     name = next((name for name, task in TASKS.items() if type(env.task) is task), type(env.task).__name__)
     return Frame(
-        position=tank.position[i].copy(),
-        rest=fish.body.position,
-        faces=fish.body.faces.nodes,
-        muscles=fish.body.springs.nodes[fish.muscles],
+        position=fish.points(tank.position[i]),
+        rest=fish.points(fish.body.position),
+        faces=fish.landmarks.faces,
+        muscles=fish.landmarks.muscles,
         contraction=np.clip(tank.contraction[i], 0.0, 1.0),
         length=fish.length,
         path=pose.centre[i : i + 1].copy() if path is None else np.asarray(path, dtype=float),

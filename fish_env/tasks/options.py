@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env.body import finite_array
+from fish_env.checks import finite_array
 
 
 class Option(NamedTuple):

@@ -186,7 +186,7 @@ class CommandedTurns(ABC):
         course = self.course
         for array in (*course, *self.record, *self.load):
             array[i] = 0
-        self.load.rest[i] = tank.rest_length[i, tank.fish.muscles]
+        self.load.rest[i] = tank.rest_length[i, tank.fish.fibres]
         self.record.latency[i] = self.record.overshoot[i] = self.record.radius[i] = self.record.after[i] = np.nan
         course.yaw[i] = course.facing[i] = course.origin[i] = course.heading[i] = yaw
         course.part[i] = np.inf

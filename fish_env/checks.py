@@ -1,0 +1,40 @@
+"""Bad input is refused at the door: arrays of the right shape, finite, positive, naming nodes that exist."""
+
+import numpy as np
+
+
+def finite_array(value, shape, name) -> np.ndarray:
+    """`value` as a new float64 array of the given shape, or ValueError saying what it is and what it should be."""
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is {value!r}; give finite numbers of shape {shape}") from error
+    if array.shape != tuple(shape):
+        raise ValueError(f"{name} has shape {array.shape}; give shape {tuple(shape)}")
+    if not np.isfinite(array).all():
+        where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(f"{name} is {array[where]} at {where}; give finite numbers")
+    return array
+
+
+def positive_array(value, shape, name, zero=False) -> np.ndarray:
+    """As `finite_array`, and every element positive (or zero, where `zero` allows it)."""
+    array = finite_array(value, shape, name)
+    bad = array < 0 if zero else array <= 0
+    if bad.any():
+        where = tuple(int(k) for k in np.argwhere(bad)[0])
+        raise ValueError(f"{name} is {array[where]} at {where}; give {'zero or ' if zero else ''}positive numbers")
+    return array
+
+
+def node_array(value, width, num_nodes, name) -> np.ndarray:
+    """`value` as an int64 array (K, width) of existing node numbers, or ValueError."""
+    array = np.array(value)
+    if array.size == 0:
+        return np.zeros((0, width), dtype=np.int64)
+    if array.ndim != 2 or array.shape[1] != width or not np.issubdtype(array.dtype, np.integer):
+        raise ValueError(f"{name} have shape {array.shape} and type {array.dtype}; give whole numbers (K, {width})")
+    if array.min() < 0 or array.max() >= num_nodes:
+        bad = int(array[(array < 0) | (array >= num_nodes)][0])
+        raise ValueError(f"{name} name node {bad}, which is missing; nodes are numbered 0 to {num_nodes - 1}")
+    return np.ascontiguousarray(array, dtype=np.int64)

@@ -1,0 +1,118 @@
+"""What surrounds the bodies of a tank: water, gravity, walls, and what pulls at single nodes."""
+
+from numbers import Real
+from typing import NamedTuple
+
+import numpy as np
+
+from fish_env.checks import finite_array, node_array, positive_array
+
+
+class Anchors(NamedTuple):
+    """Springs from a node to a point in the world: a hand that drags, or a penalty that moves a node. A of them."""
+
+    node: np.ndarray  # (A,)
+    point: np.ndarray  # (A,3) m, where the far end is; it stays there during one call of `advance`
+    velocity: np.ndarray  # (A,3) m/s that the damping compares the node's with
+    stiffness: np.ndarray  # (A,) N/m
+    damping: np.ndarray  # (A,) N s/m along the spring; of an anchor without length, along all axes
+    rest_length: np.ndarray  # (A,) m; zero pulls the node right to the point, by a force linear in its place
+
+
+class World(NamedTuple):
+    """What surrounds the body; what is None is not there, and all zero and None is vacuum."""
+
+    linear: float  # coefficient of the linear face law, kg/(m2 s)
+    quadratic: float  # coefficient of the quadratic face law, half density times drag coefficient, kg/m3
+    current: np.ndarray  # (3,) velocity of the water, m/s
+    gravity: np.ndarray | None = None  # (3,) m/s2; a fish that floats has none
+    viscosity: float = 0.0  # of the air: drag on every node over its velocity, N s/m; only beside gravity
+    planes: np.ndarray | None = None  # (P,5) unit normal into the free side, offset m, restitution
+    anchors: Anchors | None = None
+
+
+VACUUM = World(0.0, 0.0, np.zeros(3))
+
+
+def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0)) -> World:
+    """Still or uniformly moving water that pushes on outward-moving faces (docs/physics.md, eq. 11-13).
+
+    Args:
+        density: of the water, kg/m3 (quadratic law).
+        drag_coefficient: of a face moving along its normal, dimensionless (quadratic law); for the linear law the
+            coefficient itself, kg/(m2 s), and `density` is not used.
+        law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994) or "linear" (Tu & Terzopoulos 1994).
+        current: velocity of the water, (3,) m/s.
+
+    Raises:
+        ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
+    """
+    if law not in ("quadratic", "linear"):
+        raise ValueError(f"unknown water law {law!r}; choose 'quadratic' or 'linear'")
+    for name, value in (("density", density), ("drag_coefficient", drag_coefficient)):
+        if not (isinstance(value, Real) and np.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} is {value!r}; give a finite number, zero or positive")
+    flow = finite_array(current, (3,), "current (m/s)")
+    if law == "linear":
+        return World(float(drag_coefficient), 0.0, flow)
+    return World(0.0, 0.5 * float(density) * float(drag_coefficient), flow)
+
+
+def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:
+    """Gravity, walls and air (Song 2009, ch. 4), in a given water or in none.
+
+    Args:
+        gravity: (3,) m/s2.
+        planes: walls, each (normal (3,), offset, restitution): bodies stay where normal . x >= offset, m, the normal
+            being made a unit vector. Restitution is the part of a node's normal speed that an impact leaves it: 1 is
+            Song's perfect reflection, less his damped one, 0 none.
+        viscosity: drag on each node over its velocity, N s/m.
+        water: of `make_water`, or vacuum.
+
+    Raises:
+        ValueError: naming the part, what it holds, and what is allowed.
+    """
+    rows = []
+    for i, plane in enumerate(planes):
+        try:
+            normal, offset, restitution = plane
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"plane {i} is {plane!r}; give (normal (3,), offset in m, restitution)") from error
+        normal = finite_array(normal, (3,), f"normal of plane {i}")
+        if not np.linalg.norm(normal) > 0:
+            raise ValueError(f"normal of plane {i} is {normal}; give a vector that is not null")
+        offset = float(finite_array(offset, (), f"offset of plane {i} (m)"))
+        restitution = float(finite_array(restitution, (), f"restitution of plane {i}"))
+        if not 0.0 <= restitution <= 1.0:
+            raise ValueError(f"restitution of plane {i} is {restitution}; give a number from 0 to 1")
+        rows.append([*(normal / np.linalg.norm(normal)), offset, restitution])
+    return water._replace(
+        gravity=finite_array(gravity, (3,), "gravity (m/s2)"),
+        viscosity=float(positive_array(viscosity, (), "viscosity (N s/m)", zero=True)),
+        planes=np.array(rows) if rows else None,
+    )
+
+
+def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> Anchors:
+    """Springs from nodes (A,) to points (A,3) m; the other arguments are one number for all, or one each.
+
+    Raises:
+        ValueError: naming the part, what it holds, and what is allowed.
+    """
+    nodes = node_array(np.reshape(node, (-1, 1)), 1, np.iinfo(np.int64).max, "anchors")[:, 0].copy()
+    a = nodes.size
+
+    def each(value, shape, name, check, **options):
+        try:
+            return np.ascontiguousarray(check(np.broadcast_to(value, shape), shape, name, **options))
+        except ValueError as error:
+            raise ValueError(f"{name} of the anchors: {error}") from error
+
+    return Anchors(
+        nodes,
+        each(point, (a, 3), "point (m)", finite_array),
+        each(velocity, (a, 3), "velocity (m/s)", finite_array),
+        each(stiffness, (a,), "stiffness (N/m)", positive_array, zero=True),
+        each(damping, (a,), "damping (N s/m)", positive_array, zero=True),
+        each(rest_length, (a,), "rest_length (m)", positive_array, zero=True),
+    )
