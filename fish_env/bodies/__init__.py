@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fish_env.bodies.fish import ElasticObject, Fish, Landmarks
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
+from fish_env.bodies.planar import make_planar
 
 __all__ = ["BODIES", "BodyKind", "ElasticObject", "Fish", "Landmarks", "MassSpringParameters", "make_fish"]
 
@@ -23,6 +24,7 @@ BODIES: dict[str, BodyKind] = {
     record.name: record
     for record in (
         BodyKind("mass_spring", "23 nodes, 91 units, 12 muscles, calibrated to swim, SI units", make_mass_spring),
+        BodyKind("planar", "the same fish in the plane: 12 to 48 nodes, 12 muscles", make_planar),
         BodyKind(
             "published", "the same topology with the published masses and constants, graphics units", make_published
         ),
