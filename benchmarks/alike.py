@@ -6,11 +6,12 @@ All by linear theory at rest, of a free fish in vacuum, on the landmarks that al
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from fish_env import forces
 from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu
-from fish_env.world import VACUUM
+from fish_env.body import rest_stiffness
+from fish_env.linalg import rates
 
 MODES = 4  # of lateral bending
 
@@ -18,117 +19,104 @@ MODES = 4  # of lateral bending
 class Measures(NamedTuple):
     """What makes two fish alike."""
 
-    bend: np.ndarray  # (4,) rotation of each section behind the head under a moment of 1 N m, rad
-    tail: float  # how far the tail tip gives way to a sideways force of 1 N, against the rest, m
+    kink: np.ndarray  # (5,) angle by which the line through the fish kinks at layers 1 to 5, for a moment of 1 N m, rad
     frequency: np.ndarray  # (MODES,) of lateral bending, lowest first, Hz
-    pull: np.ndarray  # (3,) how far a segment's left muscles, fully contracted, bend layers 1 to 5, rad
+    pull: np.ndarray  # (3,) angle between head and tail that a segment's left muscles make, fully contracted, rad
 
 
-def stiffness(fish: Fish) -> np.ndarray:
-    """Stiffness (3N,3N) N/m at rest."""
-    body = fish.body
-    matrices = np.zeros((2, 3 * body.mass.size, 3 * body.mass.size))
-    forces.jacobian(body, VACUUM, body.springs.rest_length, body.position, np.zeros_like(body.position), *matrices)
-    return 0.5 * (matrices[0] + matrices[0].T)
+class Structure(NamedTuple):
+    """A level fish bending sideways, linearised at rest."""
+
+    basis: csr_array  # (3N,Q) orthonormal, of the motions it then makes
+    matrix: np.ndarray  # (Q,Q) stiffness, N/m
+    mass: np.ndarray  # (Q,) kg
 
 
-def symmetric(fish: Fish) -> np.ndarray:
-    """Orthonormal basis (3N,Q) of motions in which a level fish bends sideways.
-
-    Free, the mirror image of themselves turned round between left and right, and of themselves between up and down.
-    """
+def structure(fish: Fish) -> Structure:
+    """The structure of a fish. Its basis: motions in which left and right move alike, and up and down."""
     x, n = fish.body.position, fish.body.mass.size
-    free = fish.body.inverse_mass.ravel() > 0.0
-    basis = np.eye(3 * n)[:, free]
-    for axis, sign in ((1, -1.0), (2, 1.0)):
-        mirror = np.ones(3)
-        mirror[axis] = -1.0
+    group = [(np.arange(n), np.ones(3))]
+    for axis, odd in ((1, (-1.0, 1.0, -1.0)), (2, (1.0, 1.0, -1.0)))[: 1 if fish.flat else 2]:
+        mirror = np.where(np.arange(3) == axis, -1.0, 1.0)
         image = np.array([np.argmin(((x - point * mirror) ** 2).sum(axis=1)) for point in x])
-        if fish.flat and axis == 2:
-            continue
-        flip = np.zeros((n, 3, n, 3))
-        for i, j in enumerate(image):
-            flip[i, range(3), j, range(3)] = mirror
-        half = 0.5 * (np.eye(3 * n) + sign * flip.reshape(3 * n, -1)) @ basis
-        u, s, _ = np.linalg.svd(half, full_matrices=False)
-        basis = u[:, s > 0.5]
-    return basis
+        group += [(image[nodes], sign * odd) for nodes, sign in group]
+    rows, columns, values, count = [], [], [], 0
+    for i in range(n):
+        if not all(i <= nodes[i] for nodes, _ in group):
+            continue  # another node of the orbit stands for it
+        for k in range(3):
+            column: dict[int, float] = {}
+            for nodes, sign in group:
+                place = 3 * int(nodes[i]) + k
+                column[place] = column.get(place, 0.0) + sign[k]
+            size = np.linalg.norm(list(column.values()))
+            if size > 0.0 and fish.body.inverse_mass[i, k] > 0.0:
+                rows += column
+                columns += [count] * len(column)
+                values += [value / size for value in column.values()]
+                count += 1
+    basis = csr_array((values, (rows, columns)), shape=(3 * n, count))
+    matrix = basis.T @ csr_array(rates.assemble(rest_stiffness(fish.body), 3 * n)) @ basis
+    return Structure(basis, matrix.toarray(), (basis.T**2) @ np.repeat(fish.body.mass, 3))
 
 
-def respond(matrix, basis, fish, force) -> np.ndarray:
+def respond(fish: Fish, frame: Structure, force) -> np.ndarray:
     """Displacement (N,3) m of the free fish under a force (N,3) N that is balanced in itself; not moved as a whole."""
     x = fish.body.position
     rigid = np.stack([np.tile([0.0, 1.0, 0.0], (len(x), 1)), np.cross([0.0, 0.0, 1.0], x - x.mean(axis=0))])
-    rigid, _ = np.linalg.qr(basis.T @ rigid.reshape(2, -1).T)
-    reduced = basis.T @ matrix @ basis
-    scale = np.trace(reduced) / len(reduced)
-    return (basis @ np.linalg.solve(reduced + scale * rigid @ rigid.T, basis.T @ force.ravel())).reshape(x.shape)
+    rigid, _ = np.linalg.qr(frame.basis.T @ rigid.reshape(2, -1).T)
+    held = frame.matrix + np.trace(frame.matrix) / len(frame.matrix) * rigid @ rigid.T
+    return (frame.basis @ np.linalg.solve(held, frame.basis.T @ force.reshape(-1, 3).ravel())).reshape(x.shape)
 
 
-def rotation(fish: Fish, u) -> np.ndarray:
-    """Rotation about z of layers 1 to 5, (5,) rad, under displacements u (N,3)."""
-    moved, at = u[fish.landmarks.node], fish.points(fish.body.position)
-    turned = []
-    for up_left, up_right, down_right, down_left in tu.LAYERS[1:6]:
-        along = moved[[up_left, down_left], 0].sum() - moved[[up_right, down_right], 0].sum()
-        turned.append(-along / (at[[up_left, down_left], 1].sum() - at[[up_right, down_right], 1].sum()))
-    return np.array(turned)
+def stations(fish: Fish) -> list[np.ndarray]:
+    """Nodes of the head, of the cross-sections at layers 1 to 5, and of the tail's end: 7 arrays.
+
+    Of the head all nodes in its foremost half, since a point gives way the more, the finer the body is divided.
+    """
+    x, at = fish.body.position[:, 0], fish.points(fish.body.position)[:, 0]
+    places = [at[nodes].mean() for nodes in tu.LAYERS[1:]]
+    head = np.flatnonzero(x > 0.5 * places[0] - 1e-6 * fish.length)
+    return [head, *(np.flatnonzero(np.abs(x - place) < 1e-6 * fish.length) for place in places)]
 
 
-def couple(fish: Fish, layer) -> np.ndarray:
-    """Forces (N,3) N on the corners of a layer that turn it by 1 N m about z."""
-    force, at = np.zeros_like(fish.body.position), fish.points(fish.body.position)
-    up_left, up_right, down_right, down_left = tu.LAYERS[layer]
-    wide = at[[up_left, down_left], 1].sum() - at[[up_right, down_right], 1].sum()
-    for mark, sign in ((up_left, -1), (down_left, -1), (up_right, 1), (down_right, 1)):
-        force[fish.landmarks.node[mark], 0] += sign / wide
-    return force
+def kinks(fish: Fish) -> np.ndarray:
+    """Weights (5,N) whose sum with the nodes' y is the angle by which the line through the stations kinks at layer k.
+
+    The same weights are forces, N, that a moment of 1 N m makes there: three-point bending.
+    """
+    sets = stations(fish)
+    place = [fish.body.position[nodes, 0].mean() for nodes in sets]
+    weights = np.zeros((5, fish.body.mass.size))
+    for k in range(5):
+        ahead, behind = place[k] - place[k + 1], place[k + 1] - place[k + 2]
+        parts = (1.0 / ahead, -1.0 / ahead - 1.0 / behind, 1.0 / behind)
+        for nodes, part in zip(sets[k : k + 3], parts, strict=True):
+            weights[k, nodes] = part / len(nodes)
+    return weights
 
 
 def measures(fish: Fish) -> Measures:
     """Measure a fish that has the default one's landmarks."""
-    body, matrix, basis = fish.body, stiffness(fish), symmetric(fish)
-    turned = rotation(fish, respond(matrix, basis, fish, couple(fish, 1) - couple(fish, 5)))
-    tail = np.zeros_like(body.position)
-    tips = fish.landmarks.node[list(tu.TAIL)]
-    for tip in tips:
-        tail[tip, 1] += 0.5
-    root = np.zeros_like(tail)
-    for layer, weight in ((4, -1.0), (3, -1.0)):  # what holds against it: two layers, so that nothing turns
-        del layer, weight
-    x5, x4, xt = (fish.points(body.position)[nodes, 0].mean() for nodes in (tu.LAYERS[5], tu.LAYERS[4], list(tu.TAIL)))
-    lever = (x4 - xt) / (x4 - x5)
-    for layer, part in ((tu.LAYERS[5], -lever), (tu.LAYERS[4], lever - 1.0)):
-        for mark in layer:
-            root[fish.landmarks.node[mark], 1] += part / 4
-    given = respond(matrix, basis, fish, tail + root)
-    gave = given[tips, 1].mean() - (
-        lever * given[fish.landmarks.node[tu.LAYERS[5]], 1].mean()
-        + (1.0 - lever) * given[fish.landmarks.node[tu.LAYERS[4]], 1].mean()
-    )
-    mass = np.repeat(body.mass, 3)
-    reduced = basis.T @ (matrix / np.sqrt(np.outer(mass, mass))) @ basis
-    squares = np.linalg.eigvalsh(reduced)
-    squares = squares[squares > 1e-6 * body.elastic_rate]
-    return Measures(
-        turned[:-1] - turned[1:], float(gave), np.sqrt(squares[:MODES]) / (2 * np.pi), pulls(fish, matrix, basis)
-    )
+    frame, weights, sideways = structure(fish), kinks(fish), np.array([0.0, 1.0, 0.0])
+    kink = [row @ respond(fish, frame, row[:, None] * sideways)[:, 1] for row in weights]
+    squares = np.linalg.eigvalsh(frame.matrix / np.sqrt(np.outer(frame.mass, frame.mass)))
+    squares = squares[squares > 1e-7 * fish.body.elastic_rate][:MODES]
+    bent = weights.sum(axis=0)
+    pull = [bent @ respond(fish, frame, contraction(fish, segment))[:, 1] for segment in range(3)]
+    return Measures(np.array(kink), np.sqrt(squares) / (2 * np.pi), np.array(pull))
 
 
-def pulls(fish, matrix, basis) -> np.ndarray:
-    """How far each segment's left muscles bend the fish, (3,) rad."""
-    body, found = fish.body, []
-    for segment in range(3):
-        force = np.zeros_like(body.position)
-        for fibre, (upper, lower) in zip(fish.fibres, fish.drives, strict=True):
-            if fish.segments[upper] != segment or fish.sides[upper] < 0:
-                continue
-            i, j = body.springs.nodes[fibre]
-            along = body.position[j] - body.position[i]
-            short = (1.0 - fish.contracted[[upper, lower]].mean()) * body.springs.rest_length[fibre]
-            pull = body.springs.stiffness[fibre] * short * along / np.linalg.norm(along)
-            force[i] += pull
-            force[j] -= pull
-        turned = rotation(fish, respond(matrix, basis, fish, force))
-        found.append(turned[0] - turned[4])
-    return np.array(found)
+def contraction(fish: Fish, segment) -> np.ndarray:
+    """Forces (N,3) N with which the left muscles of a segment, contracted fully, pull at rest."""
+    body, force = fish.body, np.zeros_like(fish.body.position)
+    for fibre, (upper, lower) in zip(fish.fibres, fish.drives, strict=True):
+        if fish.segments[upper] != segment or fish.sides[upper] < 0:
+            continue
+        i, j = body.springs.nodes[fibre]
+        along = body.position[j] - body.position[i]
+        short = (1.0 - fish.contracted[[upper, lower]].mean()) * body.springs.rest_length[fibre]
+        pull = body.springs.stiffness[fibre] * short * along / np.linalg.norm(along)
+        force[i] += pull
+        force[j] -= pull
+    return force

@@ -39,13 +39,14 @@ class Outline(NamedTuple):
         return [(0, 0), *((k, k + 1) for k in range(1, last, 2)), (last, last)]
 
 
-def make_planar(level=1, bending=None, pull=None, **parameters) -> Fish:
+def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> Fish:
     """The flat fish: each section of the default one in `level` pieces, 12 nodes with one, 24, 36, 48 with more.
 
     Args:
         level: 1 to 4.
         bending: factors on the stiffness of the sections behind the head, (5,); None: as fitted.
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
+        shear: factor on the stiffness of the diagonals; None: as fitted.
         parameters: fields of `MassSpringParameters`.
 
     Raises:
@@ -54,13 +55,19 @@ def make_planar(level=1, bending=None, pull=None, **parameters) -> Fish:
     if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= level <= MOST):
         raise ValueError(f"level is {level!r}; give a whole number from 1 to {MOST}")
     p = tu.checked_parameters("planar", parameters)
-    fitted = json.loads(FITTED_FILE.read_text())["levels"][str(level)] if bending is None or pull is None else {}
+    fitted = (
+        json.loads(FITTED_FILE.read_text())["levels"][str(level)]
+        if any(v is None for v in (bending, pull, shear))
+        else {}
+    )
     outline = rows(p, level)
     bending = positive_array(fitted["bending"] if bending is None else bending, (5,), "bending")
     pull = positive_array(fitted["pull"] if pull is None else pull, (3,), "pull")
+    shear = float(positive_array(fitted["shear"] if shear is None else shear, (), "shear"))
     chord, diagonal, across, active = projected(p)
     chord[1:] *= bending
     diagonal[1:] *= bending
+    diagonal *= shear
     active /= chord
     position = shape(outline)
     pairs, stiffness, piece = lattice(outline, chord, diagonal, across)
