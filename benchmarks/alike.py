@@ -19,7 +19,9 @@ MODES = 4  # of lateral bending
 class Measures(NamedTuple):
     """What makes two fish alike."""
 
-    kink: np.ndarray  # (5,) angle by which the line through the fish kinks at layers 1 to 5, for a moment of 1 N m, rad
+    kink: (
+        np.ndarray
+    )  # (5,5) angle by which the line through the fish kinks at layers 1 to 5 for a moment of 1 N m at each
     frequency: np.ndarray  # (MODES,) of lateral bending, lowest first, Hz
     pull: np.ndarray  # (3,) angle between head and tail that a segment's left muscles make, fully contracted, rad
 
@@ -99,7 +101,7 @@ def kinks(fish: Fish) -> np.ndarray:
 def measures(fish: Fish) -> Measures:
     """Measure a fish that has the default one's landmarks."""
     frame, weights, sideways = structure(fish), kinks(fish), np.array([0.0, 1.0, 0.0])
-    kink = [row @ respond(fish, frame, row[:, None] * sideways)[:, 1] for row in weights]
+    kink = [weights @ respond(fish, frame, row[:, None] * sideways)[:, 1] for row in weights]
     squares = np.linalg.eigvalsh(frame.matrix / np.sqrt(np.outer(frame.mass, frame.mass)))
     squares = squares[squares > 1e-7 * fish.body.elastic_rate][:MODES]
     bent = weights.sum(axis=0)

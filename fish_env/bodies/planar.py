@@ -20,7 +20,7 @@ from fish_env.checks import positive_array
 from fish_env.world import make_water
 
 FITTED_FILE = Path(__file__).with_suffix(".json")
-MOST = 4  # pieces a section
+MOST = 2  # pieces a section: finer lattices fold where a muscle contracts
 
 
 class Outline(NamedTuple):
@@ -40,10 +40,10 @@ class Outline(NamedTuple):
 
 
 def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> Fish:
-    """The flat fish: each section of the default one in `level` pieces, 12 nodes with one, 24, 36, 48 with more.
+    """The flat fish: each section of the default one in `level` pieces, 12 nodes with one, 24 with two.
 
     Args:
-        level: 1 to 4.
+        level: 1 or 2.
         bending: factors on the stiffness of the sections behind the head, (5,); None: as fitted.
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
         shear: factor on the stiffness of the diagonals; None: as fitted.

@@ -1,0 +1,232 @@
+"""What each body costs and how far it is from the finest one, in a scene of every task.
+
+python -m benchmarks.fidelity              results/fidelity.csv and docs/images/fidelity.svg (some 15 minutes)
+python -m benchmarks.fidelity --chart      the chart only, from the CSV
+python -m benchmarks.fidelity --seeds 2    fewer scenes a task: quick, with wider intervals
+
+A scene is what the motor controllers make of the default fish's muscles in an episode of the task: its contractions,
+recorded, are played to every body, from rest, open loop. The finest body is that of tetrahedra at its highest level;
+the level below says how much it still changes.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
+
+import argparse
+import csv
+import time
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from agents.controllers import scripted
+from benchmarks.provenance import RESULTS, write_csv
+from fish_env import TASKS, Tank, make_fish
+from fish_env.bodies import Fish
+from fish_env.elements import chamber_volume, make_chambers
+from fish_env.envs import FishVectorEnv
+from fish_env.pose import make_pose, measure
+
+BODIES = (
+    ("planar", {"level": 1}), ("planar", {"level": 2}), ("mass_spring", {}), ("two_layer", {}),
+    ("tetrahedral", {"level": 1}), ("tetrahedral", {"level": 2}), ("tetrahedral", {"level": 3}),
+)  # fmt: skip
+FINEST = ("tetrahedral", 3)
+SECONDS, SEEDS, FIRST_SEED = 3.0, 8, 5_000
+SETTLED = 1.0  # s at the start that no mean is taken over
+QUANTITIES = {"speed": 1.0, "turn": 1.0, "path": 1.0, "sweep": 1.0, "volume": 1.0}
+BATCH, REPEATS = 16, 5  # fish timed together, as in learning, and timings whose median is taken
+TOLERANCES = (0.05, 0.1, 0.2, 0.5)
+
+
+class Motion(NamedTuple):
+    """What a body made of a scene: S seeds, K decisions."""
+
+    centre: np.ndarray  # (S,K,3) body lengths, of the centre of mass; the start is where and whither the fish was
+    yaw: np.ndarray  # (S,K) rad, unwrapped, since the start
+    tail: np.ndarray  # (S,K) body lengths, of the tail tip aside of the line of best fit
+    volume: np.ndarray  # (S,K) inside the surface of the landmarks, over that at rest
+    failure: list[str]
+
+
+def record(task: str, seeds: int) -> np.ndarray:
+    """Contractions (S,K,M) of the default fish's muscles under the motor controllers, a scene for each seed."""
+    env = FishVectorEnv(seeds, task=task, max_episode_steps=10_000)
+    control = scripted(env)
+    obs, _ = env.reset(seed=FIRST_SEED)
+    steps, found = round(SECONDS / env.control_interval), []
+    for k in range(steps):
+        obs, *_ = env.step(control(obs, k * env.control_interval))
+        found.append(env._contraction.copy())
+    env.close()
+    return np.array(found).transpose(1, 0, 2)
+
+
+def play(fish: Fish, contractions: np.ndarray, dt=None) -> Motion:
+    """Play contractions (S,K,M), a decision each, to fish of one kind that start at rest, heading along x."""
+    seeds, steps, _ = contractions.shape
+    tank = Tank(fish, seeds, dt=dt, water=fish.water)
+    substeps, pose = round(fish.control_interval / tank.dt), make_pose(seeds)
+    rest, marks = fish.points(fish.body.position), fish.landmarks
+    chamber = make_chambers(rest, [marks.faces], 1.0)
+    natural = chamber_volume(chamber, 0, rest)[0]
+    centre, yaw, tail, volume = [], [], [], []
+    for k in range(steps):
+        tank.drive(contractions[:, k], substeps)
+        measure(fish.body.mass, fish.line, fish.left, fish.right, tank.position, tank.velocity, *pose)
+        centre.append(pose.centre / fish.length)
+        yaw.append(np.arctan2(pose.axes[:, 0, 1], pose.axes[:, 0, 0]))
+        tips = tank.position[:, fish.tail].mean(axis=1) - pose.centre
+        tail.append((tips * pose.axes[:, 1]).sum(axis=1) / fish.length)
+        volume.append([chamber_volume(chamber, 0, points)[0] / natural for points in fish.points(tank.position)])
+    tank.close()
+    start = fish.body.mass @ fish.body.position / fish.body.mass.sum() / fish.length
+    return Motion(
+        np.array(centre).transpose(1, 0, 2) - start, np.unwrap(np.array(yaw).T), np.array(tail).T, np.array(volume).T,
+        tank.failure.tolist(),
+    )  # fmt: skip
+
+
+def errors(found: Motion, finest: Motion, interval: float) -> dict[str, np.ndarray]:
+    """How far a motion is from the finest body's, (S,) of each quantity, 1 being all of it.
+
+    speed: mean after SETTLED seconds. turn: heading over time, over the largest turn of the finest body, at least a
+    quarter turn. path: distance between the centres, over the way swum, both meant over time. sweep: standard deviation
+    of the tail tip. volume: largest change, absolute.
+    """
+    late = slice(round(SETTLED / interval), None)
+
+    def speed(m):
+        step = np.linalg.norm(np.diff(m.centre[:, late], axis=1), axis=2) / interval
+        return step.mean(axis=1)
+
+    apart = np.linalg.norm(found.centre - finest.centre, axis=2)
+    way = np.linalg.norm(np.diff(finest.centre, axis=1), axis=2).cumsum(axis=1)
+    turned = np.maximum(np.abs(finest.yaw).max(axis=1), np.pi / 2)
+    sweep, wanted = found.tail[:, late].std(axis=1), finest.tail[:, late].std(axis=1)
+    change = [np.abs(m.volume - 1.0).max(axis=1) for m in (found, finest)]
+    return {
+        "speed": np.abs(speed(found) / speed(finest) - 1.0),
+        "turn": np.abs(found.yaw - finest.yaw).mean(axis=1) / turned,
+        "path": apart[:, 1:].mean(axis=1) / way.mean(axis=1),
+        "sweep": np.abs(sweep / wanted - 1.0),
+        "volume": np.abs(change[0] - change[1]),
+    }
+
+
+def cost(fish: Fish, contractions: np.ndarray) -> float:
+    """Seconds of one processor a simulated second of one fish, BATCH together: the median of REPEATS."""
+    tank = Tank(fish, BATCH if fish.body.mass.size < 500 else 1, water=fish.water, threads=1)
+    substeps, spans = round(fish.control_interval / tank.dt), []
+    tank.drive(np.resize(contractions[:, 0], (tank.num_fish, fish.num_muscles)), substeps)
+    for k in range(1, REPEATS + 1):
+        begun = time.perf_counter()
+        tank.drive(np.resize(contractions[:, k], (tank.num_fish, fish.num_muscles)), substeps)
+        spans.append((time.perf_counter() - begun) / tank.num_fish / fish.control_interval)
+    return float(np.median(spans))
+
+
+def interval_of(values: np.ndarray) -> tuple[float, float, float]:
+    """Mean of (S,) and its 95 % interval by the bootstrap, with a fixed seed."""
+    draws = np.random.default_rng(0).choice(values, (2000, values.size)).mean(axis=1)
+    return float(values.mean()), *map(float, np.percentile(draws, [2.5, 97.5]))
+
+
+def run(seeds: int) -> list[dict]:
+    """Every body in a scene of every task, a row for each quantity."""
+    fish = {(name, options.get("level", "")): make_fish(name, **options) for name, options in BODIES}
+    scenes = {task: record(task, seeds) for task in TASKS}
+    price = {key: cost(one, scenes["swim"]) for key, one in fish.items()}
+    rows = []
+    with tqdm(total=len(scenes) * len(fish), unit="motion") as bar:
+        for task, contractions in scenes.items():
+            motions = {}
+            for key in sorted(fish, key=lambda key: -price[key]):
+                bar.set_postfix_str(f"{task}, {key[0]} {key[1]}")
+                motions[key] = play(fish[key], contractions)
+                bar.update()
+            for key, motion in motions.items():
+                sound = [not text for text in motion.failure]
+                off = errors(motion, motions[FINEST], fish[key].control_interval)
+                off["all"] = np.sqrt(np.mean([off[name] ** 2 for name in ("speed", "turn", "path", "sweep")], axis=0))
+                for name, values in off.items():
+                    mean, low, high = interval_of(np.where(sound, values, np.inf) if not all(sound) else values)
+                    rows.append({
+                        "task": task, "body": key[0], "level": key[1], "nodes": fish[key].body.mass.size,
+                        "cost_s_per_s": f"{price[key]:.5g}", "quantity": name, "error": f"{mean:.4g}",
+                        "low": f"{low:.4g}", "high": f"{high:.4g}", "seeds": seeds, "first_seed": FIRST_SEED,
+                        "failed": len(sound) - sum(sound),
+                    })  # fmt: skip
+    return rows
+
+
+def cheapest(rows: list[dict], task: str, tolerance: float) -> dict | None:
+    """The cheapest body whose error over all is within the tolerance in a task's scene; None if there is none."""
+    fit = [r for r in rows if r["task"] == task and r["quantity"] == "all" and float(r["error"]) <= tolerance]
+    return min(fit, key=lambda row: float(row["cost_s_per_s"]), default=None)
+
+
+def label(row: dict) -> str:
+    """A body and its level in few letters."""
+    return row["body"] + (f" {row['level']}" if row["level"] else "")
+
+
+def chart(rows: list[dict]) -> Path:
+    """Error over cost, a panel a task, the cheapest body inside each tolerance ringed."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    tasks = list(dict.fromkeys(row["task"] for row in rows))
+    figure, axes = plt.subplots(2, 3, figsize=(12, 7), sharex=True, sharey=True)
+    colours = {"planar": "tab:green", "mass_spring": "tab:blue", "two_layer": "tab:orange", "tetrahedral": "tab:red"}
+    for ax, task in zip(axes.flat, tasks, strict=False):
+        shown = [r for r in rows if r["task"] == task and r["quantity"] == "all" and float(r["error"]) > 0]
+        for row in shown:
+            x, y = 1e3 * float(row["cost_s_per_s"]), 100 * float(row["error"])
+            bars = [[y - 100 * float(row["low"])], [100 * float(row["high"]) - y]]
+            ax.errorbar(x, y, bars, fmt="o", color=colours[row["body"]], capsize=3)
+            ax.annotate(label(row), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
+        for tolerance in TOLERANCES:
+            ax.axhline(100 * tolerance, color="0.85", lw=0.8, zorder=0)
+            best = cheapest([r for r in shown], task, tolerance)
+            if best:
+                ax.plot(1e3 * float(best["cost_s_per_s"]), 100 * float(best["error"]), "o", ms=13, mfc="none", mec="k")
+        ax.set(xscale="log", yscale="log", title=task.replace("_", " "))
+    for ax in axes[-1]:
+        ax.set_xlabel("cost, ms a simulated second")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("distance to the finest body, %")
+    handles = [plt.Line2D([], [], marker="o", ls="", color=c, label=b) for b, c in colours.items()]
+    handles.append(plt.Line2D([], [], marker="o", ls="", ms=12, mfc="none", mec="k", label="cheapest within a line"))
+    axes.flat[-1].axis("off")
+    axes.flat[-1].legend(handles=handles, loc="center", frameon=False)
+    figure.tight_layout()
+    path = RESULTS.parent.parent / "docs" / "images" / "fidelity.svg"
+    figure.savefig(path, metadata={"Date": None})
+    return path
+
+
+def main() -> None:
+    """Run the scenes and draw the chart."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--chart", action="store_true", help="only draw the chart")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help=f"scenes a task ({SEEDS})")
+    chosen = parser.parse_args()
+    if not chosen.chart:
+        write_csv("fidelity.csv", run(chosen.seeds), "python -m benchmarks.fidelity")
+    with (RESULTS / "fidelity.csv").open() as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    print(chart(rows))
+    for task in dict.fromkeys(row["task"] for row in rows):
+        for tolerance in TOLERANCES:
+            best = cheapest(rows, task, tolerance)
+            print(f"{task:18} within {100 * tolerance:3.0f} %: {label(best) if best else 'none'}")
+
+
+if __name__ == "__main__":
+    main()
