@@ -29,7 +29,7 @@ from fish_env.body import Body
 from fish_env.linalg import ldlt
 from fish_env.world import VACUUM
 
-SECTIONS = ((2, 2), (2, 4), (4, 4), (4, 6))  # cells across and upward
+SECTIONS = ((2, 2), (2, 4), (4, 4), (4, 6), (8, 8), (12, 12))  # cells across and upward
 LONG = (3, 5, 8, 12, 18, 27, 40, 60)  # cells along
 MOST_NODES, REPEATS = 1600, 15
 ORDERINGS = ("COLAMD", "MMD_AT_PLUS_A")
@@ -81,7 +81,8 @@ def measure(body: Body) -> dict:
         ldlt.solve(body.profile, work, inverse_pivot, solution)
 
     def general(ordering):
-        return splu(sparse, permc_spec=ordering, options={"SymmetricMode": ordering != "COLAMD"}).solve(load.ravel())
+        symmetric = {} if ordering == "COLAMD" else {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+        return splu(sparse, permc_spec=ordering, **symmetric).solve(load.ravel())
 
     skyline(a.copy())
     apart = np.abs(solution.ravel() - general("COLAMD")).max() / np.abs(solution).max()
@@ -106,7 +107,7 @@ def draw() -> None:
     """Times and ratios against the number of nodes, a line a cross-section."""
     rows = read(NAME)
     (left, right), save = figure(2)
-    for (across, upward), marker in zip(SECTIONS, "os^D", strict=True):
+    for (across, upward), marker in zip(SECTIONS, "os^Dv*", strict=True):
         mine = [row for row in rows if (row["across"], row["upward"]) == (across, upward)]
         nodes, label = [row["nodes"] for row in mine], f"{across} x {upward} cells"
         for name, colour in (("skyline", BLUE), ("sparse", ORANGE)):
