@@ -111,14 +111,15 @@ def draw() -> None:
         mine = [row for row in rows if (row["across"], row["upward"]) == (across, upward)]
         nodes, label = [row["nodes"] for row in mine], f"{across} x {upward} cells"
         for name, colour in (("skyline", BLUE), ("sparse", ORANGE)):
-            text = f"{name}, {label}"
+            text = {"skyline": "skyline", "sparse": "sparse (SuperLU)"}[name] if marker == "o" else None
             left.loglog(nodes, [row[f"{name}_us"] for row in mine], marker=marker, color=colour, label=text)
         right.loglog(nodes, [row["ratio"] for row in mine], marker=marker, label=label)
     right.axhline(1.0, color="black", linewidth=0.8)
     left.set(xlabel="nodes", ylabel="one factorisation and solution, us")
     right.set(xlabel="nodes", ylabel="time of the sparse solver over the skyline's")
-    for panel in (left, right):
-        panel.legend(frameon=False, fontsize=8)
+    right.set_ylim(0.1, 60.0)
+    left.legend(frameon=False, fontsize=8)
+    right.legend(frameon=False, fontsize=8, ncols=3, loc="lower center", title="cells in a cross-section")
     save("factorisation.svg")
 
 

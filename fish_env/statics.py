@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space
-from scipy.sparse import block_array, csr_array, diags_array
-from scipy.sparse.linalg import eigsh, splu
+from scipy.sparse import block_array, csr_array, diags_array, eye_array
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from fish_env import forces
 from fish_env.body import Body
@@ -29,6 +29,8 @@ MOST_STEPS = 200
 SINGULAR = 1e-14  # smallest pivot over the largest
 UNSTABLE = 1e-10  # of the highest rate: less is rounding
 SHIFT = 1e-9
+SLACK = 1e-12  # of the largest stiffness, for motions that nothing resists and no force asks for
+SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
 LOOSE = "the stiffness does not resist every motion; hold or anchor more nodes, or start from another place"
 ADVICE = "apply the load in smaller steps, each started from the last; hold or anchor a body that its load would move"
 
@@ -77,7 +79,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         floor = ROUNDING * np.abs(matrix.diagonal()).max() * np.abs(x).max()
         if not np.abs(f).max() > max(wanted, floor):
             return x
-        x, f = _newton(x, f, force, free, _solver(body, world, matrix, x))
+        x, f = _newton(x, f, force, free, _solver(body, world, matrix, x, SLACK))
     raise NoEquilibrium(f"forces of {np.abs(f).max():g} N are left after {MOST_STEPS} steps; {ADVICE}")
 
 
@@ -161,7 +163,9 @@ def _lowest(matrix, free, root, count):
     if count >= free.size // 2:
         return _lowest(scaled.toarray(), np.arange(free.size), np.ones(free.size), count)
     shift = -SHIFT * np.abs(scaled.diagonal()).max()  # just below zero, so that rigid motions leave it regular
-    values, vectors = eigsh(scaled, k=count, sigma=shift, v0=np.cos(np.arange(free.size)))
+    factors = splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC)
+    inverse = LinearOperator(scaled.shape, factors.solve)
+    values, vectors = eigsh(scaled, k=count, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(free.size)))
     order = np.argsort(values)
     return values[order], vectors[:, order]
 
@@ -181,23 +185,28 @@ def rigid_motions(body: Body, world: World, x) -> np.ndarray:
     return np.linalg.qr(motions[_free(body)] @ allowed)[0]
 
 
-def _solver(body: Body, world: World, matrix, x) -> Callable:
-    """Solution of K u = f on the free degrees of freedom, u without rigid motion: a function of f (K,)."""
+def _solver(body: Body, world: World, matrix, x, slack=0.0) -> Callable:
+    """Solution of K u = f on the free degrees of freedom, u without rigid motion: a function of f (K,).
+
+    `slack`, of the largest stiffness, is added to that of every degree of freedom.
+    """
     free, rigid = _free(body), rigid_motions(body, world, x)
-    rigid = rigid * np.abs(matrix.diagonal()).max()
+    scale = np.abs(matrix.diagonal()).max()
+    rigid = rigid * scale
     size, border = rigid.shape
     if isinstance(matrix, np.ndarray):
-        system = np.block([[matrix[np.ix_(free, free)], rigid], [rigid.T, np.zeros((border, border))]])
+        inner = matrix[np.ix_(free, free)] + slack * scale * np.eye(size)
+        system = np.block([[inner, rigid], [rigid.T, np.zeros((border, border))]])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)  # the pivots are looked at below
             factors = lu_factor(system)
         pivots, solve = np.diag(factors[0]), partial(lu_solve, factors)
     else:
-        system = matrix[free][:, free]
+        system = matrix[free][:, free] + slack * scale * eye_array(size)
         if border:
             system = block_array([[system, csr_array(rigid)], [csr_array(rigid.T), None]])
         try:
-            factors = splu(system.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            factors = splu(system.tocsc(), **SYMMETRIC)
         except RuntimeError as error:
             raise NoEquilibrium(LOOSE) from error
         pivots, solve = factors.U.diagonal(), factors.solve
