@@ -5,7 +5,8 @@ halved until the simplified step that would follow it, with the matrix at hand, 
 monotonicity test (Deuflhard 2004, ch. 3). The residual itself would not do: a slender beam that bends stretches a
 little in between, and is far stiffer along itself than across.
 
-A body that nothing holds keeps its place: steps and deflections have no part in the rigid motions it is free to make.
+A body that nothing holds keeps its place: steps and deflections have no part in the rigid motions it is free to make,
+its shifts, and its rotations if all forces are its own.
 """
 
 import warnings
@@ -13,7 +14,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space
+from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space, orth
 from scipy.sparse import block_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
@@ -26,6 +27,7 @@ from fish_env.world import VACUUM, World
 ROUNDING = 1e-14  # of stiffness times place: what is left of a force in balance
 SHORTEST = 2.0**-20  # part of a Newton step below which it is given up
 MOST_STEPS = 200
+RANK = 1e-9
 SINGULAR = 1e-14  # smallest pivot over the largest
 UNSTABLE = 1e-10  # of the highest rate: less is rounding
 SHIFT = 1e-9
@@ -64,6 +66,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
     rest = body.springs.rest_length if rest_length is None else rest_length
     rest = finite_array(rest, body.springs.rest_length.shape, "rest_length (m)")
     x = finite_array(body.position if start is None else start, (n, 3), "start (m)")
+    internal = load is None and _still(world) and (world.gravity is None or not world.gravity.any())
     load = np.zeros((n, 3)) if load is None else finite_array(load, (n, 3), "load (N)")
     free = _free(body)
 
@@ -79,7 +82,8 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         floor = ROUNDING * np.abs(matrix.diagonal()).max() * np.abs(x).max()
         if not np.abs(f).max() > max(wanted, floor):
             return x
-        x, f = _newton(x, f, force, free, _solver(body, world, matrix, x, SLACK))
+        rigid = rigid_motions(body, world, x, internal)
+        x, f = _newton(x, f, force, free, _solver(body, matrix, rigid, SLACK))
     raise NoEquilibrium(f"forces of {np.abs(f).max():g} N are left after {MOST_STEPS} steps; {ADVICE}")
 
 
@@ -112,11 +116,11 @@ def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
     x = body.position
     load = finite_array(load, x.shape, "load (N)")
     free, matrix = _free(body), tangent(body, world, body.springs.rest_length, x)
-    moved = rigid_motions(body, world, x).T @ load.ravel()[free]
-    if np.abs(moved).max(initial=0.0) > 1e-9 * np.abs(load).max():
+    rigid = rigid_motions(body, world, x, _still(world))
+    if np.abs(rigid.T @ load.ravel()[free]).max(initial=0.0) > 1e-9 * np.abs(load).max():
         raise ValueError("the load has a resultant that moves the free body; hold some nodes, or balance the load")
     displacement = np.zeros(x.size)
-    displacement[free] = _solver(body, world, matrix, x)(load.ravel()[free])
+    displacement[free] = _solver(body, matrix, rigid)(load.ravel()[free])
     return displacement.reshape(x.shape)
 
 
@@ -165,33 +169,37 @@ def _lowest(matrix, free, root, count):
     shift = -SHIFT * np.abs(scaled.diagonal()).max()  # just below zero, so that rigid motions leave it regular
     factors = splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC)
     inverse = LinearOperator(scaled.shape, factors.solve)
-    values, vectors = eigsh(scaled, k=count, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(free.size)))
+    _, vectors = eigsh(scaled, k=count, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(free.size)))
+    values = np.einsum("kc,kc->c", vectors, scaled @ vectors)  # twice the digits of the vectors
     order = np.argsort(values)
     return values[order], vectors[:, order]
 
 
-def rigid_motions(body: Body, world: World, x) -> np.ndarray:
-    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that no hold and no anchor resists."""
+def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
+    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that holds and anchors leave.
+
+    Shifts, which no other force resists or asks for; and rotations, if they are `turning` as freely.
+    """
+    free = _free(body)
     if world.anchors is not None:
-        return np.zeros((_free(body).size, 0))
+        return np.zeros((free.size, 0))
     arms = x - x.mean(axis=0)
-    motions = np.zeros((*x.shape, 6))
+    motions = np.zeros((*x.shape, 6 if turning else 3))
     motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    for axis in range(3):
-        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms) / np.abs(arms).max()
-    motions = motions.reshape(-1, 6)
+    for axis in range(3 if turning else 0):
+        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms) / max(np.abs(arms).max(), 1e-300)
+    motions = motions.reshape(x.size, -1)
     held = motions[body.inverse_mass.ravel() == 0.0]
-    allowed = null_space(held) if held.size else np.eye(6)
-    return np.linalg.qr(motions[_free(body)] @ allowed)[0]
+    allowed = null_space(held, rcond=RANK) if held.size else np.eye(motions.shape[1])
+    return orth(motions[free] @ allowed, rcond=RANK) if allowed.size else np.zeros((free.size, 0))
 
 
-def _solver(body: Body, world: World, matrix, x, slack=0.0) -> Callable:
-    """Solution of K u = f on the free degrees of freedom, u without rigid motion: a function of f (K,).
+def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
+    """Solution of K u = f on the free degrees of freedom, u without the motions `rigid` (K,R): a function of f (K,).
 
     `slack`, of the largest stiffness, is added to that of every degree of freedom.
     """
-    free, rigid = _free(body), rigid_motions(body, world, x)
-    scale = np.abs(matrix.diagonal()).max()
+    free, scale = _free(body), np.abs(matrix.diagonal()).max()
     rigid = rigid * scale
     size, border = rigid.shape
     if isinstance(matrix, np.ndarray):
@@ -214,6 +222,11 @@ def _solver(body: Body, world: World, matrix, x, slack=0.0) -> Callable:
         raise NoEquilibrium(LOOSE)
     padding = np.zeros(border)
     return lambda f: solve(np.concatenate([f, padding]))[:size]
+
+
+def _still(world: World) -> bool:
+    """Whether the water does not push on a body without motion."""
+    return not (world.current.any() and (world.linear or world.quadratic))
 
 
 def _free(body: Body) -> np.ndarray:
