@@ -204,7 +204,9 @@ def test_modes_are_the_same_dense_or_sparse(monkeypatch):
     np.testing.assert_allclose(gram, np.eye(10), atol=1e-9)
     for f, shape in zip(found, shapes, strict=True):
         left, right = stiffness @ shape.ravel(), (2 * np.pi * f) ** 2 * np.repeat(body.mass, 3) * shape.ravel()
-        np.testing.assert_allclose(left, right, rtol=0, atol=1e-8 * body.elastic_rate * np.abs(shape).max() * body.mass.max())
+        np.testing.assert_allclose(
+            left, right, rtol=0, atol=1e-8 * body.elastic_rate * np.abs(shape).max() * body.mass.max()
+        )
 
 
 def test_what_has_no_answer_is_refused():
