@@ -5,7 +5,8 @@ halved until the simplified step that would follow it, with the matrix at hand, 
 monotonicity test (Deuflhard 2004, ch. 3). The residual itself would not do: a slender beam that bends stretches a
 little in between, and is far stiffer along itself than across.
 
-A body that nothing holds keeps its place: steps and deflections have no part in the rigid motions it is free to make.
+A body that nothing holds keeps its place: steps and deflections have no part in the rigid motions it is free to make,
+its shifts, and its rotations if all forces are its own.
 """
 
 import warnings
@@ -13,9 +14,9 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space
-from scipy.sparse import block_array, csr_array, diags_array
-from scipy.sparse.linalg import eigsh, splu
+from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space, orth
+from scipy.sparse import block_array, csr_array, diags_array, eye_array
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from fish_env import forces
 from fish_env.body import Body
@@ -23,12 +24,15 @@ from fish_env.checks import finite_array
 from fish_env.forces.sparse import tangent
 from fish_env.world import VACUUM, World
 
-ROUNDING = 1e-14  # of stiffness times place: what is left of a force in balance
+ROUNDING = 2e-15  # of stiffness times place, above what is left of forces in balance: measured 1.4e-16
 SHORTEST = 2.0**-20  # part of a Newton step below which it is given up
 MOST_STEPS = 200
+RANK = 1e-9
 SINGULAR = 1e-14  # smallest pivot over the largest
 UNSTABLE = 1e-10  # of the highest rate: less is rounding
 SHIFT = 1e-9
+SLACK = 1e-12  # of the largest stiffness, for motions that nothing resists and no force asks for
+SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
 LOOSE = "the stiffness does not resist every motion; hold or anchor more nodes, or start from another place"
 ADVICE = "apply the load in smaller steps, each started from the last; hold or anchor a body that its load would move"
 
@@ -62,6 +66,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
     rest = body.springs.rest_length if rest_length is None else rest_length
     rest = finite_array(rest, body.springs.rest_length.shape, "rest_length (m)")
     x = finite_array(body.position if start is None else start, (n, 3), "start (m)")
+    internal = load is None and _still(world) and (world.gravity is None or not world.gravity.any())
     load = np.zeros((n, 3)) if load is None else finite_array(load, (n, 3), "load (N)")
     free = _free(body)
 
@@ -77,7 +82,8 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         floor = ROUNDING * np.abs(matrix.diagonal()).max() * np.abs(x).max()
         if not np.abs(f).max() > max(wanted, floor):
             return x
-        x, f = _newton(x, f, force, free, _solver(body, world, matrix, x))
+        rigid = rigid_motions(body, world, x, internal)
+        x, f = _newton(x, f, force, free, _solver(body, matrix, rigid, SLACK))
     raise NoEquilibrium(f"forces of {np.abs(f).max():g} N are left after {MOST_STEPS} steps; {ADVICE}")
 
 
@@ -110,11 +116,11 @@ def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
     x = body.position
     load = finite_array(load, x.shape, "load (N)")
     free, matrix = _free(body), tangent(body, world, body.springs.rest_length, x)
-    moved = rigid_motions(body, world, x).T @ load.ravel()[free]
-    if np.abs(moved).max(initial=0.0) > 1e-9 * np.abs(load).max():
+    rigid = rigid_motions(body, world, x, _still(world))
+    if np.abs(rigid.T @ load.ravel()[free]).max(initial=0.0) > 1e-9 * np.abs(load).max():
         raise ValueError("the load has a resultant that moves the free body; hold some nodes, or balance the load")
     displacement = np.zeros(x.size)
-    displacement[free] = _solver(body, world, matrix, x)(load.ravel()[free])
+    displacement[free] = _solver(body, matrix, rigid)(load.ravel()[free])
     return displacement.reshape(x.shape)
 
 
@@ -161,43 +167,54 @@ def _lowest(matrix, free, root, count):
     if count >= free.size // 2:
         return _lowest(scaled.toarray(), np.arange(free.size), np.ones(free.size), count)
     shift = -SHIFT * np.abs(scaled.diagonal()).max()  # just below zero, so that rigid motions leave it regular
-    values, vectors = eigsh(scaled, k=count, sigma=shift, v0=np.cos(np.arange(free.size)))
+    factors = splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC)
+    inverse = LinearOperator(scaled.shape, factors.solve)
+    _, vectors = eigsh(scaled, k=count, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(free.size)))
+    values = np.einsum("kc,kc->c", vectors, scaled @ vectors)  # twice the digits of the vectors
     order = np.argsort(values)
     return values[order], vectors[:, order]
 
 
-def rigid_motions(body: Body, world: World, x) -> np.ndarray:
-    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that no hold and no anchor resists."""
+def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
+    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that holds and anchors leave.
+
+    Shifts, which no other force resists or asks for; and rotations, if they are `turning` as freely.
+    """
+    free = _free(body)
     if world.anchors is not None:
-        return np.zeros((_free(body).size, 0))
+        return np.zeros((free.size, 0))
     arms = x - x.mean(axis=0)
-    motions = np.zeros((*x.shape, 6))
+    motions = np.zeros((*x.shape, 6 if turning else 3))
     motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    for axis in range(3):
-        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms) / np.abs(arms).max()
-    motions = motions.reshape(-1, 6)
+    for axis in range(3 if turning else 0):
+        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms) / max(np.abs(arms).max(), 1e-300)
+    motions = motions.reshape(x.size, -1)
     held = motions[body.inverse_mass.ravel() == 0.0]
-    allowed = null_space(held) if held.size else np.eye(6)
-    return np.linalg.qr(motions[_free(body)] @ allowed)[0]
+    allowed = null_space(held, rcond=RANK) if held.size else np.eye(motions.shape[1])
+    return orth(motions[free] @ allowed, rcond=RANK) if allowed.size else np.zeros((free.size, 0))
 
 
-def _solver(body: Body, world: World, matrix, x) -> Callable:
-    """Solution of K u = f on the free degrees of freedom, u without rigid motion: a function of f (K,)."""
-    free, rigid = _free(body), rigid_motions(body, world, x)
-    rigid = rigid * np.abs(matrix.diagonal()).max()
+def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
+    """Solution of K u = f on the free degrees of freedom, u without the motions `rigid` (K,R): a function of f (K,).
+
+    `slack`, of the largest stiffness, is added to that of every degree of freedom.
+    """
+    free, scale = _free(body), np.abs(matrix.diagonal()).max()
+    rigid = rigid * scale
     size, border = rigid.shape
     if isinstance(matrix, np.ndarray):
-        system = np.block([[matrix[np.ix_(free, free)], rigid], [rigid.T, np.zeros((border, border))]])
+        inner = matrix[np.ix_(free, free)] + slack * scale * np.eye(size)
+        system = np.block([[inner, rigid], [rigid.T, np.zeros((border, border))]])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)  # the pivots are looked at below
             factors = lu_factor(system)
         pivots, solve = np.diag(factors[0]), partial(lu_solve, factors)
     else:
-        system = matrix[free][:, free]
+        system = matrix[free][:, free] + slack * scale * eye_array(size)
         if border:
             system = block_array([[system, csr_array(rigid)], [csr_array(rigid.T), None]])
         try:
-            factors = splu(system.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            factors = splu(system.tocsc(), **SYMMETRIC)
         except RuntimeError as error:
             raise NoEquilibrium(LOOSE) from error
         pivots, solve = factors.U.diagonal(), factors.solve
@@ -205,6 +222,11 @@ def _solver(body: Body, world: World, matrix, x) -> Callable:
         raise NoEquilibrium(LOOSE)
     padding = np.zeros(border)
     return lambda f: solve(np.concatenate([f, padding]))[:size]
+
+
+def _still(world: World) -> bool:
+    """Whether the water does not push on a body without motion."""
+    return not (world.current.any() and (world.linear or world.quadratic))
 
 
 def _free(body: Body) -> np.ndarray:

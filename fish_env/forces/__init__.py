@@ -34,7 +34,7 @@ def external(body, world, x, v, f):
 
 @njit_inline
 def add_total_kept(body, world, rest_length, x, v, f, kept):
-    """Add the sum of all forces to f (N,3) N, and keep what `add_tangent` and `add_change` need of it.
+    """Add the sum of all forces but the drag of the air to f (N,3) N; keep what `add_tangent` and `add_change` need.
 
     kept: of the water (F,5), the springs (7,E), the tetrahedra (T,9) and the gas (C,N,3).
     """
@@ -44,7 +44,7 @@ def add_total_kept(body, world, rest_length, x, v, f, kept):
     tets.add_force_kept(body.tets, x, v, f, turned)
     pressure.add_force_kept(body.chambers, x, f, compressed)
     guards.add_force(body.guards, x, f)
-    gravity.add_force(body.mass, world.gravity, world.viscosity, v, f)
+    gravity.add_force(body.mass, world.gravity, 0.0, v, f)
     anchors.add_force(world.anchors, x, v, f)
     contact.add_reaction(world.planes, x, v, f)
 

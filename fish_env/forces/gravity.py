@@ -1,5 +1,7 @@
 """Weight, and the drag of air on every node (Song 2009, ch. 4.1; the diagonal damping of the finite-element text)."""
 
+import math
+
 from fish_env._jit import njit
 
 
@@ -11,6 +13,18 @@ def add_force(mass, gravity, viscosity, v, f):
     for i in range(mass.size):
         for k in range(3):
             f[i, k] += mass[i] * gravity[k] - viscosity * v[i, k]  # (56)
+
+
+@njit
+def slow(inverse_mass, gravity, viscosity, duration, v):
+    """What the drag alone makes of the velocities v (N,3) m/s in a `duration` (s): they decay, exactly."""
+    if gravity is None:
+        return
+    if viscosity == 0.0:
+        return
+    for i in range(v.shape[0]):
+        for k in range(3):
+            v[i, k] *= math.exp(-duration * viscosity * inverse_mass[i, k])
 
 
 @njit

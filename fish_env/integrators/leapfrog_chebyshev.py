@@ -15,7 +15,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import njit, njit_inline
-from fish_env.forces import anchors, contact, pressure, tets, water
+from fish_env.forces import anchors, contact, gravity, pressure, tets, water
 from fish_env.integrators._common import count, rest_lengths, settle
 
 DAMPING = 4.0  # of the polynomial: how far above 1 its midpoint lies, times the square of the stages
@@ -71,9 +71,13 @@ def stage_weights(springs, h, stages, t, elastic, along):
 
 @njit_inline
 def step(body, world, rest, h, stages, filtering, mobility, x, v, scratch):
-    """One step of one body; x and v are changed in place. filtering and scratch are tuples made by `advance`."""
+    """One step of one body; x and v are changed in place. filtering and scratch are tuples made by `advance`.
+
+    The drag of the air acts by itself before and after: filtered, it would feed what the filter turns round.
+    """
     midpoint, first, t, weights = filtering
     f, kick, a, before, kept = scratch
+    gravity.slow(body.inverse_mass, world.gravity, world.viscosity, 0.5 * h, v)
     for i in range(x.shape[0]):
         for k in range(3):
             x[i, k] += 0.5 * h * v[i, k]  # (35)
@@ -101,6 +105,7 @@ def step(body, world, rest, h, stages, filtering, mobility, x, v, scratch):
             v[i, k] += h * (a[i, k] + body.inverse_mass[i, k] * f[i, k])
             x[i, k] += 0.5 * h * v[i, k]
             f[i, k] = 0.0
+    gravity.slow(body.inverse_mass, world.gravity, world.viscosity, 0.5 * h, v)
 
 
 @njit

@@ -1,0 +1,258 @@
+"""The tetrahedra against the theory they approximate: patches, beams, rotations, ruin, damping; and their meshes."""
+
+from collections import Counter
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from benchmarks import finite_elements as beam
+from benchmarks.factorisation import slender
+from fish_env import Tank, make_world, statics
+from fish_env.bodies.mesh import box, grid, lumped_mass
+from fish_env.body import hold
+from fish_env.elements import chamber_volume, make_chambers
+from fish_env.forces import tets as elements
+
+TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])  # a rotation by about 74 degrees
+
+
+def volumes(position, tets):
+    """Of every tetrahedron, (T,)."""
+    return np.linalg.det(position[tets[:, 1:]] - position[tets[:, :1]]) / 6
+
+
+def irregular(seed=0, **options):
+    """A block of 5 x 5 x 5 cells whose inner nodes lie where they happen to, and which of its nodes are inner."""
+    position, nodes = box((0.1, 0.1, 0.1), (5, 5, 5))
+    inner = (np.abs(position - [0.05, 0, 0]).max(axis=1) < 0.049)[:, None]
+    rng = np.random.default_rng(seed)
+    position = position + inner * rng.uniform(-0.004, 0.004, position.shape)
+    return beam.solid(position, nodes, 0.3, **options), inner[:, 0]
+
+
+def stresses(body, x):
+    """Of every element in its own frame, (T,3,3) Pa, by numpy."""
+    f = np.einsum("tac,tad->tcd", x[body.tets.nodes], body.tets.gradient)
+    turn = np.broadcast_to(np.eye(3), f.shape)
+    if body.tets.rotating:
+        u, _, vt = np.linalg.svd(f)
+        assert np.all(np.linalg.det(u @ vt) > 0)
+        turn = u @ vt
+    strain = np.swapaxes(turn, 1, 2) @ f - np.eye(3)
+    strain = 0.5 * (strain + np.swapaxes(strain, 1, 2))
+    trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
+    return 2 * body.tets.shear[:, None, None] * strain + body.tets.dilation[:, None, None] * trace * np.eye(3)
+
+
+@pytest.mark.parametrize("corotational", [False, True])
+def test_patch(corotational):
+    """A linear field on the boundary is found inside an irregular mesh, and the stress is the same everywhere.
+
+    For the corotational elements the strained body is turned by a large angle too.
+    """
+    body, inner = irregular(corotational=corotational)
+    strain = np.array([[0.02, 0.01, -0.015], [0.01, -0.03, 0.005], [-0.015, 0.005, 0.01]])
+    gradient = (TURN if corotational else np.eye(3)) @ (np.eye(3) + strain)
+    wanted = body.position @ gradient.T + [0.3, -0.2, 0.1]
+    start = np.where(inner[:, None], wanted + 0.003 * np.sin(np.arange(wanted.size)).reshape(-1, 3), wanted)
+    x = statics.equilibrium(hold(body, ~inner), start=start, tolerance=1e-15)
+    assert np.abs(start - wanted).max() > 0.002
+    np.testing.assert_allclose(x, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    stress = stresses(body, x)
+    young, shear = 2e5, 2e5 / 2.6
+    expected = 2 * shear * strain + young * 0.3 / (1.3 * 0.4) * np.trace(strain) * np.eye(3)
+    np.testing.assert_allclose(
+        stress, np.broadcast_to(expected, stress.shape), rtol=0, atol=1e-12 * np.abs(expected).max()
+    )
+
+
+def test_rigid_rotation_costs_nothing():
+    """A turned body feels no force, to 1e-10 of stiffness times size; plain linear elasticity takes it amiss."""
+    forces = {}
+    for corotational in (True, False):
+        body, _ = irregular(corotational=corotational)
+        f = np.zeros_like(body.position)
+        elements.add_force(body.tets, body.position @ TURN.T + 1.0, np.zeros_like(f), f)
+        stiffness = np.abs(statics.tangent(body, beam.make_world(), np.zeros(0), body.position).diagonal()).max()
+        forces[corotational] = np.abs(f).max() / (stiffness * 0.1)
+    assert forces[True] < 1e-10
+    assert forces[False] > 1e-2
+
+
+def test_cantilever_converges():
+    """Deflection and first frequency go to those of the theory of beams with the square of the elements' size.
+
+    With equal masses for all nodes the end of the beam is too heavy by half a layer: that error goes with the size.
+    """
+    cells, deflection, frequency, even = (2, 4, 8, 16), [], [], []
+    for n in cells:
+        body = beam.cantilever(n)
+        force = 1e-4 * beam.rigidity(body) / beam.LENGTH**2
+        scale = force * beam.LENGTH**3 / (3 * beam.rigidity(body))
+        deflection.append(beam.tip(body, statics.linear_deflection(body, beam.tip_load(body, force)))[2] / scale)
+        if n < 16:
+            frequency.append(beam.vertical(body)[0] / beam.first_frequency(body))
+            even.append(beam.vertical(beam.cantilever(n, rule="uniform"))[0] / beam.first_frequency(body))
+    assert beam.order(cells[1:], 1 / np.array(deflection[1:]) - 1 / (1 + beam.SHEAR)) == pytest.approx(2.0, abs=0.1)
+    assert abs(deflection[-1] - 1) < 0.02
+    assert beam.order(cells[:3], np.array(frequency) ** 2 - 1) == pytest.approx(2.0, abs=0.2)
+    assert abs(frequency[-1] - 1) < 0.02 and abs(even[-1] - 1) < 0.02
+    np.testing.assert_allclose(np.array(even) / frequency, 1 - 0.5 / (beam.RATIO * np.array(cells[:3])), atol=0.003)
+
+
+def test_large_bending():
+    """Under a load that bends it through 80 degrees the corotational beam is an elastica and keeps its volume."""
+    load = (2.0, 5.0, 10.0)
+    turned, fixed = (beam.cantilever(4, corotational=choice) for choice in (True, False))
+    *_, (_, x) = beam.bend(turned, load)
+    *_, (_, y) = beam.bend(fixed, load)
+    assert abs(beam.volume(turned, x) - 1) < 0.03
+    assert beam.volume(fixed, y) - 1 > 0.2
+    softer = 10.0 * 0.8274 / (1 + beam.SHEAR)  # these elements bend 17 % less than they should under a small load
+    ends = beam.elastica(softer)[-1]
+    np.testing.assert_allclose(beam.tip(turned, x)[[0, 2]] / beam.LENGTH, ends, atol=0.02)
+
+
+@pytest.mark.parametrize("method", beam.STEPS)
+@pytest.mark.parametrize("how", ["reflected", "flattened", "scrambled"])
+def test_ruined_bodies_recover(how, method):
+    """A block turned inside out, flattened or scrambled comes back to its shape, and no tank gives it up."""
+    body, lowest = beam.damped_block((6, 2, 2))
+    start = beam.ruined(body, how, seed=1)
+    result = beam.recover(body, lowest, start, method)
+    assert result["inverted_at_start"] == 1.0 if how == "reflected" else result["inverted_at_start"] > 0.3
+    assert result["failure"] == "" and result["out_of_shape"] < 1e-6
+
+
+@pytest.mark.parametrize("relaxation", [0.0, 0.01])
+@pytest.mark.parametrize("steps", [20, 200])
+def test_implicit_method_is_implicit_euler(steps, relaxation):
+    """On the beam's first mode `linearly_implicit` turns and decays as implicit Euler: to the frequency as h goes to 0.
+
+    At 20 steps a period five sixths of the energy are gone after one.
+    """
+    plain = beam.cantilever(2)
+    body = beam.cantilever(2, relaxation_time=relaxation / beam.vertical(plain)[0])
+    places, energy = beam.ringing(body, "linearly_implicit", 1.5, steps)
+    frequency, rate = beam.rates_of(places, steps)
+    wanted = beam.implicit_euler(relaxation, steps)
+    assert frequency == pytest.approx(wanted[0], rel=1e-6)
+    assert rate == pytest.approx(wanted[1], rel=1e-6)
+    assert abs(frequency / (2 * np.pi) - 1) < (0.05 if steps == 20 else 0.002)
+    assert steps == 200 or energy[20] / energy[0] < 0.16
+
+
+def test_decay_of_the_first_mode():
+    """It decays at half the relaxation time times the square of its angular frequency, to a thousandth."""
+    period = 1.0 / beam.vertical(beam.cantilever(2))[0]
+    body = beam.cantilever(2, relaxation_time=0.01 * period)
+    places, _ = beam.ringing(body, "leapfrog_chebyshev", 2.0, 500)
+    assert beam.rates_of(places, 500)[1] == pytest.approx(0.5 * 0.01 * (2 * np.pi) ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", beam.STEPS)
+def test_drag_of_the_air_only_slows(method):
+    """One step on small motions about rest of a strongly damped body in thick air has no eigenvalue beyond 1."""
+    body, lowest = beam.damped_block((12, 2, 2))
+    step, size, small = 0.02 / lowest, body.position.size, 1e-9
+    air = make_world(viscosity=0.2 * lowest * float(body.mass.mean()))
+    tank = Tank(beam.loose(body, step), 2 * size, method, step, air, threads=1)
+    for k in range(size):
+        tank.position[k].ravel()[k] += small
+        tank.velocity[size + k].ravel()[k] += small
+    tank.advance(1)
+    moved = [(a - b).reshape(2 * size, size) for a, b in ((tank.position, body.position), (tank.velocity, 0.0))]
+    largest = np.abs(np.linalg.eigvals(np.concatenate(moved, axis=1) / small)).max()
+    assert 1 - 1e-9 < largest < 1 + 1e-4
+
+
+def test_mesh_conforms():
+    """Cells of a fish's loft fill it: every inner triangle has two elements, the others lie on the surface."""
+    mesh = grid(-np.linspace(0, 0.3, 7), [0, 2, 3, 3, 2, 1, 0], [0, 3, 4, 4, 3, 2, 3], 4, 2)
+    assert np.all(volumes(mesh.position, mesh.tets) > 0)
+    sides = Counter(tuple(sorted(side)) for tet in mesh.tets.tolist() for side in combinations(tet, 3))
+    outer = {side for side, count in sides.items() if count == 1}
+    assert set(sides.values()) == {1, 2}
+    patches = [frozenset(face) for face in mesh.faces.tolist()]
+    assert all(any(set(side) <= patch for patch in patches) for side in outer)
+    assert len(outer) == sum(len(patch) - 2 for patch in patches)
+    assert {node for side in outer for node in side} == set(mesh.faces.ravel().tolist())
+    assert set(mesh.number.ravel().tolist()) == set(range(len(mesh.position))) == set(mesh.tets.ravel().tolist())
+    assert len(np.unique(mesh.position, axis=0)) == len(mesh.position)
+    assert len(set(mesh.number[0].ravel())) == 1 and len(set(mesh.number[-1].ravel())) == 3
+    x = mesh.position[mesh.number]
+    np.testing.assert_allclose(x[3, :, 0, 1], [-3, -1.5, 0, 1.5, 3])
+    np.testing.assert_allclose(x[:, 2, :, 2][3], [-4, 0, 4])
+
+
+@pytest.mark.parametrize("falling", [False, True])
+def test_surface_encloses_the_elements(falling):
+    """The surface is closed and outward; where cross-sections stay rectangles in proportion it holds their volume."""
+    sign = -1.0 if falling else 1.0
+    mesh = grid(sign * np.array([0, 0.1, 0.3]), [0.05, 0.03, 0.02], [0.1, 0.06, 0.04], 2, 4)
+    chambers = make_chambers(mesh.position, [mesh.faces], 1.0)  # refuses an open one
+    enclosed = chamber_volume(chambers, 0, mesh.position)[0]
+    assert enclosed == pytest.approx(volumes(mesh.position, mesh.tets).sum(), rel=1e-12)
+
+
+def test_mirrored_mesh():
+    """Reflected in y or z, a mirrored mesh is the same set of nodes and elements; one that is not, is not."""
+    for position, tets, mirrored in ((*box((2, 1, 1), (2, 4, 2), True), True), (*box((2, 1, 1), (2, 4, 2)), False)):
+        for axis in (1, 2):
+            image = position.copy()
+            image[:, axis] *= -1
+            where = {tuple(np.round(p, 9) + 0.0): i for i, p in enumerate(position)}
+            swap = np.array([where[tuple(np.round(p, 9) + 0.0)] for p in image])
+            once = {frozenset(tet) for tet in tets.tolist()}
+            assert ({frozenset(tet) for tet in swap[tets].tolist()} == once) == mirrored
+    body = slender(6, 4, 4)
+    np.testing.assert_allclose(body.mass @ body.position[:, 1:], 0, atol=1e-16)
+
+
+def test_box():
+    """It has six elements a cell, of the same volume, and starts at x = 0, centred on the axis."""
+    position, tets = box((0.3, 0.2, 0.1), (3, 2, 1))
+    assert len(position) == 4 * 3 * 2 and len(tets) == 36
+    np.testing.assert_allclose(volumes(position, tets), 0.006 / 36, rtol=1e-12)
+    np.testing.assert_allclose([position.min(axis=0), position.max(axis=0)], [[0, -0.1, -0.05], [0.3, 0.1, 0.05]])
+
+
+def test_lumped_mass():
+    """Both rules give the body's mass; a quarter of each element goes to its corners; one density an element counts."""
+    position, tets = box((0.3, 0.2, 0.1), (3, 2, 1))
+    density = np.linspace(500.0, 1500.0, len(tets))
+    mass = lumped_mass(position, tets, density)
+    wanted = np.zeros(len(position))
+    for tet, volume, rho in zip(tets, volumes(position, tets), density, strict=True):
+        wanted[tet] += rho * volume / 4
+    np.testing.assert_allclose(mass, wanted, rtol=1e-14)
+    even = lumped_mass(position, tets, density, "uniform")
+    assert np.ptp(even) == 0 and even.sum() == pytest.approx(mass.sum(), rel=1e-14)
+    for bad in (0.0, -1.0, np.nan, density[:-1]):
+        with pytest.raises(ValueError, match="density"):
+            lumped_mass(position, tets, bad)
+    with pytest.raises(ValueError, match="unknown rule"):
+        lumped_mass(position, tets, 1.0, "half")
+    with pytest.raises(ValueError, match="tetrahedron 0 has the volume"):
+        lumped_mass(position, tets[:, ::-1][:, [1, 0, 2, 3]], 1.0)
+
+
+def test_meshes_that_cannot_be():
+    """Sizes, cells and cross-sections that make no mesh are refused, saying which."""
+    ones = np.ones(3)
+    for arguments, message in (
+        (((1, 1, 0), (1, 1, 1)), "size"), (((1, 1, 1), (1, 0, 1)), "cells along y"),
+        (((1, 1, 1), (1, 3, 2), True), "even"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            box(*arguments)
+    for arguments, message in (
+        (([0, 1, 1], ones, ones, 2, 2), "number 2"), (([0, 1, 0.5], ones, ones, 2, 2), "number 2"),
+        (([0, 1, 2], [1, 0, 0], ones, 2, 2), "widths are zero at stations 1 and 2"),
+        (([0, 1, 2], ones, [0, 0, 1], 2, 2), "depths are zero at stations 0 and 1"),
+        (([0, 1, 2], ones, [1, -1, 1], 2, 2), "depths"), (([0, 1, 2], ones[:2], ones, 2, 2), "widths"),
+        (([0], [1], [1], 2, 2), "at least two"), (([0, 1, 2], ones, ones, 2, 3), "even"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            grid(*arguments)
