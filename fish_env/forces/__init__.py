@@ -50,17 +50,19 @@ def add_total_kept(body, world, rest_length, x, v, f, kept):
 
 
 @njit_inline
-def add_tangent(body, world, weights, kept, y, f):
-    """Add to f (N,3) the pull of all elements, weighted, if every node moved by y (N,3).
+def add_tangent(body, world, weights, kept, x, y, f):
+    """Add to f (N,3) the pull of all elements, weighted, if every node moved by y (N,3) from x (N,3).
 
-    weights: of the springs, elastic and along them (E,), of the tetrahedra (T,), of the anchors (A,), of the gas.
+    weights: of the springs, elastic and along them (E,), of the tetrahedra (T,), of the anchors (A,2), of the gas, of
+    the air.
     """
     _, tangent, turned, compressed = kept
-    elastic, along, solid, pulling, gas = weights
+    elastic, along, solid, pulling, gas, air = weights
     springs.add_tangent(body, elastic, along, tangent, y, f)
     tets.add_tangent(body.tets, solid, turned, y, f)
     pressure.add_tangent(gas, compressed, y, f)
-    anchors.add_tangent(world.anchors, pulling, y, f)
+    anchors.add_tangent(world.anchors, pulling, x, y, f)
+    gravity.add_tangent(world.gravity, air, y, f)
 
 
 @njit_inline

@@ -14,6 +14,32 @@ def add_force(mass, gravity, viscosity, v, f):
 
 
 @njit
+def weight(gravity, viscosity, factor, h, least):
+    """What `add_tangent` multiplies each displacement by, kg: of the air's drag; as `tets.weights`."""
+    if gravity is None:
+        return 0.0
+    return max(2.0 * factor, least) * h * viscosity
+
+
+@njit
+def add_tangent(gravity, air, y, f):
+    """Add to f (N,3) what the air holds back, by its weight, if every node moved by y (N,3)."""
+    if gravity is None:
+        return
+    for i in range(y.shape[0]):
+        for k in range(3):
+            f[i, k] -= air * y[i, k]
+
+
+@njit
+def rate(gravity, viscosity, inverse_mass):
+    """Viscosity over the lightest node's mass, 1/s."""
+    if gravity is None:
+        return 0.0
+    return viscosity * inverse_mass.max()
+
+
+@njit
 def energy(mass, gravity, x):
     """Potential energy of the weight, J, zero at the origin."""
     if gravity is None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import njit, njit_inline
-from fish_env.forces import anchors, contact, pressure, tets, water
+from fish_env.forces import anchors, contact, gravity, pressure, tets, water
 from fish_env.integrators._common import count, rest_lengths, settle
 
 DAMPING = 4.0  # of the polynomial: how far above 1 its midpoint lies, times the square of the stages
@@ -85,7 +85,7 @@ def step(body, world, rest, h, stages, filtering, mobility, x, v, scratch):
             a[i, k] = first / midpoint * kick[i, k]
             f[i, k] = 0.0
     for s in range(1, stages):
-        forces.add_tangent(body, world, weights, kept, a, f)
+        forces.add_tangent(body, world, weights, kept, x, a, f)
         now, last = t[s] / t[s + 1], t[s - 1] / t[s + 1]
         for i in range(x.shape[0]):
             for k in range(3):
@@ -109,11 +109,13 @@ def advance(body, world, state, control, h, n):
     nodes, units, faces = body.mass.size, body.springs.stiffness.size, body.faces.share.shape[0]
     t, rest, elastic, along = np.empty(MOST_STAGES + 1), np.empty(units), np.empty(units), np.empty(units)
     elastic_rate, viscous_rate = anchors.rates(world.anchors, body.inverse_mass)
-    stages = plan(body.elastic_rate + elastic_rate, body.viscous_rate + viscous_rate, h, t)
+    air_rate = gravity.rate(world.gravity, world.viscosity, body.inverse_mass)
+    stages = plan(body.elastic_rate + elastic_rate, body.viscous_rate + viscous_rate + air_rate, h, t)
     midpoint, first, factor, least = stage_weights(body.springs, h, stages, t, elastic, along)
     solid = tets.weights(body.tets, factor, h, least)
     pulling = anchors.weights(world.anchors, factor, h, least)
-    filtering = (midpoint, first, t, (elastic, along, solid, pulling, factor * h * h))
+    air = gravity.weight(world.gravity, world.viscosity, factor, h, least)
+    filtering = (midpoint, first, t, (elastic, along, solid, pulling, factor * h * h, air))
     mobility = np.empty(faces)
     water.mobilities(body, 0.5 * h, mobility)
     f, kick, a, before = np.zeros((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3))
