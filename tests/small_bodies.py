@@ -92,7 +92,7 @@ def two_layers():
 
 
 def rings():
-    """A flat ring of springs in a ring of springs, gas inside the inner one and between the two, guards at every edge."""
+    """A flat ring of springs in a ring of springs, gas in the inner one and between the two, guards at every edge."""
     angle = 2 * np.pi * np.arange(8) / 8
     circle = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     position, around = 0.1 * np.vstack([circle, 0.6 * circle]), np.column_stack([np.arange(8), (np.arange(8) + 1) % 8])
@@ -111,8 +111,9 @@ def world_with_all(body, current=(0.8, 0.6, 0.7), offset=-100.0, drag=0.2):
     """Water, gravity, air, two anchors on one node and one on another, and walls: far below, unless told otherwise."""
     water = make_water(current=current, drag_coefficient=drag)
     world = make_world((0.3, -0.2, -2.0), [((0, 0, 1), offset, 0.4), ((1, 0, 2), offset, 0.7)], 0.3, water)
-    point = body.position[[2, 2, 6]] + [[0.03, -0.05, 0.1], [-0.04, -0.02, 0.06], [0.02, 0.03, -0.01]]
-    anchors = make_anchors([2, 2, 6], point, [30.0, 20.0, 60.0], [0.2, 0.1, 0.3], [0.05, 0.0, 0.0], [0.1, -0.2, 0.05])
+    node = [2, 2, min(6, len(body.mass) - 1)]
+    point = body.position[node] + [[0.03, -0.05, 0.1], [-0.04, -0.02, 0.06], [0.02, 0.03, -0.01]]
+    anchors = make_anchors(node, point, [30.0, 20.0, 60.0], [0.2, 0.1, 0.3], [0.05, 0.0, 0.0], [0.1, -0.2, 0.05])
     return world._replace(anchors=anchors)
 
 
