@@ -227,7 +227,7 @@ def weight_energy(body, world, x):
 
 def behind(plane, x, v, i):
     """Whether node i is behind a plane and does not come back by itself."""
-    return plane[:3] @ x[i] <= plane[3] and plane[:3] @ v[i] <= 0
+    return plane[:3] @ x[i] <= plane[3] and plane[:3] @ v[i] <= 1e-12 * np.linalg.norm(v[i])
 
 
 def with_reaction(planes, x, v, force):
@@ -240,6 +240,17 @@ def with_reaction(planes, x, v, force):
     return force
 
 
+def borne(planes, x, v, h, acceleration):
+    """Accelerations (N,3) that in h send no node further behind a plane that it is behind: it stops at most."""
+    acceleration = acceleration.copy()
+    for plane in () if planes is None else planes:
+        for i in range(len(x)):
+            if plane[:3] @ x[i] <= plane[3]:
+                least = -max(0.0, plane[:3] @ v[i]) / h
+                acceleration[i] += max(0.0, least - plane[:3] @ acceleration[i]) * plane[:3]
+    return acceleration
+
+
 def bounce(body, world, h, x, v):
     """Velocities (N,3) after the impacts on the planes that follow a step."""
     v = v.copy()
@@ -249,7 +260,8 @@ def bounce(body, world, h, x, v):
         for i in range(len(x)):
             speed = normal @ v[i]
             if behind(plane, x, v, i) and speed < 0:
-                part = plane[4] if -speed > falling else 0.0
+                hit = -speed > falling and normal @ x[i] - plane[3] > 2 * h * speed
+                part = plane[4] if hit else 0.0
                 v[i] -= (1 + part) * speed * normal * (body.inverse_mass[i] > 0)
     return v
 
@@ -402,11 +414,12 @@ def tu_system(body, world, rest_length, h, x, v):
 def semi_implicit(body, world, rest, t, h, x, v):
     """Tu's semi-implicit Euler method, solved as a dense system of the free nodes, axis by axis."""
     matrix, load = tu_system(body, world, rest(t), h, x, v)
-    v = v.copy()
+    before, v = v, v.copy()
     for axis in range(3):
         free = body.inverse_mass[:, axis] > 0
         known = load[free, axis] - matrix[np.ix_(free, ~free)] @ v[~free, axis]
         v[free, axis] = np.linalg.solve(matrix[np.ix_(free, free)], known)
+    v = before + borne(world.planes, x, before, 1.0, v - before)
     return x + h * v, v
 
 
@@ -428,7 +441,7 @@ def linearly_implicit(body, world, rest, t, h, x, v, **which):
     load = h * (total_force(body, world, rest(t + h), x, v).ravel() - h * stiffness @ v.ravel())
     free, change = body.inverse_mass.ravel() > 0, np.zeros(x.size)
     change[free] = np.linalg.solve(matrix[np.ix_(free, free)], load[free])
-    v = v + change.reshape(x.shape)
+    v = v + h * borne(world.planes, x, v, h, change.reshape(x.shape) / h)
     return x + h * v, v
 
 
@@ -456,7 +469,12 @@ def rosenbrock(body, world, rest, t, h, x, v):
 
     y = np.concatenate([x.ravel(), v.ravel()])
     k1 = solve(slope(t, y))
+    p = borne(world.planes, x, v, h, k1[size:].reshape(x.shape)).ravel()
+    k1 = np.concatenate([v.ravel() + gamma * h * p, p])
     k2 = solve(slope(t + h, y + h * k1) - 2 * k1)
+    change = (1.5 * p + 0.5 * k2[size:]).reshape(x.shape)
+    q = 2 * borne(world.planes, x, v, h, change).ravel() - 3 * p
+    k2 = np.concatenate([v.ravel() + h * p - 2 * k1[:size] + gamma * h * q, q])
     return (y + 1.5 * h * k1 + 0.5 * h * k2).reshape(2, -1, 3)
 
 
@@ -575,7 +593,7 @@ def leapfrog_chebyshev(body, world, rest, t, h, x, v):
     matrix = filtered_matrix(body, world, lengths, h, least, middle)
     filtering, _, _ = chebyshev_filter(stages, inverse[:, None] * matrix)
     acceleration = total_force(body, world, lengths, middle, v).ravel() * inverse
-    kick = (filtering @ acceleration).reshape(x.shape)
+    kick = borne(world.planes, middle, v, h, (filtering @ acceleration).reshape(x.shape))
     kick = kick + water_change(body, world, 0.5 * h, middle, v, v + 0.5 * h * kick) * body.inverse_mass
     v = v + h * kick
     return middle + 0.5 * h * v, v

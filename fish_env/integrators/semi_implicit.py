@@ -85,6 +85,16 @@ def add_reaction(planes, mass, x, v, h, g):
 
 
 @njit
+def keep_out(planes, x, v, g):
+    """Take from the new velocities g (N,3) m/s what moves a node further behind a wall."""
+    if planes is None:
+        return
+    change = g - v
+    contact.bear(planes, x, v, 1.0, change)
+    g[:] = v + change
+
+
+@njit
 def eliminate(body, v, a, g):
     """Take the nodes that are held along every axis in which any is free out of the system: they keep their v."""
     first, start, order = body.profile.first, body.profile.start, body.mass.size
@@ -115,6 +125,7 @@ def step(body, world, rest, x, v, h, a, g, inverse_pivot, row):
     """One step of one body, x and v changed in place, the rest scratch. Returns (non-positive pivots, trusted)."""
     assemble(body, world, rest, x, v, h, a, g)
     negative, trusted = ldlt.factor_solve(body.profile, a, g, inverse_pivot, row)  # (9)
+    keep_out(world.planes, x, v, g)
     for i in range(body.mass.size):
         for k in range(3):
             if body.inverse_mass[i, k] > 0.0:
