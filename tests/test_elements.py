@@ -50,9 +50,9 @@ def bent(name, rng):
     """A turned and moved, bent and moving state of a body (of a flat one: in its plane); guards, if any, at work."""
     body = BODIES[name]
     flat = not np.ptp(body.position[:, 2])
-    x, v = small_bodies.shaken(body, rng, squeezed=name == "two layers")
+    x, v = small_bodies.shaken(body, rng, 1e-3 if flat else 3e-3, squeezed=name == "two layers")
     if flat:
-        x[8:, 0] += np.where(body.position[8:, 0] > 0.05, 0.029, 0.0)
+        x[8, 0] += 0.032
         angle = rng.uniform(0, 2 * np.pi)
         turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
         x[:, 2], v[:, 2] = 0.0, 0.0
@@ -200,7 +200,7 @@ def test_all_energies():
 @each_part
 @given(seed=seeds)
 def test_internal_forces_have_no_force_and_no_torque(name, part, seed):
-    """No kind of elements pushes the whole body, and none turns it but plain linear ones. Forces of damping push none."""
+    """No kind of elements pushes the whole body; none but plain linear ones turns it. Nor does damping push it."""
     body = BODIES[name]
     x, v = bent(name, np.random.default_rng(seed))
     f = force_of(part, body, x, 0 * v)
@@ -433,7 +433,8 @@ def test_world_equals_its_twins(seed):
     gravity.add_force(ALL.mass, world.gravity, world.viscosity, v, f)
     close(f, ALL.mass[:, None] * world.gravity - world.viscosity * v)
     assert gravity.energy(ALL.mass, world.gravity, x) == pytest.approx(naive.weight_energy(ALL, world, x), rel=1e-12)
-    f = rng.normal(size=x.shape)
+    v[0, 2], f = -0.1, rng.normal(size=x.shape)
+    f[0] = [0.0, 0.0, -1.0]  # onto the walls, behind which it is
     wanted = naive.with_reaction(world.planes, x, v, f)
     assert np.abs(wanted - f).max() > 0
     contact.add_reaction(world.planes, x, v, f)
@@ -473,7 +474,7 @@ def test_step_equals_its_twin(name, seed, reach):
     """One step, short and long, equals the textbook's; an adaptive method's is as accurate as its tolerance."""
     rng = np.random.default_rng(seed)
     x, v = small_bodies.shaken(ALL, rng)
-    world, rest = small_bodies.world_with_all(ALL), ALL.springs.rest_length * rng.uniform(0.95, 1.05, 44)
+    world, rest = small_bodies.world_with_all(ALL), ALL.springs.rest_length * rng.uniform(0.95, 1.05, 36)
     h = reach / np.sqrt(ALL.elastic_rate)
     rate = rest * rng.uniform(-0.3, 0.3, rest.size)
     if name in ADAPTIVE:
@@ -523,7 +524,7 @@ def smooth_motion():
     x, v = small_bodies.shaken(ALL, rng, displacement=5e-4, speed=0.01)
     world = small_bodies.world_with_all(ALL)
     rest = ALL.springs.rest_length
-    rate, duration, seen = 0.2 * rest * rng.uniform(-1, 1, rest.size), 2.0 / np.sqrt(ALL.elastic_rate), set()
+    rate, duration, seen = 0.2 * rest * rng.uniform(-1, 1, rest.size), 1.0 / np.sqrt(ALL.elastic_rate), set()
 
     def slope(t, y):
         positions, velocities = y.reshape(2, -1, 3)
