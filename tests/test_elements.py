@@ -512,9 +512,10 @@ def test_comes_to_rest_on_a_wall(name):
     n = round(1.5 / h)
     x, v = advance(name, world, body.position, 0 * body.position, np.zeros(0), np.zeros(0), h, n, body)
     lowest = x[:, 2].min() + 0.02
-    assert np.abs(v).max() < 0.02 and -1e-4 < lowest < 1e-4
-    _, later = advance(name, world, x, v, np.zeros(0), np.zeros(0), h, n, body)
-    assert np.abs(later).max() < 0.02
+    deepest = h * 1.0  # what a node moves in a step at 1 m/s, which it reaches in a fall of 5 cm
+    assert np.abs(v).max() < 0.02 and -deepest < lowest < 1e-4
+    x, v = advance(name, world, x, v, np.zeros(0), np.zeros(0), h, n, body)
+    assert np.abs(v).max() < 2e-3 and x[:, 2].min() + 0.02 > lowest - 2e-5
 
 
 @cache
