@@ -56,6 +56,7 @@ class Tank:
         self.integrator = INTEGRATORS[integrator]
         self.world = VACUUM if water is None else water
         self.threads = threads or available_processors()
+        check_anchors(fish.body, self.world)
         reason = self.integrator.refuses(fish.body, self.world)
         if reason:
             raise ValueError(f"{integrator!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
@@ -297,6 +298,14 @@ def command(fibres, drives, natural, span, contraction, fastest, duration, rest_
             rate[b, fibres[m]] = change / duration
             squares += (change / limit) ** 2
         effort[b] = squares / fibres.size
+
+
+def check_anchors(body: Body, world: World) -> None:
+    """Raise ValueError if an anchor of the world holds a node that the body does not have."""
+    if world.anchors is not None and world.anchors.node.max(initial=-1) >= body.mass.size:
+        raise ValueError(
+            f"an anchor holds node {world.anchors.node.max()}; the body's are numbered 0 to {body.mass.size - 1}"
+        )
 
 
 def own_step(fish: ElasticObject, integrator: Integrator) -> float:

@@ -8,9 +8,6 @@ from functools import partial
 import numpy as np
 from scipy.integrate import solve_ivp
 
-VACUUM = (0.0, 0.0, np.zeros(3))
-
-
 # Forces
 
 
@@ -49,7 +46,7 @@ def shares(corners):
 
 def face_force(corners, share, world, x, v):
     """Force of the water on one face, (3,): nothing on a face that moves inward."""
-    linear, quadratic, current = world
+    linear, quadratic, current = world[:3]
     area = area_vector(x[corners])
     size = np.linalg.norm(area)
     normal = area / size
@@ -70,9 +67,229 @@ def water_force(faces, world, x, v):
     return force
 
 
+def shape_gradients(corners):
+    """Gradients (4,3) of the functions that are linear in a tetrahedron (4,3) and 1 at one corner, 0 at the others."""
+    return np.linalg.inv(np.column_stack([np.ones(4), corners]))[1:].T
+
+
+def nearest_rotation(matrix):
+    """The rotation R that maximises tr(R^T F): from the singular values, the sign of the smallest repaired."""
+    left, _, right = np.linalg.svd(matrix)
+    signs = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+    return left @ signs @ right
+
+
+def tets_of(body, x):
+    """Of every tetrahedron: number, nodes, shape gradients and volume at rest, deformation gradient, frame."""
+    for t, nodes in enumerate(body.tets.nodes):
+        corners = body.position[nodes]
+        gradient = shape_gradients(corners)
+        volume = np.linalg.det(corners[1:] - corners[0]) / 6
+        deformation = x[nodes].T @ gradient
+        turn = nearest_rotation(deformation) if body.tets.rotating else np.eye(3)
+        yield t, nodes, gradient, volume, deformation, turn
+
+
+def strain_of(turn, deformation):
+    """Symmetric part of R^T F - 1."""
+    stretch = turn.T @ deformation
+    return 0.5 * (stretch + stretch.T) - np.eye(3)
+
+
+def tet_force(body, x, v):
+    """Elastic and viscous force of every tetrahedron on its nodes, (N,3): stress of the strain and of its rate."""
+    force = np.zeros_like(x)
+    for t, nodes, gradient, volume, deformation, turn in tets_of(body, x):
+        frame = deformation if body.tets.rotating else turn
+        rate = frame.T @ (v[nodes].T @ gradient)  # symmetric, that of Green's strain
+        for turned, strain in (
+            (turn, strain_of(turn, deformation)),
+            (frame, 0.5 * body.tets.relaxation_time[t] * (rate + rate.T)),
+        ):
+            stress = 2 * body.tets.shear[t] * strain + body.tets.dilation[t] * np.trace(strain) * np.eye(3)
+            for node, slope in zip(nodes, gradient, strict=True):
+                force[node] -= volume * turned @ stress @ slope
+    return force
+
+
+def tet_energy(body, x):
+    """Elastic energy of all tetrahedra."""
+    total = 0.0
+    for t, _, _, volume, deformation, turn in tets_of(body, x):
+        strain = strain_of(turn, deformation)
+        total += volume * body.tets.shear[t] * np.sum(strain**2)
+        total += 0.5 * volume * body.tets.dilation[t] * np.trace(strain) ** 2
+    return total
+
+
+def tet_blocks(body, x):
+    """Stiffness (12,12) of every tetrahedron, R B^T C B V R^T, with its number and nodes."""
+    for t, nodes, gradient, volume, _, turn in tets_of(body, x):
+        b = np.zeros((6, 12))  # strains xx, yy, zz, and the engineer's xy, yz, zx, which are twice the tensor's
+        for a, (gx, gy, gz) in enumerate(gradient):
+            b[:, 3 * a : 3 * a + 3] = [[gx, 0, 0], [0, gy, 0], [0, 0, gz], [gy, gx, 0], [0, gz, gy], [gz, 0, gx]]
+        c = np.diag(body.tets.shear[t] * np.array([2.0, 2, 2, 1, 1, 1]))
+        c[:3, :3] += body.tets.dilation[t]
+        turned = np.kron(np.eye(4), turn)
+        yield t, nodes, turned @ (volume * b.T @ c @ b) @ turned.T
+
+
+def triangles(face):
+    """The triangles of a face with what each counts: a patch is the mean of its two triangulations."""
+    p, q, r, s = face
+    if r == s:
+        return [((p, q, r), 1.0)]
+    return [((p, q, r), 0.5), ((p, r, s), 0.5), ((p, q, s), 0.5), ((q, r, s), 0.5)]
+
+
+def gas_volume(chambers, c, x):
+    """Volume of a chamber, or area of a ring, and its gradient (N,3): signed simplices from the middle of the nodes."""
+    volume, slope, x = 0.0, np.zeros_like(x), x - x.mean(axis=0)
+    for face in chambers.faces[chambers.first[c] : chambers.first[c + 1]]:
+        if face[2] < 0:
+            p, q = face[:2]
+            volume += np.linalg.det(x[[p, q], :2]) / 2
+            slope[p, :2] += np.array([x[q, 1], -x[q, 0]]) / 2
+            slope[q, :2] += np.array([-x[p, 1], x[p, 0]]) / 2
+            continue
+        for (p, q, r), part in triangles(face):
+            volume += part * np.linalg.det(x[[p, q, r]]) / 6
+            for i, j, k in ((p, q, r), (q, r, p), (r, p, q)):
+                slope[i] += part * np.cross(x[j], x[k]) / 6
+    return volume, slope
+
+
+def gas_force(chambers, x):
+    """Pressure nRT/V less that outside, times the volume's gradient, (N,3)."""
+    force = np.zeros_like(x)
+    for c, gas in enumerate(chambers.gas):
+        volume, slope = gas_volume(chambers, c, x)
+        force += (gas / volume - chambers.ambient[c]) * slope
+    return force
+
+
+def gas_energy(chambers, x):
+    """Energy of gas at constant temperature, and of what it displaces."""
+    volumes = [gas_volume(chambers, c, x)[0] for c in range(chambers.gas.size)]
+    return sum(p * v - gas * np.log(v) for gas, p, v in zip(chambers.gas, chambers.ambient, volumes, strict=True))
+
+
+def guard_shares(guards, x):
+    """Of every guard: number, nodes, volume over that at rest, and its gradient at each of the nodes."""
+    for k, (p, q, r, i) in enumerate(guards.nodes):
+        if r < 0:
+            a, b = x[p, :2] - x[i, :2], x[q, :2] - x[i, :2]
+            outer = np.array([[b[1], -b[0], 0.0], [-a[1], a[0], 0.0]]) / 2
+            nodes, volume = (p, q, i), np.linalg.det([a, b]) / 2
+        else:
+            a, b, c = x[[p, q, r]] - x[i]
+            outer = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)]) / 6
+            nodes, volume = (p, q, r, i), np.linalg.det([a, b, c]) / 6
+        yield k, nodes, volume / guards.volume[k], np.vstack([outer, -outer.sum(axis=0)]) / guards.volume[k]
+
+
+def guard_force(guards, x):
+    """Force of the barriers -(s - s0)^2 ln(s / s0), s0 = 0.3, on every node, (N,3)."""
+    force = np.zeros_like(x)
+    for k, nodes, s, slope in guard_shares(guards, x):
+        if s < 0.3:
+            push = 2 * (s - 0.3) * np.log(s / 0.3) + (s - 0.3) ** 2 / s
+            for node, direction in zip(nodes, slope, strict=True):
+                force[node] += guards.energy[k] * push * direction
+    return force
+
+
+def guard_energy(guards, x):
+    """Energy of the barriers."""
+    shares = [s for _, _, s, _ in guard_shares(guards, x)]
+    return -sum(e * (s - 0.3) ** 2 * np.log(s / 0.3) for e, s in zip(guards.energy, shares, strict=True) if s < 0.3)
+
+
+def anchor_force(anchors, x, v):
+    """Pull of every anchor, (N,3): along itself, or, without a length, straight to its point."""
+    force = np.zeros_like(x)
+    for i, point, moving, c, k, natural in zip(*anchors, strict=True):
+        r, u = point - x[i], moving - v[i]
+        if natural == 0.0:
+            force[i] += c * r + k * u
+        else:
+            direction = r / np.linalg.norm(r)
+            force[i] += (c * (np.linalg.norm(r) - natural) + k * np.dot(u, direction)) * direction
+    return force
+
+
+def anchor_energy(anchors, x):
+    """Elastic energy of the anchors."""
+    lengths = np.linalg.norm(anchors.point - x[anchors.node], axis=1)
+    return 0.5 * np.sum(anchors.stiffness * (lengths - anchors.rest_length) ** 2)
+
+
+def weight_energy(body, world, x):
+    """Energy of the weight."""
+    return -np.sum(body.mass[:, None] * world.gravity * x)
+
+
+def behind(plane, x, v, i):
+    """Whether node i is behind a plane and does not come back by itself."""
+    return plane[:3] @ x[i] <= plane[3] and plane[:3] @ v[i] <= 1e-12 * np.linalg.norm(v[i])
+
+
+def with_reaction(planes, x, v, force):
+    """The force (N,3) less what presses nodes further behind the planes."""
+    force = force.copy()
+    for plane in () if planes is None else planes:
+        for i in range(len(x)):
+            if behind(plane, x, v, i):
+                force[i] -= min(0.0, plane[:3] @ force[i]) * plane[:3]
+    return force
+
+
+def borne(planes, x, v, h, acceleration):
+    """Accelerations (N,3) that in h send no node further behind a plane that it is behind: it stops at most."""
+    acceleration = acceleration.copy()
+    for plane in () if planes is None else planes:
+        for i in range(len(x)):
+            if plane[:3] @ x[i] <= plane[3]:
+                least = -max(0.0, plane[:3] @ v[i]) / h
+                acceleration[i] += max(0.0, least - plane[:3] @ acceleration[i]) * plane[:3]
+    return acceleration
+
+
+def bounce(body, world, h, x, v):
+    """Velocities (N,3) after the impacts on the planes that follow a step."""
+    v = v.copy()
+    for plane in () if world.planes is None else world.planes:
+        normal = plane[:3]
+        falling = 0.0 if world.gravity is None else 2 * h * abs(normal @ world.gravity)
+        for i in range(len(x)):
+            speed = normal @ v[i]
+            if behind(plane, x, v, i) and speed < 0:
+                hit = -speed > falling and normal @ x[i] - plane[3] > 2 * h * speed
+                part = plane[4] if hit else 0.0
+                v[i] -= (1 + part) * speed * normal * (body.inverse_mass[i] > 0)
+    return v
+
+
+def other_force(body, world, x, v):
+    """All but the springs, the anchors and the walls, (N,3): what Tu's method takes explicitly."""
+    force = water_force(body.faces, world, x, v)
+    if body.tets is not None:
+        force += tet_force(body, x, v)
+    if body.chambers is not None:
+        force += gas_force(body.chambers, x)
+    if body.guards is not None:
+        force += guard_force(body.guards, x)
+    if world.gravity is not None:
+        force += body.mass[:, None] * world.gravity - world.viscosity * v
+    return force
+
+
 def total_force(body, world, rest_length, x, v):
-    """Springs and water together, (N,3)."""
-    return spring_force(body.springs, rest_length, x, v) + water_force(body.faces, world, x, v)
+    """All forces together, (N,3)."""
+    force = spring_force(body.springs, rest_length, x, v) + other_force(body, world, x, v)
+    if world.anchors is not None:
+        force += anchor_force(world.anchors, x, v)
+    return with_reaction(world.planes, x, v, force)
 
 
 def derivatives(force, x, v, displacement, speed):
@@ -89,11 +306,22 @@ def derivatives(force, x, v, displacement, speed):
     return found
 
 
+def anchors_of(world, x):
+    """Of every anchor: node, stiffness, damping, the axes it acts along (3,3), and its strain, at least zero."""
+    for i, point, _, c, k, natural in zip(*world.anchors, strict=True) if world.anchors is not None else ():
+        r = point - x[i]
+        if natural == 0.0:
+            yield i, c, k, np.eye(3), 1.0
+        else:
+            yield i, c, k, np.outer(r, r) / (r @ r), max(0.0, 1.0 - natural / np.linalg.norm(r))
+
+
 def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False):
     """K and D (3N,3N) of a linearly implicit method, from those of each unit: c and eta, along it and across it.
 
-    `projected` takes a negative eta as zero; `wet` adds to D what the normal velocity of a face changes in its force
-    along the normal.
+    Of the tetrahedra they are those of linear elasticity, turned with them; of the anchors, along them or along all
+    axes. The air damps every node. `projected` takes a negative eta as zero; `wet` adds to D what the normal velocity
+    of a face changes in its force along the normal.
     """
     nodes, springs = len(x), body.springs
     stiffness, damping = np.zeros((nodes, 3, nodes, 3)), np.zeros((nodes, 3, nodes, 3))
@@ -117,6 +345,17 @@ def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False
             for p, part_p in zip(corners, share, strict=True):
                 for q, part_q in zip(corners, share, strict=True):
                     damping[p, :, q] += part_p * part_q * drag * np.outer(area, area) / size**2
+    for t, corners, block in tet_blocks(body, x) if body.tets is not None else ():
+        for a, p in enumerate(corners):
+            for b, q in enumerate(corners):
+                part = block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+                stiffness[p, :, q] += part
+                damping[p, :, q] += body.tets.relaxation_time[t] * part
+    for i, c, k, along, _ in anchors_of(world, x):
+        stiffness[i, :, i] += c * along
+        damping[i, :, i] += k * along
+    for i in range(nodes):
+        damping[i, :, i] += world.viscosity * np.eye(3)
     return stiffness.reshape(3 * nodes, -1), damping.reshape(3 * nodes, -1)
 
 
@@ -125,7 +364,7 @@ def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False
 
 def symplectic_euler(body, world, rest, t, h, x, v):
     """Velocity first, then position with the new velocity."""
-    v = v + h * total_force(body, world, rest(t), x, v) / body.mass[:, None]
+    v = v + h * total_force(body, world, rest(t), x, v) * body.inverse_mass
     return x + h * v, v
 
 
@@ -133,7 +372,7 @@ def rk4(body, world, rest, t, h, x, v):
     """The classical Runge-Kutta method on y = (x, v), with the rest lengths of each stage's own time."""
 
     def slope(time, y):
-        return np.array([y[1], total_force(body, world, rest(time), y[0], y[1]) / body.mass[:, None]])
+        return np.array([y[1], total_force(body, world, rest(time), y[0], y[1]) * body.inverse_mass])
 
     y = np.array([x, v])
     k1 = slope(t, y)
@@ -145,9 +384,12 @@ def rk4(body, world, rest, t, h, x, v):
 
 
 def tu_system(body, world, rest_length, h, x, v):
-    """Matrix A (N,N) and load G (N,3) of Tu's method: M/h + h Laplacian(eta), and M v/h + sum(eta r) + f."""
+    """Matrix A (N,N) and load G (N,3) of Tu's method: M/h + h Laplacian(eta), and M v/h + sum(eta r) + f.
+
+    Anchors with a length are units too; those without are wholly implicit. The load is less what presses on walls.
+    """
     matrix = np.diag(body.mass / h)
-    load = body.mass[:, None] / h * v + water_force(body.faces, world, x, v)
+    load = other_force(body, world, x, v)
     springs = body.springs
     for (i, j), c, k, natural in zip(springs.nodes, springs.stiffness, springs.damping, rest_length, strict=True):
         r = x[j] - x[i]
@@ -161,39 +403,56 @@ def tu_system(body, world, rest_length, h, x, v):
         matrix[j, i] -= h * eta
         load[i] += eta * r
         load[j] -= eta * r
-    return matrix, load
+    for i, point, moving, c, k, natural in zip(*world.anchors, strict=True) if world.anchors is not None else ():
+        r, length = point - x[i], np.linalg.norm(point - x[i])
+        if natural == 0.0:
+            matrix[i, i] += h * c + k
+            load[i] += c * r + k * moving
+        else:
+            eta = (c * (length - natural) + k * np.dot(moving - v[i], r) / length) / length
+            matrix[i, i] += h * eta
+            load[i] += eta * r
+    return matrix, with_reaction(world.planes, x, v, load) + body.mass[:, None] / h * v
 
 
 def semi_implicit(body, world, rest, t, h, x, v):
-    """Tu's semi-implicit Euler method, solved as a dense system."""
+    """Tu's semi-implicit Euler method, solved as a dense system of the free nodes, axis by axis."""
     matrix, load = tu_system(body, world, rest(t), h, x, v)
-    v = np.linalg.solve(matrix, load)
+    before, v = v, v.copy()
+    for axis in range(3):
+        free = body.inverse_mass[:, axis] > 0
+        known = load[free, axis] - matrix[np.ix_(free, ~free)] @ v[~free, axis]
+        v[free, axis] = np.linalg.solve(matrix[np.ix_(free, free)], known)
+    v = before + borne(world.planes, x, before, 1.0, v - before)
     return x + h * v, v
 
 
 def explicit_euler(body, world, rest, t, h, x, v):
     """Both with what they are at the start."""
-    return x + h * v, v + h * total_force(body, world, rest(t), x, v) / body.mass[:, None]
+    return x + h * v, v + h * total_force(body, world, rest(t), x, v) * body.inverse_mass
 
 
 def midpoint(body, world, rest, t, h, x, v):
     """Slopes of the half step."""
     mx, mv = explicit_euler(body, world, rest, t, h / 2, x, v)
-    return x + h * mv, v + h * total_force(body, world, rest(t + h / 2), mx, mv) / body.mass[:, None]
+    return x + h * mv, v + h * total_force(body, world, rest(t + h / 2), mx, mv) * body.inverse_mass
 
 
 def linearly_implicit(body, world, rest, t, h, x, v, **which):
-    """Linearly implicit Euler as Baraff & Witkin have it, as a dense system, rest lengths of its end."""
+    """Linearly implicit Euler as Baraff & Witkin have it, dense in what is free, rest lengths of its end."""
     stiffness, damping = implicit_matrices(body, world, rest(t + h), x, v, **which)
     matrix = np.diag(np.repeat(body.mass, 3)) + h * damping + h**2 * stiffness
-    force = total_force(body, world, rest(t + h), x, v).ravel()
-    v = v + np.linalg.solve(matrix, h * (force - h * stiffness @ v.ravel())).reshape(x.shape)
+    load = h * (total_force(body, world, rest(t + h), x, v).ravel() - h * stiffness @ v.ravel())
+    free, change = body.inverse_mass.ravel() > 0, np.zeros(x.size)
+    change[free] = np.linalg.solve(matrix[np.ix_(free, free)], load[free])
+    v = v + h * borne(world.planes, x, v, h, change.reshape(x.shape) / h)
     return x + h * v, v
 
 
 def rosenbrock(body, world, rest, t, h, x, v):
-    """ROS2 on y = (x, v), as a dense system of order 6N."""
+    """ROS2 on y = (x, v), as a dense system of order 6N, less the velocities that are held."""
     gamma, size, mass = 1 - 1 / np.sqrt(2), x.size, np.repeat(body.mass, 3)
+    moves = np.concatenate([np.ones(size, bool), body.inverse_mass.ravel() > 0])
     stiffness, damping = implicit_matrices(body, world, rest(t), x, v)
     jacobian = np.zeros((2 * size, 2 * size))
     jacobian[:size, size:] = np.eye(size)
@@ -203,7 +462,10 @@ def rosenbrock(body, world, rest, t, h, x, v):
     weight = np.repeat([1.0 / h, 1.0], size)  # positions and velocities in one unit: three digits better
 
     def solve(load):
-        return np.linalg.solve(weight[:, None] * matrix / weight, weight * load) / weight
+        slope = np.zeros(2 * size)
+        reduced = (weight[:, None] * matrix / weight)[np.ix_(moves, moves)]
+        slope[moves] = np.linalg.solve(reduced, (weight * load)[moves])
+        return slope / weight
 
     def slope(time, y):
         x, v = y.reshape(2, -1, 3)
@@ -211,7 +473,12 @@ def rosenbrock(body, world, rest, t, h, x, v):
 
     y = np.concatenate([x.ravel(), v.ravel()])
     k1 = solve(slope(t, y))
+    p = borne(world.planes, x, v, h, k1[size:].reshape(x.shape)).ravel()
+    k1 = np.concatenate([v.ravel() + gamma * h * p, p])
     k2 = solve(slope(t + h, y + h * k1) - 2 * k1)
+    change = (1.5 * p + 0.5 * k2[size:]).reshape(x.shape)
+    q = 2 * borne(world.planes, x, v, h, change).ravel() - 3 * p
+    k2 = np.concatenate([v.ravel() + h * p - 2 * k1[:size] + gamma * h * q, q])
     return (y + 1.5 * h * k1 + 0.5 * h * k2).reshape(2, -1, 3)
 
 
@@ -221,7 +488,7 @@ def accurate(body, world, rest, t, h, x, v):
     def slope(time, y):
         x, v = y.reshape(2, -1, 3)
         force = total_force(body, world, rest(time), x, v)
-        return np.concatenate([v.ravel(), (force / body.mass[:, None]).ravel()])
+        return np.concatenate([v.ravel(), (force * body.inverse_mass).ravel()])
 
     y = np.concatenate([x.ravel(), v.ravel()])
     scale = np.abs(body.position).max() * np.repeat([1.0, highest_frequency(body)], x.size)
@@ -234,7 +501,7 @@ def face_mobility(body, duration, corners):
     gained = 0.0
     for node, part in zip(corners, shares(corners), strict=True):
         carried = sum(shares(other) @ (other == node) for other in body.faces.nodes)
-        gained += 0.5 * duration * part * carried / body.mass[node]
+        gained += 0.5 * duration * part * carried * body.inverse_mass[node].max()
     return gained
 
 
@@ -255,16 +522,46 @@ def water_change(body, world, duration, x, v, ahead):
     return force
 
 
-def elastic_tangent(springs, rest_length, x):
-    """Stiffness (3N,3N) of the units, their strain across taken to be at least -0.1."""
+def filtered_matrix(body, world, rest_length, h, least, x):
+    """What the leapfrog filters by, (3N,3N) kg: h^2 K + 2 h D of each element, frozen, but at least `least` h D.
+
+    A unit's strain across is taken to be at least -0.1, an anchor's at least zero; gas counts by its compression.
+    """
+
+    def weight(stiffness, damping):
+        return max(h**2 * stiffness + 2 * h * damping, least * h * damping)
+
+    springs = body.springs
     matrix = np.zeros((len(x), 3, len(x), 3))
-    for (i, j), c, natural in zip(springs.nodes, springs.stiffness, rest_length, strict=True):
+    for (i, j), c, k, natural in zip(springs.nodes, springs.stiffness, springs.damping, rest_length, strict=True):
         length = np.linalg.norm(x[j] - x[i])
         along = np.outer(x[j] - x[i], x[j] - x[i]) / length**2
-        block = c * (along + max(-0.1, (length - natural) / length) * (np.eye(3) - along))
+        across = h**2 * c * max(-0.1, (length - natural) / length)
+        block = weight(c, k) * along + across * (np.eye(3) - along)
         for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
             matrix[p, :, q] += sign * block
-    return matrix.reshape(x.size, x.size)
+    for i, c, k, along, strain in anchors_of(world, x):
+        matrix[i, :, i] += weight(c, k) * along + h**2 * c * strain * (np.eye(3) - along)
+    for t, corners, block in tet_blocks(body, x) if body.tets is not None else ():
+        for a, p in enumerate(corners):
+            for b, q in enumerate(corners):
+                part = block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+                matrix[p, :, q] += weight(1.0, body.tets.relaxation_time[t]) * part
+    matrix = matrix.reshape(x.size, x.size)
+    for c, gas in enumerate(body.chambers.gas) if body.chambers is not None else ():
+        volume, slope = gas_volume(body.chambers, c, x)
+        matrix += h**2 * gas / volume**2 * np.outer(slope, slope)
+    return matrix
+
+
+def anchor_rates(body, world):
+    """Stiffness and damping over mass of the node that anchors hold fastest."""
+    stiffness, damping = np.zeros(len(body.mass)), np.zeros(len(body.mass))
+    if world.anchors is not None:
+        np.add.at(stiffness, world.anchors.node, world.anchors.stiffness)
+        np.add.at(damping, world.anchors.node, world.anchors.damping)
+    inverse = body.inverse_mass.max(axis=1)
+    return (stiffness * inverse).max(), (damping * inverse).max()
 
 
 def chebyshev_filter(stages, operator):
@@ -283,31 +580,27 @@ def chebyshev_filter(stages, operator):
 
 
 def leapfrog_chebyshev(body, world, rest, t, h, x, v):
-    """Half a drift, a kick through the filter as a polynomial of a dense matrix, half a drift."""
-    size, mass = x.size, np.repeat(body.mass, 3)
-    middle, lengths = x + 0.5 * h * v, rest(t + 0.5 * h)
-    stiffness = elastic_tangent(body.springs, lengths, middle)
-    _, damping = implicit_matrices(body, VACUUM, lengths, middle, v)
-    fastest = highest_frequency(body) ** 2
-    dampest = highest_frequency(body._replace(springs=body.springs._replace(stiffness=body.springs.damping))) ** 2
+    """Half a drift, a kick through the filter as a polynomial of a dense matrix, half a drift; the air by itself."""
+    slowed = np.exp(-0.5 * h * world.viscosity * body.inverse_mass)
+    v, world = slowed * v, world._replace(viscosity=0.0)
+    middle, lengths, inverse = x + 0.5 * h * v, rest(t + 0.5 * h), body.inverse_mass.ravel()
+    pulled, held_back = anchor_rates(body, world)
+    fastest = highest_rate(body, stiffness_matrix(body)) + pulled
+    dampest = highest_rate(body, stiffness_matrix(body, "damping")) + held_back
     viscous = 1.2 * h * dampest
     wanted = 1.2 * h**2 * fastest + 2.0 * viscous
     stages = 2
     while chebyshev_filter(stages, np.zeros((1, 1)))[1] < wanted or (stages == 2 and viscous > 2.0):
         stages += 1
-    acceleration = total_force(body, world, lengths, middle, v).ravel() / mass
-    filtering, _, coefficients = chebyshev_filter(stages, (h**2 * stiffness + 2.0 * h * damping) / mass[:, None])
-    if stages == 2:  # unit by unit, no less than half a step of damping
-        held = -coefficients[1]
-        elastic, viscous = held * h**2 * body.springs.stiffness, h * body.springs.damping
-        along = np.maximum(elastic + 2.0 * held * viscous, 0.5 * viscous) - elastic
-        least = body._replace(springs=body.springs._replace(stiffness=0 * along, damping=along))
-        _, resisting = implicit_matrices(least, VACUUM, lengths, middle, 0 * v)
-        filtering = np.eye(size) - (held * h**2 * stiffness + resisting) / mass[:, None]
-    kick = (filtering @ acceleration).reshape(x.shape)
-    kick = kick + water_change(body, world, 0.5 * h, middle, v, v + 0.5 * h * kick) / body.mass[:, None]
+    _, _, coefficients = chebyshev_filter(stages, np.zeros((1, 1)))
+    least = -0.5 / coefficients[1] if stages == 2 else 0.0  # two stages hold back half a step of damping or more
+    matrix = filtered_matrix(body, world, lengths, h, least, middle)
+    filtering, _, _ = chebyshev_filter(stages, inverse[:, None] * matrix)
+    acceleration = total_force(body, world, lengths, middle, v).ravel() * inverse
+    kick = borne(world.planes, middle, v, h, (filtering @ acceleration).reshape(x.shape))
+    kick = kick + water_change(body, world, 0.5 * h, middle, v, v + 0.5 * h * kick) * body.inverse_mass
     v = v + h * kick
-    return middle + 0.5 * h * v, v
+    return middle + 0.5 * h * v, slowed * v
 
 
 STEPS = {
@@ -331,6 +624,7 @@ def advance(name, body, world, rest_length, rate, x, v, h, n):
     """Take n steps of h with rest lengths that move linearly from `rest_length` at `rate`; returns (x, v)."""
     for s in range(n):
         x, v = STEPS[name](body, world, lambda t: rest_length + t * rate, s * h, h, x, v)
+        v = bounce(body, world, h, x, v)
     return x, v
 
 
@@ -362,40 +656,39 @@ def enclosed_volume(faces, x):
 
     The volume under a bilinear patch is the mean of those under its two triangulations.
     """
-
-    def under(*triangle):
-        return np.linalg.det(x[list(triangle)]) / 6
-
-    volume = 0.0
-    for corners in faces.nodes:
-        p, q, r, s = corners
-        if r == s:
-            volume += under(p, q, r)
-        else:
-            volume += 0.5 * (under(p, q, r) + under(p, r, s) + under(p, q, s) + under(q, r, s))
-    return volume
+    return sum(part * np.linalg.det(x[list(nodes)]) / 6 for face in faces.nodes for nodes, part in triangles(face))
 
 
-def stiffness_matrix(body):
-    """Stiffness of the body at rest, linearised: (3N,3N), node by node."""
-    n = len(body.mass)
-    matrix = np.zeros((3 * n, 3 * n))
-    for (i, j), c in zip(body.springs.nodes, body.springs.stiffness, strict=True):
-        direction = body.position[j] - body.position[i]
-        direction /= np.linalg.norm(direction)
+def stiffness_matrix(body, kind="stiffness"):
+    """Stiffness, or damping, of the body at rest, linearised: (3N,3N), node by node."""
+    n, x = len(body.mass), body.position
+    matrix = np.zeros((n, 3, n, 3))
+    for (i, j), c in zip(body.springs.nodes, getattr(body.springs, kind), strict=True):
+        direction = (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
         block = c * np.outer(direction, direction)
-        a, b = slice(3 * i, 3 * i + 3), slice(3 * j, 3 * j + 3)
-        matrix[a, a] += block
-        matrix[b, b] += block
-        matrix[a, b] -= block
-        matrix[b, a] -= block
+        for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            matrix[p, :, q] += sign * block
+    for t, nodes, block in tet_blocks(body, x) if body.tets is not None else ():
+        factor = 1.0 if kind == "stiffness" else body.tets.relaxation_time[t]
+        for a, p in enumerate(nodes):
+            for b, q in enumerate(nodes):
+                matrix[p, :, q] += factor * block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+    matrix = matrix.reshape(3 * n, 3 * n)
+    for c, gas in enumerate(body.chambers.gas) if body.chambers is not None and kind == "stiffness" else ():
+        volume, slope = gas_volume(body.chambers, c, x)
+        matrix += gas / volume**2 * np.outer(slope, slope)
     return matrix
+
+
+def highest_rate(body, matrix):
+    """Highest eigenvalue of M^-1 times a symmetric matrix (3N,3N), held degrees of freedom left out."""
+    weight = np.sqrt(body.inverse_mass.ravel())
+    return np.linalg.eigvalsh(matrix * np.outer(weight, weight))[-1]
 
 
 def highest_frequency(body):
     """Angular frequency of the body's fastest vibration about rest, rad per unit of time."""
-    weight = np.repeat(body.mass, 3) ** -0.5
-    return np.sqrt(np.linalg.eigvalsh(stiffness_matrix(body) * np.outer(weight, weight))[-1])
+    return np.sqrt(highest_rate(body, stiffness_matrix(body)))
 
 
 def mirrored_muscles(fish):

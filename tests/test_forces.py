@@ -101,7 +101,7 @@ def test_tangent_is_the_stiffness(name):
     springs.add_force_tangent(body, rest, x, v, f, tangent)
     y, pull = rng.normal(size=x.shape), np.zeros_like(x)
     springs.add_tangent(body, body.springs.stiffness, body.springs.stiffness, tangent, y, pull)
-    stiffness, _ = naive.implicit_matrices(body, naive.VACUUM, rest, x, 0 * v)
+    stiffness, _ = naive.implicit_matrices(body, VACUUM, rest, x, 0 * v)
     close(pull, -(stiffness @ y.ravel()).reshape(x.shape))
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fish_env import BODIES, make_fish
 from fish_env.linalg import ldlt
+from fish_env.world import VACUUM
 
 EPSILON = np.finfo(float).eps
 
@@ -229,7 +230,7 @@ def test_system_matrix_of_the_fish(name):
     fish = make_fish(name)
     x, v = naive.random_state(fish, np.random.default_rng(1))
     rest = fish.body.springs.rest_length
-    matrix, load = naive.tu_system(fish.body, naive.VACUUM, rest, fish.time_step, x, v)
+    matrix, load = naive.tu_system(fish.body, VACUUM, rest, fish.time_step, x, v)
     profile = fish.body.profile
     assert (profile.first[0], profile.first[4], profile.first[22], profile.start[-1]) == (0, 0, 17, 126)
     for i in range(23):

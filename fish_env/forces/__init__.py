@@ -50,17 +50,17 @@ def add_total_kept(body, world, rest_length, x, v, f, kept):
 
 
 @njit_inline
-def add_tangent(body, world, weights, kept, y, f):
-    """Add to f (N,3) the pull of all elements, weighted, if every node moved by y (N,3).
+def add_tangent(body, world, weights, kept, x, y, f):
+    """Add to f (N,3) the pull of all elements, weighted, if every node moved by y (N,3) from x (N,3).
 
-    weights: of the springs, elastic and along them (E,), of the tetrahedra (T,), of the anchors (A,), of the gas.
+    weights: of the springs, elastic and along them (E,), of the tetrahedra (T,), of the anchors (A,2), of the gas.
     """
     _, tangent, turned, compressed = kept
     elastic, along, solid, pulling, gas = weights
     springs.add_tangent(body, elastic, along, tangent, y, f)
     tets.add_tangent(body.tets, solid, turned, y, f)
     pressure.add_tangent(gas, compressed, y, f)
-    anchors.add_tangent(world.anchors, pulling, y, f)
+    anchors.add_tangent(world.anchors, pulling, x, y, f)
 
 
 @njit_inline
@@ -83,8 +83,7 @@ def jacobian(body, world, rest_length, x, v, stiffness, damping):
     pressure.add_jacobian(body.chambers, x, stiffness)
     guards.add_jacobian(body.guards, x, stiffness)
     anchors.add_jacobian(world.anchors, x, v, stiffness, damping)
-    for i in range(stiffness.shape[0]):
-        damping[i, i] += world.viscosity
+    gravity.add_damping(world.gravity, world.viscosity, damping)
 
 
 @njit
@@ -98,7 +97,7 @@ def system(body, world, rest_length, x, v, h, lowest, wet, a):
     a[:] = 0.0
     for i in range(body.mass.size):
         for k in range(3):
-            a[INDEX(body.profile.diagonal[i]), k, k] = body.mass[i] + h * world.viscosity
+            a[INDEX(body.profile.diagonal[i]), k, k] = body.mass[i] + h * gravity.drag(world.gravity, world.viscosity)
     if wet:
         water.add_system(body, world, x, v, h, a)
     springs.add_system(body, rest_length, x, v, h, lowest, a)

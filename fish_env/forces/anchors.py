@@ -107,38 +107,58 @@ def add_stiffness_force(anchors, x, y, h, f):
 
 @njit
 def weights(anchors, factor, h, least):
-    """What `add_tangent` multiplies each anchor's displacement by (A,), kg; as `tets.weights`. None without anchors."""
+    """What `add_tangent` multiplies each anchor's displacement by, (A,2) kg: by its stiffness, and in all along itself.
+
+    As `tets.weights`. None without anchors.
+    """
     if anchors is None:
         return None
-    weight = np.empty(anchors.node.size)
-    for a in range(weight.size):
+    weight = np.empty((anchors.node.size, 2))
+    for a in range(anchors.node.size):
         viscous = h * anchors.damping[a]
-        weight[a] = max(factor * (h * h * anchors.stiffness[a] + 2.0 * viscous), least * viscous)
+        weight[a, 0] = factor * h * h * anchors.stiffness[a]
+        weight[a, 1] = max(weight[a, 0] + 2.0 * factor * viscous, least * viscous)
     return weight
 
 
 @njit
-def add_tangent(anchors, weight, y, f):
-    """Add to f (N,3) the pull of the anchors, each by its weight (A,), if every node moved by y (N,3)."""
+def add_tangent(anchors, weight, x, y, f):
+    """Add to f (N,3) the pull of the anchors, by their weights (A,2), if every node moved by y (N,3) from x (N,3)."""
     if anchors is None:
         return
-    for a in range(weight.size):
-        i = INDEX(anchors.node[a])
+    for a in range(anchors.node.size):
+        i, natural = INDEX(anchors.node[a]), anchors.rest_length[a]
+        if natural == 0.0:
+            for k in range(3):
+                f[i, k] -= weight[a, 1] * y[i, k]
+            continue
+        square, along = 0.0, 0.0
         for k in range(3):
-            f[i, k] -= weight[a] * y[i, k]
+            r = anchors.point[a, k] - x[i, k]
+            square += r * r
+            along += r * y[i, k]
+        if square == 0.0:
+            continue
+        across = weight[a, 0] * max(1.0 - natural / math.sqrt(square), 0.0)
+        pull = (weight[a, 1] - across) * along / square
+        for k in range(3):
+            f[i, k] -= across * y[i, k] + pull * (anchors.point[a, k] - x[i, k])
 
 
 @njit
 def rates(anchors, inverse_mass):
-    """The largest stiffness and damping over mass among the anchors, 1/s2 and 1/s."""
+    """The largest stiffness and damping that the anchors of one node have together, over its mass, 1/s2 and 1/s."""
     if anchors is None:
         return 0.0, 0.0
     elastic, viscous = 0.0, 0.0
     for a in range(anchors.node.size):
         i = INDEX(anchors.node[a])
-        inverse = max(inverse_mass[i, 0], inverse_mass[i, 1], inverse_mass[i, 2])
-        elastic = max(elastic, anchors.stiffness[a] * inverse)
-        viscous = max(viscous, anchors.damping[a] * inverse)
+        inverse, stiffness, damping = max(inverse_mass[i, 0], inverse_mass[i, 1], inverse_mass[i, 2]), 0.0, 0.0
+        for b in range(anchors.node.size):
+            if anchors.node[b] == anchors.node[a]:
+                stiffness += anchors.stiffness[b]
+                damping += anchors.damping[b]
+        elastic, viscous = max(elastic, stiffness * inverse), max(viscous, damping * inverse)
     return elastic, viscous
 
 

@@ -16,6 +16,21 @@ def add_force(mass, gravity, viscosity, v, f):
 
 
 @njit
+def drag(gravity, viscosity):
+    """Viscosity, N s/m, of the air that comes with gravity; none without."""
+    if gravity is None:
+        return 0.0
+    return viscosity
+
+
+@njit
+def add_damping(gravity, viscosity, damping):
+    """Add -df/dv to damping (3N,3N) N s/m."""
+    for i in range(damping.shape[0]):
+        damping[i, i] += drag(gravity, viscosity)
+
+
+@njit
 def slow(inverse_mass, gravity, viscosity, duration, v):
     """What the drag alone makes of the velocities v (N,3) m/s in a `duration` (s): they decay, exactly."""
     if gravity is None:

@@ -19,7 +19,7 @@ CLEAR = 1e-4  # of n^1.5: a smaller (s1 + s2)(s2 + s3)(s3 + s1) leaves the algeb
 
 @njit
 def rotation(f00, f01, f02, f10, f11, f12, f20, f21, f22):
-    """Nearest rotation, nine numbers by rows, of a matrix given by rows; finite for every finite matrix."""
+    """Nearest rotation, nine numbers by rows, of a matrix given by rows; finite for all numbers below 1e70."""
     n = f00 * f00 + f01 * f01 + f02 * f02 + f10 * f10 + f11 * f11 + f12 * f12 + f20 * f20 + f21 * f21 + f22 * f22
     c00, c01, c02 = f11 * f22 - f12 * f21, f12 * f20 - f10 * f22, f10 * f21 - f11 * f20
     c10, c11, c12 = f02 * f21 - f01 * f22, f00 * f22 - f02 * f20, f01 * f20 - f00 * f21

@@ -56,9 +56,13 @@ class Motion:
 
 
 def allowed_error(body, tolerance) -> np.ndarray:
-    """Absolute error a step may make, (6N,): of the body's size, and of the speed its mass has on a mean unit."""
+    """Absolute error a step may make, (6N,): of the body's size, and of the speed its mass has on a mean unit.
+
+    Without units, it is the speed that moves it by its size in a period of its fastest vibration, over 2 pi.
+    """
     size = np.ptp(body.position, axis=0).max()
-    speed = size * np.sqrt(body.springs.stiffness.sum() / max(1, body.springs.stiffness.size) / body.mass.sum())
+    rate = body.springs.stiffness.mean() / body.mass.sum() if body.springs.stiffness.size else body.elastic_rate
+    speed = size * np.sqrt(rate)
     scale = np.repeat([size, speed], 3 * body.mass.size)
     return np.maximum(tolerance * scale, np.finfo(float).tiny)
 

@@ -89,13 +89,14 @@ def step(body, world, rest, h, stages, filtering, mobility, x, v, scratch):
             a[i, k] = first / midpoint * kick[i, k]
             f[i, k] = 0.0
     for s in range(1, stages):
-        forces.add_tangent(body, world, weights, kept, a, f)
+        forces.add_tangent(body, world, weights, kept, x, a, f)
         now, last = t[s] / t[s + 1], t[s - 1] / t[s + 1]
         for i in range(x.shape[0]):
             for k in range(3):
                 pull = 2.0 * (first * kick[i, k] + midpoint * a[i, k]) + body.inverse_mass[i, k] * f[i, k]
                 f[i, k] = 0.0
                 a[i, k], before[i, k] = now * pull - last * before[i, k], a[i, k]  # (37)
+    contact.bear(world.planes, x, v, h, a)
     for i in range(x.shape[0]):
         for k in range(3):
             before[i, k] = v[i, k] + 0.5 * h * a[i, k]

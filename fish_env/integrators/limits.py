@@ -21,10 +21,11 @@ def leapfrog(body: Body) -> float:
 
 
 def relaxation(body: Body) -> float:
-    """Shortest relaxation time k/c of the units, s; infinite without stiffness."""
-    springs = body.springs
+    """Shortest relaxation time k/c of the units and tetrahedra, s; infinite without stiffness."""
+    springs, tets = body.springs, body.tets
     elastic = springs.stiffness > 0.0
-    return float((springs.damping[elastic] / springs.stiffness[elastic]).min(initial=math.inf))
+    shortest = math.inf if tets is None else float(tets.relaxation_time.min(initial=math.inf))
+    return float((springs.damping[elastic] / springs.stiffness[elastic]).min(initial=shortest))
 
 
 def explicit_euler(body: Body) -> float:

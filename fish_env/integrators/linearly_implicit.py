@@ -28,6 +28,7 @@ def step(body, world, rest, x, v, h, lowest, wet, a, g, inverse_pivot, row):
     eliminate(body, a, g)
     negative, trusted = ldlt.factor(body.profile, a, inverse_pivot, row)
     ldlt.solve(body.profile, a, inverse_pivot, g)  # (31)
+    contact.bear(world.planes, x, v, h, g)
     for i in range(body.mass.size):
         for k in range(3):
             v[i, k] += h * g[i, k]

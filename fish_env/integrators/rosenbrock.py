@@ -37,6 +37,16 @@ def second_stage(body, world, rest, sx, sv, x, v, h, p, rate, load):
 
 
 @njit
+def bear(planes, x, v, h, p, q):
+    """Change the second stage q (N,3) so that the step's acceleration presses no node further behind a wall."""
+    if planes is None:
+        return
+    change = 1.5 * p + 0.5 * q
+    contact.bear(planes, x, v, h, change)
+    q[:] = 2.0 * change - 3.0 * p
+
+
+@njit
 def step(body, world, control, b, elapsed, h, x, v, rest, late, a, p, q, sx, sv, rate, inverse_pivot, row):
     """One step of body b, `elapsed` s into the call, in place. Returns (non-positive pivots, trusted)."""
     inner = GAMMA * h
@@ -47,12 +57,14 @@ def step(body, world, control, b, elapsed, h, x, v, rest, late, a, p, q, sx, sv,
     eliminate(body, a, p)
     negative, trusted = ldlt.factor(body.profile, a, inverse_pivot, row)
     ldlt.solve(body.profile, a, inverse_pivot, p)  # (33)
+    contact.bear(world.planes, x, v, h, p)
     rest_lengths(control, b, elapsed + h, late)
     second_stage(body, world, late, sx, sv, x, v, h, p, rate, q)
     forces.add_stiffness_force(body, world, rest, x, v, rate, inner, -math.inf, q)
     for m in range(body.held.shape[0]):
         q[body.held[m, 0], body.held[m, 1]] = 0.0
     ldlt.solve(body.profile, a, inverse_pivot, q)  # (34)
+    bear(world.planes, x, v, h, p, q)
     for i in range(body.mass.size):
         for k in range(3):
             first, second = v[i, k] + inner * p[i, k], rate[i, k] + inner * q[i, k]

@@ -41,6 +41,7 @@ def assemble(body, world, rest, x, v, h, a, g):
         g[j, 1] -= weight * ry
         g[j, 2] -= weight * rz
     add_anchors(world.anchors, body.profile.diagonal, x, v, h, a, g)
+    add_reaction(world.planes, body.mass, x, v, h, g)
     if body.held.size > 0:
         eliminate(body, v, a, g)
 
@@ -66,6 +67,31 @@ def add_anchors(anchors, diagonal, x, v, h, a, g):
         a[INDEX(diagonal[i])] += h * (h * stiffness + damping)
         for k in range(3):
             g[i, k] += h * (stiffness * r[k] + damping * anchors.velocity[m, k])
+
+
+@njit
+def add_reaction(planes, mass, x, v, h, g):
+    """Take from the load what presses a node further behind a wall, as `contact.add_reaction` from a force."""
+    if planes is None:
+        return
+    f = np.empty_like(g)
+    for i in range(mass.size):
+        for k in range(3):
+            f[i, k] = (g[i, k] - mass[i] * v[i, k]) / h
+    contact.add_reaction(planes, x, v, f)
+    for i in range(mass.size):
+        for k in range(3):
+            g[i, k] = mass[i] * v[i, k] + h * f[i, k]
+
+
+@njit
+def keep_out(planes, x, v, g):
+    """Take from the new velocities g (N,3) m/s what moves a node further behind a wall."""
+    if planes is None:
+        return
+    change = g - v
+    contact.bear(planes, x, v, 1.0, change)
+    g[:] = v + change
 
 
 @njit
@@ -99,6 +125,7 @@ def step(body, world, rest, x, v, h, a, g, inverse_pivot, row):
     """One step of one body, x and v changed in place, the rest scratch. Returns (non-positive pivots, trusted)."""
     assemble(body, world, rest, x, v, h, a, g)
     negative, trusted = ldlt.factor_solve(body.profile, a, g, inverse_pivot, row)  # (9)
+    keep_out(world.planes, x, v, g)
     for i in range(body.mass.size):
         for k in range(3):
             if body.inverse_mass[i, k] > 0.0:

@@ -1,0 +1,222 @@
+"""Nodes moved by a penalty against nodes moved by elimination: how far off, and what it costs.
+
+    python -m benchmarks.boundary            the CSV and the chart (seconds)
+    python -m benchmarks.boundary --draw     the chart again, from the CSV
+
+A fish of springs and a bar of tetrahedra are held at one end, by elimination, and moved at the other. The penalty is an
+anchor without length on every moved node; its size is a multiple of the largest entry of the stiffness matrix.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
+
+import argparse
+import csv
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.provenance import RESULTS, write_csv
+from fish_env import Tank, make_fish
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import Body, hold, make_body, rest_stiffness
+from fish_env.elements import make_tets
+from fish_env.forces import anchors, springs, tets
+from fish_env.integrators._common import eliminate
+from fish_env.linalg import ldlt, rates
+from fish_env.world import VACUUM, Anchors, make_anchors
+
+COMMAND = "python -m benchmarks.boundary"
+CSV = RESULTS / "boundary.csv"
+CHART = Path(__file__).parent.parent / "docs" / "images" / "boundary.svg"
+PENALTIES = 10.0 ** np.arange(0, 15)
+BOOK = 1e4  # the multiple that textbooks recommend
+MOST = 1e5  # in time: beyond, the default method would need more stages than it is allowed
+BODIES = {"fish": ("fish of springs", "#0072B2", "o"), "bar": ("bar of tetrahedra", "#D55E00", "s")}
+
+
+class Task(NamedTuple):
+    """A body held at one end, the nodes at its other end, and how far each is to move, (K,3) m."""
+
+    body: Body
+    nodes: np.ndarray
+    displacement: np.ndarray
+
+
+def fish_task() -> Task:
+    """The fish, its head held, its tail bent to a side by a twentieth of its length."""
+    fish = make_fish()
+    head = fish.body.position[:, 0] >= np.sort(fish.body.position[:, 0])[-5]
+    return Task(hold(fish.body, head), fish.tail, np.tile([0.0, 0.05 * fish.length, 0.0], (2, 1)))
+
+
+def bar_task(cells=(6, 2, 2), size=0.05) -> Task:
+    """A bar of cubes of five-centimetre edges, six tetrahedra each, one end held, the other pulled and bent."""
+    grid = np.array(list(product(*(range(n + 1) for n in cells))))
+    number = {tuple(corner): i for i, corner in enumerate(grid.tolist())}
+    nodes = []
+    for cube in product(*map(range, cells)):
+        for order in permutations(np.eye(3, dtype=int)):
+            path = np.array(cube) + np.vstack([np.zeros(3, int), np.cumsum(order, axis=0)])
+            path = path if np.linalg.det(path[1:] - path[0]) > 0 else path[[1, 0, 2, 3]]
+            nodes.append([number[tuple(corner)] for corner in path.tolist()])
+    position = size * grid
+    shape = make_tets(position, nodes, 1e5, 0.3)
+    body = make_body(position, np.full(len(grid), 0.1), [], [], [], [], [], tets=shape)
+    end = np.flatnonzero(grid[:, 0] == cells[0])
+    return Task(hold(body, grid[:, 0] == 0), end, np.tile([0.01, 0.02, 0.0], (end.size, 1)))
+
+
+TASKS = {"fish": fish_task, "bar": bar_task}
+
+
+def largest_entry(body: Body) -> float:
+    """Largest entry of the stiffness matrix at rest, N/m."""
+    return float(abs(rates.assemble(rest_stiffness(body), body.position.size)).max())
+
+
+def static_displacement(body: Body, load, moved, pulling: Anchors | None = None) -> np.ndarray:
+    """Solve K u = f about rest for the displacement u (N,3) m, with the kernels that move bodies.
+
+    Args:
+        body: held somewhere, or the matrix is singular.
+        load: f, (N,3) N; what the anchors pull with is added to it.
+        moved: (N,3) m: displacement of the degrees of freedom that are held; of the others, zero.
+        pulling: anchors, or None.
+    """
+    x, rest, shape = body.position, body.springs.rest_length, body.profile
+    still, g = np.zeros_like(x), np.array(load, dtype=float)
+    matrix, pivots, row = np.zeros((shape.start[-1], 3, 3)), np.empty_like(x), np.empty((len(x), 3, 3))
+    undamped = body._replace(springs=body.springs._replace(damping=np.zeros(rest.size)))
+    solid = body.tets and body.tets._replace(relaxation_time=np.zeros(body.tets.volume.size))
+    springs.add_system(undamped, present_lengths(body), x, still, 1.0, -np.inf, matrix)
+    tets.add_system(solid, shape, x, 1.0, matrix)
+    anchors.add_system(pulling, shape.diagonal, x, 1.0, matrix)
+    springs.add_stiffness_force(undamped, present_lengths(body), x, still, moved, 1.0, -np.inf, g)
+    tets.add_stiffness_force(solid, x, moved, 1.0, g)
+    anchors.add_force(pulling, x, still, g)
+    eliminate(body, matrix, g)
+    ldlt.factor(shape, matrix, pivots, row)
+    ldlt.solve(shape, matrix, pivots, g)
+    return g + moved
+
+
+def present_lengths(body: Body) -> np.ndarray:
+    """Lengths of the springs at rest, (E,) m: taken for their natural ones, they leave no force at rest."""
+    ends = body.position[body.springs.nodes]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def by_elimination(task: Task) -> np.ndarray:
+    """Displacement (N,3) of all nodes, those to be moved being held where they are to go."""
+    moved = np.zeros_like(task.body.position)
+    moved[task.nodes] = task.displacement
+    both = hold(task.body, np.union1d(task.body.held[:, 0], task.nodes))
+    return static_displacement(both, 0 * moved, moved)
+
+
+def penalty(task: Task, multiple: float) -> Anchors:
+    """An anchor without length for every node to be moved, whose stiffness is a multiple of the largest entry of K."""
+    point = task.body.position[task.nodes] + task.displacement
+    return make_anchors(task.nodes, point, multiple * largest_entry(task.body))
+
+
+def by_penalty(task: Task, multiple: float) -> np.ndarray:
+    """Displacement (N,3) of all nodes, those to be moved being pulled by a penalty."""
+    still = np.zeros_like(task.body.position)
+    return static_displacement(task.body, still, still, penalty(task, multiple))
+
+
+def stages(task: Task, multiple: float) -> float:
+    """Force evaluations a step of the fish's default method needs, at the fish's own step; 0 takes the penalty away."""
+    fish = make_fish()
+    thing = ElasticObject(name="held fish", body=task.body, length=fish.length, time_step=fish.time_step,
+                          control_interval=fish.control_interval)  # fmt: skip
+    world = VACUUM._replace(anchors=penalty(task, multiple)) if multiple else VACUUM
+    tank = Tank(thing, 1, fish.integrator, water=world)
+    tank.advance(10)
+    assert tank.alive.all(), tank.failure
+    return float(tank.counters["force_evaluations"][0]) / 10
+
+
+def measure(name: str, multiple: float) -> dict:
+    """One row: how far off the moved nodes are, and all nodes, in parts of the displacement."""
+    task = TASKS[name]()
+    found, truth = by_penalty(task, multiple), by_elimination(task)
+    length = np.linalg.norm(task.displacement, axis=1).max()
+    off = np.linalg.norm(found - truth, axis=1) / length
+    return {
+        "body": name,
+        "penalty": multiple,
+        "error_moved_nodes": off[task.nodes].max(),
+        "error_all_nodes": off.max(),
+        "stages": stages(task, multiple) if name == "fish" and multiple <= MOST else "",
+        "stages_without": stages(task, 0.0) if name == "fish" else "",
+    }
+
+
+def read() -> list[dict]:
+    """The rows of the CSV."""
+    with CSV.open() as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    numbers = ("penalty", "error_moved_nodes", "error_all_nodes")
+    return [row | {key: float(row[key]) for key in numbers} for row in rows]
+
+
+def draw(rows: list[dict], path: Path) -> None:
+    """Error against penalty for both bodies, and the stages the fish's method needs."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
+    for name, (label, colour, marker) in BODIES.items():
+        line = [row for row in rows if row["body"] == name]
+        across, up = [row["penalty"] for row in line], [row["error_moved_nodes"] for row in line]
+        left.loglog(across, up, color=colour, marker=marker, markersize=4.5, label=label)
+    left.loglog(
+        PENALTIES, 0.1 / PENALTIES, color="#999999", linestyle="--", linewidth=0.9, label="proportional to 1/penalty"
+    )
+    left.set(xlabel="penalty, in largest entries of the stiffness matrix",
+             ylabel="how far moved nodes are off, in displacements",
+             title="Static: the error falls as 1/penalty")  # fmt: skip
+    left.set_ylim(bottom=1e-17)  # what is left below is the rounding of the place itself
+    left.legend(frameon=False)
+    line = [row for row in rows if row["body"] == "fish" and row["stages"]]
+    label, colour, marker = BODIES["fish"]
+    right.loglog([row["penalty"] for row in line], [float(row["stages"]) for row in line], color=colour, marker=marker,
+                 markersize=4.5, label=f"{label}, penalty")  # fmt: skip
+    right.axhline(float(line[0]["stages_without"]), color=colour, linestyle=":", label=f"{label}, elimination")
+    right.set(xlabel="penalty, in largest entries of the stiffness matrix", ylabel="force evaluations a step",
+              title="In time: an explicit step costs the root of the penalty")  # fmt: skip
+    right.legend(frameon=False)
+    for panel in (left, right):
+        panel.axvline(BOOK, color="#bbbbbb", linewidth=0.9, zorder=0)
+        panel.grid(alpha=0.2)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draw", action="store_true", help="draw the chart again from the CSV")
+    if not parser.parse_args().draw:
+        write_csv(CSV.name, [measure(name, multiple) for name in TASKS for multiple in PENALTIES], COMMAND)
+    rows = read()
+    draw(rows, CHART)
+    for name in TASKS:
+        line = [row for row in rows if row["body"] == name and 1e1 <= row["penalty"] <= 1e8]
+        slope = np.polyfit(*np.log([[row[key] for row in line] for key in ("penalty", "error_moved_nodes")]), 1)[0]
+        book = next(row for row in line if row["penalty"] == BOOK)
+        print(f"{name}: error {book['error_moved_nodes']:.2g} of the displacement at {BOOK:g}, slope {slope:.4f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,144 @@
+"""Small bodies of every kind of element, and a world with everything in it, for the tests of what they do."""
+
+from itertools import combinations, permutations, product
+
+import numpy as np
+
+from fish_env.body import Control, State, make_body
+from fish_env.elements import make_chambers, make_guards, make_tets
+from fish_env.world import make_anchors, make_water, make_world
+
+CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
+"""Corners of the unit cube; corner 4 i + 2 j + k is at (i, j, k)."""
+QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+"""Its faces, outward."""
+EDGES = np.array([(a, b) for a, b in combinations(range(8), 2) if np.sum(CUBE[a] != CUBE[b]) == 1])
+
+
+def kuhn(corners):
+    """The six tetrahedra (6,4) between the corners of a cube: along its edges in every order, all round a diagonal."""
+    found = []
+    for order in permutations((4, 2, 1)):
+        path = [0, order[0], order[0] + order[1], 7]
+        if np.linalg.det(CUBE[path[1:]] - CUBE[path[0]]) < 0:
+            path[0], path[1] = path[1], path[0]
+        found.append([corners[p] for p in path])
+    return np.array(found)
+
+
+def block(corotational=True, young=2e4, poisson=0.3, relaxation_time=2e-3, size=0.1, cells=2):
+    """A bar of cubes along x, six irregular tetrahedra each: 4 (cells + 1) nodes."""
+    rng = np.random.default_rng(0)
+    layers = np.array([[x, *yz] for x in range(cells + 1) for yz in product((0.0, 1.0), repeat=2)])
+    position = size * (layers + 0.1 * rng.uniform(-1, 1, layers.shape))
+    nodes = np.concatenate([kuhn(range(4 * c, 4 * c + 8)) for c in range(cells)])
+    tets = make_tets(position, nodes, young, poisson, relaxation_time, corotational)
+    mass = rng.uniform(0.05, 0.1, len(position))
+    return make_body(position, mass, [], [], [], [], [], tets=tets)
+
+
+def subdivided(levels):
+    """A sphere of radius 1: an octahedron whose triangles are halved along every edge, (N,3) and faces (F,4)."""
+    points = [*np.eye(3), *-np.eye(3)]
+    faces = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
+    for _ in range(levels):
+        middles = {}
+
+        def middle(a, b, middles=middles):
+            key = (min(a, b), max(a, b))
+            if key not in middles:
+                middles[key] = len(points)
+                points.append((points[a] + points[b]) / np.linalg.norm(points[a] + points[b]))
+            return middles[key]
+
+        finer = []
+        for a, b, c in faces:
+            ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
+            finer += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        faces = finer
+    return np.array(points), np.array([(a, b, c, c) for a, b, c in faces])
+
+
+def tetrahedral_chamber():
+    """Gas inside one tetrahedron of springs."""
+    position = 0.1 * np.array([[0.0, 0, 0], [1.1, 0, 0], [0.1, 0.9, 0], [0.2, 0.1, 1.2]])
+    faces = [[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [2, 0, 3, 3]]
+    gas = make_chambers(position, [faces], 400.0, 150.0)
+    pairs = list(combinations(range(4), 2))
+    length = np.linalg.norm(position[[b for _, b in pairs]] - position[[a for a, _ in pairs]], axis=1)
+    return make_body(position, 0.05 * np.ones(4), pairs, 50 * np.ones(6), 0.1 * np.ones(6), length, faces, chambers=gas)
+
+
+def two_layers():
+    """A cube of springs in a cube of springs, gas inside the inner one and between the two, guards at every face.
+
+    On top sits a cube of tetrahedra: 20 nodes in all, with elements of every kind.
+    """
+    rng, size = np.random.default_rng(1), 0.1
+    outer, inner, top = CUBE, 0.5 + 0.5 * (CUBE - 0.5), CUBE[CUBE[:, 2] == 1] + [0, 0, 1]
+    position = size * (np.vstack([outer, inner, top]) + 0.03 * rng.uniform(-1, 1, (20, 3)))
+    pairs = np.vstack([EDGES, EDGES + 8, [(i, i + 8) for i in range(8)], [(0, 7), (1, 6), (2, 5), (3, 4)]])
+    length = np.linalg.norm(position[pairs[:, 1]] - position[pairs[:, 0]], axis=1)
+    corners = np.array([1, 16, 3, 17, 5, 18, 7, 19])  # of the cube on top
+    tets = make_tets(position, kuhn(corners), 2000.0, 0.3, 2e-3)
+    between = np.vstack([QUADS, QUADS[:, ::-1] + 8])
+    chambers = make_chambers(position, [QUADS + 8, between], [500.0, 450.0], 400.0)
+    halves = np.vstack([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]])
+    guards = make_guards(position, np.vstack([halves, halves]), np.concatenate([halves[:, 0], halves[:, 2]]) + 8, 0.02)
+    return make_body(
+        position, rng.uniform(0.05, 0.1, 20), pairs, rng.uniform(50, 100, len(pairs)),
+        rng.uniform(0.1, 0.2, len(pairs)), length, QUADS, tets=tets, chambers=chambers, guards=guards,
+    )  # fmt: skip
+
+
+def rings():
+    """A flat ring of springs in a ring of springs, gas in the inner one and between the two, guards at every edge."""
+    angle = 2 * np.pi * np.arange(8) / 8
+    circle = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    position, around = 0.1 * np.vstack([circle, 0.6 * circle]), np.column_stack([np.arange(8), (np.arange(8) + 1) % 8])
+    pairs = np.vstack([around, around + 8, np.column_stack([np.arange(8), np.arange(8) + 8])])
+    length = np.linalg.norm(position[pairs[:, 1]] - position[pairs[:, 0]], axis=1)
+    chambers = make_chambers(position, [around + 8, np.vstack([around, around[:, ::-1] + 8])], [8.0, 7.0], 6.0)
+    guards = make_guards(position, np.vstack([around, around]), np.concatenate([around[:, 0], around[:, 1]]) + 8, 0.02)
+    n = len(pairs)
+    return make_body(
+        position, 0.05 * np.ones(16), pairs, 60 * np.ones(n), 0.1 * np.ones(n), length, [],
+        chambers=chambers, guards=guards,
+    )  # fmt: skip
+
+
+def world_with_all(body, current=(0.8, 0.6, 0.7), offset=-100.0, drag=0.2):
+    """Water, gravity, air, two anchors on one node and one on another, and walls: far below, unless told otherwise."""
+    water = make_water(current=current, drag_coefficient=drag)
+    world = make_world((0.3, -0.2, -2.0), [((0, 0, 1), offset, 0.4), ((1, 0, 2), offset, 0.7)], 0.3, water)
+    node = [2, 2, min(6, len(body.mass) - 1)]
+    point = body.position[node] + [[0.03, -0.05, 0.1], [-0.04, -0.02, 0.06], [0.02, 0.03, -0.01]]
+    anchors = make_anchors(node, point, [30.0, 20.0, 60.0], [0.2, 0.1, 0.3], [0.05, 0.0, 0.0], [0.1, -0.2, 0.05])
+    return world._replace(anchors=anchors)
+
+
+def shaken(body, rng, displacement=0.003, speed=0.1, squeezed=True):
+    """A bent, moving state (x, v), m and m/s; squeezed: with node 8 of the two layers pushed at the outer one."""
+    x = body.position + displacement * rng.uniform(-1, 1, body.position.shape)
+    if squeezed:
+        x[8, 0] = 0.87 * x[[0, 1, 2, 3], 0].mean() + 0.13 * body.position[8, 0]
+    return x, speed * rng.uniform(-1, 1, x.shape)
+
+
+def start(x, v):
+    """The state of one body, or of several, at time zero."""
+    x, v = (np.array(a, ndmin=3) for a in (x, v))
+    b = len(x)
+    return State(x, v, np.zeros(b), np.zeros(b, dtype=int), np.zeros((b, 4), dtype=int))
+
+
+def control(rest, rate=None, copies=1):
+    """Control of one body, or of several alike."""
+    rate = np.zeros_like(rest) if rate is None else rate
+    return Control(np.repeat(rest[None], copies, axis=0), np.repeat(rate[None], copies, axis=0))
+
+
+def turned(rng):
+    """A random rotation."""
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return turn * np.sign(np.linalg.det(turn))
