@@ -189,11 +189,11 @@ def guard_shares(guards, x):
 
 
 def guard_force(guards, x):
-    """Force of the barriers -(s - s0)^2 ln(s / s0), s0 = 0.3, on every node, (N,3)."""
+    """Force of the barriers -(s - s0)^2 ln(s / s0), s0 = 0.6, on every node, (N,3)."""
     force = np.zeros_like(x)
     for k, nodes, s, slope in guard_shares(guards, x):
-        if s < 0.3:
-            push = 2 * (s - 0.3) * np.log(s / 0.3) + (s - 0.3) ** 2 / s
+        if s < 0.6:
+            push = 2 * (s - 0.6) * np.log(s / 0.6) + (s - 0.6) ** 2 / s
             for node, direction in zip(nodes, slope, strict=True):
                 force[node] += guards.energy[k] * push * direction
     return force
@@ -202,7 +202,7 @@ def guard_force(guards, x):
 def guard_energy(guards, x):
     """Energy of the barriers."""
     shares = [s for _, _, s, _ in guard_shares(guards, x)]
-    return -sum(e * (s - 0.3) ** 2 * np.log(s / 0.3) for e, s in zip(guards.energy, shares, strict=True) if s < 0.3)
+    return -sum(e * (s - 0.6) ** 2 * np.log(s / 0.6) for e, s in zip(guards.energy, shares, strict=True) if s < 0.6)
 
 
 def anchor_force(anchors, x, v):
