@@ -1,0 +1,147 @@
+"""Closed skins of springs, and two of them joined into layers (Song 2009, ch. 3); no materials."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fish_env.elements import chamber_volume, make_chambers
+
+BALANCED = 1e-10  # of the load, that the tensions may leave unbalanced at a node
+KINDS = ("outer", "inner", "radius", "shear left", "shear right")
+"""The springs of a two-layered body, in their order: structural ones of each layer, and three kinds between them."""
+
+
+class Skin(NamedTuple):
+    """A closed surface of unit radius, or a closed line in the xy plane: n nodes, E edges."""
+
+    place: np.ndarray  # (n,3) on the unit sphere, or circle
+    edges: np.ndarray  # (E,2) each once
+    faces: np.ndarray  # (F,4) outward, a triangle's third node twice; of a line its edges (n,2), counter-clockwise
+
+
+def circle(nodes: int) -> Skin:
+    """A regular polygon, the first node on the x axis."""
+    angle = 2.0 * np.pi * np.arange(nodes) / nodes
+    edges = np.stack([np.arange(nodes), np.roll(np.arange(nodes), -1)], axis=1)
+    return Skin(np.stack([np.cos(angle), np.sin(angle), np.zeros(nodes)], axis=1), edges, edges)
+
+
+def globe(slices: int, stacks: int) -> Skin:
+    """A sphere of circles of latitude: quadrilaterals, closed by triangles at the poles (ch. 3.5.1)."""
+    polar = np.pi * np.arange(1, stacks)[:, None] / stacks
+    angle = 2.0 * np.pi * np.arange(slices)[None] / slices
+    rings = np.stack(
+        [np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), np.cos(polar) + 0.0 * angle], axis=2
+    )
+    place = np.concatenate([[[0.0, 0.0, 1.0]], rings.reshape(-1, 3), [[0.0, 0.0, -1.0]]])
+    south, faces = len(place) - 1, []
+    for j in range(slices):
+        k = (j + 1) % slices
+        faces.append((0, 1 + j, 1 + k, 1 + k))
+        for row in range(1, (stacks - 2) * slices, slices):
+            faces.append((row + j, row + slices + j, row + slices + k, row + k))
+        faces.append((south, south - slices + k, south - slices + j, south - slices + j))
+    return Skin(place, edges_of(faces), np.array(faces))
+
+
+def octasphere(level: int) -> Skin:
+    """An octahedron whose triangles are divided in four `level` times, new nodes moved onto the sphere (ch. 3.5.2)."""
+    place = [np.array(p, float) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
+    faces = [(a, (a + 1) % 4, 4) for a in range(4)] + [((a + 1) % 4, a, 5) for a in range(4)]
+    for _ in range(level):
+        middle: dict[tuple[int, int], int] = {}
+        finer = []
+        for face in faces:
+            between = []
+            for a, b in zip(face, face[1:] + face[:1], strict=True):
+                edge = (min(a, b), max(a, b))
+                if edge not in middle:
+                    middle[edge] = len(place)
+                    point = place[a] + place[b]
+                    place.append(point / np.linalg.norm(point))
+                between.append(middle[edge])
+            (a, b, c), (ab, bc, ca) = face, between
+            finer += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        faces = finer
+    corners = np.array(faces)[:, [0, 1, 2, 2]]
+    return Skin(np.array(place), edges_of(corners.tolist()), corners)
+
+
+def edges_of(faces) -> np.ndarray:
+    """The edges (E,2) of faces (F,4), each once, in the order in which they come."""
+    found: dict[tuple[int, int], None] = {}
+    for face in faces:
+        for a, b in zip(face, (*face[1:], face[0]), strict=True):
+            if a != b:
+                found.setdefault((min(a, b), max(a, b)))
+    return np.array(list(found))
+
+
+def layered(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
+    """Springs (4 E + n, 2) of an outer skin, nodes 0 to n - 1, and an inner one, n to 2 n - 1; which are which (KINDS).
+
+    Radius springs join a node and its partner; shear springs the two ends of an edge across the layers: left ones the
+    inner first end and the outer second, right ones the other two (ch. 3.4.1).
+    """
+    n, (a, b) = len(skin.place), skin.edges.T
+    nodes = np.arange(n)
+    parts = [(a, b), (a + n, b + n), (nodes, nodes + n), (a + n, b), (b + n, a)]
+    ends = np.cumsum([0] + [len(part[0]) for part in parts])
+    kinds = {kind: slice(int(ends[k]), int(ends[k + 1])) for k, kind in enumerate(KINDS)}
+    return np.concatenate([np.stack(part, axis=1) for part in parts]), kinds
+
+
+def corners(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
+    """Outer faces (K,3), or edges (K,2), that a guard keeps an inner node (K,) behind: those about its partner."""
+    n = len(skin.place)
+    if skin.faces.shape[1] == 2:
+        return np.concatenate([skin.faces, skin.faces]), skin.faces.T.ravel() + n
+    found = []
+    for face in skin.faces.tolist():
+        once = list(dict.fromkeys(face))
+        found += [(once[k - 1], once[k], once[(k + 1) % len(once)]) for k in range(len(once))]
+    faces = np.array(found)
+    return faces, faces[:, 1] + n
+
+
+def tensions(skin: Skin) -> np.ndarray:
+    """Pulls (E,) of the edges that balance a unit pressure inside the skin of unit radius, by least squares.
+
+    Those of radius R and pressure p are p R^2 times as much, of a line p R times.
+
+    Raises:
+        ValueError: if no tensions leave every node in balance to BALANCED of the largest load.
+    """
+    n, (a, b) = len(skin.place), skin.edges.T
+    load = chamber_volume(make_chambers(skin.place, [skin.faces], 1.0), 0, skin.place)[1]
+    along = skin.place[b] - skin.place[a]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    matrix = np.zeros((3 * n, len(a)))
+    for k in range(3):
+        matrix[3 * a + k, np.arange(len(a))] = along[:, k]
+        matrix[3 * b + k, np.arange(len(a))] = -along[:, k]
+    pull = np.linalg.lstsq(matrix, -load, rcond=None)[0]
+    left = np.abs(matrix @ pull + load).max() / np.abs(load).max()
+    if not left <= BALANCED:
+        raise ValueError(f"no tensions of {len(a)} springs balance the pressure on {n} nodes: {left:.1e} is left")
+    return pull
+
+
+def evened(edges: np.ndarray) -> np.ndarray:
+    """Factors (E,) on the stiffness of edges whose sum is 6 at every node, whatever the number of its neighbours.
+
+    A node with 4 neighbours is held as stiffly as one with 6 (ch. 3.5.3), yet both ends of a spring pull alike: the
+    factor of an edge is the product of a number for each end, found by balancing (Sinkhorn & Knopp 1967).
+
+    Raises:
+        ValueError: if the numbers do not settle, as for nodes of which one has a single neighbour.
+    """
+    a, b = edges.T
+    share = np.sqrt(6.0 / np.bincount(edges.ravel()))
+    for _ in range(1000):
+        around = np.bincount(a, share[b], share.size) + np.bincount(b, share[a], share.size)
+        wanted = 6.0 / around
+        if np.abs(wanted / share - 1.0).max() < 1e-14:
+            return share[a] * share[b]
+        share = np.sqrt(share * wanted)
+    raise ValueError("the stiffness cannot be evened; give a closed surface")
