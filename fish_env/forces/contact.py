@@ -8,7 +8,9 @@ in one step, and no energy comes from it.
 Legend: p plane; n its normal into the free side; d how far a node is in front of it, m.
 """
 
-from fish_env._jit import njit
+import numpy as np
+
+from fish_env._jit import njit, njit_inline
 
 
 @njit
@@ -31,6 +33,43 @@ def add_reaction(planes, x, v, f):
 
 
 @njit
+def scratch(planes, nodes):
+    """What `bear` fills, (P,N); None without planes."""
+    if planes is None:
+        return None
+    return np.empty((planes.shape[0], nodes), np.bool_)
+
+
+@njit_inline
+def bear(planes, x, v, a, borne):
+    """Note in borne (P,N) which nodes `add_reaction` has kept from pressing on, a (N,3) being what all forces give."""
+    if planes is None:
+        return
+    for p in range(planes.shape[0]):
+        n0, n1, n2, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
+        for i in range(x.shape[0]):
+            behind = n0 * x[i, 0] + n1 * x[i, 1] + n2 * x[i, 2] - offset <= 0.0
+            resting = n0 * v[i, 0] + n1 * v[i, 1] + n2 * v[i, 2] <= 0.0
+            size = abs(a[i, 0]) + abs(a[i, 1]) + abs(a[i, 2])
+            borne[p, i] = behind and resting and n0 * a[i, 0] + n1 * a[i, 1] + n2 * a[i, 2] <= 1e-12 * size
+
+
+@njit_inline
+def hold(planes, borne, a):
+    """Take from a (N,3) what moves a borne node along its plane's normal: the filter hands on its neighbours' pull."""
+    if planes is None:
+        return
+    for p in range(planes.shape[0]):
+        n0, n1, n2 = planes[p, 0], planes[p, 1], planes[p, 2]
+        for i in range(a.shape[0]):
+            if borne[p, i]:
+                part = n0 * a[i, 0] + n1 * a[i, 1] + n2 * a[i, 2]
+                a[i, 0] -= part * n0
+                a[i, 1] -= part * n1
+                a[i, 2] -= part * n2
+
+
+@njit
 def along(gravity, n0, n1, n2):
     """Part of gravity along a normal, m/s2."""
     if gravity is None:
@@ -42,7 +81,8 @@ def along(gravity, n0, n1, n2):
 def bounce(planes, inverse_mass, gravity, h, x, v):
     """Turn back the velocities v (N,3) of free nodes that are behind a plane and go on inward; after a step of h s.
 
-    What a step of free fall would give a node anyway is no impact: it comes to rest on the plane.
+    No impact is what a step of free fall would give a node anyway, nor what presses back one that was behind the plane
+    before the step: it comes to rest there. Thrown back again and again it would creep further in with every step.
     """
     if planes is None:
         return
@@ -50,11 +90,12 @@ def bounce(planes, inverse_mass, gravity, h, x, v):
         n0, n1, n2, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
         resting = 2.0 * h * abs(along(gravity, n0, n1, n2))
         for i in range(x.shape[0]):
-            if n0 * x[i, 0] + n1 * x[i, 1] + n2 * x[i, 2] - offset > 0.0:
+            depth = offset - n0 * x[i, 0] - n1 * x[i, 1] - n2 * x[i, 2]
+            if depth < 0.0:
                 continue
             speed = n0 * v[i, 0] + n1 * v[i, 1] + n2 * v[i, 2]
             if speed < 0.0:
-                part = planes[p, 4] if -speed > resting else 0.0
+                part = planes[p, 4] if -speed > resting and -speed * h > depth else 0.0
                 change = -(1.0 + part) * speed  # (60)
                 if inverse_mass[i, 0] > 0.0:
                     v[i, 0] += change * n0

@@ -73,7 +73,7 @@ def stage_weights(springs, h, stages, t, elastic, along):
 def step(body, world, rest, h, stages, filtering, mobility, x, v, scratch):
     """One step of one body; x and v are changed in place. filtering and scratch are tuples made by `advance`."""
     midpoint, first, t, weights = filtering
-    f, kick, a, before, kept = scratch
+    f, kick, a, before, kept, borne = scratch
     for i in range(x.shape[0]):
         for k in range(3):
             x[i, k] += 0.5 * h * v[i, k]  # (35)
@@ -84,6 +84,7 @@ def step(body, world, rest, h, stages, filtering, mobility, x, v, scratch):
             kick[i, k] = body.inverse_mass[i, k] * f[i, k]
             a[i, k] = first / midpoint * kick[i, k]
             f[i, k] = 0.0
+    contact.bear(world.planes, x, v, kick, borne)
     for s in range(1, stages):
         forces.add_tangent(body, world, weights, kept, a, f)
         now, last = t[s] / t[s + 1], t[s - 1] / t[s + 1]
@@ -92,6 +93,7 @@ def step(body, world, rest, h, stages, filtering, mobility, x, v, scratch):
                 pull = 2.0 * (first * kick[i, k] + midpoint * a[i, k]) + body.inverse_mass[i, k] * f[i, k]
                 f[i, k] = 0.0
                 a[i, k], before[i, k] = now * pull - last * before[i, k], a[i, k]  # (37)
+        contact.hold(world.planes, borne, a)
     for i in range(x.shape[0]):
         for k in range(3):
             before[i, k] = v[i, k] + 0.5 * h * a[i, k]
@@ -118,7 +120,8 @@ def advance(body, world, state, control, h, n):
     water.mobilities(body, 0.5 * h, mobility)
     f, kick, a, before = np.zeros((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3))
     turned, compressed = tets.scratch(body.tets), pressure.scratch(body.chambers, nodes)
-    scratch = (f, kick, a, before, (np.empty((faces, 5)), np.empty((7, units)), turned, compressed))
+    kept = (np.empty((faces, 5)), np.empty((7, units)), turned, compressed)
+    scratch = (f, kick, a, before, kept, contact.scratch(world.planes, nodes))
     before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
     for b in range(state.t.size):
         if state.failure[b]:
