@@ -36,12 +36,12 @@ class Layered(ElasticObject):
 
 
 RING = TwoLayers(
-    mass=0.24, inner_mass=0.12, stiffness=200.0, inner_stiffness=150.0, radius_stiffness=80.0, shear_stiffness=40.0,
-    pressure=45.0, gap_pressure=30.0,
+    mass=0.24, inner_mass=0.12, stiffness=200.0, inner_stiffness=150.0, radius_stiffness=150.0, shear_stiffness=40.0,
+    pressure=45.0, gap_pressure=30.0, guard_energy=0.2,
 )  # fmt: skip
 SPHERE = TwoLayers(
-    mass=0.3, inner_mass=0.15, stiffness=150.0, inner_stiffness=100.0, radius_stiffness=60.0, shear_stiffness=15.0,
-    pressure=1200.0, gap_pressure=800.0, guard_energy=0.005,
+    mass=0.3, inner_mass=0.15, stiffness=75.0, inner_stiffness=50.0, radius_stiffness=40.0, shear_stiffness=10.0,
+    pressure=600.0, gap_pressure=400.0, guard_energy=0.05,
 )  # fmt: skip
 
 
@@ -56,7 +56,7 @@ def room(down, size: float, restitution=0.5, gravity=GRAVITY) -> World:
     return make_world(gravity * down, [(-np.array(wall), -size, restitution) for wall in sorted(along)])
 
 
-def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=40.0, relaxation_time=0.002) -> Layered:
+def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_time=0.002) -> Layered:
     """A string along x, held at the origin, that moves along x only (ch. 3.3).
 
     Args:
