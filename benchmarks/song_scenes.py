@@ -1,4 +1,4 @@
-"""Scenes of the elastic objects (Song 2009, ch. 7): dropped, thrown, dragged by a mouse; and what is watched in them."""
+"""Scenes of the elastic objects (Song 2009, ch. 7): dropped, thrown, dragged by a mouse; what is watched in them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ def play(thing: Layered, scene: Scene, integrator: str | None = None, dt: float 
     planes, work, travel, point, node = tank.world.planes, 0.0, 0.0, None, -1
     for k in range(round(scene.seconds / FRAME)):
         time = k * FRAME
-        if scene.hand and GRAB - 1e-9 <= time:
+        if scene.hand and time >= GRAB - 1e-9:
             before = total(tank)
             if time < LET_GO - 1e-9:
                 if point is None:

@@ -5,7 +5,7 @@ from numbers import Real
 
 import numpy as np
 
-from fish_env.bodies.skins import Skin, corners, layered, tensions
+from fish_env.bodies.skins import Skin, layered, tensions, watched
 from fish_env.body import Body, make_body
 from fish_env.elements import make_chambers, make_guards
 
@@ -88,7 +88,7 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor=1.0) -> tuple[Body, dict[st
     surfaces = [skin.faces + n, np.concatenate([skin.faces, turned + n])]
     filled = [(surface, p) for surface, p in zip(surfaces, (chosen.pressure, chosen.gap_pressure), strict=True) if p]
     gas = make_chambers(position, [surface for surface, _ in filled], [p for _, p in filled]) if filled else None
-    faces, nodes = corners(skin)
+    faces, nodes = watched(skin)
     body = make_body(
         position, np.repeat([chosen.mass / n, chosen.inner_mass / n], n), pairs, stiffness,
         stiffness * chosen.relaxation_time, length, NO_FACES, chambers=gas,

@@ -91,17 +91,17 @@ def layered(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
     return np.concatenate([np.stack(part, axis=1) for part in parts]), kinds
 
 
-def corners(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
-    """Outer faces (K,3), or edges (K,2), that a guard keeps an inner node (K,) behind: those about its partner."""
+def watched(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
+    """Outer triangles (K,3), or edges (K,2), that a guard keeps an inner node (K,) behind: a face, each partner."""
     n = len(skin.place)
     if skin.faces.shape[1] == 2:
         return np.concatenate([skin.faces, skin.faces]), skin.faces.T.ravel() + n
     found = []
-    for face in skin.faces.tolist():
-        once = list(dict.fromkeys(face))
-        found += [(once[k - 1], once[k], once[(k + 1) % len(once)]) for k in range(len(once))]
-    faces = np.array(found)
-    return faces, faces[:, 1] + n
+    for p, q, r, s in skin.faces.tolist():
+        for triangle in [(p, q, r)] if r == s else [(p, q, r), (r, s, p)]:
+            found += [(*triangle, node + n) for node in dict.fromkeys((p, q, r, s))]
+    guards = np.array(found)
+    return guards[:, :3], guards[:, 3]
 
 
 def tensions(skin: Skin) -> np.ndarray:
