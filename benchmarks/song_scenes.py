@@ -46,7 +46,7 @@ class Moment(NamedTuple):
     depth: float  # of the node furthest behind a plane, m; negative while none is
     travel: float  # the furthest any node has moved in a step so far, m
     position: np.ndarray  # (N,3) m
-    point: np.ndarray | None  # (3,) m, where the hand is
+    hand: tuple[int, np.ndarray] | None  # the node that the hand holds and where the hand is, (3,) m
 
 
 def stage(thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None) -> Tank:
@@ -96,7 +96,8 @@ def play(thing: Layered, scene: Scene, integrator: str | None = None, dt: float 
             travel = max(travel, float(np.linalg.norm(x - old, axis=1).max()))
             free = thing.body.inverse_mass.any(axis=1)
             depth = float((planes[:, 3, None] - planes[:, :3] @ x[free].T).max())
-            yield Moment(float(tank.time[0]), total(tank), work, depth, travel, x.copy(), point)
+            yield Moment(float(tank.time[0]), total(tank), work, depth, travel, x.copy(),
+                         None if point is None else (node, point))  # fmt: skip
 
 
 def outside(thing: Layered, x) -> int:
