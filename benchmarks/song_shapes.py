@@ -1,4 +1,4 @@
-"""Song's cheap estimates of volume and normals against the exact ones, and how round a pressed ball stays (ch. 3, 4)."""
+"""Song's cheap estimates of volume and normals against the exact ones, and how round a pressed ball stays."""
 
 import numpy as np
 
