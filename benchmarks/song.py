@@ -181,15 +181,15 @@ def pictures() -> None:
         strip = []
         for kind in ("ring", "sphere", "uniform sphere"):
             thing = OBJECTS[kind].make()
-            painter, wanted, row = Painter(thing, (320, 240)), list(MOMENTS[name]), []
+            painter, wanted, row = Painter(thing), list(MOMENTS[name]), []
             for now in play(thing, scene):
                 if wanted and now.time >= wanted[0] - 1e-9:
                     wanted.pop(0)
-                    row.append(painter.picture(now.position, now.hand))
+                    row.append(painter.picture(now.position, now.hand)[:, 90:550])
             strip.append(np.concatenate(row, axis=1))
-        together = Image.fromarray(np.concatenate(strip)).resize((1260, 473), Image.Resampling.LANCZOS)
+        together = Image.fromarray(np.concatenate(strip)).resize((1080, 563), Image.Resampling.LANCZOS)
         path = IMAGES / f"objects_{name}.png"
-        together.quantize(128).save(path, optimize=True)
+        together.save(path, optimize=True)
         print(f"{path}: {path.stat().st_size // 1000} kB")
 
 
