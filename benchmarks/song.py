@@ -165,7 +165,7 @@ def frames() -> list[dict]:
         both = median(np.add(moved, drawn))
         rows.append({"object": kind, "nodes": thing.body.mass.size, "springs": thing.body.springs.stiffness.size,
                      "steps_a_frame": steps, "physics_ms": round(1e3 * median(moved), 3),
-                     "drawing_ms": round(1e3 * median(drawn), 3), "frames_per_s": round(1 / both, 1),
+                     "drawing_ms": round(1e3 * median(drawn), 3), "frames_per_s": round(float(1 / both), 1),
                      "physics_over_real_time": round(FRAME / median(moved), 1)})  # fmt: skip
         print(rows[-1])
     return rows

@@ -19,6 +19,7 @@ ANGLE = (0.3, 0.28)  # rad: how far from the side, and how far from above, a sol
 DEPTH = 0.7  # of the room that is drawn, over its width
 CURVE = 6  # points of the drawn line for an edge of a ring
 VEIL = (0.34, 0.62)  # opacity of the outer skin: seen along its normal, and how much more along its rim
+LARGEST = 4096  # pixels of such a layer
 SHADOW = 8  # the shadow is made so many times smaller
 
 
@@ -38,9 +39,10 @@ class Painter:
         scale = min(self.canvas[0] / 2.3, self.canvas[1] / (2.35 if self.solid else 2.15)) / self.reach
         origin = (self.canvas[0] / 2, self.canvas[1] * (0.44 if self.solid else 0.48))
         self.view = View(axes(*(ANGLE if self.solid else (0.0, 0.5 * np.pi))), np.zeros(3), origin, scale, LIGHT)
+        self.springs = {kind: thing.body.springs.nodes[which] for kind, which in thing.kinds.items()}
         if self.solid:
             nodes = np.arange(len(thing.outer))
-            self.weights, self.quads = smooth(thing.skin, len(nodes), 2, nodes)
+            self.fine, self.coarse = (smooth(thing.skin, len(nodes), levels, nodes) for levels in (2, 1))
         self.backdrop = sky(self.canvas).copy()
         self._room()
 
@@ -100,26 +102,28 @@ class Painter:
         pygame.draw.polygon(layer, (*colour, opacity), self.view.project(np.array(corners))[0].tolist())
         self.backdrop.blit(layer, (0, 0))
 
-    def _springs(self, canvas, pixels, kinds, opacity=90) -> None:
-        layer = pygame.Surface(canvas.get_size(), pygame.SRCALPHA, 32)
-        for kind in kinds:
-            for a, b in self.thing.body.springs.nodes[self.thing.kinds[kind]].tolist():
-                pygame.draw.line(layer, (*SPRING, opacity), pixels[a], pixels[b], 2)
-        canvas.blit(layer, (0, 0))
+    def _lines(self, canvas, pixels, pairs, opacity) -> None:
+        """Faint lines between pairs (K,2) of points (N,2) pixels."""
+        layer, low = veil_over(pixels)
+        places = (pixels - low).tolist()
+        for a, b in pairs.tolist():
+            pygame.draw.line(layer, (*SPRING, opacity), places[a], places[b], 2)
+        canvas.blit(layer, low)
 
     def _draw_ring(self, canvas, x) -> None:
-        pixels = self.view.project(x)[0]
-        n = len(self.thing.outer)
+        pixels, n = self.view.project(x)[0], len(self.thing.outer)
         outer, inner = rounded(pixels[:n]), rounded(pixels[n:])
-        layer = pygame.Surface(canvas.get_size(), pygame.SRCALPHA, 32)
-        pygame.draw.polygon(layer, (*OUTER, 150), outer)
+        layer, low = veil_over(outer)
+        pygame.draw.polygon(layer, (*OUTER, 150), outer - low)
         middle = inner.mean(axis=0)
         for k in range(6):  # lighter towards the upper left
             part = 1.0 - 0.14 * k
             colour = mixed(INNER, (255, 246, 206), k / 7)
-            pygame.draw.polygon(layer, (*colour, 240), (middle + (-4.0 * k, -5.0 * k)) + part * (inner - middle))
-        canvas.blit(layer, (0, 0))
-        self._springs(canvas, pixels.tolist(), ("radius", "shear left", "shear right"), 110)
+            spot = middle + (-4.0 * k, -5.0 * k) + part * (inner - middle)
+            pygame.draw.polygon(layer, (*colour, 240), spot - low)
+        canvas.blit(layer, low)
+        between = np.concatenate([self.springs[kind] for kind in ("radius", "shear left", "shear right")])
+        self._lines(canvas, pixels, between, 110)
         pygame.draw.polygon(canvas, mixed(OUTER, NODE, 0.35), outer, 7)
         pygame.draw.polygon(canvas, mixed(INNER, NODE, 0.35), inner, 5)
         for pixel in pixels.tolist():
@@ -139,22 +143,19 @@ class Painter:
     def _draw_solid(self, canvas, x) -> None:
         n = len(self.thing.outer)
         self._shadow(canvas, x[:n])
-        self._layer(canvas, x[n:], INNER, (1.0, 0.0))
+        self._layer(canvas, x[n:], self.coarse, INNER, (1.0, 0.0))
         pixels, depth = self.view.project(x)
-        self._springs(canvas, pixels.tolist(), ("radius",), 70)
-        self._layer(canvas, x[:n], OUTER, VEIL)
-        ends = self.thing.body.springs.nodes[self.thing.kinds["outer"]]
-        near = ends[depth[ends].mean(axis=1) > depth[:n].mean()]
-        layer = pygame.Surface(canvas.get_size(), pygame.SRCALPHA, 32)
-        for a, b in near.tolist():
-            pygame.draw.line(layer, (*SPRING, 45), pixels[a], pixels[b], 2)
-        canvas.blit(layer, (0, 0))
+        self._lines(canvas, pixels, self.springs["radius"], 70)
+        self._layer(canvas, x[:n], self.fine, OUTER, VEIL)
+        ends = self.springs["outer"]
+        self._lines(canvas, pixels, ends[depth[ends].mean(axis=1) > depth[:n].mean()], 45)
 
-    def _layer(self, canvas, x, colour, veil) -> None:
+    def _layer(self, canvas, x, mesh, colour, veil) -> None:
         """A smooth skin of nodes at x (n,3): the faces that look at the beholder, the nearest last."""
-        points = self.weights @ x
+        weights, quads = mesh
+        points = weights @ x
         pixels, depth = self.view.project(points)
-        seen = np.column_stack([pixels * (1, -1), self.view.scale * depth])[self.quads]
+        seen = np.column_stack([pixels * (1, -1), self.view.scale * depth])[quads]
         normal = np.cross(seen[:, 2] - seen[:, 0], seen[:, 3] - seen[:, 1])
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
         order = np.flatnonzero(normal[:, 2] > 0)
@@ -167,11 +168,10 @@ class Painter:
         )
         opacity = np.clip(veil[0] + veil[1] * rim**1.5 + 0.4 * shine, 0.0, 1.0)
         painted = np.clip(np.column_stack([shaded, 255 * opacity]), 0, 255).astype(int)
-        low = np.floor(pixels.min(axis=0)).astype(int) - 2
-        layer = pygame.Surface((np.ceil(pixels.max(axis=0)).astype(int) + 2 - low).tolist(), pygame.SRCALPHA, 32)
-        for one, corners in zip(groups(painted, 4), groups((pixels - low)[self.quads[order]], 2, 4), strict=True):
+        layer, low = veil_over(pixels)
+        for one, corners in zip(groups(painted, 4), groups((pixels - low)[quads[order]], 2, 4), strict=True):
             pygame.draw.polygon(layer, one, corners)
-        canvas.blit(layer, low.tolist())
+        canvas.blit(layer, low)
 
     def _shadow(self, canvas, x) -> None:
         """What the outer skin at x (n,3) covers of the floor, soft, the fainter the higher it is."""
@@ -192,6 +192,13 @@ def axes(aside: float, above: float) -> np.ndarray:
     toward = np.cos(above) * level + np.array((0.0, 0.0, np.sin(above)))
     right = np.array((np.cos(aside), np.sin(aside), 0.0))
     return np.array((right, np.cross(toward, right), toward))
+
+
+def veil_over(pixels) -> tuple[pygame.Surface, tuple[int, int]]:
+    """A clear surface just over points (N,2), and where its upper left corner is."""
+    low = np.floor(pixels.min(axis=0)).astype(int) - 2
+    size = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2 - low, LARGEST)
+    return pygame.Surface(size.tolist(), pygame.SRCALPHA, 32), tuple(low.tolist())
 
 
 def rounded(points) -> np.ndarray:
