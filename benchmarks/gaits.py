@@ -46,6 +46,7 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=1
     centre, tail, up, pose = [], [], [], make_pose(1)
     contraction = gait.contraction(fish, period / decisions * np.arange(1, decisions + 1))[:, None]
     tank.velocity[0] = np.random.default_rng(seed).normal(0.0, NOISE * fish.length, tank.velocity[0].shape)
+    tank.velocity[0] *= fish.body.inverse_mass > 0.0
     tank.velocity[0, :, 0] += push * fish.length * gait.frequency
     for beat in range(beats):
         for k in range(decisions):

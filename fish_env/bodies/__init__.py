@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from fish_env.bodies.fish import ElasticObject, Fish, Landmarks
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
+from fish_env.bodies.planar import make_planar
+from fish_env.bodies.tetrahedral import make_tetrahedral
+from fish_env.bodies.two_layer import make_two_layer
 
 __all__ = ["BODIES", "BodyKind", "ElasticObject", "Fish", "Landmarks", "MassSpringParameters", "make_fish"]
 
@@ -23,6 +26,9 @@ BODIES: dict[str, BodyKind] = {
     record.name: record
     for record in (
         BodyKind("mass_spring", "23 nodes, 91 units, 12 muscles, calibrated to swim, SI units", make_mass_spring),
+        BodyKind("planar", "the same fish in the plane: 12 to 48 nodes, 12 muscles", make_planar),
+        BodyKind("two_layer", "the same fish as two skins with gas inside and between, 46 nodes", make_two_layer),
+        BodyKind("tetrahedral", "the same fish as corotational finite elements, 49 nodes or more", make_tetrahedral),
         BodyKind(
             "published", "the same topology with the published masses and constants, graphics units", make_published
         ),

@@ -53,6 +53,11 @@ class ElasticObject:
     def num_muscles(self) -> int:
         return len(self.muscles)
 
+    @property
+    def flat(self) -> bool:
+        """Whether it moves in the xy plane only."""
+        return not self.body.inverse_mass[:, 2].any()
+
 
 class Landmarks(NamedTuple):
     """L points that stand for a fish, whatever it is made of: what is seen of it, and what is drawn."""

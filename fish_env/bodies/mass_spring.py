@@ -21,7 +21,16 @@ REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this 
 
 NOSE, TAIL = 0, (21, 22)
 LAYERS = [[0], [1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20], [21, 22]]
+LEFT = np.array([node for layer in LAYERS[1:6] for node in (layer[0], layer[3])])
+RIGHT = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])])
 CROSS, MUSCLE, OTHER = 0, 1, 2
+
+
+def mirrored() -> np.ndarray:
+    """(23,) the node that each node becomes when left and right are exchanged."""
+    mirror = np.arange(23)
+    mirror[LEFT], mirror[RIGHT] = RIGHT, LEFT
+    return mirror
 
 
 def topology():
@@ -167,17 +176,22 @@ def masses(parameters: MassSpringParameters) -> np.ndarray:
     return mass
 
 
+def checked_parameters(body: str, parameters: dict) -> MassSpringParameters:
+    """The calibrated parameters with some replaced, or ValueError, which names the body, for one there is not."""
+    allowed = [field.name for field in fields(MassSpringParameters)]
+    for name in parameters:
+        if name not in allowed:
+            raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
+    return MassSpringParameters(**(calibrated() | parameters))
+
+
 def make_mass_spring(**parameters) -> Fish:
     """The default fish, in SI units; keywords are the fields of `MassSpringParameters`.
 
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    allowed = [field.name for field in fields(MassSpringParameters)]
-    for name in parameters:
-        if name not in allowed:
-            raise ValueError(f"unknown parameter {name!r} of the mass_spring fish; choose from {', '.join(allowed)}")
-    p = MassSpringParameters(**(calibrated() | parameters))
+    p = checked_parameters("mass_spring", parameters)
     pairs, classes, sections, faces = topology()
     position = shape(p)
     taper = np.exp(np.interp(sections, np.arange(6), np.log(p.taper)))
@@ -218,16 +232,12 @@ def _fish(name, body, water, length, contracted, contraction_time, time_step, co
     pairs, classes, sections, _ = topology()
     muscles = np.flatnonzero(classes == MUSCLE)
     segments = sections[muscles].astype(int) - 1
-    left = np.array([node for layer in LAYERS[1:6] for node in (layer[0], layer[3])])
-    right = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])])
-    mirror = np.arange(23)
-    mirror[left], mirror[right] = right, left
     return Fish(
         name=name,
         body=body,
         length=float(length),
         muscles=muscles,
-        sides=np.where(np.isin(pairs[muscles, 0], left), 1, -1),
+        sides=np.where(np.isin(pairs[muscles, 0], LEFT), 1, -1),
         segments=segments,
         contracted=np.array(contracted, dtype=float)[segments],
         contraction_time=float(contraction_time),
@@ -236,7 +246,7 @@ def _fish(name, body, water, length, contracted, contraction_time, time_step, co
         water=water,
         nose=NOSE,
         tail=np.array(TAIL),
-        left=left,
-        right=right,
-        mirror=mirror,
+        left=LEFT,
+        right=RIGHT,
+        mirror=mirrored(),
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from fish_env._jit import INDEX, njit
 
-NEAR = 0.3  # of the volume at rest, below which a guard acts
+NEAR = 0.6  # of the volume at rest, below which a guard acts
 
 
 @njit

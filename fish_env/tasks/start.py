@@ -16,11 +16,14 @@ POSE_OPTIONS = {
 def place(tank, i, generator, yaw, options) -> np.ndarray:
     """Put fish i, freshly reset, at the origin, turned to `yaw` unless an option says else.
 
-    Returns its centre of mass (3,), m.
+    Returns its centre of mass (3,), m. Raises ValueError if a flat fish is to pitch or roll.
     """
     body = tank.fish.body
-    noise = generator.normal(0.0, NOISE * tank.fish.length, body.position.shape)
-    turn = rotation(options.get("yaw", yaw), options.get("pitch", 0.0), options.get("roll", 0.0))
+    noise = generator.normal(0.0, NOISE * tank.fish.length, body.position.shape) * (body.inverse_mass > 0.0)
+    pitch, roll = options.get("pitch", 0.0), options.get("roll", 0.0)
+    if tank.fish.flat and (pitch or roll):
+        raise ValueError(f"the flat {tank.fish.name!r} fish can neither pitch nor roll; take another body")
+    turn = rotation(options.get("yaw", yaw), pitch, roll)
     tank.position[i] = (body.position - body.mass @ body.position / body.mass.sum()) @ turn.T
     tank.velocity[i] = noise
     return body.mass @ tank.position[i] / body.mass.sum()

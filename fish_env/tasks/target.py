@@ -55,6 +55,8 @@ class TargetTask:
 
     def prepare(self, tank, interval):
         """Make the arrays for the fish of a tank."""
+        if self.dimensions == 3 and tank.fish.flat:
+            raise ValueError(f"dimensions is 3, but the {tank.fish.name!r} fish is flat; give 2 or take another body")
         b = tank.num_fish
         self.interval = interval
         self._offers = np.zeros((b, DRAWN, 3))  # distance, bearing, elevation

@@ -1,0 +1,129 @@
+"""The fish as corotational tetrahedra: a soft solid, stiffened along its flanks by fibres, of which twelve are muscles.
+
+The outline is the default fish's, cut into `level` pieces a section and into 2 x `level` cells across and upward. Along
+the four edges of the body run fibres, springs from node to node: muscles where that fish has them, else tendons. The
+fibres carry the bending, the solid shear and volume. `benchmarks/calibrate_bodies.py` fits both to the default fish.
+"""
+
+import json
+from numbers import Integral
+from pathlib import Path
+
+import numpy as np
+
+from fish_env.bodies import mass_spring as tu
+from fish_env.bodies.fish import Fish, Landmarks
+from fish_env.bodies.mesh import grid, lumped_mass
+from fish_env.body import make_body
+from fish_env.checks import positive_array
+from fish_env.elements import make_tets
+from fish_env.world import make_water
+
+FITTED_FILE = Path(__file__).with_suffix(".json")
+MOST = 3  # pieces a section
+POISSON = 0.4
+
+
+def make_tetrahedral(
+    level=1, bending=None, pull=None, young=None, poisson=POISSON, corotational=True, lumping="quarter", **parameters
+) -> Fish:
+    """The fish of tetrahedra: 49 nodes and 116 elements with level 1, some 8 times as many with every doubling.
+
+    Args:
+        level: 1 to 3.
+        bending: factors on the stiffness of the fibres of the sections behind the head, (5,); None: as fitted.
+        pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
+        young: Young's modulus of the solid of the six sections of a fish of 0.2 m, (6,) Pa; None: as fitted.
+        poisson: Poisson's ratio of the solid, above -1 and below 0.5.
+        corotational: False for plain linear elasticity, which swells when it turns.
+        lumping: "quarter" of each element's mass to its corners, or "uniform".
+        parameters: fields of `MassSpringParameters`.
+
+    Raises:
+        ValueError: for another level, an unknown parameter or a value that is not allowed.
+    """
+    if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= level <= MOST):
+        raise ValueError(f"level is {level!r}; give a whole number from 1 to {MOST}")
+    p = tu.checked_parameters("tetrahedral", parameters)
+    fitted = (
+        json.loads(FITTED_FILE.read_text())["levels"][str(level)]
+        if any(v is None for v in (bending, pull, young))
+        else {}
+    )
+    bending = positive_array(fitted["bending"] if bending is None else bending, (5,), "bending")
+    pull = positive_array(fitted["pull"] if pull is None else pull, (3,), "pull")
+    young = positive_array(fitted["young"] if young is None else young, (6,), "young (Pa)")
+    along = p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), [0.0, *p.layer_position, 1.0])
+    half = [[0.0, *p.half_width, 0.0], [0.0, *p.half_depth, p.tail_half_span]]
+    width, depth = (p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), row) for row in half)
+    mesh = grid(-along, width, depth, 2 * level, 2 * level)
+    section = np.clip(np.searchsorted(along, -mesh.position[mesh.tets, 0].mean(axis=1)) - 1, 0, 6 * level - 1) // level
+    modulus = young[section] * (p.length / tu.REFERENCE_LENGTH) ** 2
+    tets = make_tets(mesh.position, mesh.tets, modulus, poisson, p.relaxation_time, corotational)
+    pairs, stiffness, place = fibres(p, mesh, bending, level)
+    natural = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)
+    body = make_body(
+        mesh.position, masses(p, mesh, lumping), pairs, stiffness, p.relaxation_time * stiffness, natural,
+        mesh.faces, tets=tets,
+    )  # fmt: skip
+    driven = np.flatnonzero(np.isin(place // 4, (1, 2, 3)))
+    drives = np.repeat(place[driven, None] - 4, 2, axis=1)
+    segments = np.repeat(np.arange(3), 4)
+    lines = corner_lines(mesh)[:, 1:-1]
+    mirror = np.array([np.argmin(((mesh.position * (1, -1, 1) - at) ** 2).sum(axis=1)) for at in mesh.position])
+    return Fish(
+        name="tetrahedral",
+        body=body,
+        length=float(p.length),
+        muscles=driven[[int(np.argmax(drives[:, 0] == m)) for m in range(12)]],
+        fibres=driven,
+        drives=drives,
+        sides=np.tile([1, -1, -1, 1], 3),
+        segments=segments,
+        contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
+        contraction_time=float(p.contraction_time),
+        time_step=float(p.time_step),
+        control_interval=float(p.control_interval),
+        water=make_water(tu.WATER_DENSITY, p.drag_coefficient),
+        nose=int(mesh.number[0, 0, 0]),
+        tail=mesh.number[-1, 0, [-1, 0]],
+        left=lines[[0, 3]].ravel(),
+        right=lines[[1, 2]].ravel(),
+        mirror=mirror,
+        landmarks=landmarks(mesh, level, tu.masses(p)),
+    )
+
+
+def corner_lines(mesh) -> np.ndarray:
+    """Nodes along the four edges of the body, (4,R): up-left, up-right, down-right, down-left, as a layer's are."""
+    return np.array([mesh.number[:, j, k] for j, k in ((-1, -1), (0, -1), (0, 0), (-1, 0))])
+
+
+def fibres(p, mesh, bending, level):
+    """Springs along the four edges: pairs (E,2), stiffness (E,) N/m, and place (E,), four times the section plus edge.
+
+    Those of a section in a row are as stiff as the spring of the default fish that runs along it there, times a factor.
+    """
+    _, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH) ** 3
+    section = np.array([other, muscle, muscle, muscle, other, other]) * p.taper * np.array([1.0, *bending])
+    lines = corner_lines(mesh)
+    pairs = np.stack([lines[:, :-1], lines[:, 1:]], axis=-1)
+    place = 4 * (np.arange(6 * level) // level) + np.arange(4)[:, None]
+    return pairs.reshape(-1, 2), level * section[place.ravel() // 4], place.ravel()
+
+
+def masses(p, mesh, lumping) -> np.ndarray:
+    """Node masses (N,) kg: of the displaced water in all, distributed as the default fish's layers are."""
+    middle = mesh.position[mesh.tets, 0].mean(axis=1)
+    known = -p.length * np.array([0.0, *p.layer_position, 1.0])
+    density = tu.WATER_DENSITY * np.interp(-middle, -known, p.mass_factor)
+    mass = lumped_mass(mesh.position, mesh.tets, density, lumping)
+    return mass * (tu.masses(p).sum() / mass.sum())
+
+
+def landmarks(mesh, level, mass) -> Landmarks:
+    """The default fish's nodes: the corners of every `level`-th station."""
+    lines = corner_lines(mesh)[:, ::level]
+    node = np.array([mesh.number[0, 0, 0], *lines[:, 1:-1].T.ravel(), *mesh.number[-1, 0, [-1, 0]]])
+    pairs, classes, _, faces = tu.topology()
+    return Landmarks(node, np.zeros(23), mass, faces, pairs[classes == tu.MUSCLE], tu.mirrored())

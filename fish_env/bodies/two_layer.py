@@ -1,0 +1,145 @@
+"""The fish as two skins with gas between and inside them (Song 2009): tissue around a swim bladder.
+
+The outer skin is the default fish's surface, the inner one a smaller copy of it. Structural springs run along the edges
+of each, radius and shear springs between them; twelve outer ones are muscles. The outer skin is braced across its
+quadrilaterals, without which a body so much longer than it is wide would shear like a lattice. The gas has the pressure
+of the water around while the fish is at rest, so that it resists a change of volume and nothing else.
+`benchmarks/calibrate_bodies.py` fits the stiffness to the default fish.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from fish_env.bodies import mass_spring as tu
+from fish_env.bodies.fish import Fish, Landmarks
+from fish_env.bodies.skins import Skin, edges_of, layered, watched
+from fish_env.body import make_body
+from fish_env.checks import positive_array
+from fish_env.elements import make_chambers, make_guards
+from fish_env.world import make_water
+
+FITTED_FILE = Path(__file__).with_suffix(".json")
+REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
+
+
+def make_two_layer(
+    bending=None, pull=None, shear=None, inner_size=0.5, inner_stiffness=0.3, inner_mass=0.5, pressure=1000.0,
+    gap_pressure=1000.0, guard_energy=1e-4, **parameters,
+) -> Fish:  # fmt: skip
+    """The pressurised fish: 46 nodes, 239 springs, two chambers.
+
+    Args:
+        bending: factors on the springs along the flanks of the sections behind the head, (5,); None: as fitted.
+        pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
+        shear: factor on the braces and on the shear springs from layer to layer; None: as fitted.
+        inner_size: of the inner skin over the outer one, between 0 and 1.
+        inner_stiffness: of the inner skin's springs over the outer ones', positive.
+        inner_mass: the inner skin's part of the mass, between 0 and 1.
+        pressure: of the gas in the inner skin at rest, and of what surrounds it, for a fish of 0.2 m, Pa.
+        gap_pressure: the same between the skins, Pa.
+        guard_energy: scale of the barrier that keeps the inner skin inside the outer one, J.
+        parameters: fields of `MassSpringParameters`.
+
+    Raises:
+        ValueError: for an unknown parameter or a value that is not allowed.
+    """
+    p = tu.checked_parameters("two_layer", parameters)
+    for name, value in (("inner_size", inner_size), ("inner_mass", inner_mass)):
+        if not 0.0 < float(positive_array(value, (), name)) < 1.0:
+            raise ValueError(f"{name} is {value!r}; give a number between 0 and 1")
+    inner_stiffness = float(positive_array(inner_stiffness, (), "inner_stiffness"))
+    fitted = (
+        json.loads(FITTED_FILE.read_text())["levels"]["1"] if any(v is None for v in (bending, pull, shear)) else {}
+    )
+    bending = positive_array(fitted["bending"] if bending is None else bending, (5,), "bending")
+    pull = positive_array(fitted["pull"] if pull is None else pull, (3,), "pull")
+    shear = float(positive_array(fitted["shear"] if shear is None else shear, (), "shear"))
+    scale = p.length / tu.REFERENCE_LENGTH
+    outer = tu.shape(p)
+    _, _, _, faces = tu.topology()
+    skin = Skin(outer, edges_of(faces.tolist()), faces)
+    position = np.concatenate([outer, inner_shape(p, inner_size)])
+    pairs, kinds = layered(skin)
+    braces = np.concatenate(
+        [quads[:, corners] for quads in [faces[faces[:, 2] != faces[:, 3]]] for corners in ([0, 2], [1, 3])]
+    )
+    stiffness = springs(p, skin, kinds, braces, bending, shear, inner_stiffness)
+    pairs = np.concatenate([pairs, braces])
+    mass = tu.masses(p)
+    natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
+    gap = np.concatenate([faces, reversed_faces(faces) + 23])
+    pressures = scale**2 * positive_array([pressure, gap_pressure], (2,), "pressures (Pa)")
+    triangles, nodes = watched(skin)
+    body = make_body(
+        position, np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass]), pairs, stiffness,
+        p.relaxation_time * stiffness, natural, faces,
+        chambers=make_chambers(position, [faces + 23, gap], pressures, pressures),
+        guards=make_guards(position, triangles, nodes, scale**5 * guard_energy),
+    )  # fmt: skip
+    topology, classes, sections, _ = tu.topology()
+    edge = {frozenset(pair): e for e, pair in enumerate(skin.edges.tolist())}
+    muscles = np.array([edge[frozenset(pair)] for pair in topology[classes == tu.MUSCLE].tolist()])
+    segments = sections[classes == tu.MUSCLE].astype(int) - 1
+    mirror = tu.mirrored()
+    return Fish(
+        name="two_layer",
+        body=body,
+        length=float(p.length),
+        muscles=muscles,
+        sides=np.where(np.isin(topology[classes == tu.MUSCLE][:, 0], tu.LEFT), 1, -1),
+        segments=segments,
+        contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
+        contraction_time=float(p.contraction_time),
+        time_step=float(p.time_step) / 2,  # for the guards, which stiffen without bound
+        control_interval=float(p.control_interval),
+        water=make_water(tu.WATER_DENSITY, p.drag_coefficient),
+        nose=tu.NOSE,
+        tail=np.array(tu.TAIL),
+        left=tu.LEFT,
+        right=tu.RIGHT,
+        mirror=np.concatenate([mirror, mirror + 23]),
+        landmarks=Landmarks(np.arange(23), np.zeros(23), mass, faces, topology[classes == tu.MUSCLE], mirror),
+    )
+
+
+def inner_shape(p, size) -> np.ndarray:
+    """Positions (23,3) m of the inner skin: every layer smaller about its middle; it ends before snout and tail fin."""
+    outer = tu.shape(p)
+    inner = outer * (1.0, size, size)
+    first, last = outer[tu.LAYERS[1], 0].mean(), outer[tu.LAYERS[5], 0].mean()
+    inner[tu.NOSE, 0] = (1.0 - REACH) * first
+    tail = list(tu.TAIL)
+    inner[tail, 0] = last + REACH * (outer[tail, 0] - last)
+    inner[tail, 2] = size * p.half_depth[4] * p.length * np.sign(outer[tail, 2])
+    return inner
+
+
+def reversed_faces(faces) -> np.ndarray:
+    """The faces (F,4) seen from inside; a triangle's third node stays the one given twice."""
+    turned = faces[:, [0, 3, 2, 1]]
+    return np.where(faces[:, 2:3] == faces[:, 3:4], faces[:, [1, 0, 2, 3]], turned)
+
+
+def springs(p, skin, kinds, braces, bending, shear, inner) -> np.ndarray:
+    """Stiffness (E,) N/m in the order of `layered`, then of the braces: along the edges as the default fish has it."""
+    cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH) ** 3
+    layer = np.empty(23)
+    for number, nodes in enumerate(tu.LAYERS):
+        layer[nodes] = number
+    ahead, behind = np.sort(layer[skin.edges], axis=1).T
+    between = ahead != behind
+    section = np.where(between, ahead, ahead - 0.5)
+    taper = np.exp(np.interp(section, np.arange(6), np.log(p.taper)))
+    factor = np.where(between & (ahead > 0), np.array([1.0, *bending])[ahead.astype(int).clip(0, 5)], 1.0)
+    edge = np.where(between & (ahead >= 1) & (ahead <= 3), muscle, other) * taper * factor
+    stiffness = np.empty(kinds["shear right"].stop)
+    stiffness[kinds["outer"]] = edge
+    stiffness[kinds["inner"]] = inner * edge
+    stiffness[kinds["radius"]] = other * np.exp(np.interp(layer - 0.5, np.arange(6), np.log(p.taper)))
+    for kind in ("shear left", "shear right"):
+        stiffness[kinds[kind]] = np.where(between, shear * cross, other) * taper  # stiff enough to keep a layer square
+    section = layer[braces].min(axis=1)
+    brace = shear * cross * np.exp(np.interp(section, np.arange(6), np.log(p.taper)))
+    return np.concatenate([stiffness, brace])

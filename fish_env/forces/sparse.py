@@ -1,0 +1,84 @@
+"""The exact stiffness of a body of any size: the elements' derivatives, worked out a few at a time.
+
+`forces.jacobian` fills a dense matrix. Here it is called for small bodies of some of the elements each, whose matrices
+add up to a sparse one; what an element's derivatives are stands in one place.
+"""
+
+import numpy as np
+from scipy.sparse import coo_array
+
+from fish_env import forces
+from fish_env.body import Body
+from fish_env.linalg import rates
+from fish_env.world import World
+
+PIECE = 48  # elements a kind whose derivatives are worked out together
+
+
+def tangent(body: Body, world: World, rest_length, x):
+    """Exact stiffness -df/dx (3N,3N), N/m, of all forces on a body at x (N,3) m without motion.
+
+    Dense up to `linalg.rates.DENSE` rows, then sparse (scipy, compressed rows), worked out for a few elements at a
+    time. The walls are left out.
+    """
+    if x.size <= rates.DENSE:
+        return _stiffness(body, world, rest_length, x)
+    rows, columns, values = [], [], []
+    for nodes, piece, around, rest in _pieces(body, world, rest_length):
+        block = _stiffness(piece, around, rest, x[nodes])
+        places = (3 * nodes[:, None] + np.arange(3)).ravel()
+        i, j = np.nonzero(block)
+        rows.append(places[i])
+        columns.append(places[j])
+        values.append(block[i, j])
+    where = (np.concatenate(rows), np.concatenate(columns))
+    return coo_array((np.concatenate(values), where), shape=(x.size, x.size)).tocsr()
+
+
+def _stiffness(body, world, rest_length, x) -> np.ndarray:
+    stiffness, damping = np.empty((x.size, x.size)), np.empty((x.size, x.size))
+    forces.jacobian(body, world, rest_length, x, np.zeros_like(x), stiffness, damping)
+    return stiffness
+
+
+def _pieces(body: Body, world: World, rest_length):
+    """Share a body's elements out: each time the nodes (K,) of a few, those elements and their surroundings alone."""
+    springs, faces, tets, chambers, guards = body.springs, body.faces, body.tets, body.chambers, body.guards
+    sizes = [len(springs.nodes), len(faces.nodes), *(len(part.nodes) for part in (tets, guards) if part is not None)]
+    anchored = 0 if world.anchors is None else world.anchors.node.size
+    gassed = 0 if chambers is None else chambers.gas.size
+    count = -(-max(1, anchored, gassed, *sizes) // PIECE)
+
+    def share(size, p):
+        return slice(size * p // count, size * (p + 1) // count)
+
+    def cut(part, p):
+        which = share(len(part.nodes), p)
+        return part._replace(**{name: value[which] for name, value in part._asdict().items() if np.ndim(value)})
+
+    for p in range(count):
+        some = [cut(part, p) for part in (springs, faces)] + [part and cut(part, p) for part in (tets, guards)]
+        gas, pull = chambers and _some_chambers(chambers, share(gassed, p)), world.anchors
+        if pull is not None:
+            pull = type(pull)(*(value[share(anchored, p)] for value in pull))
+        named = [part.nodes for part in some if part is not None]
+        named += ([] if gas is None else [gas.faces]) + ([] if pull is None else [pull.node])
+        nodes = np.unique(np.concatenate([each.ravel() for each in named]))
+        nodes = nodes[nodes >= 0]
+        local = np.full(len(body.mass) + 1, -1)  # the last stands for no node, -1
+        local[nodes] = np.arange(nodes.size)
+        parts = [part and part._replace(nodes=local[part.nodes]) for part in some]
+        piece = body._replace(
+            springs=parts[0], faces=parts[1], tets=parts[2], guards=parts[3],
+            chambers=gas and gas._replace(faces=local[gas.faces]),
+        )  # fmt: skip
+        around = world._replace(anchors=pull and pull._replace(node=local[pull.node]))
+        yield nodes, piece, around, rest_length[share(len(springs.nodes), p)]
+
+
+def _some_chambers(chambers, which: slice):
+    first = chambers.first[which.start : which.stop + 1]
+    return chambers._replace(
+        faces=chambers.faces[first[0] : first[-1]], first=first - first[0], gas=chambers.gas[which],
+        ambient=chambers.ambient[which],
+    )  # fmt: skip
