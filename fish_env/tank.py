@@ -13,7 +13,7 @@ from fish_env.bodies.fish import ElasticObject
 from fish_env.body import COUNTERS, FAILURES, Body, Control, State, scaled
 from fish_env.checks import finite_array, positive_array
 from fish_env.integrators import INTEGRATORS, Integrator
-from fish_env.world import VACUUM, World
+from fish_env.world import VACUUM, World, make_anchors
 
 NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """Factors on stiffness (and damping), mass and drag, and a current to add, m/s: a fish as it was made."""
@@ -209,6 +209,31 @@ class Tank:
         """Set the muscles' rest lengths out for a contraction (B,M) in [0, 1] within `duration` s, without moving."""
         fastest = duration / self.fish.contraction_time
         command(*self._fibres, contraction, fastest, duration, *self.control, self.effort)
+
+    def nearest(self, point, nodes=None, i=0) -> int:
+        """The node of body i nearest to a point (3,) m: of `nodes`, their numbers, or of all."""
+        which = np.arange(self.state.x.shape[1]) if nodes is None else np.asarray(nodes)
+        away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
+        return int(which[np.argmin((away**2).sum(axis=1))])
+
+    def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0) -> None:
+        """Take hold of a node of every body by a spring to a point (3,) m, in place of any before (`make_anchors`).
+
+        Raises:
+            ValueError: for a missing node or a number that is not allowed.
+        """
+        if not (isinstance(node, int | np.integer) and 0 <= node < self.state.x.shape[1]):
+            raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
+        self._hang(make_anchors([node], [point], stiffness, damping, rest_length))
+
+    def release(self) -> None:
+        """Let go of what `grab` holds."""
+        self._hang(None)
+
+    def _hang(self, anchors) -> None:
+        self.world = self.world._replace(anchors=anchors)
+        for i in list(self._own):
+            self._set_variation(i, self.variation[i].copy())
 
     def _run(self, steps: int) -> None:
         if self._chunks == 1:

@@ -173,7 +173,8 @@ def all_filled(chambers, x):
 def estimated_volume(nodes, x) -> float:
     """Song's estimate of a volume, from the springs of its surface (E,2): half their |dx| |n_x| length (eq. 4.16).
 
-    Units of an area: right up to a constant for rings, of the wrong dimension for solids, where users scale it.
+    Units of an area, whatever the dimension. Every term is of second order in a spring's length, so that the sum goes
+    to nothing with finer rings: it follows the volume of one mesh, up to a constant that belongs to that mesh.
     """
     edge = x[nodes[:, 1]] - x[nodes[:, 0]]
     length = np.linalg.norm(edge, axis=1)

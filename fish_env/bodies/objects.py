@@ -1,0 +1,183 @@
+"""Elastic objects: a string, a ring and spheres of two layers filled with gas (Song 2009, ch. 3 and 4). SI units.
+
+Every object is built at rest: its springs pull just as hard as its gas presses.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fish_env.bodies.fish import ElasticObject
+from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, two_layers
+from fish_env.bodies.skins import circle, evened, globe, octasphere
+from fish_env.body import hold, make_body
+from fish_env.checks import positive_array
+from fish_env.world import World, make_world
+
+GRAVITY = 9.81  # m/s2
+FINEST = 3  # level of a uniform sphere: 516 nodes; the gas joins every node to every other
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Layered(ElasticObject):
+    """An elastic object of two layers. A string has its free nodes for an outer layer, and no inner one."""
+
+    down: np.ndarray
+    """(3,) where gravity pulls, a unit vector: -y for the ring, -z for a sphere, along the string."""
+    outer: np.ndarray
+    """Nodes of the outer layer: those a mouse may take hold of."""
+    inner: np.ndarray
+    """Nodes of the inner layer, the partners of the outer ones in the same order."""
+    skin: np.ndarray
+    """Faces (F,4) of the outer layer, outward, or edges (F,2) of a ring."""
+    kinds: dict[str, slice]
+    """Which springs are of which kind: "outer", "inner" (structural), "radius", "shear left", "shear right"."""
+
+
+RING = TwoLayers(
+    mass=0.24, inner_mass=0.12, stiffness=200.0, inner_stiffness=150.0, radius_stiffness=150.0, shear_stiffness=40.0,
+    pressure=45.0, gap_pressure=30.0, guard_energy=0.5,
+)  # fmt: skip
+SPHERE = TwoLayers(
+    mass=0.3, inner_mass=0.15, stiffness=75.0, inner_stiffness=50.0, radius_stiffness=40.0, shear_stiffness=10.0,
+    pressure=600.0, gap_pressure=400.0, guard_energy=0.05,
+)  # fmt: skip
+
+
+GLOBE = replace(SPHERE, stiffness=150.0, inner_stiffness=100.0, guard_energy=0.3)  # few springs bear the pressure
+
+
+def room(down, size: float, restitution=0.5, gravity=GRAVITY) -> World:
+    """Gravity, m/s2, and walls at `size` m from the origin along x and along `down`, (3,): the room of an object.
+
+    Raises:
+        ValueError: for a restitution outside 0 to 1, or a number that is not finite.
+    """
+    down = np.asarray(down, dtype=float)
+    along = {tuple(down), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)}
+    return make_world(gravity * down, [(-np.array(wall), -size, restitution) for wall in sorted(along)])
+
+
+def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_time=0.002) -> Layered:
+    """A string along x, held at the origin, that moves along x only (ch. 3.3).
+
+    Args:
+        nodes: at least 2, the held one counted.
+        length: at rest, m.
+        mass: of all free nodes, kg.
+        stiffness: of the whole string, N/m.
+        relaxation_time: damping over stiffness, s.
+
+    Raises:
+        ValueError: naming the argument, what it holds, and what is allowed.
+    """
+    nodes = whole(nodes, "nodes", 2)
+    for name, value in (("length", length), ("mass", mass), ("stiffness", stiffness)):
+        positive_array(value, (), name)
+    positive_array(relaxation_time, (), "relaxation_time (s)", zero=True)
+    count = nodes - 1
+    position = np.zeros((nodes, 3))
+    position[:, 0] = np.linspace(0.0, length, nodes)
+    pairs = np.stack([np.arange(count), np.arange(1, nodes)], axis=1)
+    constant = np.full(count, float(stiffness) * count)
+    body = make_body(position, np.full(nodes, mass / count), pairs, constant, constant * relaxation_time,
+                     np.full(count, length / count), NO_FACES)  # fmt: skip
+    body = hold(hold(body, np.arange(nodes), "yz"), [0])
+    down = np.array([1.0, 0.0, 0.0])
+    return Layered(
+        name="string", body=body, length=length, water=room(down, 1.2 * length), time_step=1 / 960,
+        control_interval=1 / 60, down=down, outer=np.arange(1, nodes), inner=np.zeros(0, np.int64),
+        skin=np.zeros((0, 2), np.int64), kinds={"outer": slice(0, count)},
+    )  # fmt: skip
+
+
+def make_ring(nodes=12, **materials) -> Layered:
+    """A ring of two layers in the xy plane: n nodes each, gas inside and between them (ch. 3.4).
+
+    Args:
+        nodes: of a layer, at least 3.
+        materials: fields of `TwoLayers`; those not given are those of RING.
+
+    Raises:
+        ValueError: naming the argument, what it holds, and what is allowed.
+    """
+    chosen = chosen_materials(RING, materials)
+    body, kinds, skin = two_layers(circle(whole(nodes, "nodes", 3)), chosen)
+    return finished("ring", hold(body, np.arange(len(body.mass)), "z"), kinds, skin, chosen, (0.0, -1.0, 0.0))
+
+
+def make_sphere(slices=12, stacks=8, **materials) -> Layered:
+    """A sphere of two layers between circles of latitude, whose faces are smaller near the poles (ch. 3.5.1).
+
+    Args:
+        slices: around, at least 3.
+        stacks: from pole to pole, at least 2.
+        materials: fields of `TwoLayers`; those not given are those of GLOBE.
+
+    Raises:
+        ValueError: naming the argument, what it holds, and what is allowed.
+    """
+    chosen = chosen_materials(GLOBE, materials)
+    body, kinds, skin = two_layers(globe(whole(slices, "slices", 3), whole(stacks, "stacks", 2)), chosen)
+    thing = finished("sphere", body, kinds, skin, chosen, (0.0, 0.0, -1.0))
+    return replace(thing, time_step=1 / 3840)  # light nodes near the poles
+
+
+def make_uniform_sphere(level=2, correction=True, **materials) -> Layered:
+    """A sphere of two layers of triangles of nearly one size: an octahedron divided `level` times (ch. 3.5.2).
+
+    Args:
+        level: 0 to 3.
+        correction: whether springs around the six nodes with 4 neighbours are stiffer (`skins.evened`), so that the
+            ball stays round.
+        materials: fields of `TwoLayers`; those not given are those of SPHERE.
+
+    Raises:
+        ValueError: naming the argument, what it holds, and what is allowed.
+    """
+    chosen = chosen_materials(SPHERE, materials)
+    skin = octasphere(whole(level, "level", 0, FINEST))
+    factor = evened(skin.edges) if correction else np.ones(len(skin.edges))
+    body, kinds, skin = two_layers(skin, chosen, factor)
+    return finished("uniform sphere", body, kinds, skin, chosen, (0.0, 0.0, -1.0))
+
+
+def whole(value, name: str, least: int, most: int | None = None) -> int:
+    """`value` as an int, or ValueError unless it is a whole number from `least` to `most`."""
+    sound = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (sound and value >= least and (most is None or value <= most)):
+        raise ValueError(
+            f"{name} is {value!r}; give a whole number, {least} {'or more' if most is None else f'to {most}'}"
+        )
+    return int(value)
+
+
+def finished(name, body, kinds, skin, chosen, down) -> Layered:
+    """The object of a body, in a room three radii from its middle to the walls."""
+    n = len(skin.place)
+    return Layered(
+        name=name, body=body, length=2.0 * chosen.radius, water=room(down, 3.0 * chosen.radius), time_step=1 / 1920,
+        control_interval=1 / 60, down=np.array(down), outer=np.arange(n), inner=np.arange(n, 2 * n), skin=skin.faces,
+        kinds=kinds,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ObjectKind:
+    """A way to build an elastic object."""
+
+    name: str
+    description: str
+    make: Callable[..., Layered]
+
+
+OBJECTS: dict[str, ObjectKind] = {
+    record.name: record
+    for record in (
+        ObjectKind("string", "a line held at one end, moving along itself", make_string),
+        ObjectKind("ring", "two circles joined by springs, gas inside and between, in the plane", make_ring),
+        ObjectKind("sphere", "two spheres of circles of latitude, closed by triangles", make_sphere),
+        ObjectKind("uniform sphere", "two spheres of triangles of nearly one size", make_uniform_sphere),
+    )
+}

@@ -1,0 +1,332 @@
+"""Elastic objects: topology, balance at rest, scenes against their bars, Song's estimates, pictures and the mouse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.song_methods import largest_stable
+from benchmarks.song_scenes import SCENES, outside, stage, watched
+from benchmarks.song_shapes import estimate, roundness
+from fish_env import Tank, forces
+from fish_env.bodies.objects import OBJECTS, RING, make_ring, make_sphere, make_string, make_uniform_sphere, room
+from fish_env.bodies.skins import KINDS, circle, evened, globe, octasphere, tensions
+from fish_env.elements import chamber_volume, make_chambers
+from fish_env.forces import contact, pressure
+from fish_env.world import VACUUM
+
+each_object = pytest.mark.parametrize("name", OBJECTS)
+LAYERED = [name for name in OBJECTS if name != "string"]
+
+
+def balance(thing):
+    """Forces (N,3) N on the object at rest in vacuum, and those of its gas alone."""
+    body, still = thing.body, np.zeros_like(thing.body.position)
+    f, gas = still.copy(), still.copy()
+    forces.total(body, VACUUM, body.springs.rest_length, body.position, still, f)
+    pressure.add_force(body.chambers, body.position, gas)
+    return f, gas
+
+
+@each_object
+def test_built_at_rest(name):
+    """Springs pull as hard as the gas presses, to 1e-12 of it, and every other motion than a rigid one is resisted."""
+    thing = OBJECTS[name].make()
+    f, gas = balance(thing)
+    scale = np.abs(gas).max() if name != "string" else thing.body.springs.stiffness[0] * thing.length
+    assert np.abs(f).max() <= 1e-12 * scale
+    body, size = thing.body, thing.body.position.size
+    stiffness, damping = np.empty((size, size)), np.empty((size, size))
+    still = np.zeros_like(body.position)
+    forces.jacobian(body, VACUUM, body.springs.rest_length, body.position, still, stiffness, damping)
+    free = body.inverse_mass.ravel() > 0
+    values = np.linalg.eigvalsh(stiffness[np.ix_(free, free)])
+    rigid = {"string": 0, "ring": 3}.get(name, 6)
+    assert np.abs(values[:rigid]).max(initial=0.0) < 1e-9 * values[-1]
+    assert values[rigid] > 1e-3 * values[-1]
+
+
+def test_ring_tension_in_closed_form():
+    """A structural spring of the ring is shorter by p R cos(pi/n) over its stiffness, in each layer by its pressure."""
+    thing = make_ring(12)
+    springs = thing.body.springs
+    for kind, radius, p, c in (("outer", 0.1, RING.gap_pressure, RING.stiffness),
+                               ("inner", 0.07, RING.pressure - RING.gap_pressure, RING.inner_stiffness)):  # fmt: skip
+        expected = 2 * radius * np.sin(np.pi / 12) - p * radius * np.cos(np.pi / 12) / c
+        np.testing.assert_allclose(springs.rest_length[thing.kinds[kind]], expected, rtol=1e-13)
+
+
+def test_ring_springs():
+    """Twelve springs of each kind; radius springs join partners, shear springs the neighbours of partners."""
+    thing = make_ring(12)
+    assert tuple(thing.kinds) == KINDS
+    nodes = thing.body.springs.nodes
+    assert [len(nodes[thing.kinds[kind]]) for kind in KINDS] == [12] * 5
+    np.testing.assert_array_equal(nodes[thing.kinds["radius"]], np.stack([np.arange(12), np.arange(12, 24)], axis=1))
+    left, right = nodes[thing.kinds["shear left"]], nodes[thing.kinds["shear right"]]
+    np.testing.assert_array_equal((left[:, 0] - 12 + 1) % 12, left[:, 1])
+    np.testing.assert_array_equal((right[:, 0] - 12 - 1) % 12, right[:, 1])
+
+
+@pytest.mark.parametrize("level", range(4))
+def test_uniform_sphere_counts(level):
+    """An octahedron divided n times: 4^(n+1) + 2 nodes, 12 4^n edges; six nodes have 4 neighbours, all others 6."""
+    skin = octasphere(level)
+    assert (len(skin.place), len(skin.edges), len(skin.faces)) == (4 ** (level + 1) + 2, 12 * 4**level, 8 * 4**level)
+    around = np.bincount(skin.edges.ravel())
+    assert sorted(set(around.tolist())) == ([4] if level == 0 else [4, 6]) and np.sum(around == 4) == 6
+    np.testing.assert_allclose(np.linalg.norm(skin.place, axis=1), 1.0, rtol=1e-15)
+
+
+def test_globe_counts():
+    """Circles of latitude: triangles at the poles, quadrilaterals elsewhere, Euler's number 2."""
+    skin = globe(12, 8)
+    assert len(skin.place) == 12 * 7 + 2
+    triangles = skin.faces[:, 2] == skin.faces[:, 3]
+    assert triangles.sum() == 24 and (~triangles).sum() == 12 * 6
+    assert len(skin.place) - len(skin.edges) + len(skin.faces) == 2
+
+
+@pytest.mark.parametrize("skin", [circle(5), globe(7, 5), octasphere(2)], ids=["circle", "globe", "octasphere"])
+def test_tensions_balance(skin):
+    """All edges pull under pressure from within; more of them than a closed net has leave no exact balance."""
+    assert tensions(skin).min() > 0
+    with pytest.raises(ValueError, match=r"no tensions of 3 springs balance the pressure on .* is left"):
+        tensions(skin._replace(edges=skin.edges[:3]))
+
+
+def test_evened():
+    """The factors sum to 6 at every node, and springs at nodes with 4 neighbours are the stiffest."""
+    skin = octasphere(2)
+    factor = evened(skin.edges)
+    total = sum(np.bincount(end, factor, len(skin.place)) for end in skin.edges.T)
+    np.testing.assert_allclose(total, 6.0, rtol=1e-13)
+    few = np.isin(skin.edges, np.flatnonzero(np.bincount(skin.edges.ravel()) == 4)).any(axis=1)
+    assert factor[few].min() > factor[~few].max()
+
+
+def test_correction_rounds_the_ball():
+    """With the correction a pressed ball of 66 nodes a layer is rounder: its range of radii is a third less."""
+    plain, corrected = (roundness(2, correction) for correction in (False, True))
+    assert plain["force_left"] < 1e-11 and corrected["force_left"] < 1e-11
+    assert corrected["range"] < 0.67 * plain["range"] and corrected["spread"] < 0.75 * plain["spread"]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("name", ["string", "ring"])
+def test_scene(name, scene):
+    """Energy grows by rounding only beyond the hand's work, no node is further behind a wall than a step's travel."""
+    row = watched(OBJECTS[name].make(), SCENES[scene])
+    assert row["growth"] < 1e-10 and row["escapes"] == 0
+    assert 0.0 < row["depth_over_travel"] < 1.0  # it did touch
+    assert (row["work"] > 0.01) == (scene == "dragged")
+
+
+@pytest.mark.parametrize("name", ["sphere", "uniform sphere"])
+def test_scene_of_a_sphere(name):
+    """As for the ring, thrown at the wall, until it has left the wall again."""
+    row = watched(OBJECTS[name].make(), replace(SCENES["thrown"], seconds=0.4))
+    assert row["growth"] < 1e-10 and row["escapes"] == 0 and 0.0 < row["depth_over_travel"] < 1.0
+
+
+def test_energy_of_the_swinging_ring():
+    """Without damping the energy in free flight is kept to second order in the step."""
+    thing, errors = make_ring(relaxation_time=0.0), []
+    body = thing.body
+    for part in (1, 2):
+        tank = Tank(thing, dt=thing.time_step / part)
+        tank.velocity[0] = 5.0 * thing.body.position * (1.0, -1.0, 0.0)
+        levels = []
+        for _ in range(240 * part):
+            kinds = forces.energies(body, VACUUM, tank.rest_length[0], tank.position[0], tank.velocity[0])
+            levels.append(sum(kinds.values()))
+            tank.advance(1)
+        errors.append(np.ptp(levels))
+    assert 3.5 < errors[0] / errors[1] < 4.5
+
+
+def test_pressed_nodes_do_not_creep():
+    """A ring pushed into the floor by a hand for half a second stays where it is, to a hundredth of a millimetre."""
+    thing = make_ring()
+    tank = stage(thing, SCENES["thrown"])
+    tank.velocity[:] = 0.0
+    tank.position[0] += 0.199 * thing.down
+    node = tank.nearest(tank.position[0].mean(axis=0) - thing.down, thing.outer)
+    tank.grab(node, tank.position[0, node] + 0.03 * thing.down, 200.0, 2.0)
+    tank.advance(1920)
+    low = tank.position[0, :, 1].min()
+    tank.advance(960)
+    assert tank.alive[0] and low < -0.3
+    assert tank.position[0, :, 1].min() == pytest.approx(low, abs=1e-5)
+
+
+def test_bounce():
+    """What comes through a wall is thrown back by its restitution; what was behind it before comes to rest."""
+    planes, free = room((0.0, -1.0, 0.0), 1.0, 0.5).planes, np.ones((2, 3))
+    x = np.array([[0.0, -1.001, 0.0], [0.0, -1.02, 0.0]])
+    v = np.array([[0.3, -2.0, 0.0], [0.3, -2.0, 0.0]])
+    contact.bounce(planes, free, np.zeros(3), 0.001, x, v)
+    np.testing.assert_allclose(v, [[0.3, 1.0, 0.0], [0.3, 0.0, 0.0]], atol=1e-15)
+
+
+@pytest.mark.parametrize("name", LAYERED)
+def test_outside_finds_an_escape(name):
+    """The check itself: no inner node is outside at rest; one that is moved out is found."""
+    thing = OBJECTS[name].make()
+    x = thing.body.position.copy()
+    assert outside(thing, x) == 0
+    x[thing.inner[1]] *= 2.0
+    assert outside(thing, x) == 1
+
+
+def test_string_keeps_to_its_line():
+    """Only x changes, and the held end stays."""
+    thing = make_string(5)
+    tank = stage(thing, SCENES["dropped"])
+    tank.grab(4, (0.3, 0.2, 0.1), 5.0, 0.1, 0.05)
+    tank.advance(240)
+    assert tank.alive[0] and np.ptp(tank.position[0, :, 0]) > 0.2
+    assert not tank.position[0, :, 1:].any() and not tank.position[0, 0].any()
+
+
+def test_mouse():
+    """`nearest` finds a node, `grab` pulls every body by it, `release` leaves the world as it was."""
+    thing = make_ring()
+    tank = Tank(thing, num_fish=2, water=thing.water)
+    tank.vary(1, mass=2.0)
+    node = tank.nearest((1.0, 0.0, 0.0), thing.outer)
+    assert node == 0 and tank.nearest((0.071, 0.0, 0.0)) == thing.inner[0]
+    tank.grab(node, (0.3, 0.0, 0.0), 50.0, rest_length=0.1)
+    tank.advance(1)
+    pull = 50.0 * (0.2 - 0.1) * tank.dt
+    mass = thing.body.mass[0]
+    np.testing.assert_allclose(tank.velocity[:, node, 0] * (mass, 2 * mass), pull, rtol=0.05)
+    tank.release()
+    assert tank.world.anchors is None and tank._own[1][1].anchors is None
+    with pytest.raises(ValueError, match="node is 24; give a whole number from 0 to 23"):
+        tank.grab(24, (0.0, 0.0, 0.0), 1.0)
+
+
+@pytest.mark.parametrize(("kind", "skin"), [("ring", circle), ("uniform sphere", octasphere)])
+def test_exact_volume_is_of_second_order(kind, skin):
+    """The volume that polygons miss falls by 4 when the springs' length halves."""
+    missing = [
+        1.0 - estimate(kind, 0, skin(n), "flattened")["exact_volume"] for n in ((48, 96) if kind == "ring" else (3, 4))
+    ]
+    assert missing[0] / missing[1] == pytest.approx(4.0, rel=0.02)
+
+
+def test_estimated_volume():
+    """Song's sum, by hand for a square; on rings of twice as many springs it is half as much."""
+    square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]])
+    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    assert pressure.estimated_volume(edges, square) == 0.0  # where |dx| is not zero, the normal's x is
+    half = np.sqrt(0.5)
+    turned = square @ np.array([[half, half, 0], [-half, half, 0], [0, 0, 1]])
+    assert pressure.estimated_volume(edges, turned) == pytest.approx(0.5 * 0.5 * (4 + 1 + 4 + 1))
+    few, many = (estimate("ring", n, circle(n), "round")["estimated_volume"] for n in (48, 96))
+    assert few / many == pytest.approx(2.0, rel=0.01)
+
+
+def test_estimated_normals():
+    """Exact on any ring; in space a quarter turn about y: right for springs across it, the spring itself along it."""
+    skin = circle(7)
+    x = skin.place * (2.0, 0.5, 0.0)
+    edge = x[skin.edges[:, 1]] - x[skin.edges[:, 0]]
+    normal = pressure.estimated_normals(skin.edges, x)
+    np.testing.assert_allclose(np.sum(normal * edge, axis=1), 0.0, atol=1e-15)
+    assert np.sum(normal * x[skin.edges].mean(axis=1), axis=1).min() > 0
+    ends = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1]])
+    found = pressure.estimated_normals(np.array([[0, 1], [0, 2], [0, 3]]), ends)
+    np.testing.assert_allclose(found, [[0, 1, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-15)
+
+
+def test_gas_of_a_layer_may_be_missing():
+    """Without pressure there is no gas and nothing to balance; with one of two, one chamber of that pressure."""
+    empty = make_ring(pressure=0.0, gap_pressure=0.0)
+    assert empty.body.chambers is None
+    np.testing.assert_allclose(balance(empty)[0], 0.0, atol=1e-13)
+    one = make_uniform_sphere(1, pressure=0.0)
+    assert one.body.chambers.gas.size == 1
+    faces = octasphere(1).faces
+    alone = make_chambers(one.body.position, [faces], 1.0)
+    whole, hole = (chamber_volume(alone, 0, one.body.position * size)[0] for size in (1.0, 0.7))
+    assert one.body.chambers.gas[0] == pytest.approx(400.0 * (whole - hole), rel=1e-12)
+
+
+def test_largest_stable_step():
+    """Linear theory is on the safe side for the string; explicit Euler bears its relaxation time and no more."""
+    row = largest_stable(make_string(), "explicit_euler")
+    assert row["promised_ms"] == pytest.approx(2.0) and 1.96 < row["stable_ms"] < 2.04
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "message"),
+    [
+        (make_string, {"nodes": 1}, "nodes is 1; give a whole number, 2 or more"),
+        (make_string, {"length": 0.0}, "length is 0.0 at .*; give positive numbers"),
+        (make_ring, {"nodes": 2.5}, "nodes is 2.5; give a whole number, 3 or more"),
+        (make_ring, {"colour": 1}, "unknown material 'colour'; choose from radius, inner_radius"),
+        (make_ring, {"mass": -1.0}, "mass is -1.0; give a finite, positive number"),
+        (make_ring, {"inner_radius": 0.1}, "inner_radius is 0.1 m; give less than the radius, 0.1 m"),
+        (make_ring, {"gap_pressure": 1e4}, "would stretch spring 0 by more than its length; give a stiffness above"),
+        (make_sphere, {"stacks": 1}, "stacks is 1; give a whole number, 2 or more"),
+        (make_uniform_sphere, {"level": 4}, "level is 4; give a whole number, 0 to 3"),
+    ],
+)
+def test_refused(make, arguments, message):
+    """What cannot be built is refused with what was given and what is allowed."""
+    with pytest.raises(ValueError, match=message):
+        make(**arguments)
+
+
+@each_object
+def test_picture(name):
+    """A picture shows the object: its middle differs from the empty room; it moves with the nodes."""
+    pytest.importorskip("pygame")
+    from fish_env.render.jelly import Painter
+
+    thing = OBJECTS[name].make()
+    painter = Painter(thing, (320, 240))
+    x = thing.body.position
+    one = painter.picture(x)
+    assert one.shape == (240, 320, 3) and one.dtype == np.uint8
+    reddish = one[..., 0].astype(int) - one[..., 1]
+    assert (reddish > 60).sum() > (40 if name == "string" else 800)
+    moved = x + 0.03 * np.array([1.0, 0.0, 0.0])
+    columns = [np.nonzero(picture[..., 0].astype(int) - picture[..., 1] > 60)[1].mean() for picture in
+               (one, painter.picture(moved, (thing.outer[0], moved[thing.outer[0]])))]  # fmt: skip
+    assert columns[1] > columns[0] + 3
+
+
+@pytest.mark.parametrize("name", LAYERED)
+def test_viewer(name, monkeypatch):
+    """The mouse takes hold of the outer node under it, drags it and lets go; R starts again, Escape ends."""
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    from fish_env.render.objects import Viewer, run
+
+    thing = OBJECTS[name].make()
+    viewer = Viewer(thing, (320, 240))
+    node = int(thing.outer[np.argmax(thing.body.position[thing.outer] @ viewer.painter.view.axes[1])])
+    pixel = viewer.painter.view.project(thing.body.position[[node]])[0][0] / 2
+    pygame.display.init()
+    pygame.display.set_mode((320, 240))
+    pygame.event.clear()
+    pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONDOWN, button=1, pos=tuple(pixel)))
+    run(viewer, 1)
+    held, point = viewer.held
+    assert np.linalg.norm(thing.body.position[held] - thing.body.position[node]) < 0.05
+    pygame.display.init()
+    pygame.display.set_mode((320, 240))
+    pygame.event.post(
+        pygame.event.Event(pygame.MOUSEMOTION, pos=(pixel[0] + 40, pixel[1]), rel=(40, 0), buttons=(1, 0, 0))
+    )
+    run(viewer, 15)
+    assert viewer.held[1][0] > point[0] and viewer.tank.position[0, held, 0] > thing.body.position[held, 0] + 0.01
+    viewer.handle(pygame.event.Event(pygame.MOUSEBUTTONUP, button=1, pos=(0, 0)))
+    assert viewer.held is None and viewer.tank.world.anchors is None and viewer.tank.alive[0]
+    viewer.handle(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_r))
+    np.testing.assert_array_equal(viewer.tank.position[0], thing.body.position)
+    viewer.handle(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_ESCAPE))
+    assert not viewer.open
