@@ -37,7 +37,6 @@ BODIES = (
 FINEST = ("tetrahedral", 3)
 SECONDS, SEEDS, FIRST_SEED = 3.0, 4, 5_000
 SETTLED = 1.0  # s at the start that no mean is taken over
-QUANTITIES = {"speed": 1.0, "turn": 1.0, "path": 1.0, "sweep": 1.0, "volume": 1.0}
 BATCH, REPEATS = 16, 5  # fish timed together, as in learning, and timings whose median is taken
 TOLERANCES = (0.05, 0.1, 0.2, 0.5)
 
@@ -95,7 +94,8 @@ def errors(found: Motion, finest: Motion, interval: float) -> dict[str, np.ndarr
 
     speed: mean after SETTLED seconds. turn: heading over time, over the largest turn of the finest body, at least a
     quarter turn. path: distance between the centres, over the way swum, both meant over time. sweep: standard deviation
-    of the tail tip. volume: largest change, absolute.
+    of the tail tip. volume: largest change, absolute. all: root mean square of the first four. "finest" may be any
+    motion.
     """
     late = slice(round(SETTLED / interval), None)
 
@@ -108,13 +108,15 @@ def errors(found: Motion, finest: Motion, interval: float) -> dict[str, np.ndarr
     turned = np.maximum(np.abs(finest.yaw).max(axis=1), np.pi / 2)
     sweep, wanted = found.tail[:, late].std(axis=1), finest.tail[:, late].std(axis=1)
     change = [np.abs(m.volume - 1.0).max(axis=1) for m in (found, finest)]
-    return {
+    off = {
         "speed": np.abs(speed(found) / speed(finest) - 1.0),
         "turn": np.abs(found.yaw - finest.yaw).mean(axis=1) / turned,
         "path": apart[:, 1:].mean(axis=1) / way.mean(axis=1),
         "sweep": np.abs(sweep / wanted - 1.0),
         "volume": np.abs(change[0] - change[1]),
     }
+    four = [off[name] ** 2 for name in ("speed", "turn", "path", "sweep")]
+    return off | {"all": np.sqrt(np.mean(four, axis=0))}
 
 
 def cost(fish: Fish, contractions: np.ndarray) -> float:
@@ -150,22 +152,30 @@ def run(seeds: int) -> list[dict]:
                 bar.update()
             for key, motion in motions.items():
                 sound = [not text for text in motion.failure]
-                off = errors(motion, motions[FINEST], fish[key].control_interval)
-                off["all"] = np.sqrt(np.mean([off[name] ** 2 for name in ("speed", "turn", "path", "sweep")], axis=0))
-                for name, values in off.items():
-                    mean, low, high = interval_of(np.where(sound, values, np.inf) if not all(sound) else values)
+                against = {"finest": FINEST} | ({"mass_spring": ("mass_spring", "")} if key[0] == "planar" else {})
+                for reference, name, values in (
+                    (label, name, values)
+                    for label, other in against.items()
+                    for name, values in errors(motion, motions[other], fish[key].control_interval).items()
+                ):
+                    mean, low, high = interval_of(values) if all(sound) else (np.inf,) * 3
                     rows.append({
                         "task": task, "body": key[0], "level": key[1], "nodes": fish[key].body.mass.size,
-                        "cost_s_per_s": f"{price[key]:.5g}", "quantity": name, "error": f"{mean:.4g}",
-                        "low": f"{low:.4g}", "high": f"{high:.4g}", "seeds": seeds, "first_seed": FIRST_SEED,
+                        "cost_s_per_s": f"{price[key]:.5g}", "against": reference, "quantity": name,
+                        "error": f"{mean:.4g}", "low": f"{low:.4g}", "high": f"{high:.4g}", "seeds": seeds, "first_seed": FIRST_SEED,
                         "failed": len(sound) - sum(sound),
                     })  # fmt: skip
     return rows
 
 
+def overall(rows: list[dict], task: str) -> list[dict]:
+    """Rows of a task with the error over all, against the finest body."""
+    return [r for r in rows if (r["task"], r["quantity"], r["against"]) == (task, "all", "finest")]
+
+
 def cheapest(rows: list[dict], task: str, tolerance: float) -> dict | None:
     """The cheapest body whose error over all is within the tolerance in a task's scene; None if there is none."""
-    fit = [r for r in rows if r["task"] == task and r["quantity"] == "all" and float(r["error"]) <= tolerance]
+    fit = [row for row in overall(rows, task) if 0.0 < float(row["error"]) <= tolerance]
     return min(fit, key=lambda row: float(row["cost_s_per_s"]), default=None)
 
 
@@ -185,15 +195,16 @@ def chart(rows: list[dict]) -> Path:
     figure, axes = plt.subplots(2, 3, figsize=(12, 7), sharex=True, sharey=True)
     colours = {"planar": "tab:green", "mass_spring": "tab:blue", "two_layer": "tab:orange", "tetrahedral": "tab:red"}
     for ax, task in zip(axes.flat, tasks, strict=False):
-        shown = [r for r in rows if r["task"] == task and r["quantity"] == "all" and float(r["error"]) > 0]
-        for row in shown:
+        for row in overall(rows, task):
+            if not 0.0 < float(row["error"]) < np.inf:
+                continue
             x, y = 1e3 * float(row["cost_s_per_s"]), 100 * float(row["error"])
             bars = [[y - 100 * float(row["low"])], [100 * float(row["high"]) - y]]
             ax.errorbar(x, y, bars, fmt="o", color=colours[row["body"]], capsize=3)
             ax.annotate(label(row), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
         for tolerance in TOLERANCES:
             ax.axhline(100 * tolerance, color="0.85", lw=0.8, zorder=0)
-            best = cheapest([r for r in shown], task, tolerance)
+            best = cheapest(rows, task, tolerance)
             if best:
                 ax.plot(1e3 * float(best["cost_s_per_s"]), 100 * float(best["error"]), "o", ms=13, mfc="none", mec="k")
         ax.set(xscale="log", yscale="log", title=task.replace("_", " "))

@@ -100,15 +100,11 @@ def tet_force(body, x, v):
     """Elastic and viscous force of every tetrahedron on its nodes, (N,3): stress of the strain and of its rate."""
     force = np.zeros_like(x)
     for t, nodes, gradient, volume, deformation, turn in tets_of(body, x):
-        frame = deformation if body.tets.rotating else turn
-        rate = frame.T @ (v[nodes].T @ gradient)  # symmetric, that of Green's strain
-        for turned, strain in (
-            (turn, strain_of(turn, deformation)),
-            (frame, 0.5 * body.tets.relaxation_time[t] * (rate + rate.T)),
-        ):
-            stress = 2 * body.tets.shear[t] * strain + body.tets.dilation[t] * np.trace(strain) * np.eye(3)
-            for node, slope in zip(nodes, gradient, strict=True):
-                force[node] -= volume * turned @ stress @ slope
+        rate = strain_of(turn, v[nodes].T @ gradient) + np.eye(3)
+        strain = strain_of(turn, deformation) + body.tets.relaxation_time[t] * rate
+        stress = 2 * body.tets.shear[t] * strain + body.tets.dilation[t] * np.trace(strain) * np.eye(3)
+        for node, slope in zip(nodes, gradient, strict=True):
+            force[node] -= volume * turn @ stress @ slope
     return force
 
 

@@ -1,12 +1,10 @@
 """Linear tetrahedra: small strain in a frame that turns with each element, or in a fixed one (Müller & Gross 2004).
 
 With the nearest rotation R of the deformation gradient F, the energy is V (mu |F - R|^2 + lambda/2 tr(R^T F - 1)^2),
-and the force its gradient: rigid rotation costs nothing. Damping acts on the rate of Green's strain, which is the same
-where strains are small and vanishes in every rigid motion.
+and the force its gradient: rigid rotation costs nothing. Damping acts on the rate of the same strain.
 
 Legend: t element; a, b its corners; g gradients of the shape functions; F = sum x_a g_a^T; r the rotation by rows;
-e strain R^T F - 1, made symmetric; q stress in the turned frame; h step; s relaxation time; c what turns the viscous
-stress, F.
+e strain R^T F - 1, made symmetric; q stress in the turned frame; h step; s what the strain's rate adds to it, a time.
 """
 
 import numpy as np
@@ -106,10 +104,12 @@ def add_force(tets, x, v, f):
 def add_element(tets, v, t, d, r, f):
     """Add the force of element t, deformed by d and turned by r, at velocities v (N,3)."""
     e, s = strain(r, d), tets.relaxation_time[t]
-    spread(tets, t, r, (e[0] - 1.0, e[1] - 1.0, e[2] - 1.0, e[3], e[4], e[5]), 1.0, f)
+    xx, yy, zz, xy, xz, yz = e[0] - 1.0, e[1] - 1.0, e[2] - 1.0, e[3], e[4], e[5]
     if s > 0.0:
-        c = d if tets.rotating else r
-        spread(tets, t, c, strain(c, deformation(tets, v, t)), s, f)  # (48)
+        w = strain(r, deformation(tets, v, t))
+        xx, yy, zz = xx + s * w[0], yy + s * w[1], zz + s * w[2]
+        xy, xz, yz = xy + s * w[3], xz + s * w[4], yz + s * w[5]
+    spread(tets, t, r, (xx, yy, zz, xy, xz, yz), 1.0, f)
 
 
 @njit
@@ -211,32 +211,26 @@ def add_jacobian(tets, x, v, stiffness, damping):
     for t in range(tets.volume.size):
         d, w, s = deformation(tets, x, t), deformation(tets, v, t), tets.relaxation_time[t]
         r = frame(tets, x, t)
-        turn, place, speed = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))  # R, F, dF/dt
+        turn, stretch, rate = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))  # R, R^T F, R^T dF/dt
         for k in range(3):
             for m in range(3):
-                turn[k, m], place[k, m], speed[k, m] = r[3 * k + m], d[3 * k + m], w[3 * k + m]
-        stretch = turn.T @ place
-        stress = material(tets, t, stretch - np.eye(3))
+                turn[k, m] = r[3 * k + m]
+                stretch[k, m] = r[k] * d[m] + r[3 + k] * d[3 + m] + r[6 + k] * d[6 + m]
+                rate[k, m] = r[k] * w[m] + r[3 + k] * w[3 + m] + r[6 + k] * w[6 + m]
+        stress = material(tets, t, stretch - np.eye(3) + s * rate)
+        spin = np.zeros((3, 3))  # inverse of tr(S) - S
         if tets.rotating:
             spin = np.ascontiguousarray(np.linalg.inv(np.trace(stretch) * np.eye(3) - 0.5 * (stretch + stretch.T)))
-        else:
-            spin, place = np.zeros((3, 3)), turn
-        viscous = material(tets, t, s * (place.T @ speed))
         for b in range(4):
             for k in range(3):
                 moved = np.outer(turn[k], tets.gradient[t, b])  # R^T dF where corner b moves along axis k
-                slope = material(tets, t, s * np.outer(place[k], tets.gradient[t, b]))
-                push(tets, t, b, k, place @ slope, damping)
+                slope = material(tets, t, s * moved)
+                push(tets, t, b, k, turn @ slope, damping)
                 skew = np.array([moved[2, 1] - moved[1, 2], moved[0, 2] - moved[2, 0], moved[1, 0] - moved[0, 1]])
                 o = spin @ skew
                 omega = np.array([[0.0, -o[2], o[1]], [o[2], 0.0, -o[0]], [-o[1], o[0], 0.0]])
-                push(tets, t, b, k, turn @ (omega @ stress + material(tets, t, moved - omega @ stretch)), stiffness)
-                if tets.rotating:
-                    change = place @ material(tets, t, s * np.outer(tets.gradient[t, b], speed[k]))
-                    for m in range(3):
-                        for n in range(3):
-                            change[k, m] += viscous[m, n] * tets.gradient[t, b, n]
-                    push(tets, t, b, k, change, stiffness)  # (50)
+                change = moved - omega @ stretch - s * (omega @ rate)
+                push(tets, t, b, k, turn @ (omega @ stress + material(tets, t, change)), stiffness)  # (50)
 
 
 @njit
