@@ -8,6 +8,10 @@ from functools import partial
 import numpy as np
 from scipy.integrate import solve_ivp
 
+TU = ("mass_spring", "published")
+"""The bodies of Tu's topology, 23 nodes and 91 units; tests/test_four_bodies.py has the others."""
+
+
 # Forces
 
 

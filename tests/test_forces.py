@@ -7,16 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from fish_env import BODIES, forces, make_fish, make_water
+from fish_env import forces, make_fish, make_water
 from fish_env.body import make_body
 from fish_env.forces import springs, water
 from fish_env.world import VACUUM, World
 
 LAWS = ("quadratic", "linear")
-FISH = {name: make_fish(name) for name in BODIES}
+FISH = {name: make_fish(name) for name in naive.TU}
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 seeds = st.integers(0, 2**32 - 1)
-bodies = st.sampled_from(list(BODIES))
+bodies = st.sampled_from(list(naive.TU))
 
 
 def kernel(add, *arguments):
@@ -62,7 +62,7 @@ def test_water_equals_its_twin(law, seed, name):
     close(kernel(water.add_force, fish.body, world, x, v), naive.water_force(fish.body.faces, world, x, v))
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 def test_total_is_the_sum(name):
     """The total force is the springs' plus the water's, and forgets what stood in the array before."""
     fish, rng = FISH[name], np.random.default_rng(1)
@@ -73,7 +73,7 @@ def test_total_is_the_sum(name):
     close(f, naive.total_force(fish.body, world, rest, x, v))
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 def test_kept_total_is_the_total(name):
     """The sum that keeps what the filtered leapfrog needs is the total force; its change is that of a new velocity.
 
@@ -90,7 +90,7 @@ def test_kept_total_is_the_total(name):
     close(change, naive.water_force(fish.body.faces, world, x, later) - naive.water_force(fish.body.faces, world, x, v))
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 def test_tangent_is_the_stiffness(name):
     """What units of a given stiffness pull when nodes move is that of the derivative of the elastic force."""
     fish, rng = FISH[name], np.random.default_rng(16)
@@ -105,7 +105,7 @@ def test_tangent_is_the_stiffness(name):
     close(pull, -(stiffness @ y.ravel()).reshape(x.shape))
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 def test_elastic_force_is_minus_gradient_of_energy(name):
     """Without damping the force on each node is minus the gradient of the elastic energy (central differences)."""
     fish, rng = FISH[name], np.random.default_rng(2)
@@ -152,7 +152,7 @@ def jacobian(fish, world, rest, x, v):
 
 @pytest.mark.parametrize("part", ["springs", "water", "total"])
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 @pytest.mark.parametrize("seed", range(2))
 def test_derivatives(part, law, name, seed):
     """The exact derivatives are the differences of the textbook forces, of units and water alone and of both."""
@@ -339,7 +339,7 @@ def test_flat_plate(faces, seed, size, speed, outward):
     np.testing.assert_allclose(f.sum(axis=0), -wanted * normal, rtol=0, atol=1e-12 * wanted)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 def test_pushed_on_the_leading_side(name):
     """A straight fish moved bodily is held back; moved sideways or up, only the nodes of its leading side feel it."""
     fish = FISH[name]
@@ -365,7 +365,7 @@ def test_only_velocity_through_the_water_counts(seed, name, law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 def test_force_turns_with_the_fish(name, law):
     """Turning positions, velocities and current together turns the water's force with them."""
     fish, rng = FISH[name], np.random.default_rng(3)
@@ -378,7 +378,7 @@ def test_force_turns_with_the_fish(name, law):
     close(kernel(water.add_force, fish.body, turned, x @ turn.T, v @ turn.T), f @ turn.T)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 def test_vacuum_and_water_at_rest(name):
     """Vacuum pushes on nothing, and neither does water that moves with the fish."""
     fish = FISH[name]
@@ -391,7 +391,7 @@ def test_vacuum_and_water_at_rest(name):
         assert carried <= 1e-14 * moving
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", naive.TU)
 def test_stretch(name):
     """The stretch limit is met up to the largest length over natural length of all units, and no further."""
     fish = FISH[name]

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fish_env import BODIES, INTEGRATORS, Tank, World, make_fish, make_water
+from fish_env import INTEGRATORS, Tank, World, make_fish, make_water
 from fish_env.integrators import adaptive
 from fish_env.tank import own_step, whole_steps
 
@@ -269,7 +269,7 @@ def test_rest_lengths_move_linearly(name):
     np.testing.assert_allclose(tank.contraction[0], contracted, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("body", naive.TU)
 def test_rest_lengths_are_rate_limited(body):
     """Rest lengths approach a command as fast as the contraction time allows, reach it, and stay; no other moves."""
     fish = make_fish(body)

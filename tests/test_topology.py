@@ -7,14 +7,14 @@ import naive
 import numpy as np
 import pytest
 
-from fish_env import BODIES, make_fish
+from fish_env import make_fish
 from fish_env.bodies.mass_spring import CROSS, LAYERS, MUSCLE, OTHER, topology
 
 LEFT_MUSCLES = [[(1, 5), (4, 8)], [(5, 9), (8, 12)], [(9, 13), (12, 16)]]
 RIGHT_MUSCLES = [[(2, 6), (3, 7)], [(6, 10), (7, 11)], [(10, 14), (11, 15)]]
 
 
-@pytest.fixture(params=BODIES)
+@pytest.fixture(params=naive.TU)
 def fish(request):
     """Each body of the table."""
     return make_fish(request.param)

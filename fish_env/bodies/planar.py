@@ -213,7 +213,7 @@ def surface(outline):
     for k, ((a, b), (c, d)) in enumerate(zip(outline.nodes[:-1], outline.nodes[1:], strict=True)):
         front, back = outline.depth[k], outline.depth[k + 1]
         if a == b:  # the nose: third node twice, so that the face's force is shared as a triangle's
-            faces += [(a, c, c, c), (d, b, b, b)]
+            faces += [(a, c, c, c), (d, b, d, d)]
             height += [2 * back] * 2
         else:
             faces += [(a, c, c, a), (d, b, b, d)]

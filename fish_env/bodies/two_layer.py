@@ -14,7 +14,7 @@ import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
-from fish_env.bodies.skins import Skin, edges_of, layered, watched
+from fish_env.bodies.skins import Skin, edges_of, layered
 from fish_env.body import make_body
 from fish_env.checks import positive_array
 from fish_env.elements import make_chambers, make_guards
@@ -71,7 +71,7 @@ def make_two_layer(
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     gap = np.concatenate([faces, reversed_faces(faces) + 23])
     pressures = scale**2 * positive_array([pressure, gap_pressure], (2,), "pressures (Pa)")
-    triangles, nodes = watched(skin)
+    triangles, nodes = corners_of(faces)
     body = make_body(
         position, np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass]), pairs, stiffness,
         p.relaxation_time * stiffness, natural, faces,
@@ -114,6 +114,20 @@ def inner_shape(p, size) -> np.ndarray:
     inner[tail, 0] = last + REACH * (outer[tail, 0] - last)
     inner[tail, 2] = size * p.half_depth[4] * p.length * np.sign(outer[tail, 2])
     return inner
+
+
+def corners_of(faces) -> tuple[np.ndarray, np.ndarray]:
+    """What the guards watch: every corner of a face with its two neighbours (K,3), and the corner's inner partner (K,).
+
+    A quadrilateral cut along one diagonal would not be its own mirror image.
+    """
+    triangles, partners = [], []
+    for face in faces.tolist():
+        around = list(dict.fromkeys(face))
+        for k, corner in enumerate(around):
+            triangles.append((around[k - 1], corner, around[(k + 1) % len(around)]))
+            partners.append(corner + 23)
+    return np.array(triangles), np.array(partners)
 
 
 def reversed_faces(faces) -> np.ndarray:
