@@ -42,7 +42,7 @@ class Guards(NamedTuple):
 
 
 def make_tets(position, nodes, young, poisson, relaxation_time=0.0, corotational=True) -> Tets:
-    """Tetrahedra (T,4) between nodes at rest at `position` (N,3) m (docs/physics.md, eq. 45-50).
+    """Tetrahedra (T,4) between nodes at rest at `position` (N,3) m (docs/physics.md, eq. 46-51).
 
     Args:
         position: (N,3) m.
@@ -153,7 +153,7 @@ def chamber_volume(chambers: Chambers, c: int, x) -> tuple[float, np.ndarray]:
             continue
         p, q, r, s = x[face]
         total, one, other = p + q + r + s, r - p, s - q
-        volume += total @ np.cross(one, other) / 24  # (51)
+        volume += total @ np.cross(one, other) / 24  # (52)
         along = [-np.cross(other, total), -np.cross(total, one), np.cross(other, total), np.cross(total, one)]
         for node, part in zip(face, along, strict=True):
             slope[node] += (np.cross(one, other) + part) / 24
@@ -167,7 +167,7 @@ def check_outward(position, corners) -> None:
         return  # an open surface has no inside
     p, q, r, s = position[corners].transpose(1, 0, 2)
     area = 0.5 * np.cross(r - p, s - q)
-    volume = np.sum(area * (p + q + r + s)) / 12  # (51)
+    volume = np.sum(area * (p + q + r + s)) / 12  # (52)
     if volume <= 0:
         raise ValueError("the faces enclose a negative volume; give their nodes counter-clockwise seen from outside")
 

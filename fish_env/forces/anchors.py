@@ -28,14 +28,14 @@ def add_force(anchors, x, v, f):
         )
         c, k, natural = anchors.stiffness[a], anchors.damping[a], anchors.rest_length[a]
         if natural == 0.0:
-            f[i, 0] += c * r0 + k * u0  # (57)
+            f[i, 0] += c * r0 + k * u0  # (58)
             f[i, 1] += c * r1 + k * u1
             f[i, 2] += c * r2 + k * u2
             continue
         length = math.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
         if length == 0.0:  # it points nowhere
             continue
-        eta = c * (1.0 - natural / length) + k * (r0 * u0 + r1 * u1 + r2 * u2) / (length * length)  # (58)
+        eta = c * (1.0 - natural / length) + k * (r0 * u0 + r1 * u1 + r2 * u2) / (length * length)  # (59)
         f[i, 0] += eta * r0
         f[i, 1] += eta * r1
         f[i, 2] += eta * r2

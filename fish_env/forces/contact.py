@@ -32,7 +32,7 @@ def add_reaction(planes, x, v, f):
                 continue
             press = n0 * f[i, 0] + n1 * f[i, 1] + n2 * f[i, 2]
             if press < 0.0:
-                f[i, 0] -= press * n0  # (59)
+                f[i, 0] -= press * n0  # (60)
                 f[i, 1] -= press * n1
                 f[i, 2] -= press * n2
 
@@ -83,7 +83,7 @@ def bounce(planes, inverse_mass, gravity, h, x, v):
             if speed < 0.0:
                 hit = -speed > resting and ahead > 2.0 * h * speed  # deeper: it was behind the plane before the step
                 part = planes[p, 4] if hit else 0.0
-                change = -(1.0 + part) * speed  # (60)
+                change = -(1.0 + part) * speed  # (61)
                 if inverse_mass[i, 0] > 0.0:
                     v[i, 0] += change * n0
                 if inverse_mass[i, 1] > 0.0:

@@ -12,7 +12,7 @@ def add_force(mass, gravity, viscosity, v, f):
         return
     for i in range(mass.size):
         for k in range(3):
-            f[i, k] += mass[i] * gravity[k] - viscosity * v[i, k]  # (56)
+            f[i, k] += mass[i] * gravity[k] - viscosity * v[i, k]  # (57)
 
 
 @njit

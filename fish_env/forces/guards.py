@@ -53,7 +53,7 @@ def barrier(s):
         return math.nan, math.nan, math.nan
     gap, log = s - NEAR, math.log(s / NEAR)
     return (
-        -gap * gap * log,  # (55)
+        -gap * gap * log,  # (56)
         -2.0 * gap * log - gap * gap / s,
         -2.0 * log - 4.0 * gap / s + gap * gap / (s * s),
     )

@@ -30,7 +30,7 @@ def rotation(f00, f01, f02, f10, f11, f12, f20, f21, f22):
     t = math.sqrt(3.0 * n)  # no trace of S is larger: Newton comes down to the largest root
     for _ in range(NEWTON):
         square = t * t
-        value = (square - 2.0 * n) * square - 8.0 * d * t + constant  # (47)
+        value = (square - 2.0 * n) * square - 8.0 * d * t + constant  # (48)
         slope = 4.0 * (square - n) * t - 8.0 * d
         if not slope > 0.0:
             break
@@ -54,7 +54,7 @@ def rotation(f00, f01, f02, f10, f11, f12, f20, f21, f22):
         f02 * f02 + f12 * f12 + f22 * f22,
     )
     return (
-        (a * c00 + b * f00 - (f00 * m00 + f01 * m01 + f02 * m02)) * inverse,  # (48)
+        (a * c00 + b * f00 - (f00 * m00 + f01 * m01 + f02 * m02)) * inverse,  # (49)
         (a * c01 + b * f01 - (f00 * m01 + f01 * m11 + f02 * m12)) * inverse,
         (a * c02 + b * f02 - (f00 * m02 + f01 * m12 + f02 * m22)) * inverse,
         (a * c10 + b * f10 - (f10 * m00 + f11 * m01 + f12 * m02)) * inverse,

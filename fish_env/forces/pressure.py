@@ -34,10 +34,10 @@ def add_volume(chambers, c, x, slope):
         d0, d1, d2 = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
         e0, e1, e2 = x[s, 0] - x[q, 0], x[s, 1] - x[q, 1], x[s, 2] - x[q, 2]
         a0, a1, a2 = (d1 * e2 - d2 * e1) / 24.0, (d2 * e0 - d0 * e2) / 24.0, (d0 * e1 - d1 * e0) / 24.0
-        volume += m0 * a0 + m1 * a1 + m2 * a2  # (51)
+        volume += m0 * a0 + m1 * a1 + m2 * a2  # (52)
         b0, b1, b2 = (e1 * m2 - e2 * m1) / 24.0, (e2 * m0 - e0 * m2) / 24.0, (e0 * m1 - e1 * m0) / 24.0
         c0, c1, c2 = (m1 * d2 - m2 * d1) / 24.0, (m2 * d0 - m0 * d2) / 24.0, (m0 * d1 - m1 * d0) / 24.0
-        slope[p, 0] += a0 - b0  # (52)
+        slope[p, 0] += a0 - b0  # (53)
         slope[p, 1] += a1 - b1
         slope[p, 2] += a2 - b2
         slope[r, 0] += a0 + b0
@@ -63,7 +63,7 @@ def add_force(chambers, x, f):
         push = chambers.gas[c] / add_volume(chambers, c, x, slope) - chambers.ambient[c]
         for i in range(x.shape[0]):
             for k in range(3):
-                f[i, k] += push * slope[i, k]  # (53)
+                f[i, k] += push * slope[i, k]  # (54)
 
 
 @njit
@@ -103,7 +103,7 @@ def add_tangent(weight, kept, y, f):
                 change += slope[i, k] * y[i, k]
         for i in range(y.shape[0]):
             for k in range(3):
-                f[i, k] -= weight * change * slope[i, k]  # (54)
+                f[i, k] -= weight * change * slope[i, k]  # (55)
 
 
 @njit

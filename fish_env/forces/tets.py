@@ -31,7 +31,7 @@ def deformation(tets, x, t):
         p2 * g[1, 0] + q2 * g[2, 0] + s2 * g[3, 0],
         p2 * g[1, 1] + q2 * g[2, 1] + s2 * g[3, 1],
         p2 * g[1, 2] + q2 * g[2, 2] + s2 * g[3, 2],
-    )  # (45)
+    )  # (46)
 
 
 @njit
@@ -65,7 +65,7 @@ def spread(tets, t, r, e, scale, f):
     """Add to f (N,3) the nodal forces of the strain e (six numbers) in the frame r, times `scale`."""
     mu, la = 2.0 * tets.shear[t], tets.dilation[t] * (e[0] + e[1] + e[2])
     v = -scale * tets.volume[t]
-    q00, q11, q22 = v * (mu * e[0] + la), v * (mu * e[1] + la), v * (mu * e[2] + la)  # (46)
+    q00, q11, q22 = v * (mu * e[0] + la), v * (mu * e[1] + la), v * (mu * e[2] + la)  # (47)
     q01, q02, q12 = v * mu * e[3], v * mu * e[4], v * mu * e[5]
     p00, p01, p02 = turned(r[0], r[1], r[2], q00, q11, q22, q01, q02, q12)
     p10, p11, p12 = turned(r[3], r[4], r[5], q00, q11, q22, q01, q02, q12)
@@ -199,7 +199,7 @@ def add_system(tets, profile, x, h, a):
                     along += now[p, k] * now[q, k]
                 for k in range(3):
                     for m in range(3):
-                        block[k, m] += mu * now[q, k] * now[p, m] + la * now[p, k] * now[q, m]  # (49)
+                        block[k, m] += mu * now[q, k] * now[p, m] + la * now[p, k] * now[q, m]  # (50)
                     block[k, k] += mu * along
 
 
@@ -230,7 +230,7 @@ def add_jacobian(tets, x, v, stiffness, damping):
                 o = spin @ skew
                 omega = np.array([[0.0, -o[2], o[1]], [o[2], 0.0, -o[0]], [-o[1], o[0], 0.0]])
                 change = moved - omega @ stretch - s * (omega @ rate)
-                push(tets, t, b, k, turn @ (omega @ stress + material(tets, t, change)), stiffness)  # (50)
+                push(tets, t, b, k, turn @ (omega @ stress + material(tets, t, change)), stiffness)  # (51)
 
 
 @njit
