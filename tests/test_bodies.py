@@ -98,7 +98,10 @@ def test_motion_scales_with_length(method):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"body": "trout"}, "unknown body 'trout'; choose from 'mass_spring', 'published'"),
+        (
+            {"body": "trout"},
+            "unknown body 'trout'; choose from 'mass_spring', 'planar', 'two_layer', 'tetrahedral', 'published'",
+        ),
         ({"weight": 3}, "unknown parameter 'weight' of the mass_spring fish; choose from length, "),
         ({"body": "published", "weight": 3}, "unknown parameter 'weight' of the published fish"),
         ({"length": 0.0}, "length is 0.0 .*; give positive numbers"),
