@@ -45,8 +45,18 @@ def held_two_layers(whole):
     return body if whole else hold(hold(body, [17, 5], "z"), [3], "xy")
 
 
-@pytest.mark.parametrize("what", ["two layers", "fish", "fish in a plane"])
-@each_method
+QUICK = ("leapfrog_chebyshev", "linearly_implicit", "rk4")
+"""Methods that are tried on a body of all kinds of elements at once in every run; the others take long to compile."""
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        pytest.param(name, what, marks=pytest.mark.slow if what == "two layers" and name not in QUICK else ())
+        for what in ("two layers", "fish", "fish in a plane")
+        for name in INTEGRATORS
+    ],
+)
 def test_motion_equals_the_reduced_system(name, what):
     """Steps with nodes held, some of them moving on their way, are those of the dense system without them, to 1e-12."""
     rng, slanted = np.random.default_rng(1), name != "semi_implicit"
