@@ -19,9 +19,7 @@ MODES = 4  # of lateral bending
 class Measures(NamedTuple):
     """What makes two fish alike."""
 
-    kink: (
-        np.ndarray
-    )  # (5,5) angle by which the line through the fish kinks at layers 1 to 5 for a moment of 1 N m at each
+    kink: np.ndarray  # (5,5) angles by which the fish kinks at layers 1 to 5 for a moment of 1 N m at each, rad
     frequency: np.ndarray  # (MODES,) of lateral bending, lowest first, Hz
     pull: np.ndarray  # (3,) angle between head and tail that a segment's left muscles make, fully contracted, rad
 
@@ -68,7 +66,7 @@ def respond(fish: Fish, frame: Structure, force) -> np.ndarray:
     rigid = np.stack([np.tile([0.0, 1.0, 0.0], (len(x), 1)), np.cross([0.0, 0.0, 1.0], x - x.mean(axis=0))])
     rigid, _ = np.linalg.qr(frame.basis.T @ rigid.reshape(2, -1).T)
     held = frame.matrix + np.trace(frame.matrix) / len(frame.matrix) * rigid @ rigid.T
-    return (frame.basis @ np.linalg.solve(held, frame.basis.T @ force.reshape(-1, 3).ravel())).reshape(x.shape)
+    return (frame.basis @ np.linalg.solve(held, frame.basis.T @ force.ravel())).reshape(x.shape)
 
 
 def stations(fish: Fish) -> list[np.ndarray]:

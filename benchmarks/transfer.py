@@ -16,21 +16,13 @@ from agents.controllers import scripted
 from agents.evaluate import FIRST_SEED, evaluate, make_eval_env, measuring, policy_controller
 from agents.policy import load_policy
 from agents.report import PRETRAINED
+from benchmarks.fidelity import interval_of
 from benchmarks.provenance import write_csv
 
 TASKS = ("swim", "turn", "left_after_right", "target", "avoid")
 BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 100, "tetrahedral": 40}
 """Episodes on each body; fewer on the dearest."""
 LEARNT_ON = "mass_spring"
-
-
-def interval_of(values: np.ndarray) -> tuple[float, float, float]:
-    """Mean of the known values and its 95 % interval by the bootstrap over episodes, with a fixed seed."""
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return (np.nan,) * 3
-    draws = np.random.default_rng(0).choice(known, (2000, known.size)).mean(axis=1)
-    return float(known.mean()), *map(float, np.percentile(draws, [2.5, 97.5]))
 
 
 def rows() -> list[dict]:
@@ -47,7 +39,8 @@ def rows() -> list[dict]:
                     scores = evaluate(policy_controller(policy, env) if who == "policy" else scripted(env), env)
                     env.close()
                     for metric in dict.fromkeys((*RESULTS[task].headline, "failed")):
-                        mean, low, high = interval_of(scores[metric])
+                        known = scores[metric][np.isfinite(scores[metric])]
+                        mean, low, high = interval_of(known) if known.size else (np.nan,) * 3
                         found.append({
                             "task": task, "learnt_on": LEARNT_ON if who == "policy" else "", "body": body, "who": who,
                             "metric": metric, "mean": f"{mean:.4g}", "low": f"{low:.4g}", "high": f"{high:.4g}",

@@ -11,7 +11,7 @@ import numpy as np
 
 from fish_env.checks import finite_array, node_array, positive_array
 from fish_env.elements import Chambers, Guards, Tets, chamber_volume, check_outward
-from fish_env.linalg import ldlt
+from fish_env.linalg import ldlt, rates
 
 
 class Springs(NamedTuple):
@@ -198,8 +198,6 @@ def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
 
 def with_rates(body: Body) -> Body:
     """The body with its highest elastic and viscous rates worked out, those of its free degrees of freedom."""
-    from fish_env.linalg import rates
-
     root = np.sqrt(body.inverse_mass)
     return body._replace(
         elastic_rate=rates.highest(rest_stiffness(body, "elastic"), root),

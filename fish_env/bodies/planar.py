@@ -6,20 +6,17 @@ and to what its muscles do. The water acts on upright faces as deep as the fish 
 there are.
 """
 
-import json
-from numbers import Integral
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
+from fish_env.bodies.fitted import checked_level, fitted
 from fish_env.body import hold, make_body
-from fish_env.checks import positive_array
 from fish_env.world import make_water
 
-FITTED_FILE = Path(__file__).with_suffix(".json")
+SHAPES = {"bending": (5,), "pull": (3,), "shear": ()}
 MOST = 2  # pieces a section: finer lattices fold where a muscle contracts
 
 
@@ -52,18 +49,10 @@ def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> F
     Raises:
         ValueError: for another level, an unknown parameter or a value that is not allowed.
     """
-    if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= level <= MOST):
-        raise ValueError(f"level is {level!r}; give a whole number from 1 to {MOST}")
+    level = checked_level(level, MOST)
     p = tu.checked_parameters("planar", parameters)
-    fitted = (
-        json.loads(FITTED_FILE.read_text())["levels"][str(level)]
-        if any(v is None for v in (bending, pull, shear))
-        else {}
-    )
+    bending, pull, shear = fitted("planar", level, SHAPES, bending=bending, pull=pull, shear=shear)
     outline = rows(p, level)
-    bending = positive_array(fitted["bending"] if bending is None else bending, (5,), "bending")
-    pull = positive_array(fitted["pull"] if pull is None else pull, (3,), "pull")
-    shear = float(positive_array(fitted["shear"] if shear is None else shear, (), "shear"))
     chord, diagonal, across, active = projected(p)
     chord[1:] *= bending
     diagonal[1:] *= bending

@@ -5,21 +5,17 @@ the four edges of the body run fibres, springs from node to node: muscles where 
 fibres carry the bending, the solid shear and volume. `benchmarks/calibrate_bodies.py` fits both to the default fish.
 """
 
-import json
-from numbers import Integral
-from pathlib import Path
-
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
+from fish_env.bodies.fitted import checked_level, fitted
 from fish_env.bodies.mesh import grid, lumped_mass
 from fish_env.body import make_body
-from fish_env.checks import positive_array
 from fish_env.elements import make_tets
 from fish_env.world import make_water
 
-FITTED_FILE = Path(__file__).with_suffix(".json")
+SHAPES = {"bending": (5,), "pull": (3,), "young": (6,)}
 MOST = 3  # pieces a section
 POISSON = 0.4
 
@@ -42,17 +38,9 @@ def make_tetrahedral(
     Raises:
         ValueError: for another level, an unknown parameter or a value that is not allowed.
     """
-    if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= level <= MOST):
-        raise ValueError(f"level is {level!r}; give a whole number from 1 to {MOST}")
+    level = checked_level(level, MOST)
     p = tu.checked_parameters("tetrahedral", parameters)
-    fitted = (
-        json.loads(FITTED_FILE.read_text())["levels"][str(level)]
-        if any(v is None for v in (bending, pull, young))
-        else {}
-    )
-    bending = positive_array(fitted["bending"] if bending is None else bending, (5,), "bending")
-    pull = positive_array(fitted["pull"] if pull is None else pull, (3,), "pull")
-    young = positive_array(fitted["young"] if young is None else young, (6,), "young (Pa)")
+    bending, pull, young = fitted("tetrahedral", level, SHAPES, bending=bending, pull=pull, young=young)
     along = p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), [0.0, *p.layer_position, 1.0])
     half = [[0.0, *p.half_width, 0.0], [0.0, *p.half_depth, p.tail_half_span]]
     width, depth = (p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), row) for row in half)

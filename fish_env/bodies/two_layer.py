@@ -7,20 +7,18 @@ of the water around while the fish is at rest, so that it resists a change of vo
 `benchmarks/calibrate_bodies.py` fits the stiffness to the default fish.
 """
 
-import json
-from pathlib import Path
-
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
+from fish_env.bodies.fitted import fitted
 from fish_env.bodies.skins import Skin, edges_of, layered
-from fish_env.body import make_body
+from fish_env.body import Body, make_body
 from fish_env.checks import positive_array
 from fish_env.elements import make_chambers, make_guards
 from fish_env.world import make_water
 
-FITTED_FILE = Path(__file__).with_suffix(".json")
+SHAPES = {"bending": (5,), "pull": (3,), "shear": ()}
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
 
 
@@ -50,45 +48,22 @@ def make_two_layer(
         if not 0.0 < float(positive_array(value, (), name)) < 1.0:
             raise ValueError(f"{name} is {value!r}; give a number between 0 and 1")
     inner_stiffness = float(positive_array(inner_stiffness, (), "inner_stiffness"))
-    fitted = (
-        json.loads(FITTED_FILE.read_text())["levels"]["1"] if any(v is None for v in (bending, pull, shear)) else {}
-    )
-    bending = positive_array(fitted["bending"] if bending is None else bending, (5,), "bending")
-    pull = positive_array(fitted["pull"] if pull is None else pull, (3,), "pull")
-    shear = float(positive_array(fitted["shear"] if shear is None else shear, (), "shear"))
-    scale = p.length / tu.REFERENCE_LENGTH
-    outer = tu.shape(p)
-    _, _, _, faces = tu.topology()
-    skin = Skin(outer, edges_of(faces.tolist()), faces)
-    position = np.concatenate([outer, inner_shape(p, inner_size)])
-    pairs, kinds = layered(skin)
-    braces = np.concatenate(
-        [quads[:, corners] for quads in [faces[faces[:, 2] != faces[:, 3]]] for corners in ([0, 2], [1, 3])]
-    )
-    stiffness = springs(p, skin, kinds, braces, bending, shear, inner_stiffness)
-    pairs = np.concatenate([pairs, braces])
-    mass = tu.masses(p)
-    natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
-    gap = np.concatenate([faces, reversed_faces(faces) + 23])
-    pressures = scale**2 * positive_array([pressure, gap_pressure], (2,), "pressures (Pa)")
-    triangles, nodes = corners_of(faces)
-    body = make_body(
-        position, np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass]), pairs, stiffness,
-        p.relaxation_time * stiffness, natural, faces,
-        chambers=make_chambers(position, [faces + 23, gap], pressures, pressures),
-        guards=make_guards(position, triangles, nodes, scale**5 * guard_energy),
+    bending, pull, shear = fitted("two_layer", 1, SHAPES, bending=bending, pull=pull, shear=shear)
+    topology, classes, sections, faces = tu.topology()
+    skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
+    body = two_skins(
+        p, skin, inner_shape(p, inner_size), inner_mass, (bending, shear, inner_stiffness), (pressure, gap_pressure),
+        guard_energy,
     )  # fmt: skip
-    topology, classes, sections, _ = tu.topology()
     edge = {frozenset(pair): e for e, pair in enumerate(skin.edges.tolist())}
-    muscles = np.array([edge[frozenset(pair)] for pair in topology[classes == tu.MUSCLE].tolist()])
+    ends, mirror = topology[classes == tu.MUSCLE], tu.mirrored()
     segments = sections[classes == tu.MUSCLE].astype(int) - 1
-    mirror = tu.mirrored()
     return Fish(
         name="two_layer",
         body=body,
         length=float(p.length),
-        muscles=muscles,
-        sides=np.where(np.isin(topology[classes == tu.MUSCLE][:, 0], tu.LEFT), 1, -1),
+        muscles=np.array([edge[frozenset(pair)] for pair in ends.tolist()]),
+        sides=np.where(np.isin(ends[:, 0], tu.LEFT), 1, -1),
         segments=segments,
         contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
         contraction_time=float(p.contraction_time),
@@ -100,8 +75,32 @@ def make_two_layer(
         left=tu.LEFT,
         right=tu.RIGHT,
         mirror=np.concatenate([mirror, mirror + 23]),
-        landmarks=Landmarks(np.arange(23), np.zeros(23), mass, faces, topology[classes == tu.MUSCLE], mirror),
+        landmarks=Landmarks(np.arange(23), np.zeros(23), tu.masses(p), faces, ends, mirror),
     )
+
+
+def two_skins(p, skin, inner, inner_mass, material, pressures, guard_energy) -> Body:
+    """The body: nodes 0 to 22 the outer skin, 23 to 45 the inner one at `inner` (23,3) m, two chambers, the guards.
+
+    `material`: factors on the bending and the shear stiffness, and the inner skin's stiffness over the outer one's.
+    """
+    faces, mass, scale = skin.faces, tu.masses(p), p.length / tu.REFERENCE_LENGTH
+    position = np.concatenate([skin.place, inner])
+    pairs, kinds = layered(skin)
+    quads = faces[faces[:, 2] != faces[:, 3]]
+    braces = np.concatenate([quads[:, [0, 2]], quads[:, [1, 3]]])
+    stiffness = springs(p, skin, kinds, braces, *material)
+    pairs = np.concatenate([pairs, braces])
+    natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
+    gap = np.concatenate([faces, reversed_faces(faces) + 23])
+    pressures = scale**2 * positive_array(pressures, (2,), "pressures (Pa)")
+    triangles, nodes = corners_of(faces)
+    return make_body(
+        position, np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass]), pairs, stiffness,
+        p.relaxation_time * stiffness, natural, faces,
+        chambers=make_chambers(position, [faces + 23, gap], pressures, pressures),
+        guards=make_guards(position, triangles, nodes, scale**5 * guard_energy),
+    )  # fmt: skip
 
 
 def inner_shape(p, size) -> np.ndarray:

@@ -35,11 +35,17 @@ def deformation(tets, x, t):
 
 
 @njit
-def frame(tets, x, t):
-    """The rotation of element t, nine numbers by rows: the unit matrix unless the elements rotate."""
+def turn_of(tets, d):
+    """The rotation of an element deformed by d, nine numbers by rows: the unit matrix unless the elements rotate."""
     if not tets.rotating:
         return 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
-    return rotation(*deformation(tets, x, t))
+    return rotation(*d)
+
+
+@njit
+def frame(tets, x, t):
+    """The rotation of element t at positions x (N,3)."""
+    return turn_of(tets, deformation(tets, x, t))
 
 
 @njit
@@ -96,7 +102,7 @@ def add_force(tets, x, v, f):
         return
     for t in range(tets.volume.size):
         d = deformation(tets, x, t)
-        r = rotation(*d) if tets.rotating else (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+        r = turn_of(tets, d)
         add_element(tets, v, t, d, r, f)
 
 
@@ -119,7 +125,7 @@ def add_force_kept(tets, x, v, f, kept):
         return
     for t in range(tets.volume.size):
         d = deformation(tets, x, t)
-        r = rotation(*d) if tets.rotating else (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+        r = turn_of(tets, d)
         for k in range(9):
             kept[t, k] = r[k]
         add_element(tets, v, t, d, r, f)
