@@ -2,6 +2,8 @@
 
 python train.py swim                                 train, then show what was learnt (tasks: see below)
 python train.py swim --resume runs/swim/<time>       go on with a run that was stopped
+python train.py swim --body two_layer                learn on another body (planar, mass_spring, two_layer, tetrahedral)
+python train.py swim --body tetrahedral --start-from runs/swim/<time>   go on from what was learnt on another
 python train.py all                                  train every task with all its seeds; stop and go on at any time
 python train.py evaluate runs/swim/<time>/policy.npz measure policies on the fixed evaluation seeds
 python train.py compare runs/swim/<time>/policy.npz  the same, beside the controllers without learning
@@ -29,6 +31,8 @@ def parse() -> argparse.Namespace:
         command.add_argument("--timesteps", type=int, help=f"decisions to train for (default {config.timesteps:,})")
         command.add_argument("--num-envs", type=int, help=f"fish trained side by side (default {config.num_envs})")
         command.add_argument("--resume", type=Path, help="folder of a run to go on with")
+        command.add_argument("--body", help="learn on this body (default mass_spring)")
+        command.add_argument("--start-from", type=Path, help="folder of a run to begin with what it learnt")
         command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are kept (default runs)")
         command.add_argument("--folder", type=Path, help="keep the run in this folder")
         command.add_argument("--no-pictures", action="store_true", help="only measure the policy at the end")
@@ -41,6 +45,7 @@ def parse() -> argparse.Namespace:
     command.add_argument("policies", type=Path, nargs="+")
     command.add_argument("--integrator", help="measure under another integrator than the one it was trained with")
     command.add_argument("--dt", type=float, help="and with another step, s")
+    command.add_argument("--body", help="measure on another body than the one it was trained with")
     command = commands.add_parser("compare", help="measure policies beside the controllers without learning")
     command.add_argument("policies", type=Path, nargs="*", help="default: those that are shipped")
     command.add_argument("--integrators", action="store_true", help="under every integrator, RK4 as the reference")
@@ -57,7 +62,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.command == "evaluate":
         from agents.report import measure
 
-        measure(arguments.policies, integrator=arguments.integrator, dt=arguments.dt)
+        measure(arguments.policies, integrator=arguments.integrator, dt=arguments.dt, body=arguments.body)
     elif arguments.command == "compare" and arguments.integrators:
         from agents.integrators import compare_integrators
 
@@ -83,7 +88,8 @@ def run(arguments: argparse.Namespace) -> None:
         from agents.train import train
 
         train(arguments.command, arguments.seed, arguments.runs, arguments.resume, arguments.folder,
-              not arguments.no_pictures, timesteps=arguments.timesteps, num_envs=arguments.num_envs)  # fmt: skip
+              not arguments.no_pictures, arguments.body, arguments.start_from,
+              timesteps=arguments.timesteps, num_envs=arguments.num_envs)  # fmt: skip
 
 
 def main() -> int:

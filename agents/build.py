@@ -13,7 +13,7 @@ from torch import nn
 from agents.config import TrainConfig
 from agents.mirror import MirroredPolicy, mirror_of, plain_layers
 from agents.policy import Policy
-from agents.synergy import Synergies, synergies
+from agents.synergy import Synergies, both, synergies
 from fish_env.envs.sb3 import make_sb3_vec_env
 
 POSITION_SCALE = 0.1  # body lengths: how far a node strays from its place in the body while swimming
@@ -60,7 +60,8 @@ class Tanh(nn.Module):
 def scaling(fish) -> tuple[np.ndarray, np.ndarray]:
     """Offset and scale (D,) of the observations of a `FishVectorEnv`."""
     body, length = fish.tank.fish.body, fish.tank.fish.length
-    rest = (body.position - body.mass @ body.position / body.mass.sum()).ravel() / length
+    landmarks = fish.tank.fish.points(body.position)
+    rest = (landmarks - body.mass @ body.position / body.mass.sum()).ravel() / length
     muscles, directions = fish.tank.fish.num_muscles, fish.task.directions
     offset = np.concatenate([rest, np.zeros(rest.size + muscles), [0.0, 0.0, 1.0], np.zeros(3 * len(directions))])
     parts = [(rest.size, POSITION_SCALE), (rest.size, VELOCITY_SCALE), (muscles, 1.0), (3, TILT_SCALE)]
@@ -111,6 +112,39 @@ class falling:  # noqa: N801 - used like a function; a class so that it can be p
 
     def __call__(self, remaining: float) -> float:
         return self.start * (0.1 + 0.9 * max(remaining, 0.0))
+
+
+def start_from(model: PPO, other: PPO) -> None:
+    """Let a fresh learner begin with what another has learnt, on another body or with other muscle groups.
+
+    An action that the other did not have, the difference between the muscles of a pair, begins at zero and with the
+    noise of a beginner; one that this learner does not have is left out.
+
+    Raises:
+        ValueError: if their tasks show different things, or their networks differ.
+    """
+    mine, known = model.policy.state_dict(), other.policy.state_dict()
+    fish = model.get_env().unwrapped.fish.tank.fish
+    here, there = (both(fish, learner.action_space.shape[0]) for learner in (model, other))
+    for name, value in mine.items():
+        if name.endswith(".swap"):  # how this learner's actions are mirrored
+            continue
+        theirs = known.get(name)
+        same = theirs is not None and value.shape == theirs.shape
+        per_action = name == "log_std" or name.startswith("action_net")
+        if not same and not (per_action and theirs is not None and value.shape[1:] == theirs.shape[1:]):
+            found = None if theirs is None else tuple(theirs.shape)
+            raise ValueError(
+                f"{name} is {tuple(value.shape)} here and {found} in what was learnt before; start from a run of the "
+                "same task, with the same hidden layers and the same kind of policy"
+            )
+        if same:
+            value.copy_(theirs)
+        else:
+            if name != "log_std":
+                value.zero_()
+            value[here] = theirs[there]
+    model.policy.load_state_dict(mine)
 
 
 def export_policy(model: PPO, about: dict[str, Any]) -> Policy:

@@ -22,13 +22,22 @@ def synergies(env) -> np.ndarray:
     matrix = np.eye(size)
     if size < fish.num_muscles:
         return matrix
-    height = fish.heights
-    for segment in np.unique(fish.segments):
-        for side in (1, -1):
-            pair = np.flatnonzero((fish.segments == segment) & (fish.sides == side))
-            upper, lower = pair[np.argsort(-height[pair])]
-            matrix[upper, lower], matrix[lower, upper], matrix[lower, lower] = APART, 1.0, -APART
+    for upper, lower in pairs(fish):
+        matrix[upper, lower], matrix[lower, upper], matrix[lower, lower] = APART, 1.0, -APART
     return matrix
+
+
+def pairs(fish) -> np.ndarray:
+    """The upper and the lower muscle of each pair, (P,2), in the order of the environment's pairs."""
+    group = fish.grouping("pairs")
+    found = (np.flatnonzero(group == pair) for pair in range(group.max() + 1))
+    return np.array([muscles[np.argsort(-fish.heights[muscles])] for muscles in found])
+
+
+def both(fish, size: int) -> np.ndarray:
+    """Which of a learner's actions, `size` of them, moves both muscles of each pair, (P,)."""
+    upper = pairs(fish)[:, 0]
+    return np.arange(size) if size == upper.size else upper
 
 
 class Synergies(VecEnvWrapper):

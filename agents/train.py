@@ -13,11 +13,12 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
-from agents.build import export_policy, make_env, make_model
+from agents.build import export_policy, make_env, make_model, start_from
 from agents.callbacks import Checkpoint, LearningCurve, Progress, save_whole
 from agents.config import CONFIGS, RESULTS, TrainConfig, settings_of
 from agents.report import report
 from benchmarks.provenance import provenance
+from fish_env import BODIES, make_fish
 
 try:
     import fcntl
@@ -47,6 +48,8 @@ def train(
     resume: Path | None = None,
     folder: Path | None = None,
     pictures: bool = True,
+    body: str | None = None,
+    start: Path | None = None,
     **changes,
 ) -> Path:
     """Train, evaluate and report; returns the run's folder.
@@ -58,11 +61,15 @@ def train(
         resume: the folder of an earlier run to go on with, until its number of timesteps (or the one given) is reached.
         folder: where to keep the run, instead of a new folder under `root`.
         pictures: make the pictures, the video and the table beside the baselines; else only measure the policy.
+        body: a key of `fish_env.BODIES` to learn on; None takes the task's.
+        start: the folder of a run of the task to begin with what it learnt, on whatever body; its learning rate, noise
+            and number of timesteps are those of a new run.
         changes: fields of `TrainConfig` to use instead of the task's (None is ignored).
 
     Raises:
-        ValueError: for an unknown task, a setting that is not allowed, or a folder that holds a run already.
-        FileNotFoundError: if there is nothing to resume.
+        ValueError: for an unknown task or body, a setting that is not allowed, a run to start from that does not fit,
+            or a folder that holds a run already.
+        FileNotFoundError: if there is nothing to resume or to start from.
         RuntimeError: if another program is training in the folder.
     """
     changes = {name: value for name, value in changes.items() if value is not None}
@@ -70,11 +77,18 @@ def train(
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
         config, kept = replace(CONFIGS[task], **changes), None
+        if body is not None:
+            config = on_body(config, body)
+        if start is not None:
+            _kept(Path(start), task, "start from")
         if folder is not None and (Path(folder) / "model.zip").exists():
             raise ValueError(f"{folder} holds a run; go on with: python train.py {task} --resume {folder}")
     else:
+        if body is not None or start is not None:
+            raise ValueError("a run that goes on keeps its body and what it started from; leave both out")
         folder = Path(resume)
-        config, kept = _resumable(folder, task, changes)
+        kept = _kept(folder, task, "go on with")
+        config = replace(settings_of(kept["config"]), **changes)
         seed = kept["seed"]
     for name, value, least in (("timesteps", config.timesteps, 1), ("num_envs", config.num_envs, 1), ("seed", seed, 0)):
         if value < least:
@@ -82,10 +96,12 @@ def train(
     folder = new_folder(root, task) if folder is None else Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        _write_config(folder, task, config, seed, kept)
+        _write_config(folder, task, config, seed, kept, start)
         env = make_env(config, config.num_envs, seed)
         if resume is None:
             model = make_model(config, env, seed, folder / "tensorboard")
+            if start is not None:
+                start_from(model, PPO.load(Path(start) / "model.zip", device="cpu"))
         else:
             model = PPO.load(folder / "model.zip", env, device="cpu")
         finished = learn(model, config, folder, RESULTS[task].score)
@@ -133,24 +149,44 @@ def learn(model: PPO, config: TrainConfig, folder: Path, score: str) -> bool:
     return True
 
 
-def _resumable(folder: Path, task: str, changes: dict) -> tuple[TrainConfig, dict]:
+def on_body(config: TrainConfig, body: str) -> TrainConfig:
+    """The settings of a task on another body; a flat fish has no use for upper and lower muscles.
+
+    Raises:
+        ValueError: for an unknown body.
+    """
+    if body not in BODIES:
+        raise ValueError(f"unknown body {body!r}; choose from {', '.join(BODIES)}")
+    flat = {"muscle_groups": "pairs"} if make_fish(body).flat else {}
+    return replace(config, env_options=config.env_options | {"body": body} | flat)
+
+
+def _kept(folder: Path, task: str, purpose: str) -> dict:
+    """What config.json says of the run of a task in a folder."""
     if not (folder / "model.zip").is_file() or not (folder / "config.json").is_file():
-        raise FileNotFoundError(f"{folder} holds no model.zip and config.json to go on with; give the folder of a run")
+        raise FileNotFoundError(f"{folder} holds no model.zip and config.json to {purpose}; give the folder of a run")
     kept = json.loads((folder / "config.json").read_text())
     if kept["task"] != task:
         raise ValueError(f"{folder} is a run of task {kept['task']!r}, not {task!r}")
-    return replace(settings_of(kept["config"]), **changes), kept
+    return kept
 
 
-def _write_config(folder: Path, task: str, config: TrainConfig, seed: int, kept: dict | None) -> None:
+def _write_config(folder: Path, task: str, config: TrainConfig, seed: int, kept: dict | None, start) -> None:
     commit = provenance("")["commit"]
     if kept is not None and commit not in kept["commit"].split(", "):
         commit = f"{kept['commit']}, {commit}"
+    command = f"python train.py {task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}"
+    if "body" in config.env_options:
+        command += f" --body {config.env_options['body']}"
+    start = kept.get("start") if kept else start and str(start)
+    if start:
+        command += f" --start-from {start}"
     record = {
         "task": task,
         "seed": seed,
         "config": asdict(config),
-        "command": f"python train.py {task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}",
+        "command": command,
+        "start": start,
         "commit": commit,
         "resumed": 0 if kept is None else kept.get("resumed", 0) + 1,
         "versions": {name: version(name) for name in PACKAGES} | {"python": sys.version.split()[0]},
