@@ -216,6 +216,7 @@ def chart(rows: list[dict]) -> Path:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.rcParams["svg.hashsalt"] = "fish_env"  # the same bits for the same numbers
     tasks = list(dict.fromkeys(row["task"] for row in rows))
     figure, axes = plt.subplots(2, 3, figsize=(12, 7), sharex=True, sharey=True)
     colours = {"planar": "tab:green", "mass_spring": "tab:blue", "two_layer": "tab:orange", "tetrahedral": "tab:red"}

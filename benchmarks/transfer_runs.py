@@ -1,0 +1,154 @@
+"""Runs of learning on one body and of fine-tuning on another, kept in folders, and their policies measured."""
+
+import json
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
+
+from agents.build import export_policy, make_env, make_model, start_from
+from agents.config import CONFIGS, TrainConfig
+from agents.evaluate import Scores, evaluate, make_eval_env, measuring, policy_controller
+from agents.policy import load_policy
+from agents.train import on_body
+from benchmarks.provenance import provenance
+from fish_env import make_fish
+
+TASKS = {"swim": 1_000_000, "left_after_right": 1_000_000}
+"""Decisions to learn for."""
+SHORT = 98_304
+"""Decisions of fine-tuning: twelve updates."""
+SHORT_RATE = 3e-4
+"""Learning rate at the beginning of fine-tuning."""
+SEEDS = 3
+STOPS, SHORT_STOPS = 8, 4
+"""Policies kept on the way of a run."""
+BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 100, "tetrahedral": 40}
+"""Episodes on each body, cheapest first; fewer on the dearest."""
+FINEST, PROOF, PROOF_EPISODES = "tetrahedral", 2, 10
+"""The finest body that can be learnt on, and the level of it that policies are proved on."""
+
+
+class Run(NamedTuple):
+    """One learning run, or one of fine-tuning what was learnt on another body."""
+
+    task: str
+    body: str
+    seed: int
+    source: str = ""
+
+    def folder(self, root: Path) -> Path:
+        return root / self.task / (f"{self.source}_to_{self.body}" if self.source else self.body) / f"seed_{self.seed}"
+
+    def config(self) -> TrainConfig:
+        config = replace(on_body(CONFIGS[self.task], self.body), timesteps=TASKS[self.task])
+        return replace(config, timesteps=SHORT, learning_rate=SHORT_RATE) if self.source else config
+
+
+class Keep(BaseCallback):
+    """Keeps the policy at every stop, in `folder`, and the processor's seconds of learning until then."""
+
+    def __init__(self, folder: Path, stops: set[int], about: dict):
+        super().__init__()
+        self.folder, self.stops, self.about, self.seconds = folder, stops, about, {}
+
+    def _on_training_start(self) -> None:
+        self._begun = time.process_time()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps in self.stops:
+            now = time.process_time()
+            self.seconds[self.num_timesteps] = now - self._begun
+            export_policy(self.model, self.about).save(self.folder / f"policy_{self.num_timesteps}.npz")
+            self._begun += time.process_time() - now  # the keeping does not count
+
+    def _on_training_end(self) -> None:
+        self._on_rollout_start()
+
+
+def learn(run: Run, root: Path) -> None:
+    """Carry a run out; its folder gets policy_<decisions>.npz, model.zip, and seconds.json when it is whole."""
+    torch.set_num_threads(1)
+    config, folder = run.config(), run.folder(root)
+    folder.mkdir(parents=True, exist_ok=True)
+    env = make_env(config, config.num_envs, run.seed)
+    model = make_model(config, env, run.seed)
+    if run.source:
+        start_from(model, PPO.load(Run(run.task, run.source, run.seed).folder(root) / "model.zip", device="cpu"))
+    update = config.num_envs * config.rollout
+    whole = -(-config.timesteps // update)
+    stops = {update * round(whole * k / n) for n in [SHORT_STOPS if run.source else STOPS] for k in range(n + 1)}
+    keep = Keep(folder, stops, {"task": run.task, "env_id": config.env_id, "env_options": config.env_options})
+    other = make_eval_env(config.env_id, 1, config.env_options)  # loads what is compiled, before the clock runs
+    other.reset(seed=0)
+    other.step(other.action_space.sample())
+    model.learn(config.timesteps, keep)
+    env.close()
+    model.save(folder / "model.zip")
+    record = {"seconds": {str(k): round(v, 2) for k, v in keep.seconds.items()}, "commit": provenance("")["commit"]}
+    (folder / "seconds.json").write_text(json.dumps(record, indent=2) + "\n")
+
+
+def measured(run: Run, root: Path, decisions: int, body: str, level: int | None, episodes: int) -> Scores:
+    """Scores of a policy of a run on a body, kept beside it."""
+    folder = run.folder(root)
+    kept = folder / f"scores_{decisions}_{body}{level or ''}_{episodes}.npz"
+    if not kept.exists():
+        policy = load_policy(folder / f"policy_{decisions}.npz")
+        fish = body if level is None else make_fish(body, level=level)
+        env = make_eval_env(CONFIGS[run.task].env_id, episodes, measuring(policy.about["env_options"]) | {"body": fish})
+        scores = evaluate(policy_controller(policy, env), env)
+        env.close()
+        partial = kept.with_suffix(".partial.npz")
+        np.savez(partial, **scores)
+        os.replace(partial, kept)
+    with np.load(kept) as file:
+        return dict(file)
+
+
+def stops_of(run: Run, root: Path) -> dict[int, float]:
+    """Decisions and seconds at which the policies of a run were kept."""
+    record = json.loads((run.folder(root) / "seconds.json").read_text())
+    return {int(k): v for k, v in record["seconds"].items()}
+
+
+def pin(processors) -> None:
+    """Keep this process on a processor of its own."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {processors.get()})
+
+
+def in_parallel(work: list[tuple], jobs: int | None, what: str) -> None:
+    """Call work[i][0](*work[i][1:]), each on one processor, as many side by side as asked."""
+    context = get_context("spawn")
+    places = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
+    jobs, queue = jobs or len(places), context.Queue()
+    for k in range(jobs):
+        queue.put(places[k % len(places)])
+    with ProcessPoolExecutor(jobs, context, pin, (queue,)) as pool, tqdm(total=len(work), desc=what, unit="job") as bar:
+        try:
+            for done in as_completed([pool.submit(*call) for call in work]):
+                done.result()
+                bar.update()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def runs(tasks: list[str], bodies: list[str]) -> tuple[list[Run], list[Run]]:
+    """Runs of learning and of fine-tuning, first seeds first."""
+    found = [Run(task, body, seed) for seed in range(SEEDS) for task in tasks for body in bodies]
+    tuned = [run._replace(source=source) for run in found for source in bodies if source != run.body]
+    return found, tuned
