@@ -6,7 +6,7 @@ import numpy as np
 
 from fish_env.body import Control, State, make_body
 from fish_env.elements import make_chambers, make_guards, make_tets
-from fish_env.world import make_anchors, make_water, make_world
+from fish_env.world import World, make_anchors, make_water, make_world
 
 CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
 """Corners of the unit cube; corner 4 i + 2 j + k is at (i, j, k)."""
@@ -115,6 +115,29 @@ def world_with_all(body, current=(0.8, 0.6, 0.7), offset=-100.0, drag=0.2):
     point = body.position[node] + [[0.03, -0.05, 0.1], [-0.04, -0.02, 0.06], [0.02, 0.03, -0.01]]
     anchors = make_anchors(node, point, [30.0, 20.0, 60.0], [0.2, 0.1, 0.3], [0.05, 0.0, 0.0], [0.1, -0.2, 0.05])
     return world._replace(anchors=anchors)
+
+
+def completed(body):
+    """The same body with no elements of a kind, where it has None: the kernels are those of a body of every kind.
+
+    Which kinds are None decides what numba compiles, 10 s and more for every method; so tests that need not do without
+    a kind share what is compiled for `two_layers` in `world_with_all`.
+    """
+    x = body.position
+    return body._replace(
+        tets=body.tets or make_tets(x, [], 1.0, 0.3),
+        chambers=body.chambers or make_chambers(x, [], 1.0),
+        guards=body.guards or make_guards(x, [], [], 1.0),
+    )
+
+
+def completed_world(world: World):
+    """The same world with gravity that is zero, no walls and no anchors, where it has None."""
+    return world._replace(
+        gravity=np.zeros(3) if world.gravity is None else world.gravity,
+        planes=np.zeros((0, 5)) if world.planes is None else world.planes,
+        anchors=world.anchors or make_anchors([], np.zeros((0, 3)), 1.0),
+    )
 
 
 def shaken(body, rng, displacement=0.003, speed=0.1, squeezed=True):
