@@ -165,3 +165,39 @@ def turned(rng):
     """A random rotation."""
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     return turn * np.sign(np.linalg.det(turn))
+
+
+BODIES = {
+    name: completed(body)
+    for name, body in {
+        "block": block(),
+        "linear block": block(corotational=False),
+        "chamber": tetrahedral_chamber(),
+        "two layers": two_layers(),
+        "rings": rings(),
+    }.items()
+}
+"""Bodies of every kind of element, completed."""
+ALL = BODIES["two layers"]
+
+
+def close(actual, wanted, tolerance=1e-12):
+    """Equal up to `tolerance` times the largest element."""
+    np.testing.assert_allclose(actual, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
+
+
+def bent(name, rng):
+    """A turned and moved, bent and moving state of a body (of a flat one: in its plane); guards, if any, at work."""
+    body = BODIES[name]
+    flat = not np.ptp(body.position[:, 2])
+    x, v = shaken(body, rng, 1e-3 if flat else 3e-3, squeezed=name == "two layers")
+    if flat:
+        x[8, 0] += 0.032
+        angle = rng.uniform(0, 2 * np.pi)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        x[:, 2], v[:, 2] = 0.0, 0.0
+    else:
+        turn = turned(rng)
+    if name == "linear block":
+        turn = np.eye(3)
+    return x @ turn.T + rng.uniform(-0.3, 0.3, 3) * (1, 1, not flat), v @ turn.T

@@ -1,7 +1,7 @@
 """The same fish on four bodies: built alike, moved by every method that can, seen and driven alike.
 
-What the elements do by themselves is in test_elements.py; every method on every body, which takes long to compile, is
-behind `pytest -m slow`.
+What the elements do by themselves is in test_elements.py, what every method does with them in test_every_method.py;
+every method on every body, which takes long to compile, is behind `pytest -m slow`.
 """
 
 import gymnasium as gym
@@ -31,7 +31,7 @@ each_pair = pytest.mark.parametrize(
         if record.kind != "adaptive" and not (method == "explicit_euler" and name != "planar")
     ],
 )
-"""Explicit Euler's stable step is so short on the others that a beat takes minutes; test_elements.py has it."""
+"""Explicit Euler's stable step is so short on the others that a beat takes minutes; test_every_method.py has it."""
 
 
 def deformed(fish, rng, displacement=0.001, speed=0.3):
