@@ -171,7 +171,7 @@ def hold(body: Body, nodes, axes: str = "xyz") -> Body:
     inverse[np.ix_(nodes, ["xyz".index(axis) for axis in axes])] = 0.0
     if not inverse.any():
         raise ValueError(f"all {len(inverse)} nodes would be held along every axis; leave one of them free")
-    return with_rates(body._replace(inverse_mass=inverse, held=np.argwhere(inverse == 0.0).astype(np.int64)))
+    return with_rates(body._replace(inverse_mass=inverse, held=np.ascontiguousarray(np.argwhere(inverse == 0.0))))
 
 
 def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:

@@ -6,7 +6,7 @@ import numpy as np
 
 from fish_env.body import Control, State, make_body
 from fish_env.elements import make_chambers, make_guards, make_tets
-from fish_env.world import make_anchors, make_water, make_world
+from fish_env.world import World, make_anchors, make_water, make_world
 
 CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
 """Corners of the unit cube; corner 4 i + 2 j + k is at (i, j, k)."""
@@ -117,6 +117,29 @@ def world_with_all(body, current=(0.8, 0.6, 0.7), offset=-100.0, drag=0.2):
     return world._replace(anchors=anchors)
 
 
+def completed(body):
+    """The same body with no elements of a kind, where it has None: the kernels are those of a body of every kind.
+
+    Which kinds are None decides what numba compiles, 10 s and more for every method; so tests that need not do without
+    a kind share what is compiled for `two_layers` in `world_with_all`.
+    """
+    x = body.position
+    return body._replace(
+        tets=body.tets or make_tets(x, [], 1.0, 0.3),
+        chambers=body.chambers or make_chambers(x, [], 1.0),
+        guards=body.guards or make_guards(x, [], [], 1.0),
+    )
+
+
+def completed_world(world: World):
+    """The same world with gravity that is zero, no walls and no anchors, where it has None."""
+    return world._replace(
+        gravity=np.zeros(3) if world.gravity is None else world.gravity,
+        planes=np.zeros((0, 5)) if world.planes is None else world.planes,
+        anchors=world.anchors or make_anchors([], np.zeros((0, 3)), 1.0),
+    )
+
+
 def shaken(body, rng, displacement=0.003, speed=0.1, squeezed=True):
     """A bent, moving state (x, v), m and m/s; squeezed: with node 8 of the two layers pushed at the outer one."""
     x = body.position + displacement * rng.uniform(-1, 1, body.position.shape)
@@ -142,3 +165,39 @@ def turned(rng):
     """A random rotation."""
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     return turn * np.sign(np.linalg.det(turn))
+
+
+BODIES = {
+    name: completed(body)
+    for name, body in {
+        "block": block(),
+        "linear block": block(corotational=False),
+        "chamber": tetrahedral_chamber(),
+        "two layers": two_layers(),
+        "rings": rings(),
+    }.items()
+}
+"""Bodies of every kind of element, completed."""
+ALL = BODIES["two layers"]
+
+
+def close(actual, wanted, tolerance=1e-12):
+    """Equal up to `tolerance` times the largest element."""
+    np.testing.assert_allclose(actual, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
+
+
+def bent(name, rng):
+    """A turned and moved, bent and moving state of a body (of a flat one: in its plane); guards, if any, at work."""
+    body = BODIES[name]
+    flat = not np.ptp(body.position[:, 2])
+    x, v = shaken(body, rng, 1e-3 if flat else 3e-3, squeezed=name == "two layers")
+    if flat:
+        x[8, 0] += 0.032
+        angle = rng.uniform(0, 2 * np.pi)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        x[:, 2], v[:, 2] = 0.0, 0.0
+    else:
+        turn = turned(rng)
+    if name == "linear block":
+        turn = np.eye(3)
+    return x @ turn.T + rng.uniform(-0.3, 0.3, 3) * (1, 1, not flat), v @ turn.T

@@ -183,8 +183,9 @@ def test_penalty_error(task):
 def bent_fish():
     """The fish's task with the 1e4 penalty: body, anchors, and the world they make."""
     task = boundary.fish_task()
+    task = task._replace(body=small_bodies.completed(task.body))
     pulling = boundary.penalty(task, boundary.BOOK)
-    return task, pulling, VACUUM._replace(anchors=pulling)
+    return task, pulling, small_bodies.completed_world(VACUUM)._replace(anchors=pulling)
 
 
 def test_penalty_in_time():
@@ -221,13 +222,13 @@ def test_explicit_methods_and_the_penalty():
     holds at a step a hundredth as long. The nodes are sent a four-hundredth of the fish's length: let go, they swing
     twice as far, and no unit is to tear.
     """
-    task, pulling, _ = bent_fish()
+    task, pulling, world = bent_fish()
     body, displacement = task.body, 0.05 * task.displacement
     pulling = pulling._replace(point=body.position[task.nodes] + displacement)
-    world = VACUUM._replace(anchors=pulling)
+    world = world._replace(anchors=pulling)
     assert FISH.integrator == "leapfrog_chebyshev"
     tank = Tank(thing(body), 1, water=world)
-    free = Tank(thing(body), 1)
+    free = Tank(thing(body), 1, water=small_bodies.completed_world(VACUUM))
     for part in (tank, free):
         part.advance(2000)
         assert part.alive.all()
@@ -248,9 +249,9 @@ def test_explicit_methods_and_the_penalty():
 
 def test_damped_penalty_settles():
     """With a damper beside it, the penalty takes the node to its point and keeps it there, whatever the method."""
-    task, pulling, _ = bent_fish()
+    task, pulling, world = bent_fish()
     critical = 2 * np.sqrt(pulling.stiffness * task.body.mass[task.nodes])
-    world = VACUUM._replace(anchors=pulling._replace(damping=critical))
+    world = world._replace(anchors=pulling._replace(damping=critical))
     for name in ("leapfrog_chebyshev", "linearly_implicit", "semi_implicit"):
         tank = Tank(thing(task.body), 1, name, FISH.time_step, water=world)
         tank.advance(round(20 / FISH.time_step))

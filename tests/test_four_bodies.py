@@ -1,7 +1,7 @@
 """The same fish on four bodies: built alike, moved by every method that can, seen and driven alike.
 
-What the elements do by themselves is in test_elements.py; every method on every body, which takes long to compile, is
-behind `pytest -m slow`.
+What the elements do by themselves is in test_elements.py, what every method does with them in test_every_method.py;
+every method on every body, which takes long to compile, is behind `pytest -m slow`.
 """
 
 import gymnasium as gym
@@ -14,6 +14,7 @@ from benchmarks.alike import measures
 from benchmarks.calibrate_bodies import compliance_off
 from fish_env import BODIES, INTEGRATORS, Tank, forces, make_fish
 from fish_env.body import FAILURES
+from fish_env.integrators import adaptive
 from fish_env.tank import own_step
 from fish_env.world import VACUUM
 
@@ -30,7 +31,7 @@ each_pair = pytest.mark.parametrize(
         if record.kind != "adaptive" and not (method == "explicit_euler" and name != "planar")
     ],
 )
-"""Explicit Euler's stable step is so short on the others that a beat takes minutes; test_elements.py has it."""
+"""Explicit Euler's stable step is so short on the others that a beat takes minutes; test_every_method.py has it."""
 
 
 def deformed(fish, rng, displacement=0.001, speed=0.3):
@@ -144,7 +145,12 @@ def test_order(name, method):
         assert tank.alive[0]
         return np.concatenate([tank.position[0], duration * tank.velocity[0]])
 
-    exact, steps = end("rk4", 2048), np.array([16, 32, 64]) * finer
+    tank = Tank(fish, 1)
+    tank.position[0], tank.velocity[0], tank.control.rate[0] = x, v, rate
+    adaptive.solve(fish.body, tank.world, tank.state, tank.control, duration, "DOP853", 1e-13)
+    assert tank.alive[0]
+    exact = np.concatenate([tank.position[0], duration * tank.velocity[0]])
+    steps = np.array([16, 32, 64]) * finer
     errors = [np.linalg.norm(end(method, int(n)) - exact) for n in steps]
     order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert abs(order - INTEGRATORS[method].order) <= 0.15, f"order {order:.3f}, errors {errors}"

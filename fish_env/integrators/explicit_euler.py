@@ -33,4 +33,4 @@ def advance(body, world, state, control, h, n):
                     v[i, k] += h * body.inverse_mass[i, k] * f[i, k]
             contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
         count(state, b, n, 0, 0)
-        settle(body, state, control, b, before_x, before_v, 0, n * h)
+        settle(body, state, control, b, before_x, before_v, state.failure[b], n * h)

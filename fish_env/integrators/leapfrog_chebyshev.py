@@ -137,4 +137,4 @@ def advance(body, world, state, control, h, n):
             step(body, world, rest, h, stages, filtering, mobility, x, v, scratch)
             contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
         count(state, b, stages * n, 0, 0)
-        settle(body, state, control, b, before_x, before_v, 0, n * h)
+        settle(body, state, control, b, before_x, before_v, state.failure[b], n * h)

@@ -19,64 +19,55 @@ from fish_env.integrators._common import count, eliminate, rest_lengths, settle
 from fish_env.linalg import ldlt
 
 
-@njit
-def step(body, world, rest, x, v, h, lowest, wet, a, g, inverse_pivot, row):
-    """One step of one body, x and v changed in place, the rest scratch. Returns (non-positive pivots, trusted)."""
-    forces.total(body, world, rest, x, v, g)
-    forces.add_stiffness_force(body, world, rest, x, v, v, h, lowest, g)
-    forces.system(body, world, rest, x, v, h, lowest, wet, a)  # (30)
-    eliminate(body, a, g)
-    negative, trusted = ldlt.factor(body.profile, a, inverse_pivot, row)
-    ldlt.solve(body.profile, a, inverse_pivot, g)  # (31)
-    contact.bear(world.planes, x, v, h, g)
-    for i in range(body.mass.size):
-        for k in range(3):
-            v[i, k] += h * g[i, k]
-            x[i, k] += h * v[i, k]
-    return negative, trusted
+def method(lowest, wet):
+    """The compiled `advance` of one method; `lowest` and `wet` as in `forces.system`.
+
+    They are constants of the kernel, and all of a step stands in it: numba compiles every kernel that another one calls
+    once for itself and once more as part of the other.
+    """
+
+    @njit
+    def advance(body, world, state, control, h, n):
+        """Move every sound body n steps of h seconds; state is changed in place."""
+        nodes = body.mass.size
+        a, g = np.empty((body.profile.start[nodes], 3, 3)), np.empty((nodes, 3))
+        inverse_pivot, row = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
+        rest = np.empty(body.springs.stiffness.size)
+        before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
+        for b in range(state.t.size):
+            if state.failure[b]:
+                continue
+            x, v = state.x[b], state.v[b]
+            before_x[:] = x
+            before_v[:] = v
+            failure = taken = 0
+            for s in range(n):
+                rest_lengths(control, b, (s + 1) * h, rest)
+                forces.total(body, world, rest, x, v, g)
+                forces.add_stiffness_force(body, world, rest, x, v, v, h, lowest, g)
+                forces.system(body, world, rest, x, v, h, lowest, wet, a)  # (30)
+                eliminate(body, a, g)
+                negative, trusted = ldlt.factor(body.profile, a, inverse_pivot, row)
+                ldlt.solve(body.profile, a, inverse_pivot, g)  # (31)
+                contact.bear(world.planes, x, v, h, g)
+                for i in range(nodes):
+                    for k in range(3):
+                        v[i, k] += h * g[i, k]
+                        x[i, k] += h * v[i, k]
+                contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
+                taken += 1
+                state.counters[b, PIVOTS] += negative
+                if not trusted:
+                    failure = UNTRUSTED_SOLVE
+                    break
+            count(state, b, taken, taken, taken)
+            settle(body, state, control, b, before_x, before_v, failure, n * h)
+
+    return advance
 
 
-@njit
-def run(body, world, state, control, h, n, lowest, wet):
-    """Move every sound body n steps of h seconds; `lowest` and `wet` as in `forces.system`."""
-    nodes = body.mass.size
-    a, g = np.empty((body.profile.start[nodes], 3, 3)), np.empty((nodes, 3))
-    inverse_pivot, row = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
-    rest = np.empty(body.springs.stiffness.size)
-    before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
-    for b in range(state.t.size):
-        if state.failure[b]:
-            continue
-        x, v = state.x[b], state.v[b]
-        before_x[:] = x
-        before_v[:] = v
-        failure = taken = 0
-        for s in range(n):
-            rest_lengths(control, b, (s + 1) * h, rest)
-            negative, trusted = step(body, world, rest, x, v, h, lowest, wet, a, g, inverse_pivot, row)
-            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
-            taken += 1
-            state.counters[b, PIVOTS] += negative
-            if not trusted:
-                failure = UNTRUSTED_SOLVE
-                break
-        count(state, b, taken, taken, taken)
-        settle(body, state, control, b, before_x, before_v, failure, n * h)
-
-
-@njit
-def advance(body, world, state, control, h, n):
-    """Move every sound body n steps of h seconds; state is changed in place."""
-    run(body, world, state, control, h, n, -math.inf, False)
-
-
-@njit
-def advance_projected(body, world, state, control, h, n):
-    """As `advance`; a compressed unit enters the matrix without its negative stiffness across: none is indefinite."""
-    run(body, world, state, control, h, n, 0.0, False)
-
-
-@njit
-def advance_water(body, world, state, control, h, n):
-    """As `advance`, with the water's damping along the normals in the matrix."""
-    run(body, world, state, control, h, n, -math.inf, True)
+advance = method(-math.inf, False)
+advance_projected = method(0.0, False)
+"""A compressed unit enters the matrix without its negative stiffness across: none is indefinite."""
+advance_water = method(-math.inf, True)
+"""The water's damping along the normals is in the matrix."""

@@ -48,4 +48,4 @@ def advance(body, world, state, control, h, n):
             step(body, world, control, b, s * h, h, x, v, rest, f, mx, mv)
             contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
         count(state, b, 2 * n, 0, 0)
-        settle(body, state, control, b, before_x, before_v, 0, n * h)
+        settle(body, state, control, b, before_x, before_v, state.failure[b], n * h)

@@ -1,0 +1,137 @@
+"""Twins of the tetrahedra, of the gas in chambers, and of the guards."""
+
+import numpy as np
+
+
+def shape_gradients(corners):
+    """Gradients (4,3) of the functions that are linear in a tetrahedron (4,3) and 1 at one corner, 0 at the others."""
+    return np.linalg.inv(np.column_stack([np.ones(4), corners]))[1:].T
+
+
+def nearest_rotation(matrix):
+    """The rotation R that maximises tr(R^T F): from the singular values, the sign of the smallest repaired."""
+    left, _, right = np.linalg.svd(matrix)
+    signs = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+    return left @ signs @ right
+
+
+def tets_of(body, x):
+    """Of every tetrahedron: number, nodes, shape gradients and volume at rest, deformation gradient, frame."""
+    for t, nodes in enumerate(body.tets.nodes):
+        corners = body.position[nodes]
+        gradient = shape_gradients(corners)
+        volume = np.linalg.det(corners[1:] - corners[0]) / 6
+        deformation = x[nodes].T @ gradient
+        turn = nearest_rotation(deformation) if body.tets.rotating else np.eye(3)
+        yield t, nodes, gradient, volume, deformation, turn
+
+
+def strain_of(turn, deformation):
+    """Symmetric part of R^T F - 1."""
+    stretch = turn.T @ deformation
+    return 0.5 * (stretch + stretch.T) - np.eye(3)
+
+
+def tet_force(body, x, v):
+    """Elastic and viscous force of every tetrahedron on its nodes, (N,3): stress of the strain and of its rate."""
+    force = np.zeros_like(x)
+    for t, nodes, gradient, volume, deformation, turn in tets_of(body, x):
+        rate = strain_of(turn, v[nodes].T @ gradient) + np.eye(3)
+        strain = strain_of(turn, deformation) + body.tets.relaxation_time[t] * rate
+        stress = 2 * body.tets.shear[t] * strain + body.tets.dilation[t] * np.trace(strain) * np.eye(3)
+        for node, slope in zip(nodes, gradient, strict=True):
+            force[node] -= volume * turn @ stress @ slope
+    return force
+
+
+def tet_energy(body, x):
+    """Elastic energy of all tetrahedra."""
+    total = 0.0
+    for t, _, _, volume, deformation, turn in tets_of(body, x):
+        strain = strain_of(turn, deformation)
+        total += volume * body.tets.shear[t] * np.sum(strain**2)
+        total += 0.5 * volume * body.tets.dilation[t] * np.trace(strain) ** 2
+    return total
+
+
+def tet_blocks(body, x):
+    """Stiffness (12,12) of every tetrahedron, R B^T C B V R^T, with its number and nodes."""
+    for t, nodes, gradient, volume, _, turn in tets_of(body, x):
+        b = np.zeros((6, 12))  # strains xx, yy, zz, and the engineer's xy, yz, zx, which are twice the tensor's
+        for a, (gx, gy, gz) in enumerate(gradient):
+            b[:, 3 * a : 3 * a + 3] = [[gx, 0, 0], [0, gy, 0], [0, 0, gz], [gy, gx, 0], [0, gz, gy], [gz, 0, gx]]
+        c = np.diag(body.tets.shear[t] * np.array([2.0, 2, 2, 1, 1, 1]))
+        c[:3, :3] += body.tets.dilation[t]
+        turned = np.kron(np.eye(4), turn)
+        yield t, nodes, turned @ (volume * b.T @ c @ b) @ turned.T
+
+
+def triangles(face):
+    """The triangles of a face with what each counts: a patch is the mean of its two triangulations."""
+    p, q, r, s = face
+    if r == s:
+        return [((p, q, r), 1.0)]
+    return [((p, q, r), 0.5), ((p, r, s), 0.5), ((p, q, s), 0.5), ((q, r, s), 0.5)]
+
+
+def gas_volume(chambers, c, x):
+    """Volume of a chamber, or area of a ring, and its gradient (N,3): signed simplices from the middle of the nodes."""
+    volume, slope, x = 0.0, np.zeros_like(x), x - x.mean(axis=0)
+    for face in chambers.faces[chambers.first[c] : chambers.first[c + 1]]:
+        if face[2] < 0:
+            p, q = face[:2]
+            volume += np.linalg.det(x[[p, q], :2]) / 2
+            slope[p, :2] += np.array([x[q, 1], -x[q, 0]]) / 2
+            slope[q, :2] += np.array([-x[p, 1], x[p, 0]]) / 2
+            continue
+        for (p, q, r), part in triangles(face):
+            volume += part * np.linalg.det(x[[p, q, r]]) / 6
+            for i, j, k in ((p, q, r), (q, r, p), (r, p, q)):
+                slope[i] += part * np.cross(x[j], x[k]) / 6
+    return volume, slope
+
+
+def gas_force(chambers, x):
+    """Pressure nRT/V less that outside, times the volume's gradient, (N,3)."""
+    force = np.zeros_like(x)
+    for c, gas in enumerate(chambers.gas):
+        volume, slope = gas_volume(chambers, c, x)
+        force += (gas / volume - chambers.ambient[c]) * slope
+    return force
+
+
+def gas_energy(chambers, x):
+    """Energy of gas at constant temperature, and of what it displaces."""
+    volumes = [gas_volume(chambers, c, x)[0] for c in range(chambers.gas.size)]
+    return sum(p * v - gas * np.log(v) for gas, p, v in zip(chambers.gas, chambers.ambient, volumes, strict=True))
+
+
+def guard_shares(guards, x):
+    """Of every guard: number, nodes, volume over that at rest, and its gradient at each of the nodes."""
+    for k, (p, q, r, i) in enumerate(guards.nodes):
+        if r < 0:
+            a, b = x[p, :2] - x[i, :2], x[q, :2] - x[i, :2]
+            outer = np.array([[b[1], -b[0], 0.0], [-a[1], a[0], 0.0]]) / 2
+            nodes, volume = (p, q, i), np.linalg.det([a, b]) / 2
+        else:
+            a, b, c = x[[p, q, r]] - x[i]
+            outer = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)]) / 6
+            nodes, volume = (p, q, r, i), np.linalg.det([a, b, c]) / 6
+        yield k, nodes, volume / guards.volume[k], np.vstack([outer, -outer.sum(axis=0)]) / guards.volume[k]
+
+
+def guard_force(guards, x):
+    """Force of the barriers -(s - s0)^2 ln(s / s0), s0 = 0.6, on every node, (N,3)."""
+    force = np.zeros_like(x)
+    for k, nodes, s, slope in guard_shares(guards, x):
+        if s < 0.6:
+            push = 2 * (s - 0.6) * np.log(s / 0.6) + (s - 0.6) ** 2 / s
+            for node, direction in zip(nodes, slope, strict=True):
+                force[node] += guards.energy[k] * push * direction
+    return force
+
+
+def guard_energy(guards, x):
+    """Energy of the barriers."""
+    shares = [s for _, _, s, _ in guard_shares(guards, x)]
+    return -sum(e * (s - 0.6) ** 2 * np.log(s / 0.6) for e, s in zip(guards.energy, shares, strict=True) if s < 0.6)

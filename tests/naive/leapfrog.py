@@ -1,0 +1,105 @@
+"""Twin of the leapfrog with Chebyshev-filtered kicks."""
+
+import numpy as np
+
+from naive.elements import gas_volume, tet_blocks
+from naive.springs_and_water import area_vector, face_force, shares
+from naive.sums import highest_rate, stiffness_matrix, total_force
+from naive.surroundings import anchor_rates, anchors_of, borne
+
+
+def face_mobility(body, duration, corners):
+    """Velocity that a face gains from a force of 1 N while half the faces around each corner feel the same."""
+    gained = 0.0
+    for node, part in zip(corners, shares(corners), strict=True):
+        carried = sum(shares(other) @ (other == node) for other in body.faces.nodes)
+        gained += 0.5 * duration * part * carried * body.inverse_mass[node].max()
+    return gained
+
+
+def water_change(body, world, duration, x, v, ahead):
+    """Change of the water's force (N,3) when v becomes `ahead`, each face's drag on itself taken implicitly."""
+    force = np.zeros_like(x)
+    for corners in body.faces.nodes:
+        share, area = shares(corners), area_vector(x[corners])
+        size = np.linalg.norm(area)
+        change = face_force(corners, share, world, x, ahead) - face_force(corners, share, world, x, v)
+        velocity = share @ ahead[corners] - world[2]
+        outward, speed = np.dot(velocity, area) / size, np.linalg.norm(velocity)
+        if outward > 0:
+            slope = size * (world[0] + world[1] * (speed + outward**2 / speed))
+            change /= 1.0 + face_mobility(body, duration, corners) * slope
+        for node, part in zip(corners, share, strict=True):
+            force[node] += part * change
+    return force
+
+
+def filtered_matrix(body, world, rest_length, h, least, x):
+    """What the leapfrog filters by, (3N,3N) kg: h^2 K + 2 h D of each element, frozen, but at least `least` h D.
+
+    A unit's strain across is taken to be at least -0.1, an anchor's at least zero; gas counts by its compression.
+    """
+
+    def weight(stiffness, damping):
+        return max(h**2 * stiffness + 2 * h * damping, least * h * damping)
+
+    springs = body.springs
+    matrix = np.zeros((len(x), 3, len(x), 3))
+    for (i, j), c, k, natural in zip(springs.nodes, springs.stiffness, springs.damping, rest_length, strict=True):
+        length = np.linalg.norm(x[j] - x[i])
+        along = np.outer(x[j] - x[i], x[j] - x[i]) / length**2
+        across = h**2 * c * max(-0.1, (length - natural) / length)
+        block = weight(c, k) * along + across * (np.eye(3) - along)
+        for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            matrix[p, :, q] += sign * block
+    for i, c, k, along, strain in anchors_of(world, x):
+        matrix[i, :, i] += weight(c, k) * along + h**2 * c * strain * (np.eye(3) - along)
+    for t, corners, block in tet_blocks(body, x) if body.tets is not None else ():
+        for a, p in enumerate(corners):
+            for b, q in enumerate(corners):
+                part = block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+                matrix[p, :, q] += weight(1.0, body.tets.relaxation_time[t]) * part
+    matrix = matrix.reshape(x.size, x.size)
+    for c, gas in enumerate(body.chambers.gas) if body.chambers is not None else ():
+        volume, slope = gas_volume(body.chambers, c, x)
+        matrix += h**2 * gas / volume**2 * np.outer(slope, slope)
+    return matrix
+
+
+def chebyshev_filter(stages, operator):
+    """Polynomial C (1 - T_p(nu - beta z) / T_p(nu)) / z of a matrix: power series, by Horner. Also where it ends."""
+    nu = 1.0 + 4.0 / stages**2
+    chebyshev = np.polynomial.Chebyshev.basis(stages)
+    top, slope = chebyshev(nu), chebyshev.deriv()(nu)
+    constant = 4.0 / (1.0 + 1.0 / top)
+    beta = top / slope / constant
+    shifted = chebyshev.convert(kind=np.polynomial.Polynomial)(np.polynomial.Polynomial([nu, -beta]))
+    coefficients = -constant * shifted.coef[1:] / top
+    result = np.zeros_like(operator)
+    for coefficient in coefficients[::-1]:
+        result = result @ operator + coefficient * np.eye(len(operator))
+    return result, (1.0 + nu) / beta, coefficients
+
+
+def leapfrog_chebyshev(body, world, rest, t, h, x, v):
+    """Half a drift, a kick through the filter as a polynomial of a dense matrix, half a drift; the air by itself."""
+    slowed = np.exp(-0.5 * h * world.viscosity * body.inverse_mass)
+    v, world = slowed * v, world._replace(viscosity=0.0)
+    middle, lengths, inverse = x + 0.5 * h * v, rest(t + 0.5 * h), body.inverse_mass.ravel()
+    pulled, held_back = anchor_rates(body, world)
+    fastest = highest_rate(body, stiffness_matrix(body)) + pulled
+    dampest = highest_rate(body, stiffness_matrix(body, "damping")) + held_back
+    viscous = 1.2 * h * dampest
+    wanted = 1.2 * h**2 * fastest + 2.0 * viscous
+    stages = 2
+    while chebyshev_filter(stages, np.zeros((1, 1)))[1] < wanted or (stages == 2 and viscous > 2.0):
+        stages += 1
+    _, _, coefficients = chebyshev_filter(stages, np.zeros((1, 1)))
+    least = -0.5 / coefficients[1] if stages == 2 else 0.0  # two stages hold back half a step of damping or more
+    matrix = filtered_matrix(body, world, lengths, h, least, middle)
+    filtering, _, _ = chebyshev_filter(stages, inverse[:, None] * matrix)
+    acceleration = total_force(body, world, lengths, middle, v).ravel() * inverse
+    kick = borne(world.planes, middle, v, h, (filtering @ acceleration).reshape(x.shape))
+    kick = kick + water_change(body, world, 0.5 * h, middle, v, v + 0.5 * h * kick) * body.inverse_mass
+    v = v + h * kick
+    return middle + 0.5 * h * v, slowed * v

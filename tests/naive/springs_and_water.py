@@ -1,0 +1,59 @@
+"""Twins of the springs and of the water on the faces."""
+
+import numpy as np
+
+
+def spring_force(springs, rest_length, x, v):
+    """Elastic and viscous force of every unit on its two nodes, (N,3)."""
+    force = np.zeros_like(x)
+    for (i, j), c, k, natural in zip(springs.nodes, springs.stiffness, springs.damping, rest_length, strict=True):
+        separation = x[j] - x[i]
+        length = np.linalg.norm(separation)
+        direction = separation / length
+        elastic = c * (length - natural)
+        viscous = k * np.dot(v[j] - v[i], direction)
+        force[i] += (elastic + viscous) * direction
+        force[j] -= (elastic + viscous) * direction
+    return force
+
+
+def spring_energy(springs, rest_length, x):
+    """Elastic energy of all units."""
+    lengths = [np.linalg.norm(x[j] - x[i]) for i, j in springs.nodes]
+    return sum(
+        0.5 * c * (length - natural) ** 2
+        for c, length, natural in zip(springs.stiffness, lengths, rest_length, strict=True)
+    )
+
+
+def area_vector(corners):
+    """Area times normal of a quadrilateral (4,3): half the cross product of its diagonals."""
+    return 0.5 * np.cross(corners[2] - corners[0], corners[3] - corners[1])
+
+
+def shares(corners):
+    """Part of a face's force on each of its four corners: a quarter, or a third to each node of a triangle."""
+    return np.array([1 / 3, 1 / 3, 1 / 6, 1 / 6]) if corners[2] == corners[3] else np.full(4, 0.25)
+
+
+def face_force(corners, share, world, x, v):
+    """Force of the water on one face, (3,): nothing on a face that moves inward."""
+    linear, quadratic, current = world[:3]
+    area = area_vector(x[corners])
+    size = np.linalg.norm(area)
+    normal = area / size
+    velocity = share @ v[corners] - current
+    outward = np.dot(normal, velocity)
+    pressure = linear * outward + quadratic * np.linalg.norm(velocity) * outward
+    return min(0.0, -pressure) * size * normal
+
+
+def water_force(faces, world, x, v):
+    """Force of the water on every node, (N,3)."""
+    force = np.zeros_like(x)
+    for corners in faces.nodes:
+        share = shares(corners)
+        push = face_force(corners, share, world, x, v)
+        for node, part in zip(corners, share, strict=True):
+            force[node] += part * push
+    return force

@@ -1,0 +1,118 @@
+"""Twins of the sums over all forces, of their derivatives, and of the matrices of the implicit methods."""
+
+import numpy as np
+
+from naive.elements import gas_force, gas_volume, guard_force, tet_blocks, tet_force
+from naive.springs_and_water import area_vector, shares, spring_force, water_force
+from naive.surroundings import anchor_force, anchors_of, with_reaction
+
+
+def other_force(body, world, x, v):
+    """All but the springs, the anchors and the walls, (N,3): what Tu's method takes explicitly."""
+    force = water_force(body.faces, world, x, v)
+    if body.tets is not None:
+        force += tet_force(body, x, v)
+    if body.chambers is not None:
+        force += gas_force(body.chambers, x)
+    if body.guards is not None:
+        force += guard_force(body.guards, x)
+    if world.gravity is not None:
+        force += body.mass[:, None] * world.gravity - world.viscosity * v
+    return force
+
+
+def total_force(body, world, rest_length, x, v):
+    """All forces together, (N,3)."""
+    force = spring_force(body.springs, rest_length, x, v) + other_force(body, world, x, v)
+    if world.anchors is not None:
+        force += anchor_force(world.anchors, x, v)
+    return with_reaction(world.planes, x, v, force)
+
+
+def derivatives(force, x, v, displacement, speed):
+    """-df/dx and -df/dv (3N,3N) of force(x, v) (N,3), by central differences of fourth order of these widths."""
+    found = []
+    for which, width in ((0, displacement), (1, speed)):
+        matrix = np.zeros((x.size, x.size))
+        for column in range(x.size):
+            for shift, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
+                state = [x.copy(), v.copy()]
+                state[which].flat[column] += shift * width
+                matrix[:, column] -= weight * force(*state).ravel() / width
+        found.append(matrix)
+    return found
+
+
+def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False):
+    """K and D (3N,3N) of a linearly implicit method, from those of each unit: c and eta, along it and across it.
+
+    Of the tetrahedra they are those of linear elasticity, turned with them; of the anchors, along them or along all
+    axes. The air damps every node. `projected` takes a negative eta as zero; `wet` adds to D what the normal velocity
+    of a face changes in its force along the normal.
+    """
+    nodes, springs = len(x), body.springs
+    stiffness, damping = np.zeros((nodes, 3, nodes, 3)), np.zeros((nodes, 3, nodes, 3))
+    for (i, j), c, k, natural in zip(springs.nodes, springs.stiffness, springs.damping, rest_length, strict=True):
+        length = np.linalg.norm(x[j] - x[i])
+        along = np.outer(x[j] - x[i], x[j] - x[i]) / length**2
+        rate = np.dot(v[j] - v[i], x[j] - x[i]) / length
+        eta = (c * (length - natural) + k * rate) / length
+        if projected and eta < 0:
+            eta = 0.0
+        for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            stiffness[p, :, q] += sign * (c * along + eta * (np.eye(3) - along))
+            damping[p, :, q] += sign * k * along
+    for corners in body.faces.nodes if wet else ():
+        share, area = shares(corners), area_vector(x[corners])
+        size = np.linalg.norm(area)
+        velocity = share @ v[corners] - world[2]
+        outward, speed = np.dot(velocity, area) / size, np.linalg.norm(velocity)
+        if outward > 0:
+            drag = size * (world[0] + world[1] * (speed + outward**2 / speed))
+            for p, part_p in zip(corners, share, strict=True):
+                for q, part_q in zip(corners, share, strict=True):
+                    damping[p, :, q] += part_p * part_q * drag * np.outer(area, area) / size**2
+    for t, corners, block in tet_blocks(body, x) if body.tets is not None else ():
+        for a, p in enumerate(corners):
+            for b, q in enumerate(corners):
+                part = block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+                stiffness[p, :, q] += part
+                damping[p, :, q] += body.tets.relaxation_time[t] * part
+    for i, c, k, along, _ in anchors_of(world, x):
+        stiffness[i, :, i] += c * along
+        damping[i, :, i] += k * along
+    for i in range(nodes):
+        damping[i, :, i] += world.viscosity * np.eye(3)
+    return stiffness.reshape(3 * nodes, -1), damping.reshape(3 * nodes, -1)
+
+
+def stiffness_matrix(body, kind="stiffness"):
+    """Stiffness, or damping, of the body at rest, linearised: (3N,3N), node by node."""
+    n, x = len(body.mass), body.position
+    matrix = np.zeros((n, 3, n, 3))
+    for (i, j), c in zip(body.springs.nodes, getattr(body.springs, kind), strict=True):
+        direction = (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
+        block = c * np.outer(direction, direction)
+        for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            matrix[p, :, q] += sign * block
+    for t, nodes, block in tet_blocks(body, x) if body.tets is not None else ():
+        factor = 1.0 if kind == "stiffness" else body.tets.relaxation_time[t]
+        for a, p in enumerate(nodes):
+            for b, q in enumerate(nodes):
+                matrix[p, :, q] += factor * block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+    matrix = matrix.reshape(3 * n, 3 * n)
+    for c, gas in enumerate(body.chambers.gas) if body.chambers is not None and kind == "stiffness" else ():
+        volume, slope = gas_volume(body.chambers, c, x)
+        matrix += gas / volume**2 * np.outer(slope, slope)
+    return matrix
+
+
+def highest_rate(body, matrix):
+    """Highest eigenvalue of M^-1 times a symmetric matrix (3N,3N), held degrees of freedom left out."""
+    weight = np.sqrt(body.inverse_mass.ravel())
+    return np.linalg.eigvalsh(matrix * np.outer(weight, weight))[-1]
+
+
+def highest_frequency(body):
+    """Angular frequency of the body's fastest vibration about rest, rad per unit of time."""
+    return np.sqrt(highest_rate(body, stiffness_matrix(body)))

@@ -1,0 +1,158 @@
+"""Every method on a body that has all kinds of elements, in a world with everything."""
+
+from functools import cache
+
+import naive
+import numpy as np
+import pytest
+import small_bodies
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from small_bodies import ALL, BODIES, bent, close
+
+from fish_env import INTEGRATORS, forces
+from fish_env.body import TORN
+from fish_env.forces import guards
+from fish_env.integrators import adaptive
+from fish_env.world import VACUUM, make_world
+
+ADAPTIVE = [name for name, record in INTEGRATORS.items() if record.kind == "adaptive"]
+FIXED_STEP = [name for name in INTEGRATORS if name not in ADAPTIVE]
+seeds = st.integers(0, 2**32 - 1)
+each_fixed = pytest.mark.parametrize("name", FIXED_STEP)
+
+
+def advance(name, world, x, v, rest, rate, h, n, body=ALL):
+    """Motion of one sound body after n steps, (x, v)."""
+    state = small_bodies.start(x, v)
+    INTEGRATORS[name].advance(body, world, state, small_bodies.control(rest, rate), h, n)
+    assert state.failure[0] == 0
+    return state.x[0], state.v[0]
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+@settings(max_examples=3)
+@given(seed=seeds, reach=st.sampled_from([0.3, 1.5]))
+def test_step_equals_its_twin(name, seed, reach):
+    """One step, short and long, equals the textbook's; an adaptive method's is as accurate as its tolerance."""
+    rng = np.random.default_rng(seed)
+    x, v = small_bodies.shaken(ALL, rng)
+    world, rest = small_bodies.world_with_all(ALL), ALL.springs.rest_length * rng.uniform(0.95, 1.05, 36)
+    h = reach / np.sqrt(ALL.elastic_rate)
+    rate = rest * rng.uniform(-0.3, 0.3, rest.size)
+    if name in ADAPTIVE:
+        h = min(h, 0.3 / np.sqrt(ALL.elastic_rate))
+    moved = advance(name, world, x, v, rest, rate, h, 1)
+    wanted = naive.advance(name, ALL, world, rest, rate, x, v, h, 1)
+    if name in ADAPTIVE:
+        allowed = 100 * adaptive.TOLERANCE * np.ptp(ALL.position, axis=0).max() * np.array([1.0, 1.0 / h])
+    else:
+        allowed = 1e-12 * np.abs(wanted[0] - x).max(), 1e-12 * np.abs(wanted[1]).max()
+    np.testing.assert_allclose(moved[0] - x, wanted[0] - x, rtol=0, atol=allowed[0])
+    np.testing.assert_allclose(moved[1], wanted[1], rtol=0, atol=allowed[1])
+
+
+@each_fixed
+def test_steps_at_walls_equal_their_twin(name):
+    """Eight steps among walls that nodes run into and rest on equal the textbook's."""
+    x, v = small_bodies.shaken(ALL, np.random.default_rng(8), speed=0.3)
+    world, h = small_bodies.world_with_all(ALL, offset=0.03), 0.2 / np.sqrt(ALL.elastic_rate)
+    rest = ALL.springs.rest_length
+    moved = advance(name, world, x, v, rest, 0 * rest, h, 8)
+    wanted = naive.advance(name, ALL, world, rest, 0 * rest, x, v, h, 8)
+    free = naive.advance(name, ALL, world._replace(planes=None), rest, 0 * rest, x, v, h, 8)
+    assert np.abs(free[1] - wanted[1]).max() > 0.05
+    close(moved[0] - x, wanted[0] - x, 1e-11)
+    close(moved[1], wanted[1], 1e-11)
+
+
+@each_fixed
+def test_comes_to_rest_on_a_wall(name):
+    """A block dropped on the floor comes to rest there, however it is moved, and does not sink in."""
+    body = small_bodies.completed(small_bodies.block(relaxation_time=1e-2))
+    world = small_bodies.completed_world(make_world((0.0, 0.0, -9.8), [((0, 0, 1), -0.02, 0.5)], 0.1))
+    h = 0.2 * INTEGRATORS[name].limit(body)
+    n = round(1.5 / h)
+    x, v = advance(name, world, body.position, 0 * body.position, np.zeros(0), np.zeros(0), h, n, body)
+    lowest = x[:, 2].min() + 0.02
+    deepest = h * 1.0  # what a node moves in a step at 1 m/s, which it reaches in a fall of 5 cm
+    assert np.abs(v).max() < 0.02 and -deepest < lowest < 1e-4
+    x, v = advance(name, world, x, v, np.zeros(0), np.zeros(0), h, n, body)
+    assert np.abs(v).max() < 2e-3 and x[:, 2].min() + 0.02 > lowest - 2e-5
+
+
+@cache
+def smooth_motion():
+    """A motion to measure orders on, and its end: what guards act, and which faces move outward, stays as it was."""
+    rng = np.random.default_rng(9)
+    x, v = small_bodies.shaken(ALL, rng, displacement=5e-4, speed=0.01)
+    world = small_bodies.world_with_all(ALL)
+    rest = ALL.springs.rest_length
+    rate, duration, seen = 0.2 * rest * rng.uniform(-1, 1, rest.size), 1.0 / np.sqrt(ALL.elastic_rate), set()
+
+    def slope(t, y):
+        positions, velocities = y.reshape(2, -1, 3)
+        f = np.empty_like(positions)
+        forces.total(ALL, world, rest + t * rate, positions, velocities, f)
+        through = np.einsum("fc,fck->fk", ALL.faces.share, velocities[ALL.faces.nodes]) - world.current
+        areas = np.array([naive.area_vector(positions[face]) for face in ALL.faces.nodes])
+        acting = tuple(k for k, _, s, _ in naive.guard_shares(ALL.guards, positions) if s < guards.NEAR)
+        seen.add((acting, tuple(np.sum(areas * through, axis=1) > 0)))
+        return np.concatenate([velocities.ravel(), (f / ALL.mass[:, None]).ravel()])
+
+    y = np.concatenate([x.ravel(), v.ravel()])
+    end = solve_ivp(slope, (0, duration), y, method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1].reshape(2, -1, 3)
+    assert len(seen) == 1 and next(iter(seen))[0], "a face or a guard changed its mind: the scene is not smooth"
+    return (world, x, v, rest, rate, duration), end
+
+
+FINER = {"explicit_euler": 8, "linearly_implicit": 16, "linearly_implicit_projected": 16, "linearly_implicit_water": 16}
+"""How many times the steps of `test_order` a method takes."""
+
+
+@each_fixed
+def test_order(name):
+    """The error falls with the method's order, all kinds of elements at work in a world with everything."""
+    (world, x, v, rest, rate, duration), (true_x, true_v) = smooth_motion()
+    steps = FINER.get(name, 1) * np.array([32, 64, 128])
+    errors = []
+    for n in steps:
+        near_x, near_v = advance(name, world, x, v, rest, rate, duration / n, n)
+        errors.append(np.linalg.norm(near_x - true_x) + duration * np.linalg.norm(near_v - true_v))
+    order = np.polyfit(np.log(duration / steps), np.log(errors), 1)[0]
+    assert abs(order - INTEGRATORS[name].order) <= 0.15, f"measured order {order:.3f}, errors {errors}"
+
+
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_adaptive_is_exact(name):
+    """An adaptive method ends where the true motion ends, to its tolerance, on this body and on one without springs."""
+    (world, x, v, rest, rate, duration), (true_x, true_v) = smooth_motion()
+    near_x, near_v = advance(name, world, x, v, rest, rate, duration, 1)
+    assert np.abs(near_x - true_x).max() < 5e-9 * np.linalg.norm(true_x - x)
+    assert np.abs(near_v - true_v).max() < 5e-9 * np.linalg.norm(true_v)
+    body = BODIES["block"]
+    x, v = bent("block", np.random.default_rng(7))
+    vacuum, none, h = small_bodies.completed_world(VACUUM), np.zeros(0), 1.0 / np.sqrt(body.elastic_rate)
+    moved = advance(name, vacuum, x, v, none, none, h, 1, body)
+    wanted = naive.advance(name, body, vacuum, none, none, x, v, h, 1)
+    np.testing.assert_allclose(moved[0] - x, wanted[0] - x, rtol=0, atol=1e-7 * np.abs(wanted[0] - x).max())
+    np.testing.assert_allclose(moved[1], wanted[1], rtol=0, atol=1e-7 * np.abs(wanted[1]).max())
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+def test_batch_is_one_by_one(name):
+    """Bodies moved in one call end, bit for bit, where each ends alone; a failed one in their midst stands still."""
+    rng, rest = np.random.default_rng(10), ALL.springs.rest_length
+    world = small_bodies.world_with_all(ALL, offset=-100.0 if name in ADAPTIVE else 0.04)
+    states = [small_bodies.shaken(ALL, rng) for _ in range(3)]
+    batch = small_bodies.start(*map(np.array, zip(*states, strict=True)))
+    batch.failure[1] = TORN
+    h = 0.1 / np.sqrt(ALL.elastic_rate)
+    INTEGRATORS[name].advance(ALL, world, batch, small_bodies.control(rest, copies=3), h, 5)
+    np.testing.assert_array_equal(batch.x[1], states[1][0])
+    for b in (0, 2):
+        alone = small_bodies.start(*states[b])
+        INTEGRATORS[name].advance(ALL, world, alone, small_bodies.control(rest), h, 5)
+        np.testing.assert_array_equal(batch.x[b], alone.x[0])
+        np.testing.assert_array_equal(batch.v[b], alone.v[0])
