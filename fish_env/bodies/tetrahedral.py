@@ -1,8 +1,9 @@
 """The fish as corotational tetrahedra: a soft solid, stiffened along its flanks by fibres, of which twelve are muscles.
 
-The outline is the default fish's, cut into `level` pieces a section and into 2 x `level` cells across and upward. Along
-the four edges of the body run fibres, springs from node to node: muscles where that fish has them, else tendons. The
-fibres carry the bending, the solid shear and volume. `benchmarks/calibrate_bodies.py` fits both to the default fish.
+The outline is the default fish's, cut into `level` pieces a section and into 2 x `level` cells across and upward. From
+layer to layer run fibres, springs spread over the cross-section: muscles where that fish has them, else tendons. They
+skip the nodes in between, at which a chain of springs would buckle, the sooner the finer. The fibres carry the bending,
+the solid shear and volume. `benchmarks/calibrate_bodies.py` fits both to the default fish.
 """
 
 import numpy as np
@@ -15,14 +16,15 @@ from fish_env.body import make_body
 from fish_env.elements import make_tets
 from fish_env.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "young": (6,)}
+SHAPES = {"bending": (5,), "pull": (3,), "young": (6,), "drag": ()}
 MOST = 3  # pieces a section
 POISSON = 0.4
 
 
 def make_tetrahedral(
-    level=1, bending=None, pull=None, young=None, poisson=POISSON, corotational=True, lumping="quarter", **parameters
-) -> Fish:
+    level=1, bending=None, pull=None, young=None, drag=None, poisson=POISSON, corotational=True, lumping="quarter",
+    **parameters,
+) -> Fish:  # fmt: skip
     """The fish of tetrahedra: 49 nodes and 116 elements with level 1, some 8 times as many with every doubling.
 
     Args:
@@ -30,6 +32,7 @@ def make_tetrahedral(
         bending: factors on the stiffness of the fibres of the sections behind the head, (5,); None: as fitted.
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
         young: Young's modulus of the solid of the six sections of a fish of 0.2 m, (6,) Pa; None: as fitted.
+        drag: factor on the drag coefficient, which is that of coarse faces; None: as fitted.
         poisson: Poisson's ratio of the solid, above -1 and below 0.5.
         corotational: False for plain linear elasticity, which swells when it turns.
         lumping: "quarter" of each element's mass to its corners, or "uniform".
@@ -40,7 +43,8 @@ def make_tetrahedral(
     """
     level = checked_level(level, MOST)
     p = tu.checked_parameters("tetrahedral", parameters)
-    bending, pull, young = fitted("tetrahedral", level, SHAPES, bending=bending, pull=pull, young=young)
+    given = {"bending": bending, "pull": pull, "young": young, "drag": drag}
+    bending, pull, young, drag = fitted("tetrahedral", level, SHAPES, **given)
     along = p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), [0.0, *p.layer_position, 1.0])
     half = [[0.0, *p.half_width, 0.0], [0.0, *p.half_depth, p.tail_half_span]]
     width, depth = (p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), row) for row in half)
@@ -72,7 +76,7 @@ def make_tetrahedral(
         contraction_time=float(p.contraction_time),
         time_step=float(p.time_step) / (2.0 if level > 2 else 1.0),  # small elements stiffen when muscles contract
         control_interval=float(p.control_interval),
-        water=make_water(tu.WATER_DENSITY, p.drag_coefficient),
+        water=make_water(tu.WATER_DENSITY, p.drag_coefficient * float(drag)),
         nose=int(mesh.number[0, 0, 0]),
         tail=mesh.number[-1, 0, [-1, 0]],
         left=lines[[0, 3]].ravel(),
@@ -88,16 +92,26 @@ def corner_lines(mesh) -> np.ndarray:
 
 
 def fibres(p, mesh, bending, level):
-    """Springs along the four edges: pairs (E,2), stiffness (E,) N/m, and place (E,), four times the section plus edge.
+    """Springs from layer to layer: pairs (E,2), stiffness (E,) N/m, and place (E,), four times the section plus edge.
 
-    Those of a section in a row are as stiff as the spring of the default fish that runs along it there, times a factor.
+    Those of an edge together are as stiff as the spring of the default fish that runs along it there, times a factor.
+    They are spread over the quarter of the cross-section at that edge, by area and in proportion to the distances from
+    the middle planes; at level 1 only the edge itself is left. The distances count more the farther out: the sum of
+    stiffness times their squares is the same at every level.
     """
     _, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH) ** 3
     section = np.array([other, muscle, muscle, muscle, other, other]) * p.taper * np.array([1.0, *bending])
-    lines = corner_lines(mesh)
-    pairs = np.stack([lines[:, :-1], lines[:, 1:]], axis=-1)
-    place = 4 * (np.arange(6 * level) // level) + np.arange(4)[:, None]
-    return pairs.reshape(-1, 2), level * section[place.ravel() // 4], place.ravel()
+    steps = np.arange(1, level + 1)
+    weight = steps * np.where(steps == level, 0.5, 1.0)  # away from a middle plane: distance times width
+    weight = np.outer(weight, weight) / (weight @ steps**2 / level**2) ** 2
+    pairs, stiffness, place = [], [], []
+    for k in range(6):
+        for edge, (y, z) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
+            here, behind = (mesh.number[i * level][np.ix_(level + y * steps, level + z * steps)] for i in (k, k + 1))
+            pairs.append(np.stack([here, behind], axis=-1).reshape(-1, 2)[::-1])  # the edge itself first
+            stiffness.append(section[k] * weight.ravel()[::-1])
+            place.append(np.full(level**2, 4 * k + edge))
+    return np.concatenate(pairs), np.concatenate(stiffness), np.concatenate(place)
 
 
 def masses(p, mesh, lumping) -> np.ndarray:
