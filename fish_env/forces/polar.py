@@ -14,7 +14,7 @@ import numpy as np
 from fish_env._jit import njit
 
 NEWTON = 50  # steps at most; near a rotation three are enough
-CLEAR = 1e-4  # of n^1.5: a smaller (s1 + s2)(s2 + s3)(s3 + s1) leaves the algebraic form too few digits
+CLEAR = 1e-2  # of n^1.5: a smaller (s1 + s2)(s2 + s3)(s3 + s1) leaves the algebraic form too few digits
 
 
 @njit
