@@ -53,7 +53,8 @@ def test_rotation_near_a_rotation(seed, exponent):
 @given(seed=seeds, values=st.sampled_from([
     (1, 1, 0), (1, 0.5, 0), (1, 0, 0), (0, 0, 0), (1, 1, -1), (1, 0.6, -0.2), (1, 1, -0.999999),
     (1e-200, 1e-200, 1e-200),
-    (1, 1e-7, 1e-7), (1, 6e-5, 6e-5), (1, 2e-3, 2e-3), (1, 0.5, -0.496), (1, 1e-3, -1e-9), (2, 2, -2), (1e70, 1e69, 1e68),
+    (1, 1e-7, 1e-7), (1, 6e-5, 6e-5), (1, 2e-3, 2e-3), (1, 0.5, -0.496), (1, 1e-3, -1e-9),
+    (2, 2, -2), (1e70, 1e69, 1e68),
 ]))  # fmt: skip
 def test_rotation_of_hard_cases(seed, values):
     """Flat, inverted, tiny and huge matrices, those without a unique nearest rotation among them."""
