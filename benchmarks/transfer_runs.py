@@ -32,9 +32,9 @@ SHORT_RATE = 3e-4
 SEEDS = 3
 STOPS, SHORT_STOPS = 8, 4
 """Policies kept on the way of a run."""
-BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 100, "tetrahedral": 40}
+BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 50, "tetrahedral": 25}
 """Episodes on each body, cheapest first; fewer on the dearest."""
-FINEST, PROOF, PROOF_EPISODES = "tetrahedral", 2, 10
+FINEST, PROOF, PROOF_EPISODES = "tetrahedral", 2, 6
 """The finest body that can be learnt on, and the level of it that policies are proved on."""
 
 
