@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from benchmarks.alike import measures
+from benchmarks.alike import drag_power, measures, structure
 from benchmarks.calibrate_bodies import compliance_off
 from fish_env import BODIES, INTEGRATORS, Tank, forces, make_fish
 from fish_env.body import FAILURES
@@ -225,6 +225,56 @@ def test_spaces_are_the_same(name):
     pair = [one.reset(seed=3, options={"yaw": 0.3})[0] for one in (env, default)]
     np.testing.assert_allclose(pair[0][:69], pair[1][:69], rtol=0, atol=0.02)
     check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_fibres_of_a_finer_fish():
+    """At every level fibres run straight from layer to layer, and resist bending and twisting as much per section."""
+    total = {}
+    for level in (1, 2, 3):
+        fish = make_fish("tetrahedral", level=level, bending=[1.0] * 5)
+        springs, x = fish.body.springs, fish.body.position / fish.length
+        at, ends = make_fish().points(make_fish().body.position)[:, 0], x[springs.nodes]
+        layers = np.unique(np.round(at / fish.length, 9))
+        assert np.isin(np.round(ends[:, :, 0], 9), layers).all() and len(springs.nodes) == 24 * level**2
+        off = (ends[:, :, 1:] / np.abs(x[None, :, 1:]).max()).reshape(-1, 4)
+        section = np.searchsorted(layers, np.round(ends[:, :, 0].min(axis=1), 9))
+        if level == 1:
+            edges = {k: np.abs(off[section == k]).max(axis=0) for k in range(6)}
+        share = [np.abs(off[section == k]) / np.maximum(edges[k], 1e-12) for k in range(6)]
+        total[level] = [
+            (springs.stiffness[section == k] * (part[:, 2] * part[:, 3]) ** 2).sum() for k, part in enumerate(share)
+        ]
+    np.testing.assert_allclose([total[2][1:4], total[3][1:4]], [total[1][1:4]] * 2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_a_bent_fish_swings_about_as_fast(level):
+    """The first vibration keeps nine tenths of its frequency when the tail swings 20 mm: no fibre buckles."""
+    fish = make_fish("tetrahedral", level=level)
+    frame = structure(fish)
+    squares, shapes = np.linalg.eigh(frame.matrix / np.sqrt(np.outer(frame.mass, frame.mass)))
+    first = np.argmax(squares > 1e-7 * fish.body.elastic_rate)
+    mode = (frame.basis @ (shapes[:, first] / np.sqrt(frame.mass))).reshape(-1, 3)
+    tank = Tank(fish, 1, water=VACUUM)
+    tank.position[0] += 0.02 * mode / mode[fish.tail, 1].mean()
+    along, step, tail = np.zeros((1, fish.num_muscles)), tank.dt, []
+    while len(tail) * step < 0.4:
+        tank.drive(along, 1)
+        tail.append(
+            tank.position[0, fish.tail, 1].mean() - fish.body.mass @ tank.position[0, :, 1] / fish.body.mass.sum()
+        )
+    tail = np.array(tail)
+    down = np.flatnonzero((tail[:-1] > 0) & (tail[1:] <= 0))
+    cross = (down + tail[down] / (tail[down] - tail[down + 1]) + 1) * step
+    assert not tank.failure[0] and 1.0 / np.diff(cross).mean() > 0.9 * np.sqrt(squares[first]) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_water_takes_as_much_from_finer_faces(level):
+    """The water's power in the default fish's first bending mode is that of its own faces."""
+    default = make_fish()
+    power = drag_power(make_fish("tetrahedral", level=level), default)
+    assert power == pytest.approx(drag_power(default, default), rel=2e-4) and power > 0.0
 
 
 def test_a_flat_fish_stays_flat():
