@@ -183,8 +183,8 @@ def test_penalty_error(task):
 def bent_fish():
     """The fish's task with the 1e4 penalty: body, anchors, and the world they make."""
     task = boundary.fish_task()
-    task = task._replace(body=small_bodies.completed(task.body))
     pulling = boundary.penalty(task, boundary.BOOK)
+    task = task._replace(body=small_bodies.completed(task.body))
     return task, pulling, small_bodies.completed_world(VACUUM)._replace(anchors=pulling)
 
 
