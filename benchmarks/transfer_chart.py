@@ -75,14 +75,14 @@ def chart(matrices: list[dict], curves: list[dict]) -> Path:
     plt.rcParams["svg.hashsalt"] = "fish_env"
     tasks = list(dict.fromkeys(row["task"] for row in matrices))
     figure, axes = plt.subplots(
-        len(tasks), 3, figsize=(13, 3.9 * len(tasks)), layout="constrained", squeeze=False, width_ratios=(5, 4, 6)
+        len(tasks), 3, figsize=(14, 3.6 * len(tasks)), layout="constrained", squeeze=False, width_ratios=(5, 4, 6)
     )
     direct = [(body, "") for body in BODIES]
     for (plain, tuned, line), task in zip(axes, tasks, strict=True):
         unit, factor, digits = UNITS[RESULTS[task].score]
         tables = [
             (plain, 0, [*direct, (FINEST, str(PROOF))], "as learnt"),
-            (tuned, SHORT, direct, f"after {SHORT:,} decisions there"),
+            (tuned, SHORT, direct, f"after {SHORT // 1000} k decisions there"),
         ]
         values = [factor * matrix(matrices, task, short, columns) for _, short, columns, _ in tables]
         low, high = (f([np.nanmin(v[0]) for v in values] + [np.nanmax(v[0]) for v in values]) for f in (min, max))
@@ -90,9 +90,10 @@ def chart(matrices: list[dict], curves: list[dict]) -> Path:
             ax.imshow(value, vmin=low - 0.5 * (high - low), vmax=high, cmap="Blues", aspect="auto")
             for (i, j), number in np.ndenumerate(value):
                 if np.isfinite(number):
-                    text = f"{number:.{digits}f}\n{least[i, j]:.{digits}f} to {most[i, j]:.{digits}f}"
-                    dark = number > low + 0.6 * (high - low)
-                    ax.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if dark else "black")
+                    shade = "white" if number > low + 0.6 * (high - low) else "black"
+                    spread = f"{least[i, j]:.{digits}f} to {most[i, j]:.{digits}f}"
+                    ax.text(j, i - 0.1, f"{number:.{digits}f}", ha="center", va="center", fontsize=9, color=shade)
+                    ax.text(j, i + 0.2, spread, ha="center", va="center", fontsize=6.5, color=shade)
             names = [body.replace("_", "\n") + (f"\nlevel {level}" if level else "") for body, level in columns]
             ax.set_xticks(range(len(columns)), names, fontsize=8)
             ax.set_yticks(range(len(BODIES)), list(BODIES), fontsize=8)
