@@ -227,16 +227,16 @@ def chart(rows: list[dict]) -> Path:
             x, y = 1e3 * float(row["cost_s_per_s"]), 100 * float(row["error"])
             bars = [[y - 100 * float(row["low"])], [100 * float(row["high"]) - y]]
             ax.errorbar(x, y, bars, fmt="o", color=colours[row["body"]], capsize=3)
-            below = label(row) == "planar 1"
-            ax.annotate(
-                label(row), (x, y), xytext=(-14, -13) if below else (5, 4), textcoords="offset points", fontsize=8
-            )
+            place = {"planar 1": (-14, -15), "tetrahedral 2": (-58, 8)}.get(label(row), (6, 4))
+            ax.annotate(label(row), (x, y), xytext=place, textcoords="offset points", fontsize=8)
         for tolerance in TOLERANCES:
             ax.axhline(100 * tolerance, color="0.85", lw=0.8, zorder=0)
             best = cheapest(rows, task, tolerance)
             if best:
                 ax.plot(1e3 * float(best["cost_s_per_s"]), 100 * float(best["error"]), "o", ms=13, mfc="none", mec="k")
-        ax.set(xscale="log", yscale="log", xlim=(0.25, 3000), title=task.replace("_", " "))
+        ax.set(xscale="log", yscale="log", xlim=(0.25, 3000), ylim=(2, 100), title=task.replace("_", " "))
+        ax.set_yticks([2, 5, 10, 20, 50, 100], ["2", "5", "10", "20", "50", "100"])
+        ax.set_yticks([], minor=True)
     for ax in axes[-1]:
         ax.set_xlabel("cost, ms a simulated second")
     for ax in axes[:, 0]:
