@@ -9,11 +9,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.sparse import csr_array
 
+from fish_env import Tank
 from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu
 from fish_env.body import rest_stiffness
 from fish_env.forces import water
 from fish_env.linalg import rates
+from fish_env.world import VACUUM
 
 MODES = 4  # of lateral bending
 
@@ -124,18 +126,43 @@ def contraction(fish: Fish, segment) -> np.ndarray:
     return force
 
 
+def first_bending(fish: Fish) -> tuple[float, np.ndarray]:
+    """Frequency, Hz, and shape (N,3), the tail tips' mean sideways displacement 1, of the lowest bending vibration."""
+    frame = structure(fish)
+    squares, shapes = np.linalg.eigh(frame.matrix / np.sqrt(np.outer(frame.mass, frame.mass)))
+    first = np.argmax(squares > 1e-7 * fish.body.elastic_rate)
+    shape = (frame.basis @ (shapes[:, first] / np.sqrt(frame.mass))).reshape(fish.body.position.shape)
+    return float(np.sqrt(squares[first]) / (2 * np.pi)), shape / shape[fish.tail, 1].mean()
+
+
+def swing(fish: Fish, sweep: float, seconds: float = 0.6) -> float:
+    """Frequency, Hz, in vacuum, of a fish let go with its tail `sweep` m aside in its first bending vibration.
+
+    Raises:
+        ValueError: if it breaks.
+    """
+    tank, tail = Tank(fish, 1, water=VACUUM), []
+    tank.position[0] += sweep * first_bending(fish)[1]
+    share, still = fish.body.mass / fish.body.mass.sum(), np.zeros((1, fish.num_muscles))
+    while len(tail) * tank.dt < seconds:
+        tank.drive(still, 1)
+        tail.append(tank.position[0, fish.tail, 1].mean() - share @ tank.position[0, :, 1])
+    if tank.failure[0]:
+        raise ValueError(f"the fish breaks: {tank.failure[0]}; give a smaller sweep than {sweep} m")
+    tail = np.array(tail)
+    down = np.flatnonzero((tail[:-1] > 0) & (tail[1:] <= 0))
+    return float(1.0 / np.diff((down + tail[down] / (tail[down] - tail[down + 1])) * tank.dt).mean())
+
+
 def drag_power(fish: Fish, default: Fish) -> float:
     """Power, W, that the water takes when the tail tips sweep at 1 m/s in the default fish's first bending mode.
 
     Cross-sections move as a whole and turn with the line that runs smoothly through the stations of that mode.
     """
-    frame = structure(default)
-    squares, shapes = np.linalg.eigh(frame.matrix / np.sqrt(np.outer(frame.mass, frame.mass)))
-    mode = shapes[:, np.argmax(squares > 1e-7 * default.body.elastic_rate)] / np.sqrt(frame.mass)
-    moved = (frame.basis @ mode).reshape(default.body.position.shape)[:, 1]
+    moved = first_bending(default)[1][:, 1]
     sets = stations(default)[::-1]
     place = [default.body.position[nodes, 0].mean() for nodes in sets]
-    sweep = [moved[nodes].mean() / moved[default.tail].mean() for nodes in sets]
+    sweep = [moved[nodes].mean() for nodes in sets]
     line, x = CubicSpline(place, sweep), fish.body.position
     velocity = np.stack([-x[:, 1] * line(x[:, 0], 1), line(x[:, 0]), np.zeros(len(x))], axis=1)
     force = np.zeros_like(x)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import fish_env.bodies
-from benchmarks.alike import Measures, drag_power, measures
+from benchmarks.alike import Measures, drag_power, measures, swing
 from benchmarks.provenance import provenance, write_csv
 from fish_env import make_fish
 
@@ -101,6 +101,7 @@ def check() -> list[dict]:
             for k, (a, b) in enumerate(zip(now, then, strict=True)):
                 row[f"{name}_{k + 1}"], row[f"{name}_{k + 1}_off_percent"] = f"{a:.5g}", f"{100 * (a / b - 1):.2f}"
         row["compliance_off_percent"] = f"{100 * np.abs(compliance_off(found, wanted)).max():.2f}"
+        row["frequency_1_at_20_mm"] = f"{swing(fish, 0.02):.3g}"  # with the tail swinging so far to each side
         rows.append(row)
         off = " ".join(f"{name} {np.round(100 * (now / then - 1), 1)} %" for name, (now, then) in measured.items())
         print(f"{body:12} {level or '':2} {off}, compliance within {row['compliance_off_percent']} %", flush=True)

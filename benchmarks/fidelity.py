@@ -1,6 +1,6 @@
 """What each body costs and how far it is from the finest one, in a scene of every task.
 
-python -m benchmarks.fidelity              results/fidelity.csv and docs/images/fidelity.svg (some 7 minutes)
+python -m benchmarks.fidelity              results/fidelity.csv and docs/images/fidelity.svg (some 12 minutes)
 python -m benchmarks.fidelity --chart      the chart only, from the CSV
 python -m benchmarks.fidelity --seeds 2    fewer scenes a task: quick, with wider intervals
 taskset -c 1 python -m benchmarks.fidelity --cost    results/body_costs.csv, timed side by side on one processor
