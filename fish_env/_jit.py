@@ -12,16 +12,18 @@ import sys
 import tempfile
 import warnings
 from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+from numba.core.registry import CPUDispatcher
 
-# Contraction (fused multiply-add), reciprocals and sign of zero may be traded for speed. `nnan` and `ninf` may not:
-# the failure check must see a NaN. `reassoc` may not: the loops are short, and vectorised sums make them slower.
-FASTMATH = {"contract", "arcp", "nsz"}
-INDEX = (
-    np.uint64
-)  # kernels index with unsigned numbers: numba then has no negative ones to test for, a quarter less time
+# No fastmath at all: nothing is reordered or contracted, so that a fish has the same bits alone and in any lane, and the
+# failure check sees a NaN.
+OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False}
+INDEX = np.uint64  # kernels index with unsigned numbers: numba then has no negative ones to test for
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
@@ -69,19 +71,67 @@ def cache_folder() -> str | None:
 _FOLDER = cache_folder()
 
 
-def njit(function, forceinline=False):
-    """Compile `function` with numba: no Python objects, no GIL, numpy's division rules, cached by source hash."""
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _FOLDER or ""
-    try:
-        return numba.njit(
-            cache=_FOLDER is not None, nogil=True, fastmath=FASTMATH, error_model="numpy", boundscheck=False,
-            forceinline=forceinline,
-        )(function)  # fmt: skip
-    finally:
-        numba.config.CACHE_DIR = previous
+class SourceCache(FunctionCache):
+    """Numba's cache of one function, for closures too: kernels that a closure holds enter the key by their code."""
+
+    def _index_key(self, sig, codegen):
+        digest = hashlib.sha256(b"".join(code_of(self._py_func, set())))
+        return sig, codegen.magic_tuple(), digest.hexdigest()
 
 
-def njit_inline(function):
-    """As `njit`, and made part of every kernel that calls it: a call copies each array of a tuple it is handed."""
-    return njit(function, forceinline=True)
+def code_of(value, seen: set) -> list[bytes]:
+    """What a function does, as bytes: its code, and that of the kernels and the numbers it takes from outside."""
+    if isinstance(value, Dispatcher):
+        value = value.py_func
+    if not isinstance(value, FunctionType):
+        return [repr(value).encode()]
+    if value in seen:
+        return []
+    seen.add(value)
+    code = value.__code__
+    constants = [const for const in code.co_consts if not isinstance(const, CodeType)]
+    found = [value.__module__.encode(), value.__qualname__.encode(), code.co_code, repr(constants).encode()]
+    for cell in value.__closure__ or ():
+        found += code_of(cell.cell_contents, seen)
+    for name in code.co_names:
+        outside = value.__globals__.get(name)
+        if isinstance(outside, Dispatcher | FunctionType | int | float | tuple):
+            found += code_of(outside, seen)
+        elif isinstance(outside, ModuleType) and outside.__name__.split(".")[0] != "fish_env":
+            path = getattr(outside, "__file__", None)
+            found.append(Path(path).read_bytes() if path and path.endswith(".py") else name.encode())
+    return found
+
+
+def njit(function):
+    """Compile a function that Python calls: no Python objects, no GIL, numpy's division rules, cached by its sources."""
+    compiled = numba.njit(**OPTIONS)(function)
+    if _FOLDER is not None and isinstance(compiled, Dispatcher):
+        previous, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _FOLDER
+        try:
+            compiled._cache = SourceCache(function)
+        finally:
+            numba.config.CACHE_DIR = previous
+    return compiled
+
+
+class Part(CPUDispatcher):
+    """A kernel that becomes part of every kernel that calls it. Called from Python, it is compiled by itself first."""
+
+    def __call__(self, *args):
+        if "_alone" not in self.__dict__:
+            self._alone = numba.njit(**OPTIONS)(self.py_func)
+        return self._alone(*args)
+
+
+def part(function, **options):
+    """Compile a part of kernels, without the wrappers that Python would call it by: a quarter of the time."""
+    compiled = numba.njit(**OPTIONS, **options, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    if isinstance(compiled, CPUDispatcher):
+        compiled.__class__ = Part
+    return compiled
+
+
+def kernel(function):
+    """As `part`, and made part of every kernel that calls it."""
+    return part(function, forceinline=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from fish_env.checks import finite_array, node_array, positive_array
 from fish_env.elements import Chambers, Guards, Tets, chamber_volume, check_outward
+from fish_env.failures import FAILURES  # noqa: F401 - named here too, where the state that holds one is
 from fish_env.linalg import ldlt, rates
 
 
@@ -33,6 +34,7 @@ class Faces(NamedTuple):
     nodes: np.ndarray  # (F,4) counter-clockwise seen from outside
     share: np.ndarray  # (F,4) part of the face's force each corner carries; rows sum to 1
     depth: np.ndarray  # (F,) m along z; zero for the face of a solid body
+    upright: bool = False  # whether any face is
 
 
 class Body(NamedTuple):
@@ -40,6 +42,8 @@ class Body(NamedTuple):
 
     None says that there are no elements of a kind: the kernels are then compiled without them.
     """
+
+    VECTORS = ("position", "inverse_mass")
 
     position: np.ndarray  # (N,3) m
     mass: np.ndarray  # (N,) kg
@@ -74,18 +78,6 @@ class Control(NamedTuple):
 
 COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivots")
 FORCES, FACTORISATIONS, SOLVES, PIVOTS = 0, 1, 2, 3
-
-STRETCH_LIMIT = 3.0  # an element longer than this many natural lengths is taken as torn
-FAILURES = (
-    "",
-    "non-finite: a position or velocity is not a number or infinite",
-    f"torn: an element is stretched beyond {STRETCH_LIMIT:g} times its natural length",
-    "untrusted solve: a pivot of the system matrix has lost nine digits or is not finite",
-    "no convergence: the adaptive method gave up",
-    "escaped: a chamber has no volume left, or a node of an inner layer has left the outer one",
-)
-NON_FINITE, TORN, UNTRUSTED_SOLVE, NO_CONVERGENCE, ESCAPED = 1, 2, 3, 4, 5
-
 
 def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, depth=None, tets: Tets | None = None,
               chambers: Chambers | None = None, guards: Guards | None = None) -> Body:  # fmt: skip
@@ -141,7 +133,7 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
     share = np.where(corners[:, 2:3] == corners[:, 3:4], [[1 / 3, 1 / 3, 1 / 6, 1 / 6]], 0.25)
     body = Body(
         position, mass, np.repeat(1.0 / mass[:, None], 3, axis=1), np.zeros((0, 2), np.int64), springs,
-        Faces(corners, np.ascontiguousarray(share), depth), tets, chambers, guards, 0.0, 0.0, shape,
+        Faces(corners, np.ascontiguousarray(share), depth, bool(depth.any())), tets, chambers, guards, 0.0, 0.0, shape,
     )  # fmt: skip
     return with_rates(body)
 

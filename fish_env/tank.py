@@ -12,11 +12,13 @@ from fish_env._jit import njit
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import COUNTERS, FAILURES, Body, Control, State, scaled
 from fish_env.checks import finite_array, positive_array
+from fish_env.engine import Engine
+from fish_env.forces.control import NOMINAL
 from fish_env.integrators import INTEGRATORS, Integrator
+from fish_env.simd import Kind
 from fish_env.world import VACUUM, World, make_anchors
 
-NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
-"""Factors on stiffness (and damping), mass and drag, and a current to add, m/s: a fish as it was made."""
+FISH_FOR_LANES = 3  # fewer than this are faster one by one
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
 
@@ -38,7 +40,8 @@ class Tank:
     """
 
     def __init__(self, fish: ElasticObject, num_fish=1, integrator: str | None = None, dt: float | None = None,
-                 water: World | None = None, threads: int | None = None):  # fmt: skip
+                 water: World | None = None, threads: int | None = None, dtype: str = "float64",
+                 lanes: str | int | None = None):  # fmt: skip
         if not isinstance(fish, ElasticObject):
             raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
         integrator = fish.integrator if integrator is None else integrator
@@ -61,6 +64,8 @@ class Tank:
         if reason:
             raise ValueError(f"{integrator!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
         body, b = fish.body, self.num_fish
+        self.kind = kind_for(b, dtype, lanes)
+        """How many fish the kernels work on at once, and in which precision."""
         self.state = State(
             np.repeat(body.position[None], b, axis=0),
             np.zeros((b, body.mass.size, 3)),
@@ -84,9 +89,11 @@ class Tank:
         """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
         self.variation = np.tile(NOMINAL, (b, 1))
         """(B,6) what sets each fish and its water apart from the rest (`vary`); read only."""
-        self._own: dict[int, tuple[Body, World]] = {}
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
         self._pool = None
+        self._engine = None
+        if self.integrator.method is not None:
+            self._engine = Engine(self)
 
     def __getstate__(self):
         return self.__dict__ | {"_pool": None}
@@ -158,16 +165,8 @@ class Tank:
 
     def _set_variation(self, i: int, row: np.ndarray) -> None:
         self.variation[i] = row
-        self._own.pop(i, None)
-        if tuple(row) != NOMINAL:
-            stiffness, mass, drag = (float(factor) for factor in row[:3])
-            world = self.world
-            self._own[i] = (
-                scaled(self.fish.body, stiffness, stiffness, mass),
-                world._replace(
-                    linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
-                ),
-            )
+        if self._engine is not None:
+            self._engine.plan(i)
 
     def advance(self, steps: int) -> None:
         """Take `steps` steps of dt with the controls held. A fish that fails stops at its last sound state."""
@@ -224,36 +223,32 @@ class Tank:
         """
         if not (isinstance(node, int | np.integer) and 0 <= node < self.state.x.shape[1]):
             raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
-        self._hang(make_anchors([node], [point], stiffness, damping, rest_length))
+        self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length))
 
     def release(self) -> None:
         """Let go of what `grab` holds."""
-        self._hang(None)
+        self._set_anchors(None)
 
-    def _hang(self, anchors) -> None:
+    def _set_anchors(self, anchors) -> None:
         self.world = self.world._replace(anchors=anchors)
-        for i in list(self._own):
-            self._set_variation(i, self.variation[i].copy())
+        if self._engine is not None:
+            self._engine = Engine(self)
 
     def _run(self, steps: int) -> None:
+        if self._engine is None:
+            for i in range(self.num_fish):
+                body, world = varied(self.fish.body, self.world, self.variation[i])
+                self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
+            return
         if self._chunks == 1:
-            self._move(0, self.num_fish, steps)
+            self._engine.advance(0, 0, self.num_fish, steps)
             return
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads)
         edges = np.linspace(0, self.num_fish, self._chunks + 1).astype(int)
-        for job in [self._pool.submit(self._move, lo, hi, steps) for lo, hi in pairwise(edges)]:
+        jobs = [(i, lo, hi, steps) for i, (lo, hi) in enumerate(pairwise(edges))]
+        for job in [self._pool.submit(self._engine.advance, *job) for job in jobs]:
             job.result()
-
-    def _move(self, lo: int, hi: int, steps: int) -> None:
-        """Advance fish lo to hi - 1: in one call, or one by one if any differ from the rest."""
-        if not self._own:
-            state, control = (self.state, self.control) if hi - lo == self.num_fish else (self._rows(lo, hi))
-            self.integrator.advance(self.fish.body, self.world, state, control, self.dt, steps)
-            return
-        for i in range(lo, hi):
-            body, world = self._own.get(i, (self.fish.body, self.world))
-            self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
 
     def _rows(self, lo: int, hi: int) -> tuple[State, Control]:
         return State(*(array[lo:hi] for array in self.state)), Control(*(array[lo:hi] for array in self.control))
@@ -323,6 +318,26 @@ def command(fibres, drives, natural, span, contraction, fastest, duration, rest_
             rate[b, fibres[m]] = change / duration
             squares += (change / limit) ** 2
         effort[b] = squares / fibres.size
+
+
+def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
+    """The kind of kernel for so many fish: the coordinates of one in a register, or a cache line of fish.
+
+    Raises:
+        ValueError: for a precision or a number of lanes that is not offered.
+    """
+    if lanes is None:
+        few = num_fish < FISH_FOR_LANES
+        lanes = "xyz" if few else 16 if dtype == "float32" else 8
+    return Kind(lanes, dtype)
+
+
+def varied(body: Body, world: World, row) -> tuple[Body, World]:
+    """A body and its world with the factors and the current of a row of `Tank.variation`."""
+    stiffness, mass, drag = (float(factor) for factor in row[:3])
+    return scaled(body, stiffness, stiffness, mass), world._replace(
+        linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
+    )
 
 
 def check_anchors(body: Body, world: World) -> None:

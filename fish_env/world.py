@@ -11,6 +11,8 @@ from fish_env.checks import finite_array, node_array, positive_array
 class Anchors(NamedTuple):
     """Springs from a node to a point in the world: a hand that drags, or a penalty that moves a node. A of them."""
 
+    VECTORS = ("point", "velocity")
+
     node: np.ndarray  # (A,)
     point: np.ndarray  # (A,3) m, where the far end is; it stays there during one call of `advance`
     velocity: np.ndarray  # (A,3) m/s that the damping compares the node's with
@@ -21,6 +23,8 @@ class Anchors(NamedTuple):
 
 class World(NamedTuple):
     """What surrounds the body; what is None is not there, and all zero and None is vacuum."""
+
+    VECTORS = ("current", "gravity")
 
     linear: float  # coefficient of the linear face law, kg/(m2 s)
     quadratic: float  # coefficient of the quadratic face law, half density times drag coefficient, kg/m3

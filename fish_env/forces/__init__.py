@@ -1,126 +1,79 @@
-"""The force on every node and its derivatives: sums over the force modules, a line each."""
+"""The forces on a body: one list of modules, from which all sums, matrices and step-size bounds follow.
 
-from fish_env._jit import INDEX, njit, njit_inline
-from fish_env.forces import anchors, contact, gravity, guards, pressure, springs, tets, water
+A force is a module in FORCES. Its kernels all have the arguments `body, world, control, x, v, f, cache`, and work on one
+fish or a block of fish:
 
+    add_force          adds the force on every node to f, N; the only one that every force must have
+    add_force_cached   the same, and keeps in cache what the next two need (default: `add_force`)
+    add_tangent        adds to f the pull if every node moved by what stands in v, by the stiffness last kept
+    add_change         adds to f what the force changes by when the velocities become v, positions being those kept
+    add_system         adds h D + h^2 K to the matrix in f, and keeps K for `add_tangent`
+    add_damping        adds h D to it, for the method that takes the water implicitly
+    add_jacobian       adds the exact -df/dx and -df/dv to `f.stiffness` and `f.damping`
+    energy             what the force stores, J
+    failed             where an element is not what it should be any more; FAILURE says why
+    constrain          changes the accelerations in f to what the force allows
+    decay              changes the velocities by what the force alone makes of them in half a step
+    finish             changes the velocities at the end of a step
 
-@njit
-def total(body, world, rest_length, x, v, f):
-    """Sum of all forces on the nodes of one body: f (N,3) N is overwritten. rest_length (E,), x and v (N,3)."""
-    f[:] = 0.0
-    water.add_force(body, world, x, v, f)
-    springs.add_force(body, rest_length, x, v, f)
-    add_others(body, world, x, v, f)
-    anchors.add_force(world.anchors, x, v, f)
-    contact.add_reaction(world.planes, x, v, f)
+`present(body, world)` says whether there is anything to do: kernels are compiled without the forces that are not there.
+`make_cache(body, world, kind)` makes what the force keeps, a `Pack` that it is then handed as `cache`.
+`rest_matrices(body, elastic)` and `bounds(body, world)` say how stiff and how damped it makes a body, for the choice of
+a step. All but `present` and `add_force` may be missing.
 
+`control` holds what belongs to each fish of the block: rest lengths, and factors on stiffness, drag and on all else
+(`lightness`), each already over the factor on the fish's mass, so that masses are the same for all.
+"""
 
-@njit
-def add_others(body, world, x, v, f):
-    """Add to f all but the water, the springs, the anchors and the walls."""
-    tets.add_force(body.tets, x, v, f)
-    pressure.add_force(body.chambers, x, f)
-    guards.add_force(body.guards, x, f)
-    gravity.add_force(body.mass, world.gravity, world.viscosity, v, f)
+from functools import cache
+from types import ModuleType
 
+from fish_env.forces import springs, water
+from fish_env.forces.compose import in_turn
+from fish_env.simd import Kind, Pack, select, zero
 
-@njit
-def external(body, world, x, v, f):
-    """Sum of the forces that Tu's method takes explicitly, all but the springs and anchors: f is overwritten."""
-    f[:] = 0.0
-    water.add_force(body, world, x, v, f)
-    add_others(body, world, x, v, f)
-
-
-@njit_inline
-def add_total_kept(body, world, rest_length, x, v, f, kept):
-    """Add the sum of all forces but the drag of the air to f (N,3) N; keep what `add_tangent` and `add_change` need.
-
-    kept: of the water (F,5), the springs (7,E), the tetrahedra (T,9) and the gas (C,N,3).
-    """
-    wet, tangent, turned, compressed = kept
-    water.add_force_kept(body, world, x, v, f, wet)
-    springs.add_force_tangent(body, rest_length, x, v, f, tangent)
-    tets.add_force_kept(body.tets, x, v, f, turned)
-    pressure.add_force_kept(body.chambers, x, f, compressed)
-    guards.add_force(body.guards, x, f)
-    gravity.add_force(body.mass, world.gravity, 0.0, v, f)
-    anchors.add_force(world.anchors, x, v, f)
-    contact.add_reaction(world.planes, x, v, f)
+FORCES: dict[str, ModuleType] = {module.__name__.rsplit(".", 1)[1]: module for module in (water, springs)}
+"""Every force, in the order in which they are summed."""
 
 
-@njit_inline
-def add_tangent(body, world, weights, kept, x, y, f):
-    """Add to f (N,3) the pull of all elements, weighted, if every node moved by y (N,3) from x (N,3).
-
-    weights: of the springs, elastic and along them (E,), of the tetrahedra (T,), of the anchors (A,2), of the gas.
-    """
-    _, tangent, turned, compressed = kept
-    elastic, along, solid, pulling, gas = weights
-    springs.add_tangent(body, elastic, along, tangent, y, f)
-    tets.add_tangent(body.tets, solid, turned, y, f)
-    pressure.add_tangent(gas, compressed, y, f)
-    anchors.add_tangent(world.anchors, pulling, x, y, f)
+def present(body, world) -> tuple[str, ...]:
+    """The names of the forces that act on a body in a world."""
+    return tuple(name for name, module in FORCES.items() if module.present(body, world))
 
 
-@njit_inline
-def add_change(body, world, kept, mobility, v, f):
-    """Add to f (N,3) what the forces from outside change by when the velocities become v; x is that of `kept`."""
-    water.add_change(body, world, kept[0], mobility, v, f)
+def make_cache(body, world, kind: Kind) -> Pack:
+    """What the forces that act keep between calls, by name."""
+    made = {name: FORCES[name].make_cache(body, world, kind) for name in present(body, world) if has_cache(name)}
+    return Pack("cache", **made)
 
 
-@njit
-def jacobian(body, world, rest_length, x, v, stiffness, damping):
-    """Exact derivatives of `total`: stiffness -df/dx (3N,3N) N/m and damping -df/dv (3N,3N) N s/m are overwritten.
-
-    The walls, whose force jumps, are left out.
-    """
-    stiffness[:] = 0.0
-    damping[:] = 0.0
-    water.add_jacobian(body, world, x, v, stiffness, damping)
-    springs.add_jacobian(body, rest_length, x, v, stiffness, damping)
-    tets.add_jacobian(body.tets, x, v, stiffness, damping)
-    pressure.add_jacobian(body.chambers, x, stiffness)
-    guards.add_jacobian(body.guards, x, stiffness)
-    anchors.add_jacobian(world.anchors, x, v, stiffness, damping)
-    gravity.add_damping(world.gravity, world.viscosity, damping)
+def has_cache(name: str) -> bool:
+    """Whether a force keeps anything."""
+    return hasattr(FORCES[name], "make_cache")
 
 
-@njit
-def system(body, world, rest_length, x, v, h, lowest, wet, a):
-    """Matrix M + h D + h^2 K of a linearly implicit method: a (S,3,3) kg is overwritten.
-
-    Symmetric, a 3 x 3 block for each entry of the nodes' skyline. K and D are the elements' (`springs.add_system`, for
-    `lowest` too; `tets.add_system`) and the anchors'; where `wet` is true, D is the water's as well. Gas and guards,
-    whose matrices are full or indefinite, stay explicit.
-    """
-    a[:] = 0.0
-    for i in range(body.mass.size):
-        for k in range(3):
-            a[INDEX(body.profile.diagonal[i]), k, k] = body.mass[i] + h * gravity.drag(world.gravity, world.viscosity)
-    if wet:
-        water.add_system(body, world, x, v, h, a)
-    springs.add_system(body, rest_length, x, v, h, lowest, a)
-    tets.add_system(body.tets, body.profile, x, h, a)
-    anchors.add_system(world.anchors, body.profile.diagonal, x, h, a)
+@cache
+def total(names: tuple[str, ...], function: str, *others: str):
+    """The kernel that calls the function of that name, or the first of the others it has, of each force in turn."""
+    found = {}
+    for name in names:
+        chosen = next((option for option in (function, *others) if hasattr(FORCES[name], option)), None)
+        if chosen is not None:
+            found[name] = (getattr(FORCES[name], chosen), has_cache(name))
+    if function == "energy":
+        return in_turn(found, "found += {call}", "found = zero(control.stiffness)", "return found", zero=zero)
+    if function == "failed":  # the first in the list has the last word
+        codes = {f"CODE_{name}": float(FORCES[name].FAILURE) for name in found}
+        return in_turn(dict(reversed(found.items())), "code = select({call}, CODE_{name}, code)",
+                       "code = zero(control.stiffness)", "return code", zero=zero, select=select, **codes)  # fmt: skip
+    return in_turn(found)
 
 
-@njit
-def add_stiffness_force(body, world, rest_length, x, v, y, h, lowest, f):
-    """Add -h K y to f (N,3), with y (N,3) and the K of `system`."""
-    springs.add_stiffness_force(body, rest_length, x, v, y, h, lowest, f)
-    tets.add_stiffness_force(body.tets, x, y, h, f)
-    anchors.add_stiffness_force(world.anchors, x, y, h, f)
+def any_has(names: tuple[str, ...], *functions: str) -> bool:
+    """Whether any of the forces has any of these functions."""
+    return any(hasattr(FORCES[name], function) for name in names for function in functions)
 
 
-def energies(body, world, rest_length, x, v) -> dict[str, float]:
-    """Energy of each kind, J, of one body at positions x and velocities v (N,3): kinetic, and what the forces store."""
-    return {
-        "kinetic": 0.5 * float(body.mass @ (v**2).sum(axis=1)),
-        "springs": springs.energy(body, rest_length, x),
-        "tets": tets.energy(body.tets, x),
-        "gas": pressure.energy(body.chambers, x),
-        "guards": guards.energy(body.guards, x),
-        "weight": gravity.energy(body.mass, world.gravity, x),
-        "anchors": anchors.energy(world.anchors, x),
-    }
+def bounds(body, world) -> list[tuple[float, float]]:
+    """What the surroundings add to the body's highest elastic and viscous rates, 1/s2 and 1/s."""
+    return [FORCES[name].bounds(body, world) for name in present(body, world) if hasattr(FORCES[name], "bounds")]

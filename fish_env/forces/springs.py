@@ -1,208 +1,188 @@
-"""Viscoelastic units: an elastic and a viscous force along the line between two nodes (Tu 1996, ch. 4).
+"""Springs: viscoelastic elements, an elastic and a viscous force along the line between two nodes (Tu 1996, ch. 4).
 
-Legend: i, j the unit's nodes; r = x_j - x_i; u = v_j - v_i; e elongation; eta effective stiffness; n = r/|r|; f the
-force on node i; g = df/dr less its turning part n q^T, symmetric, by rows xx, xy, xz, yy, yz, zz; df/du = k n n^T.
+Legend: i, j the element's nodes; r = x_j - x_i; u = v_j - v_i; eta effective stiffness; n = r/|r|; the force on node i
+is eta r.
 """
-
-import math
 
 import numpy as np
 
-from fish_env._jit import INDEX, njit, njit_inline
+from fish_env._jit import INDEX, kernel
+from fish_env.failures import STRETCH_LIMIT, TORN
+from fish_env.forces.plan import FACTOR, H, LEAST, LOWEST
+from fish_env.simd import Pack, dot, fma, nowhere, select, sqrt, vec3, zero
 
-MOST_COMPRESSED = -0.1  # strain below which a unit's negative stiffness across grows no further in `add_tangent`
-
-
-@njit
-def unit(springs, rest_length, x, v, e):
-    """One unit e: its separation r (3 numbers, m) and effective stiffness eta (N/m); the force on node i is eta r."""
-    i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
-    rx, ry, rz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-    ux, uy, uz = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1], v[j, 2] - v[i, 2]
-    inverse = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz)
-    speed = (ux * rx + uy * ry + uz * rz) * inverse  # (2)
-    # c (|r| - l)/|r| + k speed/|r|
-    eta = springs.stiffness[e] * (1.0 - rest_length[e] * inverse) + springs.damping[e] * speed * inverse  # (4)
-    return rx, ry, rz, eta
+MOST_COMPRESSED = -0.1  # strain below which an element's negative stiffness across grows no further in `add_tangent`
+FAILURE = TORN
 
 
-@njit
-def add_force(body, rest_length, x, v, f):
-    """Add the elastic and viscous force of every unit to f (N,3) N."""
-    for e in range(body.springs.stiffness.size):
-        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
-        rx, ry, rz, eta = unit(body.springs, rest_length, x, v, e)
-        f[i, 0] += eta * rx  # (3)
-        f[i, 1] += eta * ry
-        f[i, 2] += eta * rz
-        f[j, 0] -= eta * rx
-        f[j, 1] -= eta * ry
-        f[j, 2] -= eta * rz
+def present(body, world) -> bool:
+    """Whether the body has springs."""
+    return len(body.springs.nodes) > 0
 
 
-@njit_inline
-def add_force_tangent(body, rest_length, x, v, f, tangent):
-    """As `add_force`, and keep what `add_tangent` needs: tangent (7,E).
+def make_cache(body, world, kind) -> Pack:
+    """What `add_force_cached` keeps: separation r, and stiffness across and along less across over |r|^2."""
+    count = len(body.springs.nodes)
+    return Pack("springs", r=kind.vectors(count), across=kind.numbers(count), pull=kind.numbers(count))
 
-    Its rows: separation r (3), 1/|r|^2, strain 1 - l/|r| but no less than MOST_COMPRESSED, and two of scratch. In three
-    loops, so that the middle one, with the root and the divisions, does several units at a time.
+
+def rest_matrices(body, elastic):
+    """Stiffness, N/m, or damping, N s/m, at rest: nodes (E,2) and matrices (E,6,6)."""
+    springs, x = body.springs, body.position
+    r = x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]]
+    row = np.concatenate([r, -r], axis=1) / np.linalg.norm(r, axis=1)[:, None]
+    constant = springs.stiffness if elastic else springs.damping
+    yield springs.nodes, constant[:, None, None] * row[:, :, None] * row[:, None, :]
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the elastic and viscous force of every spring."""
+    nodes, stiffness, damping = body.springs.nodes, body.springs.stiffness, body.springs.damping
+    rest, factor = control.rest_length, control.stiffness[0]
+    for e in range(stiffness.size):
+        i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
+        r, u = x[j] - x[i], v[j] - v[i]
+        inverse = 1.0 / sqrt(dot(r, r))
+        strain = fma(-rest[e], inverse, 1.0)
+        fast = dot(r, u) * (inverse * inverse)  # (2)
+        pull = (factor * fma(damping[e], fast, stiffness[e] * strain)) * r  # (3), (4)
+        f[i] += pull
+        f[j] -= pull
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+
+    A spring does so by the mass FACTOR h^2 c across, and along itself by that of its damping besides. Two stages could
+    hold back less than half a step of damping, at small steps: then they hold back just that, LEAST, so that the
+    damping stays of second order.
     """
-    springs = body.springs
-    for e in range(springs.stiffness.size):
-        i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
-        rx, ry, rz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-        tangent[0, e], tangent[1, e], tangent[2, e] = rx, ry, rz
-        tangent[5, e] = rx * rx + ry * ry + rz * rz
-        tangent[6, e] = rx * (v[j, 0] - v[i, 0]) + ry * (v[j, 1] - v[i, 1]) + rz * (v[j, 2] - v[i, 2])
-    for e in range(springs.stiffness.size):
-        inverse = 1.0 / math.sqrt(tangent[5, e])
-        strain = 1.0 - rest_length[e] * inverse
-        tangent[3, e] = inverse * inverse
-        tangent[4, e] = max(strain, MOST_COMPRESSED)
-        tangent[5, e] = springs.stiffness[e] * strain + springs.damping[e] * tangent[6, e] * inverse * inverse  # (4)
-    for e in range(springs.stiffness.size):
-        i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
-        eta = tangent[5, e]
-        fx, fy, fz = eta * tangent[0, e], eta * tangent[1, e], eta * tangent[2, e]
-        f[i, 0] += fx  # (3)
-        f[i, 1] += fy
-        f[i, 2] += fz
-        f[j, 0] -= fx
-        f[j, 1] -= fy
-        f[j, 2] -= fz
+    nodes, stiffness, damping = body.springs.nodes, body.springs.stiffness, body.springs.damping
+    rest, factor, fastest = control.rest_length, control.stiffness[0], control.fastest[0]
+    plans, row = control.plans, control.row[0]
+    h, least = plans[row, H], plans[row, LEAST]
+    elastic_part, viscous_part = plans[row, FACTOR] * h * h, 2.0 * plans[row, FACTOR] * h
+    kept_r, kept_across, kept_pull = cache.r, cache.across, cache.pull
+    for e in range(stiffness.size):
+        i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
+        c, k = stiffness[e], damping[e]
+        elastic = elastic_part * c
+        along = max(elastic + viscous_part * k, least * h * k)
+        r, u = x[j] - x[i], v[j] - v[i]
+        inverse = 1.0 / sqrt(dot(r, r))
+        square = inverse * inverse
+        strain = fma(-rest[e], inverse, 1.0)
+        fast = dot(r, u) * square  # (2)
+        pull = (factor * fma(k, fast, c * strain)) * r  # (3), (4)
+        f[i] += pull
+        f[j] -= pull
+        across = (factor * elastic) * select(strain > MOST_COMPRESSED, strain, MOST_COMPRESSED)
+        kept_r[e] = r
+        kept_across[e] = across
+        kept_pull[e] = fma(factor, along, -across) * square
+        fast = abs(fast)
+        fastest = select(fast > fastest, fast, fastest)
+    control.fastest[0] = fastest
 
 
-@njit_inline
-def add_tangent(body, elastic, along, tangent, y, f):
-    """Add to f (N,3) the pull of the units if every node moved by y (N,3).
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add the pull of the springs if every node moved by y, by the stiffness that was kept."""
+    nodes = body.springs.nodes
+    kept_r, kept_across, kept_pull = cache.r, cache.across, cache.pull
+    for e in range(nodes.shape[0]):
+        i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
+        u, r = y[j] - y[i], kept_r[e]
+        g = fma(kept_pull[e] * dot(r, u), r, kept_across[e] * u)
+        f[i] += g
+        f[j] -= g
 
-    elastic (E,): their stiffness; along (E,): the same plus their damping over a time, which acts along them only.
+
+@kernel
+def derivative(body, control, x, v, e, lowest):
+    """How the force of spring e follows its separation: r, eta, c, k, q; df/dr = eta + (c - eta) n n^T + n q^T.
+
+    eta, N/m, is taken to be at least `lowest`: with 0, df/dr less its last part is positive semi-definite.
     """
-    for e in range(along.size):
-        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
-        ux, uy, uz = y[j, 0] - y[i, 0], y[j, 1] - y[i, 1], y[j, 2] - y[i, 2]
-        rx, ry, rz = tangent[0, e], tangent[1, e], tangent[2, e]
-        across = elastic[e] * tangent[4, e]
-        pull = (along[e] - across) * (rx * ux + ry * uy + rz * uz) * tangent[3, e]
-        gx, gy, gz = across * ux + pull * rx, across * uy + pull * ry, across * uz + pull * rz
-        f[i, 0] += gx
-        f[i, 1] += gy
-        f[i, 2] += gz
-        f[j, 0] -= gx
-        f[j, 1] -= gy
-        f[j, 2] -= gz
+    i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
+    factor = control.stiffness[0]
+    r, u = x[j] - x[i], v[j] - v[i]
+    inverse = 1.0 / sqrt(dot(r, r))
+    n = inverse * r
+    speed = dot(u, n)
+    c, k = factor * body.springs.stiffness[e], factor * body.springs.damping[e]
+    eta = fma(-(c * control.rest_length[e]), inverse, c) + k * (speed * inverse)
+    q = (k * inverse) * (u - speed * n)
+    return r, inverse, select(eta > lowest, eta, lowest), c, k, q
 
 
-@njit
-def derivative(springs, rest_length, x, v, e, lowest):
-    """How the force of unit e on node i follows its separation: direction n (3 numbers), g (6, N/m), q (3, N/m).
-
-    eta is taken to be at least `lowest` N/m: with 0, g is positive semi-definite; with -inf it is the derivative.
-    """
-    i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
-    rx, ry, rz, eta = unit(springs, rest_length, x, v, e)
-    inverse = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz)
-    nx, ny, nz = rx * inverse, ry * inverse, rz * inverse
-    ux, uy, uz = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1], v[j, 2] - v[i, 2]
-    speed = ux * nx + uy * ny + uz * nz
-    turn = springs.damping[e] * inverse
-    qx, qy, qz = turn * (ux - speed * nx), turn * (uy - speed * ny), turn * (uz - speed * nz)
-    eta = max(eta, lowest)
-    axial = springs.stiffness[e] - eta
-    gxx, gxy, gxz = eta + axial * nx * nx, axial * nx * ny, axial * nx * nz  # (22)
-    gyy, gyz, gzz = eta + axial * ny * ny, axial * ny * nz, eta + axial * nz * nz
-    return nx, ny, nz, gxx, gxy, gxz, gyy, gyz, gzz, qx, qy, qz
-
-
-@njit
-def add_jacobian(body, rest_length, x, v, stiffness, damping):
-    """Add -df/dx to stiffness (3N,3N) N/m and -df/dv to damping (3N,3N) N s/m, both exact."""
-    block = np.empty((3, 3))
-    for e in range(body.springs.stiffness.size):
-        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
-        nx, ny, nz, gxx, gxy, gxz, gyy, gyz, gzz, qx, qy, qz = derivative(body.springs, rest_length, x, v, e, -math.inf)
-        n, q = (nx, ny, nz), (qx, qy, qz)
-        block[0, 0], block[0, 1], block[0, 2] = gxx, gxy, gxz
-        block[1, 0], block[1, 1], block[1, 2] = gxy, gyy, gyz
-        block[2, 0], block[2, 1], block[2, 2] = gxz, gyz, gzz
+@kernel
+def add_jacobian(body, world, control, x, v, matrices, cache):
+    """Add -df/dx to `matrices.stiffness` (3N,3N) and -df/dv to `matrices.damping`, both exact; of one fish."""
+    stiffness, damping = matrices.stiffness, matrices.damping
+    for e in range(body.springs.nodes.shape[0]):
+        i, j = body.springs.nodes[e, 0], body.springs.nodes[e, 1]
+        r, inverse, eta, c, k, q = derivative(body, control, x, v, e, -np.inf)
+        n = inverse * r
+        direction, turning = (n.x, n.y, n.z), (q.x, q.y, q.z)
         for p, s in ((i, j), (j, i)):
-            for k in range(3):
-                for m in range(3):
-                    along = block[k, m] + n[k] * q[m]  # (22)
-                    across = body.springs.damping[e] * n[k] * n[m]  # (23)
-                    stiffness[3 * p + k, 3 * p + m] += along
-                    stiffness[3 * p + k, 3 * s + m] -= along
-                    damping[3 * p + k, 3 * p + m] += across
-                    damping[3 * p + k, 3 * s + m] -= across
+            for a in range(3):
+                for b in range(3):
+                    straight = direction[a] * direction[b]
+                    along = (c - eta) * straight + direction[a] * turning[b] + (eta if a == b else 0.0)  # (22)
+                    stiffness[3 * p + a, 3 * p + b] += along
+                    stiffness[3 * p + a, 3 * s + b] -= along
+                    damping[3 * p + a, 3 * p + b] += k * straight  # (23)
+                    damping[3 * p + a, 3 * s + b] -= k * straight
 
 
-@njit
-def add_system(body, rest_length, x, v, h, lowest, a):
-    """Add h D + h^2 K to a (S,3,3) kg, a block for each entry of the nodes' skyline.
+@kernel
+def add_system(body, world, control, x, v, a, cache):
+    """Add h D + h^2 K to the matrix a, and keep K for `add_tangent`.
 
-    D is -df/dv and K is -df/dx less the turning part n q^T, which is not symmetric; `lowest` as in `derivative`.
+    D is -df/dv and K is -df/dx less the turning part n q^T, which is not symmetric. a holds three columns for each
+    entry of the nodes' skyline.
     """
-    springs, diagonal = body.springs, body.profile.diagonal
-    for e in range(springs.stiffness.size):
-        nx, ny, nz, gxx, gxy, gxz, gyy, gyz, gzz, _, _, _ = derivative(springs, rest_length, x, v, e, lowest)
-        square, along = h * h, h * springs.damping[e]
-        gxx, gxy, gxz = square * gxx + along * nx * nx, square * gxy + along * nx * ny, square * gxz + along * nx * nz
-        gyy, gyz, gzz = square * gyy + along * ny * ny, square * gyz + along * ny * nz, square * gzz + along * nz * nz
-        for node in range(2):
-            d = a[INDEX(diagonal[INDEX(springs.nodes[e, node])])]
-            d[0, 0] += gxx  # only the lower triangle of a diagonal block is read
-            d[1, 0] += gxy
-            d[1, 1] += gyy
-            d[2, 0] += gxz
-            d[2, 1] += gyz
-            d[2, 2] += gzz
-        s = a[INDEX(springs.entry[e])]
-        s[0, 0] -= gxx
-        s[0, 1] -= gxy
-        s[0, 2] -= gxz
-        s[1, 0] -= gxy
-        s[1, 1] -= gyy
-        s[1, 2] -= gyz
-        s[2, 0] -= gxz
-        s[2, 1] -= gyz
-        s[2, 2] -= gzz
+    plans, row = control.plans, control.row[0]
+    h, lowest = plans[row, H], plans[row, LOWEST]
+    nodes, entry, diagonal = body.springs.nodes, body.springs.entry, body.profile.diagonal
+    for e in range(nodes.shape[0]):
+        r, inverse, eta, c, k, _ = derivative(body, control, x, v, e, lowest)
+        n = inverse * r
+        m = (h * h * (c - eta) + h * k) * n
+        even = h * h * eta
+        columns = (n.x * m + even * vec3(1.0, 0.0, 0.0), n.y * m + even * vec3(0.0, 1.0, 0.0),
+                   n.z * m + even * vec3(0.0, 0.0, 1.0))  # fmt: skip
+        one, other, both = 3 * diagonal[INDEX(nodes[e, 0])], 3 * diagonal[INDEX(nodes[e, 1])], 3 * entry[e]
+        for axis in range(3):
+            a[INDEX(one + axis)] += columns[axis]
+            a[INDEX(other + axis)] += columns[axis]
+            a[INDEX(both + axis)] -= columns[axis]
+        cache.r[e] = r
+        cache.across[e] = eta
+        cache.pull[e] = (c - eta) * (inverse * inverse)
 
 
-@njit
-def add_stiffness_force(body, rest_length, x, v, y, h, lowest, f):
-    """Add -h K y to f (N,3), with y (N,3) and the K of `add_system`."""
-    for e in range(body.springs.stiffness.size):
-        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
-        _, _, _, gxx, gxy, gxz, gyy, gyz, gzz, _, _, _ = derivative(body.springs, rest_length, x, v, e, lowest)
-        yx, yy, yz = h * (y[j, 0] - y[i, 0]), h * (y[j, 1] - y[i, 1]), h * (y[j, 2] - y[i, 2])
-        fx, fy, fz = gxx * yx + gxy * yy + gxz * yz, gxy * yx + gyy * yy + gyz * yz, gxz * yx + gyz * yy + gzz * yz
-        f[i, 0] += fx
-        f[i, 1] += fy
-        f[i, 2] += fz
-        f[j, 0] -= fx
-        f[j, 1] -= fy
-        f[j, 2] -= fz
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Elastic energy of all springs, J."""
+    nodes, stiffness, total = body.springs.nodes, body.springs.stiffness, zero(control.rest_length)
+    for e in range(stiffness.size):
+        r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
+        stretch = sqrt(dot(r, r)) - control.rest_length[e]
+        total = fma(0.5 * stiffness[e], stretch * stretch, total)  # (5)
+    return control.stiffness[0] * total
 
 
-@njit
-def energy(body, rest_length, x):
-    """Elastic energy of all units, J."""
-    total = 0.0
-    for e in range(body.springs.stiffness.size):
-        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
-        rx, ry, rz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-        stretch = math.sqrt(rx * rx + ry * ry + rz * rz) - rest_length[e]
-        total += 0.5 * body.springs.stiffness[e] * stretch * stretch  # (5)
-    return total
-
-
-@njit
-def all_shorter(body, x, limit):
-    """True if no unit is longer than `limit` times its natural length."""
-    for e in range(body.springs.stiffness.size):
-        i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
-        rx, ry, rz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-        allowed = limit * body.springs.rest_length[e]
-        if rx * rx + ry * ry + rz * rz > allowed * allowed:
-            return False
-    return True
+@kernel
+def failed(body, world, control, x, v, f, cache):
+    """Where a spring is longer than STRETCH_LIMIT times its natural length."""
+    nodes, natural = body.springs.nodes, body.springs.rest_length
+    torn = nowhere(x)
+    for e in range(natural.size):
+        r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
+        allowed = STRETCH_LIMIT * natural[e]
+        torn = torn | (dot(r, r) > allowed * allowed)
+    return torn

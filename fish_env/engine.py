@@ -1,0 +1,229 @@
+"""The compiled loop over blocks of fish: gather, integrate, check, scatter; and the intervals that are taken again.
+
+A block is as many fish as the kernels work on at once. Its fish are copied from the rows of the tank into lanes, moved,
+checked and copied back, so that a fish that fails leaves its row as it was. What a lane holds decides nothing about the
+others: fish i has the same bits in any company.
+
+Legend: b fish; i node; k axis; l lane; e spring; d driven spring; p, q where a block begins and ends in the list `todo`.
+"""
+
+from functools import cache
+
+import numpy as np
+
+from fish_env import forces
+from fish_env._jit import INDEX, kernel, njit, part
+from fish_env.failures import NON_FINITE, UNTRUSTED_SOLVE
+from fish_env.forces.control import CURRENT, DRAG, MASS, STIFFNESS, make_control
+from fish_env.forces.plan import H
+from fish_env.simd import Kind, Pack, block_size, dot, floats, lane, nowhere, packed, select, zero
+
+MOST_KEYS = 10_000  # stiffnesses whose plans are remembered
+COUNTED = 3  # force evaluations, factorisations and solves of a step
+
+
+def make_block(fish_count: int, body, world, kind: Kind, driven, plans, costs, method) -> Pack:
+    """What one thread needs to move blocks of fish: their lanes, the forces' cache and the method's scratch."""
+    control = make_control(body, kind, driven, plans, costs)
+    n = len(body.mass)
+    return Pack(
+        "block",
+        body=packed(body, kind),
+        world=packed(world, kind),
+        control=control,
+        x=kind.vectors(n),
+        v=kind.vectors(n),
+        work=method.make_work(body, kind),
+        cache=forces.make_cache(body, world, kind),
+        todo=np.zeros(fish_count, dtype=np.int64),
+    )
+
+
+@kernel
+def gather(tank, block, todo, p, q):
+    """Copy fish todo[p:q] into the lanes of a block; the last one fills those that are left over."""
+    control = block.control
+    x, v, start, rate = floats(block.x), floats(block.v), floats(control.start), floats(control.rate)
+    rest, stiffness, drag = floats(control.rest_length), floats(control.stiffness), floats(control.drag)
+    lightness, current = floats(control.lightness), floats(control.current)
+    for l in range(block_size(block.x)):
+        b = INDEX(todo[min(p + l, q - 1)])
+        for i in range(x.shape[0]):
+            for k in range(3):
+                x[i, k, l] = tank.x[b, i, k]
+                v[i, k, l] = tank.v[b, i, k]
+        for e in range(rest.shape[0]):
+            rest[e, l] = tank.rest_length[b, e]
+        for d in range(start.shape[0]):
+            e = INDEX(control.driven[d])
+            start[d, l] = tank.rest_length[b, e]
+            rate[d, l] = tank.rate[b, e]
+        light = 1.0 / tank.variation[b, MASS]
+        stiffness[0, l] = tank.variation[b, STIFFNESS] * light
+        drag[0, l] = tank.variation[b, DRAG] * light
+        lightness[0, l] = light
+        for k in range(3):
+            current[0, k, l] = tank.variation[b, CURRENT + k]
+    control.fastest[0] = zero(control.fastest)
+    control.pivots[0] = zero(control.pivots)
+    control.untrusted[0] = zero(control.untrusted)
+
+
+@kernel
+def scatter(tank, block, b, l):
+    """Copy lane l of a block back to fish b."""
+    x, v = floats(block.x), floats(block.v)
+    for i in range(x.shape[0]):
+        for k in range(3):
+            tank.x[b, i, k] = x[i, k, l]
+            tank.v[b, i, k] = v[i, k, l]
+
+
+@kernel
+def stop(tank, block, b, duration):
+    """End the motion of the rest lengths of fish b where their rates have taken them."""
+    driven = block.control.driven
+    for d in range(driven.size):
+        e = INDEX(driven[d])
+        tank.rest_length[b, e] += duration * tank.rate[b, e]
+        tank.rate[b, e] = 0.0
+
+
+@cache
+def make_advance(names: tuple[str, ...], method):
+    """The compiled `advance` of a method, for bodies and worlds on which the forces of these names act."""
+    run, failed = method.make_run(names), forces.total(names, "failed")
+
+    @part
+    def judged(block):
+        """Why the fish of a block fail, a number a lane: 0, or an index into FAILURES."""
+        body, world, control, x, v, c = block.body, block.world, block.control, block.x, block.v, block.cache
+        infinite = nowhere(x)
+        for i in range(x.size):
+            infinite = infinite | (select(dot(x[i], x[i]) + dot(v[i], v[i]) < np.inf, 0.0, 1.0) > 0.0)
+        code = failed(body, world, control, x, v, x, c)
+        code = select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)
+        return select(infinite, 1.0 * NON_FINITE, code)
+
+    @njit
+    def advance(tank, block, first, last, n):
+        """Move fish tank.order[first:last] by n steps; in place. Those that fail stay where they were."""
+        body, world, control, todo = block.body, block.world, block.control, block.todo
+        x, v, work, kept, plans = block.x, block.v, block.work, block.cache, block.control.plans
+        lanes, count, level, steps = block_size(x), 0, 0, n
+        for p in range(first, last):
+            b = tank.order[p]
+            if tank.failure[b] == 0:
+                todo[count] = b
+                count += 1
+        while count > 0:
+            again = p = 0
+            while p < count:
+                row, q = tank.row[todo[p]], p + 1
+                while q < count and q - p < lanes and tank.row[todo[q]] == row:
+                    q += 1
+                gather(tank, block, todo, p, q)
+                control.row[0] = row + level
+                h = plans[row + level, H]
+                run(body, world, control, x, v, work, kept, steps)
+                code, pivots, strain = judged(block), control.pivots[0], h * control.fastest[0]
+                bad = 0
+                for l in range(q - p):
+                    b = INDEX(todo[p + l])
+                    for k in range(COUNTED):
+                        tank.counters[b, k] += steps * block.control.costs[row + level, k]
+                    tank.counters[b, COUNTED] += int(lane(pivots, l))
+                    failing = lane(code, l) > 0.0
+                    if level < tank.deepest and (failing or lane(strain, l) > tank.tolerance):
+                        todo[again] = todo[p + l]
+                        again += 1
+                        tank.counters[b, COUNTED + 1] += 1
+                        continue
+                    if failing:
+                        tank.failure[b] = int(lane(code, l))
+                        bad += 1
+                    else:
+                        scatter(tank, block, b, l)
+                        tank.clock[b] += n * plans[row, H]
+                    stop(tank, block, b, n * plans[row, H])
+                if bad > 0:  # the state they are put back to may have been broken already when it was handed over
+                    gather(tank, block, todo, p, q)
+                    code = judged(block)
+                    for l in range(q - p):
+                        b = INDEX(todo[p + l])
+                        if tank.failure[b] != 0 and lane(code, l) > 0.0:
+                            for i in range(x.size):
+                                for k in range(3):
+                                    tank.x[b, i, k] = tank.rest_position[i, k]
+                                    tank.v[b, i, k] = 0.0
+                p = q
+            count, level, steps = again, level + 1, 2 * steps
+
+    return advance
+
+
+class Engine:
+    """The compiled method of a tank, with the memory that it works in.
+
+    Args:
+        tank: whose arrays are moved.
+    """
+
+    def __init__(self, tank):
+        fish, world, b = tank.fish, tank.world, tank.num_fish
+        self.tank, self.method = tank, tank.integrator.method
+        names = forces.present(fish.body, world)
+        self.compiled = make_advance(names, self.method)
+        self.bounds = [sum(rates) for rates in zip(
+            (fish.body.elastic_rate, fish.body.viscous_rate), *forces.bounds(fish.body, world), strict=True)]  # fmt: skip
+        self.levels, self._rows, self._plans = 1, {}, []
+        self.order, self.row, self._sorted = np.arange(b), np.zeros(b, dtype=np.int64), True
+        state, control = tank.state, tank.control
+        self.pack = Pack(
+            "tank",
+            x=state.x, v=state.v, clock=state.t, failure=state.failure, counters=state.counters,
+            rest_length=control.rest_length, rate=control.rate, variation=tank.variation,
+            rest_position=fish.body.position, order=self.order, row=self.row, deepest=self.levels - 1, tolerance=np.inf,
+        )  # fmt: skip
+        self.blocks = []
+        for i in range(b):
+            self.plan(i)
+        plans, costs = self._tables()
+        self.blocks = [
+            make_block(b, fish.body, world, tank.kind, np.unique(fish.fibres), plans, costs, self.method)
+            for _ in range(tank._chunks)
+        ]
+
+    def plan(self, i: int) -> None:
+        """Choose the plan of fish i by how stiff it is; fish of one plan share blocks."""
+        stiffness, mass = self.tank.variation[i, :2]
+        key = stiffness / mass
+        if key not in self._rows:
+            elastic, viscous = (rate * key for rate in self.bounds)
+            rows = [self.method.plan(elastic, viscous, self.tank.dt / 2**level) for level in range(self.levels)]
+            same = tuple(row.tobytes() for row in rows)
+            if same not in self._rows:
+                self._rows[same] = len(self._plans)
+                self._plans.extend(rows)
+                if self.blocks:
+                    plans, costs = self._tables()
+                    for block in self.blocks:
+                        block.control.set(plans=plans, costs=costs)
+            if len(self._rows) > MOST_KEYS:
+                self._rows = {name: row for name, row in self._rows.items() if isinstance(name, tuple)}
+            self._rows[key] = self._rows[same]
+        if self.row[i] != self._rows[key]:
+            self.row[i] = self._rows[key]
+            self._sorted = False
+
+    def _tables(self):
+        width = max(len(row) for row in self._plans)
+        plans = np.array([np.pad(row, (0, width - len(row))) for row in self._plans])
+        return plans, np.array([self.method.costs(row) for row in self._plans], dtype=np.int64)
+
+    def advance(self, chunk: int, first: int, last: int, steps: int) -> None:
+        """Move the fish between two places in the order of their plans, in the memory of one chunk."""
+        if not self._sorted:
+            self.order[:] = np.argsort(self.row, kind="stable")
+            self._sorted = True
+        self.compiled(self.pack, self.blocks[chunk], first, last, steps)

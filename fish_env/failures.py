@@ -1,0 +1,12 @@
+"""Why a simulation may end: failure is a value, an index into FAILURES, and never an exception."""
+
+STRETCH_LIMIT = 3.0  # an element longer than this many natural lengths is taken as torn
+FAILURES = (
+    "",
+    "non-finite: a position or velocity is not a number or infinite",
+    f"torn: an element is stretched beyond {STRETCH_LIMIT:g} times its natural length",
+    "untrusted solve: a pivot of the system matrix has lost nine digits or is not finite",
+    "no convergence: the adaptive method gave up",
+    "escaped: a chamber has no volume left, or a node of an inner layer has left the outer one",
+)
+NON_FINITE, TORN, UNTRUSTED_SOLVE, NO_CONVERGENCE, ESCAPED = 1, 2, 3, 4, 5

@@ -1,0 +1,43 @@
+"""Vector notation for kernels: one source for one fish and for a block of them, float64 and float32.
+
+A kernel is written with `r = x[j] - x[i]`, `dot(r, u)`, `select(outward > 0.0, push, 0.0)`; what `x` is an array of
+decides what it is compiled to. `Kind` makes such arrays, `Pack` hands them over.
+"""
+
+from fish_env.simd.functions import (
+    all_lanes,
+    any_lane,
+    cross,
+    dot,
+    exp,
+    fma,
+    lane,
+    log,
+    select,
+    sqrt,
+    vec3,
+)
+from fish_env.simd.memory import Kind, Numbers, Pack, Vectors, block_size, floats, nowhere, packed, zero
+
+__all__ = [
+    "Kind",
+    "Numbers",
+    "Pack",
+    "Vectors",
+    "all_lanes",
+    "any_lane",
+    "block_size",
+    "cross",
+    "dot",
+    "exp",
+    "floats",
+    "fma",
+    "lane",
+    "log",
+    "nowhere",
+    "packed",
+    "select",
+    "sqrt",
+    "vec3",
+    "zero",
+]

@@ -1,0 +1,165 @@
+"""The numba types of numbers, masks and 3-vectors, and how each is held in registers and in memory.
+
+A *kind* says how many fish a kernel works on at once, and in which precision. `lanes` is "xyz" for one fish whose
+3-vectors fill a SIMD register with their coordinates, or W for W fish side by side, a coordinate of all of them in a
+register. One lane in float64 is numba's own float64.
+
+Legend: w lanes of a type ("xyz" or a whole number), bits 64 or 32, parts the LLVM values that make up one value.
+"""
+
+import llvmlite.ir as ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import models, register_model
+
+XYZ = "xyz"
+
+
+class Num(types.Type):
+    """A number a fish: W lanes, or one lane in float32."""
+
+    def __init__(self, w, bits):
+        self.w, self.bits = w, bits
+        super().__init__(name=f"Num({w},{bits})")
+
+
+class Mask(types.Type):
+    """A truth value a fish, W lanes with W > 1."""
+
+    def __init__(self, w):
+        self.w = w
+        super().__init__(name=f"Mask({w})")
+
+
+class Vec3(types.Type):
+    """A 3-vector a fish."""
+
+    def __init__(self, w, bits):
+        self.w, self.bits = w, bits
+        super().__init__(name=f"Vec3({w},{bits})")
+
+
+def scalar(bits):
+    """LLVM's floating-point type of that many bits."""
+    return ir.DoubleType() if bits == 64 else ir.FloatType()
+
+
+def width(w) -> int:
+    """How many fish a type with these lanes holds."""
+    return 1 if w == XYZ else w
+
+
+def number_llvm(w, bits):
+    """How a number is held in registers."""
+    return scalar(bits) if width(w) == 1 else ir.VectorType(scalar(bits), w)
+
+
+def number_type(w, bits):
+    """The numba type of a number of this kind."""
+    return types.float64 if (width(w), bits) == (1, 64) else Num(width(w), bits)
+
+
+def mask_type(w):
+    """The numba type of a comparison of numbers of this kind."""
+    return types.boolean if width(w) == 1 else Mask(w)
+
+
+def vector_llvm(w, bits):
+    """How a 3-vector is held in registers: one register of x, y, z and an unused number, or one a coordinate."""
+    return ir.VectorType(scalar(bits), 4) if w == XYZ else ir.ArrayType(number_llvm(w, bits), 3)
+
+
+@register_model(Num)
+class NumModel(models.PrimitiveModel):
+    """A float or a vector of them; memory need only be aligned to one number."""
+
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, number_llvm(fe_type.w, fe_type.bits))
+
+    def load_from_data_pointer(self, builder, ptr, align=None):
+        return builder.load(ptr, align=self._fe_type.bits // 8)
+
+
+@register_model(Mask)
+class MaskModel(models.PrimitiveModel):
+    """A vector of bits."""
+
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, ir.VectorType(ir.IntType(1), fe_type.w))
+
+
+@register_model(Vec3)
+class Vec3Model(models.PrimitiveModel):
+    """Three numbers, or one register of four."""
+
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, vector_llvm(fe_type.w, fe_type.bits))
+
+    def load_from_data_pointer(self, builder, ptr, align=None):
+        align = self._fe_type.bits // 8
+        if self._fe_type.w == XYZ:
+            return builder.load(ptr, align=align)
+        value = ir.Constant(self.get_value_type(), ir.Undefined)
+        for k in range(3):  # three loads: LLVM would split one load of the whole too late
+            part = builder.load(cgutils.gep_inbounds(builder, ptr, 0, k), align=align)
+            value = builder.insert_value(value, part, k)
+        return value
+
+
+def spread(builder, value, count, bits):
+    """A scalar in each of `count` lanes; an integer or a number of another precision is converted first."""
+    if isinstance(value.type, ir.IntType):
+        value = builder.sitofp(value, ir.DoubleType())
+    if value.type != scalar(bits):
+        value = builder.fptrunc(value, scalar(bits)) if bits == 32 else builder.fpext(value, scalar(bits))
+    if count == 1:
+        return value
+    vector = ir.VectorType(scalar(bits), count)
+    if isinstance(value, ir.Constant):
+        return ir.Constant(vector, [value.constant] * count)
+    nothing = ir.Constant(vector, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(ir.IntType(32), count), [0] * count))
+
+
+def parts_of(builder, value, kind, target):
+    """The parts of `value`, of the numba type `kind`, brought to the lanes of `target`.
+
+    A number becomes every part of a vector; what has one lane becomes every lane.
+    """
+    if isinstance(kind, Vec3):
+        if kind.w == XYZ:
+            return [value]
+        parts = [builder.extract_value(value, k) for k in range(3)]
+        if target.w == XYZ:
+            register = ir.Constant(vector_llvm(XYZ, target.bits), ir.Undefined)
+            for k in range(3):
+                register = builder.insert_element(register, parts[k], ir.Constant(ir.IntType(32), k))
+            return [register]
+        if kind.w == target.w:
+            return parts
+        return [spread(builder, part, target.w, target.bits) for part in parts]
+    several = isinstance(target, Vec3) and target.w != XYZ
+    if isinstance(kind, Num) and kind.w > 1:
+        one = value
+    else:
+        lanes = 4 if isinstance(target, Vec3) and target.w == XYZ else width(target.w)
+        one = spread(builder, value, lanes, target.bits)
+    return [one] * (3 if several else 1)
+
+
+def whole(builder, parts, kind):
+    """The value of the numba type `kind` with these parts."""
+    if len(parts) == 1:
+        return parts[0]
+    value = ir.Constant(vector_llvm(kind.w, kind.bits), ir.Undefined)
+    for k in range(3):
+        value = builder.insert_value(value, parts[k], k)
+    return value
+
+
+def coordinates(builder, value, kind):
+    """The three coordinates of a vector, numbers of its kind."""
+    if kind.w != XYZ:
+        return [builder.extract_value(value, k) for k in range(3)]
+    return [builder.extract_element(value, ir.Constant(ir.IntType(32), k)) for k in range(3)]
