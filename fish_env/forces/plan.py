@@ -4,10 +4,11 @@ All fish of a block share a row. Forces that are filtered or taken implicitly re
 """
 
 H = 0  # step, s
-LOWEST = 1  # N/m, least effective stiffness with which a spring enters a system matrix
-STAGES = 2  # of the filter, and what follows
-MIDPOINT = 3
-FIRST = 4
-FACTOR = 5  # on h^2 times stiffness, and twice on h times damping
-LEAST = 6  # on h times damping, at least
-POLYNOMIAL = 7  # first of the Chebyshev polynomials T_k at the midpoint
+INNER = 1  # s, the step in a system matrix: H, or the part of it that a Rosenbrock method takes
+LOWEST = 2  # N/m, least effective stiffness with which a spring enters a system matrix
+STAGES = 3  # of the filter, and what follows
+MIDPOINT = 4
+FIRST = 5
+FACTOR = 6  # on h^2 times stiffness, and twice on h times damping
+LEAST = 7  # on h times damping, at least
+POLYNOMIAL = 8  # first of the Chebyshev polynomials T_k at the midpoint

@@ -8,7 +8,7 @@ import numpy as np
 
 from fish_env._jit import INDEX, kernel
 from fish_env.failures import STRETCH_LIMIT, TORN
-from fish_env.forces.plan import FACTOR, H, LEAST, LOWEST
+from fish_env.forces.plan import FACTOR, INNER, LEAST, LOWEST, H
 from fish_env.simd import Pack, dot, fma, nowhere, select, sqrt, vec3, zero
 
 MOST_COMPRESSED = -0.1  # strain below which an element's negative stiffness across grows no further in `add_tangent`
@@ -140,13 +140,13 @@ def add_jacobian(body, world, control, x, v, matrices, cache):
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
-    """Add h D + h^2 K to the matrix a, and keep K for `add_tangent`.
+    """Add h D + h^2 K to the matrix a, with h the INNER step, and keep K for `add_tangent`.
 
     D is -df/dv and K is -df/dx less the turning part n q^T, which is not symmetric. a holds three columns for each
     entry of the nodes' skyline.
     """
     plans, row = control.plans, control.row[0]
-    h, lowest = plans[row, H], plans[row, LOWEST]
+    h, lowest = plans[row, INNER], plans[row, LOWEST]
     nodes, entry, diagonal = body.springs.nodes, body.springs.entry, body.profile.diagonal
     for e in range(nodes.shape[0]):
         r, inverse, eta, c, k, _ = derivative(body, control, x, v, e, lowest)

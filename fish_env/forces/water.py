@@ -9,7 +9,7 @@ Legend: a area vector (area times outward normal n); w velocity of the face thro
 import numpy as np
 
 from fish_env._jit import INDEX, kernel
-from fish_env.forces.plan import H
+from fish_env.forces.plan import INNER, H
 from fish_env.simd import Pack, cross, dot, fma, select, sqrt, vec3
 
 
@@ -173,7 +173,7 @@ def add_damping(body, world, control, x, v, a, cache):
     the push along its normal.
     """
     linear, quadratic, current = laws(world, control)
-    h = control.plans[control.row[0], H]
+    h = control.plans[control.row[0], INNER]
     first, start = body.profile.first, body.profile.start
     nodes, share = body.faces.nodes, body.faces.share
     for k in range(nodes.shape[0]):
