@@ -1,20 +1,61 @@
-"""The INTEGRATORS table: every method there is, with what a user wants to know before choosing one."""
+"""The INTEGRATORS table: every method there is, with what a user wants to know before choosing one.
+
+A method with steps of its own is a `Method`: how it plans a step, and a kernel that takes steps of a block of fish.
+`fish_env.engine` compiles the kernel together with the forces that act, and calls it.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import ModuleType
+from typing import Protocol
+
+import numpy as np
 
 from fish_env.body import Body
 from fish_env.integrators import (
+    explicit_euler,
     leapfrog_chebyshev,
     limits,
+    midpoint,
+    rk4,
+    symplectic_euler,
 )
+from fish_env.simd import Kind, Pack
 from fish_env.world import World
+
+
+class Method(Protocol):
+    """How fish are moved by steps of a given length: a module, or an object that is hashable, with these functions."""
+
+    def plan(self, elastic: float, viscous: float, h: float) -> np.ndarray:
+        """The row of `control.plans` for a step of h s (`fish_env.forces.plan` names its numbers; H is the step).
+
+        Args:
+            elastic: highest eigenvalue of the stiffness of the body and its surroundings over the masses, 1/s2.
+            viscous: highest eigenvalue of the damping over the masses, 1/s.
+            h: step, s.
+        """
+
+    def costs(self, row: np.ndarray) -> tuple[int, int, int]:
+        """Force evaluations, factorisations and solves of a step that is planned so."""
+
+    def make_work(self, body: Body, kind: Kind) -> Pack:
+        """The scratch memory of a block of fish of a kind."""
+
+    def make_run(self, names: tuple[str, ...]) -> Callable:
+        """The kernel `run(body, world, control, x, v, work, cache, n)`, of a block on which forces of these names act.
+
+        It takes n steps of `control.plans[control.row[0], H]` seconds: x and v are changed in place, `work` is what
+        `make_work` made, `cache` what the forces keep. It sets the rest lengths of each time it evaluates a force at,
+        calls the forces' `constrain` on accelerations that are not an immediate sum of forces and `finish` after every
+        step, leaves fixed degrees of freedom their velocities, and notes in `control.pivots` and `control.untrusted`
+        what went wrong in solves. What it captures are kernels, numbers and truth values, which name the compiled code
+        on disk.
+        """
 
 
 @dataclass(frozen=True)
 class Integrator:
-    """A time-stepping method. `advance(body, world, state, control, h, n)` moves every sound body n steps of h s."""
+    """A time-stepping method, as the table lists it."""
 
     name: str
     order: int
@@ -30,11 +71,14 @@ class Integrator:
     solves: int
     """Solves with one, for all nodes and coordinates, a step."""
     source: str
-    method: ModuleType | None
+    method: Method | None
+    """What takes its steps; None for a method that chooses its own."""
     limit: Callable[[Body], float] = limits.leapfrog
     """Longest step, s, that is sure to be stable for small motion about rest."""
     refuses: Callable[[Body, World], str] = limits.everything
     """Why it cannot move a body in a world; "" if it can."""
+    advance: Callable | None = None
+    """Without a `method`: `advance(body, world, state, control, h, n)` moves every valid body n h seconds."""
 
     def __reduce__(self):
         return named, (self.name,)  # a pickle names its method; compiled code stays in the process that compiled it
@@ -45,11 +89,15 @@ def named(name: str) -> Integrator:
     return INTEGRATORS[name]
 
 
+SONG, BARAFF, HAIRER = "Song 2009, ch. 5", "Baraff & Witkin 1998", "Hairer, Lubich & Wanner 2003"
+IMPLICIT = "linearly implicit"
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record
     for record in (
-        Integrator(
-            "leapfrog_chebyshev", 2, "stabilised", 0, 0, 0, "Carle, Hochbruck & Sturm 2020", leapfrog_chebyshev
-        ),
+        Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, symplectic_euler),
+        Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", rk4),
+        Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, explicit_euler, limits.explicit_euler),
+        Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, midpoint, limits.midpoint),
+        Integrator("leapfrog_chebyshev", 2, "stabilised", 0, 0, 0, "Carle, Hochbruck & Sturm 2020", leapfrog_chebyshev),
     )
 }

@@ -3,7 +3,7 @@
 Drift half a step, kick, drift half a step. The kick passes through a polynomial of the frozen stiffness and damping,
 which slows only what the step cannot resolve: a leapfrog-Chebyshev scheme (Gilbert & Joly 2008; Carle, Hochbruck &
 Sturm 2020), here with damped elements and with a face's own drag taken implicitly. `plan` says how many stages a step
-of h needs: small motion is stable at any h that MOST_STAGES reach, at a price that grows with the root of the stiffness.
+of h needs: small motion is stable at any h that MOST_STAGES reach, at a cost that grows with the root of the stiffness.
 
 Legend: x, v positions and velocities of a block; h step; f the force; a the filtered acceleration of this stage, before
 of the last one, kick of all forces; t Chebyshev polynomials T_k at their midpoint.
@@ -15,7 +15,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env._jit import INDEX, kernel
-from fish_env.forces.plan import FACTOR, FIRST, H, LEAST, MIDPOINT, POLYNOMIAL, STAGES
+from fish_env.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
 from fish_env.integrators._common import move_rest_lengths
 from fish_env.simd import Pack, fma, zero
 
@@ -52,7 +52,7 @@ def plan(elastic: float, viscous: float, h: float) -> np.ndarray:
     stages = stages_for(elastic, viscous, h)
     midpoint, first, factor, _ = polynomial(stages)  # (36)
     row = np.zeros(POLYNOMIAL + stages + 1)
-    row[POLYNOMIAL :] = np.cosh(np.arange(stages + 1) * math.acosh(midpoint))
+    row[POLYNOMIAL:] = np.cosh(np.arange(stages + 1) * math.acosh(midpoint))
     row[[H, STAGES, MIDPOINT, FIRST, FACTOR]] = h, stages, midpoint, first, factor
     row[LEAST] = 0.5 * row[POLYNOMIAL + 2] / first if stages == 2 else 0.0
     return row

@@ -2,50 +2,51 @@
 
 Second order, explicit.
 
-Legend: x, v positions and velocities of one body; f forces; h step; mx, mv the state at the half step.
+Legend: x, v positions and velocities of a block; f forces; h step; sx, sv the stage.
 """
 
-import numpy as np
-
 from fish_env import forces
-from fish_env._jit import njit
-from fish_env.forces import contact
-from fish_env.integrators._common import count, rest_lengths, settle
+from fish_env._jit import kernel
+from fish_env.forces.plan import H
+from fish_env.integrators._common import move_rest_lengths, plan_of_step, scratch
+from fish_env.simd import fma, zero
+
+plan = plan_of_step
 
 
-@njit
-def step(body, world, control, b, elapsed, h, x, v, rest, f, mx, mv):
-    """One step of body b, `elapsed` seconds into the call; x and v are changed in place, the rest is scratch."""
-    nodes = body.mass.size
-    rest_lengths(control, b, elapsed, rest)
-    forces.total(body, world, rest, x, v, f)
-    for i in range(nodes):
-        for k in range(3):
-            mx[i, k] = x[i, k] + 0.5 * h * v[i, k]
-            mv[i, k] = v[i, k] + 0.5 * h * body.inverse_mass[i, k] * f[i, k]
-    rest_lengths(control, b, elapsed + 0.5 * h, rest)
-    forces.total(body, world, rest, mx, mv, f)
-    for i in range(nodes):
-        for k in range(3):
-            x[i, k] += h * mv[i, k]  # (29)
-            v[i, k] += h * body.inverse_mass[i, k] * f[i, k]
+def costs(row):
+    """Force evaluations, factorisations and solves of a step."""
+    return 2, 0, 0
 
 
-@njit
-def advance(body, world, state, control, h, n):
-    """Move every sound body n steps of h seconds; state is changed in place."""
-    nodes = body.mass.size
-    rest = np.empty(body.springs.stiffness.size)
-    f, mx, mv = np.empty((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3))
-    before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
-    for b in range(state.t.size):
-        if state.failure[b]:
-            continue
-        x, v = state.x[b], state.v[b]
-        before_x[:] = x
-        before_v[:] = v
+def make_work(body, kind):
+    """Scratch of a block."""
+    return scratch(body, kind, "f", "sx", "sv")
+
+
+def make_run(names):
+    """The kernel that takes n steps of a block on which the forces of these names act."""
+    add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
+
+    @kernel
+    def run(body, world, control, x, v, work, cache, n):
+        f, sx, sv, inverse_mass, h = work.f, work.sx, work.sv, body.inverse_mass, control.plans[control.row[0], H]
         for s in range(n):
-            step(body, world, control, b, s * h, h, x, v, rest, f, mx, mv)
-            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
-        count(state, b, 2 * n, 0, 0)
-        settle(body, state, control, b, before_x, before_v, state.failure[b], n * h)
+            for i in range(x.size):
+                sx[i] = x[i]
+                sv[i] = v[i]
+            for stage in range(2):
+                move_rest_lengths(control, (s + 0.5 * stage) * h)
+                for i in range(x.size):
+                    f[i] = zero(f)
+                add_force(body, world, control, sx, sv, f, cache)
+                ahead = 0.5 * h if stage == 0 else h
+                for i in range(x.size):
+                    sx[i] = fma(ahead, sv[i], x[i])  # (29)
+                    sv[i] = fma(ahead, inverse_mass[i] * f[i], v[i])
+            for i in range(x.size):
+                x[i] = sx[i]
+                v[i] = sv[i]
+            finish(body, world, control, x, v, f, cache)
+
+    return run

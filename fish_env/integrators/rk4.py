@@ -1,60 +1,59 @@
 """The classical Runge-Kutta method: four force evaluations a step, fourth order, explicit (Song 2009, ch. 5).
 
-Legend: x, v positions and velocities of one body; f forces; h step; sx, sv the stage; kx, kv the weighted sums.
+Legend: x, v positions and velocities of a block; f forces; h step; sx, sv the stage; kx, kv the weighted sums.
 """
 
-import numpy as np
-
 from fish_env import forces
-from fish_env._jit import njit
-from fish_env.forces import contact
-from fish_env.integrators._common import count, rest_lengths, settle
+from fish_env._jit import kernel
+from fish_env.forces.plan import H
+from fish_env.integrators._common import move_rest_lengths, plan_of_step, scratch
+from fish_env.simd import fma, zero
 
 TIME = (0.0, 0.5, 0.5, 1.0)  # when each stage is taken, in steps
 WEIGHT = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
-
-@njit
-def step(body, world, control, b, elapsed, h, x, v, rest, f, sx, sv, kx, kv):
-    """One step of body b, `elapsed` seconds into the call; x and v are changed in place, the rest is scratch."""
-    nodes = body.mass.size
-    sx[:] = x
-    sv[:] = v
-    kx[:] = 0.0
-    kv[:] = 0.0
-    for stage in range(4):
-        rest_lengths(control, b, elapsed + TIME[stage] * h, rest)
-        forces.total(body, world, rest, sx, sv, f)
-        ahead = h * TIME[min(stage + 1, 3)]
-        for i in range(nodes):
-            for k in range(3):
-                velocity, acceleration = sv[i, k], body.inverse_mass[i, k] * f[i, k]
-                kx[i, k] += WEIGHT[stage] * velocity
-                kv[i, k] += WEIGHT[stage] * acceleration
-                sx[i, k] = x[i, k] + ahead * velocity
-                sv[i, k] = v[i, k] + ahead * acceleration
-    for i in range(nodes):
-        for k in range(3):
-            x[i, k] += h * kx[i, k]  # (16)
-            v[i, k] += h * kv[i, k]
+plan = plan_of_step
 
 
-@njit
-def advance(body, world, state, control, h, n):
-    """Move every sound body n steps of h seconds; state is changed in place."""
-    nodes = body.mass.size
-    rest = np.empty(body.springs.stiffness.size)
-    f, sx, sv = np.empty((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3))
-    kx, kv = np.empty((nodes, 3)), np.empty((nodes, 3))
-    before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
-    for b in range(state.t.size):
-        if state.failure[b]:
-            continue
-        x, v = state.x[b], state.v[b]
-        before_x[:] = x
-        before_v[:] = v
+def costs(row):
+    """Force evaluations, factorisations and solves of a step."""
+    return 4, 0, 0
+
+
+def make_work(body, kind):
+    """Scratch of a block."""
+    return scratch(body, kind, "f", "sx", "sv", "kx", "kv")
+
+
+def make_run(names):
+    """The kernel that takes n steps of a block on which the forces of these names act."""
+    add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
+
+    @kernel
+    def run(body, world, control, x, v, work, cache, n):
+        f, sx, sv, kx, kv = work.f, work.sx, work.sv, work.kx, work.kv
+        inverse_mass, h = body.inverse_mass, control.plans[control.row[0], H]
         for s in range(n):
-            step(body, world, control, b, s * h, h, x, v, rest, f, sx, sv, kx, kv)
-            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
-        count(state, b, 4 * n, 0, 0)
-        settle(body, state, control, b, before_x, before_v, state.failure[b], n * h)
+            for i in range(x.size):
+                sx[i] = x[i]
+                sv[i] = v[i]
+                kx[i] = zero(f)
+                kv[i] = zero(f)
+            for stage in range(4):
+                move_rest_lengths(control, (s + TIME[stage]) * h)
+                for i in range(x.size):
+                    f[i] = zero(f)
+                add_force(body, world, control, sx, sv, f, cache)
+                weight, ahead = WEIGHT[stage], TIME[min(stage + 1, 3)] * h
+                for i in range(x.size):
+                    u, a = sv[i], inverse_mass[i] * f[i]
+                    kx[i] = fma(weight, u, kx[i])
+                    kv[i] = fma(weight, a, kv[i])
+                    sx[i] = fma(ahead, u, x[i])
+                    sv[i] = fma(ahead, a, v[i])
+            for i in range(x.size):
+                x[i] = fma(h, kx[i], x[i])  # (16)
+                v[i] = fma(h, kv[i], v[i])
+            finish(body, world, control, x, v, f, cache)
+
+    return run

@@ -2,37 +2,43 @@
 
 Newton and Warp call this method semi-implicit; here that word is Tu's (see `semi_implicit.py`).
 
-Legend: x, v positions and velocities of one body; f forces; h step.
+Legend: x, v positions and velocities of a block; f forces; h step.
 """
 
-import numpy as np
-
 from fish_env import forces
-from fish_env._jit import njit
-from fish_env.forces import contact
-from fish_env.integrators._common import count, rest_lengths, settle
+from fish_env._jit import kernel
+from fish_env.forces.plan import H
+from fish_env.integrators._common import move_rest_lengths, plan_of_step, scratch
+from fish_env.simd import fma, zero
+
+plan = plan_of_step
 
 
-@njit
-def advance(body, world, state, control, h, n):
-    """Move every sound body n steps of h seconds; state is changed in place."""
-    nodes = body.mass.size
-    f = np.empty((nodes, 3))
-    rest = np.empty(body.springs.stiffness.size)
-    before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
-    for b in range(state.t.size):
-        if state.failure[b]:
-            continue
-        x, v = state.x[b], state.v[b]
-        before_x[:] = x
-        before_v[:] = v
+def costs(row):
+    """Force evaluations, factorisations and solves of a step."""
+    return 1, 0, 0
+
+
+def make_work(body, kind):
+    """Scratch of a block."""
+    return scratch(body, kind, "f")
+
+
+def make_run(names):
+    """The kernel that takes n steps of a block on which the forces of these names act."""
+    add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
+
+    @kernel
+    def run(body, world, control, x, v, work, cache, n):
+        f, inverse_mass, h = work.f, body.inverse_mass, control.plans[control.row[0], H]
         for s in range(n):
-            rest_lengths(control, b, s * h, rest)
-            forces.total(body, world, rest, x, v, f)
-            for i in range(nodes):
-                for k in range(3):
-                    v[i, k] += h * body.inverse_mass[i, k] * f[i, k]  # (15)
-                    x[i, k] += h * v[i, k]
-            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
-        count(state, b, n, 0, 0)
-        settle(body, state, control, b, before_x, before_v, state.failure[b], n * h)
+            move_rest_lengths(control, s * h)
+            for i in range(x.size):
+                f[i] = zero(f)
+            add_force(body, world, control, x, v, f, cache)
+            for i in range(x.size):
+                v[i] = fma(h, inverse_mass[i] * f[i], v[i])  # (15)
+                x[i] = fma(h, v[i], x[i])
+            finish(body, world, control, x, v, f, cache)
+
+    return run
