@@ -11,14 +11,19 @@ import os
 import sys
 import tempfile
 import warnings
+from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 
 import numba
 import numpy as np
+from numba import _dynfunc
 from numba.core.caching import FunctionCache
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import NativeLowering
 
 # No fastmath at all: nothing is reordered or contracted, so that a fish has the same bits alone and in any lane, and the
 # failure check sees a NaN.
@@ -115,18 +120,64 @@ def njit(function):
     return compiled
 
 
+@register_pass(mutates_CFG=True, analysis_only=False)
+class PartLowering(NativeLowering):
+    """Lowering of a part: to LLVM's language only. What calls it optimises it, and makes machine code of it.
+
+    Numba optimises and assembles every function by itself as well, which for an inlined one is half of all its cost.
+    """
+
+    _name = "part_lowering"
+
+    def run_pass(self, state):
+        context, qualname = state.targetctx, state.func_id.func_qualname
+        state.library = context.codegen().create_library(qualname)
+        state.library.enable_object_caching()
+        state.library._optimize_final_module = lambda *args: None
+        context.get_executable = lambda library, fndesc, env: _dynfunc.make_function(
+            fndesc.lookup_module(), fndesc.qualname.split(".")[-1], "part of kernels", 0, env, (library,)
+        )
+        try:
+            return super().run_pass(state)
+        finally:
+            del context.get_executable  # the method of the class again
+
+
+@cache
+def come_first() -> None:
+    """Let numba know our types first, once, when the first kernel is compiled."""
+    from fish_env.simd import functions
+
+    functions.come_first()
+
+
+class PartCompiler(CompilerBase):
+    """Numba's compiler, but for how it lowers."""
+
+    def define_pipelines(self):
+        come_first()
+        builder = DefaultPassBuilder
+        pm = PassManager("part")
+        pm.passes.extend(builder.define_untyped_pipeline(self.state).passes)
+        pm.passes.extend(builder.define_typed_pipeline(self.state).passes)
+        lowering = builder.define_nopython_lowering_pipeline(self.state)
+        pm.passes.extend((PartLowering, text) if p is NativeLowering else (p, text) for p, text in lowering.passes)
+        pm.finalize()
+        return [pm]
+
+
 class Part(CPUDispatcher):
-    """A kernel that becomes part of every kernel that calls it. Called from Python, it is compiled by itself first."""
+    """A kernel that becomes part of every kernel that calls it. Called from Python, it runs as Python."""
 
     def __call__(self, *args):
-        if "_alone" not in self.__dict__:
-            self._alone = numba.njit(**OPTIONS)(self.py_func)
-        return self._alone(*args)
+        return self.py_func(*args)
 
 
 def part(function, **options):
     """Compile a part of kernels, without the wrappers that Python would call it by: a quarter of the time."""
-    compiled = numba.njit(**OPTIONS, **options, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    compiled = numba.njit(
+        **OPTIONS, **options, no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=PartCompiler
+    )(function)
     if isinstance(compiled, CPUDispatcher):
         compiled.__class__ = Part
     return compiled

@@ -106,21 +106,21 @@ def make_advance(names: tuple[str, ...], method):
         return select(infinite, 1.0 * NON_FINITE, code)
 
     @njit
-    def advance(tank, block, first, last, n):
-        """Move fish tank.order[first:last] by n steps; in place. Those that fail stay where they were."""
+    def advance(tank, queue, block, first, last, n):
+        """Move fish queue.order[first:last] by n steps; in place. Those that fail stay where they were."""
         body, world, control, todo = block.body, block.world, block.control, block.todo
         x, v, work, kept, plans = block.x, block.v, block.work, block.cache, block.control.plans
         lanes, count, level, steps = block_size(x), 0, 0, n
         for p in range(first, last):
-            b = tank.order[p]
+            b = queue.order[p]
             if tank.failure[b] == 0:
                 todo[count] = b
                 count += 1
         while count > 0:
-            again = p = 0
+            again, p = 0, np.int64(0)  # a literal 0 would have `gather` compiled twice
             while p < count:
-                row, q = tank.row[todo[p]], p + 1
-                while q < count and q - p < lanes and tank.row[todo[q]] == row:
+                row, q = queue.row[todo[p]], p + 1
+                while q < count and q - p < lanes and queue.row[todo[q]] == row:
                     q += 1
                 gather(tank, block, todo, p, q)
                 control.row[0] = row + level
@@ -134,7 +134,7 @@ def make_advance(names: tuple[str, ...], method):
                         tank.counters[b, k] += steps * block.control.costs[row + level, k]
                     tank.counters[b, COUNTED] += int(lane(pivots, l))
                     failing = lane(code, l) > 0.0
-                    if level < tank.deepest and (failing or lane(strain, l) > tank.tolerance):
+                    if level < queue.deepest and (failing or lane(strain, l) > queue.tolerance):
                         todo[again] = todo[p + l]
                         again += 1
                         tank.counters[b, COUNTED + 1] += 1
@@ -172,19 +172,13 @@ class Engine:
     def __init__(self, tank):
         fish, world, b = tank.fish, tank.world, tank.num_fish
         self.tank, self.method = tank, tank.integrator.method
-        names = forces.present(fish.body, world)
-        self.compiled = make_advance(names, self.method)
+        self.names = forces.present(fish.body, world)
+        self.compiled = make_advance(self.names, self.method)
         self.bounds = [sum(rates) for rates in zip(
             (fish.body.elastic_rate, fish.body.viscous_rate), *forces.bounds(fish.body, world), strict=True)]  # fmt: skip
         self.levels, self._rows, self._plans = 1, {}, []
         self.order, self.row, self._sorted = np.arange(b), np.zeros(b, dtype=np.int64), True
-        state, control = tank.state, tank.control
-        self.pack = Pack(
-            "tank",
-            x=state.x, v=state.v, clock=state.t, failure=state.failure, counters=state.counters,
-            rest_length=control.rest_length, rate=control.rate, variation=tank.variation,
-            rest_position=fish.body.position, order=self.order, row=self.row, deepest=self.levels - 1, tolerance=np.inf,
-        )  # fmt: skip
+        self.queue = Pack("queue", order=self.order, row=self.row, deepest=self.levels - 1, tolerance=np.inf)
         self.blocks = []
         for i in range(b):
             self.plan(i)
@@ -221,9 +215,12 @@ class Engine:
         plans = np.array([np.pad(row, (0, width - len(row))) for row in self._plans])
         return plans, np.array([self.method.costs(row) for row in self._plans], dtype=np.int64)
 
-    def advance(self, chunk: int, first: int, last: int, steps: int) -> None:
-        """Move the fish between two places in the order of their plans, in the memory of one chunk."""
+    def sort(self) -> None:
+        """Put fish of one plan side by side."""
         if not self._sorted:
             self.order[:] = np.argsort(self.row, kind="stable")
             self._sorted = True
-        self.compiled(self.pack, self.blocks[chunk], first, last, steps)
+
+    def advance(self, chunk: int, first: int, last: int, steps: int) -> None:
+        """Move the fish between two places in the order of their plans, in the memory of one chunk."""
+        self.compiled(self.tank.pack, self.queue, self.blocks[chunk], first, last, steps)

@@ -2,20 +2,21 @@
 
 import math
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from numbers import Real
 
 import numpy as np
 
-from fish_env._jit import njit
-from fish_env.bodies.fish import ElasticObject
+from fish_env._jit import INDEX, kernel, njit
+from fish_env.bodies.fish import ElasticObject, Fish
 from fish_env.body import COUNTERS, FAILURES, Body, Control, State, scaled
 from fish_env.checks import finite_array, positive_array
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
 from fish_env.integrators import INTEGRATORS, Integrator
-from fish_env.simd import Kind
+from fish_env.simd import Kind, Pack, Vectors
 from fish_env.world import VACUUM, World, make_anchors
 
 FISH_FOR_LANES = 3  # fewer than this are faster one by one
@@ -91,12 +92,19 @@ class Tank:
         """(B,6) what sets each fish and its water apart from the rest (`vary`); read only."""
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
         self._pool = None
-        self._engine = None
-        if self.integrator.method is not None:
-            self._engine = Engine(self)
+        self._compile()
+
+    def _compile(self) -> None:
+        """Describe the arrays to kernels, and make the engine that moves them, if the method has one."""
+        self.pack = described(self)
+        self._engine = None if self.integrator.method is None else Engine(self)
 
     def __getstate__(self):
-        return self.__dict__ | {"_pool": None}
+        return self.__dict__ | {"_pool": None, "pack": None, "_engine": None}
+
+    def __setstate__(self, state):
+        self.__dict__ |= state
+        self._compile()
 
     @property
     def position(self) -> np.ndarray:
@@ -206,8 +214,7 @@ class Tank:
 
     def command(self, contraction: np.ndarray, duration: float) -> None:
         """Set the muscles' rest lengths out for a contraction (B,M) in [0, 1] within `duration` s, without moving."""
-        fastest = duration / self.fish.contraction_time
-        command(*self._fibres, contraction, fastest, duration, *self.control, self.effort)
+        command_all(self.pack, np.ascontiguousarray(contraction, dtype=np.float64), duration)
 
     def nearest(self, point, nodes=None, i=0) -> int:
         """The node of body i nearest to a point (3,) m: of `nodes`, their numbers, or of all."""
@@ -240,14 +247,19 @@ class Tank:
                 body, world = varied(self.fish.body, self.world, self.variation[i])
                 self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
             return
+        self.share_out(self._engine.advance, steps)
+
+    def share_out(self, work: Callable, *args) -> None:
+        """Call `work(chunk, first, last, *args)` for every chunk of the fish, in threads if there are several."""
+        self._engine.sort()
         if self._chunks == 1:
-            self._engine.advance(0, 0, self.num_fish, steps)
+            work(0, 0, self.num_fish, *args)
             return
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads)
-        edges = np.linspace(0, self.num_fish, self._chunks + 1).astype(int)
-        jobs = [(i, lo, hi, steps) for i, (lo, hi) in enumerate(pairwise(edges))]
-        for job in [self._pool.submit(self._engine.advance, *job) for job in jobs]:
+        edges = np.linspace(0, self.num_fish, self._chunks + 1).astype(int).tolist()
+        jobs = [(i, first, last, *args) for i, (first, last) in enumerate(pairwise(edges))]
+        for job in [self._pool.submit(work, *job) for job in jobs]:
             job.result()
 
     def _rows(self, lo: int, hi: int) -> tuple[State, Control]:
@@ -302,22 +314,49 @@ class Tank:
             self._set_variation(i, row)
 
 
-@njit
-def command(fibres, drives, natural, span, contraction, fastest, duration, rest_length, rate, effort):
-    """Set the rates at which the fibres' rest lengths move: to a contraction (B,M), or as far as they can get.
+@kernel
+def command(tank, contraction, b, duration):
+    """Set the rates at which the fibres of fish b move: to the contraction (B,M), or as far as they get in `duration` s."""
+    squares, fastest = 0.0, duration / tank.contraction_time
+    for m in range(tank.fibres.size):
+        e = INDEX(tank.fibres[m])
+        goal = 0.5 * (contraction[b, INDEX(tank.drives[m, 0])] + contraction[b, INDEX(tank.drives[m, 1])])
+        wanted = tank.fibre_natural[m] - goal * tank.fibre_span[m] - tank.rest_length[b, e]
+        limit = fastest * tank.fibre_span[m]
+        change = min(max(wanted, -limit), limit)
+        tank.rate[b, e] = change / duration
+        squares += (change / limit) ** 2
+    tank.effort[b] = squares / tank.fibres.size
 
-    `fastest` is the largest change of contraction in the `duration` (s). effort (B,) is overwritten.
-    """
+
+@njit
+def command_all(tank, contraction, duration):
+    """`command` every fish."""
     for b in range(contraction.shape[0]):
-        squares = 0.0
-        for m in range(fibres.size):
-            goal = 0.5 * (contraction[b, drives[m, 0]] + contraction[b, drives[m, 1]])
-            wanted = natural[m] - goal * span[m] - rest_length[b, fibres[m]]
-            limit = fastest * span[m]
-            change = min(max(wanted, -limit), limit)
-            rate[b, fibres[m]] = change / duration
-            squares += (change / limit) ** 2
-        effort[b] = squares / fibres.size
+        command(tank, contraction, b, duration)
+
+
+def described(tank: Tank) -> Pack:
+    """The arrays of a tank and what its fish are like, as kernels read them."""
+    fish, state, control = tank.fish, tank.state, tank.control
+    springs, one = fish.body.springs, Kind(1)
+    fields = {}
+    if isinstance(fish, Fish):
+        fields = {
+            "line": fish.line, "left": fish.left, "right": fish.right, "nose": fish.nose,
+            "node": fish.landmarks.node, "height": fish.landmarks.height,
+        }  # fmt: skip
+    fibres, drives, natural, span = tank._fibres
+    return Pack(
+        "tank",
+        x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
+        clock=state.t, failure=state.failure, counters=state.counters,
+        rest_length=control.rest_length, rate=control.rate, variation=tank.variation, effort=tank.effort,
+        rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
+        contraction_time=float(fish.contraction_time), muscles=fish.muscles, natural=tank.natural, span=tank.span,
+        fibres=fibres, drives=drives, fibre_natural=natural, fibre_span=span,
+        spring_nodes=springs.nodes, spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **fields,
+    )  # fmt: skip
 
 
 def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:

@@ -11,14 +11,14 @@ from gymnasium.vector.utils import batch_space
 from fish_env.bodies import Fish, make_fish
 from fish_env.checks import finite_array
 from fish_env.envs import observation
+from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_see, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
-from fish_env.pose import make_pose, measure
+from fish_env.pose import make_pose, packed_pose
+from fish_env.simd import Kind, Pack, Vectors
 from fish_env.tank import Tank, whole_steps
 from fish_env.tasks import TASKS
 from fish_env.tasks.options import checked_options
 from fish_env.world import World, make_water
-
-FAILURE_PENALTY = 10.0  # body lengths: what a failure of the physics costs
 
 
 class Episodes:
@@ -43,6 +43,8 @@ class Episodes:
         variation: Mapping[str, Any] | None = None,
         max_episode_steps: int | None = None,
         threads: int | None = None,
+        dtype: str = "float64",
+        lanes: str | int | None = None,
         **task_options,
     ):
         if not isinstance(task, str) or task not in self.tasks:
@@ -54,7 +56,7 @@ class Episodes:
         water = fish.water if water is None else water
         if not isinstance(water, World):
             water = _water(water)
-        self.tank = Tank(fish, num_envs, integrator, dt, water, threads)
+        self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes)
         self.control_interval = float(fish.control_interval if control_interval is None else control_interval)
         self._substeps = whole_steps(self.control_interval, self.tank.dt, "control_interval")
         try:
@@ -69,22 +71,46 @@ class Episodes:
         self.groups = fish.grouping(muscle_groups)
         self.leaders = np.unique(self.groups, return_index=True)[1]  # (A,) the first muscle of each
         bound = observation.bounds(fish, self.task)
-        self._limits = np.array([direction.limit for direction in self.task.directions])
+        limits = np.array([direction.limit for direction in self.task.directions])
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (int(self.groups.max()) + 1,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._action_shape = self.action_space.shape
-        self._contraction = np.zeros((self.num_envs, fish.num_muscles))
-        self._pose = make_pose(self.num_envs)
-        self._line = fish.line
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int | None] = [None] * self.num_envs
-        self._elapsed = np.zeros(self.num_envs, dtype=np.int64)
-        self._limit = np.full(self.num_envs, max_episode_steps or np.iinfo(np.int64).max)
-        self._no_penalty = np.zeros(self.num_envs)
-        self._totals = {name: np.zeros(self.num_envs) for name in (*self.task.term_names, "failure")}
+        self._names = (*self.task.term_names, "failure")
+        arrays = make_arrays(self.num_envs, len(self.task.term_names), self.groups, limits, bound.size)
+        self._arrays = arrays
+        self._action, self._observation = arrays["action"], arrays["observation"]
+        self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
+        self._limit[:] = max_episode_steps or np.iinfo(np.int64).max
+        self._vectors = np.zeros((self.num_envs, limits.size, 3))
+        self._pose = make_pose(self.num_envs)
         self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
+        self._compile()
+
+    def _compile(self) -> None:
+        """Describe the arrays to kernels, and choose the compiled calls."""
+        tank, engine = self.tank, self.tank._engine
+        self._kernels = getattr(self.task, "kernels", None)
+        fields = {} if self._kernels is None else {"task": self.task.pack}
+        self._order = np.arange(self.num_envs) if engine is None else engine.order
+        self._env = Pack(
+            "env", tank=tank.pack, pose=packed_pose(self._pose), order=self._order,
+            episode=Pack("episode", vectors=Vectors(self._vectors, Kind(1)), **self._arrays), **fields,
+        )  # fmt: skip
+        self._see = make_see(self._kernels)
+        self._step = None
+        if engine is not None:
+            self._step = make_step(engine.names, engine.method, self._kernels)
+
+    def __getstate__(self):
+        return self.__dict__ | {"_env": None, "_see": None, "_step": None}
+
+    def __setstate__(self, state):
+        self.__dict__ |= state
+        self._compile()
 
     def restart(self, mask: np.ndarray, seeds: Sequence[int | None] | None = None, options: Mapping | None = None):
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
@@ -101,36 +127,76 @@ class Episodes:
             self.task.start(self.tank, i, generator, drawn)
         self._elapsed[mask] = 0
         self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
-        for total in self._totals.values():
-            total[mask] = 0.0
-        self._measure()
+        self._arrays["totals"][:, mask] = 0.0
         self._begun[mask] = True
         self._started = self._begun.all()
+        self._look()
 
     def advance(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """One control interval: reward (B,) float64, terminated (B,), truncated (B,)."""
+        """One control interval: reward (B,) float64, terminated (B,), truncated (B,), as copies; then `observe`."""
+        self._take(action)
+        return tuple(self._arrays[name].copy() for name in ("reward", "terminated", "truncated"))
+
+    def _take(self, action) -> None:
+        """One control interval, into the arrays of the episode."""
         if not self._started:
             which = np.flatnonzero(~self._begun).tolist()
             raise gym.error.ResetNeeded(f"step was called before reset of the fish {which}; call env.reset() first")
-        self._command(action)
-        self._swim()
-        self._measure()
-        terms = self.task.reward(self.tank, self._pose)
-        terminated = self.task.done(self.tank, self._pose).copy()
-        if np.count_nonzero(self.tank.state.failure):  # rare: the quick test keeps it out of the hot path
-            failed = self.tank.state.failure != 0
-            terms["failure"] = failed * -FAILURE_PENALTY
-            terminated = terminated | failed
+        if np.shape(action) != self._action_shape:
+            finite_array(action, self._action_shape, "action")  # says what is wrong
+        try:
+            self._action[...] = action
+        except (TypeError, ValueError):
+            finite_array(action, self._action_shape, "action")
+        if not self._move():
+            finite_array(action, self._action_shape, "action")
+
+    def _move(self) -> bool:
+        """Command, move, measure, reward and observe the fish; False, and nothing has moved, for a bad action."""
+        tank, engine, steps, interval = self.tank, self.tank._engine, self._substeps, self.control_interval
+        if self._kernels is not None and tank._chunks == 1 and self._step is not None:
+            engine.sort()
+            return self._step(self._env, engine.queue, engine.blocks[0], 0, self.num_envs, steps, interval)
+        if not acceptable(self._env):
+            return False
+        if self._step is None:
+            tank.drive(self._contraction, steps)
+            self._see(self._env, 0, self.num_envs, True)
         else:
-            terms["failure"] = self._no_penalty
-        self._terms = terms
-        reward = self._no_penalty.copy()
-        for name, term in terms.items():
-            if term is not self._no_penalty:
-                reward += term
-                self._totals[name] += term
+            tank.share_out(
+                lambda chunk, first, last: self._step(
+                    self._env, engine.queue, engine.blocks[chunk], first, last, steps, interval
+                )
+            )
+        if self._kernels is None:
+            self._judge()
+        return True
+
+    def _judge(self) -> None:
+        """Reward by a task that is written in Python, and observe."""
+        arrays, tank = self._arrays, self.tank
+        terms = self.task.reward(tank, self._pose)
+        failed = tank.state.failure != 0
+        for t, name in enumerate(self._names[:-1]):
+            arrays["terms"][t] = terms[name]
+        arrays["terms"][-1] = failed * -FAILURE_PENALTY
+        arrays["totals"] += arrays["terms"]
+        arrays["reward"][:] = arrays["terms"].sum(axis=0)
         self._elapsed += 1
-        return reward, terminated, ~terminated & (self._elapsed >= self._limit)
+        over = self.task.done(tank, self._pose) | failed
+        arrays["terminated"][:] = over
+        arrays["truncated"][:] = ~over & (self._elapsed >= self._limit)
+        self._observe()
+
+    def _observe(self) -> None:
+        self._vectors[:] = self.task.vectors(self.tank, self._pose)
+        observe_all(self._env)
+
+    def _look(self) -> None:
+        """Measure and observe all fish where they are."""
+        self._see(self._env, 0, self.num_envs, False)
+        if self._kernels is None:
+            self._observe()
 
     def stagger(self) -> None:
         """Shorten the episodes just begun to lengths spread evenly up to the limit, so that they end one by one.
@@ -141,22 +207,13 @@ class Episodes:
             self._limit[:] = 1 + np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
 
     def observe(self) -> np.ndarray:
-        """What every fish sees now, a new (B,D) float32 array."""
-        tank = self.tank
-        out = np.empty(self.observation_space.shape, dtype=np.float32)
-        vectors = self.task.vectors(tank, self._pose)
-        observation.observe(
-            tank.position, tank.velocity, tank.fish.landmarks.node, tank.fish.landmarks.height,
-            self._pose.centre, self._pose.axes, tank.fish.length,
-            tank.rest_length, tank.fish.muscles, tank.natural, tank.span,
-            vectors, self._limits, out,
-        )  # fmt: skip
-        return out
+        """What every fish saw at the end of the last step, or at its restart: a new (B,D) float32 array."""
+        return self._observation.copy()
 
     def episode_info(self, i: int) -> dict[str, Any]:
         """What the episode of fish i came to: reward terms, the task's metrics, and why it failed if it did."""
         info = {
-            "terms": {name: float(total[i]) for name, total in self._totals.items()},
+            "terms": {name: float(total[i]) for name, total in zip(self._names, self._arrays["totals"], strict=True)},
             "seconds": float(self._elapsed[i] * self.control_interval),
             **self.task.metrics(self.tank, i, float(max(1, self._elapsed[i]) * self.control_interval)),
         }
@@ -168,30 +225,14 @@ class Episodes:
         """The last step of fish i: reward terms, position (3,) in body lengths, heading in radians."""
         forward = self._pose.axes[i, 0]
         return {
-            "step_terms": {name: float(term[i]) for name, term in self._terms.items()},
+            "step_terms": {name: float(term[i]) for name, term in zip(self._names, self._arrays["terms"], strict=True)},
             "position": self._pose.centre[i] / self.tank.fish.length,
             "heading": float(np.arctan2(forward[1], forward[0])),
         }
 
-    def _command(self, action) -> None:
-        """Turn the action (B,A) into contractions; ValueError, and nothing moves, if its shape or a number is wrong."""
-        try:
-            array = np.ascontiguousarray(action, dtype=np.float64)
-            good = array.shape == self._action_shape and self._contract(array)
-        except (TypeError, ValueError):
-            good = False
-        if not good:
-            finite_array(action, self._action_shape, "action")  # says what is wrong
-
-    def _contract(self, action: np.ndarray) -> bool:
-        return observation.contractions(action, self.groups, self._contraction)
-
-    def _swim(self) -> None:
-        self.tank.drive(self._contraction, self._substeps)
-
     def _measure(self) -> None:
-        fish, tank = self.tank.fish, self.tank
-        measure(fish.body.mass, self._line, fish.left, fish.right, tank.position, tank.velocity, *self._pose)
+        """Bring poses and observations up to date with positions that were changed from outside."""
+        self._look()
 
 
 def _water(keywords) -> World:

@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 
-from fish_env._jit import njit
+from fish_env._jit import INDEX, kernel
+from fish_env.pose import FORWARD, LEFT, UP
+from fish_env.simd import dot, vec3
 
 POSITION_LIMIT, VELOCITY_LIMIT = 10.0, 1000.0  # body lengths, body lengths per second
 
@@ -22,54 +24,51 @@ def table(fish, task) -> list[tuple[str, str, float]]:
     return rows
 
 
-@njit
-def observe(x, v, node, height, centres, frames, length, rest_length, muscles, natural, span, vectors, limits, out):
-    """Fill out (B,D) float32 in the order of `table`.
+@kernel
+def observe(tank, pose, vectors, limits, b, out):
+    """Fill row b of out (B,D) float32 in the order of `table`.
 
-    From x, v (B,N,3), the landmarks' nodes and heights (L,), the poses' centres (B,3) and axes (B,3,3), the rest
-    lengths (B,E) with the muscles' numbers, natural length and span (M,), and the task's vectors (B,K,3) with their
-    limits (K,). Values beyond the bounds of the observation space are set to the bound.
+    vectors (B,K) are the task's, in the world, and limits (K,) their bounds. What lies beyond the bounds of the
+    observation space is set to the bound.
     """
-    nodes = node.size
-    scale = 1.0 / length
-    for b in range(x.shape[0]):
-        axes, centre = frames[b], centres[b]
-        for i in range(nodes):
-            n = node[i]
-            dx, dy, dz = x[b, n, 0] - centre[0], x[b, n, 1] - centre[1], x[b, n, 2] + height[i] - centre[2]
-            vx, vy, vz = v[b, n, 0], v[b, n, 1], v[b, n, 2]
-            for k in range(3):
-                position = scale * (axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz)
-                velocity = scale * (axes[k, 0] * vx + axes[k, 1] * vy + axes[k, 2] * vz)
-                out[b, 3 * i + k] = bounded(position, POSITION_LIMIT)
-                out[b, 3 * (nodes + i) + k] = bounded(velocity, VELOCITY_LIMIT)
-        base = 6 * nodes
-        for m in range(muscles.size):
-            contraction = (natural[m] - rest_length[b, muscles[m]]) / span[m]
-            out[b, base + m] = bounded(2.0 * contraction - 1.0, 1.0)
-        base += muscles.size
-        for k in range(3):
-            out[b, base + k] = axes[k, 2]
-        base += 3
-        for q in range(vectors.shape[1]):
-            for k in range(3):
-                value = axes[k, 0] * vectors[b, q, 0] + axes[k, 1] * vectors[b, q, 1] + axes[k, 2] * vectors[b, q, 2]
-                out[b, base + 3 * q + k] = bounded(value, limits[q])
+    axes, centre, scale = pose.axes, pose.centre[b], 1.0 / tank.length
+    forward, left, up = axes[b, FORWARD], axes[b, LEFT], axes[b, UP]
+    nodes, muscles = tank.node.size, tank.muscles.size
+    for i in range(nodes):
+        n = INDEX(tank.node[i])
+        r = tank.position[b, n] + vec3(0.0, 0.0, tank.height[i]) - centre
+        write(forward, left, up, scale * r, POSITION_LIMIT, b, 3 * i, out)
+        write(forward, left, up, scale * tank.velocity[b, n], VELOCITY_LIMIT, b, 3 * (nodes + i), out)
+    base = 6 * nodes
+    for m in range(muscles):
+        contraction = (tank.natural[m] - tank.rest_length[b, INDEX(tank.muscles[m])]) / tank.span[m]
+        out[b, INDEX(base + m)] = bounded(2.0 * contraction - 1.0, 1.0)
+    base += muscles
+    write(forward, left, up, vec3(0.0, 0.0, 1.0), 1.0, b, base, out)
+    for q in range(limits.size):
+        write(forward, left, up, vectors[b, q], limits[q], b, base + 3 + 3 * q, out)
 
 
-@njit
-def contractions(action, groups, out):
-    """Contractions (B,M) in [0, 1] for actions (B,A) clipped to [-1, 1]; False (and void) if one is not finite."""
-    for b in range(action.shape[0]):
-        for m in range(groups.size):
-            command = action[b, groups[m]]
-            if not math.isfinite(command):
-                return False
-            out[b, m] = 0.5 * (bounded(command, 1.0) + 1.0)
+@kernel
+def write(forward, left, up, vector, limit, b, place, out):
+    """Put a vector into out[b, place:place + 3], by its parts along the axes, no further from zero than limit."""
+    out[b, INDEX(place)] = bounded(dot(forward, vector), limit)
+    out[b, INDEX(place + 1)] = bounded(dot(left, vector), limit)
+    out[b, INDEX(place + 2)] = bounded(dot(up, vector), limit)
+
+
+@kernel
+def contract(action, groups, b, out):
+    """Contractions (B,M) in [0, 1] of fish b for actions (B,A) clipped to [-1, 1]; False, and void, if not finite."""
+    for m in range(groups.size):
+        wanted = action[b, INDEX(groups[m])]
+        if not math.isfinite(wanted):
+            return False
+        out[b, m] = 0.5 * (bounded(wanted, 1.0) + 1.0)
     return True
 
 
-@njit
+@kernel
 def bounded(value, limit):
     """value, no further from zero than limit."""
     return min(max(value, -limit), limit)

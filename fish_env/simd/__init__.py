@@ -17,7 +17,7 @@ from fish_env.simd.functions import (
     sqrt,
     vec3,
 )
-from fish_env.simd.memory import Kind, Numbers, Pack, Vectors, block_size, floats, nowhere, packed, zero
+from fish_env.simd.memory import Kind, Numbers, Pack, Vectors, block_size, epsilon, floats, nowhere, packed, zero
 
 __all__ = [
     "Kind",
@@ -29,6 +29,7 @@ __all__ = [
     "block_size",
     "cross",
     "dot",
+    "epsilon",
     "exp",
     "floats",
     "fma",

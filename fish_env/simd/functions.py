@@ -15,6 +15,7 @@ import numpy as np
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import lower_builtin, lower_getattr
+from numba.core.registry import cpu_target
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
 
 from fish_env.simd import plain
@@ -22,6 +23,10 @@ from fish_env.simd.types import XYZ, Mask, Num, Vec3, coordinates, mask_type, nu
 
 SCALARS = (types.Float, types.Integer)
 OPERANDS = (Num, Vec3, *SCALARS)
+ORDERED = (
+    operator.add, operator.iadd, operator.sub, operator.isub, operator.mul, operator.imul, operator.truediv, operator.itruediv,
+    operator.neg, operator.gt, operator.lt, operator.ge, operator.le, operator.and_, operator.or_, abs,
+)  # fmt: skip
 LOOSE = Vec3(1, 64)  # a vector of constants goes with every kind, as a float does
 
 
@@ -421,3 +426,16 @@ def _lane(context, builder, sig, args):
 
 for _kind in (Num, Mask, types.Float, types.Boolean):
     lower_builtin(lane, _kind, types.Integer)(_lane)
+
+
+def come_first() -> None:
+    """Have numba try the types of this package before its own: of all that a kernel is made of, most are ours.
+
+    Each of numba's attempts to read `a + b` as a sum of lists, sets or texts takes a fraction of a millisecond.
+    """
+    context = cpu_target.typing_context
+    context.refresh()
+    for function in ORDERED:
+        kind = context.resolve_value_type(function)
+        ours = [each for each in kind.templates if any(base.__module__ == __name__ for base in each.__mro__)]
+        kind.templates = (*ours, *(each for each in kind.templates if each not in ours))

@@ -321,6 +321,11 @@ def block_size(array):
     return array.kind.width if isinstance(array, Numbers | Vectors) else 1
 
 
+def epsilon(array):
+    """The distance from 1 to the next number in the precision of an array's elements."""
+    return float(np.finfo((array if isinstance(array, np.ndarray) else array.memory).dtype).eps)
+
+
 @infer_global(floats)
 class Floats(AbstractTemplate):
     """Of a one-dimensional array."""
@@ -378,3 +383,18 @@ class BlockSize(AbstractTemplate):
 @lower_builtin(block_size, types.Array)
 def _block_size(context, builder, sig, args):
     return ir.Constant(WORD, width(getattr(sig.args[0].dtype, "w", 1)))
+
+
+@infer_global(epsilon)
+class Epsilon(AbstractTemplate):
+    """Of an array of floats, numbers or vectors."""
+
+    def generic(self, args, kws):
+        return signature(types.float64, args[0])
+
+
+@lower_builtin(epsilon, types.Array)
+def _epsilon(context, builder, sig, args):
+    kind = sig.args[0].dtype
+    bits = getattr(kind, "bits", None) or kind.bitwidth
+    return ir.Constant(ir.DoubleType(), float(np.finfo(f"float{bits}").eps))

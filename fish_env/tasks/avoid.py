@@ -1,8 +1,13 @@
 """Avoid-v0: a sphere appears ahead, perhaps in the middle of a turn; pass it untouched and come back to the heading."""
 
+import math
+
 import numpy as np
 
-from fish_env._jit import njit
+from fish_env._jit import INDEX, kernel
+from fish_env.pose import FORWARD
+from fish_env.simd import Kind, Vectors, dot, sqrt, vec3
+from fish_env.tasks import turns
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS
 from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns
@@ -19,6 +24,60 @@ DRIFT = Option(0.0, 3.0, "speed of the obstacle, body lengths per second")
 DRIFT_SIGNED = Option(-3.0, 3.0, "speed of the obstacle to the left, body lengths per second")
 LEAD = (0.1, 0.4)  # s before the obstacle appears at which a turn is commanded
 CRUISE = 2.0  # body lengths a second: the speed of the fish for which a sweeping obstacle is aimed
+
+
+@kernel
+def look(tank, pose, task, b, out):
+    """Commanded heading; towards the obstacle, the longer the nearer; its velocity. Zero while there is none."""
+    out[b, 0] = task.heading[b]
+    out[b, 1] = out[b, 2] = vec3(0.0, 0.0, 0.0)
+    if task.present[b]:
+        way = task.obstacle[b] - pose.centre[b]
+        distance = sqrt(dot(way, way))
+        gap = max(distance / tank.length - task.radius, 0.0)
+        out[b, 1] = way / (distance * (1.0 + gap))  # (44)
+        out[b, 2] = task.velocity[b] / tank.length
+
+
+@kernel
+def score(tank, pose, task, b, terms):
+    """As for commanded turns, less what touching the obstacle costs; then the obstacle moves or appears."""
+    turns.score(tank, pose, task, b, terms)
+    update_obstacle(tank, pose, task, b)
+    terms[3, b] = -TOUCH_PENALTY if task.over[b] else 0.0
+
+
+@kernel
+def update_obstacle(tank, pose, task, b):
+    """Move the obstacle, or let it appear if it is due, and measure how near it comes to the fish.
+
+    It stands `gap` body lengths of water ahead of the nose, on the line half way between where the fish points and
+    where it is told to; a drifting one would be there when a cruising fish arrives.
+    """
+    task.time[b] += task.interval
+    if task.present[b]:
+        task.obstacle[b] += task.interval * task.velocity[b]
+    elif task.time[b] >= task.appears[b] - 1e-9:
+        task.present[b] = True
+        forward, heading = pose.axes[b, FORWARD], task.heading[b]
+        fx, fy = forward.x + heading.x, forward.y + heading.y
+        if math.hypot(fx, fy) < 0.1:  # it is told to turn right round
+            fx, fy = forward.x, forward.y
+        size = max(math.hypot(fx, fy), 1e-9)
+        along, across = vec3(fx / size, fy / size, 0.0), vec3(-fy / size, fx / size, 0.0)
+        ahead = task.gap[b] + task.radius
+        left = task.aside[b] * task.radius - task.drift[b] * ahead / CRUISE
+        task.obstacle[b] = tank.position[b, INDEX(tank.nose)] + tank.length * (ahead * along + left * across)
+        task.velocity[b] = (tank.length * task.drift[b]) * across
+    if task.present[b]:
+        nearest = np.inf
+        for i in range(tank.mass.size):
+            way = tank.position[b, i] - task.obstacle[b]
+            nearest = min(nearest, dot(way, way))
+        room = sqrt(nearest) / tank.length - task.radius
+        task.clearance[b] = min(task.clearance[b], room)
+        if room <= 0.0:
+            task.over[b] = True
 
 
 class AvoidTask(CommandedTurns):
@@ -44,6 +103,7 @@ class AvoidTask(CommandedTurns):
 
     alignment_weight = ALIGNMENT_WEIGHT
     term_names = ("progress", "alignment", "effort", "touch")
+    look, score = look, score
     directions = (
         *CommandedTurns.directions,
         Direction("obstacle's nearness", "1 / (1 + gap in body lengths), towards it, in the body frame", 1.0, 0.3),
@@ -78,15 +138,19 @@ class AvoidTask(CommandedTurns):
         self.angle = ANGLE.checked_range("angle", angle)
         self.wait = WAIT.checked_range("wait", wait)
 
-    def prepare(self, tank, interval):
-        """Make the arrays for the fish of a tank."""
-        super().prepare(tank, interval)
-        b = tank.num_fish
-        self._appears, self._gap, self._aside, self._drift = np.zeros((4, b))
-        self.obstacle, self.obstacle_velocity = np.zeros((2, b, 3))
-        self.present, self.touched = np.zeros((2, b), dtype=bool)
-        self.clearance, self._time = np.zeros((2, b))
-        self._vectors = np.zeros((b, 3, 3))
+    def fields(self):
+        """What the kernels read and write."""
+        b = len(self._before)
+        self._appears, self._gap, self._aside, self._drift = (np.zeros(b) for _ in range(4))
+        self.obstacle, self.obstacle_velocity = (np.zeros((b, 3)) for _ in range(2))
+        self.present, self.touched = (np.zeros(b, dtype=bool) for _ in range(2))
+        self.clearance, self._time = (np.zeros(b) for _ in range(2))
+        return super().fields() | {
+            "appears": self._appears, "gap": self._gap, "aside": self._aside, "drift": self._drift,
+            "obstacle": Vectors(self.obstacle, Kind(1)), "velocity": Vectors(self.obstacle_velocity, Kind(1)),
+            "present": self.present, "over": self.touched, "clearance": self.clearance, "time": self._time,
+            "radius": float(self.radius),
+        }  # fmt: skip
 
     def plan(self, i, generator, options):
         """When the sphere appears, where, how fast it drifts, and whether a turn is under way then."""
@@ -104,32 +168,9 @@ class AvoidTask(CommandedTurns):
         self.obstacle[i] = self.obstacle_velocity[i] = self._time[i] = 0.0
         self.clearance[i] = np.inf
 
-    def vectors(self, tank, pose):
-        """Commanded heading; towards the obstacle, the longer the nearer; its velocity. Zero while there is none."""
-        see(
-            pose.centre, self._heading, self.obstacle, self.obstacle_velocity, self.present, self.radius,
-            tank.fish.length, self._vectors,
-        )  # fmt: skip
-        return self._vectors
-
     def spheres(self, i) -> np.ndarray:
         """For pictures of fish i: centre of the obstacle, m, and its radius, body lengths, (1,4); (0,4) without one."""
         return np.array([[*self.obstacle[i], self.radius]])[: int(self.present[i])]
-
-    def reward(self, tank, pose):
-        """As for commanded turns, less what touching the obstacle costs; then the obstacle moves or appears."""
-        terms = super().reward(tank, pose)
-        loom(
-            tank.position, pose.axes, self._heading, tank.fish.nose, tank.fish.length, self.radius, self.interval,
-            self._appears, self._gap, self._aside, self._drift, self._time, self.obstacle, self.obstacle_velocity,
-            self.present, self.touched, self.clearance,
-        )  # fmt: skip
-        terms["touch"] = self.touched * -TOUCH_PENALTY
-        return terms
-
-    def done(self, tank, pose):
-        """True where the obstacle is touched."""
-        return self.touched
 
     def metrics(self, tank, i, seconds):
         """Whether the obstacle was avoided and passed and the heading found again; the rest as for commanded turns."""
@@ -142,57 +183,3 @@ class AvoidTask(CommandedTurns):
             "passed": passed,
             "clearance": float(self.clearance[i]) if self.present[i] else np.nan,
         }
-
-
-@njit
-def see(centre, heading, obstacle, drift, present, radius, length, out):
-    """Fill out (B,3,3): commanded heading, towards the obstacle by 1 / (1 + gap), and its velocity, body lengths/s."""
-    for b in range(present.size):
-        out[b, 0] = heading[b]
-        out[b, 1:] = 0.0
-        if present[b]:
-            way = obstacle[b] - centre[b]
-            distance = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-            gap = max(distance / length - radius, 0.0)
-            for k in range(3):
-                out[b, 1, k] = way[k] / (distance * (1.0 + gap))  # (44)
-                out[b, 2, k] = drift[b, k] / length
-
-
-@njit
-def loom(x, axes, heading, nose, length, radius, interval, appears, gap, aside, drift,
-         time, obstacle, velocity, present, touched, clearance):  # fmt: skip
-    """Move every obstacle, let those appear that are due, and measure how near each comes to its fish x (B,N,3) m.
-
-    The obstacle stands `gap` body lengths of water ahead of the nose, on the line half way between where the fish
-    points and where it is told to; a drifting one would be there when a cruising fish arrives.
-    """
-    for b in range(time.size):
-        time[b] += interval
-        if present[b]:
-            for k in range(3):
-                obstacle[b, k] += interval * velocity[b, k]
-        elif time[b] >= appears[b] - 1e-9:
-            present[b] = True
-            fx, fy = axes[b, 0, 0] + heading[b, 0], axes[b, 0, 1] + heading[b, 1]
-            if np.hypot(fx, fy) < 0.1:  # it is told to turn right round
-                fx, fy = axes[b, 0, 0], axes[b, 0, 1]
-            size = max(np.hypot(fx, fy), 1e-9)
-            fx, fy = fx / size, fy / size
-            ahead, left = gap[b] + radius, aside[b] * radius
-            left -= drift[b] * ahead / CRUISE
-            obstacle[b, 0] = x[b, nose, 0] + length * (ahead * fx - left * fy)
-            obstacle[b, 1] = x[b, nose, 1] + length * (ahead * fy + left * fx)
-            obstacle[b, 2] = x[b, nose, 2]
-            velocity[b, 0], velocity[b, 1], velocity[b, 2] = -length * drift[b] * fy, length * drift[b] * fx, 0.0
-        if present[b]:
-            nearest = np.inf
-            for i in range(x.shape[1]):
-                square = 0.0
-                for k in range(3):
-                    square += (x[b, i, k] - obstacle[b, k]) ** 2
-                nearest = min(nearest, square)
-            room = np.sqrt(nearest) / length - radius
-            clearance[b] = min(clearance[b], room)
-            if room <= 0.0:
-                touched[b] = True

@@ -4,7 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env._jit import njit
+from fish_env._jit import INDEX, kernel
+from fish_env.forces.control import STIFFNESS
+from fish_env.simd import dot, sqrt
 
 
 class Load(NamedTuple):
@@ -22,35 +24,26 @@ def make_load(tank) -> Load:
     return Load(np.zeros(b), np.zeros(b), np.zeros((b, k)), np.tile(tank.fibre_length, (b, 1)))
 
 
-def measure_load(tank, load: Load) -> None:
-    """Take the state of every fish into account, once a decision."""
-    springs = tank.fish.body.springs
-    add_load(
-        springs.nodes, springs.rest_length, springs.stiffness, tank.variation[:, 0], tank.fish.fibres,
-        tank.position, tank.rest_length, *load,
-    )  # fmt: skip
-
-
-@njit
-def add_load(nodes, natural, stiffness, factor, fibres, x, rest_length, strain, work, tension, rest):
-    """Update the four arrays of a `Load` for units of the given stiffness (E,) times each fish's factor (B,).
+@kernel
+def measure_load(tank, load, b):
+    """Take the state of fish b into account, once an environment step.
 
     A fibre whose rest length l0 moves under the elastic tension T takes in the work -T dl0, by the trapezoidal rule
     over the interval (docs/physics.md, eq. 41).
     """
-    for b in range(x.shape[0]):
-        for e in range(natural.size):
-            strain[b] = max(strain[b], abs(distance(x[b], nodes[e]) / natural[e] - 1.0))
-        for m in range(fibres.size):
-            e = fibres[m]
-            now = rest_length[b, e]
-            pull = factor[b] * stiffness[e] * (distance(x[b], nodes[e]) - now)
-            work[b] -= 0.5 * (pull + tension[b, m]) * (now - rest[b, m])  # (41)
-            tension[b, m], rest[b, m] = pull, now
+    for e in range(tank.spring_length.size):
+        load.strain[b] = max(load.strain[b], abs(distance(tank, b, e) / tank.spring_length[e] - 1.0))
+    for m in range(tank.fibres.size):
+        e = tank.fibres[m]
+        now = tank.rest_length[b, INDEX(e)]
+        pull = tank.variation[b, STIFFNESS] * tank.spring_stiffness[INDEX(e)] * (distance(tank, b, e) - now)
+        load.work[b] -= 0.5 * (pull + load.tension[b, m]) * (now - load.rest[b, m])  # (41)
+        load.tension[b, m], load.rest[b, m] = pull, now
 
 
-@njit
-def distance(x, pair):
-    """Distance, m, between two nodes of x (N,3)."""
-    i, j = pair
-    return np.sqrt((x[i, 0] - x[j, 0]) ** 2 + (x[i, 1] - x[j, 1]) ** 2 + (x[i, 2] - x[j, 2]) ** 2)
+@kernel
+def distance(tank, b, e):
+    """Length of spring e of fish b, m."""
+    x, nodes = tank.position, tank.spring_nodes
+    r = x[b, INDEX(nodes[e, 1])] - x[b, INDEX(nodes[e, 0])]
+    return sqrt(dot(r, r))

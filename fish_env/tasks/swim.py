@@ -2,7 +2,10 @@
 
 import numpy as np
 
+from fish_env._jit import kernel
+from fish_env.simd import Kind, Pack, Vectors
 from fish_env.tasks import rewards
+from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS, level, place
 
@@ -10,7 +13,25 @@ HEADING_ERROR = Option(0.0, np.pi, "largest angle between the commanded heading 
 SPEED = Option(0.1, 3.0, "commanded speed, body lengths per second")
 
 
-class SwimTask:
+@kernel
+def look(tank, pose, task, b, out):
+    """The commanded heading, a unit vector, or the commanded velocity, body lengths per second."""
+    out[b, 0] = task.speed[b] * task.heading[b]
+
+
+@kernel
+def score(tank, pose, task, b, terms):
+    """Progress along the heading, body lengths, less the effort of moving the muscles."""
+    progress = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
+    if task.commanded:
+        wanted = task.speed[b] * task.interval
+        progress = wanted - abs(progress - wanted)  # (39)
+    terms[0, b] = progress
+    terms[1, b] = rewards.effort(tank, task.interval, b)  # (20)
+    task.before[b] = pose.centre[b]
+
+
+class SwimTask(CompiledTask):
     """Cover as many body lengths along the commanded heading as the episode allows, or keep to a commanded speed.
 
     Args:
@@ -24,6 +45,7 @@ class SwimTask:
     """
 
     term_names = ("progress", "effort")
+    look, score = look, score
 
     def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None):
         self.heading_error = HEADING_ERROR.checked("heading_error", heading_error)
@@ -38,9 +60,14 @@ class SwimTask:
     def prepare(self, tank, interval):
         """Make the arrays for the fish of a tank."""
         self.interval = interval
-        self._heading, self._before, self._start = np.zeros((3, tank.num_fish, 3))
-        self._speed = np.ones(tank.num_fish)
-        self._never = np.zeros(tank.num_fish, dtype=bool)
+        b = tank.num_fish
+        self._heading, self._before, self._start = (np.zeros((b, 3)) for _ in range(3))
+        self._speed = np.ones(b)
+        self.pack = Pack(
+            "swim",
+            heading=Vectors(self._heading, Kind(1)), before=Vectors(self._before, Kind(1)), speed=self._speed,
+            commanded=self.speed is not None, interval=float(interval), over=np.zeros(b, dtype=bool),
+        )  # fmt: skip
 
     def start(self, tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, and draw its commanded heading."""
@@ -49,27 +76,6 @@ class SwimTask:
         self._heading[i] = level(options.get("heading", options.get("yaw", yaw) + error))
         if self.speed is not None:
             self._speed[i] = options.get("speed", generator.uniform(*self.speed))
-
-    def vectors(self, tank, pose):
-        """The commanded heading, a unit vector, or the commanded velocity, body lengths per second, (B,1,3)."""
-        return (self._speed[:, None] * self._heading)[:, None]
-
-    def reward(self, tank, pose):
-        """Progress along the heading, body lengths, less the effort of moving the muscles."""
-        progress = self.progress(tank, pose)
-        if self.speed is not None:
-            wanted = self._speed * self.interval
-            progress = wanted - np.abs(progress - wanted)  # (39)
-        self._before[:] = pose.centre
-        return {"progress": progress, "effort": rewards.effort(tank, self.interval)}  # (20)
-
-    def progress(self, tank, pose):
-        """Body lengths covered along the heading in the last interval, (B,)."""
-        return rewards.progress(pose.centre, self._before, self._heading, tank.fish.length)  # (19)
-
-    def done(self, tank, pose):
-        """Never: the episode ends at the time limit."""
-        return self._never
 
     def metrics(self, tank, i, seconds):
         """Mean speed along the commanded heading and across it, and how far it is from the commanded one, lengths/s."""

@@ -1,9 +1,14 @@
 """Target-v0: reach targets one after another, in the plane or in three dimensions."""
 
+import math
+
 import numpy as np
 
-from fish_env._jit import njit
+from fish_env._jit import INDEX, kernel
+from fish_env.pose import FORWARD
+from fish_env.simd import Kind, Pack, Vectors, dot, sqrt, vec3
 from fish_env.tasks import rewards
+from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import Direction, Option, checked_choice
 from fish_env.tasks.start import POSE_OPTIONS, place
 
@@ -20,7 +25,62 @@ RADIUS = Option(0.05, 0.25, "how near the nose must come, body lengths")
 PATIENCE = Option(0.5, 60.0, "time after which a target is given up, s")
 
 
-class TargetTask:
+@kernel
+def look(tank, pose, task, b, out):
+    """From the fish's centre to its target: a unit vector, and the whole way in body lengths."""
+    way = (task.target[b] - pose.centre[b]) / tank.length
+    out[b, 0] = pointing(way)
+    out[b, 1] = way
+
+
+@kernel
+def score(tank, pose, task, b, terms):
+    """How much nearer the nose has come, pointing at the target, reaching it, less effort; then the next one."""
+    way = pointing(task.target[b] - pose.centre[b])
+    now = gap(tank, task, b)
+    hit = now <= task.radius
+    terms[0, b] = task.gap[b] - now
+    terms[1, b] = rewards.alignment(pose, way, b) * (ALIGNMENT_WEIGHT * task.interval)  # (40)
+    terms[2, b] = REACH_BONUS if hit else 0.0  # (42)
+    terms[3, b] = rewards.effort(tank, task.interval, b)  # (20)
+    task.waited[b] += task.interval
+    if hit or task.waited[b] >= task.patience - 1e-9:
+        if hit:
+            task.reached[b] += 1
+        else:
+            task.missed[b] += 1
+        task.waited[b] = 0.0
+        forward = pose.axes[b, FORWARD]
+        yaw = math.atan2(forward.y, forward.x)
+        number = (task.reached[b] + task.missed[b]) % task.offers.shape[1]
+        distance, bearing, elevation = task.offers[b, number, 0], task.offers[b, number, 1], task.offers[b, number, 2]
+        task.target[b] = pose.centre[b] + offered(distance, bearing, elevation, yaw, tank.length)
+        now = gap(tank, task, b)
+    task.gap[b] = now
+
+
+@kernel
+def pointing(way):
+    """A vector scaled to length 1, unless it is shorter than a nanometre."""
+    return way / max(sqrt(dot(way, way)), 1e-9)
+
+
+@kernel
+def gap(tank, task, b):
+    """How far the nose is from the target, body lengths."""
+    way = tank.position[b, INDEX(tank.nose)] - task.target[b]
+    return sqrt(dot(way, way)) / tank.length
+
+
+@kernel
+def offered(distance, bearing, elevation, yaw, length):
+    """The way, m, to a target at a distance (body lengths), a bearing from the yaw and an elevation (rad)."""
+    level = length * distance * math.cos(elevation)
+    height = length * distance * math.sin(elevation)
+    return vec3(level * math.cos(yaw + bearing), level * math.sin(yaw + bearing), height)
+
+
+class TargetTask(CompiledTask):
     """Touch a target with the nose; then the next one appears.
 
     Args:
@@ -41,6 +101,7 @@ class TargetTask:
         Direction("way to the target", "body lengths, in the body frame", 10.0, 1.0),
     )
     touchable = True  # pictures show its spheres as targets
+    look, score = look, score
 
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0):
         self.dimensions = checked_choice("dimensions", dimensions, (2, 3))
@@ -61,8 +122,13 @@ class TargetTask:
         self.interval = interval
         self._offers = np.zeros((b, DRAWN, 3))  # distance, bearing, elevation
         self._target, self._gap, self._waited = np.zeros((b, 3)), np.zeros(b), np.zeros(b)
-        self.reached, self.missed = np.zeros((2, b), dtype=np.int64)
-        self._never = np.zeros(b, dtype=bool)
+        self.reached, self.missed = (np.zeros(b, dtype=np.int64) for _ in range(2))
+        self.pack = Pack(
+            "target",
+            offers=self._offers, target=Vectors(self._target, Kind(1)), gap=self._gap, waited=self._waited,
+            reached=self.reached, missed=self.missed, radius=float(self.radius), patience=float(self.patience),
+            interval=float(interval), over=np.zeros(b, dtype=bool),
+        )  # fmt: skip
 
     def start(self, tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, and draw its targets."""
@@ -76,39 +142,12 @@ class TargetTask:
         for k, name in enumerate(("distance", "bearing", "elevation")):
             offers[0, k] = options.get(name, offers[0, k])
         self.reached[i] = self.missed[i] = self._waited[i] = 0
-        offer(offers[0], centre, yaw, tank.fish.length, self._target[i])
+        self._target[i] = centre + tuple(offered(*offers[0], yaw, tank.fish.length))
         self._gap[i] = np.linalg.norm(self._target[i] - tank.position[i, tank.fish.nose]) / tank.fish.length
-
-    def vectors(self, tank, pose):
-        """From the fish's centre to its target, a unit vector and the whole way in body lengths, (B,2,3)."""
-        way = (self._target - pose.centre) / tank.fish.length
-        return np.stack([unit(way), way], axis=1)
 
     def spheres(self, i) -> np.ndarray:
         """For pictures of fish i: centre of its target, m, and how near the nose must come, body lengths, (1,4)."""
         return np.array([[*self._target[i], self.radius]])
-
-    def reward(self, tank, pose):
-        """How much nearer the nose has come, pointing at the target, reaching it, less effort; then the next one."""
-        way = unit(self._target - pose.centre)
-        alignment = rewards.alignment(pose.axes, way) * (ALIGNMENT_WEIGHT * self.interval)  # (40)
-        progress, reached = np.empty((2, tank.num_fish))
-        pursue(
-            tank.position[:, tank.fish.nose], pose.centre, pose.axes, tank.fish.length, self.radius, self.patience,
-            self.interval, self._offers, self._target, self._gap, self._waited, self.reached, self.missed,
-            progress, reached,
-        )  # fmt: skip
-        effort = rewards.effort(tank, self.interval)  # (20)
-        return {
-            "progress": progress,
-            "alignment": alignment,
-            "reached": REACH_BONUS * reached,
-            "effort": effort,
-        }  # (42)
-
-    def done(self, tank, pose):
-        """Never: the episode ends at the time limit."""
-        return self._never
 
     def metrics(self, tank, i, seconds):
         """Targets reached and missed, the part reached of those decided, and the time each took, s."""
@@ -119,48 +158,3 @@ class TargetTask:
             "success": reached / (reached + missed) if reached + missed else 0.0,
             "time_per_target": seconds / reached if reached else np.nan,
         }
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (B,3) scaled to length 1."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9)
-
-
-@njit
-def pursue(nose, centre, axes, length, radius, patience, interval, offers, target, gap, waited, reached, missed,
-           progress, hit):  # fmt: skip
-    """Measure how far each fish's nose (B,3) m is from its target, and put up the next target where it is due.
-
-    gap (B,) body lengths, waited (B,) s, and the counts are updated; progress (B,) body lengths and hit (B,) 0 or 1 are
-    overwritten.
-    """
-    for b in range(gap.size):
-        now = separation(nose[b], target[b]) / length
-        waited[b] += interval
-        progress[b] = gap[b] - now
-        hit[b] = 1.0 if now <= radius else 0.0
-        if now <= radius or waited[b] >= patience - 1e-9:
-            if now <= radius:
-                reached[b] += 1
-            else:
-                missed[b] += 1
-            waited[b] = 0.0
-            yaw = np.arctan2(axes[b, 0, 1], axes[b, 0, 0])
-            offer(offers[b, (reached[b] + missed[b]) % offers.shape[1]], centre[b], yaw, length, target[b])
-            now = separation(nose[b], target[b]) / length
-        gap[b] = now
-
-
-@njit
-def offer(polar, centre, yaw, length, target):
-    """Put a target (3,) m at a distance (body lengths), bearing from the yaw and elevation (rad) from a centre."""
-    distance, bearing, elevation = polar
-    target[0] = centre[0] + length * distance * np.cos(elevation) * np.cos(yaw + bearing)
-    target[1] = centre[1] + length * distance * np.cos(elevation) * np.sin(yaw + bearing)
-    target[2] = centre[2] + length * distance * np.sin(elevation)
-
-
-@njit
-def separation(a, b):
-    """Distance between two points (3,)."""
-    return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)

@@ -9,8 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env._jit import njit
+from fish_env._jit import kernel
+from fish_env.pose import FORWARD
+from fish_env.simd import Kind, Pack, Vectors, vec3
 from fish_env.tasks import rewards
+from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.measures import make_load, measure_load
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.rewards import wrapped
@@ -63,72 +66,70 @@ def make_records(kind, shapes):
     return kind(*(np.zeros(s, dtype=np.int64 if isinstance(s, list) else float) for s in shapes))
 
 
-@njit
-def follow(course, record, axes, centre, velocity, before, interval):
-    """Measure where every fish points, and command the next turn of those that are due; in place.
-
-    axes (B,3,3), centre (B,3) m and velocity (B,3) m/s now, and centre `before`, a control interval ago.
-    """
+@kernel
+def follow(pose, task, b):
+    """Measure where fish b points, and command its next turn if it is due."""
+    course, record, interval = task.course, task.record, task.interval
     window = course.history.shape[1]
-    for b in range(course.yaw.size):
-        yaw = math.atan2(axes[b, 0, 1], axes[b, 0, 0])
-        turn = wrapped(yaw - course.yaw[b])
-        course.yaw[b] = yaw
-        course.facing[b] += turn
-        course.history[b, course.decisions[b] % window] = course.facing[b]
-        course.decisions[b] += 1
-        course.since[b] += interval
-        turned, wanted = course.facing[b] - course.origin[b], 0.0
-        stage = course.stage[b]
-        if stage > 0:
-            wanted = course.angle[b, stage - 1]
-            side = 1.0 if wanted > 0.0 else -1.0
-            record.rate[b] = max(record.rate[b], abs(turn) / interval)
-            if math.isnan(record.latency[b]):
-                record.path[b] += math.hypot(centre[b, 0] - before[b, 0], centre[b, 1] - before[b, 1])
-                left = abs(wrapped(course.heading[b] - yaw))  # to turn, whichever way round it came
-                if side * turned >= COMPLETE * abs(wanted) or left <= (1.0 - COMPLETE) * abs(wanted):
-                    record.latency[b] = course.since[b]
-                    record.radius[b] = record.path[b] / abs(turned) if abs(turned) > LEAST_TURN else math.nan  # (43)
-                    record.after[b] = math.hypot(velocity[b, 0], velocity[b, 1])
-                    record.overshoot[b] = 0.0
-            elif course.since[b] >= window * interval - 1e-9:  # no heading from before the command is in the average
-                beyond = side * (steady_facing(course, b) - course.origin[b]) - abs(wanted)
-                record.overshoot[b] = max(record.overshoot[b], beyond)
-        if stage < course.count[b]:
-            due = stage > 0 and turned * wanted >= course.part[b, stage] * wanted * wanted
-            if due or course.since[b] >= course.wait[b, stage] - 1e-9:
-                if stage == 0:
-                    record.before[b] = math.hypot(velocity[b, 0], velocity[b, 1])
-                    asked = course.angle[b, 0]
-                    course.angle[b, 0] = asked + wrapped(course.heading[b] - yaw)
-                    course.heading[b] = wrapped(course.heading[b] + asked)
-                else:
-                    course.heading[b] = wrapped(yaw + course.angle[b, stage])
-                course.stage[b] += 1
-                course.since[b] = 0.0
-                course.origin[b] = course.facing[b]
-                record.latency[b] = record.overshoot[b] = record.radius[b] = record.after[b] = math.nan
-                record.path[b] = 0.0
+    forward, velocity = pose.axes[b, FORWARD], pose.velocity[b]
+    yaw = math.atan2(forward.y, forward.x)
+    turn = wrapped(yaw - course.yaw[b])
+    course.yaw[b] = yaw
+    course.facing[b] += turn
+    course.history[b, course.decisions[b] % window] = course.facing[b]
+    course.decisions[b] += 1
+    course.since[b] += interval
+    turned, wanted, stage = course.facing[b] - course.origin[b], 0.0, course.stage[b]
+    if stage > 0:
+        wanted = course.angle[b, stage - 1]
+        side = 1.0 if wanted > 0.0 else -1.0
+        record.rate[b] = max(record.rate[b], abs(turn) / interval)
+        if math.isnan(record.latency[b]):
+            way = pose.centre[b] - task.before[b]
+            record.path[b] += math.hypot(way.x, way.y)
+            left = abs(wrapped(course.heading[b] - yaw))  # to turn, whichever way round it came
+            if side * turned >= COMPLETE * abs(wanted) or left <= (1.0 - COMPLETE) * abs(wanted):
+                record.latency[b] = course.since[b]
+                record.radius[b] = record.path[b] / abs(turned) if abs(turned) > LEAST_TURN else math.nan  # (43)
+                record.after[b] = math.hypot(velocity.x, velocity.y)
+                record.overshoot[b] = 0.0
+        elif course.since[b] >= window * interval - 1e-9:  # no heading from before the command is in the average
+            beyond = side * (steady_facing(course, b) - course.origin[b]) - abs(wanted)
+            record.overshoot[b] = max(record.overshoot[b], beyond)
+    if stage < course.count[b]:
+        due = stage > 0 and turned * wanted >= course.part[b, stage] * wanted * wanted
+        if due or course.since[b] >= course.wait[b, stage] - 1e-9:
+            if stage == 0:
+                record.before[b] = math.hypot(velocity.x, velocity.y)
+                asked = course.angle[b, 0]
+                course.angle[b, 0] = asked + wrapped(course.heading[b] - yaw)
+                course.heading[b] = wrapped(course.heading[b] + asked)
+            else:
+                course.heading[b] = wrapped(yaw + course.angle[b, stage])
+            course.stage[b] += 1
+            course.since[b] = 0.0
+            course.origin[b] = course.facing[b]
+            record.latency[b] = record.overshoot[b] = record.radius[b] = record.after[b] = math.nan
+            record.path[b] = 0.0
 
 
-@njit
+@kernel
 def mean_facing(course, b):
     """Where fish b pointed on average over the last beat or so, rad, counted on beyond pi."""
     window, now = course.history.shape[1], course.decisions[b]
     kept = min(now, (window + 1) // 2)
     total = 0.0
-    for k in range(1, kept + 1):  # decisions ago
+    for k in range(1, kept + 1):  # environment steps ago
         total += course.history[b, (now - k) % window]
     return total / kept if kept > 0 else course.facing[b]
 
 
-@njit
+@kernel
 def steady_facing(course, b):
     """The average over a beat once more averaged over a beat, rad: how well a fish holds its heading is judged by it.
 
-    Nobody beats at exactly this rate: of a sway at 3.3 to 4.6 Hz up to a sixth is left by one average, 3 % by two
-    (of decisions every 20 ms, at which everything is measured).
+    Nobody beats at exactly this rate: of an oscillation at 3.3 to 4.6 Hz up to a sixth is left by one average, 3 % by
+    two (of environment steps of 20 ms, at which everything is measured).
     """
     window, now = course.history.shape[1], course.decisions[b]
     total = weights = 0.0
@@ -139,22 +140,43 @@ def steady_facing(course, b):
     return total / weights if weights > 0.0 else course.facing[b]
 
 
-@njit
-def too_far(course, beat):
-    """How far each fish has turned beyond its last command, on average over a beat, (B,) rad.
+@kernel
+def too_far(task, b):
+    """How far fish b has turned beyond its last command, on average over a beat, rad.
 
-    It is 0 before the turn is made, and for a beat, s, after the command: the average is still over the turn before.
+    It is 0 before the turn is made, and for a beat after the command: the average is still over the turn before.
     """
-    out = np.zeros(course.yaw.size)
-    for b in range(out.size):
-        if course.stage[b] > 0 and course.since[b] >= beat:
-            wanted = course.angle[b, course.stage[b] - 1]
-            turned = (mean_facing(course, b) - course.origin[b]) * (1.0 if wanted > 0.0 else -1.0)
-            out[b] = max(turned - abs(wanted), 0.0)
-    return out
+    course = task.course
+    if course.stage[b] == 0 or course.since[b] < task.beat:
+        return 0.0
+    wanted = course.angle[b, course.stage[b] - 1]
+    turned = (mean_facing(course, b) - course.origin[b]) * (1.0 if wanted > 0.0 else -1.0)
+    return max(turned - abs(wanted), 0.0)
 
 
-class CommandedTurns(ABC):
+@kernel
+def look(tank, pose, task, b, out):
+    """The commanded heading, a unit vector."""
+    out[b, 0] = task.heading[b]
+
+
+@kernel
+def score(tank, pose, task, b, terms):
+    """Progress along the commanded heading, less what pointing elsewhere and effort cost; on with the course."""
+    heading = task.heading[b]
+    terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
+    terms[1, b] = rewards.alignment(pose, heading, b) * (task.alignment_weight * task.interval)  # (40)
+    terms[2, b] = rewards.effort(tank, task.interval, b)  # (20)
+    if task.overshoot_weight > 0.0:
+        terms[3, b] = too_far(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (45)
+    measure_load(tank, task.load, b)
+    follow(pose, task, b)
+    task.before[b] = pose.centre[b]
+    angle = task.course.heading[b]
+    task.heading[b] = vec3(math.cos(angle), math.sin(angle), 0.0)
+
+
+class CommandedTurns(CompiledTask, ABC):
     """Swim along a commanded heading that changes: the part that tasks with commanded turns share.
 
     A task says in `plan` which turns it commands.
@@ -165,6 +187,7 @@ class CommandedTurns(ABC):
     overshoot_weight = OVERSHOOT_WEIGHT
     term_names = ("progress", "alignment", "effort", "overshoot")
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
+    look, score = look, score
 
     def prepare(self, tank, interval):
         """Make the arrays for the fish of a tank."""
@@ -176,8 +199,24 @@ class CommandedTurns(ABC):
         )
         self.record = make_records(Record, [(b,)] * 7)
         self.load = make_load(tank)
-        self._before, self._start, self._heading = np.zeros((3, b, 3))
-        self._never = np.zeros(b, dtype=bool)
+        self._before, self._start, self._heading = (np.zeros((b, 3)) for _ in range(3))
+        self.pack = Pack("turns", **self.fields())
+
+    def fields(self) -> dict:
+        """What the kernels read and write."""
+        price = self.overshoot_weight if "overshoot" in self.term_names else 0.0
+        return {
+            "course": Pack("course", **self.course._asdict()),
+            "record": Pack("record", **self.record._asdict()),
+            "load": Pack("load", **self.load._asdict()),
+            "before": Vectors(self._before, Kind(1)),
+            "heading": Vectors(self._heading, Kind(1)),
+            "interval": float(self.interval),
+            "beat": float(self.beat),
+            "alignment_weight": float(self.alignment_weight),
+            "overshoot_weight": float(price),
+            "over": np.zeros(len(self._before), dtype=bool),
+        }
 
     def start(self, tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, heading where it points; plan its turns."""
@@ -196,30 +235,6 @@ class CommandedTurns(ABC):
     @abstractmethod
     def plan(self, i, generator, options) -> None:
         """Set the course of fish i: count, angle, wait and part."""
-
-    def vectors(self, tank, pose):
-        """The commanded heading, a unit vector, (B,1,3)."""
-        return self._heading[:, None]
-
-    def reward(self, tank, pose):
-        """Progress along the commanded heading, less what pointing elsewhere and effort cost; on with the course."""
-        terms = {
-            "progress": rewards.progress(pose.centre, self._before, self._heading, tank.fish.length),  # (19)
-            "alignment": rewards.alignment(pose.axes, self._heading) * (self.alignment_weight * self.interval),  # (40)
-            "effort": rewards.effort(tank, self.interval),  # (20)
-        }
-        if "overshoot" in self.term_names:
-            price = -2.0 / np.pi * self.overshoot_weight * self.interval
-            terms["overshoot"] = too_far(self.course, self.beat) * price  # (45)
-        measure_load(tank, self.load)
-        follow(self.course, self.record, pose.axes, pose.centre, pose.velocity, self._before, self.interval)
-        self._before[:] = pose.centre
-        self._heading[:, 0], self._heading[:, 1] = np.cos(self.course.heading), np.sin(self.course.heading)
-        return terms
-
-    def done(self, tank, pose):
-        """Never: the episode ends at the time limit."""
-        return self._never
 
     def metrics(self, tank, i, seconds):
         """How the last commanded turn went; angles in degrees, lengths in body lengths."""

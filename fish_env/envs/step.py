@@ -1,0 +1,121 @@
+"""One environment step as one compiled call: command, integrate, measure, reward, observe.
+
+Legend: b fish; t terms of the reward; p place of a fish in the order in which its thread moves it.
+"""
+
+from functools import cache
+
+import numpy as np
+
+from fish_env._jit import INDEX, kernel, njit
+from fish_env.engine import make_advance
+from fish_env.envs.observation import contract, observe
+from fish_env.pose import measure
+from fish_env.tank import command
+
+FAILURE_PENALTY = 10.0  # body lengths: what a failure of the physics costs
+
+
+@cache
+def make_see(kernels):
+    """The compiled `see(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None.
+
+    It measures the fish queue.order[first:last], rewards them if they have stepped, and fills their observations.
+    Without a task it only measures.
+    """
+    look, score = kernels or (None, None)
+
+    @kernel
+    def judge(env, b):
+        tank, episode = env.tank, env.episode
+        terms, failed = episode.terms, tank.failure[b] != 0
+        score(tank, env.pose, env.task, b, terms)
+        last = terms.shape[0] - 1
+        terms[last, b] = -FAILURE_PENALTY if failed else 0.0
+        total = 0.0
+        for t in range(last + 1):
+            total += terms[t, b]
+            episode.totals[t, b] += terms[t, b]
+        episode.reward[b] = total
+        episode.elapsed[b] += 1
+        over = failed or env.task.over[b]
+        episode.terminated[b] = over
+        episode.truncated[b] = not over and episode.elapsed[b] >= episode.limit[b]
+
+    if kernels is None:
+
+        @njit
+        def see(env, first, last, stepped):
+            for p in range(first, last):
+                measure(env.tank, env.pose, INDEX(env.order[p]))
+
+    else:
+
+        @njit
+        def see(env, first, last, stepped):
+            episode = env.episode
+            for p in range(first, last):
+                b = INDEX(env.order[p])
+                measure(env.tank, env.pose, b)
+                if stepped:
+                    judge(env, b)
+                look(env.tank, env.pose, env.task, b, episode.vectors)
+                observe(env.tank, env.pose, episode.vectors, episode.limits, b, episode.observation)
+
+    return see
+
+
+@njit
+def observe_all(env):
+    """Fill the observations of all fish, from poses and vectors as they are."""
+    for b in range(env.episode.reward.size):
+        observe(env.tank, env.pose, env.episode.vectors, env.episode.limits, b, env.episode.observation)
+
+
+@njit
+def acceptable(env):
+    """Whether all actions are finite; contractions are filled in."""
+    episode = env.episode
+    for b in range(episode.reward.size):
+        if not contract(episode.action, episode.groups, b, episode.contraction):
+            return False
+    return True
+
+
+@cache
+def make_step(names: tuple[str, ...], method, kernels):
+    """The compiled `step(env, queue, block, first, last, n, duration)`; False, and nothing has moved, for a bad action."""
+    advance, see = make_advance(names, method), make_see(kernels)
+
+    @njit
+    def step(env, queue, block, first, last, n, duration):
+        episode = env.episode
+        for p in range(first, last):
+            if not contract(episode.action, episode.groups, INDEX(queue.order[p]), episode.contraction):
+                return False
+        for p in range(first, last):
+            command(env.tank, episode.contraction, INDEX(queue.order[p]), duration)
+        advance(env.tank, queue, block, first, last, n)
+        see(env, first, last, True)
+        return True
+
+    return step
+
+
+def make_arrays(num_envs: int, num_terms: int, groups, limits, size: int) -> dict[str, np.ndarray]:
+    """What an episode of every fish keeps, by name: an array with a row, or a column, a fish."""
+    b = num_envs
+    return {
+        "action": np.zeros((b, int(groups.max()) + 1)),
+        "groups": groups,
+        "contraction": np.zeros((b, groups.size)),
+        "limits": limits,
+        "observation": np.zeros((b, size), dtype=np.float32),
+        "terms": np.zeros((num_terms + 1, b)),
+        "totals": np.zeros((num_terms + 1, b)),
+        "reward": np.zeros(b),
+        "terminated": np.zeros(b, dtype=bool),
+        "truncated": np.zeros(b, dtype=bool),
+        "elapsed": np.zeros(b, dtype=np.int64),
+        "limit": np.zeros(b, dtype=np.int64),
+    }

@@ -1,0 +1,68 @@
+"""What the tasks of this package share: their rewards are kernels, so that an environment step is one compiled call."""
+
+from functools import cache
+
+import numpy as np
+
+from fish_env._jit import njit
+from fish_env.pose import Pose, packed_pose
+from fish_env.simd import Kind, Vectors
+
+
+@cache
+def make_calls(look, reward):
+    """Compiled loops over all fish of a task's kernels, for Python: `look` and `reward`."""
+
+    @njit
+    def look_all(tank, pose, task, out):
+        for b in range(pose.centre.size):
+            look(tank, pose, task, b, out)
+
+    @njit
+    def reward_all(tank, pose, task, terms):
+        for b in range(pose.centre.size):
+            reward(tank, pose, task, b, terms)
+
+    return look_all, reward_all
+
+
+class CompiledTask:
+    """A task whose `vectors` and `reward` are made of two kernels, which see one fish b of the tank at a time.
+
+    A subclass gives
+
+    - `look(tank, pose, task, b, out)`: writes the world vectors that fish b is told to out[b, k], of `vectors`;
+    - `score(tank, pose, task, b, terms)`: writes the terms of its reward to terms[t, b], in the order of `term_names`,
+      sets task.over[b] where it ends the episode, and goes on to the next environment step;
+    - in `prepare`, `self.pack`, a `Pack` of what they read and write, `over` (B,) among it.
+
+    The environments put both into their one compiled call, unless a subclass overrides `reward` or `vectors` in Python.
+    """
+
+    look = None
+    score = None
+
+    @property
+    def kernels(self):
+        """(look, score), or None where a subclass has written `vectors`, `reward` or `done` in Python."""
+        cls = type(self)
+        ours = all(getattr(cls, name) is getattr(CompiledTask, name) for name in ("vectors", "reward", "done"))
+        return (cls.look, cls.score) if ours else None
+
+    def vectors(self, tank, pose: Pose) -> np.ndarray:
+        """World vectors (B, directions, 3) that tell each fish what is asked."""
+        out = np.zeros((tank.num_fish, len(self.directions), 3))
+        look, _ = make_calls(type(self).look, type(self).score)
+        look(tank.pack, packed_pose(pose), self.pack, Vectors(out, Kind(1)))
+        return out
+
+    def reward(self, tank, pose: Pose) -> dict[str, np.ndarray]:
+        """Named terms (B,) of the reward for the last control interval."""
+        terms = np.zeros((len(self.term_names), tank.num_fish))
+        _, score = make_calls(type(self).look, type(self).score)
+        score(tank.pack, packed_pose(pose), self.pack, terms)
+        return dict(zip(self.term_names, terms, strict=True))
+
+    def done(self, tank, pose: Pose) -> np.ndarray:
+        """(B,) True where the task itself ends the episode."""
+        return self.pack.over
