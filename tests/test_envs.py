@@ -181,7 +181,7 @@ def test_reward_is_progress_less_effort():
     env = gym.make("FishEnv/Swim-v0")
     env.reset(seed=2)
     tank, fish = env.unwrapped.tank, env.unwrapped.tank.fish
-    heading = env.unwrapped.fish.task.vectors(tank, None)[0, 0].copy()
+    heading = env.unwrapped.fish.task.vectors(tank, env.unwrapped.fish._pose)[0, 0].copy()
     mass = fish.body.mass / fish.body.mass.sum()
     start, total, over = mass @ tank.position[0], 0.0, False
     while not over:

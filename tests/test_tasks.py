@@ -10,6 +10,9 @@ import pytest
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv
 from fish_env.envs.variation import vary
+from fish_env.forces.control import NOMINAL
+from fish_env.pose import Pose, packed_pose
+from fish_env.simd import Kind, Pack, Vectors, vec3
 from fish_env.tasks import avoid, measures, rewards, start, target, turn, turns
 
 TURNING = ("turn", "left_after_right", "avoid")
@@ -65,11 +68,11 @@ def test_turn_is_commanded_when_it_should_be():
     """The heading changes by the angle at the time; the latency is that of 90 % of it; the overshoot is a mean."""
     env = FishVectorEnv(1, task="turn")
     env.reset(seed=0, options={"yaw": 0.5, "turn": 1.0, "wait": 0.1})
-    heading = [env.task.vectors(None, None)[0, 0].copy()]
+    heading = [env.task.vectors(env.tank, env._pose)[0, 0].copy()]
     for k in range(60):
         spun(env, [0.5 + min(max(k - 5, 0) * 0.07, 1.2)], forward=0.02)
         decide(env)
-        heading.append(env.task.vectors(None, None)[0, 0].copy())
+        heading.append(env.task.vectors(env.tank, env._pose)[0, 0].copy())
     np.testing.assert_allclose(heading[:5], [start.level(0.5)] * 5, atol=1e-12)
     np.testing.assert_allclose(heading[5:], [start.level(1.5)] * 56, atol=1e-12)
     found = env.task.metrics(env.tank, 0, 1.2)
@@ -185,7 +188,8 @@ def test_alignment_is_linear_in_the_angle():
     angles = np.linspace(0, np.pi, 7)
     axes = np.zeros((7, 3, 3))
     axes[:, 0] = [start.level(a) for a in angles]
-    found = rewards.alignment(axes, np.tile(start.level(0.0), (7, 1)))
+    pose = packed_pose(Pose(np.zeros((7, 3)), np.zeros((7, 3)), axes))
+    found = [rewards.alignment(pose, vec3(*start.level(0.0)), b) for b in range(7)]  # as Python
     np.testing.assert_allclose(found, np.linspace(0, -2, 7), atol=1e-7)
 
 
@@ -263,12 +267,15 @@ def test_strain_and_work_against_their_definitions():
 
 def test_work_of_one_muscle():
     """A muscle that shortens under its own elastic force does the work of a spring: c (dl)^2 / 2 goes in at most."""
-    nodes, natural, stiffness = np.array([[0, 1]]), np.array([1.0]), np.array([10.0])
     x, rest = np.array([[[0.0, 0, 0], [1.0, 0, 0]]]), np.array([[1.0]])
+    tank = Pack(
+        "tank", position=Vectors(x, Kind(1)), rest_length=rest, variation=np.array([NOMINAL]), fibres=np.array([0]),
+        spring_nodes=np.array([[0, 1]]), spring_length=np.array([1.0]), spring_stiffness=np.array([10.0]),
+    )  # fmt: skip
     load = measures.Load(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.ones((1, 1)))
     for length in np.linspace(1.0, 0.5, 11):
         rest[0, 0] = length
-        measures.add_load(nodes, natural, stiffness, np.ones(1), np.array([0]), x, rest, *load)
+        measures.measure_load(tank, Pack("load", **load._asdict()), 0)  # as Python
     assert load.work[0] == pytest.approx(0.5 * 10.0 * 0.5**2, rel=1e-12)  # the trapezoidal rule is exact here
 
 
@@ -409,7 +416,7 @@ def test_commanded_speed_pays_for_keeping_it():
     """The reward is greatest at the commanded speed, and the commanded velocity is what the fish sees."""
     env = FishVectorEnv(1, speed=(0.5, 2.0))
     env.reset(seed=0, options={"yaw": 0.0, "heading": 0.0, "speed": 1.5})
-    np.testing.assert_allclose(env.task.vectors(None, None)[0, 0], [1.5, 0.0, 0.0])
+    np.testing.assert_allclose(env.task.vectors(env.tank, env._pose)[0, 0], [1.5, 0.0, 0.0])
     env.task._before[:] = env._pose.centre
     paid = []
     for speed in (1.0, 1.5, 2.0):

@@ -164,4 +164,4 @@ class FishVectorEnv(Episodes, VectorEnv):
         return tuple(self._seeds)
 
     def __getstate__(self):
-        return self.__dict__ | {"_renderer": None}
+        return super().__getstate__() | {"_renderer": None}

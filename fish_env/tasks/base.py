@@ -6,7 +6,7 @@ import numpy as np
 
 from fish_env._jit import njit
 from fish_env.pose import Pose, packed_pose
-from fish_env.simd import Kind, Vectors
+from fish_env.simd import Kind, Pack, Vectors
 
 
 @cache
@@ -16,7 +16,7 @@ def make_calls(look, reward):
     @njit
     def look_all(tank, pose, task, out):
         for b in range(pose.centre.size):
-            look(tank, pose, task, b, out)
+            look(tank, pose, task, b, out.vectors)
 
     @njit
     def reward_all(tank, pose, task, terms):
@@ -53,7 +53,7 @@ class CompiledTask:
         """World vectors (B, directions, 3) that tell each fish what is asked."""
         out = np.zeros((tank.num_fish, len(self.directions), 3))
         look, _ = make_calls(type(self).look, type(self).score)
-        look(tank.pack, packed_pose(pose), self.pack, Vectors(out, Kind(1)))
+        look(tank.pack, packed_pose(pose), self.pack, Pack("out", vectors=Vectors(out, Kind(1))))
         return out
 
     def reward(self, tank, pose: Pose) -> dict[str, np.ndarray]:
