@@ -89,7 +89,7 @@ def code_of(value, seen: set) -> list[bytes]:
     if isinstance(value, Dispatcher):
         value = value.py_func
     if not isinstance(value, FunctionType):
-        return [repr(value).encode()]
+        return [str(getattr(value, "cache_key", repr(value))).encode()]
     if value in seen:
         return []
     seen.add(value)

@@ -95,18 +95,22 @@ class Episodes:
         tank, engine = self.tank, self.tank._engine
         self._kernels = getattr(self.task, "kernels", None)
         fields = {} if self._kernels is None else {"task": self.task.pack}
-        self._order = np.arange(self.num_envs) if engine is None else engine.order
-        self._env = Pack(
-            "env", tank=tank.pack, pose=packed_pose(self._pose), order=self._order,
-            episode=Pack("episode", vectors=Vectors(self._vectors, Kind(1)), **self._arrays), **fields,
-        )  # fmt: skip
+        fields |= {
+            "tank": tank.pack,
+            "pose": packed_pose(self._pose),
+            "order": np.arange(self.num_envs) if engine is None else engine.order,
+            "episode": Pack("episode", vectors=Vectors(self._vectors, Kind(1)), **self._arrays),
+        }
+        moved = [{}] if engine is None else [{"queue": engine.queue, "block": block} for block in engine.blocks]
+        self._envs = [Pack("env", **fields, **each) for each in moved]  # one a thread
+        self._env = self._envs[0]
         self._see = make_see(self._kernels)
         self._step = None
         if engine is not None:
-            self._step = make_step(engine.names, engine.method, self._kernels)
+            self._step = make_step(engine.names, engine.method, self._kernels, self._env.type)
 
     def __getstate__(self):
-        return self.__dict__ | {"_env": None, "_see": None, "_step": None}
+        return self.__dict__ | {"_env": None, "_envs": None, "_see": None, "_step": None}
 
     def __setstate__(self, state):
         self.__dict__ |= state
@@ -153,24 +157,26 @@ class Episodes:
 
     def _move(self) -> bool:
         """Command, move, measure, reward and observe the fish; False, and nothing has moved, for a bad action."""
-        tank, engine, steps, interval = self.tank, self.tank._engine, self._substeps, self.control_interval
-        if self._kernels is not None and tank._chunks == 1 and self._step is not None:
-            engine.sort()
-            return self._step(self._env, engine.queue, engine.blocks[0], 0, self.num_envs, steps, interval)
-        if not acceptable(self._env):
-            return False
         if self._step is None:
-            tank.drive(self._contraction, steps)
+            if not acceptable(self._env):
+                return False
+            self.tank.drive(self._contraction, self._substeps)
             self._see(self._env, 0, self.num_envs, True)
+        elif self.tank._chunks == 1:
+            self.tank._engine.sort()
+            if not self._move_chunk(0, 0, self.num_envs):
+                return False
         else:
-            tank.share_out(
-                lambda chunk, first, last: self._step(
-                    self._env, engine.queue, engine.blocks[chunk], first, last, steps, interval
-                )
-            )
+            if not acceptable(self._env):
+                return False
+            self.tank.share_out(self._move_chunk)
         if self._kernels is None:
             self._judge()
         return True
+
+    def _move_chunk(self, chunk: int, first: int, last: int) -> bool:
+        """The fish between two places in the order in which they are moved, in the memory of one thread."""
+        return self._step(self._envs[chunk].address, first, last, self._substeps, self.control_interval)
 
     def _judge(self) -> None:
         """Reward by a task that is written in Python, and observe."""

@@ -11,6 +11,7 @@ from fish_env._jit import INDEX, kernel, njit
 from fish_env.engine import make_advance
 from fish_env.envs.observation import contract, observe
 from fish_env.pose import measure
+from fish_env.simd import pack_at
 from fish_env.tank import command
 
 FAILURE_PENALTY = 10.0  # body lengths: what a failure of the physics costs
@@ -83,19 +84,23 @@ def acceptable(env):
 
 
 @cache
-def make_step(names: tuple[str, ...], method, kernels):
-    """The compiled `step(env, queue, block, first, last, n, duration)`; False, and nothing has moved, for a bad action."""
-    advance, see = make_advance(names, method), make_see(kernels)
+def make_step(names: tuple[str, ...], method, kernels, env_type):
+    """The compiled `step(address, first, last, n, duration)` for an environment's pack of this type, by its address.
+
+    It returns False, and nothing has moved, for an action that is not finite.
+    """
+    advance, see, env_at = make_advance(names, method), make_see(kernels), pack_at(env_type)
 
     @njit
-    def step(env, queue, block, first, last, n, duration):
-        episode = env.episode
+    def step(address, first, last, n, duration):
+        env = env_at(address)
+        episode, order = env.episode, env.order
         for p in range(first, last):
-            if not contract(episode.action, episode.groups, INDEX(queue.order[p]), episode.contraction):
+            if not contract(episode.action, episode.groups, INDEX(order[p]), episode.contraction):
                 return False
         for p in range(first, last):
-            command(env.tank, episode.contraction, INDEX(queue.order[p]), duration)
-        advance(env.tank, queue, block, first, last, n)
+            command(env.tank, episode.contraction, INDEX(order[p]), duration)
+        advance(env.tank, env.queue, env.block, first, last, n)
         see(env, first, last, True)
         return True
 

@@ -17,7 +17,7 @@ from fish_env.simd.functions import (
     sqrt,
     vec3,
 )
-from fish_env.simd.memory import Kind, Numbers, Pack, Vectors, block_size, epsilon, floats, nowhere, packed, zero
+from fish_env.simd.memory import Kind, Numbers, Pack, Vectors, block_size, epsilon, floats, nowhere, pack_at, packed, zero
 
 __all__ = [
     "Kind",
@@ -36,6 +36,7 @@ __all__ = [
     "lane",
     "log",
     "nowhere",
+    "pack_at",
     "packed",
     "select",
     "sqrt",

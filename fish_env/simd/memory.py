@@ -17,7 +17,7 @@ from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
-from numba.extending import NativeValue, models, register_model, typeof_impl, unbox
+from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
 from numba.np.arrayobj import populate_array
 
 from fish_env.simd.plain import Vec3 as PlainVec3
@@ -66,7 +66,7 @@ class Kind:
         """The rows of an array (n,3) as vectors that are the same for every fish: a copy."""
         kind = self if self.lanes == XYZ else Kind(1, self.dtype)
         rows = kind.vectors(len(array))
-        rows.memory.reshape(len(array), -1)[:, :3] = array
+        rows.memory.reshape(len(array), 4 if self.lanes == XYZ else 3)[:, :3] = array
         return rows
 
     def scalars(self, array) -> np.ndarray:
@@ -157,6 +157,16 @@ class Pack:
         self._address = self._words.ctypes.data
         self._numba_type_ = PackType(label, tuple(described))
 
+    @property
+    def address(self) -> int:
+        """Where the words are, for `pack_at`."""
+        return self._address
+
+    @property
+    def type(self) -> PackType:
+        """What numba takes it for."""
+        return self._numba_type_
+
     def set(self, **values) -> None:
         """Give fields other values of the same types."""
         for name, value in values.items():
@@ -176,12 +186,15 @@ def packed(record, kind: Kind) -> Pack:
     """A named tuple of arrays and numbers as kernels of a kind read it; what is None is left out.
 
     Floats become numbers of the kind's precision; the fields that the record's class names in VECTORS, (3,) or (n,3),
-    become vectors, the same for every fish. Whole numbers and truth values stay what they are.
+    become vectors, the same for every fish. Whole numbers and truth values stay what they are. What is in a dictionary
+    stands beside the other fields.
     """
     fields = {}
     for name, value in record._asdict().items():
         if isinstance(value, tuple):
             fields[name] = packed(value, kind)
+        elif isinstance(value, dict):
+            fields |= {key: packed(part, kind) for key, part in value.items()}
         elif isinstance(value, np.ndarray) and value.dtype.kind == "f":
             vectors = name in getattr(record, "VECTORS", ())
             fields[name] = kind.rows(np.atleast_2d(value)) if vectors else kind.scalars(value)
@@ -258,6 +271,23 @@ class PackAttributes(AttributeTemplate):
 
     def generic_resolve(self, kind, name):
         return kind.places[name][0] if name in kind.places else None
+
+
+def pack_at(kind: PackType):
+    """A function for kernels that takes the address of a pack of this type, a whole number, and returns the pack.
+
+    Numba looks up the type of every argument that is neither a number nor an array, which takes a microsecond.
+    """
+
+    @intrinsic
+    def at(typingctx, address):
+        def generate(context, builder, sig, args):
+            return builder.inttoptr(args[0], WORD.as_pointer())
+
+        return kind(types.int64), generate
+
+    at.cache_key = kind.name
+    return at
 
 
 def load_word(builder, pointer, place):
