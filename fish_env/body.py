@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fish_env import forces
 from fish_env.checks import finite_array, node_array, positive_array
-from fish_env.elements import Chambers, Guards, Tets, chamber_volume, check_outward
+from fish_env.elements import Chambers, Guards, Tets, check_outward
 from fish_env.failures import FAILURES  # noqa: F401 - named here too, where the state that holds one is
 from fish_env.linalg import ldlt, rates
 
@@ -66,7 +67,7 @@ class State(NamedTuple):
     v: np.ndarray  # (B,N,3) m/s
     t: np.ndarray  # (B,) s
     failure: np.ndarray  # (B,) 0 while the body is sound, else an index into FAILURES
-    counters: np.ndarray  # (B,4) work done and trouble met so far, a column for each of COUNTERS
+    counters: np.ndarray  # (B,5) work done and trouble met so far, a column for each of COUNTERS
 
 
 class Control(NamedTuple):
@@ -76,8 +77,9 @@ class Control(NamedTuple):
     rate: np.ndarray  # (B,E) m/s; zero after it
 
 
-COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivots")
-FORCES, FACTORISATIONS, SOLVES, PIVOTS = 0, 1, 2, 3
+COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivots", "refinements")
+FORCES, FACTORISATIONS, SOLVES, PIVOTS, REFINEMENTS = range(5)
+
 
 def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, depth=None, tets: Tets | None = None,
               chambers: Chambers | None = None, guards: Guards | None = None) -> Body:  # fmt: skip
@@ -192,33 +194,6 @@ def with_rates(body: Body) -> Body:
     """The body with its highest elastic and viscous rates worked out, those of its free degrees of freedom."""
     root = np.sqrt(body.inverse_mass)
     return body._replace(
-        elastic_rate=rates.highest(rest_stiffness(body, "elastic"), root),
-        viscous_rate=rates.highest(rest_stiffness(body, "viscous"), root),
+        elastic_rate=rates.highest(forces.rest_matrices(body, elastic=True), root),
+        viscous_rate=rates.highest(forces.rest_matrices(body, elastic=False), root),
     )
-
-
-def rest_stiffness(body: Body, kind="elastic") -> list:
-    """Stiffness, N/m, or damping ("viscous"), N s/m, of the elements for small motion about rest.
-
-    A list of (nodes (M,k), matrices (M,3k,3k)): what M elements of k nodes add between them.
-    """
-    springs, tets, chambers, x = body.springs, body.tets, body.chambers, body.position
-    elastic, found = kind == "elastic", []
-    if len(springs.nodes):
-        r = x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]]
-        row = np.concatenate([r, -r], axis=1) / np.linalg.norm(r, axis=1)[:, None]
-        constant = springs.stiffness if elastic else springs.damping
-        found.append((springs.nodes, constant[:, None, None] * row[:, :, None] * row[:, None, :]))
-    if tets is not None:
-        weight = tets.volume * (1.0 if elastic else tets.relaxation_time)
-        shear, dilation = tets.shear * weight, tets.dilation * weight
-        g = tets.gradient
-        block = np.einsum("t,tac,tbc,ij->taibj", shear, g, g, np.eye(3))
-        block += np.einsum("t,tbi,taj->taibj", shear, g, g) + np.einsum("t,tai,tbj->taibj", dilation, g, g)
-        found.append((tets.nodes, block.reshape(-1, 12, 12)))
-    if elastic and chambers is not None:
-        for c in range(chambers.gas.size):
-            volume, slope = chamber_volume(chambers, c, x)
-            block = chambers.gas[c] / volume**2 * np.outer(slope, slope)
-            found.append((np.arange(len(x))[None], block[None]))
-    return found

@@ -3,11 +3,13 @@
 Each maker refuses what would not work and names the element.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from fish_env.checks import finite_array, node_array, positive_array
+from fish_env.volume import volume_of
 
 FLAT = 1e-9  # volume over that of a cube on the longest edge, below which an element counts as flat
 
@@ -108,11 +110,10 @@ def make_chambers(position, surfaces, pressure, ambient=0.0) -> Chambers:
     faces = np.concatenate(faces).astype(np.int64) if faces else np.zeros((0, 4), np.int64)
     pressure = positive_array(np.broadcast_to(pressure, (count,)), (count,), "pressure (Pa)")
     ambient = positive_array(np.broadcast_to(ambient, (count,)), (count,), "ambient (Pa)", zero=True)
-    chambers = Chambers(faces, np.array(first, np.int64), pressure, ambient)
-    volume = np.array([chamber_volume(chambers, c, position)[0] for c in range(count)])
+    volume = np.array([volume_of(faces[p:q], position)[0] for p, q in pairwise(first)])
     for c in np.flatnonzero(~(volume > 0)):
         raise ValueError(f"chamber {c} encloses {volume[c]:g}; give its faces counter-clockwise seen from outside")
-    return chambers._replace(gas=pressure * volume)
+    return Chambers(faces, np.array(first, np.int64), pressure * volume, ambient)
 
 
 def make_guards(position, faces, inner, energy) -> Guards:
@@ -141,34 +142,12 @@ def make_guards(position, faces, inner, energy) -> Guards:
     return Guards(nodes, np.ascontiguousarray(volume), energy)
 
 
-def chamber_volume(chambers: Chambers, c: int, x) -> tuple[float, np.ndarray]:
-    """Volume of chamber c, m3 (of a ring: m2), and its gradient (3N,), m2, at positions x (N,3)."""
-    volume, slope = 0.0, np.zeros_like(x)
-    for face in chambers.faces[chambers.first[c] : chambers.first[c + 1]]:
-        if face[2] < 0:
-            p, q = face[:2]
-            volume += 0.5 * (x[p, 0] * x[q, 1] - x[q, 0] * x[p, 1])
-            slope[p] += 0.5 * np.array([x[q, 1], -x[q, 0], 0.0])
-            slope[q] += 0.5 * np.array([-x[p, 1], x[p, 0], 0.0])
-            continue
-        p, q, r, s = x[face]
-        total, one, other = p + q + r + s, r - p, s - q
-        volume += total @ np.cross(one, other) / 24  # (52)
-        along = [-np.cross(other, total), -np.cross(total, one), np.cross(other, total), np.cross(total, one)]
-        for node, part in zip(face, along, strict=True):
-            slope[node] += (np.cross(one, other) + part) / 24
-    return float(volume), slope.ravel()
-
-
 def check_outward(position, corners) -> None:
     """Raise ValueError if the faces (F,4) close a surface that is inside out: the water would pull instead of push."""
     edges = {(int(a), int(b)) for face in corners for a, b in zip(face, np.roll(face, -1), strict=True) if a != b}
     if not edges or any((b, a) not in edges for a, b in edges):
         return  # an open surface has no inside
-    p, q, r, s = position[corners].transpose(1, 0, 2)
-    area = 0.5 * np.cross(r - p, s - q)
-    volume = np.sum(area * (p + q + r + s)) / 12  # (52)
-    if volume <= 0:
+    if volume_of(corners, position)[0] <= 0:
         raise ValueError("the faces enclose a negative volume; give their nodes counter-clockwise seen from outside")
 
 

@@ -18,9 +18,10 @@ from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space, orth
 from scipy.sparse import block_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from fish_env import forces
 from fish_env.body import Body
 from fish_env.checks import finite_array
+from fish_env.failures import ESCAPED
+from fish_env.forces.evaluate import Evaluator
 from fish_env.forces.sparse import tangent
 from fish_env.world import VACUUM, World
 
@@ -70,10 +71,12 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
     load = np.zeros((n, 3)) if load is None else finite_array(load, (n, 3), "load (N)")
     free = _free(body)
 
+    evaluator, still = Evaluator(body, world), np.zeros((n, 3))
+
     def force(x):
-        f = np.empty((n, 3))
-        forces.total(body, world, rest, x, np.zeros((n, 3)), f)
-        return (f + load).ravel()[free]
+        if ESCAPED in evaluator.failures(rest, x):  # beyond a barrier nothing pushes back
+            return np.full(free.size, np.nan)
+        return (evaluator.force(rest, x, still) + load).ravel()[free]
 
     f = force(x)
     wanted = tolerance * np.abs(f).max()

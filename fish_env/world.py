@@ -33,6 +33,7 @@ class World(NamedTuple):
     viscosity: float = 0.0  # of the air: drag on every node over its velocity, N s/m; only beside gravity
     planes: np.ndarray | None = None  # (P,5) unit normal into the free side, offset m, restitution
     anchors: Anchors | None = None
+    extra: dict[str, NamedTuple] | None = None  # parameters of other forces; kernels read them as `world.<name>`
 
 
 VACUUM = World(0.0, 0.0, np.zeros(3))

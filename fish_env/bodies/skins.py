@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.elements import chamber_volume, make_chambers
+from fish_env.elements import make_chambers
+from fish_env.volume import volume_of
 
 BALANCED = 1e-10  # of the load, that the tensions may leave unbalanced at a node
 KINDS = ("outer", "inner", "radius", "shear left", "shear right")
@@ -113,7 +114,7 @@ def tensions(skin: Skin) -> np.ndarray:
         ValueError: if no tensions leave every node in balance to BALANCED of the largest load.
     """
     n, (a, b) = len(skin.place), skin.edges.T
-    load = chamber_volume(make_chambers(skin.place, [skin.faces], 1.0), 0, skin.place)[1]
+    load = volume_of(make_chambers(skin.place, [skin.faces], 1.0).faces, skin.place)[1].ravel()
     along = skin.place[b] - skin.place[a]
     along /= np.linalg.norm(along, axis=1)[:, None]
     matrix = np.zeros((3 * n, len(a)))

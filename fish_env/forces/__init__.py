@@ -1,7 +1,7 @@
 """The forces on a body: one list of modules, from which all sums, matrices and step-size bounds follow.
 
-A force is a module in FORCES. Its kernels all have the arguments `body, world, control, x, v, f, cache`, and work on one
-fish or a block of fish:
+A force is a module in FORCES: one file and one entry of that list. Its kernels all have the arguments
+`body, world, control, x, v, f, cache`, and work on one fish or a block of fish:
 
     add_force          adds the force on every node to f, N; the only one that every force must have
     add_force_cached   the same, and keeps in cache what the next two need (default: `add_force`)
@@ -9,31 +9,40 @@ fish or a block of fish:
     add_change         adds to f what the force changes by when the velocities become v, positions being those kept
     add_system         adds h D + h^2 K to the matrix in f, and keeps K for `add_tangent`
     add_damping        adds h D to it, for the method that takes the water implicitly
-    add_jacobian       adds the exact -df/dx and -df/dv to `f.stiffness` and `f.damping`
+    add_jacobian       adds the exact -df/dx and -df/dv to `f.stiffness` and `f.damping`; of one fish, in float64
     energy             what the force stores, J
     failed             where an element is not what it should be any more; FAILURE says why
     constrain          changes the accelerations in f to what the force allows
-    decay              changes the velocities by what the force alone makes of them in half a step
+    decay              changes the velocities by what the force alone makes of them in half a step; where a method calls
+                       it, `add_force_cached` leaves that part out
     finish             changes the velocities at the end of a step
 
 `present(body, world)` says whether there is anything to do: kernels are compiled without the forces that are not there.
 `make_cache(body, world, kind)` makes what the force keeps, a `Pack` that it is then handed as `cache`.
-`rest_matrices(body, elastic)` and `bounds(body, world)` say how stiff and how damped it makes a body, for the choice of
-a step. All but `present` and `add_force` may be missing.
+`rest_matrices(body, elastic)` yields element matrices, (nodes (M,k), matrices (M,3k,3k)), of small motion about rest,
+and `bounds(body, world)` how stiff and how damped the surroundings make a body, for the choice of a step. All but
+`present` and `add_force` may be missing. A force without `add_system` is taken explicitly by the methods that solve
+systems; one without `add_tangent` is not filtered; one without `add_jacobian` is refused by whatever needs exact
+derivatives.
 
 `control` holds what belongs to each fish of the block: rest lengths, and factors on stiffness, drag and on all else
-(`lightness`), each already over the factor on the fish's mass, so that masses are the same for all.
+(`lightness`), each already over the factor on the fish's mass, so that masses are the same for all. A force of which
+`Body` and `World` know nothing has its parameters, a named tuple, in `World.extra` under a name of its own, and reads
+them as `world.<name>`.
 """
 
 from functools import cache
 from types import ModuleType
 
-from fish_env.forces import springs, water
+from fish_env.forces import anchors, contact, gravity, guards, pressure, springs, tets, water
 from fish_env.forces.compose import in_turn
 from fish_env.simd import Kind, Pack, select, zero
 
-FORCES: dict[str, ModuleType] = {module.__name__.rsplit(".", 1)[1]: module for module in (water, springs)}
-"""Every force, in the order in which they are summed."""
+FORCES: dict[str, ModuleType] = {
+    module.__name__.rsplit(".", 1)[1]: module
+    for module in (water, springs, tets, pressure, guards, gravity, anchors, contact)
+}
+"""Every force, in the order in which they are summed. The walls come last: they take something from the sum."""
 
 
 def present(body, world) -> tuple[str, ...]:
@@ -41,10 +50,10 @@ def present(body, world) -> tuple[str, ...]:
     return tuple(name for name, module in FORCES.items() if module.present(body, world))
 
 
-def make_cache(body, world, kind: Kind) -> Pack:
-    """What the forces that act keep between calls, by name."""
-    made = {name: FORCES[name].make_cache(body, world, kind) for name in present(body, world) if has_cache(name)}
-    return Pack("cache", **made)
+def make_cache(body, world, kind: Kind, names: tuple[str, ...] | None = None) -> Pack:
+    """What forces, those that act or those of these names, keep between calls, by name."""
+    names = present(body, world) if names is None else names
+    return Pack("cache", **{name: FORCES[name].make_cache(body, world, kind) for name in names if has_cache(name)})
 
 
 def has_cache(name: str) -> bool:
@@ -77,3 +86,17 @@ def any_has(names: tuple[str, ...], *functions: str) -> bool:
 def bounds(body, world) -> list[tuple[float, float]]:
     """What the surroundings add to the body's highest elastic and viscous rates, 1/s2 and 1/s."""
     return [FORCES[name].bounds(body, world) for name in present(body, world) if hasattr(FORCES[name], "bounds")]
+
+
+def rest_matrices(body, elastic: bool = True) -> list[tuple]:
+    """Element matrices of all forces within a body for small motion about rest: stiffness, N/m, or damping, N s/m.
+
+    A list of (nodes (M,k), matrices (M,3k,3k)): what M elements of k nodes add between them.
+    """
+    modules = [module for module in FORCES.values() if hasattr(module, "rest_matrices")]
+    return [part for module in modules for part in module.rest_matrices(body, elastic)]
+
+
+def without(names: tuple[str, ...], function: str) -> list[str]:
+    """Which of these forces do not have a function."""
+    return [name for name in names if not hasattr(FORCES[name], function)]

@@ -3,172 +3,155 @@
 An anchor with a rest length pulls and damps along itself. One without pulls by stiffness times distance, linear in the
 place, and damps along all axes: in matrices it adds to the node's diagonal only, as a penalty should.
 
-Legend: a anchor; i its node; r from the node to the point; u the point's velocity less the node's.
+Legend: m anchor; i its node; r from the node to the point; u the point's velocity less the node's; c stiffness, k
+damping, l rest length. What the body is made of is over the fish's factor on mass; here that is `lightness`.
 """
-
-import math
 
 import numpy as np
 
-from fish_env._jit import INDEX, njit
+from fish_env._jit import INDEX, kernel
+from fish_env.forces.plan import FACTOR, INNER, LEAST, H
+from fish_env.simd import Pack, dot, fma, select, sqrt, vec3, zero
 
 
-@njit
-def add_force(anchors, x, v, f):
-    """Add the pull of every anchor to f (N,3) N."""
-    if anchors is None:
-        return
-    for a in range(anchors.node.size):
-        i = INDEX(anchors.node[a])
-        r0, r1, r2 = anchors.point[a, 0] - x[i, 0], anchors.point[a, 1] - x[i, 1], anchors.point[a, 2] - x[i, 2]
-        u0, u1, u2 = (
-            anchors.velocity[a, 0] - v[i, 0],
-            anchors.velocity[a, 1] - v[i, 1],
-            anchors.velocity[a, 2] - v[i, 2],
-        )
-        c, k, natural = anchors.stiffness[a], anchors.damping[a], anchors.rest_length[a]
-        if natural == 0.0:
-            f[i, 0] += c * r0 + k * u0  # (58)
-            f[i, 1] += c * r1 + k * u1
-            f[i, 2] += c * r2 + k * u2
-            continue
-        length = math.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
-        if length == 0.0:  # it points nowhere
-            continue
-        eta = c * (1.0 - natural / length) + k * (r0 * u0 + r1 * u1 + r2 * u2) / (length * length)  # (59)
-        f[i, 0] += eta * r0
-        f[i, 1] += eta * r1
-        f[i, 2] += eta * r2
+def present(body, world) -> bool:
+    """Whether anything is anchored."""
+    return world.anchors is not None
 
 
-@njit
-def add_jacobian(anchors, x, v, stiffness, damping):
-    """Add -df/dx to stiffness (3N,3N) N/m and -df/dv to damping (3N,3N) N s/m, both exact."""
-    if anchors is None:
-        return
-    for a in range(anchors.node.size):
-        i, c, k, natural = anchors.node[a], anchors.stiffness[a], anchors.damping[a], anchors.rest_length[a]
-        r, u = anchors.point[a] - x[i], anchors.velocity[a] - v[i]
-        length = math.sqrt(np.sum(r * r))
-        if natural > 0.0 and length == 0.0:
-            continue
-        for p in range(3):
-            if natural == 0.0:
-                stiffness[3 * i + p, 3 * i + p] += c
-                damping[3 * i + p, 3 * i + p] += k
-                continue
-            speed = np.sum(r * u) / length
-            eta = (c * (length - natural) + k * speed) / length
-            stiffness[3 * i + p, 3 * i + p] += eta
-            for q in range(3):
-                n, o = r[p] / length, r[q] / length
-                turning = k * n * (u[q] - speed * o) / length
-                stiffness[3 * i + p, 3 * i + q] += (c - eta) * n * o + turning
-                damping[3 * i + p, 3 * i + q] += k * n * o
+def make_cache(body, world, kind) -> Pack:
+    """What `add_tangent` needs: r, stiffness along all axes, and that along the anchor beyond it over |r|^2."""
+    count = len(world.anchors.node)
+    return Pack("anchors", r=kind.vectors(count), across=kind.numbers(count), pull=kind.numbers(count))
 
 
-@njit
-def add_system(anchors, diagonal, x, h, a):
-    """Add h D + h^2 K of every anchor to the diagonal blocks of a (S,3,3) kg: along it, or along all axes."""
-    if anchors is None:
-        return
-    for m in range(anchors.node.size):
-        i = INDEX(anchors.node[m])
-        block = a[INDEX(diagonal[i])]
-        weight = h * h * anchors.stiffness[m] + h * anchors.damping[m]
-        if anchors.rest_length[m] == 0.0:
-            for k in range(3):
-                block[k, k] += weight
-            continue
-        r = anchors.point[m] - x[i]
-        square = np.sum(r * r)
-        for k in range(3 if square > 0.0 else 0):
-            for n in range(3):
-                block[k, n] += weight * r[k] * r[n] / square
-
-
-@njit
-def add_stiffness_force(anchors, x, y, h, f):
-    """Add -h K y to f (N,3), with y (N,3) and the K of `add_system`."""
-    if anchors is None:
-        return
-    for m in range(anchors.node.size):
-        i, weight = INDEX(anchors.node[m]), h * anchors.stiffness[m]
-        if anchors.rest_length[m] == 0.0:
-            for k in range(3):
-                f[i, k] -= weight * y[i, k]
-            continue
-        r = anchors.point[m] - x[i]
-        square = np.sum(r * r)
-        along = np.sum(r * y[i])
-        for k in range(3 if square > 0.0 else 0):
-            f[i, k] -= weight * along * r[k] / square
-
-
-@njit
-def weights(anchors, factor, h, least):
-    """What `add_tangent` multiplies each anchor's displacement by, (A,2) kg: by its stiffness, and in all along itself.
-
-    As `tets.weights`. None without anchors.
-    """
-    if anchors is None:
-        return None
-    weight = np.empty((anchors.node.size, 2))
-    for a in range(anchors.node.size):
-        viscous = h * anchors.damping[a]
-        weight[a, 0] = factor * h * h * anchors.stiffness[a]
-        weight[a, 1] = max(weight[a, 0] + 2.0 * factor * viscous, least * viscous)
-    return weight
-
-
-@njit
-def add_tangent(anchors, weight, x, y, f):
-    """Add to f (N,3) the pull of the anchors, by their weights (A,2), if every node moved by y (N,3) from x (N,3)."""
-    if anchors is None:
-        return
-    for a in range(anchors.node.size):
-        i, natural = INDEX(anchors.node[a]), anchors.rest_length[a]
-        if natural == 0.0:
-            for k in range(3):
-                f[i, k] -= weight[a, 1] * y[i, k]
-            continue
-        square, along = 0.0, 0.0
-        for k in range(3):
-            r = anchors.point[a, k] - x[i, k]
-            square += r * r
-            along += r * y[i, k]
-        if square == 0.0:
-            continue
-        across = weight[a, 0] * max(1.0 - natural / math.sqrt(square), 0.0)
-        pull = (weight[a, 1] - across) * along / square
-        for k in range(3):
-            f[i, k] -= across * y[i, k] + pull * (anchors.point[a, k] - x[i, k])
-
-
-@njit
-def rates(anchors, inverse_mass):
+def bounds(body, world) -> tuple[float, float]:
     """The largest stiffness and damping that the anchors of one node have together, over its mass, 1/s2 and 1/s."""
-    if anchors is None:
-        return 0.0, 0.0
-    elastic, viscous = 0.0, 0.0
-    for a in range(anchors.node.size):
-        i = INDEX(anchors.node[a])
-        inverse, stiffness, damping = max(inverse_mass[i, 0], inverse_mass[i, 1], inverse_mass[i, 2]), 0.0, 0.0
-        for b in range(anchors.node.size):
-            if anchors.node[b] == anchors.node[a]:
-                stiffness += anchors.stiffness[b]
-                damping += anchors.damping[b]
-        elastic, viscous = max(elastic, stiffness * inverse), max(viscous, damping * inverse)
-    return elastic, viscous
+    anchors, inverse = world.anchors, body.inverse_mass.max(axis=1)
+    stiffness, damping = (np.bincount(anchors.node, constant, len(inverse))
+                          for constant in (anchors.stiffness, anchors.damping))  # fmt: skip
+    return float((stiffness * inverse).max()), float((damping * inverse).max())
 
 
-@njit
-def energy(anchors, x):
+@kernel
+def separation(anchors, m, x):
+    """From the node of an anchor to its point: r, and 1 / |r|, zero where it points nowhere."""
+    r = anchors.point[m] - x[INDEX(anchors.node[m])]
+    square = dot(r, r)
+    return r, select(square > 0.0, 1.0 / sqrt(square), 0.0)
+
+
+@kernel
+def add_one(anchors, m, lightness, x, v, f):
+    """Add the pull of one anchor; returns its r and 1 / |r|."""
+    i, c, k, natural = INDEX(anchors.node[m]), anchors.stiffness[m], anchors.damping[m], anchors.rest_length[m]
+    r, inverse = separation(anchors, m, x)
+    u = anchors.velocity[m] - v[i]
+    if natural == 0.0:
+        f[i] = fma(lightness, fma(k, u, c * r), f[i])  # (58)
+    else:
+        pull = fma(k, dot(r, u) * (inverse * inverse), c * fma(-natural, inverse, 1.0))
+        f[i] = fma(lightness * select(inverse > 0.0, pull, 0.0), r, f[i])  # (59)
+    return r, inverse
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the pull of every anchor."""
+    for m in range(world.anchors.node.size):
+        add_one(world.anchors, m, control.lightness[0], x, v, f)
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+
+    An anchor does so as `springs.add_force_cached`; one under pressure not at all across.
+    """
+    anchors, light = world.anchors, control.lightness[0]
+    plans, row = control.plans, control.row[0]
+    h, factor, least = plans[row, H], plans[row, FACTOR], plans[row, LEAST]
+    for m in range(anchors.node.size):
+        r, inverse = add_one(anchors, m, light, x, v, f)
+        elastic, viscous = factor * h * h * anchors.stiffness[m], h * anchors.damping[m]
+        along = light * max(elastic + 2.0 * factor * viscous, least * viscous)
+        if anchors.rest_length[m] == 0.0:
+            keep(cache, m, r, along, 0.0 * light)
+        else:
+            taut = select(inverse > 0.0, fma(-anchors.rest_length[m], inverse, 1.0), 0.0)
+            across = (light * elastic) * select(taut > 0.0, taut, 0.0)
+            keep(cache, m, r, across, (along - across) * (inverse * inverse))
+
+
+@kernel
+def keep(cache, m, r, across, pull):
+    """Keep the stiffness of an anchor: along all axes, and beyond it along r, over |r|^2."""
+    cache.r[m] = r
+    cache.across[m] = across
+    cache.pull[m] = pull
+
+
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add the pull of the anchors if every node moved by y, by the stiffness that was kept."""
+    for m in range(world.anchors.node.size):
+        i, r = INDEX(world.anchors.node[m]), cache.r[m]
+        f[i] -= fma(cache.pull[m] * dot(r, y[i]), r, cache.across[m] * y[i])
+
+
+@kernel
+def add_system(body, world, control, x, v, a, cache):
+    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and keep K for `add_tangent`: along r, or all axes."""
+    anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
+    for m in range(anchors.node.size):
+        r, inverse = separation(anchors, m, x)
+        c, k, square = light * anchors.stiffness[m], light * anchors.damping[m], inverse * inverse
+        both, place = h * fma(h, c, k), 3 * body.profile.diagonal[INDEX(anchors.node[m])]
+        if anchors.rest_length[m] == 0.0:
+            keep(cache, m, r, c, 0.0 * light)
+            a[INDEX(place)] += both * vec3(1.0, 0.0, 0.0)
+            a[INDEX(place + 1)] += both * vec3(0.0, 1.0, 0.0)
+            a[INDEX(place + 2)] += both * vec3(0.0, 0.0, 1.0)
+        else:
+            keep(cache, m, r, 0.0 * light, c * square)
+            a[INDEX(place)] += (both * square * r.x) * r
+            a[INDEX(place + 1)] += (both * square * r.y) * r
+            a[INDEX(place + 2)] += (both * square * r.z) * r
+
+
+@kernel
+def add_jacobian(body, world, control, x, v, matrices, cache):
+    """Add -df/dx to `matrices.stiffness` (3N,3N) and -df/dv to `matrices.damping`, both exact; of one fish."""
+    anchors, stiffness, damping = world.anchors, matrices.stiffness, matrices.damping
+    for m in range(anchors.node.size):
+        i, natural = anchors.node[m], anchors.rest_length[m]
+        c, k = control.lightness[0] * anchors.stiffness[m], control.lightness[0] * anchors.damping[m]
+        r, inverse = separation(anchors, m, x)
+        u, n = anchors.velocity[m] - v[i], inverse * r
+        speed = dot(n, u)
+        eta = c - natural * inverse * c + k * speed * inverse
+        q = (k * inverse) * (u - speed * n)
+        direction, turning = (n.x, n.y, n.z), (q.x, q.y, q.z)
+        for a in range(3):
+            if natural == 0.0:
+                stiffness[3 * i + a, 3 * i + a] += c
+                damping[3 * i + a, 3 * i + a] += k
+                continue
+            if inverse == 0.0:  # it points nowhere
+                continue
+            stiffness[3 * i + a, 3 * i + a] += eta
+            for b in range(3):
+                straight = direction[a] * direction[b]
+                stiffness[3 * i + a, 3 * i + b] += (c - eta) * straight + direction[a] * turning[b]
+                damping[3 * i + a, 3 * i + b] += k * straight
+
+
+@kernel
+def energy(body, world, control, x, v, f, cache):
     """Elastic energy of all anchors, J."""
-    if anchors is None:
-        return 0.0
-    total = 0.0
-    for a in range(anchors.node.size):
-        length = math.sqrt(np.sum((anchors.point[a] - x[anchors.node[a]]) ** 2))
-        total += 0.5 * anchors.stiffness[a] * (length - anchors.rest_length[a]) ** 2
-    return total
+    anchors, total = world.anchors, zero(control.lightness)
+    for m in range(anchors.node.size):
+        r = anchors.point[m] - x[INDEX(anchors.node[m])]
+        stretch = sqrt(dot(r, r)) - anchors.rest_length[m]
+        total = fma(0.5 * anchors.stiffness[m], stretch * stretch, total)
+    return control.lightness[0] * total

@@ -16,7 +16,8 @@ def in_turn(functions: dict[str, tuple], lines="{call}", before="pass", after="p
     Args:
         functions: (function, whether its force has a cache of its own) by the name of its module.
         lines: what to do with each `{call}`; `{name}` is the module's.
-        before, after: what comes first and last.
+        before: what comes first.
+        after: what comes last.
         space: what these lines may name.
     """
     text = [f"def sum_of_forces({ARGUMENTS}):", f"    {before}"]

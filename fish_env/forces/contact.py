@@ -1,92 +1,95 @@
-"""Walls: a plane throws a node that has come through it back, and bears what presses on it (Song 2009, ch. 4.6).
+"""Walls: a plane throws a node that has come through it back, and takes up what presses on it (Song 2009, ch. 4.6).
 
 An impact turns the node's normal velocity round and leaves a part of it, the plane's restitution: it can only take
-energy away. A node behind the plane that does not come back by itself is borne: the part of the force on it that
-presses further in is taken off, which does no work either. So a node gets behind a plane by no more than what it moves
-in one step, and no energy comes from it.
+energy away. Of a node that is behind the plane and does not come back, the part of the force that presses it further in
+is taken off, which does no work either. So a node gets behind a plane by no more than what it moves in one step, and no
+energy comes from it.
 
-Legend: p plane; n its normal into the free side; d how far a node is in front of it, m.
+Legend: p plane; n its normal into the free side; depth how far a node is behind it, m.
 """
 
-from fish_env._jit import njit
+import numpy as np
 
-LEAVING = 1e-12  # of its speed, that a node's normal velocity is more than by rounding
+from fish_env._jit import kernel
+from fish_env.forces.plan import H
+from fish_env.simd import Pack, dot, epsilon, fma, select, vec3
+
+LEAVING = 4096.0  # times the precision, of its speed, that a node's normal velocity is more than by rounding
 
 
-@njit
-def add_reaction(planes, x, v, f):
-    """Take from the sum of all other forces f (N,3) N what presses a node further behind a plane; call it last.
+def present(body, world) -> bool:
+    """Whether the world has walls."""
+    return world.planes is not None
 
-    Methods that spread a force over the nodes around, by a filter or a solve, call `bear` besides.
+
+def make_cache(body, world, kind) -> Pack:
+    """Part of gravity along each plane's normal (P,), m/s2."""
+    pull = np.zeros(3) if world.gravity is None else world.gravity
+    return Pack("contact", gravity=kind.scalars(np.abs(world.planes[:, :3] @ pull)))
+
+
+@kernel
+def normal(planes, p):
+    """Unit normal of plane p."""
+    return vec3(planes[p, 0], planes[p, 1], planes[p, 2])
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Take from the sum of all other forces what presses a node further behind a plane.
+
+    Methods that spread a force over the nodes around, by a filter or a solve, call `constrain` besides.
     """
-    if planes is None:
-        return
+    planes, rounding = world.planes, LEAVING * epsilon(x)
     for p in range(planes.shape[0]):
-        n0, n1, n2, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
-        for i in range(x.shape[0]):
-            if n0 * x[i, 0] + n1 * x[i, 1] + n2 * x[i, 2] - offset > 0.0:
-                continue
-            speed = n0 * v[i, 0] + n1 * v[i, 1] + n2 * v[i, 2]
-            square = v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1] + v[i, 2] * v[i, 2]
-            if speed > 0.0 and speed * speed > LEAVING * LEAVING * square:
-                continue
-            press = n0 * f[i, 0] + n1 * f[i, 1] + n2 * f[i, 2]
-            if press < 0.0:
-                f[i, 0] -= press * n0  # (60)
-                f[i, 1] -= press * n1
-                f[i, 2] -= press * n2
+        n = normal(planes, p)
+        for i in range(x.size):
+            depth, speed, press = planes[p, 3] - dot(n, x[i]), dot(n, v[i]), dot(n, f[i])
+            leaves = (speed > 0.0) & (speed * speed > (rounding * rounding) * dot(v[i], v[i]))
+            taken = select((depth >= 0.0) & (press < 0.0), select(leaves, 0.0, press), 0.0)
+            f[i] = fma(-taken, n, f[i])  # (60)
 
 
-@njit
-def bear(planes, x, v, h, a):
-    """Change the accelerations a (N,3) m/s2 so that none, in h s, sends a node further behind a plane it is behind."""
-    if planes is None:
-        return
+@kernel
+def constrain(body, world, control, x, v, a, cache):
+    """Change the accelerations a so that none, in a step, sends a node further behind a plane it is behind."""
+    project(world, control.plans[control.row[0], H], x, v, a)
+
+
+@kernel
+def project(world, h, x, v, a):
+    """Change the accelerations a so that none, in h s, sends a node further behind a plane it is behind.
+
+    With an h of 1, a is a change of velocity.
+    """
+    planes = world.planes
     for p in range(planes.shape[0]):
-        n0, n1, n2, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
-        for i in range(x.shape[0]):
-            if n0 * x[i, 0] + n1 * x[i, 1] + n2 * x[i, 2] - offset > 0.0:
-                continue
-            speed = n0 * v[i, 0] + n1 * v[i, 1] + n2 * v[i, 2]
-            lacking = -max(speed, 0.0) / h - (n0 * a[i, 0] + n1 * a[i, 1] + n2 * a[i, 2])
-            if lacking > 0.0:
-                a[i, 0] += lacking * n0
-                a[i, 1] += lacking * n1
-                a[i, 2] += lacking * n2
+        n = normal(planes, p)
+        for i in range(x.size):
+            depth, speed = planes[p, 3] - dot(n, x[i]), dot(n, v[i])
+            lacking = fma(-1.0 / h, select(speed > 0.0, speed, 0.0), -dot(n, a[i]))
+            a[i] = fma(select((depth >= 0.0) & (lacking > 0.0), lacking, 0.0), n, a[i])
 
 
-@njit
-def along(gravity, n0, n1, n2):
-    """Part of gravity along a normal, m/s2."""
-    if gravity is None:
-        return 0.0
-    return n0 * gravity[0] + n1 * gravity[1] + n2 * gravity[2]
-
-
-@njit
-def bounce(planes, inverse_mass, gravity, h, x, v):
-    """Turn back the velocities v (N,3) of free nodes that are behind a plane and go on inward; after a step of h s.
+@kernel
+def finish(body, world, control, x, v, f, cache):
+    """Turn back the velocities of free nodes that are behind a plane and go on inward, at the end of a step.
 
     What a step of free fall would give a node anyway is no impact, nor is it one to be pressed further in by what lies
     on it: such a node comes to rest. Else it would bounce at every step, and sink all the while.
     """
-    if planes is None:
-        return
+    planes, gravity, h = world.planes, cache.gravity, control.plans[control.row[0], H]
     for p in range(planes.shape[0]):
-        n0, n1, n2, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
-        resting = 2.0 * h * abs(along(gravity, n0, n1, n2))
-        for i in range(x.shape[0]):
-            ahead = n0 * x[i, 0] + n1 * x[i, 1] + n2 * x[i, 2] - offset
-            if ahead > 0.0:
-                continue
-            speed = n0 * v[i, 0] + n1 * v[i, 1] + n2 * v[i, 2]
-            if speed < 0.0:
-                hit = -speed > resting and ahead > 2.0 * h * speed  # deeper: it was behind the plane before the step
-                part = planes[p, 4] if hit else 0.0
-                change = -(1.0 + part) * speed  # (61)
-                if inverse_mass[i, 0] > 0.0:
-                    v[i, 0] += change * n0
-                if inverse_mass[i, 1] > 0.0:
-                    v[i, 1] += change * n1
-                if inverse_mass[i, 2] > 0.0:
-                    v[i, 2] += change * n2
+        n, resting, part = normal(planes, p), 2.0 * h * gravity[p], planes[p, 4]
+        for i in range(x.size):
+            depth, speed, free = planes[p, 3] - dot(n, x[i]), dot(n, v[i]), body.inverse_mass[i]
+            hit = (speed < -resting) & (depth < -2.0 * h * speed)  # deeper: it was behind the plane before the step
+            change = -(1.0 + select(hit, part, 0.0)) * speed  # (61)
+            change = select((depth >= 0.0) & (speed < 0.0), change, 0.0)
+            axes = vec3(select(free.x > 0.0, 1.0, 0.0), select(free.y > 0.0, 1.0, 0.0), select(free.z > 0.0, 1.0, 0.0))
+            v[i] = fma(change, axes * n, v[i])
+
+
+@kernel
+def add_jacobian(body, world, control, x, v, matrices, cache):
+    """Nothing: the force of the walls jumps, and has no derivatives."""

@@ -13,8 +13,8 @@ NO_PLAN = np.zeros((1, 8))
 def make_control(body, kind: Kind, driven=(), plans=NO_PLAN, costs=None) -> Pack:
     """The control of a block, of fish as they were made, at their natural lengths.
 
-    Fields, an element a fish in each lane: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs (D,)
-    at the start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; current (1,) m/s;
+    Fields, an element a fish in each lane: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs
+    (D,) at the start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; current (1,) m/s;
     fastest (1,) 1/s, the largest relative change of a spring's length in a second so far; pivots and untrusted (1,),
     what went wrong in solves. Of all fish: plans (P,K), row (1,) and costs (P,3) (`fish_env.forces.plan`).
     """

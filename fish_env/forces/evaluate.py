@@ -16,14 +16,14 @@ ONE = Kind(1)
 def compiled(names: tuple[str, ...], function: str):
     """A function of all these forces, compiled: it fills `block.f`, or `block.matrices`, or returns a number."""
     call = forces.total(names, function)
-    if function == "energy":
+    if function in ("energy", "failed"):
 
         @njit
-        def energy(block):
+        def number(block):
             b = block
             return call(b.body, b.world, b.control, b.x, b.v, b.f, b.cache)
 
-        return energy
+        return number
     if function == "add_jacobian":
 
         @njit
@@ -60,7 +60,7 @@ class Evaluator:
         self._block = Pack(
             "block", body=packed(body, ONE), world=packed(world, ONE), control=self._control,
             x=ONE.vectors(n), v=ONE.vectors(n), f=ONE.vectors(n),
-            cache=forces.make_cache(body, world, ONE), matrices=self._matrices,
+            cache=forces.make_cache(body, world, ONE, self.names), matrices=self._matrices,
         )  # fmt: skip
 
     def _set(self, rest_length, x, v) -> None:
@@ -79,9 +79,8 @@ class Evaluator:
         Raises:
             ValueError: for a force without derivatives.
         """
-        for name in self.names:
-            if not hasattr(forces.FORCES[name], "add_jacobian"):
-                raise ValueError(f"the force {name!r} has no add_jacobian; this method needs exact derivatives")
+        for name in forces.without(self.names, "add_jacobian"):
+            raise ValueError(f"the force {name!r} has no add_jacobian; this method needs exact derivatives")
         self._set(rest_length, x, v)
         size = 3 * len(x)
         stiffness, damping = np.zeros((2, size, size))
@@ -92,10 +91,15 @@ class Evaluator:
     def energies(self, rest_length, x, v) -> dict[str, float]:
         """Energy, J: "kinetic", and what each force stores, by its name."""
         self._set(rest_length, x, v)
-        stored = {
-            name: float(compiled((name,), "energy")(self._block))
-            for name in self.names
-            if hasattr(forces.FORCES[name], "energy")
-        }
-        mass = 0.5 * self._block.body.mass @ (np.asarray(v) ** 2).sum(axis=1)
-        return {"kinetic": float(mass), **stored}
+        stored = {name: float(compiled((name,), "energy")(self._block)) for name in self._having("energy")}
+        kinetic = 0.5 * self._block.body.mass @ (np.asarray(v) ** 2).sum(axis=1)
+        return {"kinetic": float(kinetic), **stored}
+
+    def failures(self, rest_length, x) -> set[int]:
+        """Why a body at these positions is not valid any more: indices into FAILURES."""
+        self._set(rest_length, x, np.zeros_like(x))
+        broken = [name for name in self._having("failed") if compiled((name,), "failed")(self._block)]
+        return {forces.FORCES[name].FAILURE for name in broken}
+
+    def _having(self, function: str) -> list[str]:
+        return [name for name in self.names if hasattr(forces.FORCES[name], function)]

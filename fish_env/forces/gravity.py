@@ -1,54 +1,64 @@
 """Weight, and the drag of air on every node (Song 2009, ch. 4.1; the diagonal damping of the finite-element text)."""
 
-import math
+from fish_env._jit import INDEX, kernel
+from fish_env.forces.plan import INNER, H
+from fish_env.simd import dot, exp, fma, select, vec3, zero
 
-from fish_env._jit import njit
+
+def present(body, world) -> bool:
+    """Whether the world has gravity, be it zero; the air comes with it."""
+    return world.gravity is not None
 
 
-@njit
-def add_force(mass, gravity, viscosity, v, f):
-    """Add m g - mu v to f (N,3) N."""
-    if gravity is None:
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the weight and the drag of the air on every node."""
+    air = -world.viscosity * control.lightness[0]
+    for i in range(x.size):
+        f[i] += fma(air, v[i], body.mass[i] * world.gravity[0])  # (57)
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """Add the weight alone: where velocities `decay`, the air has had its part."""
+    for i in range(x.size):
+        f[i] = fma(body.mass[i], world.gravity[0], f[i])
+
+
+@kernel
+def decay(body, world, control, x, v, f, cache):
+    """Change the velocities by what the air alone makes of them in half a step: they decay, exactly."""
+    if world.viscosity == 0.0:
         return
-    for i in range(mass.size):
-        for k in range(3):
-            f[i, k] += mass[i] * gravity[k] - viscosity * v[i, k]  # (57)
+    rate = (-0.5 * control.plans[control.row[0], H] * world.viscosity) * control.lightness[0]
+    for i in range(v.size):
+        left, free = exp(rate * (1.0 / body.mass[i])), body.inverse_mass[i]
+        v[i] *= vec3(select(free.x > 0.0, left, 1.0), select(free.y > 0.0, left, 1.0), select(free.z > 0.0, left, 1.0))
 
 
-@njit
-def drag(gravity, viscosity):
-    """Viscosity, N s/m, of the air that comes with gravity; none without."""
-    if gravity is None:
-        return 0.0
-    return viscosity
+@kernel
+def add_system(body, world, control, x, v, a, cache):
+    """Add h D of the air to the matrix a, as `springs.add_system`."""
+    drag = (control.plans[control.row[0], INNER] * world.viscosity) * control.lightness[0]
+    for i in range(body.mass.size):
+        place = 3 * body.profile.diagonal[i]
+        a[INDEX(place)] += drag * vec3(1.0, 0.0, 0.0)
+        a[INDEX(place + 1)] += drag * vec3(0.0, 1.0, 0.0)
+        a[INDEX(place + 2)] += drag * vec3(0.0, 0.0, 1.0)
 
 
-@njit
-def add_damping(gravity, viscosity, damping):
-    """Add -df/dv to damping (3N,3N) N s/m."""
-    for i in range(damping.shape[0]):
-        damping[i, i] += drag(gravity, viscosity)
+@kernel
+def add_jacobian(body, world, control, x, v, matrices, cache):
+    """Add -df/dv to `matrices.damping` (3N,3N); of one fish."""
+    drag = world.viscosity * control.lightness[0]
+    for i in range(matrices.damping.shape[0]):
+        matrices.damping[i, i] += drag
 
 
-@njit
-def slow(inverse_mass, gravity, viscosity, duration, v):
-    """What the drag alone makes of the velocities v (N,3) m/s in a `duration` (s): they decay, exactly."""
-    if gravity is None:
-        return
-    if viscosity == 0.0:
-        return
-    for i in range(v.shape[0]):
-        for k in range(3):
-            v[i, k] *= math.exp(-duration * viscosity * inverse_mass[i, k])
-
-
-@njit
-def energy(mass, gravity, x):
+@kernel
+def energy(body, world, control, x, v, f, cache):
     """Potential energy of the weight, J, zero at the origin."""
-    if gravity is None:
-        return 0.0
-    total = 0.0
-    for i in range(mass.size):
-        for k in range(3):
-            total -= mass[i] * gravity[k] * x[i, k]
+    total = zero(control.stiffness)
+    for i in range(x.size):
+        total = fma(-body.mass[i], dot(world.gravity[0], x[i]), total)
     return total

@@ -1,154 +1,130 @@
 """Barriers that keep the inner layer inside the outer one (Song 2009, ch. 4.6.2; the barrier of Li et al. 2020).
 
-A guard acts once the tetrahedron (on a ring, the triangle) between an outer face and an inner node has less than NEAR
-of its volume at rest: its energy rises without bound as that goes to nothing, with two continuous derivatives.
+A barrier acts once the tetrahedron (on a ring, the triangle) between an outer face and an inner node has less than NEAR
+of its volume at rest: its energy rises without bound as that goes to nothing, with two continuous derivatives. Beyond,
+where there is no way back, it pushes nowhere, and `failed` says so.
 
-Legend: k guard; s volume over that at rest; p, q, r the outer face; i the inner node.
+Legend: k barrier; s its relative volume, that over the volume at rest; d, e, f the corners of the outer face seen from
+the inner node.
 """
-
-import math
 
 import numpy as np
 
-from fish_env._jit import INDEX, njit
+from fish_env._jit import INDEX, kernel
+from fish_env.failures import ESCAPED
+from fish_env.forces.blocks import add_outer, add_turning
+from fish_env.simd import any_lane, cross, dot, fma, log, nowhere, select, vec3, zero
 
-NEAR = 0.6  # of the volume at rest, below which a guard acts
-
-
-@njit
-def share(guards, x, k, slope):
-    """Volume of guard k over that at rest; its gradient at p, q, r and i, 1/m, is written to slope (4,3)."""
-    p, q, r, i = guards.nodes[k, 0], guards.nodes[k, 1], guards.nodes[k, 2], INDEX(guards.nodes[k, 3])
-    a0, a1, a2 = x[p, 0] - x[i, 0], x[p, 1] - x[i, 1], x[p, 2] - x[i, 2]
-    b0, b1, b2 = x[q, 0] - x[i, 0], x[q, 1] - x[i, 1], x[q, 2] - x[i, 2]
-    scale = 0.5 / guards.volume[k]
-    if r < 0:
-        slope[0, 0], slope[0, 1], slope[0, 2] = scale * b1, -scale * b0, 0.0
-        slope[1, 0], slope[1, 1], slope[1, 2] = -scale * a1, scale * a0, 0.0
-        for m in range(3):
-            slope[2, m] = 0.0
-            slope[3, m] = -slope[0, m] - slope[1, m]
-        return scale * (a0 * b1 - a1 * b0)
-    c0, c1, c2 = x[r, 0] - x[i, 0], x[r, 1] - x[i, 1], x[r, 2] - x[i, 2]
-    scale /= 3.0
-    slope[0, 0], slope[0, 1], slope[0, 2] = b1 * c2 - b2 * c1, b2 * c0 - b0 * c2, b0 * c1 - b1 * c0
-    slope[1, 0], slope[1, 1], slope[1, 2] = c1 * a2 - c2 * a1, c2 * a0 - c0 * a2, c0 * a1 - c1 * a0
-    slope[2, 0], slope[2, 1], slope[2, 2] = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-    volume = a0 * slope[0, 0] + a1 * slope[0, 1] + a2 * slope[0, 2]
-    for m in range(3):
-        for n in range(3):
-            slope[m, n] *= scale
-        slope[3, m] = 0.0
-    for m in range(3):
-        slope[3, m] = -slope[0, m] - slope[1, m] - slope[2, m]
-    return scale * volume
+NEAR = 0.6  # of the volume at rest, below which a barrier acts
+FAILURE = ESCAPED
 
 
-@njit
+def present(body, world) -> bool:
+    """Whether the body has barriers."""
+    return body.guards is not None
+
+
+@kernel
+def corners(guards, k, x):
+    """Outer corners of barrier k as seen from its inner node; an edge counts as a face of which one is 3 m above it."""
+    inner, third = x[INDEX(guards.nodes[k, 3])], guards.nodes[k, 2]
+    d, e = x[INDEX(guards.nodes[k, 0])] - inner, x[INDEX(guards.nodes[k, 1])] - inner
+    if third < 0:
+        f = 0.0 * d + vec3(0.0, 0.0, 3.0)
+    else:
+        f = x[INDEX(third)] - inner
+    return d, e, f
+
+
+@kernel
+def relative_volume(guards, k, x):
+    """Relative volume of barrier k, and its gradients at the outer corners, 1/m."""
+    d, e, f = corners(guards, k, x)
+    scale = 1.0 / (6.0 * guards.volume[k])
+    p = scale * cross(e, f)
+    return dot(d, p), p, scale * cross(f, d), scale * cross(d, e)
+
+
+@kernel
 def barrier(s):
-    """Energy of a guard over its scale, its first and its second derivative with respect to s; NaN where s <= 0."""
-    if s >= NEAR:
-        return 0.0, 0.0, 0.0
-    if not s > 0.0:
-        return math.nan, math.nan, math.nan
-    gap, log = s - NEAR, math.log(s / NEAR)
-    return (
-        -gap * gap * log,  # (56)
-        -2.0 * gap * log - gap * gap / s,
-        -2.0 * log - 4.0 * gap / s + gap * gap / (s * s),
-    )
+    """Energy of a barrier over its scale, its first and its second derivative with respect to s; zero where s <= 0."""
+    s = select((s > 0.0) & (s < NEAR), s, NEAR)
+    gap, logarithm = s - NEAR, log(s / NEAR)
+    part = gap / s
+    energy = -(gap * gap) * logarithm  # (56)
+    return energy, -gap * fma(2.0, logarithm, part), fma(part, part, -fma(4.0, part, 2.0 * logarithm))
 
 
-@njit
-def add_force(guards, x, f):
-    """Add the force of every guard to f (N,3) N."""
-    if guards is None:
-        return
-    slope = np.empty((4, 3))
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the force of every barrier. Those that act in no fish of a block are passed over: a logarithm is dear."""
+    guards, factor = body.guards, control.stiffness[0]
     for k in range(guards.energy.size):
-        s = share(guards, x, k, slope)
-        if s >= NEAR:
+        s, p, q, r = relative_volume(guards, k, x)
+        if not any_lane(s < NEAR):
             continue
-        push = -guards.energy[k] * barrier(s)[1]
-        for a in range(4):
-            node = guards.nodes[k, a]
-            if node >= 0:
-                for m in range(3):
-                    f[node, m] += push * slope[a, m]
+        push, third = (-guards.energy[k] * factor) * barrier(s)[1], guards.nodes[k, 2]
+        p, q, r = push * p, push * q, push * r
+        total = p + q
+        if third >= 0:
+            f[INDEX(third)] += r
+            total = total + r
+        f[INDEX(guards.nodes[k, 0])] += p
+        f[INDEX(guards.nodes[k, 1])] += q
+        f[INDEX(guards.nodes[k, 3])] -= total
 
 
-@njit
-def add_jacobian(guards, x, stiffness):
-    """Add -df/dx to stiffness (3N,3N) N/m, exact."""
-    if guards is None:
-        return
-    slope, ahead, behind, moved = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+@kernel
+def add_jacobian(body, world, control, x, v, matrices, cache):
+    """Add -df/dx to `matrices.stiffness` (3N,3N), exact; of one fish."""
+    guards, stiffness = body.guards, matrices.stiffness
     for k in range(guards.energy.size):
-        s = share(guards, x, k, slope)
-        if s >= NEAR:
-            continue
+        s, p, q, r = relative_volume(guards, k, x)
         _, first, second = barrier(s)
-        nodes = guards.nodes[k]
-        for b in range(4):
-            if nodes[b] < 0:
-                continue
-            for n in range(3):
-                # the gradient is linear in each corner alone, so its difference quotient is exact
-                for a in range(4):
-                    for m in range(3):
-                        moved[a, m] = 0.0 if nodes[a] < 0 else x[nodes[a], m]
-                width = 0.5 * abs(guards.volume[k]) ** (1.0 / 3.0)
-                moved[b, n] += width
-                corner(guards, k, moved, ahead)
-                moved[b, n] -= 2.0 * width
-                corner(guards, k, moved, behind)
-                for a in range(4):
-                    if nodes[a] < 0:
-                        continue
-                    for m in range(3):
-                        turning = (ahead[a, m] - behind[a, m]) / (2.0 * width)
-                        stiffness[3 * nodes[a] + m, 3 * nodes[b] + n] += guards.energy[k] * (
-                            second * slope[a, m] * slope[b, n] + first * turning
-                        )
+        if not second > 0.0:
+            continue
+        scale, third = guards.energy[k] * control.stiffness[0], guards.nodes[k, 2]
+        one, two, inner = guards.nodes[k, 0], guards.nodes[k, 1], guards.nodes[k, 3]
+        nodes, slope = (one, two, inner, third), (p, q, -(p + q), r)
+        if third >= 0:
+            slope = (p, q, -(p + q + r), r)
+        count = 3 if third < 0 else 4
+        for a in range(count):
+            for b in range(count):
+                add_outer(stiffness, nodes[a], nodes[b], slope[a], (scale * second) * slope[b])
+        d, e, f = corners(guards, k, x)
+        turning = scale * first / (6.0 * guards.volume[k])
+        add_pair(stiffness, one, two, inner, turning * f)
+        if third >= 0:
+            add_pair(stiffness, two, third, inner, turning * d)
+            add_pair(stiffness, third, one, inner, turning * e)
 
 
-@njit
-def corner(guards, k, x, slope):
-    """As `share`, for the corners of guard k in x (4,3)."""
-    p, q, i = x[0], x[1], x[3]
-    scale = 0.5 / guards.volume[k]
-    if guards.nodes[k, 2] < 0:
-        slope[:] = 0.0
-        slope[0, 0], slope[0, 1] = scale * (q[1] - i[1]), -scale * (q[0] - i[0])
-        slope[1, 0], slope[1, 1] = -scale * (p[1] - i[1]), scale * (p[0] - i[0])
-        slope[3] = -slope[0] - slope[1]
-        return
-    a, b, c = p - i, q - i, x[2] - i
-    slope[0] = np.cross(b, c) * scale / 3.0
-    slope[1] = np.cross(c, a) * scale / 3.0
-    slope[2] = np.cross(a, b) * scale / 3.0
-    slope[3] = -slope[0] - slope[1] - slope[2]
+@kernel
+def add_pair(matrix, a, b, inner, w):
+    """Add what two outer corners do to each other and to the inner node: the gradient at a turns as b moves."""
+    add_turning(matrix, a, b, w)
+    add_turning(matrix, b, a, -w)
+    add_turning(matrix, a, inner, -w)
+    add_turning(matrix, b, inner, w)
+    add_turning(matrix, inner, a, w)
+    add_turning(matrix, inner, b, -w)
 
 
-@njit
-def energy(guards, x):
-    """Energy of all guards, J."""
-    if guards is None:
-        return 0.0
-    slope, total = np.empty((4, 3)), 0.0
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Energy of all barriers, J; infinite beyond one."""
+    guards, total = body.guards, zero(control.stiffness)
     for k in range(guards.energy.size):
-        total += guards.energy[k] * barrier(share(guards, x, k, slope))[0]
-    return total
+        s = relative_volume(guards, k, x)[0]
+        total += select(s > 0.0, guards.energy[k] * barrier(s)[0], np.inf)
+    return control.stiffness[0] * total
 
 
-@njit
-def all_inside(guards, x):
-    """True if every inner node is behind its faces."""
-    if guards is None:
-        return True
-    slope = np.empty((4, 3))
-    escaped = 0
+@kernel
+def failed(body, world, control, x, v, f, cache):
+    """Where an inner node has left its place behind the outer faces."""
+    guards, escaped = body.guards, nowhere(x)
     for k in range(guards.energy.size):
-        if not share(guards, x, k, slope) > 0.0:
-            escaped += 1
-    return escaped == 0
+        escaped = escaped | (relative_volume(guards, k, x)[0] <= 0.0)
+    return escaped

@@ -1,173 +1,151 @@
-"""Gas in closed chambers: an ideal gas at constant temperature, the volume by Gauss' theorem (Song 2009, ch. 4.5).
+"""Gas in closed compartments: an ideal gas at constant temperature (Song 2009, ch. 4.5).
 
 The pressure is n R T over the volume, and its force that times the gradient of the volume: minus the gradient of the
-gas' energy. Exact for surfaces of triangles, of bilinear patches, and for flat rings of edges.
+gas' energy. Exact for surfaces of triangles, of bilinear patches, and for flat rings of edges. Gas without a volume
+pushes nowhere, and `failed` says so.
 
-Legend: c chamber; p, q, r, s corners of a face; o a point near it, so that no digits are lost far from the origin;
-m sum of the corners less 4 o; d, e diagonals; slope gradient of the volume.
+Legend: c compartment; i node; slope gradient of the volume of c, at c N + i.
 """
 
 import numpy as np
 
-from fish_env._jit import INDEX, njit
+from fish_env._jit import INDEX, kernel
+from fish_env.failures import ESCAPED
+from fish_env.forces.blocks import add_outer, add_turning
+from fish_env.forces.plan import FACTOR, H
+from fish_env.simd import Pack, dot, fma, log, nowhere, select, sqrt, vec3, zero
+from fish_env.volume import add_volume, volume_of
+
+FAILURE = ESCAPED
 
 
-@njit
-def add_volume(chambers, c, x, slope):
-    """Volume of chamber c, m3 (of a ring: m2); its gradient, m2, is added to slope (N,3)."""
-    volume = 0.0
-    base = chambers.faces[INDEX(chambers.first[c]), 0]
-    o0, o1, o2 = x[base, 0], x[base, 1], x[base, 2]
-    for k in range(chambers.first[c], chambers.first[c + 1]):
-        p, q, r, s = chambers.faces[k, 0], chambers.faces[k, 1], chambers.faces[k, 2], chambers.faces[k, 3]
-        if r < 0:  # an edge of a ring
-            px, py, qx, qy = x[p, 0] - o0, x[p, 1] - o1, x[q, 0] - o0, x[q, 1] - o1
-            volume += 0.5 * (px * qy - qx * py)
-            slope[p, 0] += 0.5 * qy
-            slope[p, 1] -= 0.5 * qx
-            slope[q, 0] -= 0.5 * py
-            slope[q, 1] += 0.5 * px
-            continue
-        m0 = x[p, 0] + x[q, 0] + x[r, 0] + x[s, 0] - 4.0 * o0
-        m1 = x[p, 1] + x[q, 1] + x[r, 1] + x[s, 1] - 4.0 * o1
-        m2 = x[p, 2] + x[q, 2] + x[r, 2] + x[s, 2] - 4.0 * o2
-        d0, d1, d2 = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
-        e0, e1, e2 = x[s, 0] - x[q, 0], x[s, 1] - x[q, 1], x[s, 2] - x[q, 2]
-        a0, a1, a2 = (d1 * e2 - d2 * e1) / 24.0, (d2 * e0 - d0 * e2) / 24.0, (d0 * e1 - d1 * e0) / 24.0
-        volume += m0 * a0 + m1 * a1 + m2 * a2  # (52)
-        b0, b1, b2 = (e1 * m2 - e2 * m1) / 24.0, (e2 * m0 - e0 * m2) / 24.0, (e0 * m1 - e1 * m0) / 24.0
-        c0, c1, c2 = (m1 * d2 - m2 * d1) / 24.0, (m2 * d0 - m0 * d2) / 24.0, (m0 * d1 - m1 * d0) / 24.0
-        slope[p, 0] += a0 - b0  # (53)
-        slope[p, 1] += a1 - b1
-        slope[p, 2] += a2 - b2
-        slope[r, 0] += a0 + b0
-        slope[r, 1] += a1 + b1
-        slope[r, 2] += a2 + b2
-        slope[q, 0] += a0 - c0
-        slope[q, 1] += a1 - c1
-        slope[q, 2] += a2 - c2
-        slope[s, 0] += a0 + c0
-        slope[s, 1] += a1 + c1
-        slope[s, 2] += a2 + c2
-    return volume
+def present(body, world) -> bool:
+    """Whether the body has gas."""
+    return body.chambers is not None
 
 
-@njit
-def add_force(chambers, x, f):
-    """Add the force of the gas on the walls of its chambers to f (N,3) N."""
-    if chambers is None:
+def make_cache(body, world, kind) -> Pack:
+    """Volume gradients (C N,), times the root of nRT / V^2 where kept for `add_tangent`, and its weight (1,), s2."""
+    return Pack("pressure", slope=kind.vectors(len(body.chambers.gas) * len(body.mass)), weight=np.zeros(1))
+
+
+def rest_matrices(body, elastic):
+    """Stiffness of the gas at rest, N/m: all nodes (1,N) and a matrix (1,3N,3N) for each compartment. No damping."""
+    if body.chambers is None or not elastic:
         return
-    slope = np.empty_like(x)
+    first = body.chambers.first
+    for c, gas in enumerate(body.chambers.gas):
+        volume, slope = volume_of(body.chambers.faces[first[c] : first[c + 1]], body.position)
+        yield np.arange(len(slope))[None], (gas / volume**2 * np.outer(slope, slope))[None]
+
+
+@kernel
+def volume(body, c, x, slope):
+    """Volume of compartment c; its gradient is written to slope."""
+    chambers, count = body.chambers, x.size
+    for i in range(count):
+        slope[INDEX(c * count + i)] = zero(slope)
+    return add_volume(chambers.faces, chambers.first[c], chambers.first[c + 1], x, slope, c * count)
+
+
+@kernel
+def push(body, c, space):
+    """Pressure in compartment c, over that outside, and 1 / V; nothing without a volume."""
+    inverse = select(space > 0.0, 1.0 / space, 0.0)
+    outside = select(space > 0.0, body.chambers.ambient[c] + 0.0 * space, 0.0)
+    return fma(body.chambers.gas[c], inverse, -outside), inverse  # (54)
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the force of the gas on the walls of its compartments."""
+    count, slope, factor = x.size, cache.slope, control.stiffness[0]
+    for c in range(body.chambers.gas.size):
+        pressure = factor * push(body, c, volume(body, c, x, slope))[0]
+        for i in range(count):
+            f[i] = fma(pressure, slope[INDEX(c * count + i)], f[i])
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step."""
+    count, slope, factor, root = x.size, cache.slope, control.stiffness[0], sqrt(control.stiffness[0])
+    step = control.plans[control.row[0], H]
+    cache.weight[0] = control.plans[control.row[0], FACTOR] * step * step
+    for c in range(body.chambers.gas.size):
+        pressure, inverse = push(body, c, volume(body, c, x, slope))
+        pressure, stiff = factor * pressure, root * np.sqrt(body.chambers.gas[c]) * inverse
+        for i in range(count):
+            place = INDEX(c * count + i)
+            g = slope[place]
+            f[i] = fma(pressure, g, f[i])
+            slope[place] = stiff * g
+
+
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add what the gas' compression pushes back if every node moved by y; nothing unless it was kept by a force."""
+    count, slope, weight = x.size, cache.slope, cache.weight[0]
+    if weight == 0.0:
+        return
+    for c in range(body.chambers.gas.size):
+        change = zero(control.stiffness)
+        for i in range(count):
+            change += dot(slope[INDEX(c * count + i)], y[i])
+        change *= -weight
+        for i in range(count):
+            f[i] = fma(change, slope[INDEX(c * count + i)], f[i])  # (55)
+
+
+@kernel
+def add_jacobian(body, world, control, x, v, matrices, cache):
+    """Add -df/dx to `matrices.stiffness` (3N,3N), exact: compression, and the turning of the walls; of one fish."""
+    chambers, stiffness, slope, count = body.chambers, matrices.stiffness, cache.slope, x.size
     for c in range(chambers.gas.size):
-        slope[:] = 0.0
-        push = chambers.gas[c] / add_volume(chambers, c, x, slope) - chambers.ambient[c]
-        for i in range(x.shape[0]):
-            for k in range(3):
-                f[i, k] += push * slope[i, k]  # (54)
-
-
-@njit
-def add_force_kept(chambers, x, f, kept):
-    """As `add_force`, and keep for `add_tangent`, kept (C,N,3): volume gradients times the root of nRT / V^2."""
-    if chambers is None:
-        return
-    for c in range(chambers.gas.size):
-        slope = kept[c]
-        slope[:] = 0.0
-        volume, gas = add_volume(chambers, c, x, slope), chambers.gas[c]
-        push = gas / volume - chambers.ambient[c]
-        root = np.sqrt(gas) / volume
-        for i in range(x.shape[0]):
-            for k in range(3):
-                f[i, k] += push * slope[i, k]
-                slope[i, k] *= root
-
-
-@njit
-def scratch(chambers, nodes):
-    """What `add_force_kept` fills, (C,N,3); None without chambers."""
-    if chambers is None:
-        return None
-    return np.empty((chambers.gas.size, nodes, 3))
-
-
-@njit
-def add_tangent(weight, kept, y, f):
-    """Add to f (N,3) what the gas' compression pushes back, times weight, if every node moved by y (N,3)."""
-    if kept is None:
-        return
-    for c in range(kept.shape[0]):
-        slope, change = kept[c], 0.0
-        for i in range(y.shape[0]):
-            for k in range(3):
-                change += slope[i, k] * y[i, k]
-        for i in range(y.shape[0]):
-            for k in range(3):
-                f[i, k] -= weight * change * slope[i, k]  # (55)
-
-
-@njit
-def add_jacobian(chambers, x, stiffness):
-    """Add -df/dx to stiffness (3N,3N) N/m, exact: the gas' compression and the turning of its walls."""
-    if chambers is None:
-        return
-    slope = np.empty_like(x)
-    d, e, m, w = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for c in range(chambers.gas.size):
-        slope[:] = 0.0
-        volume = add_volume(chambers, c, x, slope)
-        flat = slope.reshape(-1)
-        rise = chambers.gas[c] / volume**2
-        for i in range(flat.size):
-            for j in range(flat.size):
-                stiffness[i, j] += rise * flat[i] * flat[j]
-        push = chambers.gas[c] / volume - chambers.ambient[c]
-        base = x[chambers.faces[chambers.first[c], 0]]
+        pressure, inverse = push(body, c, volume(body, c, x, slope))
+        rise, pressure = control.stiffness[0] * chambers.gas[c] * inverse * inverse, control.stiffness[0] * pressure
+        for i in range(count):
+            for j in range(count):
+                add_outer(stiffness, i, j, slope[INDEX(c * count + i)], rise * slope[INDEX(c * count + j)])
         for k in range(chambers.first[c], chambers.first[c + 1]):
-            face = chambers.faces[k]
-            p, q = face[0], face[1]
-            if face[2] < 0:
-                for i, j, sign in ((p, q, 0.5), (q, p, -0.5)):
-                    stiffness[3 * i, 3 * j + 1] -= push * sign
-                    stiffness[3 * i + 1, 3 * j] += push * sign
+            if chambers.faces[k, 2] < 0:
+                w = vec3(0.0, 0.0, -0.5 * pressure)
+                add_turning(stiffness, chambers.faces[k, 0], chambers.faces[k, 1], w)
+                add_turning(stiffness, chambers.faces[k, 1], chambers.faces[k, 0], -w)
                 continue
-            for i in range(3):
-                d[i], e[i] = x[face[2], i] - x[p, i], x[face[3], i] - x[q, i]
-                m[i] = x[p, i] + x[q, i] + x[face[2], i] + x[face[3], i] - 4.0 * base[i]
-            for a in range(4):
-                da, ea = (a == 2) * 1.0 - (a == 0) * 1.0, (a == 3) * 1.0 - (a == 1) * 1.0
-                for b in range(4):
-                    db, eb = (b == 2) * 1.0 - (b == 0) * 1.0, (b == 3) * 1.0 - (b == 1) * 1.0
-                    for i in range(3):
-                        w[i] = ((db - da) * e[i] - (eb - ea) * d[i] + (da * eb - ea * db) * m[i]) / 24.0
-                    for i in range(3):
-                        low, high = (i + 1) % 3, (i + 2) % 3  # the gradient at a changes by u x w where b moves by u
-                        stiffness[3 * face[a] + i, 3 * face[b] + low] -= push * w[high]
-                        stiffness[3 * face[a] + i, 3 * face[b] + high] += push * w[low]
+            add_face(chambers.faces, k, x[INDEX(chambers.faces[chambers.first[c], 0])], pressure, x, stiffness)
 
 
-@njit
-def energy(chambers, x):
-    """Energy of the gas and of what it displaces, J, relative to chambers of one cubic metre."""
-    if chambers is None:
-        return 0.0
-    slope, total = np.zeros_like(x), 0.0
-    for c in range(chambers.gas.size):
-        volume = add_volume(chambers, c, x, slope)
-        total += chambers.ambient[c] * volume - chambers.gas[c] * np.log(volume)
-    return total
+@kernel
+def add_face(faces, k, o, pressure, x, stiffness):
+    """Add what the turning of face k does; o is a point near it."""
+    p, q, r, s = x[INDEX(faces[k, 0])], x[INDEX(faces[k, 1])], x[INDEX(faces[k, 2])], x[INDEX(faces[k, 3])]
+    d, e, m = r - p, s - q, fma(-4.0, o, p + q + r + s)
+    for a in range(4):
+        along, across = (a == 2) * 1.0 - (a == 0) * 1.0, (a == 3) * 1.0 - (a == 1) * 1.0
+        for b in range(4):
+            other, beside = (b == 2) * 1.0 - (b == 0) * 1.0, (b == 3) * 1.0 - (b == 1) * 1.0
+            w = (other - along) * e - (beside - across) * d + (along * beside - across * other) * m
+            add_turning(stiffness, faces[k, a], faces[k, b], (-pressure / 24.0) * w)
 
 
-@njit
-def all_filled(chambers, x):
-    """True if every chamber has a volume."""
-    if chambers is None:
-        return True
-    slope, empty = np.zeros_like(x), 0
-    for c in range(chambers.gas.size):
-        if not add_volume(chambers, c, x, slope) > 0.0:
-            empty += 1
-    return empty == 0
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Energy of the gas and of what it displaces, J, relative to compartments of one cubic metre."""
+    total = zero(control.stiffness)
+    for c in range(body.chambers.gas.size):
+        space = volume(body, c, x, cache.slope)
+        total += fma(body.chambers.ambient[c], space, -body.chambers.gas[c] * log(space))
+    return control.stiffness[0] * total
+
+
+@kernel
+def failed(body, world, control, x, v, f, cache):
+    """Where a compartment has no volume left."""
+    empty = nowhere(x)
+    for c in range(body.chambers.gas.size):
+        empty = empty | (volume(body, c, x, cache.slope) <= 0.0)
+    return empty
 
 
 def estimated_volume(nodes, x) -> float:

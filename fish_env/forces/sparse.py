@@ -1,31 +1,39 @@
 """The exact stiffness of a body of any size: the elements' derivatives, worked out a few at a time.
 
-`forces.jacobian` fills a dense matrix. Here it is called for small bodies of some of the elements each, whose matrices
-add up to a sparse one; what an element's derivatives are stands in one place.
+The forces' derivatives come as dense matrices. Here they are worked out for small bodies of some of the elements each,
+whose matrices add up to a sparse one; what an element's derivatives are stands in one place. Of a force that is not of
+this package it is not known how to share it out: its derivatives are worked out for the whole body.
 """
 
 import numpy as np
 from scipy.sparse import coo_array
 
 from fish_env import forces
-from fish_env.body import Body
+from fish_env.forces.evaluate import Evaluator
 from fish_env.linalg import rates
-from fish_env.world import World
 
 PIECE = 48  # elements a kind whose derivatives are worked out together
+SHARED = ("water", "springs", "tets", "pressure", "guards", "gravity", "anchors", "contact")
+"""The forces whose elements `_pieces` shares out, and those that have no stiffness."""
 
 
-def tangent(body: Body, world: World, rest_length, x):
+def tangent(body, world, rest_length, x):
     """Exact stiffness -df/dx (3N,3N), N/m, of all forces on a body at x (N,3) m without motion.
 
     Dense up to `linalg.rates.DENSE` rows, then sparse (scipy, compressed rows), worked out for a few elements at a
     time. The walls are left out.
     """
+    names = forces.present(body, world)
     if x.size <= rates.DENSE:
-        return _stiffness(body, world, rest_length, x)
+        return _stiffness(names, body, world, rest_length, x)
+    shared = tuple(name for name in names if name in SHARED)
+    pieces = [(shared, *piece) for piece in _pieces(body, world, rest_length)]
+    if shared != names:
+        others = tuple(name for name in names if name not in SHARED)
+        pieces.append((others, np.arange(len(x)), body, world, rest_length))
     rows, columns, values = [], [], []
-    for nodes, piece, around, rest in _pieces(body, world, rest_length):
-        block = _stiffness(piece, around, rest, x[nodes])
+    for names, nodes, piece, around, rest in pieces:
+        block = _stiffness(names, piece, around, rest, x[nodes])
         places = (3 * nodes[:, None] + np.arange(3)).ravel()
         i, j = np.nonzero(block)
         rows.append(places[i])
@@ -35,13 +43,11 @@ def tangent(body: Body, world: World, rest_length, x):
     return coo_array((np.concatenate(values), where), shape=(x.size, x.size)).tocsr()
 
 
-def _stiffness(body, world, rest_length, x) -> np.ndarray:
-    stiffness, damping = np.empty((x.size, x.size)), np.empty((x.size, x.size))
-    forces.jacobian(body, world, rest_length, x, np.zeros_like(x), stiffness, damping)
-    return stiffness
+def _stiffness(names, body, world, rest_length, x) -> np.ndarray:
+    return Evaluator(body, world, names).jacobian(rest_length, x, np.zeros_like(x))[0]
 
 
-def _pieces(body: Body, world: World, rest_length):
+def _pieces(body, world, rest_length):
     """Share a body's elements out: each time the nodes (K,) of a few, those elements and their surroundings alone."""
     springs, faces, tets, chambers, guards = body.springs, body.faces, body.tets, body.chambers, body.guards
     sizes = [len(springs.nodes), len(faces.nodes), *(len(part.nodes) for part in (tets, guards) if part is not None)]
@@ -69,6 +75,7 @@ def _pieces(body: Body, world: World, rest_length):
         local[nodes] = np.arange(nodes.size)
         parts = [part and part._replace(nodes=local[part.nodes]) for part in some]
         piece = body._replace(
+            position=body.position[nodes], mass=body.mass[nodes], inverse_mass=body.inverse_mass[nodes],
             springs=parts[0], faces=parts[1], tets=parts[2], guards=parts[3],
             chambers=gas and gas._replace(faces=local[gas.faces]),
         )  # fmt: skip

@@ -145,7 +145,7 @@ def add_jacobian(body, world, control, x, v, matrices, cache):
             continue
         push, rise = linear + quadratic * speed, quadratic * outward * area / speed
         normal, along = (n.x, n.y, n.z), (w.x, w.y, w.z)
-        for m in range(4):  # da = half x dx_m, as da = 1/2 (dx_r - dx_p) x (x_s - x_q) + 1/2 (x_r - x_p) x (dx_s - dx_q)
+        for m in range(4):  # da = half x dx_m: da = 1/2 (dx_r - dx_p) x (x_s - x_q) + 1/2 (x_r - x_p) x (dx_s - dx_q)
             other, sign = 1 - m % 2, 0.5 if m in (0, 3) else -0.5
             d = x[INDEX(nodes[other + 2])] - x[INDEX(nodes[other])]
             if body.faces.upright:

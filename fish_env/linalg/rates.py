@@ -14,14 +14,14 @@ def assemble(elements, size):
     if size <= DENSE:
         matrix = np.zeros((size, size))
         for nodes, blocks in elements:
-            places = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+            places = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
             np.add.at(matrix, (places[:, :, None], places[:, None, :]), blocks)
         return matrix
     from scipy.sparse import coo_array  # a third of a second that only large bodies need
 
     rows, columns, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
     for nodes, blocks in elements:
-        places = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+        places = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
         width = places.shape[1]
         rows.append(np.repeat(places, width, axis=1).ravel())
         columns.append(np.tile(places, (1, width)).ravel())
