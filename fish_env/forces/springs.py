@@ -166,6 +166,33 @@ def add_system(body, world, control, x, v, a, cache):
 
 
 @kernel
+def add_lagged(body, world, control, x, v, system, cache):
+    """Add the force at the start of the step to `system.load`, and h^2 eta, that of its end, to `system.matrix`.
+
+    The effective stiffness eta is the same for all axes and is taken to stay what it is. The matrix holds a number for
+    each entry of the nodes' skyline.
+    """
+    matrix, load, h = system.matrix, system.load, control.plans[control.row[0], INNER]
+    nodes, entry, diagonal = body.springs.nodes, body.springs.entry, body.profile.diagonal
+    stiffness, damping = body.springs.stiffness, body.springs.damping
+    rest, factor = control.rest_length, control.stiffness[0]
+    for e in range(stiffness.size):
+        i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
+        r, u = x[j] - x[i], v[j] - v[i]
+        inverse = 1.0 / sqrt(dot(r, r))
+        strain = fma(-rest[e], inverse, 1.0)
+        fast = dot(r, u) * (inverse * inverse)  # (2)
+        eta = factor * fma(damping[e], fast, stiffness[e] * strain)
+        weight = (h * h) * eta
+        matrix[INDEX(diagonal[i])] += weight  # (7)
+        matrix[INDEX(diagonal[j])] += weight
+        matrix[INDEX(entry[e])] -= weight
+        pull = eta * r
+        load[i] += pull  # (8)
+        load[j] -= pull
+
+
+@kernel
 def energy(body, world, control, x, v, f, cache):
     """Elastic energy of all springs, J."""
     nodes, stiffness, total = body.springs.nodes, body.springs.stiffness, zero(control.rest_length)

@@ -15,8 +15,11 @@ from fish_env.integrators import (
     explicit_euler,
     leapfrog_chebyshev,
     limits,
+    linearly_implicit,
     midpoint,
     rk4,
+    rosenbrock,
+    semi_implicit,
     symplectic_euler,
 )
 from fish_env.simd import Kind, Pack
@@ -94,10 +97,17 @@ IMPLICIT = "linearly implicit"
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record
     for record in (
+        Integrator(
+            "semi_implicit", 1, "semi-implicit", 1, 1, 1, "Tu 1996, ch. 4", semi_implicit, refuses=limits.whole_nodes
+        ),
         Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, symplectic_euler),
         Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", rk4),
         Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, explicit_euler, limits.explicit_euler),
         Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, midpoint, limits.midpoint),
         Integrator("leapfrog_chebyshev", 2, "stabilised", 0, 0, 0, "Carle, Hochbruck & Sturm 2020", leapfrog_chebyshev),
+        Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.PLAIN),
+        Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.PROJECTED),
+        Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.WATER),
+        Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock),
     )
 }

@@ -1,103 +1,122 @@
 """ROS2: a Rosenbrock method of two stages, second order for any approximate Jacobian, L-stable (Verwer et al. 1999).
 
-The Jacobian is the units', less its part that is not symmetric; the water is explicit. The two stages share one matrix.
+The Jacobian is that of `linearly_implicit.PLAIN`; the water is explicit. The two stages share one matrix.
 
-Legend: x, v positions and velocities of one body; h step; a the system matrix in its skyline of 3 x 3 blocks, then L;
-p, q the accelerations of the first and second stage; sx, sv the state at which the second stage is taken.
+Legend: x, v positions and velocities of a block; h step, inner the part of it that is implicit; matrix the system
+matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration; p that of the
+first stage, change that of the step; sx, sv the state at which a stage is taken; rate what its positions would move at;
+y the pull of the stiffness if the nodes moved at that rate for a second.
 """
 
 import math
 
-import numpy as np
-
 from fish_env import forces
-from fish_env._jit import njit
-from fish_env.body import PIVOTS, UNTRUSTED_SOLVE
-from fish_env.forces import contact
-from fish_env.integrators._common import count, eliminate, rest_lengths, settle
+from fish_env._jit import kernel
+from fish_env.forces.plan import INNER, H
+from fish_env.integrators._common import (
+    count_pivots,
+    eliminate,
+    make_constrain,
+    move_rest_lengths,
+    plan_of_step,
+    scratch,
+    set_masses,
+    zero_fixed,
+)
 from fish_env.linalg import ldlt
+from fish_env.simd import fma, zero
 
 GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values that make the method L-stable, and the more accurate
 
 
-@njit
-def second_stage(body, world, rest, sx, sv, x, v, h, p, rate, load):
-    """Right-hand side `load` (N,3) N of the second stage, and `rate` (N,3) m/s, what its positions would move at."""
-    nodes, inner = body.mass.size, GAMMA * h
-    for i in range(nodes):
-        for k in range(3):
-            rate[i, k] = v[i, k] + inner * p[i, k]  # of the first stage
-            sx[i, k] = x[i, k] + h * rate[i, k]
-            sv[i, k] = v[i, k] + h * p[i, k]
-            rate[i, k] = sv[i, k] - 2.0 * rate[i, k]
-    forces.total(body, world, rest, sx, sv, load)
-    for i in range(nodes):
-        for k in range(3):
-            load[i, k] -= 2.0 * body.mass[i] * p[i, k]
+def plan(elastic, viscous, h):
+    """The row of `control.plans` for a step of h s."""
+    return plan_of_step(elastic, viscous, h, inner=GAMMA)
 
 
-@njit
-def bear(planes, x, v, h, p, q):
-    """Change the second stage q (N,3) so that the step's acceleration presses no node further behind a wall."""
-    if planes is None:
-        return
-    change = 1.5 * p + 0.5 * q
-    contact.bear(planes, x, v, h, change)
-    q[:] = 2.0 * change - 3.0 * p
+def costs(row):
+    """Force evaluations, factorisations and solves of a step."""
+    return 2, 1, 2
 
 
-@njit
-def step(body, world, control, b, elapsed, h, x, v, rest, late, a, p, q, sx, sv, rate, inverse_pivot, row):
-    """One step of body b, `elapsed` s into the call, in place. Returns (non-positive pivots, trusted)."""
-    inner = GAMMA * h
-    rest_lengths(control, b, elapsed, rest)
-    forces.total(body, world, rest, x, v, p)
-    forces.add_stiffness_force(body, world, rest, x, v, v, inner, -math.inf, p)
-    forces.system(body, world, rest, x, v, inner, -math.inf, False, a)
-    eliminate(body, a, p)
-    negative, trusted = ldlt.factor(body.profile, a, inverse_pivot, row)
-    ldlt.solve(body.profile, a, inverse_pivot, p)  # (33)
-    contact.bear(world.planes, x, v, h, p)
-    rest_lengths(control, b, elapsed + h, late)
-    second_stage(body, world, late, sx, sv, x, v, h, p, rate, q)
-    forces.add_stiffness_force(body, world, rest, x, v, rate, inner, -math.inf, q)
-    for m in range(body.held.shape[0]):
-        q[body.held[m, 0], body.held[m, 1]] = 0.0
-    ldlt.solve(body.profile, a, inverse_pivot, q)  # (34)
-    bear(world.planes, x, v, h, p, q)
-    for i in range(body.mass.size):
-        for k in range(3):
-            first, second = v[i, k] + inner * p[i, k], rate[i, k] + inner * q[i, k]
-            x[i, k] += h * (1.5 * first + 0.5 * second)  # (32)
-            v[i, k] += h * (1.5 * p[i, k] + 0.5 * q[i, k])
-    return negative, trusted
+def make_work(body, kind):
+    """Scratch of a block."""
+    matrix, row = kind.vectors(3 * int(body.profile.start[-1])), kind.vectors(3 * len(body.mass))
+    return scratch(body, kind, "f", "y", "p", "sx", "sv", "rate", "change", matrix=matrix, row=row)
 
 
-@njit
-def advance(body, world, state, control, h, n):
-    """Move every sound body n steps of h seconds; state is changed in place."""
-    nodes = body.mass.size
-    a, p, q = np.empty((body.profile.start[nodes], 3, 3)), np.empty((nodes, 3)), np.empty((nodes, 3))
-    sx, sv, rate = np.empty((nodes, 3)), np.empty((nodes, 3)), np.empty((nodes, 3))
-    inverse_pivot, row = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
-    rest, late = np.empty(body.springs.stiffness.size), np.empty(body.springs.stiffness.size)
-    before_x, before_v = np.empty((nodes, 3)), np.empty((nodes, 3))
-    for b in range(state.t.size):
-        if state.failure[b]:
-            continue
-        x, v = state.x[b], state.v[b]
-        before_x[:] = x
-        before_v[:] = v
-        failure = taken = 0
+@kernel
+def begin(x, v, work):
+    """The first stage is taken at the start of the step."""
+    for i in range(x.size):
+        work.sx[i] = x[i]
+        work.sv[i] = v[i]
+        work.rate[i] = v[i]
+        work.p[i] = zero(x)
+
+
+@kernel
+def go_on(x, v, h, inner, work):
+    """The second stage is taken where the first one's acceleration leads."""
+    for i in range(x.size):
+        p = work.f[i]
+        speed = fma(inner, p, v[i])  # of the first stage
+        work.p[i] = p
+        work.sx[i] = fma(h, speed, x[i])
+        work.sv[i] = fma(h, p, v[i])
+        work.rate[i] = fma(-2.0, speed, work.sv[i])
+
+
+@kernel
+def end(x, v, h, inner, work):
+    """Take the step, of which `work.change` is the acceleration: 3/2 of the first stage's and 1/2 of the second's."""
+    for i in range(x.size):
+        p, change = work.p[i], work.change[i]
+        first = fma(inner, p, v[i])
+        second = fma(inner, fma(2.0, change, -3.0 * p), work.rate[i])
+        x[i] = fma(h, fma(0.5, second, 1.5 * first), x[i])  # (32)
+        v[i] = fma(h, change, v[i])
+
+
+def make_run(names):
+    """The kernel that takes n steps of a block on which the forces of these names act."""
+    add_force, finish, constrain = (
+        forces.total(names, "add_force"),
+        forces.total(names, "finish"),
+        make_constrain(names),
+    )
+    implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
+    add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
+
+    @kernel
+    def run(body, world, control, x, v, work, cache, n):
+        f, y, p, sx, sv, matrix, change = work.f, work.y, work.p, work.sx, work.sv, work.matrix, work.change
+        h, inner = control.plans[control.row[0], H], control.plans[control.row[0], INNER]
         for s in range(n):
-            negative, trusted = step(
-                body, world, control, b, s * h, h, x, v, rest, late, a, p, q, sx, sv, rate, inverse_pivot, row
-            )
-            contact.bounce(world.planes, body.inverse_mass, world.gravity, h, x, v)
-            taken += 1
-            state.counters[b, PIVOTS] += negative
-            if not trusted:
-                failure = UNTRUSTED_SOLVE
-                break
-        count(state, b, 2 * taken, taken, 2 * taken)
-        settle(body, state, control, b, before_x, before_v, failure, n * h)
+            begin(x, v, work)
+            for stage in range(2):
+                move_rest_lengths(control, (s + stage) * h)
+                for i in range(x.size):
+                    f[i] = zero(f)
+                    y[i] = zero(y)
+                if stage == 0:
+                    set_masses(body, matrix)
+                    add_system(body, world, control, x, v, matrix, cache)
+                    eliminate(body, matrix)
+                    count_pivots(control, ldlt.factor(body.profile, matrix, work.row))
+                add_tangent(body, world, control, x, work.rate, y, cache)
+                add_force(body, world, control, sx, sv, f, cache)
+                for i in range(x.size):
+                    f[i] = fma(inner, y[i], fma(-2.0 * body.mass[i], p[i], f[i]))
+                zero_fixed(body, f)
+                ldlt.solve(body.profile, matrix, f)  # (33), (34)
+                if stage == 0:
+                    constrain(body, world, control, x, v, f, cache)
+                    go_on(x, v, h, inner, work)
+            for i in range(x.size):
+                change[i] = fma(0.5, f[i], 1.5 * p[i])
+            constrain(body, world, control, x, v, change, cache)
+            end(x, v, h, inner, work)
+            finish(body, world, control, x, v, f, cache)
+
+    return run

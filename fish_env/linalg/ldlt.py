@@ -1,9 +1,14 @@
-"""Skyline L D L^T: the symmetric factorisation of the semi-implicit method, after Bathe & Wilson (Tu 1996, ch. 4).
+"""Skyline L D L^T: the symmetric factorisation of the implicit methods, after Bathe & Wilson (Tu 1996, ch. 4).
 
 Row i of the lower triangle is stored from its first non-zero column to the diagonal, row after row, in one array.
-Fill-in stays inside that skyline, so the profile is computed once a body and never changes.
+Fill-in stays inside that skyline, so the profile is computed once a body and never changes. Every fish of a block has a
+matrix of its own; all have the same skyline.
 
-Legend: i, j, k rows and columns; a stored values, overwritten by L (below the diagonal); d the pivots D.
+A pivot is not to be trusted if it is not finite, or smaller than TRUSTED_PIVOT times the diagonal entry it came from.
+Such a fish goes on to the end of the call, with whatever numbers follow: the lanes of a block stay together.
+
+Legend: i, j, k rows and columns; a stored values, overwritten by L (below the diagonal); d the pivots D; s an entry of
+L D; p, q columns of blocks of L D and of L.
 """
 
 import math
@@ -11,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env._jit import INDEX, njit
+from fish_env._jit import INDEX, kernel
+from fish_env.simd import dot, fma, select, vec3, zero
 
-ONE, TWO = INDEX(1), INDEX(2)  # an unsigned and a signed integer would add up to a float
 TRUSTED_PIVOT = 1e-9  # a pivot below this fraction of its diagonal entry has lost nine digits to cancellation
 
 
@@ -40,165 +45,153 @@ def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
     return shape.start[high] + low - shape.first[high]
 
 
-@njit
-def factor_solve(shape, a, b, inverse_pivot, row):
-    """Factor a (S,) in place into L D L^T and solve for three right-hand sides: b (N,3) is overwritten.
+@kernel
+def judge(diagonal, pivot, negative, untrusted):
+    """Count a pivot that came from a diagonal entry: (non-positive pivots, untrusted ones), a number a fish."""
+    size = abs(pivot)
+    lost = select(size > TRUSTED_PIVOT * abs(diagonal), untrusted, untrusted + 1.0)
+    return select(pivot > 0.0, negative, negative + 1.0), select(size < math.inf, lost, untrusted + 1.0)
 
-    The forward reduction runs beside the factorisation, row by row: both wait on the same sums, so together they take
-    three quarters of the time they take one after the other. inverse_pivot (N,) receives 1/D; row (N,) is scratch.
+
+@kernel
+def factor_solve(shape, a, b, inverse_pivot, row):
+    """Factor a (S,) in place into L D L^T and solve for three right-hand sides: b (N,), vectors, is overwritten.
+
+    The forward reduction runs beside the factorisation, row by row, for both wait on the same sums. inverse_pivot (N,)
+    receives 1/D; row (N,) is scratch.
 
     Returns:
-        (non-positive pivots, trusted). Trusted is False once a pivot is not finite, or smaller than `TRUSTED_PIVOT`
-        times the diagonal entry it came from.
+        (non-positive pivots, untrusted pivots), a number a fish.
     """
-    negative = 0
-    trusted = True
-    order = INDEX(shape.first.size)
+    first, start, order = shape.first, shape.start, shape.first.size
+    negative, untrusted = zero(a), zero(a)
     for i in range(order):
-        first = INDEX(shape.first[i])
-        row_i = INDEX(shape.start[i]) - first
-        b0, b1, b2 = b[i, 0], b[i, 1], b[i, 2]
-        diagonal = a[row_i + i]
+        row_i = start[i] - first[i]
+        y, diagonal = b[INDEX(i)], a[INDEX(row_i + i)]
         d = diagonal
-        for j in range(first, i):
-            first_j = INDEX(shape.first[j])
-            k = max(first, first_j)
-            row_j = INDEX(shape.start[j]) - first_j
-            s = a[row_i + j]
-            while k + ONE < j:  # two terms a turn: saves a sixth of the factorisation
-                s -= row[k] * a[row_j + k] + row[k + ONE] * a[row_j + k + ONE]
-                k += TWO
-            if k < j:
-                s -= row[k] * a[row_j + k]
-            row[j] = s  # L_ij D_j
-            lower = s * inverse_pivot[j]
-            a[row_i + j] = lower
-            d -= s * lower
-            b0 -= lower * b[j, 0]  # forward reduction
-            b1 -= lower * b[j, 1]
-            b2 -= lower * b[j, 2]
-        b[i, 0], b[i, 1], b[i, 2] = b0, b1, b2
-        if not d > 0.0:
-            negative += 1
-        if not TRUSTED_PIVOT * abs(diagonal) < abs(d) < math.inf:
-            trusted = False
-        inverse_pivot[i] = 1.0 / d
-    for i in range(order):  # division by D
-        for k in range(3):
-            b[i, k] *= inverse_pivot[i]
-    for below in range(order):  # back substitution
-        i = order - ONE - below
-        first = INDEX(shape.first[i])
-        row_i = INDEX(shape.start[i]) - first
-        b0, b1, b2 = b[i, 0], b[i, 1], b[i, 2]
-        for k in range(first, i):
-            lower = a[row_i + k]
-            b[k, 0] -= lower * b0
-            b[k, 1] -= lower * b1
-            b[k, 2] -= lower * b2
-    return negative, trusted
+        for j in range(first[i], i):
+            row_j = start[j] - first[j]
+            s = a[INDEX(row_i + j)]
+            for k in range(max(first[i], first[j]), j):
+                s = fma(-row[INDEX(k)], a[INDEX(row_j + k)], s)
+            row[INDEX(j)] = s
+            lower = s * inverse_pivot[INDEX(j)]
+            a[INDEX(row_i + j)] = lower
+            d = fma(-s, lower, d)
+            y = fma(-lower, b[INDEX(j)], y)
+        b[INDEX(i)] = y
+        negative, untrusted = judge(diagonal, d, negative, untrusted)
+        inverse_pivot[INDEX(i)] = 1.0 / d
+    for i in range(order):
+        b[i] = inverse_pivot[i] * b[i]
+    for above in range(order):
+        i = order - 1 - above
+        row_i, y = start[i] - first[i], b[INDEX(i)]
+        for k in range(first[i], i):
+            b[INDEX(k)] = fma(-a[INDEX(row_i + k)], y, b[INDEX(k)])
+    return negative, untrusted
 
 
-@njit
-def factor(shape, a, inverse_pivot, row):
+@kernel
+def subtract_product(p, q, s):
+    """S - P Q^T of blocks, each a tuple of three columns."""
+    p0, p1, p2 = p
+    q0, q1, q2 = q
+    s0, s1, s2 = s
+    s0 = fma(-q2.x, p2, fma(-q1.x, p1, fma(-q0.x, p0, s0)))
+    s1 = fma(-q2.y, p2, fma(-q1.y, p1, fma(-q0.y, p0, s1)))
+    s2 = fma(-q2.z, p2, fma(-q1.z, p1, fma(-q0.z, p0, s2)))
+    return s0, s1, s2
+
+
+@kernel
+def block(a, place):
+    """The three columns of the block that is stored at a place."""
+    k = 3 * place
+    return a[INDEX(k)], a[INDEX(k + 1)], a[INDEX(k + 2)]
+
+
+@kernel
+def store(a, place, s):
+    """Put a block, a tuple of three columns, at a place."""
+    k = 3 * place
+    a[INDEX(k)], a[INDEX(k + 1)], a[INDEX(k + 2)] = s
+
+
+@kernel
+def factor_node(d):
+    """L and D of a block of which the lower triangle is given: L below the diagonal as two columns, and D."""
+    d0, d1, d2 = d
+    first = 1.0 / d0.x
+    l10, l20 = first * d0.y, first * d0.z
+    pivot, below = fma(-l10, d0.y, d1.y), fma(-l10, d0.z, d1.z)
+    l21 = below / pivot
+    last = fma(-l21, below, fma(-l20, d0.z, d2.z))
+    return vec3(0.0, l10, l20), vec3(0.0, 0.0, l21), vec3(d0.x, pivot, last)
+
+
+@kernel
+def factor(shape, a, row):
     """Factor a matrix of order 3N in place into L D L^T, all of its coordinates coupled.
 
-    a (S,3,3) holds a 3 x 3 block for every entry of the N x N skyline `shape`: rows of the later node, columns of the
-    earlier one. Of the diagonal blocks only the lower triangle is read. Three rows are worked on together, so that
-    every number of L that is fetched is used three times. inverse_pivot (N,3) receives 1/D; row (N,3,3) is scratch.
+    a (3S,) holds three vectors, columns of a 3 x 3 block, for every entry of the N x N skyline `shape`: rows of the
+    later node, columns of the earlier one. Of the diagonal blocks only the lower triangle is read; in their columns are
+    left the two of L below the diagonal, and 1/D. row (3N,), vectors, is scratch.
 
     Returns:
-        (non-positive pivots, trusted), as `factor_solve`.
+        (non-positive pivots, untrusted pivots), a number a fish.
     """
-    negative = 0
-    trusted = True
-    for i in range(INDEX(shape.first.size)):
-        first = INDEX(shape.first[i])
-        row_i = INDEX(shape.start[i]) - first
-        d = a[row_i + i]
-        d00, d10, d11, d20, d21, d22 = d[0, 0], d[1, 0], d[1, 1], d[2, 0], d[2, 1], d[2, 2]
-        was0, was1, was2 = d00, d11, d22
-        for j in range(first, i):
-            first_j = INDEX(shape.first[j])
-            row_j = INDEX(shape.start[j]) - first_j
-            s = a[row_i + j]
-            s00, s01, s02 = s[0, 0], s[0, 1], s[0, 2]
-            s10, s11, s12 = s[1, 0], s[1, 1], s[1, 2]
-            s20, s21, s22 = s[2, 0], s[2, 1], s[2, 2]
-            for k in range(max(first, first_j), j):
-                p, q = row[k], a[row_j + k]
-                s00 -= p[0, 0] * q[0, 0] + p[0, 1] * q[0, 1] + p[0, 2] * q[0, 2]
-                s01 -= p[0, 0] * q[1, 0] + p[0, 1] * q[1, 1] + p[0, 2] * q[1, 2]
-                s02 -= p[0, 0] * q[2, 0] + p[0, 1] * q[2, 1] + p[0, 2] * q[2, 2]
-                s10 -= p[1, 0] * q[0, 0] + p[1, 1] * q[0, 1] + p[1, 2] * q[0, 2]
-                s11 -= p[1, 0] * q[1, 0] + p[1, 1] * q[1, 1] + p[1, 2] * q[1, 2]
-                s12 -= p[1, 0] * q[2, 0] + p[1, 1] * q[2, 1] + p[1, 2] * q[2, 2]
-                s20 -= p[2, 0] * q[0, 0] + p[2, 1] * q[0, 1] + p[2, 2] * q[0, 2]
-                s21 -= p[2, 0] * q[1, 0] + p[2, 1] * q[1, 1] + p[2, 2] * q[1, 2]
-                s22 -= p[2, 0] * q[2, 0] + p[2, 1] * q[2, 1] + p[2, 2] * q[2, 2]
-            q, p, e = a[row_j + j], row[j], inverse_pivot[j]  # q: L within node j
-            s01 -= s00 * q[1, 0]
-            s11 -= s10 * q[1, 0]
-            s21 -= s20 * q[1, 0]
-            s02 -= s00 * q[2, 0] + s01 * q[2, 1]
-            s12 -= s10 * q[2, 0] + s11 * q[2, 1]
-            s22 -= s20 * q[2, 0] + s21 * q[2, 1]
-            p[0, 0], p[0, 1], p[0, 2] = s00, s01, s02  # L D
-            p[1, 0], p[1, 1], p[1, 2] = s10, s11, s12
-            p[2, 0], p[2, 1], p[2, 2] = s20, s21, s22
-            s[0, 0], s[0, 1], s[0, 2] = s00 * e[0], s01 * e[1], s02 * e[2]  # L
-            s[1, 0], s[1, 1], s[1, 2] = s10 * e[0], s11 * e[1], s12 * e[2]
-            s[2, 0], s[2, 1], s[2, 2] = s20 * e[0], s21 * e[1], s22 * e[2]
-            d00 -= s00 * s[0, 0] + s01 * s[0, 1] + s02 * s[0, 2]
-            d10 -= s10 * s[0, 0] + s11 * s[0, 1] + s12 * s[0, 2]
-            d11 -= s10 * s[1, 0] + s11 * s[1, 1] + s12 * s[1, 2]
-            d20 -= s20 * s[0, 0] + s21 * s[0, 1] + s22 * s[0, 2]
-            d21 -= s20 * s[1, 0] + s21 * s[1, 1] + s22 * s[1, 2]
-            d22 -= s20 * s[2, 0] + s21 * s[2, 1] + s22 * s[2, 2]
-        d[1, 0], d[2, 0] = d10 / d00, d20 / d00
-        d11 -= d10 * d[1, 0]
-        d21 -= d20 * d[1, 0]
-        d[2, 1] = d21 / d11
-        d22 -= d20 * d[2, 0] + d21 * d[2, 1]
-        for k, was, pivot in ((0, was0, d00), (1, was1, d11), (2, was2, d22)):
-            if not pivot > 0.0:
-                negative += 1
-            if not TRUSTED_PIVOT * abs(was) < abs(pivot) < math.inf:
-                trusted = False
-            inverse_pivot[i, k] = 1.0 / pivot
-    return negative, trusted
+    first, start, none = shape.first, shape.start, zero(a)
+    negative, untrusted = none.x, none.x
+    for i in range(first.size):
+        row_i = start[i] - first[i]
+        was0, was1, was2 = block(a, row_i + i)
+        d = was0, was1, was2
+        for j in range(first[i], i):
+            row_j = start[j] - first[j]
+            s = block(a, row_i + j)
+            for k in range(max(first[i], first[j]), j):
+                s = subtract_product(block(row, k), block(a, row_j + k), s)
+            s0, s1, s2 = s
+            q0, q1, inverse = block(a, row_j + j)
+            s1 = fma(-q0.y, s0, s1)
+            s2 = fma(-q1.z, s1, fma(-q0.z, s0, s2))
+            s, lower = (s0, s1, s2), (inverse.x * s0, inverse.y * s1, inverse.z * s2)
+            store(row, j, s)
+            store(a, row_i + j, lower)
+            d = subtract_product(s, lower, d)
+        q0, q1, pivot = factor_node(d)
+        negative, untrusted = judge(was0.x, pivot.x, negative, untrusted)
+        negative, untrusted = judge(was1.y, pivot.y, negative, untrusted)
+        negative, untrusted = judge(was2.z, pivot.z, negative, untrusted)
+        inverse = vec3(1.0 / pivot.x, 1.0 / pivot.y, 1.0 / pivot.z)
+        store(a, row_i + i, (none + q0, none + q1, none + inverse))
+    return negative, untrusted
 
 
-@njit
-def solve(shape, a, inverse_pivot, b):
-    """Solve for one right-hand side b (N,3), which is overwritten, with what `factor` made."""
-    order = INDEX(shape.first.size)
+@kernel
+def solve(shape, a, b):
+    """Solve for one right-hand side, vectors b (N,), which is overwritten, with what `factor` made of a."""
+    first, start, order, none = shape.first, shape.start, shape.first.size, zero(b)
     for i in range(order):
-        first = INDEX(shape.first[i])
-        row_i = INDEX(shape.start[i]) - first
-        b0, b1, b2 = b[i, 0], b[i, 1], b[i, 2]
-        for j in range(first, i):
-            q, c0, c1, c2 = a[row_i + j], b[j, 0], b[j, 1], b[j, 2]
-            b0 -= q[0, 0] * c0 + q[0, 1] * c1 + q[0, 2] * c2
-            b1 -= q[1, 0] * c0 + q[1, 1] * c1 + q[1, 2] * c2
-            b2 -= q[2, 0] * c0 + q[2, 1] * c1 + q[2, 2] * c2
-        q = a[row_i + i]
-        b1 -= q[1, 0] * b0
-        b2 -= q[2, 0] * b0 + q[2, 1] * b1
-        b[i, 0], b[i, 1], b[i, 2] = b0, b1, b2
-    for i in range(order):  # division by D
-        for k in range(3):
-            b[i, k] *= inverse_pivot[i, k]
-    for below in range(order):  # back substitution
-        i = order - ONE - below
-        first = INDEX(shape.first[i])
-        row_i = INDEX(shape.start[i]) - first
-        q, b0, b1, b2 = a[row_i + i], b[i, 0], b[i, 1], b[i, 2]
-        b1 -= q[2, 1] * b2
-        b0 -= q[1, 0] * b1 + q[2, 0] * b2
-        b[i, 0], b[i, 1] = b0, b1
-        for j in range(first, i):
-            q = a[row_i + j]
-            b[j, 0] -= q[0, 0] * b0 + q[1, 0] * b1 + q[2, 0] * b2
-            b[j, 1] -= q[0, 1] * b0 + q[1, 1] * b1 + q[2, 1] * b2
-            b[j, 2] -= q[0, 2] * b0 + q[1, 2] * b1 + q[2, 2] * b2
+        row_i, y = start[i] - first[i], b[INDEX(i)]
+        for j in range(first[i], i):
+            q0, q1, q2 = block(a, row_i + j)
+            p = b[INDEX(j)]
+            y = fma(-p.z, q2, fma(-p.y, q1, fma(-p.x, q0, y)))
+        q0, q1, _ = block(a, row_i + i)
+        y = fma(-y.x, q0, y)
+        b[INDEX(i)] = fma(-y.y, q1, y)
+    for i in range(order):
+        _, _, inverse = block(a, start[i] + i - first[i])
+        b[i] = inverse * b[i]
+    for above in range(order):
+        i = order - 1 - above
+        row_i, y = start[i] - first[i], b[INDEX(i)]
+        q0, q1, _ = block(a, row_i + i)
+        middle = fma(-q1.z, y.z, y.y)
+        y = none + vec3(fma(-q0.z, y.z, fma(-q0.y, middle, y.x)), middle, y.z)
+        b[INDEX(i)] = y
+        for j in range(first[i], i):
+            q0, q1, q2 = block(a, row_i + j)
+            b[INDEX(j)] -= vec3(dot(q0, y), dot(q1, y), dot(q2, y))
