@@ -19,6 +19,7 @@ from fish_env.forces.plan import H
 from fish_env.simd import Kind, Pack, block_size, dot, floats, lane, nowhere, packed, select, zero
 
 MOST_KEYS = 10_000  # stiffnesses whose plans are remembered
+DEEPEST = 3  # times that steps are halved
 COUNTED = 3  # force evaluations, factorisations and solves of a step
 
 
@@ -176,9 +177,9 @@ class Engine:
         self.compiled = make_advance(self.names, self.method)
         self.bounds = [sum(rates) for rates in zip(
             (fish.body.elastic_rate, fish.body.viscous_rate), *forces.bounds(fish.body, world), strict=True)]  # fmt: skip
-        self.levels, self._rows, self._plans = 1, {}, []
+        self.levels, self._rows, self._plans = (1 + DEEPEST if np.isfinite(tank.refine) else 1), {}, []
         self.order, self.row, self._sorted = np.arange(b), np.zeros(b, dtype=np.int64), True
-        self.queue = Pack("queue", order=self.order, row=self.row, deepest=self.levels - 1, tolerance=np.inf)
+        self.queue = Pack("queue", order=self.order, row=self.row, deepest=self.levels - 1, tolerance=tank.refine)
         self.blocks = []
         for i in range(b):
             self.plan(i)

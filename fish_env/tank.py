@@ -19,6 +19,7 @@ from fish_env.integrators import INTEGRATORS, Integrator
 from fish_env.simd import Kind, Pack, Vectors
 from fish_env.world import VACUUM, World, make_anchors
 
+REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
 FISH_FOR_LANES = 3  # fewer than this are faster one by one
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
@@ -35,19 +36,32 @@ class Tank:
         water: `make_water(...)`, or None for vacuum.
         threads: over how many threads the fish are shared out; None takes the processors this process may use.
             Results do not depend on it.
+        dtype: "float64" or "float32", what the kernels calculate in; the state is float64 in any case.
+        lanes: how many fish a kernel works on at once: "xyz" (one, its coordinates side by side), 1, 2, 4, 8, 16 or
+            32; None chooses. Results do not depend on it in float64.
+        refine: relative change of a spring's length within a step above which the whole call is taken again, for that
+            fish alone, with steps half as long, and so on down to 1/8; inf for never. None takes the fish's own with
+            its own step, and inf with a dt that is given. Only the default method watches its springs.
 
     Raises:
-        ValueError: for an unknown integrator, `num_fish` or `threads` below 1, or a step that is not positive.
+        ValueError: for an unknown integrator, `num_fish` or `threads` below 1, a step that is not positive, or a dtype,
+            lanes or refine that is not offered.
     """
 
     def __init__(self, fish: ElasticObject, num_fish=1, integrator: str | None = None, dt: float | None = None,
                  water: World | None = None, threads: int | None = None, dtype: str = "float64",
-                 lanes: str | int | None = None):  # fmt: skip
+                 lanes: str | int | None = None, refine: float | None = None):  # fmt: skip
         if not isinstance(fish, ElasticObject):
             raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
         integrator = fish.integrator if integrator is None else integrator
         if not isinstance(integrator, str) or integrator not in INTEGRATORS:
             raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
+        if refine is None:
+            refine = fish.refine if dt is None and integrator == fish.integrator else np.inf
+        if not (isinstance(refine, Real) and refine > 0):
+            raise ValueError(f"refine is {refine!r}; give a positive number (this fish's own is {fish.refine}), or inf")
+        if np.isfinite(refine) and integrator not in REFINED:
+            raise ValueError(f"{integrator!r} cannot refine its steps; give refine=inf, or choose from {REFINED}")
         dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
         if not (isinstance(dt, Real) and np.isfinite(dt) and dt > 0):
             raise ValueError(f"dt is {dt!r}; give a positive number of seconds (this fish's own is {fish.time_step})")
@@ -57,6 +71,7 @@ class Tank:
         if not isinstance(water, World | None):
             raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...), or None for vacuum")
         self.fish, self.num_fish, self.dt = fish, int(num_fish), float(dt)
+        self.refine = float(refine)
         self.integrator = INTEGRATORS[integrator]
         self.world = VACUUM if water is None else water
         self.threads = threads or available_processors()

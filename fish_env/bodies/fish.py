@@ -21,6 +21,8 @@ class ElasticObject:
     """Its size, m."""
     time_step: float
     """Step of its own integrator, s."""
+    refine: float = np.inf
+    """Relative change of a spring's length within a step above which its own integrator takes shorter steps."""
     control_interval: float
     """Default time between two decisions, or two pictures, s."""
     water: World = VACUUM

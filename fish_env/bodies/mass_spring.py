@@ -5,7 +5,7 @@ wrote `mass_spring.json`; `make_published` keeps the published masses and consta
 """
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +79,9 @@ def topology():
         (down_left, lower, upper, up_left),
     ]
     return np.array(pairs), np.array(classes), np.array(sections, dtype=float), np.array(faces)
+
+
+REFINE = 0.1  # relative change of a spring's length in a step, above which the default method takes shorter ones
 
 
 @dataclass(frozen=True)
@@ -199,9 +202,10 @@ def make_mass_spring(**parameters) -> Fish:
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     body = make_body(position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces)
     water = make_water(WATER_DENSITY, p.drag_coefficient)
-    return _fish(
+    fish = _fish(
         "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval
     )
+    return replace(fish, refine=REFINE)
 
 
 def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.0275) -> Fish:
