@@ -9,6 +9,8 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
     add_change         adds to f what the force changes by when the velocities become v, positions being those kept
     add_system         adds h D + h^2 K to the matrix in f, and keeps K for `add_tangent`
     add_damping        adds h D to it, for the method that takes the water implicitly
+    add_lagged         adds the force to `f.load` and h^2 times its effective stiffness to `f.matrix`, a number for each
+                       entry of the nodes' skyline, for Tu's method (default: explicit, by `add_force`)
     add_jacobian       adds the exact -df/dx and -df/dv to `f.stiffness` and `f.damping`; of one fish, in float64
     energy             what the force stores, J
     failed             where an element is not what it should be any more; FAILURE says why
@@ -20,9 +22,10 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
 `present(body, world)` says whether there is anything to do: kernels are compiled without the forces that are not there.
 `make_cache(body, world, kind)` makes what the force keeps, a `Pack` that it is then handed as `cache`.
 `rest_matrices(body, elastic)` yields element matrices, (nodes (M,k), matrices (M,3k,3k)), of small motion about rest,
-and `bounds(body, world)` how stiff and how damped the surroundings make a body, for the choice of a step. All but
-`present` and `add_force` may be missing. A force without `add_system` is taken explicitly by the methods that solve
-systems; one without `add_tangent` is not filtered; one without `add_jacobian` is refused by whatever needs exact
+and `bounds(body, world)` says how stiff and how damped the surroundings make a body, for the choice of a step.
+
+All but `present` and `add_force` may be missing. A force without `add_system` is explicit in the methods that solve
+systems, one without `add_tangent` is not filtered, and one without `add_jacobian` is refused by whatever needs exact
 derivatives.
 
 `control` holds what belongs to each fish of the block: rest lengths, and factors on stiffness, drag and on all else

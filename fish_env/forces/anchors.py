@@ -120,6 +120,27 @@ def add_system(body, world, control, x, v, a, cache):
 
 
 @kernel
+def add_lagged(body, world, control, x, v, system, cache):
+    """Add the pull at the start of the step to `system.load`, and what it becomes at its end to `system.matrix`.
+
+    As `springs.add_lagged`; an anchor without length is taken implicitly as a whole.
+    """
+    anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
+    for m in range(anchors.node.size):
+        i, natural = INDEX(anchors.node[m]), anchors.rest_length[m]
+        place, c, k = INDEX(body.profile.diagonal[i]), light * anchors.stiffness[m], light * anchors.damping[m]
+        r, inverse = separation(anchors, m, x)
+        if natural == 0.0:
+            system.load[i] += fma(k, anchors.velocity[m], c * r)
+            system.matrix[place] += h * fma(h, c, k)
+        else:
+            fast = dot(r, anchors.velocity[m] - v[i]) * (inverse * inverse)
+            eta = select(inverse > 0.0, fma(k, fast, c * fma(-natural, inverse, 1.0)), 0.0)
+            system.load[i] = fma(eta, r, system.load[i])
+            system.matrix[place] += (h * h) * eta
+
+
+@kernel
 def add_jacobian(body, world, control, x, v, matrices, cache):
     """Add -df/dx to `matrices.stiffness` (3N,3N) and -df/dv to `matrices.damping`, both exact; of one fish."""
     anchors, stiffness, damping = world.anchors, matrices.stiffness, matrices.damping

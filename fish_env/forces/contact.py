@@ -53,21 +53,12 @@ def add_force(body, world, control, x, v, f, cache):
 @kernel
 def constrain(body, world, control, x, v, a, cache):
     """Change the accelerations a so that none, in a step, sends a node further behind a plane it is behind."""
-    project(world, control.plans[control.row[0], H], x, v, a)
-
-
-@kernel
-def project(world, h, x, v, a):
-    """Change the accelerations a so that none, in h s, sends a node further behind a plane it is behind.
-
-    With an h of 1, a is a change of velocity.
-    """
-    planes = world.planes
+    planes, often = world.planes, 1.0 / control.plans[control.row[0], H]
     for p in range(planes.shape[0]):
         n = normal(planes, p)
         for i in range(x.size):
             depth, speed = planes[p, 3] - dot(n, x[i]), dot(n, v[i])
-            lacking = fma(-1.0 / h, select(speed > 0.0, speed, 0.0), -dot(n, a[i]))
+            lacking = fma(-often, select(speed > 0.0, speed, 0.0), -dot(n, a[i]))
             a[i] = fma(select((depth >= 0.0) & (lacking > 0.0), lacking, 0.0), n, a[i])
 
 
