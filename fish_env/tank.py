@@ -16,7 +16,7 @@ from fish_env.checks import finite_array, positive_array
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
 from fish_env.integrators import INTEGRATORS, Integrator
-from fish_env.simd import Kind, Pack, Vectors
+from fish_env.simd import SUPPORTED, Kind, Pack, Vectors
 from fish_env.world import VACUUM, World, make_anchors
 
 REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
@@ -381,8 +381,8 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
         ValueError: for a precision or a number of lanes that is not offered.
     """
     if lanes is None:
-        few = num_fish < FISH_FOR_LANES
-        lanes = "xyz" if few else 16 if dtype == "float32" else 8
+        many = 16 if dtype == "float32" else 8
+        lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
     return Kind(lanes, dtype)
 
 

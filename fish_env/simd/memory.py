@@ -8,10 +8,12 @@ Legend: n elements of an array; w lanes; words the block behind a pack.
 """
 
 import hashlib
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import llvmlite.ir as ir
+import numba
 import numpy as np
 from numba import types
 from numba.core import cgutils
@@ -24,6 +26,16 @@ from fish_env.simd.plain import Vec3 as PlainVec3
 from fish_env.simd.types import XYZ, Vec3, mask_type, number_type, width
 
 LANES = (XYZ, 1, 2, 4, 8, 16, 32)
+TESTED = ("0.66", "0.67", "0.68")
+"""Versions of numba whose compiler the types were tested with."""
+SUPPORTED = numba.__version__.startswith(tuple(f"{version}." for version in TESTED))
+if not SUPPORTED:
+    warnings.warn(
+        f"fish_env's vector types were tested with numba {', '.join(TESTED)}, not {numba.__version__}: kernels work on one "
+        'fish at a time, several times slower; pip install "numba>=0.66,<0.69" for the full speed',
+        RuntimeWarning,
+        stacklevel=2,
+    )
 ALIGNMENT = 64  # bytes: a cache line, and the widest register
 WORD = ir.IntType(64)
 
@@ -32,7 +44,7 @@ WORD = ir.IntType(64)
 class Kind:
     """How many fish a kernel works on at once, and in which precision."""
 
-    lanes: str | int = XYZ
+    lanes: str | int = XYZ if SUPPORTED else 1
     """"xyz", one fish with its coordinates in a register; or how many fish side by side: 1, 2, 4, 8, 16 or 32."""
     dtype: str = "float64"
     """"float64" or "float32"."""
@@ -40,6 +52,11 @@ class Kind:
     def __post_init__(self):
         if self.lanes not in LANES or isinstance(self.lanes, bool):
             raise ValueError(f"lanes is {self.lanes!r}; choose from {', '.join(map(repr, LANES))}")
+        if not SUPPORTED and self.lanes != 1:
+            raise ValueError(
+                f"lanes is {self.lanes!r}, which was not tested with numba {numba.__version__}; give 1, or install one of "
+                f"{', '.join(TESTED)}"
+            )
         if self.dtype not in ("float64", "float32"):
             raise ValueError(f"dtype is {self.dtype!r}; choose 'float64' or 'float32'")
 

@@ -10,17 +10,21 @@ Legend: w lanes of a type ("xyz" or a whole number), bits 64 or 32, parts the LL
 import llvmlite.ir as ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import models, register_model
+from numba.core.typeconv import Conversion
+from numba.extending import lower_cast, models, register_model
 
 XYZ = "xyz"
 
 
 class Num(types.Type):
-    """A number a fish: W lanes, or one lane in float32."""
+    """A number a fish: W lanes, or one lane in float32. A plain number becomes the same for every fish."""
 
     def __init__(self, w, bits):
         self.w, self.bits = w, bits
         super().__init__(name=f"Num({w},{bits})")
+
+    def can_convert_from(self, typingctx, other):
+        return Conversion.unsafe if isinstance(other, types.Float | types.Integer) else None
 
 
 class Mask(types.Type):
@@ -32,11 +36,15 @@ class Mask(types.Type):
 
 
 class Vec3(types.Type):
-    """A 3-vector a fish."""
+    """A 3-vector a fish. One of a single lane becomes the same for every fish."""
 
     def __init__(self, w, bits):
         self.w, self.bits = w, bits
         super().__init__(name=f"Vec3({w},{bits})")
+
+    def can_convert_from(self, typingctx, other):
+        loose = isinstance(other, Vec3) and other.w == 1 and other.bits in (64, self.bits)
+        return Conversion.unsafe if loose else None
 
 
 def scalar(bits):
@@ -106,6 +114,13 @@ class Vec3Model(models.PrimitiveModel):
         return value
 
 
+@lower_cast(types.Float, Num)
+@lower_cast(types.Integer, Num)
+@lower_cast(Vec3, Vec3)
+def _cast(context, builder, kind, target, value):
+    return whole(builder, parts_of(builder, value, kind, target), target)
+
+
 def spread(builder, value, count, bits):
     """A scalar in each of `count` lanes; an integer or a number of another precision is converted first."""
     if isinstance(value.type, ir.IntType):
@@ -131,6 +146,8 @@ def parts_of(builder, value, kind, target):
         if kind.w == XYZ:
             return [value]
         parts = [builder.extract_value(value, k) for k in range(3)]
+        if kind.w == 1 and kind.bits != target.bits:
+            parts = [spread(builder, part, 1, target.bits) for part in parts]
         if target.w == XYZ:
             register = ir.Constant(vector_llvm(XYZ, target.bits), ir.Undefined)
             for k in range(3):
