@@ -12,6 +12,7 @@ import numpy as np
 
 from fish_env.body import Body
 from fish_env.integrators import (
+    adaptive,
     explicit_euler,
     leapfrog_chebyshev,
     limits,
@@ -93,7 +94,7 @@ def named(name: str) -> Integrator:
 
 
 SONG, BARAFF, HAIRER = "Song 2009, ch. 5", "Baraff & Witkin 1998", "Hairer, Lubich & Wanner 2003"
-IMPLICIT = "linearly implicit"
+IMPLICIT, ADAPTIVE = "linearly implicit", "adaptive"
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record
     for record in (
@@ -109,5 +110,29 @@ INTEGRATORS: dict[str, Integrator] = {
         Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.PROJECTED),
         Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.WATER),
         Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock),
+        Integrator(
+            "dop853",
+            8,
+            ADAPTIVE,
+            0,
+            0,
+            0,
+            "Hairer, Norsett & Wanner 1993",
+            None,
+            refuses=limits.no_walls,
+            advance=adaptive.advance_dop853,
+        ),
+        Integrator(
+            "radau",
+            5,
+            ADAPTIVE,
+            0,
+            0,
+            0,
+            "Hairer & Wanner 1996",
+            None,
+            refuses=limits.no_walls,
+            advance=adaptive.advance_radau,
+        ),
     )
 }

@@ -11,54 +11,54 @@ from numbers import Real
 
 import numpy as np
 
-from fish_env import forces
-from fish_env.body import NO_CONVERGENCE, NON_FINITE
-from fish_env.integrators._common import count, rest_lengths, settle
+from fish_env.body import FACTORISATIONS, FORCES
+from fish_env.failures import NO_CONVERGENCE, NON_FINITE
+from fish_env.forces.evaluate import Evaluator
 
 METHODS = ("DOP853", "Radau")
 TOLERANCE = 1e-10  # of the entries in INTEGRATORS
 LOWEST, HIGHEST = 1e-13, 1e-2  # below, rounding decides; above, error control does not hold
-MOST_EVALUATIONS = 200_000  # a call: some seconds, in which a sound fish swims for ten; what needs more never ends
+MOST_EVALUATIONS = 200_000  # a call: some seconds, in which a valid fish swims for ten; what needs more never ends
 
 
 class Motion:
     """The motion of one body as scipy takes it: dy/dt and its Jacobian; FloatingPointError where one is not finite."""
 
-    def __init__(self, body, world, control, b):
-        self.body, self.world, self.control, self.b = body, world, control, b
-        nodes = body.mass.size
-        self.shape = (2, nodes, 3)
-        self.rest, self.f = np.empty(body.springs.stiffness.size), np.empty((nodes, 3))
-        self.stiffness, self.damping = np.empty((3 * nodes, 3 * nodes)), np.empty((3 * nodes, 3 * nodes))
+    def __init__(self, body, evaluator, control, b):
+        self.evaluator, self.inverse_mass = evaluator, body.inverse_mass
+        self.start, self.rate = control.rest_length[b], control.rate[b]
+        self.shape = (2, body.mass.size, 3)
         self.evaluations = 0
+
+    def rest_length(self, t):
+        """Rest lengths (E,) m at a time within the call."""
+        return self.start + t * self.rate  # (14)
 
     def slope(self, t, y):
         """dy/dt, (6N,)."""
         self.evaluations += 1
         x, v = y.reshape(self.shape)
-        rest_lengths(self.control, self.b, t, self.rest)
-        forces.total(self.body, self.world, self.rest, x, v, self.f)
-        if not np.isfinite(self.f).all() or self.evaluations > MOST_EVALUATIONS:
+        f = self.evaluator.force(self.rest_length(t), x, v)
+        if not np.isfinite(f).all() or self.evaluations > MOST_EVALUATIONS:
             raise FloatingPointError
-        return np.concatenate([v.ravel(), (self.f * self.body.inverse_mass).ravel()])
+        return np.concatenate([v.ravel(), (f * self.inverse_mass).ravel()])
 
     def jacobian(self, t, y):
         """Its derivative with respect to y, (6N,6N)."""
         x, v = y.reshape(self.shape)
-        rest_lengths(self.control, self.b, t, self.rest)
-        forces.jacobian(self.body, self.world, self.rest, x, v, self.stiffness, self.damping)
-        inverse = self.body.inverse_mass.reshape(-1, 1)
-        upper = np.hstack([np.zeros_like(self.stiffness), np.eye(inverse.size)])
-        matrix = np.vstack([upper, np.hstack([-self.stiffness * inverse, -self.damping * inverse])])
+        stiffness, damping = self.evaluator.jacobian(self.rest_length(t), x, v)
+        inverse = self.inverse_mass.reshape(-1, 1)
+        upper = np.hstack([np.zeros_like(stiffness), np.eye(inverse.size)])
+        matrix = np.vstack([upper, np.hstack([-stiffness * inverse, -damping * inverse])])
         if not np.isfinite(matrix).all():
             raise FloatingPointError
         return matrix
 
 
 def allowed_error(body, tolerance) -> np.ndarray:
-    """Absolute error a step may make, (6N,): of the body's size, and of the speed its mass has on a mean unit.
+    """Absolute error a step may make, (6N,): of the body's size, and of the speed its mass has on a mean spring.
 
-    Without units, it is the speed that moves it by its size in a period of its fastest vibration, over 2 pi.
+    Without springs, it is the speed that moves it by its size in a period of its fastest vibration, over 2 pi.
     """
     size = np.ptp(body.position, axis=0).max()
     rate = body.springs.stiffness.mean() / body.mass.sum() if body.springs.stiffness.size else body.elastic_rate
@@ -68,7 +68,7 @@ def allowed_error(body, tolerance) -> np.ndarray:
 
 
 def solve(body, world, state, control, duration, method="DOP853", tolerance=TOLERANCE) -> None:
-    """Move every sound body `duration` seconds with error control; state is changed in place.
+    """Move every valid body `duration` seconds with error control; state is changed in place.
 
     Args:
         body: of every fish.
@@ -88,17 +88,42 @@ def solve(body, world, state, control, duration, method="DOP853", tolerance=TOLE
         raise ValueError(f"tolerance is {tolerance!r}; give a number from {LOWEST:g} to {HIGHEST:g}")
     if not (isinstance(duration, Real) and np.isfinite(duration) and duration >= 0):
         raise ValueError(f"duration is {duration!r}; give a finite number of seconds, zero or more")
+    evaluator = Evaluator(body, world)
     for b in np.flatnonzero(state.failure == 0):
-        before_x, before_v = state.x[b].copy(), state.v[b].copy()
-        failure = move(body, world, state, control, b, duration, method, tolerance) if duration else 0
-        settle(body, state, control, b, before_x, before_v, failure, duration)
+        before = state.x[b].copy(), state.v[b].copy()
+        failure = move(body, evaluator, state, control, b, duration, method, tolerance) if duration else 0
+        finish_call(body, evaluator, state, control, b, before, failure, duration)
 
 
-def move(body, world, state, control, b, duration, method, tolerance) -> int:
+def failure_of(evaluator, rest_length, x, v) -> int:
+    """Why a body in this state is not valid: an index into FAILURES, zero for one that is."""
+    if not (np.isfinite(x).all() and np.isfinite(v).all()):
+        return NON_FINITE
+    return min(evaluator.failures(rest_length, x), default=0)
+
+
+def finish_call(body, evaluator, state, control, b, before, failure, duration) -> None:
+    """End a call for body b: advance its clock, or record why it failed and put back its last valid state.
+
+    That is the one it had before the call, or the body at rest if it was handed over invalid. Its rest lengths stop
+    where their rates have taken them.
+    """
+    control.rest_length[b] += duration * control.rate[b]
+    control.rate[b] = 0.0
+    failure = failure or failure_of(evaluator, control.rest_length[b], state.x[b], state.v[b])
+    if not failure:
+        state.t[b] += duration
+        return
+    broken = failure_of(evaluator, control.rest_length[b], *before)
+    state.failure[b] = broken or failure
+    state.x[b], state.v[b] = (body.position, 0.0) if broken else before
+
+
+def move(body, evaluator, state, control, b, duration, method, tolerance) -> int:
     """Positions and velocities of body b after `duration` s > 0, counted; 0, or why there are none."""
     from scipy.integrate import solve_ivp  # 0.3 s that only these methods need
 
-    motion = Motion(body, world, control, b)
+    motion = Motion(body, evaluator, control, b)
     y = np.concatenate([state.x[b].ravel(), state.v[b].ravel()])
     if not np.isfinite(y).all():
         return NON_FINITE
@@ -114,7 +139,8 @@ def move(body, world, state, control, b, duration, method, tolerance) -> int:
         factorisations, sound = found.nlu, found.status == 0
     except FloatingPointError:
         sound = False
-    count(state, b, motion.evaluations, factorisations, 0)  # scipy does not tell its solves
+    state.counters[b, FORCES] += motion.evaluations
+    state.counters[b, FACTORISATIONS] += factorisations  # scipy does not tell its solves
     if not sound:
         return NO_CONVERGENCE
     state.x[b], state.v[b] = found.y[:, -1].reshape(motion.shape)
@@ -122,7 +148,7 @@ def move(body, world, state, control, b, duration, method, tolerance) -> int:
 
 
 def advance(body, world, state, control, h, n, method) -> None:
-    """Move every sound body n h seconds; the length of a step is the method's own choice."""
+    """Move every valid body n h seconds; the length of a step is the method's own choice."""
     solve(body, world, state, control, n * h, method)
 
 

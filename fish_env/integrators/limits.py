@@ -1,7 +1,7 @@
-"""How long a step each family of methods bears about rest, by linear theory: what a default step is taken from.
+"""Step-size limits of each family of methods, by linear theory about rest: what a default step is taken from.
 
 A body's fastest vibration has the frequency w, w^2 = `elastic_rate`, and the relaxation time s, s w^2 = `viscous_rate`.
-Where `benchmarks/stability.py` measures more, these stay on the safe side.
+Where `benchmarks/stability.py` measures longer stable steps, these limits stay on the safe side.
 """
 
 import math
@@ -13,7 +13,7 @@ from fish_env.world import World
 
 
 def leapfrog(body: Body) -> float:
-    """Of symplectic Euler, s: (sqrt((w s)^2 + 4) - w s) / w. Tu's has the same; all but two others bear it."""
+    """Of symplectic Euler, s: (sqrt((w s)^2 + 4) - w s) / w. Tu's method has the same; most others are stable there."""
     elastic, viscous = body.elastic_rate, body.viscous_rate
     if elastic == 0.0:
         return 2.0 / viscous if viscous > 0.0 else math.inf
@@ -21,7 +21,7 @@ def leapfrog(body: Body) -> float:
 
 
 def relaxation(body: Body) -> float:
-    """Shortest relaxation time k/c of the units and tetrahedra, s; infinite without stiffness."""
+    """Shortest relaxation time k/c of the springs and tetrahedra, s; infinite without stiffness."""
     springs, tets = body.springs, body.tets
     elastic = springs.stiffness > 0.0
     shortest = math.inf if tets is None else float(tets.relaxation_time.min(initial=math.inf))
@@ -41,18 +41,18 @@ def midpoint(body: Body) -> float:
 
 
 def everything(body: Body, world: World) -> str:
-    """Why a method cannot move this body in this world; "" if it can, as most can any."""
+    """Why a method cannot move this body in this world; "" if it can, as most methods can move any body."""
     return ""
 
 
 def whole_nodes(body: Body, world: World) -> str:
-    """Of Tu's method: one matrix serves all axes, so a node is held along all of them or along none."""
-    held = body.inverse_mass == 0.0
-    mixed = held[:, ~held.all(axis=0)]
+    """Of Tu's method: one matrix serves all axes, so a node is fixed along all of them or along none."""
+    fixed = body.inverse_mass == 0.0
+    mixed = fixed[:, ~fixed.all(axis=0)]
     bad = np.flatnonzero(mixed.any(axis=1) & ~mixed.all(axis=1))
-    return f"node {bad[0]} is held along some axes only, and one matrix serves all of them" if bad.size else ""
+    return f"node {bad[0]} is fixed along some axes only, and one matrix serves all of them" if bad.size else ""
 
 
 def no_walls(body: Body, world: World) -> str:
-    """Of the adaptive methods: an impact in the middle of a step is more than error control bears."""
+    """Of the adaptive methods: error control does not hold for an impact in the middle of a step."""
     return "a step of its own choice would run through the walls" if world.planes is not None else ""
