@@ -92,7 +92,7 @@ def stop(tank, block, b, duration):
 
 @cache
 def make_advance(names: tuple[str, ...], method):
-    """The compiled `advance` of a method, for bodies and worlds on which the forces of these names act."""
+    """The kernel `advance` of a method, for bodies and worlds on which the forces of these names act."""
     run, failed = method.make_run(names), forces.total(names, "failed")
 
     @part
@@ -106,7 +106,7 @@ def make_advance(names: tuple[str, ...], method):
         code = select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)
         return select(infinite, 1.0 * NON_FINITE, code)
 
-    @njit
+    @part
     def advance(tank, queue, block, first, last, n):
         """Move fish queue.order[first:last] by n steps; in place. Those that fail stay where they were."""
         body, world, control, todo = block.body, block.world, block.control, block.todo
@@ -163,6 +163,18 @@ def make_advance(names: tuple[str, ...], method):
     return advance
 
 
+@cache
+def make_call(names: tuple[str, ...], method):
+    """`advance`, compiled for Python to call."""
+    advance = make_advance(names, method)
+
+    @njit
+    def call(tank, queue, block, first, last, n):
+        advance(tank, queue, block, first, last, n)
+
+    return call
+
+
 class Engine:
     """The compiled method of a tank, with the memory that it works in.
 
@@ -174,7 +186,7 @@ class Engine:
         fish, world, b = tank.fish, tank.world, tank.num_fish
         self.tank, self.method = tank, tank.integrator.method
         self.names = forces.present(fish.body, world)
-        self.compiled = make_advance(self.names, self.method)
+        self.compiled = make_call(self.names, self.method)
         self.bounds = [sum(rates) for rates in zip(
             (fish.body.elastic_rate, fish.body.viscous_rate), *forces.bounds(fish.body, world), strict=True)]  # fmt: skip
         self.levels, self._rows, self._plans = (1 + DEEPEST if np.isfinite(tank.refine) else 1), {}, []

@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from fish_env.bodies import Fish, make_fish
 from fish_env.checks import finite_array
 from fish_env.envs import observation
-from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_see, make_step, observe_all
+from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.pose import make_pose, packed_pose
 from fish_env.simd import Kind, Pack, Vectors
@@ -104,7 +104,7 @@ class Episodes:
         moved = [{}] if engine is None else [{"queue": engine.queue, "block": block} for block in engine.blocks]
         self._envs = [Pack("env", **fields, **each) for each in moved]  # one a thread
         self._env = self._envs[0]
-        self._see = make_see(self._kernels)
+        self._see = make_look(self._kernels)
         self._step = None
         if engine is not None:
             self._step = make_step(engine.names, engine.method, self._kernels, self._env.type)
@@ -200,7 +200,10 @@ class Episodes:
 
     def _look(self) -> None:
         """Measure and observe all fish where they are."""
-        self._see(self._env, 0, self.num_envs, False)
+        if self._step is None:
+            self._see(self._env, 0, self.num_envs, False)
+        else:
+            self._step(self._env.address, 0, self.num_envs, -1, 0.0)
         if self._kernels is None:
             self._observe()
 

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from fish_env._jit import INDEX, kernel, njit
+from fish_env._jit import INDEX, kernel, njit, part
 from fish_env.engine import make_advance
 from fish_env.envs.observation import contract, observe
 from fish_env.pose import measure
@@ -19,7 +19,7 @@ FAILURE_PENALTY = 10.0  # body lengths: what a failure of the physics costs
 
 @cache
 def make_see(kernels):
-    """The compiled `see(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None.
+    """The kernel `see(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None.
 
     It measures the fish queue.order[first:last], rewards them if they have stepped, and fills their observations.
     Without a task it only measures.
@@ -45,14 +45,14 @@ def make_see(kernels):
 
     if kernels is None:
 
-        @njit
+        @part
         def see(env, first, last, stepped):
             for p in range(first, last):
                 measure(env.tank, env.pose, INDEX(env.order[p]))
 
     else:
 
-        @njit
+        @part
         def see(env, first, last, stepped):
             episode = env.episode
             for p in range(first, last):
@@ -64,6 +64,18 @@ def make_see(kernels):
                 observe(env.tank, env.pose, episode.vectors, episode.limits, b, episode.observation)
 
     return see
+
+
+@cache
+def make_look(kernels):
+    """`see`, compiled for Python to call."""
+    see = make_see(kernels)
+
+    @njit
+    def look(env, first, last, stepped):
+        see(env, first, last, stepped)
+
+    return look
 
 
 @njit
@@ -87,7 +99,8 @@ def acceptable(env):
 def make_step(names: tuple[str, ...], method, kernels, env_type):
     """The compiled `step(address, first, last, n, duration)` for an environment's pack of this type, by its address.
 
-    It returns False, and nothing has moved, for an action that is not finite.
+    It returns False, and nothing has moved, for an action that is not finite. With n below zero it only measures and
+    observes the fish where they are: one compilation serves resets and steps.
     """
     advance, see, env_at = make_advance(names, method), make_see(kernels), pack_at(env_type)
 
@@ -95,13 +108,14 @@ def make_step(names: tuple[str, ...], method, kernels, env_type):
     def step(address, first, last, n, duration):
         env = env_at(address)
         episode, order = env.episode, env.order
-        for p in range(first, last):
-            if not contract(episode.action, episode.groups, INDEX(order[p]), episode.contraction):
-                return False
-        for p in range(first, last):
-            command(env.tank, episode.contraction, INDEX(order[p]), duration)
-        advance(env.tank, env.queue, env.block, first, last, n)
-        see(env, first, last, True)
+        if n >= 0:
+            for p in range(first, last):
+                if not contract(episode.action, episode.groups, INDEX(order[p]), episode.contraction):
+                    return False
+            for p in range(first, last):
+                command(env.tank, episode.contraction, INDEX(order[p]), duration)
+            advance(env.tank, env.queue, env.block, first, last, n)
+        see(env, first, last, n >= 0)
         return True
 
     return step

@@ -17,7 +17,7 @@ class StubVectorEnv(FishVectorEnv):
 
     def _compile(self):
         super()._compile()
-        self._see, self._step = as_python(make_see(self._kernels)), None
+        self._see, self._step = make_see(self._kernels), None  # a kernel, which runs as Python
 
     def _move(self):
         if not as_python(acceptable)(self._env):
