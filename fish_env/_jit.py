@@ -10,6 +10,7 @@ import hashlib
 import os
 import sys
 import tempfile
+import time
 import warnings
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,7 @@ from types import CodeType, FunctionType, ModuleType
 import numba
 import numpy as np
 from numba import _dynfunc
+from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
@@ -25,8 +27,8 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 
-# No fastmath at all: nothing is reordered or contracted, so that a fish has the same bits alone and in any lane, and the
-# failure check sees a NaN.
+# No fastmath at all: nothing is reordered or contracted, so that a fish has the same bits alone and in any lane, and
+# the failure check sees a NaN.
 OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False}
 INDEX = np.uint64  # kernels index with unsigned numbers: numba then has no negative ones to test for
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
@@ -76,8 +78,69 @@ def cache_folder() -> str | None:
 _FOLDER = cache_folder()
 
 
+class Progress(event.Listener):
+    """Says on the standard error that kernels are compiled, and how far that is: a first use should not look dead.
+
+    In a terminal a line that is kept up to date; elsewhere one line, once it has taken PATIENCE seconds.
+    FISH_ENV_QUIET=1 turns it off.
+    """
+
+    def __init__(self):
+        self.since, self.count, self.said = time.perf_counter(), 0, False
+
+    def on_start(self, event):
+        """Nothing: a kernel is counted when it is done."""
+
+    def on_end(self, event):
+        """Count a kernel, and say so."""
+        self.count += 1
+        elapsed, terminal = time.perf_counter() - self.since, sys.stderr.isatty()
+        if elapsed > PATIENCE and (terminal or not self.said):
+            self.said = True
+            done = f"{self.count} done, {elapsed:.0f} s"
+            text = f"fish_env compiles its kernels, once for each kind of fish and task: {done}"
+            sys.stderr.write(f"\r{text} " if terminal else f"{text} ...\n")
+            sys.stderr.flush()
+
+    def close(self):
+        """End the line of a terminal."""
+        if self.said and sys.stderr.isatty():
+            sys.stderr.write("\n")
+
+
+PATIENCE = 1.0  # s
+_progress: list[Progress] = []
+
+
+def begin_progress() -> None:
+    """Listen to the compiler, unless that is done already."""
+    if not _progress and not os.environ.get("FISH_ENV_QUIET"):
+        _progress.append(Progress())
+        event.register("numba:compile", _progress[0])
+
+
+def end_progress() -> None:
+    """Stop listening."""
+    if _progress:
+        listener = _progress.pop()
+        event.unregister("numba:compile", listener)
+        listener.close()
+
+
 class SourceCache(FunctionCache):
     """Numba's cache of one function, for closures too: kernels that a closure holds enter the key by their code."""
+
+    def load_overload(self, sig, target_context):
+        """What was compiled before, or None: then it is compiled now, and said so."""
+        found = super().load_overload(sig, target_context)
+        if found is None:
+            begin_progress()
+        return found
+
+    def save_overload(self, sig, data):
+        """Keep what was compiled."""
+        end_progress()
+        super().save_overload(sig, data)
 
     def _index_key(self, sig, codegen):
         digest = hashlib.sha256(b"".join(code_of(self._py_func, set())))
@@ -109,7 +172,7 @@ def code_of(value, seen: set) -> list[bytes]:
 
 
 def njit(function):
-    """Compile a function that Python calls: no Python objects, no GIL, numpy's division rules, cached by its sources."""
+    """Compile a function that Python calls: no objects, no GIL, numpy's division rules, cached by its sources."""
     compiled = numba.njit(**OPTIONS)(function)
     if _FOLDER is not None and isinstance(compiled, Dispatcher):
         previous, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _FOLDER

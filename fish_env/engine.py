@@ -4,7 +4,8 @@ A block is as many fish as the kernels work on at once. Its fish are copied from
 checked and copied back, so that a fish that fails leaves its row as it was. What a lane holds decides nothing about the
 others: fish i has the same bits in any company.
 
-Legend: b fish; i node; k axis; l lane; e spring; d driven spring; p, q where a block begins and ends in the list `todo`.
+Legend: b fish; i node; k axis; m lane; e spring; d driven spring; p, q where a block begins and ends in the list
+`todo`.
 """
 
 from functools import cache
@@ -47,37 +48,37 @@ def gather(tank, block, todo, p, q):
     x, v, start, rate = floats(block.x), floats(block.v), floats(control.start), floats(control.rate)
     rest, stiffness, drag = floats(control.rest_length), floats(control.stiffness), floats(control.drag)
     lightness, current = floats(control.lightness), floats(control.current)
-    for l in range(block_size(block.x)):
-        b = INDEX(todo[min(p + l, q - 1)])
+    for m in range(block_size(block.x)):
+        b = INDEX(todo[min(p + m, q - 1)])
         for i in range(x.shape[0]):
             for k in range(3):
-                x[i, k, l] = tank.x[b, i, k]
-                v[i, k, l] = tank.v[b, i, k]
+                x[i, k, m] = tank.x[b, i, k]
+                v[i, k, m] = tank.v[b, i, k]
         for e in range(rest.shape[0]):
-            rest[e, l] = tank.rest_length[b, e]
+            rest[e, m] = tank.rest_length[b, e]
         for d in range(start.shape[0]):
             e = INDEX(control.driven[d])
-            start[d, l] = tank.rest_length[b, e]
-            rate[d, l] = tank.rate[b, e]
+            start[d, m] = tank.rest_length[b, e]
+            rate[d, m] = tank.rate[b, e]
         light = 1.0 / tank.variation[b, MASS]
-        stiffness[0, l] = tank.variation[b, STIFFNESS] * light
-        drag[0, l] = tank.variation[b, DRAG] * light
-        lightness[0, l] = light
+        stiffness[0, m] = tank.variation[b, STIFFNESS] * light
+        drag[0, m] = tank.variation[b, DRAG] * light
+        lightness[0, m] = light
         for k in range(3):
-            current[0, k, l] = tank.variation[b, CURRENT + k]
+            current[0, k, m] = tank.variation[b, CURRENT + k]
     control.fastest[0] = zero(control.fastest)
     control.pivots[0] = zero(control.pivots)
     control.untrusted[0] = zero(control.untrusted)
 
 
 @kernel
-def scatter(tank, block, b, l):
-    """Copy lane l of a block back to fish b."""
+def scatter(tank, block, b, m):
+    """Copy lane m of a block back to fish b."""
     x, v = floats(block.x), floats(block.v)
     for i in range(x.shape[0]):
         for k in range(3):
-            tank.x[b, i, k] = x[i, k, l]
-            tank.v[b, i, k] = v[i, k, l]
+            tank.x[b, i, k] = x[i, k, m]
+            tank.v[b, i, k] = v[i, k, m]
 
 
 @kernel
@@ -129,30 +130,30 @@ def make_advance(names: tuple[str, ...], method):
                 run(body, world, control, x, v, work, kept, steps)
                 code, pivots, strain = judged(block), control.pivots[0], h * control.fastest[0]
                 bad = 0
-                for l in range(q - p):
-                    b = INDEX(todo[p + l])
+                for m in range(q - p):
+                    b = INDEX(todo[p + m])
                     for k in range(COUNTED):
                         tank.counters[b, k] += steps * block.control.costs[row + level, k]
-                    tank.counters[b, COUNTED] += int(lane(pivots, l))
-                    failing = lane(code, l) > 0.0
-                    if level < queue.deepest and (failing or lane(strain, l) > queue.tolerance):
-                        todo[again] = todo[p + l]
+                    tank.counters[b, COUNTED] += int(lane(pivots, m))
+                    failing = lane(code, m) > 0.0
+                    if level < queue.deepest and (failing or lane(strain, m) > queue.tolerance):
+                        todo[again] = todo[p + m]
                         again += 1
                         tank.counters[b, COUNTED + 1] += 1
                         continue
                     if failing:
-                        tank.failure[b] = int(lane(code, l))
+                        tank.failure[b] = int(lane(code, m))
                         bad += 1
                     else:
-                        scatter(tank, block, b, l)
+                        scatter(tank, block, b, m)
                         tank.clock[b] += n * plans[row, H]
                     stop(tank, block, b, n * plans[row, H])
                 if bad > 0:  # the state they are put back to may have been broken already when it was handed over
                     gather(tank, block, todo, p, q)
                     code = judged(block)
-                    for l in range(q - p):
-                        b = INDEX(todo[p + l])
-                        if tank.failure[b] != 0 and lane(code, l) > 0.0:
+                    for m in range(q - p):
+                        b = INDEX(todo[p + m])
+                        if tank.failure[b] != 0 and lane(code, m) > 0.0:
                             for i in range(x.size):
                                 for k in range(3):
                                     tank.x[b, i, k] = tank.rest_position[i, k]
@@ -187,8 +188,8 @@ class Engine:
         self.tank, self.method = tank, tank.integrator.method
         self.names = forces.present(fish.body, world)
         self.compiled = make_call(self.names, self.method)
-        self.bounds = [sum(rates) for rates in zip(
-            (fish.body.elastic_rate, fish.body.viscous_rate), *forces.bounds(fish.body, world), strict=True)]  # fmt: skip
+        own = (fish.body.elastic_rate, fish.body.viscous_rate)
+        self.bounds = [sum(rates) for rates in zip(own, *forces.bounds(fish.body, world), strict=True)]
         self.levels, self._rows, self._plans = (1 + DEEPEST if np.isfinite(tank.refine) else 1), {}, []
         self.order, self.row, self._sorted = np.arange(b), np.zeros(b, dtype=np.int64), True
         self.queue = Pack("queue", order=self.order, row=self.row, deepest=self.levels - 1, tolerance=tank.refine)

@@ -331,7 +331,7 @@ class Tank:
 
 @kernel
 def command(tank, contraction, b, duration):
-    """Set the rates at which the fibres of fish b move: to the contraction (B,M), or as far as they get in `duration` s."""
+    """Set the rates at which the fibres of fish b move: to the contraction (B,M), or as far as `duration` s allows."""
     squares, fastest = 0.0, duration / tank.contraction_time
     for m in range(tank.fibres.size):
         e = INDEX(tank.fibres[m])

@@ -118,7 +118,9 @@ def drawn(kind, seed=0):
     """Values for `made`, no number near zero or near another."""
     generator = np.random.default_rng(seed)
     a, b = generator.normal(size=(2, 3, kind.width)).astype(kind.dtype)
-    q, r = (generator.choice([-1, 1], (2, kind.width)) * generator.uniform(0.3, 2.0, (2, kind.width))).astype(kind.dtype)
+    q, r = (generator.choice([-1, 1], (2, kind.width)) * generator.uniform(0.3, 2.0, (2, kind.width))).astype(
+        kind.dtype
+    )
     return a, b, q, r, generator.normal(size=3).astype(kind.dtype)
 
 
@@ -202,7 +204,7 @@ def test_packs_hold_what_they_name():
     for clone in (copy.deepcopy(pack), pickle.loads(pickle.dumps(pack))):
         doubled(clone)
         assert clone.inner.x.tolist() == [100.0] * 5 and pack.inner.x.tolist() == [10.0] * 5
-    with pytest.raises(ValueError, match="factor of .* would become int64; give float64"):
+    with pytest.raises(ValueError, match=r"factor of .* would become int64; give float64"):
         pack.set(factor=1)
     with pytest.raises(TypeError, match="field name is a str; give an array, a pack or a number"):
         Pack("bad", name="x")

@@ -89,7 +89,7 @@ def observe_all(env):
 def acceptable(env):
     """Whether all actions are finite; contractions are filled in."""
     episode = env.episode
-    for b in range(episode.reward.size):
+    for b in range(episode.reward.size):  # noqa: SIM110 - a kernel
         if not contract(episode.action, episode.groups, b, episode.contraction):
             return False
     return True

@@ -17,7 +17,20 @@ from fish_env.simd.functions import (
     sqrt,
     vec3,
 )
-from fish_env.simd.memory import SUPPORTED, Kind, Numbers, Pack, Vectors, block_size, epsilon, floats, nowhere, pack_at, packed, zero
+from fish_env.simd.memory import (
+    SUPPORTED,
+    Kind,
+    Numbers,
+    Pack,
+    Vectors,
+    block_size,
+    epsilon,
+    floats,
+    nowhere,
+    pack_at,
+    packed,
+    zero,
+)
 
 __all__ = [
     "SUPPORTED",

@@ -24,14 +24,15 @@ from fish_env.simd.types import XYZ, Mask, Num, Vec3, coordinates, mask_type, nu
 SCALARS = (types.Float, types.Integer)
 OPERANDS = (Num, Vec3, *SCALARS)
 ORDERED = (
-    operator.add, operator.iadd, operator.sub, operator.isub, operator.mul, operator.imul, operator.truediv, operator.itruediv,
-    operator.neg, operator.gt, operator.lt, operator.ge, operator.le, operator.and_, operator.or_, abs,
+    operator.add, operator.iadd, operator.sub, operator.isub, operator.mul, operator.imul, operator.truediv,
+    operator.itruediv, operator.neg, operator.gt, operator.lt, operator.ge, operator.le, operator.and_,
+    operator.or_, abs,
 )  # fmt: skip
 LOOSE = Vec3(1, 64)  # a vector of constants goes with every kind, as a float does
 
 
 def fma(a, b, c):
-    """a * b + c, rounded once; of numbers and vectors."""
+    """A * b + c, rounded once; of numbers and vectors."""
     return plain.fma(a, b, c)
 
 
@@ -46,7 +47,7 @@ def cross(a, b):
 
 
 def select(condition, a, b):
-    """a where the condition holds, else b; both are worked out."""
+    """A where the condition holds, else b; both are worked out."""
     return plain.select(condition, a, b)
 
 

@@ -31,8 +31,8 @@ TESTED = ("0.66", "0.67", "0.68")
 SUPPORTED = numba.__version__.startswith(tuple(f"{version}." for version in TESTED))
 if not SUPPORTED:
     warnings.warn(
-        f"fish_env's vector types were tested with numba {', '.join(TESTED)}, not {numba.__version__}: kernels work on one "
-        'fish at a time, several times slower; pip install "numba>=0.66,<0.69" for the full speed',
+        f"fish_env's vector types were tested with numba {', '.join(TESTED)}, not {numba.__version__}: kernels work on "
+        'one fish at a time, several times slower; pip install "numba>=0.66,<0.69" for the full speed',
         RuntimeWarning,
         stacklevel=2,
     )
@@ -54,8 +54,8 @@ class Kind:
             raise ValueError(f"lanes is {self.lanes!r}; choose from {', '.join(map(repr, LANES))}")
         if not SUPPORTED and self.lanes != 1:
             raise ValueError(
-                f"lanes is {self.lanes!r}, which was not tested with numba {numba.__version__}; give 1, or install one of "
-                f"{', '.join(TESTED)}"
+                f"lanes is {self.lanes!r}, which was not tested with numba {numba.__version__}; give 1, or install one "
+                f"of {', '.join(TESTED)}"
             )
         if self.dtype not in ("float64", "float32"):
             raise ValueError(f"dtype is {self.dtype!r}; choose 'float64' or 'float32'")
@@ -230,7 +230,9 @@ def remade(label, fields):
 def describe(name: str, value) -> tuple[types.Type, list[int]]:
     """The type of a field, and the words that stand for it."""
     if isinstance(value, Numbers | Vectors):
-        return types.Array(value.element, len(value.shape), "C", aligned=False), address(name, value.memory, value.shape)
+        return types.Array(value.element, len(value.shape), "C", aligned=False), address(
+            name, value.memory, value.shape
+        )
     if isinstance(value, np.ndarray):
         kind = types.Array(typeof_dtype(value.dtype), value.ndim, "C", aligned=False)
         return kind, address(name, value, value.shape)
@@ -277,7 +279,9 @@ def _unbox_pack(typ, obj, c):
     held = c.pyapi.object_getattr_string(obj, "_address")
     pointer = c.pyapi.long_as_voidptr(held)
     c.pyapi.decref(held)
-    return NativeValue(c.builder.bitcast(pointer, WORD.as_pointer()), is_error=cgutils.is_not_null(c.builder, c.pyapi.err_occurred()))
+    return NativeValue(
+        c.builder.bitcast(pointer, WORD.as_pointer()), is_error=cgutils.is_not_null(c.builder, c.pyapi.err_occurred())
+    )
 
 
 @infer_getattr

@@ -45,7 +45,7 @@ class Vec3:
 
 
 def fma(a, b, c):
-    """a * b + c."""
+    """A * b + c."""
     product = b * a if isinstance(b, Vec3) else a * b
     return product + c
 
@@ -61,7 +61,7 @@ def cross(a, b):
 
 
 def select(condition, a, b):
-    """a where the condition holds, else b."""
+    """A where the condition holds, else b."""
     if isinstance(a, Vec3):
         return Vec3(*(np.where(condition, p, q) for p, q in zip(a, b, strict=True)))
     return np.where(condition, a, b)
