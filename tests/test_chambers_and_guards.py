@@ -1,17 +1,38 @@
-"""Gas in chambers, guards, and what counts as a failure of the elements."""
+"""Gas in closed compartments, barriers, and what counts as a failure of the elements."""
 
 import naive
 import numpy as np
 import pytest
 import small_bodies
+from kernels import Block, force
 from small_bodies import ALL, close
 
-from fish_env.body import ESCAPED, TORN
-from fish_env.elements import chamber_volume, make_chambers
-from fish_env.forces import guards, pressure, tets
-from fish_env.integrators._common import check
+from fish_env import Tank
+from fish_env._jit import njit
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import make_body
+from fish_env.elements import make_chambers
+from fish_env.failures import ESCAPED, FAILURES, NON_FINITE, STRETCH_LIMIT, TORN
+from fish_env.forces import guards
+from fish_env.simd import Kind, Pack
+from fish_env.volume import add_volume, volume_of
+from fish_env.world import VACUUM
 
 # Gas
+
+
+@njit
+def volume(block):
+    """Volume of each lane; its gradient is added to `block.slope`."""
+    block.volume[0] = add_volume(block.faces, 0, block.faces.shape[0], block.x, block.slope, 0)
+
+
+def compiled_volume(faces, x):
+    """What the compiled kernel makes of faces (Q,4) at x (N,3): the volume, and its gradient (N,3)."""
+    kind = Kind(1)
+    block = Pack("block", faces=np.asarray(faces), x=kind.rows(x), slope=kind.vectors(len(x)), volume=np.zeros(1))
+    volume(block)
+    return block.volume[0], block.slope.memory
 
 
 def test_volume_of_spheres():
@@ -19,32 +40,51 @@ def test_volume_of_spheres():
     errors, lengths = [], []
     for levels in range(1, 6):
         points, faces = small_bodies.subdivided(levels)
-        body = make_chambers(points, [faces], 1.0)
-        volume = pressure.add_volume(body, 0, points, np.zeros_like(points))
-        errors.append(4 / 3 * np.pi - volume)
+        errors.append(4 / 3 * np.pi - compiled_volume(faces, points)[0])
         lengths.append(2.0**-levels)
     assert errors[-1] < 2e-3 * 4 / 3 * np.pi
     assert abs(np.polyfit(np.log(lengths[2:]), np.log(errors[2:]), 1)[0] - 2) < 0.02
 
 
 def test_volume_far_from_the_origin():
-    """A chamber 1000 km away encloses what it does at home, to rounding, and pushes alike."""
+    """A compartment 1000 km away encloses what it does at home, to rounding, and pushes the same; compiled or not."""
     points, faces = small_bodies.subdivided(1)
     points = np.round(points * 2**24) / 2**24  # so that no digit of a position is lost on the way
-    chambers, far = make_chambers(points, [faces], 3.0), points + 2.0**20
-    found = [np.zeros_like(points), np.zeros_like(points)]
-    volumes = [pressure.add_volume(chambers, 0, x, slope) for x, slope in zip((points, far), found, strict=True)]
-    assert volumes[1] == pytest.approx(volumes[0], rel=1e-14)
-    close(found[1], found[0], 1e-14)
-    assert volumes[0] == pytest.approx(chamber_volume(chambers, 0, points)[0], rel=1e-14)
+    near, far, plain = (
+        compiled_volume(faces, points),
+        compiled_volume(faces, points + 2.0**20),
+        volume_of(faces, points),
+    )
+    for found in (far, plain):
+        assert found[0] == pytest.approx(near[0], rel=1e-14)
+        close(found[1], near[1], 1e-14)
 
 
-def test_closed_chambers_push_all_round():
+@pytest.mark.parametrize("name", ["two layers", "rings", "chamber"])
+def test_volume_equals_its_reference(name):
+    """Volume, or area of a ring, and gradient are those of signed simplices; at rest the pressure is what was asked."""
+    body = small_bodies.BODIES[name]
+    x, _ = small_bodies.bent(name, np.random.default_rng(8))
+    for c in range(body.chambers.gas.size):
+        faces = body.chambers.faces[body.chambers.first[c] : body.chambers.first[c + 1]]
+        wanted, slope = naive.gas_volume(body.chambers, c, x)
+        found, gradient = compiled_volume(faces, x)
+        assert found == pytest.approx(wanted, rel=1e-12)
+        close(gradient, slope)
+    if name == "two layers":
+        volumes = [
+            volume_of(part, body.position)[0] for part in np.split(body.chambers.faces, body.chambers.first[1:-1])
+        ]
+        np.testing.assert_allclose(body.chambers.gas / volumes, [500.0, 450.0], rtol=1e-14)
+
+
+def test_closed_compartments_push_all_round():
     """A sphere's gas pushes outward everywhere, with pressure times area; twice as wide, it has an eighth of it."""
     points, faces = small_bodies.subdivided(2)
-    chambers, f, g = make_chambers(points, [faces], 7.0, 2.0), np.zeros_like(points), np.zeros_like(points)
-    pressure.add_force(chambers, points, f)
-    pressure.add_force(chambers, 2 * points, g)
+    body = make_body(
+        points, np.ones(len(points)), [], [], [], [], [], chambers=make_chambers(points, [faces], 7.0, 2.0)
+    )
+    f, g = (force("pressure", body, VACUUM, x, 0 * x) for x in (points, 2 * points))
     areas = [naive.area_vector(points[face]) for face in faces]
     assert np.sum(f * points, axis=1).min() > 0
     wanted = (7 - 2) * sum(area @ points[face[0]] for area, face in zip(areas, faces, strict=True))
@@ -52,11 +92,11 @@ def test_closed_chambers_push_all_round():
     close(g, f * 4 * (7 / 8 - 2) / (7 - 2))
 
 
-# Guards
+# Barriers
 
 
 def test_barrier():
-    """A guard does nothing while far, then pushes apart, ever harder; force and stiffness begin without a jump."""
+    """A barrier does nothing while far, then pushes apart, ever harder; force and stiffness begin without a jump."""
     s = np.linspace(1e-6, 0.4, 4000)
     energy, first, second = np.array([guards.barrier(value) for value in s]).T
     near = s < guards.NEAR
@@ -65,19 +105,73 @@ def test_barrier():
     below = guards.barrier(guards.NEAR - 1e-9)
     assert 0 < below[0] < 1e-25 and -1e-16 < below[1] < 0 and below[2] < 1e-7
     assert guards.barrier(1e-12)[1] < -1e10
-    assert np.isnan(guards.barrier(0.0)).all() and np.isnan(guards.barrier(-1.0)).all()
+    assert not np.any(guards.barrier(0.0)) and not np.any(guards.barrier(-1.0))
+
+
+def test_beyond_a_barrier():
+    """Where a node has got out, or gas has no volume left, nothing pushes, the energy is infinite, and it is told."""
+    out, empty, still = ALL.position.copy(), ALL.position.copy(), np.zeros((20, 3))
+    out[8, 0] -= 0.04
+    empty[8:16] = empty[8:16].mean(axis=0) - 1e-3 * (empty[8:16] - empty[8:16].mean(axis=0))  # turned inside out
+    barriers = Block(("guards",), ALL, VACUUM).set(out, still)
+    assert np.isfinite(barriers.add("add_force")).all() and barriers.number("energy") == np.inf
+    beyond = [k for k, _, s, _ in naive.guard_shares(ALL.guards, out) if s <= 0]
+    kept = np.setdiff1d(np.arange(len(ALL.guards.energy)), beyond)
+    rest = ALL.guards._replace(**{name: part[kept] for name, part in ALL.guards._asdict().items()})
+    close(barriers.add("add_force"), naive.guard_force(rest, out))
+    gas = Block(("pressure",), ALL, VACUUM).set(empty, still)
+    pressed = make_body(ALL.position, ALL.mass, [], [], [], [], [], chambers=ALL.chambers._replace(
+        first=ALL.chambers.first[1:], gas=ALL.chambers.gas[1:], ambient=ALL.chambers.ambient[1:]))  # fmt: skip
+    close(gas.add("add_force"), force("pressure", pressed, VACUUM, empty, still))  # that of the other compartment
+    assert [part.number("failed") for part in (barriers, gas)] == [ESCAPED, ESCAPED]
+
+
+# Failures
+
+
+def failure(body, x):
+    """The code that the forces of a body give its positions."""
+    return int(Block(None, body, VACUUM).set(x, 0 * x).number("failed"))
 
 
 def test_failures_of_the_elements():
-    """A torn tetrahedron, an emptied chamber and a node that got out are found out, each by its name."""
-    sound, v = ALL.position, np.zeros((20, 3))
-    assert check(ALL, sound, v) == 0
-    torn, empty, out = sound.copy(), sound.copy(), sound.copy()
+    """A torn tetrahedron, an emptied compartment and a node that got out are found out, each by its name."""
+    valid = ALL.position
+    assert failure(ALL, valid) == 0
+    torn, empty, out = valid.copy(), valid.copy(), valid.copy()
     torn[18] += [0.0, 0.0, 0.6]
-    assert not tets.all_shorter(ALL.tets, torn, 3.0)
-    assert check(ALL, torn, v) == TORN
+    assert Block(("tets",), ALL, VACUUM).set(torn, 0 * torn).number("failed") == TORN == failure(ALL, torn)
     empty[8:16] = empty[8:16].mean(axis=0) - 1e-3 * (empty[8:16] - empty[8:16].mean(axis=0))  # turned inside out
-    assert not pressure.all_filled(ALL.chambers, empty) and check(ALL, empty, v) == ESCAPED
+    assert Block(("pressure",), ALL, VACUUM).set(empty, 0 * empty).number("failed") == ESCAPED == failure(ALL, empty)
     out[8, 0] -= 0.04
-    assert pressure.all_filled(ALL.chambers, out) and not guards.all_inside(ALL.guards, out)
-    assert check(ALL, out, v) == ESCAPED
+    assert Block(("pressure",), ALL, VACUUM).set(out, 0 * out).number("failed") == 0
+    assert Block(("guards",), ALL, VACUUM).set(out, 0 * out).number("failed") == ESCAPED == failure(ALL, out)
+
+
+@pytest.mark.parametrize("others", [(1.0, 1.0), (0.05, 0.05), (2.9, 2.9), (-2.9, 0.3), (2.9, -0.01)])
+def test_torn_by_the_largest_stretch(others):
+    """A tetrahedron is torn beyond STRETCH_LIMIT along any direction, whatever along the others, and no sooner."""
+    rng, body = np.random.default_rng(9), small_bodies.block(cells=1)
+    for part, torn in ((1 - 1e-9, False), (1 + 1e-9, True)):
+        stretch = np.diag(rng.permutation([part * STRETCH_LIMIT, *others]))
+        for _ in range(5):
+            x = body.position @ (small_bodies.turned(rng) @ stretch @ small_bodies.turned(rng)).T
+            assert (failure(body, x) == TORN) == torn
+
+
+@pytest.mark.parametrize("lanes", ["xyz", 4])
+def test_a_squeezed_out_node_is_an_escape(lanes):
+    """A node thrown through the outer layer, and gas pressed out, fail as "escaped", not as "non-finite"."""
+    thing = ElasticObject(name="layers", body=ALL, length=0.1, time_step=1e-3, control_interval=0.02)
+    for name, motion in (("node", np.array([-60.0, 0.0, 0.0])), ("gas", None)):
+        tank = Tank(thing, 4, "symplectic_euler", 1e-4, lanes=lanes, threads=1)
+        if name == "node":
+            tank.velocity[2, 8] = motion
+        else:
+            inner = ALL.position[8:16]
+            tank.velocity[2, 8:16] = -1500.0 * (inner - inner.mean(axis=0))
+        tank.advance(8)
+        assert tank.failure.tolist() == ["", "", FAILURES[ESCAPED], ""], name
+    tank.velocity[1, 3] = np.nan
+    tank.advance(1)
+    assert tank.failure[1] == FAILURES[NON_FINITE]

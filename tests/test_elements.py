@@ -1,4 +1,4 @@
-"""Tetrahedra, gas and guards: their forces, energies, derivatives, and what is known of them without computing them."""
+"""Tetrahedra, gas and barriers: their forces, energies, derivatives, and what is known of them by theory."""
 
 from functools import partial
 
@@ -8,42 +8,35 @@ import pytest
 import small_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernels import Block, energy, force
+from naive.leapfrog import filtered_matrix
 from small_bodies import ALL, BODIES, bent, close
 
-from fish_env import forces
 from fish_env.body import scaled
-from fish_env.forces import guards, pressure, tets
+from fish_env.forces import FORCES, rest_matrices
+from fish_env.forces.evaluate import Evaluator
+from fish_env.linalg import rates
 from fish_env.world import VACUUM
 
-PARTS = [
-    (name, part)
-    for name, body in BODIES.items()
-    for part in ("tets", "chambers", "guards")
-    if len(getattr(body, part)[0])
-]
+MODULES = {"tets": "tets", "chambers": "pressure", "guards": "guards"}
+"""The force of each part of a body."""
+PARTS = [(name, part) for name, body in BODIES.items() for part in MODULES if len(getattr(body, part)[0])]
 seeds = st.integers(0, 2**32 - 1)
 each_part = pytest.mark.parametrize(("name", "part"), PARTS)
 
 
 def force_of(part, body, x, v):
     """What the kernel of one kind of elements adds to no force."""
-    f = np.zeros_like(x)
-    if part == "tets":
-        tets.add_force(body.tets, x, v, f)
-    elif part == "chambers":
-        pressure.add_force(body.chambers, x, f)
-    else:
-        guards.add_force(body.guards, x, f)
-    return f
+    return force(MODULES[part], body, VACUUM, x, v)
 
 
 def energy_of(part, body, x):
     """What the kernel of one kind of elements takes for its energy."""
-    return {"tets": tets, "chambers": pressure, "guards": guards}[part].energy(getattr(body, part), x)
+    return energy(MODULES[part], body, VACUUM, x)
 
 
-def twin_of(part, body, x, v):
-    """Force and energy of one kind of elements by the slow twin."""
+def reference_of(part, body, x, v):
+    """Force and energy of one kind of elements by the reference implementation."""
     if part == "tets":
         return naive.tet_force(body, x, v), naive.tet_energy(body, x)
     if part == "chambers":
@@ -68,14 +61,14 @@ def gradient(energy, x, step):
 @each_part
 @settings(max_examples=15)
 @given(seed=seeds)
-def test_kernels_equal_their_twins(name, part, seed):
+def test_kernels_equal_their_reference(name, part, seed):
     """Force and energy of tetrahedra, gas and guards are those of the textbook's formulas."""
     body = BODIES[name]
     x, v = bent(name, np.random.default_rng(seed))
-    force, energy = twin_of(part, body, x, v)
-    assert np.abs(force).max() > 0  # guards too are at work
-    close(force_of(part, body, x, v), force)
-    assert energy_of(part, body, x) == pytest.approx(energy, rel=1e-12)
+    wanted, stored = reference_of(part, body, x, v)
+    assert np.abs(wanted).max() > 0  # barriers too are at work
+    close(force_of(part, body, x, v), wanted)
+    assert energy_of(part, body, x) == pytest.approx(stored, rel=1e-12)
 
 
 @each_part
@@ -93,21 +86,17 @@ def test_force_is_minus_gradient_of_energy(name, part):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_total_and_its_derivatives(name):
-    """All forces in a world with everything are the twins' sum, kept or not; so are the exact derivatives."""
+    """All forces in a world with everything are the sum of the references, cached or not; so are the derivatives."""
     body, rng = BODIES[name], np.random.default_rng(3)
     x, v = bent(name, rng)
     world = small_bodies.world_with_all(body)
     rest = body.springs.rest_length
-    f = np.full_like(x, np.nan)
-    forces.total(body, world, rest, x, v, f)
-    close(f, naive.total_force(body, world, rest, x, v))
-    turned, compressed = tets.scratch(body.tets), pressure.scratch(body.chambers, len(x))
-    kept = (np.empty((len(body.faces.depth), 5)), np.empty((7, rest.size)), turned, compressed)
-    again = np.zeros_like(x)
-    forces.add_total_kept(body, world, rest, x, v, again, kept)  # all but the drag of the air, which acts by itself
-    close(again, naive.total_force(body, world._replace(viscosity=0.0), rest, x, v))
-    stiffness, damping = np.full((x.size, x.size), np.nan), np.full((x.size, x.size), np.nan)
-    forces.jacobian(body, world, rest, x, v, stiffness, damping)
+    evaluator = Evaluator(body, world)
+    close(evaluator.force(rest, x, v), naive.total_force(body, world, rest, x, v))
+    cached = Block(None, body, world).set(x, v).add("add_force_cached", "add_force")
+    still = world._replace(viscosity=0.0)  # the drag of the air acts by itself
+    close(cached, naive.total_force(body, still, rest, x, v))
+    stiffness, damping = evaluator.jacobian(rest, x, v)
     wanted = naive.derivatives(lambda x, v: naive.total_force(body, world, rest, x, v), x, v, 2e-5, 1e-3)
     close(stiffness, wanted[0], 1e-7)
     close(damping, wanted[1], 1e-7)
@@ -115,24 +104,34 @@ def test_total_and_its_derivatives(name):
 
 @pytest.mark.parametrize("projected", [False, True])
 @pytest.mark.parametrize("name", BODIES)
-def test_system_equals_its_twin(name, projected):
-    """The matrix of the linearly implicit methods, and the force of its stiffness, are those of the dense K and D."""
+def test_system_equals_its_reference(name, projected):
+    """What the forces add to the matrix of the linearly implicit methods, and the pull of its K, are the dense ones."""
     body, rng, h = BODIES[name], np.random.default_rng(4), 0.02
     x, v = bent(name, rng)
     world, rest = small_bodies.world_with_all(body), body.springs.rest_length * 1.05
-    lowest = 0.0 if projected else -np.inf
-    a = np.empty((body.profile.start[-1], 3, 3))
-    forces.system(body, world, rest, x, v, h, lowest, True, a)
     stiffness, damping = naive.implicit_matrices(body, world, rest, x, v, projected, wet=True)
-    wanted = np.diag(np.repeat(body.mass, 3)) + h * damping + h**2 * stiffness
-    found = np.zeros_like(wanted)
-    for i, first in enumerate(body.profile.first):
-        for j in range(first, i + 1):
-            found[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = a[body.profile.start[i] + j - first]
-    close(np.tril(found), np.tril(wanted))
-    y, pull = rng.normal(size=x.shape), np.zeros_like(x)
-    forces.add_stiffness_force(body, world, rest, x, v, y, h, lowest, pull)
-    close(pull.ravel(), -h * stiffness @ y.ravel())
+    block = Block(None, body, world, rest_length=rest, h=h, lowest=0.0 if projected else -np.inf).set(x, v)
+    close(block.matrix("add_system") + block.matrix("add_damping"), h * damping + h**2 * stiffness)
+    y = rng.normal(size=x.shape)
+    implicit = tuple(name for name in block.names if hasattr(FORCES[name], "add_system"))
+    pull = Block(implicit, body, world, rest_length=rest, h=h, lowest=0.0 if projected else -np.inf).set(x, v)
+    pull.blocks("add_system")
+    close(pull.add("add_tangent", v=y).ravel(), -stiffness @ y.ravel())
+    close(block.add("add_tangent", v=y), pull.add("add_tangent", v=y))  # gas stays explicit
+
+
+@pytest.mark.parametrize(("factor", "least"), [(1.3, 0.0), (1e-9, 0.6)])
+@pytest.mark.parametrize("name", BODIES)
+def test_tangent_equals_its_reference(name, factor, least):
+    """What resists the acceleration in a filtered step is the dense matrix of every kind of elements and anchors."""
+    body, rng, h = BODIES[name], np.random.default_rng(7), 0.02
+    x, v = bent(name, rng)
+    world, rest = small_bodies.world_with_all(body), body.springs.rest_length * 1.01
+    block = Block(None, body, world, rest_length=rest, h=h, factor=factor, least=least).set(x, v)
+    block.add("add_force_cached", "add_force")
+    y = rng.normal(size=x.shape)
+    wanted = -filtered_matrix(body, world, rest, h, least, x, factor) @ y.ravel()
+    close(block.add("add_tangent", v=y).ravel(), wanted)
 
 
 def test_all_energies():
@@ -140,19 +139,20 @@ def test_all_energies():
     rng, still = np.random.default_rng(5), np.zeros((20, 3))
     x, v = bent("two layers", rng)
     world, rest = small_bodies.world_with_all(ALL, drag=0.0), ALL.springs.rest_length
-    found = forces.energies(ALL, world, rest, x, v)
+    found = Evaluator(ALL, world).energies(rest, x, v)
     wanted = {
         "kinetic": naive.kinetic_energy(ALL.mass, v),
         "springs": naive.spring_energy(ALL.springs, rest, x),
         "tets": naive.tet_energy(ALL, x),
-        "gas": naive.gas_energy(ALL.chambers, x),
+        "pressure": naive.gas_energy(ALL.chambers, x),
         "guards": naive.guard_energy(ALL.guards, x),
-        "weight": naive.weight_energy(ALL, world, x),
+        "gravity": naive.weight_energy(ALL, world, x),
         "anchors": naive.anchor_energy(world.anchors, x),
     }
     assert found == pytest.approx(wanted, rel=1e-12) and min(map(abs, found.values())) > 0
     world = world._replace(anchors=world.anchors._replace(velocity=np.zeros((3, 3))))
-    slope = gradient(lambda x: sum(forces.energies(ALL, world, rest, x, still).values()), x, 2e-5)
+    evaluator = Evaluator(ALL, world)
+    slope = gradient(lambda x: sum(evaluator.energies(rest, x, still).values()), x, 2e-5)
     close(naive.total_force(ALL, world, rest, x, still), -slope, 1e-8)
 
 
@@ -239,13 +239,11 @@ def test_scaled():
     """Factors on stiffness and damping of a body multiply its elastic and viscous forces, of all kinds of elements."""
     x, v = bent("two layers", np.random.default_rng(6))
     still, rest = np.zeros_like(v), ALL.springs.rest_length
-    world = small_bodies.completed_world(VACUUM)
     once, twice = ALL, scaled(ALL, 3.0, 5.0, 2.0)
     found = []
     for body in (once, twice):
-        elastic, both = np.empty_like(x), np.empty_like(x)
-        forces.total(body, world, rest, x, still, elastic)
-        forces.total(body, world, rest, x, v, both)
+        evaluator = Evaluator(body, VACUUM)
+        elastic, both = (evaluator.force(rest, x, velocity) for velocity in (still, v))
         found.append((elastic, both - elastic))
     close(found[1][0], 3.0 * found[0][0])
     close(found[1][1], 5.0 * found[0][1], 1e-11)
@@ -254,3 +252,29 @@ def test_scaled():
         assert body.viscous_rate == pytest.approx(
             naive.highest_rate(body, naive.stiffness_matrix(body, "damping")), rel=1e-12
         )
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_rest_matrices(name):
+    """The element matrices of all kinds at rest add up to the dense stiffness and damping."""
+    body = BODIES[name]
+    for elastic, kind in ((True, "stiffness"), (False, "damping")):
+        found = rates.assemble(rest_matrices(body, elastic), body.position.size)
+        close(found, naive.stiffness_matrix(body, kind))
+
+
+@settings(max_examples=20)
+@given(seed=seeds)
+def test_variation_is_a_scaled_body(seed):
+    """A fish set apart has, over its factor on mass, the forces of a body made so; anchors and air do not scale."""
+    rng = np.random.default_rng(seed)
+    x, v = bent("two layers", rng)
+    world = small_bodies.world_with_all(ALL)
+    stiffness, mass, drag = rng.uniform(0.5, 2.0, 3)
+    current = rng.uniform(-1, 1, 3)
+    found = Block(None, ALL, world, variation=[stiffness, mass, drag, *current]).set(x, v).add("add_force")
+    body = scaled(ALL, stiffness, stiffness, mass)
+    around = world._replace(
+        linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + current
+    )
+    close(mass * found, naive.total_force(body, around, ALL.springs.rest_length, x, v))

@@ -11,8 +11,9 @@ from benchmarks.factorisation import slender
 from fish_env import Tank, make_world, statics
 from fish_env.bodies.mesh import box, grid, lumped_mass
 from fish_env.body import hold
-from fish_env.elements import chamber_volume, make_chambers
-from fish_env.forces import tets as elements
+from fish_env.elements import make_chambers
+from fish_env.forces.evaluate import Evaluator
+from fish_env.volume import volume_of
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])  # a rotation by about 74 degrees
 
@@ -72,8 +73,7 @@ def test_rigid_rotation_costs_nothing():
     forces = {}
     for corotational in (True, False):
         body, _ = irregular(corotational=corotational)
-        f = np.zeros_like(body.position)
-        elements.add_force(body.tets, body.position @ TURN.T + 1.0, np.zeros_like(f), f)
+        f = Evaluator(body, beam.make_world()).force(np.zeros(0), body.position @ TURN.T + 1.0, 0 * body.position)
         stiffness = np.abs(statics.tangent(body, beam.make_world(), np.zeros(0), body.position).diagonal()).max()
         forces[corotational] = np.abs(f).max() / (stiffness * 0.1)
     assert forces[True] < 1e-10
@@ -192,7 +192,7 @@ def test_surface_encloses_the_elements(falling):
     sign = -1.0 if falling else 1.0
     mesh = grid(sign * np.array([0, 0.1, 0.3]), [0.05, 0.03, 0.02], [0.1, 0.06, 0.04], 2, 4)
     chambers = make_chambers(mesh.position, [mesh.faces], 1.0)  # refuses an open one
-    enclosed = chamber_volume(chambers, 0, mesh.position)[0]
+    enclosed = volume_of(chambers.faces, mesh.position)[0]
     assert enclosed == pytest.approx(volumes(mesh.position, mesh.tets).sum(), rel=1e-12)
 
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from fish_env import forces, make_fish, make_water, make_world, statics
+from fish_env import make_fish, make_water, make_world, statics
 from fish_env.bodies.mesh import box, grid, lumped_mass
 from fish_env.body import hold, make_body
 from fish_env.elements import make_chambers, make_guards, make_tets
 from fish_env.forces import sparse
+from fish_env.forces.evaluate import Evaluator
 from fish_env.linalg import rates
 from fish_env.world import VACUUM, make_anchors
 
@@ -63,11 +64,10 @@ def test_sparse_tangent_is_the_jacobian(monkeypatch):
     """Worked out a few elements at a time, the stiffness of a body with all kinds of them is that of the whole."""
     body, world, x = everything()
     size, rest = x.size, body.springs.rest_length
-    f, f_guards = np.zeros_like(x), np.zeros_like(x)
-    forces.guards.add_force(body.guards, x, f_guards)
-    assert np.abs(f_guards).max() > 0
-    wanted, damping = np.empty((size, size)), np.empty((size, size))
-    forces.jacobian(body, world, rest, x, np.zeros_like(x), wanted, damping)
+    still, evaluator = np.zeros_like(x), Evaluator(body, world)
+    assert np.abs(Evaluator(body, world, ("guards",)).force(rest, x, still)).max() > 0
+    wanted, _ = evaluator.jacobian(rest, x, still)
+    assert wanted.shape == (size, size)
     monkeypatch.setattr(rates, "DENSE", 0)
     monkeypatch.setattr(sparse, "PIECE", 7)
     found = sparse.tangent(body, world, rest, x)
@@ -77,8 +77,7 @@ def test_sparse_tangent_is_the_jacobian(monkeypatch):
         for sign in (1, -1):
             moved = x.copy()
             moved.ravel()[k] += sign * 1e-7
-            forces.total(body, world, rest, moved, np.zeros_like(x), f)
-            sides.append(f.ravel().copy())
+            sides.append(evaluator.force(rest, moved, still).ravel())
         slope = (sides[1] - sides[0]) / 2e-7
         np.testing.assert_allclose(found[:, [k]].toarray()[:, 0], slope, rtol=0, atol=1e-6 * np.abs(wanted).max())
 
@@ -105,8 +104,7 @@ def test_rest_lengths_shape_a_free_fish():
     rest = body.springs.rest_length.copy()
     rest[fish.muscles[fish.sides > 0]] *= 0.9
     x = statics.equilibrium(body, rest_length=rest)
-    f = np.empty_like(x)
-    forces.total(body, VACUUM, rest, x, np.zeros_like(x), f)
+    f = Evaluator(body, VACUUM).force(rest, x, np.zeros_like(x))
     assert np.abs(f).max() < 1e-9 * (body.springs.stiffness * rest).max()
     assert np.abs(x - body.position).max() > 0.01 * fish.length
     assert np.abs((x - body.position).mean(axis=0)).max() < 1e-12
@@ -148,7 +146,7 @@ def test_balanced_load_on_a_free_body(dense, monkeypatch):
     np.testing.assert_allclose(u, wanted, atol=1e-12)
 
 
-def test_pressed_chamber_is_in_balance():
+def test_pressed_compartment_is_in_balance():
     """A free block around gas of more than the outer pressure swells until every force vanishes."""
     mesh = grid(np.linspace(0, 0.1, 3), np.full(3, 0.05), np.full(3, 0.05), 2, 2)
     body = make_body(
@@ -156,12 +154,23 @@ def test_pressed_chamber_is_in_balance():
         chambers=make_chambers(mesh.position, [mesh.faces], 2000.0, 1000.0),
     )  # fmt: skip
     x = statics.equilibrium(body)
-    f = np.empty_like(x)
-    forces.total(body, VACUUM, np.zeros(0), x, np.zeros_like(x), f)
+    f = Evaluator(body, VACUUM).force(np.zeros(0), x, np.zeros_like(x))
     assert np.abs(f).max() < 1e-9
     assert np.ptp(x[:, 0]) > 1.01 * 0.1
     frequency, _ = statics.modes(body, 7, position=x)
     assert np.all(frequency[:6] < 1e-3 * frequency[6])
+
+
+def test_no_equilibrium_beyond_a_barrier():
+    """A node drawn to a point beyond its barrier comes to rest before it: a Newton step to the point is no step."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -0.3]])
+    barrier = make_guards(x, [[0, 1, 2]], [3], 1.0)
+    body = hold(hold(make_body(x, np.ones(4), [], [], [], [], [], guards=barrier), [0, 1, 2]), [3], "xy")
+    world = VACUUM._replace(anchors=make_anchors([3], [[0.2, 0.2, 0.3]], 10.0))
+    found = statics.equilibrium(body, world)
+    assert -0.2 < found[3, 2] < 0.0
+    pushed = Evaluator(body, world, ("guards",)).force(np.zeros(0), found, 0 * found)
+    np.testing.assert_allclose(pushed[3, 2], -10.0 * (0.3 - found[3, 2]), rtol=1e-8)
 
 
 @pytest.mark.parametrize("dense", [True, False])

@@ -1,4 +1,4 @@
-"""Anchors, gravity, air and walls against their twins."""
+"""Anchors, gravity, air and walls against their reference implementations."""
 
 import naive
 import numpy as np
@@ -6,45 +6,89 @@ import pytest
 import small_bodies
 from hypothesis import given
 from hypothesis import strategies as st
+from kernels import Block, energy, force
+from naive.surroundings import borne
 from small_bodies import ALL, close
 
-from fish_env.forces import anchors, contact, gravity
-from fish_env.world import make_anchors
+from fish_env import forces
+from fish_env.body import hold, make_body
+from fish_env.forces.evaluate import Evaluator
+from fish_env.world import VACUUM, make_anchors, make_world
 
 seeds = st.integers(0, 2**32 - 1)
+FIXED = hold(hold(ALL, [1, 18]), [3], "xz")
 
 
 @given(seed=seeds)
-def test_world_equals_its_twins(seed):
+def test_world_equals_its_reference(seed):
     """Anchors, gravity and air, and walls at work are those of the textbook's formulas; so are the impacts."""
     rng = np.random.default_rng(seed)
     x, v = small_bodies.shaken(ALL, rng)
-    world, f = small_bodies.world_with_all(ALL, offset=0.07), np.zeros((20, 3))
-    anchors.add_force(world.anchors, x, v, f)
-    close(f, naive.anchor_force(world.anchors, x, v))
-    assert anchors.energy(world.anchors, x) == pytest.approx(naive.anchor_energy(world.anchors, x), rel=1e-12)
-    f[:] = 0.0
-    gravity.add_force(ALL.mass, world.gravity, world.viscosity, v, f)
-    close(f, ALL.mass[:, None] * world.gravity - world.viscosity * v)
-    assert gravity.energy(ALL.mass, world.gravity, x) == pytest.approx(naive.weight_energy(ALL, world, x), rel=1e-12)
+    world, h = small_bodies.world_with_all(ALL, offset=0.07), 0.005
+    close(force("anchors", ALL, world, x, v), naive.anchor_force(world.anchors, x, v))
+    assert energy("anchors", ALL, world, x) == pytest.approx(naive.anchor_energy(world.anchors, x), rel=1e-12)
+    close(force("gravity", ALL, world, x, v), ALL.mass[:, None] * world.gravity - world.viscosity * v)
+    assert energy("gravity", ALL, world, x) == pytest.approx(naive.weight_energy(ALL, world, x), rel=1e-12)
     v[0, 2], f = -0.1, rng.normal(size=x.shape)
     f[0] = [0.0, 0.0, -1.0]  # onto the walls, behind which it is
+    walls = Block(("contact",), FIXED, world, h=h).set(x, v)
     wanted = naive.with_reaction(world.planes, x, v, f)
     assert np.abs(wanted - f).max() > 0
-    contact.add_reaction(world.planes, x, v, f)
-    close(f, wanted)
-    wanted, before, h = naive.bounce(ALL, world, 0.005, x, v), v.copy(), 0.005
-    contact.bounce(world.planes, ALL.inverse_mass, world.gravity, h, x, v)
-    close(v, wanted)
-    assert (v != before).any()
-    assert np.sum(v**2, axis=1) @ ALL.mass < np.sum(before**2, axis=1) @ ALL.mass
+    close(walls.add("add_force", f=f), wanted)
+    wanted = borne(world.planes, x, v, h, f)
+    assert np.abs(wanted - f).max() > 0
+    close(walls.add("constrain", f=f), wanted)
+    v[[1, 3, 18], 2], v[[1, 3], 0] = -0.2, 0.05  # fixed nodes keep the velocity they are given
+    wanted = naive.bounce(FIXED, world, h, x, v)
+    found = walls.set(x, v).velocities("finish")
+    close(found, wanted)
+    assert (found != v).any()
+    assert (found == v)[FIXED.inverse_mass == 0.0].all()
+    assert np.sum(found**2, axis=1) @ ALL.mass < np.sum(v**2, axis=1) @ ALL.mass
+
+
+@given(seed=seeds)
+def test_decay_in_the_air(seed):
+    """Half a step in the air leaves exp(-h mu / 2m) of a velocity that is not fixed; the force left is the weight."""
+    rng, h = np.random.default_rng(seed), 0.3
+    x, v = small_bodies.shaken(ALL, rng)
+    world = small_bodies.world_with_all(ALL)
+    mass = rng.uniform(0.5, 2.0)
+    block = Block(("gravity",), FIXED, world, variation=[1, mass, 1, 0, 0, 0], h=h).set(x, v)
+    wanted = np.exp(-0.5 * h * world.viscosity * FIXED.inverse_mass / mass) * v
+    close(block.velocities("decay"), wanted, 1e-14)
+    assert (wanted == v).sum() == 8
+    close(block.add("add_force_cached", "add_force"), ALL.mass[:, None] * world.gravity)
+    drag = h * world.viscosity / mass
+    close(block.matrix("add_system"), drag * np.eye(60))
+
+
+def test_without_gravity():
+    """Walls without gravity bounce everything; a world without a force compiles nothing for it."""
+    world = make_world(planes=[((0, 0, 1), 0.0, 0.5)])._replace(gravity=None)
+    assert forces.present(ALL, world) == ("springs", "tets", "pressure", "guards", "contact")
+    body = make_body([[0.0, 0.0, -1e-9]], [1.0], [], [], [], [], [])
+    assert forces.present(body, VACUUM) == ()
+    found = Block(None, body, world, h=0.1).set(body.position, np.array([[1.0, 0.0, -2.0]])).velocities("finish")
+    np.testing.assert_array_equal(found, [[1.0, 0.0, 1.0]])
 
 
 def test_anchor_at_its_point():
     """An anchor with a length whose node is at its very point has no direction, and pulls nowhere."""
-    x, f = np.zeros((1, 3)), np.zeros((1, 3))
-    anchor = make_anchors([0], np.zeros(3), 5.0, 1.0, 0.3, [1.0, 0.0, 0.0])
-    anchors.add_force(anchor, x, np.zeros((1, 3)), f)
-    stiffness, damping = np.zeros((3, 3)), np.zeros((3, 3))
-    anchors.add_jacobian(anchor, x, np.zeros((1, 3)), stiffness, damping)
-    assert not f.any() and not stiffness.any() and not damping.any()
+    body = make_body(np.zeros((1, 3)), [1.0], [], [], [], [], [])
+    world = VACUUM._replace(anchors=make_anchors([0], np.zeros(3), 5.0, 1.0, 0.3, [1.0, 0.0, 0.0]))
+    still = np.zeros((1, 3))
+    evaluator = Evaluator(body, world)
+    assert not evaluator.force(np.zeros(0), still, still).any()
+    assert not np.any(evaluator.jacobian(np.zeros(0), still, still))
+    block = Block(None, body, world).set(still, still)
+    assert not block.add("add_force_cached").any() and not block.add("add_tangent", v=still + 1.0).any()
+    assert not block.set(still, still).matrix("add_system").any()
+
+
+def test_bounds_of_anchors():
+    """The node that anchors hold fastest sets the rates, stiffness and damping each."""
+    world = small_bodies.world_with_all(ALL)
+    (bound,) = forces.bounds(ALL, world)
+    assert bound == pytest.approx(naive.leapfrog.anchor_rates(ALL, world), rel=1e-14)
+    assert forces.bounds(ALL, VACUUM) == []

@@ -1,4 +1,4 @@
-"""Twin of the leapfrog with Chebyshev-filtered kicks."""
+"""Reference implementation of the leapfrog with Chebyshev-filtered kicks."""
 
 import numpy as np
 
@@ -34,26 +34,26 @@ def water_change(body, world, duration, x, v, ahead):
     return force
 
 
-def filtered_matrix(body, world, rest_length, h, least, x):
-    """What the leapfrog filters by, (3N,3N) kg: h^2 K + 2 h D of each element, frozen, but at least `least` h D.
+def filtered_matrix(body, world, rest_length, h, least, x, factor=1.0):
+    """What the leapfrog filters by, (3N,3N) kg: factor (h^2 K + 2 h D) of each element, frozen, at least `least` h D.
 
     A unit's strain across is taken to be at least -0.1, an anchor's at least zero; gas counts by its compression.
     """
 
     def weight(stiffness, damping):
-        return max(h**2 * stiffness + 2 * h * damping, least * h * damping)
+        return max(factor * (h**2 * stiffness + 2 * h * damping), least * h * damping)
 
     springs = body.springs
     matrix = np.zeros((len(x), 3, len(x), 3))
     for (i, j), c, k, natural in zip(springs.nodes, springs.stiffness, springs.damping, rest_length, strict=True):
         length = np.linalg.norm(x[j] - x[i])
         along = np.outer(x[j] - x[i], x[j] - x[i]) / length**2
-        across = h**2 * c * max(-0.1, (length - natural) / length)
+        across = factor * h**2 * c * max(-0.1, (length - natural) / length)
         block = weight(c, k) * along + across * (np.eye(3) - along)
         for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
             matrix[p, :, q] += sign * block
     for i, c, k, along, strain in anchors_of(world, x):
-        matrix[i, :, i] += weight(c, k) * along + h**2 * c * strain * (np.eye(3) - along)
+        matrix[i, :, i] += weight(c, k) * along + factor * h**2 * c * strain * (np.eye(3) - along)
     for t, corners, block in tet_blocks(body, x) if body.tets is not None else ():
         for a, p in enumerate(corners):
             for b, q in enumerate(corners):
@@ -62,7 +62,7 @@ def filtered_matrix(body, world, rest_length, h, least, x):
     matrix = matrix.reshape(x.size, x.size)
     for c, gas in enumerate(body.chambers.gas) if body.chambers is not None else ():
         volume, slope = gas_volume(body.chambers, c, x)
-        matrix += h**2 * gas / volume**2 * np.outer(slope, slope)
+        matrix += factor * h**2 * gas / volume**2 * np.outer(slope, slope)
     return matrix
 
 
