@@ -1,5 +1,7 @@
 """Bad input is refused at the door: arrays of the right shape, finite, positive, naming nodes that exist."""
 
+import os
+
 import numpy as np
 
 
@@ -38,3 +40,16 @@ def node_array(value, width, num_nodes, name) -> np.ndarray:
         bad = int(array[(array < 0) | (array >= num_nodes)][0])
         raise ValueError(f"{name} name node {bad}, which is missing; nodes are numbered 0 to {num_nodes - 1}")
     return np.ascontiguousarray(array, dtype=np.int64)
+
+
+def fits_memory(count: int, each: int, what: str) -> None:
+    """Raise ValueError if `count` of something, `each` bytes large, are more than the machine's memory holds."""
+    try:
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # no such question on this system
+        return
+    if count * each > memory:
+        raise ValueError(
+            f"{what} is {count}, which takes {count * each / 2**30:.3g} GiB; this machine has "
+            f"{memory / 2**30:.3g} GiB: give at most {memory // (2 * each)}"
+        )

@@ -12,7 +12,7 @@ import numpy as np
 from fish_env._jit import INDEX, kernel, njit
 from fish_env.bodies.fish import ElasticObject, Fish
 from fish_env.body import COUNTERS, FAILURES, Body, Control, State, scaled
-from fish_env.checks import finite_array, positive_array
+from fish_env.checks import finite_array, fits_memory, positive_array
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
 from fish_env.integrators import INTEGRATORS, Integrator
@@ -70,6 +70,7 @@ class Tank:
                 raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
         if not isinstance(water, World | None):
             raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...), or None for vacuum")
+        fits_memory(num_fish, bytes_of(fish.body), "num_fish")
         self.fish, self.num_fish, self.dt = fish, int(num_fish), float(dt)
         self.refine = float(refine)
         self.integrator = INTEGRATORS[integrator]
@@ -372,6 +373,11 @@ def described(tank: Tank) -> Pack:
         fibres=fibres, drives=drives, fibre_natural=natural, fibre_span=span,
         spring_nodes=springs.nodes, spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **fields,
     )  # fmt: skip
+
+
+def bytes_of(body: Body) -> int:
+    """About how much memory the state of one fish takes, and once more while it is copied."""
+    return 2 * 8 * (6 * body.mass.size + 2 * body.springs.stiffness.size + 20)
 
 
 def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:

@@ -12,15 +12,37 @@ import pytest
 
 import fish_env
 from fish_env import _jit
-from fish_env.body import TORN
 
 PACKAGE = Path(fish_env.__file__).parent
 SCRIPT = """
-import fish_env, numpy as np
-from fish_env.integrators._common import check
-body = fish_env.make_fish("published").body
-failure = check(body, 2.0 * body.position, np.zeros_like(body.position))
-print(fish_env.__file__, failure, sum(check.stats.cache_hits.values()), sep="\\n")
+import fish_env
+from fish_env.forces.evaluate import Evaluator, compiled
+fish = fish_env.make_fish("published")
+springs, x = fish.body.springs, fish.body.position
+energy = Evaluator(fish.body, fish.water).energies(0.5 * springs.rest_length, x, 0.0 * x)["springs"]
+expected = float((0.125 * springs.stiffness * springs.rest_length**2).sum())
+hits = sum(compiled(("springs",), "energy").stats.cache_hits.values())
+print(fish_env.__file__, round(energy / expected, 6), hits, sep="\\n")
+"""
+CLOSURES = """
+from fish_env._jit import kernel, njit
+
+@kernel
+def square(x):
+    return x * x
+
+@kernel
+def cube(x):
+    return x * x * x
+
+def made(part, factor):
+    @njit
+    def scaled(x):
+        return factor * part(x)
+    return scaled
+
+calls = [made(part, factor) for part in (square, cube) for factor in (1.0, 10.0)]
+print([call(2.0) for call in calls], [sum(call.stats.cache_hits.values()) for call in calls])
 """
 
 
@@ -58,32 +80,64 @@ def test_hash_sees_every_source_file(package):
     assert _jit.source_hash(package) == first
 
 
-def stretch(package, cache):
-    """Stretch a fish to twice its size by the copied package in a fresh process: what failed, and cache hits."""
+def fresh(script, package, cache):
+    """What a script prints in a fresh process that uses the copied package."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA_", "PYTHON"))}
     environment |= {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-c", SCRIPT]
+    command = [sys.executable, *(["-c", script] if isinstance(script, str) else [str(script)])]
     done = subprocess.run(command, env=environment, cwd=package.parent, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    file, failure, hits = done.stdout.split("\n")[:3]
+    return done.stdout
+
+
+def stored(package, cache):
+    """Energy of the springs over what it should be, by the copied package in a fresh process, and cache hits."""
+    file, energy, hits = fresh(SCRIPT, package, cache).split("\n")[:3]
     assert Path(file) == package / "__init__.py"
-    return int(failure), int(hits)
+    return float(energy), int(hits)
 
 
 def test_no_stale_kernel(package, tmp_path):
     """A second process finds the kernels compiled; an edit of a kernel they call, in another file, is seen at once."""
     cache = tmp_path / "cache"
-    springs, caller = package / "forces" / "springs.py", package / "integrators" / "_common.py"
+    springs, caller = package / "forces" / "springs.py", package / "forces" / "evaluate.py"
     stamp = caller.stat().st_mtime
-    assert stretch(package, cache) == (0, 0)
-    assert stretch(package, cache) == (0, 1)
+    assert stored(package, cache) == (1.0, 0)
+    assert stored(package, cache) == (1.0, 1)
     original = springs.read_text()
-    edit(springs, "allowed = limit * ", "allowed = 0.5 * limit * ")
-    assert stretch(package, cache) == (TORN, 0)
+    edit(springs, "total = fma(0.5 * stiffness[e]", "total = fma(1.0 * stiffness[e]")
+    assert stored(package, cache) == (2.0, 0)
     assert caller.stat().st_mtime == stamp  # all that numba itself looks at
     springs.write_text(original)
-    assert stretch(package, cache) == (0, 1)
+    assert stored(package, cache) == (1.0, 1)
     assert len(list((cache / "fish_env").iterdir())) == 2
+
+
+def test_closures_are_cached(package, tmp_path):
+    """Functions made by one function of different kernels and numbers are kept apart, and found by another process."""
+    script, cache = tmp_path / "closures.py", tmp_path / "cache"
+    script.write_text(CLOSURES)
+    assert fresh(script, package, cache).strip() == "[4.0, 40.0, 8.0, 80.0] [0, 0, 0, 0]"
+    assert fresh(script, package, cache).strip() == "[4.0, 40.0, 8.0, 80.0] [1, 1, 1, 1]"
+    edit(script, "return x * x * x", "return x * x + x")
+    assert fresh(script, package, cache).strip().startswith("[4.0, 40.0, 6.0, 60.0]")
+
+
+def test_compiling_is_announced(package, tmp_path):
+    """A first use says on the standard error that it compiles; a second one, and a quiet one, say nothing."""
+    script = "import fish_env._jit as j; j.PATIENCE = 0.0; " + SCRIPT.strip().replace("\n", "\n")
+    script = script.replace("import fish_env\n", "\nimport fish_env\n", 1)
+    environment = os.environ | {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    for quiet, expected in (("", True), ("", False)):
+        done = subprocess.run([sys.executable, "-c", script], env=environment | {"FISH_ENV_QUIET": quiet},
+                              cwd=package.parent, capture_output=True, text=True)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert ("fish_env compiles its kernels" in done.stderr) is expected
+    environment["XDG_CACHE_HOME"] = str(tmp_path / "other")
+    done = subprocess.run([sys.executable, "-c", script], env=environment | {"FISH_ENV_QUIET": "1"},
+                          cwd=package.parent, capture_output=True, text=True)  # fmt: skip
+    assert done.returncode == 0 and "compiles" not in done.stderr
 
 
 @pytest.fixture

@@ -45,6 +45,7 @@ class Episodes:
         threads: int | None = None,
         dtype: str = "float64",
         lanes: str | int | None = None,
+        refine: float | None = None,
         **task_options,
     ):
         if not isinstance(task, str) or task not in self.tasks:
@@ -56,7 +57,7 @@ class Episodes:
         water = fish.water if water is None else water
         if not isinstance(water, World):
             water = _water(water)
-        self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes)
+        self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
         self.control_interval = float(fish.control_interval if control_interval is None else control_interval)
         self._substeps = whole_steps(self.control_interval, self.tank.dt, "control_interval")
         try:

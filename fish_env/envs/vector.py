@@ -21,18 +21,21 @@ class FishVectorEnv(Episodes, VectorEnv):
         body: a key of `fish_env.BODIES`, or a `Fish` from `fish_env.make_fish`.
         integrator: a key of `fish_env.INTEGRATORS`.
         dt: integrator step, s; None takes the fish's own.
-        control_interval: time between two decisions, s, a whole multiple of dt; None takes the fish's own.
+        control_interval: time of an environment step, s, a whole multiple of dt; None takes the fish's own.
         water: keywords of `fish_env.make_water`, or its result; None is the water the fish is made for.
         muscle_groups: "muscles", an action for each muscle, or "pairs", one for the left and one for the right side
             of each segment (the upper and lower muscle contract together: for planar scenes).
         variation: what differs from fish to fish, drawn at every reset: a number or a pair (lowest, highest) for keys
             of `fish_env.envs.VARIATIONS`, such as `{"stiffness": (0.8, 1.25), "current": (0, 0.5)}`.
-        max_episode_steps: decisions after which an episode is truncated; None for no limit.
+        max_episode_steps: environment steps after which an episode is truncated; None for no limit.
         autoreset_mode: an `AutoresetMode` or its value, "NextStep", "SameStep" or "Disabled".
         render_mode: None, "rgb_array" or "human".
         info_every_step: put the reward terms, position and heading of every step into `info`; else `info` is empty
             until the end of an episode.
         threads: over how many threads the fish are shared out; None for all processors.
+        dtype: "float64" or "float32", what the physics calculates in (`Tank`).
+        lanes: how many fish a kernel works on at once; None chooses.
+        refine: relative change of a spring's length in a step above which shorter steps are taken; None is the fish's.
         task_options: keywords of the task.
 
     Raises:

@@ -1,0 +1,156 @@
+"""Fish side by side in lanes: the same bits in any company, varied or not, and shorter steps for those that need them."""
+
+import numpy as np
+import pytest
+
+import fish_env
+from benchmarks.problems import left_after_right
+from fish_env.envs import FishVectorEnv
+from fish_env.tank import Tank
+
+FISH = fish_env.make_fish()
+VARIED = [(0.5, 2.0, 0.7, (0.0, 0.1, 0.0)), (2.0, 0.5, 1.5, (0.0, 0.0, 0.0)), (1.0, 1.0, 1.0, (0.2, 0.0, 0.0))]
+
+
+def swum(count, varied=False, intervals=6, seed=0, which=None, **options) -> Tank:
+    """A tank of fish 0 to `count` - 1, or of those in `which`, after random commands; each fish's are its own."""
+    numbers = list(range(count)) if which is None else which
+    tank = Tank(FISH, len(numbers), water=FISH.water, **({"threads": 1} | options))
+    commands = np.random.default_rng(seed).uniform(-1.0, 1.0, (intervals, 64, FISH.num_muscles))
+    for row, i in enumerate(numbers):
+        if varied and i % 4 < 3:
+            tank.vary(row, *VARIED[i % 4])
+    for command in commands:
+        tank.swim(command[numbers], FISH.control_interval)
+    return tank
+
+
+def same(one: Tank, other: Tank, rows=slice(None), others=slice(None)) -> bool:
+    """Whether two tanks' fish have the same state, bit for bit, and cost the same."""
+    return all(a[rows].tobytes() == b[others].tobytes() for a, b in zip(one.state, other.state, strict=True))
+
+
+@pytest.mark.parametrize("varied", [False, True], ids=["equal", "varied"])
+@pytest.mark.parametrize("options", [{"lanes": "xyz"}, {"lanes": 1}, {"lanes": 4}, {"lanes": 16}, {"threads": 2}], ids=str)
+def test_same_bits_in_any_company(options, varied):
+    """37 fish in lanes of 8, varied or not, are the same bit for bit in other lanes and over two threads."""
+    assert same(swum(37, varied), swum(37, varied, **options))
+
+
+@pytest.mark.parametrize("varied", [False, True], ids=["equal", "varied"])
+def test_alone_and_in_other_places(varied):
+    """A fish alone, and among others in other places, is what it is in the whole batch."""
+    batch = swum(37, varied)
+    assert same(swum(0, varied, which=[5]), batch, others=[5])
+    chosen = [36, 2, 17, 9, 1]
+    assert same(swum(0, varied, which=chosen, lanes=4), batch, others=chosen)
+
+
+def test_single_precision_is_near():
+    """float32 is within 5e-5 body lengths of float64 over the abrupt manoeuvre, in lanes and alone the same."""
+    goals = left_after_right(FISH)
+    paths = {}
+    for name, options in {
+        "double": {}, "single": {"dtype": "float32"}, "alone": {"dtype": "float32", "lanes": "xyz"},
+    }.items():  # fmt: skip
+        tank, path = Tank(FISH, 4, water=FISH.water, threads=1, **options), []
+        for goal in goals:
+            tank.drive(np.tile(goal, (4, 1)), 6)
+            path.append(tank.position.copy())
+        paths[name] = np.array(path)
+    assert paths["single"].tobytes() == paths["alone"].tobytes()
+    apart = np.linalg.norm(paths["single"] - paths["double"], axis=-1).max() / FISH.length
+    assert 1e-9 < apart < 5e-5
+
+
+def harsh(tank, intervals=40):
+    """Fling fish 0 about, and let the others be; counts of refinements."""
+    generator = np.random.default_rng(1)
+    for _ in range(intervals):
+        command = np.full((tank.num_fish, FISH.num_muscles), -1.0)
+        command[0] = generator.choice([-1.0, 1.0], FISH.num_muscles)
+        tank.swim(command, FISH.control_interval)
+    return tank.counters["refinements"].copy()
+
+
+def test_steps_are_shortened_where_needed():
+    """Only the fish whose springs change fast takes an interval again; its company makes no difference to anybody."""
+    tank = Tank(FISH, 11, water=FISH.water, refine=0.03)
+    counts = harsh(tank)
+    assert counts[0] > 5 and not counts[1:].any()
+    alone = Tank(FISH, 1, water=FISH.water, refine=0.03)
+    assert (harsh(alone) == counts[:1]).all() and same(alone, tank, others=[0])
+    calm = Tank(FISH, 11, water=FISH.water, refine=np.inf)
+    harsh(calm)
+    assert same(calm, tank, slice(1, None), slice(1, None)) and not same(calm, tank, [0], [0])
+    assert not calm.counters["refinements"].any()
+
+
+def test_refined_steps_are_the_half_ones():
+    """An interval that is refined once is the interval with twice the steps, bit for bit."""
+    position, command = FISH.body.position * (1.0, 1.2, 1.0), np.ones(FISH.num_muscles)
+    tanks = [
+        Tank(FISH, 1, dt=FISH.time_step / part, refine=refine, water=FISH.water)
+        for part, refine in ((1, 1e-9), (8, np.inf))
+    ]
+    for tank in tanks:
+        tank.position[0] = position
+        tank.swim(command, FISH.control_interval)
+    np.testing.assert_array_equal(tanks[0].position, tanks[1].position)
+    assert tanks[0].counters["refinements"][0] == 3  # 1/2, 1/4, 1/8
+
+
+def test_refining_rescues_a_fish():
+    """A base step far too long for a stiff fish is survived by refining it, and not without."""
+    stiff = {"num_fish": 9, "dt": FISH.control_interval, "water": FISH.water}
+    commands = np.random.default_rng(0).choice([-1.0, 1.0], (60, 9, FISH.num_muscles))
+    alive = {}
+    for refine in (0.1, np.inf):
+        tank = Tank(FISH, refine=refine, **stiff)
+        for i in range(9):
+            tank.vary(i, stiffness=2.0)
+        for command in commands:
+            tank.swim(command, FISH.control_interval)
+        alive[refine] = tank.alive.all()
+    assert alive[0.1]
+
+
+def test_defaults():
+    """The fish's own step comes with its refinement; a step that is given comes without; few fish are taken alone."""
+    assert Tank(FISH).refine == FISH.refine < np.inf
+    assert Tank(FISH, dt=FISH.time_step).refine == np.inf
+    assert [Tank(FISH, count).kind.lanes for count in (1, 2, 3, 256)] == ["xyz", "xyz", 8, 8]
+    assert Tank(FISH, 256, dtype="float32").kind.lanes == 16
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"lanes": 5}, "lanes is 5; choose from 'xyz', 1, 2, 4, 8, 16, 32"),
+        ({"dtype": "float16"}, "dtype is 'float16'; choose 'float64' or 'float32'"),
+        ({"refine": 0.0}, "refine is 0.0; give a positive number"),
+        ({"refine": float("nan")}, "refine is nan; give a positive number"),
+        ({"integrator": "rk4", "refine": 0.1}, "'rk4' cannot refine its steps; give refine=inf"),
+        ({"num_fish": 10**12}, r"num_fish is 1000000000000, which takes .* GiB; this machine has .* give at most"),
+    ],
+)
+def test_bad_keywords(options, message):
+    """A kind, a refinement or a number of fish that is not offered is refused before anything is allocated."""
+    with pytest.raises(ValueError, match=message):
+        Tank(FISH, **options)
+    if "num_fish" not in options:
+        with pytest.raises(ValueError, match=message):
+            FishVectorEnv(1, **options)
+
+
+def test_environment_in_single_precision():
+    """A vector environment takes dtype and lanes; observations stay close to those of float64 for a second."""
+    envs = [FishVectorEnv(16, dtype=dtype) for dtype in ("float64", "float32")]
+    seen = [env.reset(seed=0)[0] for env in envs]
+    np.testing.assert_array_equal(*seen)
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, *envs[0].action_space.shape)).astype(np.float32)
+    for action in actions:
+        seen = [env.step(action)[0] for env in envs]
+    assert seen[0].dtype == seen[1].dtype == np.float32
+    np.testing.assert_allclose(*seen, atol=5e-2)
+    assert np.abs(seen[0] - seen[1]).max() > 0
