@@ -90,7 +90,10 @@ class Block:
             v=kind.vectors(n), f=kind.vectors(n), cache=forces.make_cache(body, world, kind, self.names),
             number=kind.numbers(1),
         )  # fmt: skip
-        self.system = Pack("block", **(self.pack._kept | {"f": kind.vectors(3 * int(body.profile.start[-1]))}))
+        entries, others = int(body.profile.start[-1]), self.pack._kept
+        self.system = Pack("block", **(others | {"f": kind.vectors(3 * entries)}))
+        tu = Pack("system", matrix=kind.numbers(entries), load=kind.vectors(n))
+        self.tu = Pack("block", **(others | {"f": tu}))
 
     def set(self, x, v):
         """Put the fish at x and v, (W,N,3), or (N,3) for all alike."""
@@ -131,6 +134,13 @@ class Block:
             for j in range(shape.first[i], i + 1):
                 matrix[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = a[shape.start[i] + j - shape.first[i]]
         return np.tril(matrix) + np.tril(matrix, -1).T
+
+    def lagged(self):
+        """What `add_lagged` adds to the matrix and to the load of Tu's method, (W,S) and (W,N,3), or of one fish."""
+        matrix, load = self.tu.f.matrix, self.tu.f.load
+        matrix.memory[:], load.memory[:] = 0.0, 0.0
+        entry(self.names, "add_lagged", ())(self.tu)
+        return {"matrix": self._one(read(matrix)), "load": self._one(read(load))}
 
     def _one(self, values):
         return values[0] if self.kind.width == 1 else values

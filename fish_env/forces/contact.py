@@ -75,7 +75,7 @@ def finish(body, world, control, x, v, f, cache):
         for i in range(x.size):
             depth, speed, free = planes[p, 3] - dot(n, x[i]), dot(n, v[i]), body.inverse_mass[i]
             hit = (speed < -resting) & (depth < -2.0 * h * speed)  # deeper: it was behind the plane before the step
-            change = -(1.0 + select(hit, part, 0.0)) * speed  # (61)
+            change = -speed - select(hit, part * speed, 0.0)  # (61)
             change = select((depth >= 0.0) & (speed < 0.0), change, 0.0)
             axes = vec3(select(free.x > 0.0, 1.0, 0.0), select(free.y > 0.0, 1.0, 0.0), select(free.z > 0.0, 1.0, 0.0))
             v[i] = fma(change, axes * n, v[i])

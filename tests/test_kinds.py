@@ -1,0 +1,145 @@
+"""Every function of every force in kernels of every kind: the same bits in float64, and the same with no compiler."""
+
+import os
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import small_bodies
+from kernels import Block
+from small_bodies import ALL, close
+
+from fish_env import forces
+from fish_env.body import hold
+from fish_env.simd import Kind
+
+FISH = 16
+SUMS = ("add_force", "add_force_cached", "constrain")
+AFTER = {"add_force_cached": ("add_tangent", "add_change")}
+"""What needs what another function has kept."""
+BLOCKS = ("add_system", "add_damping")
+VELOCITIES = ("decay", "finish")
+NUMBERS = ("energy", "failed")
+FUNCTIONS = [
+    (name, function)
+    for name, module in forces.FORCES.items()
+    for function in (*SUMS, *BLOCKS, *VELOCITIES, *NUMBERS, "add_lagged")
+    if hasattr(module, function)
+]
+BODY = hold(ALL, [1], "yz")
+WORLD = small_bodies.world_with_all(ALL, offset=0.05)
+
+
+@cache
+def scene():
+    """States (W,N,3) m and m/s of FISH fish, bent, some of them broken; rest lengths, what sets them apart; a field."""
+    rng = np.random.default_rng(11)
+    states = [small_bodies.bent("two layers", rng) for _ in range(FISH)]
+    x, v = (np.array(part) for part in zip(*states, strict=True))
+    x[3, 18] += [0.0, 0.0, 0.7]  # a torn tetrahedron
+    x[5, 8] += 4.0 * (x[5, 0] - x[5, 8])  # through the outer layer
+    x[6, 8:16] = x[6, 8:16].mean(axis=0) - 1e-3 * (x[6, 8:16] - x[6, 8:16].mean(axis=0))  # inside out
+    x[7, 16:] *= [1.0, 1.0, 1e-9]  # flat
+    x[9, 2] = WORLD.anchors.point[0]  # an anchor without a direction
+    rest = ALL.springs.rest_length * rng.uniform(0.9, 1.1, (FISH, ALL.springs.rest_length.size))
+    apart = np.concatenate([rng.uniform(0.7, 1.4, (FISH, 3)), rng.uniform(-0.5, 0.5, (FISH, 3))], axis=1)
+    return x, v, rest, apart, rng.normal(size=x.shape)
+
+
+def results(name, function, kind) -> dict[str, np.ndarray]:
+    """What a function of a force makes of the scene, in blocks of a kind, (W,...), and what needs what it has kept."""
+    x, v, rest, apart, y = scene()
+    found: dict[str, list] = {}
+    for p in range(0, FISH, kind.width):
+        q = p + kind.width
+        block = Block((name,), BODY, WORLD, kind, rest[p:q], apart[p:q], h=0.01, factor=1.2, least=0.1)
+        block.set(x[p:q], v[p:q])
+        if function == "add_lagged":
+            made = block.lagged()
+        elif function in BLOCKS:
+            made = {function: block.blocks(function)}
+        elif function in VELOCITIES:
+            made = {function: block.velocities(function)}
+        elif function in NUMBERS:
+            made = {function: np.reshape(block.number(function), -1)}
+        else:
+            made = {function: block.add(function, f=y[p:q])}
+        for after in AFTER.get(function, ("add_tangent",) if function == "add_system" else ()):
+            if hasattr(forces.FORCES[name], after):
+                made[f"{function}, {after}"] = block.add(after, v=y[p:q])
+        for key, value in made.items():
+            found.setdefault(key, []).extend(value if kind.width > 1 or function in NUMBERS else value[None])
+    return {key: np.array(value) for key, value in found.items()}
+
+
+def everything(name, kind) -> dict[str, np.ndarray]:
+    """The results of all functions of a force."""
+    return {key: value for _, function in CHOSEN[name] for key, value in results(name, function, kind).items()}
+
+
+CHOSEN = {name: [pair for pair in FUNCTIONS if pair[0] == name] for name in forces.FORCES}
+
+
+@cache
+def alone(name):
+    """The results of the kernels of one lane."""
+    return everything(name, Kind(1))
+
+
+@pytest.mark.parametrize("lanes", ["xyz", pytest.param(4, marks=pytest.mark.slow), 8, 16])
+@pytest.mark.parametrize("name", forces.FORCES)
+def test_same_bits_in_every_kind(name, lanes):
+    """What a fish gets does not depend on the lanes it is worked out in, nor on the fish beside it, to the last bit."""
+    found, wanted = everything(name, Kind(lanes)), alone(name)
+    assert found.keys() == wanted.keys()
+    for key, value in wanted.items():
+        np.testing.assert_array_equal(found[key], value, err_msg=key)
+        assert np.any(value), key
+
+
+@pytest.mark.parametrize("lanes", [pytest.param("xyz", marks=pytest.mark.slow), 16])
+@pytest.mark.parametrize("name", forces.FORCES)
+def test_single_precision(name, lanes):
+    """In float32 everything is what it is in float64, to single precision; of the fish that have not failed."""
+    found, wanted = everything(name, Kind(lanes, "float32")), alone(name)
+    valid = np.setdiff1d(np.arange(FISH), [3, 5, 6, 7, 9])
+    for key, value in wanted.items():
+        close(found[key][valid].astype(float), value[valid], 3e-5)
+
+
+@pytest.fixture(scope="module")
+def uncompiled(tmp_path_factory):
+    """The results of kernels of one and of four lanes without the compiler, by name."""
+    path, here = tmp_path_factory.mktemp("plain") / "results.npz", Path(__file__).parent
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": f"{here}{os.pathsep}{here.parent}"}
+    subprocess.run([sys.executable, __file__, str(path)], check=True, env=environment)
+    with np.load(path) as found:
+        return dict(found)
+
+
+@pytest.mark.parametrize("lanes", ["xyz", 1, 4])
+@pytest.mark.parametrize("name", forces.FORCES)
+def test_without_the_compiler(name, lanes, uncompiled):
+    """The same kernels run as plain Python give the same, to rounding: a fused product is rounded twice there."""
+    for key, value in alone(name).items():
+        found = uncompiled[f"{name} {lanes} {key}"]
+        if key in ("failed", "energy"):
+            np.testing.assert_allclose(found, value, rtol=1e-12)
+        else:
+            close(found, value)
+
+
+if __name__ == "__main__":
+    np.seterr(all="ignore")  # compiled kernels say nothing either
+    np.savez(
+        sys.argv[1],
+        **{
+            f"{name} {lanes} {key}": value
+            for name in forces.FORCES
+            for lanes in ("xyz", 1, 4)
+            for key, value in everything(name, Kind(lanes)).items()
+        },
+    )
