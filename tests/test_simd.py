@@ -131,7 +131,7 @@ def test_every_operation(kind, compiled):
     values = drawn(kind)
     pack = made(kind, *values)
     (everything if compiled else everything.py_func)(pack)
-    vectors, numbers = expected(*(np.float64(value) for value in values))
+    vectors, numbers = expected(*(np.asarray(value, dtype=np.float64) for value in values))
     tolerance = 1e-14 if kind.dtype == "float64" else 3e-6
     for i, wanted in enumerate(vectors):
         got = pack.v.memory[i].reshape(-1, kind.width)[:3]
