@@ -1,0 +1,116 @@
+"""A force of one's own: one file and one entry of the list make it act under every method, in lanes and alone."""
+
+import numpy as np
+import pytest
+import soft_floor
+from soft_floor import Floor
+
+from fish_env import INTEGRATORS, Tank, forces, make_fish
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import make_body
+from fish_env.forces.evaluate import Evaluator
+from fish_env.world import VACUUM
+
+FISH = 8
+SPEEDS = -np.linspace(0.5, 1.0, FISH)
+FLOOR = Floor(height=0.0, stiffness=50.0)
+MASS = 0.02
+NEEDS_DERIVATIVES = ("radau",)
+QUICK = ("leapfrog_chebyshev", "linearly_implicit", "rk4")
+"""Methods that are tried in every run; the others take long to compile."""
+
+
+@pytest.fixture(autouse=True)
+def registered():
+    """The floor is in the list, before the walls, and is taken out again."""
+    walls = forces.FORCES.pop("contact")
+    forces.FORCES |= {"floor": soft_floor, "contact": walls}
+    yield
+    del forces.FORCES["floor"]
+
+
+def pair():
+    """Two points that a level spring joins."""
+    body = make_body([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [MASS, MASS], [[0, 1]], [5.0], [0.1], [1.0], [])
+    return ElasticObject(name="pair", body=body, length=1.0, time_step=1e-5, control_interval=0.01)
+
+
+def thrown(name, lanes, steps):
+    """A pair thrown onto the floor at different speeds, after some steps of 1e-5 s: heights and speeds (FISH,)."""
+    world = VACUUM._replace(extra={"floor": FLOOR})
+    options = {} if INTEGRATORS[name].kind == "adaptive" else {"lanes": lanes}
+    tank = Tank(pair(), FISH, name, 1e-5, water=world, threads=1, **options)
+    tank.velocity[:, :, 2] = SPEEDS[:, None]
+    tank.vary(3, mass=2.0)
+    tank.advance(steps)
+    assert tank.alive.all(), tank.failure
+    return tank.position[:, 1, 2].copy(), tank.velocity[:, 1, 2].copy()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in QUICK else pytest.mark.slow)
+        for name in INTEGRATORS
+        if name not in NEEDS_DERIVATIVES
+    ],
+)
+def test_every_method(name):
+    """A pair on the floor swings back as on a spring, whatever moves it; the same bits one by one and in lanes."""
+    time, steps = 0.02, 2000
+    rate = np.sqrt(FLOOR.stiffness / (MASS * np.where(np.arange(FISH) == 3, 2.0, 1.0)))
+    assert np.all(rate * time < np.pi)  # it is still in the floor
+    heights, speeds = thrown(name, "xyz", steps)
+    np.testing.assert_allclose(heights, SPEEDS / rate * np.sin(rate * time), rtol=2e-3)
+    np.testing.assert_allclose(speeds, SPEEDS * np.cos(rate * time), rtol=2e-3, atol=2e-3)
+    if INTEGRATORS[name].kind != "adaptive":
+        np.testing.assert_array_equal(thrown(name, FISH, steps), (heights, speeds))
+
+
+def test_fish_on_a_soft_floor():
+    """The default fish, thrown onto the floor under the default method, is held up: the same bits in eight lanes."""
+    fish, found = make_fish(), []
+    lowest = float(fish.body.position[:, 2].min())
+    for lanes, height in (("xyz", lowest), (8, lowest), ("xyz", lowest - 100.0)):
+        world = fish.water._replace(extra={"floor": Floor(height, 2.0)})
+        tank = Tank(fish, FISH, water=world, threads=1, lanes=lanes)
+        tank.velocity[:, :, 2] = -0.2 * fish.length * np.arange(1, FISH + 1)[:, None]
+        for k in range(10):
+            tank.swim(np.sin(k + np.arange(12.0)), fish.control_interval)
+        assert tank.alive.all()
+        found.append(tank.get_state())
+    for key, value in found[0].items():
+        np.testing.assert_array_equal(found[1][key], value, err_msg=key)
+    assert np.all((found[0]["x"] - found[2]["x"])[:, :, 2].mean(axis=1) > 1e-3 * fish.length)
+
+
+def test_evaluated():
+    """Its force is in the sum; what has no derivatives is refused where they are needed, by its name."""
+    body = pair().body
+    x, still, rest = body.position, np.zeros((2, 3)), body.springs.rest_length
+    world = VACUUM._replace(extra={"floor": Floor(height=0.1, stiffness=3.0)})
+    evaluator = Evaluator(body, world)
+    assert evaluator.names == ("springs", "floor")
+    np.testing.assert_allclose(evaluator.force(rest, x, still), [[0.0, 0.0, 0.3]] * 2, rtol=1e-15)
+    assert evaluator.energies(rest, x, still) == {"kinetic": 0.0, "springs": 0.0} and not evaluator.failures(rest, x)
+    with pytest.raises(ValueError, match="the force 'floor' has no add_jacobian; this method needs exact derivatives"):
+        evaluator.jacobian(rest, x, still)
+    for name in NEEDS_DERIVATIVES:
+        with pytest.raises(ValueError, match="the force 'floor' has no add_jacobian"):
+            tank = Tank(pair(), 1, name, 1e-3, water=world)
+            tank.advance(1)
+
+
+def test_walls_take_from_it():
+    """The walls, last in the list, take what presses a node further behind them from the force of the floor too."""
+    body, still = pair().body, np.zeros((2, 3))
+    for normal, wanted in (((0, 0, 1), 0.3), ((0, 0, -1), 0.0)):
+        planes = np.array([[*normal, 1.0 if normal[2] > 0 else 0.0, 0.5]])
+        world = VACUUM._replace(extra={"floor": Floor(0.1, 3.0)}, planes=planes)
+        found = Evaluator(body, world).force(body.springs.rest_length, body.position, still)
+        np.testing.assert_allclose(found[:, 2], wanted, rtol=1e-15)
+
+
+def test_taken_out_again():
+    """Where the world has no such floor, no kernel is compiled with it."""
+    assert forces.present(pair().body, VACUUM) == ("springs",)
