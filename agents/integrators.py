@@ -23,25 +23,29 @@ TICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # ms, of the chart
 FINER = 8  # the reference takes this part of the fish's own step
 
 
-def settings(fish) -> list[tuple[str, float]]:
-    """Methods and steps, the reference first: each method at its own step and half of it, the default coarser too."""
+def settings(fish) -> list[tuple[str, float, float | None]]:
+    """Methods, steps and what refines them, the reference first: each method at its own step and half of it.
+
+    The default method, which alone refines its steps, is tried at coarser ones too.
+    """
     from fish_env.tank import own_step
 
     own = fish.control_interval / fish.time_step
-    found = [("rk4", fish.control_interval / (FINER * own))]
+    found = [("rk4", fish.control_interval / (FINER * own), None)]
     for record in INTEGRATORS.values():
         if record.kind == "adaptive":
             continue  # they find their own step, and take a hundred times as long
         steps = round(fish.control_interval / own_step(fish, record))
-        found += [(record.name, fish.control_interval / (factor * steps)) for factor in (1, 2)]
-        if record.name == fish.integrator:
-            found += [(record.name, fish.control_interval / part) for part in (steps // 2, steps // 4)]
+        default = record.name == fish.integrator
+        counts = [steps, 2 * steps, *([steps // 2, steps // 4] if default else [])]
+        found += [(record.name, fish.control_interval / count, fish.refine if default else None) for count in counts]
     return found
 
 
-def replay(path: Path, integrator: str, dt: float, episodes: int) -> tuple[Scores, np.ndarray]:
-    """Scores (B,) and path (T,B,3), body lengths, of the policy under a method and step; the path ends in NaN."""
-    _, policy, env = opened(path, episodes, integrator=integrator, dt=dt)
+def replay(path: Path, how: tuple[str, float, float | None], episodes: int) -> tuple[Scores, np.ndarray]:
+    """Scores (B,) and path (T,B,3), body lengths, of the policy under one of `settings`; the path ends in NaN."""
+    integrator, dt, refine = how
+    _, policy, env = opened(path, episodes, integrator=integrator, dt=dt, refine=refine)
     results, track = [{}] * env.num_envs, []
     for ended, done, infos in played(policy_controller(policy, env), env):
         for i in np.flatnonzero(ended):
@@ -62,11 +66,13 @@ def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODE
     for path in paths or shipped():
         task, _, env = opened(path, 1)
         reference = None
-        for integrator, dt in tqdm(settings(env.tank.fish), desc=task, unit=" settings"):
-            scores, track = replay(path, integrator, dt, episodes)
+        for how in tqdm(settings(env.tank.fish), desc=task, unit=" settings"):
+            scores, track = replay(path, how, episodes)
             if reference is None:
                 reference = (scores, track)
-            rows.append({"task": task, "integrator": integrator, "dt_ms": round(1e3 * dt, 6), "episodes": episodes}
+            integrator, dt, refine = how
+            rows.append({"task": task, "integrator": integrator, "dt_ms": round(1e3 * dt, 6),
+                         "refine": refine or np.inf, "episodes": episodes}
                         | differences(scores, track, *reference))  # fmt: skip
     print_rows(rows)
     if not paths:  # of other policies nothing is published
@@ -82,9 +88,8 @@ def check_default(episodes: int = MANY) -> list[dict]:
     for path in shipped():
         task, _, env = opened(path, 1)
         fish = env.tank.fish
-        reference, default = (
-            replay(path, name, dt, episodes)[0] for name, dt in (settings(fish)[0], (fish.integrator, fish.time_step))
-        )
+        own = (fish.integrator, fish.time_step, fish.refine)
+        reference, default = (replay(path, how, episodes)[0] for how in (settings(fish)[0], own))
         change, wanted = default["return"] - reference["return"], abs(reference["return"].mean())
         rows.append(
             {"task": task, "episodes": episodes, "return_reference": rounded(reference["return"].mean()),
@@ -117,7 +122,7 @@ def differences(scores: Scores, track: np.ndarray, reference: Scores, reference_
 
 def print_rows(rows: list[dict]) -> None:
     """The table."""
-    columns = {"task": 18, "integrator": 32, "dt_ms": 10, "return": 9, "return_change": 15, "success": 9,
+    columns = {"task": 18, "integrator": 32, "dt_ms": 10, "refine": 7, "return": 9, "return_change": 15, "success": 9,
                "success_change": 16, "path_difference": 17, "failed": 8}  # fmt: skip
     print("".join(name.rjust(width) for name, width in columns.items()))
     for row in rows:

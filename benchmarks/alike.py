@@ -12,8 +12,8 @@ from scipy.sparse import csr_array
 from fish_env import Tank
 from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu
-from fish_env.body import rest_stiffness
-from fish_env.forces import water
+from fish_env.forces import rest_matrices
+from fish_env.forces.evaluate import Evaluator
 from fish_env.linalg import rates
 from fish_env.world import VACUUM
 
@@ -60,7 +60,7 @@ def structure(fish: Fish) -> Structure:
                 values += [value / size for value in column.values()]
                 count += 1
     basis = csr_array((values, (rows, columns)), shape=(3 * n, count))
-    matrix = basis.T @ csr_array(rates.assemble(rest_stiffness(fish.body), 3 * n)) @ basis
+    matrix = basis.T @ csr_array(rates.assemble(rest_matrices(fish.body), 3 * n)) @ basis
     return Structure(basis, matrix.toarray(), (basis.T**2) @ np.repeat(fish.body.mass, 3))
 
 
@@ -165,6 +165,5 @@ def drag_power(fish: Fish, default: Fish) -> float:
     sweep = [moved[nodes].mean() for nodes in sets]
     line, x = CubicSpline(place, sweep), fish.body.position
     velocity = np.stack([-x[:, 1] * line(x[:, 0], 1), line(x[:, 0]), np.zeros(len(x))], axis=1)
-    force = np.zeros_like(x)
-    water.add_force(fish.body, fish.water, x, velocity, force)
+    force = Evaluator(fish.body, fish.water, ("water",)).force(fish.body.springs.rest_length, x, velocity)
     return -float((force * velocity).sum())

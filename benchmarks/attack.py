@@ -10,6 +10,7 @@ import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -65,34 +66,48 @@ def at_rest(fish, count, generator):
     return np.repeat(fish.body.position[None], count, 0), np.zeros((count, *fish.body.position.shape))
 
 
+def noise(fish, size, count, generator):
+    """Random vectors (B,N,3), of `size` along each axis in which a node is free: a flat fish stays in its plane."""
+    return size * generator.normal(size=(count, *fish.body.position.shape)) * (fish.body.inverse_mass > 0.0)
+
+
 def perturbed(fish, count, generator):
     """Nodes out of place by 2 % of a body length, each way."""
     x, v = at_rest(fish, count, generator)
-    return x + 0.02 * fish.length * generator.normal(size=x.shape), v
+    return x + noise(fish, 0.02 * fish.length, count, generator), v
 
 
 def fast(fish, count, generator):
     """Flung through the water at up to 10 body lengths a gait beat, spinning, every node with a velocity of its own."""
     x, v = at_rest(fish, count, generator)
     rate = fish.length / (10 * fish.control_interval)  # a body length in ten control intervals
-    v += 2 * rate * generator.uniform(-1, 1, (count, 1, 3)) + 0.3 * rate * generator.normal(size=x.shape)
+    v += 2 * rate * generator.uniform(-1, 1, (count, 1, 3)) + noise(fish, 0.3 * rate, count, generator)
     spin = generator.normal(size=(count, 1, 3)) / (10 * fish.control_interval)
-    return x, v + np.cross(spin, x - x.mean(axis=1, keepdims=True))
+    v += np.cross(spin, x - x.mean(axis=1, keepdims=True))
+    return x, v * (fish.body.inverse_mass > 0.0)
 
 
 def crumpled(fish, count, generator):
     """Shrunk to 0.6 of its size, with nodes out of place by 1 % of a body length."""
     x, v = at_rest(fish, count, generator)
-    return 0.6 * x + 0.01 * fish.length * generator.normal(size=x.shape), v
+    return 0.6 * x + noise(fish, 0.01 * fish.length, count, generator), v
 
 
 def inverted(fish, count, generator):
-    """Partly turned inside out: left and right exchanged in one to three of the square layers."""
-    x, v = at_rest(fish, count, generator)
+    """Partly turned inside out: left and right exchanged in one to three of the five cross-sections."""
+    (x, v), sections = at_rest(fish, count, generator), cross_sections(fish)
     for b in range(count):
-        for layer in generator.choice(5, generator.integers(1, 4), replace=False):
-            x[b, LAYERS[1 + layer], 1] *= -1.0
-    return x + 0.002 * fish.length * generator.normal(size=x.shape), v
+        for k in generator.choice(5, generator.integers(1, 4), replace=False):
+            x[b, sections[k], 1] *= -1.0
+    return x + noise(fish, 0.002 * fish.length, count, generator), v
+
+
+def cross_sections(fish: Fish) -> list[np.ndarray]:
+    """The nodes nearest to each of the five square layers of landmarks; those nearest to nose or tail are in none."""
+    marks = fish.points(fish.body.position)[:, 0]
+    place = np.array([marks[nodes].mean() for nodes in LAYERS])
+    nearest = np.abs(fish.body.position[:, :1] - place).argmin(axis=1)
+    return [np.flatnonzero(nearest == k) for k in range(1, 6)]
 
 
 def beginning(start: str, fish: Fish, count: int, generator) -> list[np.ndarray]:
@@ -151,41 +166,50 @@ def drive(tank: Tank, goals: np.ndarray) -> dict[str, np.ndarray]:
     return {"stretch": stretch, "when": when, "energy": highest, "failed": failed}
 
 
-def tank_at(fish: Fish, integrator: str, substeps: int, position, velocity, threads=None) -> Tank:
+class Settings(NamedTuple):
+    """How fish are moved: method, steps a control interval, and what refines them."""
+
+    integrator: str
+    substeps: int
+    refine: float = np.inf
+
+
+def tank_at(fish: Fish, how: Settings, position, velocity, threads=None) -> Tank:
     """A tank with fish at these positions and velocities (B,N,3)."""
-    dt = fish.control_interval / substeps
-    tank = Tank(fish, len(position), integrator, dt, fish.water, threads)
+    dt = fish.control_interval / how.substeps
+    tank = Tank(fish, len(position), how.integrator, dt, fish.water, threads, refine=how.refine)
     tank.position[:], tank.velocity[:] = position, velocity
     return tank
 
 
-def case_of(fish, family, integrator, substeps, position, velocity, goals, found, i) -> dict:
+def case_of(fish, family, how: Settings, position, velocity, goals, found, i) -> dict:
     """All it takes to repeat fish i of a batch up to its worst moment, or a little beyond where it failed."""
     end = int(found["failed"][i] if np.isfinite(found["failed"][i]) else found["when"][i]) + 2
     return {
         "body": fish.name, "family": family.name, "stiffness": family.stiffness, "mass": family.mass,
-        "integrator": integrator, "substeps": substeps, "stretch": float(found["stretch"][i]),
+        **how._asdict(), "stretch": float(found["stretch"][i]),
         "failure": "", "position": position[i], "velocity": velocity[i], "goals": goals[:end, i],
     }  # fmt: skip
 
 
-def replay(case: dict, integrator=None, substeps=None, copies=1, threads=1) -> tuple[Tank, np.ndarray]:
-    """Repeat a kept case, `copies` fish alike: the tank at the end, and the worst stretch of each (copies,)."""
+def replay(case: dict, how: Settings | None = None, copies=1, threads=1) -> tuple[Tank, np.ndarray]:
+    """Repeat a kept case, or move it otherwise, `copies` fish alike: the tank at the end, and their worst stretch."""
+    how = how or Settings(case["integrator"], case["substeps"], case.get("refine", np.inf))
     fish = scaled(make_fish(case["body"]), stiffness=case["stiffness"], mass=case["mass"])
     start = [np.repeat(case[name][None], copies, 0) for name in ("position", "velocity")]
-    tank = tank_at(fish, integrator or case["integrator"], substeps or case["substeps"], *start, threads)
+    tank = tank_at(fish, how, *start, threads)
     return tank, drive(tank, np.repeat(case["goals"][:, None], copies, 1))["stretch"]
 
 
 def explained(fish, substeps, position, velocity, goals, failed) -> int:
     """How many of these fish RK4 at an eighth of the step loses too, each by half again the time it failed at."""
-    tank = tank_at(fish, "rk4", 8 * substeps, position, velocity)
+    tank = tank_at(fish, Settings("rk4", 8 * substeps), position, velocity)
     found = drive(tank, goals[: int(1.5 * failed.max()) + 10])["failed"]
     tank.close()
     return int((found <= 1.5 * failed + 10).sum())
 
 
-def mistreat(name: str, family: Family, count: int, integrator: str, substeps: int, seed: int, usual: float, bar):
+def mistreat(name: str, family: Family, count: int, how: Settings, seed: int, usual: float, bar):
     """Drive `count` fish of a family; its row of the CSV, and its worst cases."""
     fish = scaled(make_fish(name), stiffness=family.stiffness, mass=family.mass)
     reasons, kept, redone, too = Counter(), [], 0, 0
@@ -195,7 +219,7 @@ def mistreat(name: str, family: Family, count: int, integrator: str, substeps: i
         generator = np.random.default_rng([seed, first])
         start = beginning(family.start, fish, size, generator)
         goals = GOALS[family.kind](fish, size, generator)
-        tank = tank_at(fish, integrator, substeps, *start)
+        tank = tank_at(fish, how, *start)
         found = drive(tank, goals)
         alive = tank.alive
         reasons.update(tank.failure[~alive])
@@ -203,17 +227,17 @@ def mistreat(name: str, family: Family, count: int, integrator: str, substeps: i
         lost = np.flatnonzero(~alive)[: EXPLAINED - redone]
         if lost.size:
             redone += lost.size
-            too += explained(fish, substeps, start[0][lost], start[1][lost], goals[:, lost], found["failed"][lost])
+            too += explained(fish, how.substeps, start[0][lost], start[1][lost], goals[:, lost], found["failed"][lost])
         worst = np.argsort(np.where(alive, found["stretch"], 0.0))[: -1 - KEPT : -1]
         for i in (*worst[alive[worst]], *lost[:KEPT]):
-            case = case_of(fish, family, integrator, substeps, *start, goals, found, i)
+            case = case_of(fish, family, how, *start, goals, found, i)
             kept.append(case | {"failure": str(tank.failure[i])})
         tank.close()
         bar.update(size)
     survivors = count > sum(reasons.values())
     row = {
-        "body": name, "family": family.name, "integrator": integrator, "step_s": fish.control_interval / substeps,
-        "fish": count, "failures": sum(reasons.values()), "reasons": "; ".join(f"{n} {r}" for r, n in reasons.items()),
+        "body": name, "family": family.name, **step_of(fish, how), "fish": count,
+        "failures": sum(reasons.values()), "reasons": "; ".join(f"{n} {r}" for r, n in reasons.items()),
         "worst_stretch": round(float(stretch), 4),
         "peak_energy_over_gait": round(float(highest / usual), 2) if survivors else np.nan,
         "rerun_with_rk4": redone, "rk4_fails_too": too,
@@ -230,7 +254,12 @@ def decoded(fish: Fish, points: np.ndarray, grouping: str) -> np.ndarray:
     return (LEVELS * (turns % 1.0 < 0.5 + 0.4 * np.sin(duty))).astype(np.uint8)
 
 
-def search(name: str, evaluations: int, integrator: str, substeps: int, usual: float, bar) -> tuple[list[dict], list]:
+def step_of(fish: Fish, how: Settings) -> dict:
+    """How fish were moved, as the table says it."""
+    return {"integrator": how.integrator, "step_s": fish.control_interval / how.substeps, "refine": how.refine}
+
+
+def search(name: str, evaluations: int, how: Settings, usual: float, bar) -> tuple[list[dict], list]:
     """Look for the actions that stretch a fish most, or give it most energy, by CMA-ES from several starts."""
     import cma
 
@@ -247,7 +276,7 @@ def search(name: str, evaluations: int, integrator: str, substeps: int, usual: f
             points = np.array(strategy.ask())
             goals = decoded(fish, points, grouping)
             start = beginning("rest", fish, POPULATION, None)
-            tank = tank_at(fish, integrator, substeps, *start)
+            tank = tank_at(fish, how, *start)
             found = drive(tank, goals)
             failed = np.isfinite(found["failed"])
             value = np.where(failed, 10.0 - found["failed"] / SEARCHED, found["stretch"])
@@ -261,18 +290,18 @@ def search(name: str, evaluations: int, integrator: str, substeps: int, usual: f
             if lost.size:
                 redone += lost.size
                 rerun = [part[lost] for part in start]
-                too += explained(fish, substeps, *rerun, goals[:, lost], found["failed"][lost])
+                too += explained(fish, how.substeps, *rerun, goals[:, lost], found["failed"][lost])
             i = int(value.argmax())
             if value[i] > best[0]:
-                case = case_of(fish, family, integrator, substeps, *start, goals, found, i)
+                case = case_of(fish, family, how, *start, goals, found, i)
                 best = value[i], case | {"failure": str(tank.failure[i])}
             tank.close()
             bar.update(POPULATION)
         kept.append(best[1])
         rows.append(
             {
-                "body": name, "family": family.name, "integrator": integrator,
-                "step_s": fish.control_interval / substeps, "fish": tried, "failures": sum(reasons.values()),
+                "body": name, "family": family.name, **step_of(fish, how),
+                "fish": tried, "failures": sum(reasons.values()),
                 "reasons": "; ".join(f"{n} {r}" for r, n in reasons.items()),
                 "worst_stretch": round(best[1]["stretch"], 4),
                 "peak_energy_over_gait": round(float(highest / usual), 2),
@@ -315,9 +344,9 @@ def kept(folder: Path = WORST) -> dict[str, dict]:
     return cases
 
 
-def usual_energy(fish: Fish, integrator: str, substeps: int) -> float:
+def usual_energy(fish: Fish, how: Settings) -> float:
     """Highest energy of a fish that swims the gait, J."""
-    tank = Tank(fish, 1, integrator, fish.control_interval / substeps, fish.water)
+    tank = tank_at(fish, how, *at_rest(fish, 1, None))
     return float(drive(tank, LEVELS * swimming(fish, 100)[:, None])["energy"][0])
 
 
@@ -331,16 +360,16 @@ def attack(integrator=None, substeps=None, fish=10_000, evaluations=10_000) -> b
             for name, less in effort.items():
                 swimmer = make_fish(name)
                 given = (integrator, substeps) if name == default else (None, None)
-                method, steps = settings(swimmer, *given)
-                usual = usual_energy(swimmer, method, steps)
+                how = Settings(*settings(swimmer, *given))
+                usual = usual_energy(swimmer, how)
                 for seed, family in enumerate(families()):
                     bar.set_postfix_str(f"{name}, {family.name}")
                     count = -int(-fish * family.share // less)
-                    row, found = mistreat(name, family, count, method, steps, seed, usual, bar)
+                    row, found = mistreat(name, family, count, how, seed, usual, bar)
                     rows.append(row)
                     cases += found
                 bar.set_postfix_str(f"{name}, search")
-                found_rows, found = search(name, evaluations // less, method, steps, usual, bar)
+                found_rows, found = search(name, evaluations // less, how, usual, bar)
                 rows += found_rows
                 cases += found
             complete = True

@@ -20,13 +20,14 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.provenance import RESULTS, write_csv
+from benchmarks.systems import System
 from fish_env import Tank, make_fish
 from fish_env.bodies.fish import ElasticObject
-from fish_env.body import Body, hold, make_body, rest_stiffness
+from fish_env.body import Body, hold, make_body
 from fish_env.elements import make_tets
-from fish_env.forces import anchors, springs, tets
-from fish_env.integrators._common import eliminate
-from fish_env.linalg import ldlt, rates
+from fish_env.forces import rest_matrices
+from fish_env.forces.evaluate import Evaluator
+from fish_env.linalg import rates
 from fish_env.world import VACUUM, Anchors, make_anchors
 
 COMMAND = "python -m benchmarks.boundary"
@@ -75,7 +76,7 @@ TASKS = {"fish": fish_task, "bar": bar_task}
 
 def largest_entry(body: Body) -> float:
     """Largest entry of the stiffness matrix at rest, N/m."""
-    return float(abs(rates.assemble(rest_stiffness(body), body.position.size)).max())
+    return float(abs(rates.assemble(rest_matrices(body), body.position.size)).max())
 
 
 def static_displacement(body: Body, load, moved, pulling: Anchors | None = None) -> np.ndarray:
@@ -87,21 +88,22 @@ def static_displacement(body: Body, load, moved, pulling: Anchors | None = None)
         moved: (N,3) m: displacement of the degrees of freedom that are held; of the others, zero.
         pulling: anchors, or None.
     """
-    x, rest, shape = body.position, body.springs.rest_length, body.profile
-    still, g = np.zeros_like(x), np.array(load, dtype=float)
-    matrix, pivots, row = np.zeros((shape.start[-1], 3, 3)), np.empty_like(x), np.empty((len(x), 3, 3))
-    undamped = body._replace(springs=body.springs._replace(damping=np.zeros(rest.size)))
-    solid = body.tets and body.tets._replace(relaxation_time=np.zeros(body.tets.volume.size))
-    springs.add_system(undamped, present_lengths(body), x, still, 1.0, -np.inf, matrix)
-    tets.add_system(solid, shape, x, 1.0, matrix)
-    anchors.add_system(pulling, shape.diagonal, x, 1.0, matrix)
-    springs.add_stiffness_force(undamped, present_lengths(body), x, still, moved, 1.0, -np.inf, g)
-    tets.add_stiffness_force(solid, x, moved, 1.0, g)
-    anchors.add_force(pulling, x, still, g)
-    eliminate(body, matrix, g)
-    ldlt.factor(shape, matrix, pivots, row)
-    ldlt.solve(shape, matrix, pivots, g)
-    return g + moved
+    springs, tets = body.springs, body.tets
+    stiff = body._replace(  # nothing but stiffness: without mass, damping and tension, the system of a step of 1 s
+        mass=0.0 * body.mass,
+        springs=springs._replace(damping=0.0 * springs.damping, rest_length=present_lengths(body)),
+        tets=tets and tets._replace(relaxation_time=0.0 * tets.relaxation_time),
+    )
+    world = VACUUM._replace(anchors=pulling)
+    system = System(stiff, world, 1.0)
+    system.assemble()
+    system.load[:] = load
+    system.add_pull(moved)
+    if pulling is not None:
+        system.load[:] += Evaluator(stiff, world, ("anchors",)).force(springs.rest_length, body.position, 0.0 * moved)
+    system.eliminate()
+    system.factor_solve()
+    return system.load + moved
 
 
 def present_lengths(body: Body) -> np.ndarray:

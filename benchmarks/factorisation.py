@@ -23,10 +23,9 @@ from scipy.sparse.linalg import splu
 
 from benchmarks.finite_elements import BLUE, ORANGE, figure, read, solid
 from benchmarks.provenance import write_csv
-from fish_env import forces
+from benchmarks.systems import System
 from fish_env.bodies.mesh import grid
 from fish_env.body import Body
-from fish_env.linalg import ldlt
 from fish_env.world import VACUUM
 
 SECTIONS = ((2, 2), (2, 4), (4, 4), (4, 6), (8, 8), (12, 12))  # cells across and upward
@@ -46,12 +45,10 @@ def slender(along: int, across: int, upward: int) -> Body:
     return solid(mesh.position, mesh.tets, 0.3, relaxation_time=0.01)
 
 
-def system(body: Body):
-    """The matrix in its skyline (S,3,3), and the same as scipy's compressed columns."""
-    shape, n = body.profile, len(body.mass)
-    a = np.empty((shape.start[n], 3, 3))
-    rest = body.springs.rest_length
-    forces.system(body, VACUUM, rest, body.position, np.zeros_like(body.position), STEP, -np.inf, False, a)
+def systems(body: Body):
+    """The system in its skyline, and its matrix as scipy's compressed columns."""
+    shape, n, system = body.profile, len(body.mass), System(body, VACUUM, STEP)
+    a = system.assemble()
     row = np.repeat(np.arange(n), np.diff(shape.start))
     column = np.arange(len(a)) - shape.start[row] + shape.first[row]
     i, j = (3 * at[:, None, None] + k for at, k in ((row, np.arange(3)[:, None]), (column, np.arange(3))))
@@ -59,7 +56,7 @@ def system(body: Body):
     lower = coo_array((a.ravel(), (i, j)), shape=(3 * n, 3 * n)).tocsc()
     lower.eliminate_zeros()
     below = coo_array((a.ravel() * (i // 3 > j // 3), (i, j)), shape=(3 * n, 3 * n)).tocsc()
-    return a, (lower + below.T).tocsc()
+    return system, (lower + below.T).tocsc()
 
 
 def seconds(work) -> float:
@@ -71,25 +68,24 @@ def seconds(work) -> float:
 
 def measure(body: Body) -> dict:
     """Median times of both and of their ratio, with the quartiles of the ratio, and how far the solutions are apart."""
-    a, sparse = system(body)
+    system, sparse = systems(body)
     sparse.eliminate_zeros()
     n, load = len(body.mass), np.cos(np.arange(body.position.size)).reshape(-1, 3)
-    inverse_pivot, row, solution = np.empty((n, 3)), np.empty((n, 3, 3)), load.copy()
+    matrix = system.columns.copy()
 
-    def skyline(work):
-        ldlt.factor(body.profile, work, inverse_pivot, row)
-        ldlt.solve(body.profile, work, inverse_pivot, solution)
+    def skyline():
+        system.columns[:], system.load[:] = matrix, load
+        return seconds(system.factor_solve)
 
     def general(ordering):
         symmetric = {} if ordering == "COLAMD" else {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
         return splu(sparse, permc_spec=ordering, **symmetric).solve(load.ravel())
 
-    skyline(a.copy())
-    apart = np.abs(solution.ravel() - general("COLAMD")).max() / np.abs(solution).max()
+    skyline()
+    apart = np.abs(system.load.ravel() - general("COLAMD")).max() / np.abs(system.load).max()
     ours, theirs = [], {ordering: [] for ordering in ORDERINGS}
     for _ in range(REPEATS):
-        work = a.copy()
-        ours.append(seconds(lambda work=work: skyline(work)))
+        ours.append(skyline())
         for ordering, taken in theirs.items():
             taken.append(seconds(lambda ordering=ordering: general(ordering)))
     best = min(theirs, key=lambda ordering: median(theirs[ordering]))

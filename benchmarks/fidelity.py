@@ -24,12 +24,12 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.controllers import scripted
+from benchmarks.poses import pose_of
 from benchmarks.provenance import RESULTS, write_csv
 from fish_env import TASKS, Tank, make_fish
 from fish_env.bodies import Fish
-from fish_env.elements import chamber_volume, make_chambers
 from fish_env.envs import FishVectorEnv
-from fish_env.pose import make_pose, measure
+from fish_env.volume import volume_of
 
 BODIES = (
     ("planar", {"level": 1}), ("planar", {"level": 2}), ("mass_spring", {}), ("two_layer", {}),
@@ -70,19 +70,17 @@ def play(fish: Fish, contractions: np.ndarray, dt=None) -> Motion:
     """Play contractions (S,K,M), a decision each, to fish of one kind that start at rest, heading along x."""
     seeds, steps, _ = contractions.shape
     tank = Tank(fish, seeds, dt=dt, water=fish.water)
-    substeps, pose = round(fish.control_interval / tank.dt), make_pose(seeds)
-    rest, marks = fish.points(fish.body.position), fish.landmarks
-    chamber = make_chambers(rest, [marks.faces], 1.0)
-    natural = chamber_volume(chamber, 0, rest)[0]
+    substeps, faces = round(fish.control_interval / tank.dt), fish.landmarks.faces
+    natural = volume_of(faces, fish.points(fish.body.position))[0]
     centre, yaw, tail, volume = [], [], [], []
     for k in range(steps):
         tank.drive(contractions[:, k], substeps)
-        measure(fish.body.mass, fish.line, fish.left, fish.right, tank.position, tank.velocity, *pose)
+        pose = pose_of(tank)
         centre.append(pose.centre / fish.length)
         yaw.append(np.arctan2(pose.axes[:, 0, 1], pose.axes[:, 0, 0]))
         tips = tank.position[:, fish.tail].mean(axis=1) - pose.centre
         tail.append((tips * pose.axes[:, 1]).sum(axis=1) / fish.length)
-        volume.append([chamber_volume(chamber, 0, points)[0] / natural for points in fish.points(tank.position)])
+        volume.append([volume_of(faces, points)[0] / natural for points in fish.points(tank.position)])
     tank.close()
     start = fish.body.mass @ fish.body.position / fish.body.mass.sum() / fish.length
     return Motion(

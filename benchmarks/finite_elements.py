@@ -25,7 +25,8 @@ from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.mesh import box, lumped_mass
 from fish_env.body import Body, hold, make_body
 from fish_env.elements import make_tets
-from fish_env.forces import tets as elements
+from fish_env.forces.evaluate import Evaluator
+from fish_env.world import VACUUM
 
 THICK, RATIO, YOUNG, DENSITY = 0.02, 10, 2e5, 1000.0
 LENGTH = RATIO * THICK
@@ -173,6 +174,21 @@ def damped_block(cells, edge=0.05, poisson=0.3) -> tuple[Body, float]:
     return solid(position, nodes, poisson, relaxation_time=2.0 / lowest), float(lowest)
 
 
+def deformation(body: Body, x) -> np.ndarray:
+    """Deformation gradients (T,3,3) of the elements at x (N,3)."""
+    return np.einsum("tac,tad->tcd", x[body.tets.nodes], body.tets.gradient)
+
+
+def stretch(body: Body, x) -> np.ndarray:
+    """Over its natural length, (T,): how long every element is, along its longest direction, the others being 1."""
+    return np.sqrt(np.maximum((deformation(body, x) ** 2).sum(axis=(1, 2)) - 2.0, 0.0))
+
+
+def elastic_energy(body: Body, x) -> float:
+    """Of all elements, J."""
+    return Evaluator(body, VACUUM).energies(body.springs.rest_length, x, np.zeros_like(x))["tets"]
+
+
 def ruined(body: Body, how: str, seed: int) -> np.ndarray:
     """A start (N,3) m: the body "reflected" or "flattened" in the plane z = 0 with noise, or "scrambled" at random."""
     rng = np.random.default_rng(seed)
@@ -180,7 +196,7 @@ def ruined(body: Body, how: str, seed: int) -> np.ndarray:
     noise = 0.01 * size * rng.standard_normal(x.shape)
     if how == "scrambled":  # as far as no element is stretched to more than twice its length
         x = rng.uniform(-0.5, 0.5, x.shape) * np.ptp(x, axis=0)
-        while not elements.all_shorter(body.tets, x, 2.0):
+        while not (stretch(body, x) <= 2.0).all():
             x *= 0.98
         return x
     return x * [1.0, 1.0, {"reflected": -1.0, "flattened": 0.0}[how]] + noise
@@ -206,14 +222,13 @@ def recover(body: Body, lowest: float, start, method: str, most=400.0) -> dict:
     air = make_world(viscosity=0.2 * lowest * float(body.mass.mean()))
     tank = Tank(loose(body, step / lowest), 1, method, step / lowest, air)
     tank.position[0] = start
-    gradient = np.einsum("tac,tad->tcd", start[body.tets.nodes], body.tets.gradient)
-    inverted = float((np.linalg.det(gradient) < 0).mean())
+    inverted = float((np.linalg.det(deformation(body, start)) < 0).mean())
     while tank.alive[0] and tank.time[0] * lowest < most and not out_of_shape(body, tank.position[0]) < 1e-6:
         tank.advance(round(1.0 / step))
     return {
         "inverted_at_start": inverted, "time": float(tank.time[0] * lowest),
         "out_of_shape": out_of_shape(body, tank.position[0]),
-        "energy_kept": elements.energy(body.tets, tank.position[0]) / elements.energy(body.tets, start),
+        "energy_kept": elastic_energy(body, tank.position[0]) / elastic_energy(body, start),
         "failure": tank.failure[0],
     }  # fmt: skip
 
@@ -247,7 +262,7 @@ def ringing(body: Body, method: str, periods: float, steps_a_period: int, amplit
     for _ in range(round(periods * steps_a_period) + 1):
         x, v = tank.position[0], tank.velocity[0]
         places.append(np.einsum("n,nk,nk->", body.mass, shape, x - body.position) / scale)
-        energies.append(0.5 * np.einsum("n,nk,nk->", body.mass, v, v) + elements.energy(body.tets, x))
+        energies.append(0.5 * np.einsum("n,nk,nk->", body.mass, v, v) + elastic_energy(body, x))
         tank.advance(1)
     return np.array(places), np.array(energies)
 

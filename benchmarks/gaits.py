@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.controllers import Gait
+from benchmarks.poses import pose_of
 from fish_env.bodies import Fish
-from fish_env.pose import make_pose, measure
 from fish_env.tank import Tank
 from fish_env.world import World
 
@@ -43,7 +43,7 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=1
     tank = Tank(fish, 1, integrator, 1 / (gait.frequency * decisions * steps), water)
     period = 1 / gait.frequency
     mass = fish.body.mass / fish.body.mass.sum()
-    centre, tail, up, pose = [], [], [], make_pose(1)
+    centre, tail, up = [], [], []
     contraction = gait.contraction(fish, period / decisions * np.arange(1, decisions + 1))[:, None]
     tank.velocity[0] = np.random.default_rng(seed).normal(0.0, NOISE * fish.length, tank.velocity[0].shape)
     tank.velocity[0] *= fish.body.inverse_mass > 0.0
@@ -54,8 +54,7 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=1
             if beat >= beats - measured - 1:
                 centre.append(mass @ tank.position[0])
                 tail.append(tank.position[0, fish.tail].mean(axis=0))
-                measure(fish.body.mass, fish.line, fish.left, fish.right, tank.position, tank.velocity, *pose)
-                up.append(pose.axes[0, 2].copy())
+                up.append(pose_of(tank).axes[0, 2])
         if not tank.alive[0]:
             return Swum(0.0, 0.0, 0.0, np.inf, 180.0, tank.failure[0])
     centre, tail = np.array(centre)[decisions - 1 :], np.array(tail)[decisions - 1 :]

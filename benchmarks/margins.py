@@ -1,5 +1,7 @@
 """Is the default step at most half the largest stable one? `python -m benchmarks.stability --margins` runs this.
 
+A method that refines its steps does so here too, whatever the step it begins with.
+
 Every task with random, bang-bang and gait actions, and the abrupt manoeuvre, on fish half to twice as stiff, their
 damping kept or scaled along. Stable: no fish fails and none has more than BOUND times the energy that any has with RK4.
 """
@@ -21,8 +23,10 @@ BOUND = 10.0  # times RK4's highest energy
 COMMAND = "python -m benchmarks.stability --margins"
 
 
-def settings(fish: Fish, integrator: str | None, substeps: int | None) -> tuple[str, int]:
-    """Method and steps a control interval: the fish's own, or those given.
+def settings(fish: Fish, integrator: str | None, substeps: int | None) -> tuple[str, int, float]:
+    """Method, steps a control interval and what refines them: the fish's own, or those given.
+
+    Another method than the fish's own does not refine its steps.
 
     Raises:
         ValueError: if the fish's control interval is not a whole number of its steps.
@@ -30,7 +34,8 @@ def settings(fish: Fish, integrator: str | None, substeps: int | None) -> tuple[
     own = fish.control_interval / fish.time_step
     if substeps is None and abs(own - round(own)) > 1e-9:
         raise ValueError(f"{fish.name}: a control interval is {own:g} steps; give a whole number")
-    return integrator or fish.integrator, substeps or round(own)
+    refine = fish.refine if integrator in (None, fish.integrator) else np.inf
+    return integrator or fish.integrator, substeps or round(own), refine
 
 
 def stretch_and_energy(tank: Tank) -> tuple[np.ndarray, np.ndarray]:
@@ -56,11 +61,12 @@ def actions(fish: Fish, kind: str) -> np.ndarray:
     return 2.0 * goals[:, None] - 1.0
 
 
-def highest_energy(fish: Fish, task: str, kind: str, integrator: str, substeps: int) -> tuple[float, str]:
+def highest_energy(fish: Fish, task: str, kind: str, integrator: str, substeps: int, refine=np.inf):
     """Highest energy of any fish that does these actions in a task, inf if one fails, and why it does."""
     given = actions(fish, kind)
     dt = fish.control_interval / substeps
-    episodes = Episodes(given.shape[1], task=task, body=fish, integrator=integrator, dt=dt, threads=1)
+    how = {"integrator": integrator, "dt": dt, "refine": refine}
+    episodes = Episodes(given.shape[1], task=task, body=fish, threads=1, **how)
     episodes.restart(np.ones(episodes.num_envs, bool), range(episodes.num_envs))
     highest = 0.0
     for action in given:
@@ -73,7 +79,7 @@ def highest_energy(fish: Fish, task: str, kind: str, integrator: str, substeps: 
     return highest, ""
 
 
-def largest_stable(fish: Fish, task: str, kind: str, integrator: str, substeps: int) -> tuple[int, str]:
+def largest_stable(fish: Fish, task: str, kind: str, integrator: str, substeps: int, refine: float):
     """Fewest steps a control interval from which on, up to twice the default's, all are stable; 0 if not even those.
 
     Also what happens at one step fewer.
@@ -82,7 +88,7 @@ def largest_stable(fish: Fish, task: str, kind: str, integrator: str, substeps: 
     if torn:
         return 0, f"RK4 too: {torn}"
     for tried in range(2 * substeps, 0, -1):
-        energy, failure = highest_energy(fish, task, kind, integrator, tried)
+        energy, failure = highest_energy(fish, task, kind, integrator, tried, refine)
         if energy > BOUND * true_energy:
             return (tried + 1 if tried < 2 * substeps else 0), failure or f"{energy / true_energy:.0f} times the energy"
     return 1, ""
@@ -92,7 +98,7 @@ def margins(integrator: str | None = None, substeps: int | None = None, kinds=("
             stiffness=STIFFNESS, save=True) -> bool:  # fmt: skip
     """Measure, print and write the margin of every case; True if the default step is at most half of each limit."""
     fish = make_fish()
-    integrator, substeps = settings(fish, integrator, substeps)
+    integrator, substeps, refine = settings(fish, integrator, substeps)
     cases = [
         (task, kind, factor, damping)
         for task in TASKS
@@ -104,14 +110,14 @@ def margins(integrator: str | None = None, substeps: int | None = None, kinds=("
     default = fish.control_interval / substeps
     try:
         for task, kind, factor, damping in tqdm(cases, unit="case", disable=not save):
-            fewest, beyond = largest_stable(scaled(fish, factor, damping), task, kind, integrator, substeps)
+            fewest, beyond = largest_stable(scaled(fish, factor, damping), task, kind, integrator, substeps, refine)
             largest = fish.control_interval / fewest if fewest else 0.0
             rows.append(
                 {
                     "task": task, "actions": kind, "stiffness": factor, "damping": damping, "integrator": integrator,
-                    "default_ms": round(1e3 * default, 4), "largest_stable_ms": round(1e3 * largest, 4),
-                    "margin": round(largest / default, 3), "met": 0 < 2 * fewest <= substeps,
-                    "beyond": beyond,
+                    "refine": refine, "default_ms": round(1e3 * default, 4),
+                    "largest_stable_ms": round(1e3 * largest, 4), "margin": round(largest / default, 3),
+                    "met": 0 < 2 * fewest <= substeps, "beyond": beyond,
                 }
             )  # fmt: skip
     except KeyboardInterrupt:
@@ -120,7 +126,8 @@ def margins(integrator: str | None = None, substeps: int | None = None, kinds=("
         return False
     if save:
         write_csv("stability_margins.csv", rows, COMMAND)
-    print(f"{integrator}, default step {1e3 * default:g} ms; largest stable steps, ms, worst of each kind of action")
+    print(f"{integrator}, default step {1e3 * default:g} ms, refined beyond a change of {refine:g}")
+    print("largest stable steps, ms, worst of each kind of action")
     for kind in kinds:
         mine = [row for row in rows if row["actions"] == kind]
         if mine:

@@ -94,18 +94,29 @@ def problems() -> dict[str, Problem]:
     }
 
 
-def tank_of(problem: Problem, integrator: str, substeps: int, num_fish=1) -> Tank:
-    """A tank with the fish of the problem at its start, `substeps` steps a control interval."""
+def steps_of(fish: Fish) -> int:
+    """Steps a control interval that a fish takes by itself."""
+    return round(fish.control_interval / fish.time_step)
+
+
+def tank_of(problem: Problem, integrator: str, substeps: int, num_fish=1, **options) -> Tank:
+    """A tank with the fish of the problem at its start, `substeps` steps a control interval, none of them refined.
+
+    `options` are further ones of `Tank`: with `refine`, an interval is taken again in shorter steps where need be.
+    """
     dt = problem.fish.control_interval / substeps
-    tank = Tank(problem.fish, num_fish, integrator, dt, problem.world, threads=1)
+    tank = Tank(problem.fish, num_fish, integrator, dt, problem.world, threads=1, **options)
     if problem.velocity is not None:
         tank.velocity[:] = problem.velocity
     return tank
 
 
-def run(problem: Problem, integrator: str, substeps: int) -> tuple[np.ndarray, Tank]:
-    """Positions at the end of every control interval, (K,N,3), and the tank. A fish that fails stays where it was."""
-    tank = tank_of(problem, integrator, substeps)
+def run(problem: Problem, integrator: str, substeps: int, **options) -> tuple[np.ndarray, Tank]:
+    """Positions at the end of every control interval, (K,N,3), and the tank. A fish that fails stays where it was.
+
+    `options` as for `tank_of`.
+    """
+    tank = tank_of(problem, integrator, substeps, **options)
     path = np.empty((len(problem.contraction), *tank.position.shape[1:]))
     for k, goal in enumerate(problem.contraction):
         tank.drive(goal[None], substeps)

@@ -7,7 +7,7 @@ import numpy as np
 
 from fish_env import INTEGRATORS, Tank
 from fish_env.bodies.objects import OBJECTS, Layered
-from fish_env.forces import energies
+from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators.adaptive import solve
 from fish_env.world import VACUUM, make_world
 
@@ -81,7 +81,8 @@ def sweep(names) -> tuple[list[dict], list[dict]]:
 def level(tank: Tank) -> float:
     """Energy, J, over that at rest."""
     body, rest = tank.fish.body, tank.rest_length[0]
-    now, then = (energies(body, VACUUM, rest, x, v) for x, v in
+    evaluator = Evaluator(body, VACUUM)
+    now, then = (evaluator.energies(rest, x, v) for x, v in
                  ((tank.position[0], tank.velocity[0]), (body.position, np.zeros_like(body.position))))  # fmt: skip
     return sum(now.values()) - sum(then.values())
 

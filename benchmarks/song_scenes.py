@@ -8,7 +8,7 @@ import numpy as np
 
 from fish_env import Tank
 from fish_env.bodies.objects import Layered, room
-from fish_env.forces import energies
+from fish_env.forces.evaluate import Evaluator
 
 FRAME = 1 / 60  # s between pictures; the hand moves as often
 HAND = (60.0, 0.5, 0.05)  # of the mouse's spring: N/m, N s/m, m
@@ -57,10 +57,17 @@ def stage(thing: Layered, scene: Scene, integrator: str | None = None, dt: float
     return tank
 
 
-def total(tank: Tank) -> float:
-    """Energy of all kinds, J."""
-    kinds = energies(tank.fish.body, tank.world, tank.rest_length[0], tank.position[0], tank.velocity[0])
-    return sum(kinds.values())
+class Energy:
+    """The energy of all kinds in a tank, J."""
+
+    def __init__(self, tank: Tank):
+        self.tank, self.world, self.evaluator = tank, None, None
+
+    def __call__(self) -> float:
+        tank = self.tank
+        if self.world is not tank.world:  # a hand has taken hold, or let go
+            self.world, self.evaluator = tank.world, Evaluator(tank.fish.body, tank.world)
+        return sum(self.evaluator.energies(tank.rest_length[0], tank.position[0], tank.velocity[0]).values())
 
 
 def play(thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None) -> Iterator[Moment]:
@@ -70,12 +77,13 @@ def play(thing: Layered, scene: Scene, integrator: str | None = None, dt: float 
         ArithmeticError: if the object fails, with the reason.
     """
     tank = stage(thing, scene, integrator, dt)
+    total = Energy(tank)
     each = round(FRAME / tank.dt)
     planes, work, travel, point, node = tank.world.planes, 0.0, 0.0, None, -1
     for k in range(round(scene.seconds / FRAME)):
         time = k * FRAME
         if scene.hand and time >= GRAB - 1e-9:
-            before = total(tank)
+            before = total()
             if time < LET_GO - 1e-9:
                 if point is None:
                     aim = tank.position[0].mean(axis=0) + thing.length * (np.array([1.0, 0, 0]) - thing.down)
@@ -86,7 +94,7 @@ def play(thing: Layered, scene: Scene, integrator: str | None = None, dt: float 
             elif point is not None:
                 tank.release()
                 point = None
-            work += total(tank) - before
+            work += total() - before
         for _ in range(each):
             old = tank.position[0].copy()
             tank.advance(1)
@@ -96,7 +104,7 @@ def play(thing: Layered, scene: Scene, integrator: str | None = None, dt: float 
             travel = max(travel, float(np.linalg.norm(x - old, axis=1).max()))
             free = thing.body.inverse_mass.any(axis=1)
             depth = float((planes[:, 3, None] - planes[:, :3] @ x[free].T).max())
-            yield Moment(float(tank.time[0]), total(tank), work, depth, travel, x.copy(),
+            yield Moment(float(tank.time[0]), total(), work, depth, travel, x.copy(),
                          None if point is None else (node, point))  # fmt: skip
 
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from fish_env import forces
 from fish_env.bodies.objects import Layered, make_uniform_sphere
 from fish_env.bodies.skins import Skin, circle, globe, octasphere
-from fish_env.elements import chamber_volume, make_chambers
+from fish_env.elements import make_chambers
+from fish_env.forces.evaluate import Evaluator
 from fish_env.forces.pressure import estimated_normals, estimated_volume
+from fish_env.volume import volume_of
 from fish_env.world import VACUUM
 
 LONG = np.diag((2.0, 0.7, 0.7))
@@ -29,7 +30,7 @@ def estimate(kind: str, detail: int, skin: Skin, shape: str) -> dict:
     smooth = (
         np.pi * np.linalg.det(deformation[:2, :2]) if kind == "ring" else 4 / 3 * np.pi * np.linalg.det(deformation)
     )
-    exact = chamber_volume(make_chambers(x, [skin.faces], 1.0), 0, x)[0]
+    exact = volume_of(make_chambers(x, [skin.faces], 1.0).faces, x)[0]
     middle = x[skin.edges].mean(axis=1) @ np.linalg.inv(deformation @ deformation.T)
     normal = middle / np.linalg.norm(middle, axis=1)[:, None]
     cosine = np.abs(np.sum(estimated_normals(skin.edges, x) * normal, axis=1))
@@ -51,19 +52,16 @@ def relaxed(thing: Layered, most=60) -> tuple[np.ndarray, float]:
         ArithmeticError: if it does not come to rest.
     """
     body, x = thing.body, thing.body.position.copy()
-    rest, still = body.springs.rest_length, np.zeros_like(x)
-    f, size = np.empty_like(x), x.size
-    stiffness, damping = np.empty((size, size)), np.empty((size, size))
+    rest, still, evaluator = body.springs.rest_length, np.zeros_like(x), Evaluator(body, VACUUM)
 
     def energy(y):
-        return sum(forces.energies(body, VACUUM, rest, y, still).values())
+        return sum(evaluator.energies(rest, y, still).values())
 
     for _ in range(most):
-        forces.total(body, VACUUM, rest, x, still, f)
+        f = evaluator.force(rest, x, still)
         if np.abs(f).max() < 1e-11:
             return x, float(np.abs(f).max())
-        forces.jacobian(body, VACUUM, rest, x, still, stiffness, damping)
-        value, vector = np.linalg.eigh(stiffness)
+        value, vector = np.linalg.eigh(evaluator.jacobian(rest, x, still)[0])
         along = vector.T @ f.ravel()
         moved = np.abs(value) > 1e-6 * value[-1]  # not along the motions of a rigid body
         step = (vector[:, moved] @ (along[moved] / np.abs(value[moved]))).reshape(x.shape)

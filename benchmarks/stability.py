@@ -26,9 +26,11 @@ from benchmarks.margins import stretch_and_energy
 from benchmarks.problems import LEAD, LEFT, RIGHT, NotConvergedError, distance, left_after_right, scaled
 from benchmarks.provenance import RESULTS, write_csv
 from benchmarks.work_precision import STYLE
-from fish_env import BODIES, INTEGRATORS, forces, make_fish
+from fish_env import BODIES, INTEGRATORS, make_fish
 from fish_env.bodies import Fish
-from fish_env.body import COUNTERS, Body, Control, State, make_body
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import Body, make_body
+from fish_env.forces.evaluate import Evaluator
 from fish_env.tank import Tank
 from fish_env.world import VACUUM
 
@@ -55,11 +57,10 @@ def modes(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
     The damping of a mode is its share of the units' damping; exact where all units relax in the same time.
     """
-    size = 3 * body.mass.size
-    matrices = np.empty((2, size, size))
-    forces.jacobian(body, VACUUM, body.springs.rest_length, body.position, np.zeros_like(body.position), *matrices)
+    still = np.zeros_like(body.position)
+    matrices = Evaluator(body, VACUUM).jacobian(body.springs.rest_length, body.position, still)
     root = np.repeat(body.mass, 3) ** -0.5
-    stiffness, damping = matrices * np.outer(root, root)
+    stiffness, damping = np.array(matrices) * np.outer(root, root)
     squares, shapes = np.linalg.eigh(stiffness)
     real = squares > 1e-9 * squares[-1]
     return squares[real], np.einsum("ik,ij,jk->k", shapes, damping, shapes)[real]
@@ -76,19 +77,21 @@ def oscillators(body: Body) -> Body:
     return made._replace(elastic_rate=body.elastic_rate, viscous_rate=body.viscous_rate)
 
 
-def growth(name: str, pairs: Body, h: float) -> float:
-    """Largest factor by which one step of h s makes a small vibration of the oscillators grow."""
-    small, omega = 1e-5, np.sqrt(pairs.springs.stiffness)
-    nodes = pairs.mass.size
-    state = State(np.repeat(pairs.position[None], 4, 0), np.zeros((4, nodes, 3)), np.zeros(4),
-                  np.zeros(4, dtype=np.int64), np.zeros((4, len(COUNTERS)), dtype=np.int64))  # fmt: skip
+def growth(tank: Tank, h: float) -> float:
+    """Largest factor by which one step of h s makes a small vibration of the oscillators in a tank of four grow."""
+    tank.reset()
+    tank.dt, engine = h, tank._engine
+    engine._rows.clear()  # no plans for steps of another length: a new tank for each step would take far longer
+    engine._plans.clear()
+    for i in range(4):
+        engine.plan(i)
+    state, small, omega = tank.state, 1e-5, np.sqrt(tank.fish.body.springs.stiffness)
     for row, side in ((0, 0.5), (1, -0.5)):  # each unit longer and shorter, then faster and slower
         state.x[row, 1::2, 0] += side * small
         state.x[row, ::2, 0] -= side * small
         state.v[2 + row, 1::2, 0] = side * small * omega
         state.v[2 + row, ::2, 0] = -side * small * omega
-    rest = np.repeat(pairs.springs.rest_length[None], 4, 0)
-    INTEGRATORS[name].advance(pairs, VACUUM, state, Control(rest, np.zeros_like(rest)), h, 1)
+    tank.advance(1)
     if state.failure.any():
         return np.inf
     apart = state.x[:, 1::2, 0] - state.x[:, ::2, 0]
@@ -104,20 +107,22 @@ def linear_limit(name: str, body: Body, longest: float) -> float:
     body's highest frequency does so here. Unstable: grows by more than 1e-9 a step.
     """
     pairs = oscillators(body)
+    thing = ElasticObject(name="oscillators", body=pairs, length=1.0, time_step=longest, control_interval=longest)
+    tank = Tank(thing, 4, name, longest, threads=1)
     squares, damping = pairs.springs.stiffness, pairs.springs.damping
     omega = np.sqrt(squares.max())
     relaxation = (damping / squares)[damping > 0].min(initial=1.0 / omega)
     first = 0.02 * min(1.0 / omega, relaxation, 1.0 / max(omega, damping.max()))
     below = 0.0
     for h in np.append(np.geomspace(first, longest, 1 + int(np.log(longest / first) / np.log(1.03))), longest):
-        if growth(name, pairs, h) > 1.0 + 1e-9:
+        if growth(tank, h) > 1.0 + 1e-9:
             break
         below = h
     else:
         return np.inf
     while h - below > 1e-6 * h:
         middle = 0.5 * (below + h)
-        below, h = (below, middle) if growth(name, pairs, middle) > 1.0 + 1e-9 else (middle, h)
+        below, h = (below, middle) if growth(tank, middle) > 1.0 + 1e-9 else (middle, h)
     return float(h)
 
 

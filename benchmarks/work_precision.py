@@ -21,12 +21,16 @@ from statistics import median
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.problems import Problem, distance, independent, magnified, problems, reference, run, tank_of
+from benchmarks.margins import stretch_and_energy
+from benchmarks.problems import Problem, distance, independent, magnified, problems, reference, run, steps_of, tank_of
 from benchmarks.provenance import RESULTS, write_csv
-from fish_env import INTEGRATORS
+from fish_env import INTEGRATORS, make_fish
 
 SUBSTEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]
+DEFAULT = make_fish().integrator
+LINES = [*((name, np.inf) for name in FIXED), (DEFAULT, make_fish().refine)]
+"""Methods, and what refines their steps: the default method with its own refinement too."""
 DEAREST = {"linearly implicit": 96}  # most steps a control interval that are worth their while
 FEWEST = 7  # sound runs a method must show on a scene, if it has them
 BATCH, REPEATS = 8, 3
@@ -49,12 +53,12 @@ STYLE = {  # colours told apart by colour-blind readers (Okabe & Ito), one marke
 }
 
 
-def timed(problem: Problem, name: str, substeps: int) -> float:
+def timed(problem: Problem, name: str, substeps: int, refine: float) -> float:
     """Microseconds of computing one control interval of one fish, median of repeats, in a batch on one core."""
     goals = [np.repeat(goal[None], BATCH, axis=0) for goal in problem.contraction]
     taken = []
     for _ in range(REPEATS):
-        tank = tank_of(problem, name, substeps, BATCH)
+        tank = tank_of(problem, name, substeps, BATCH, refine=refine)
         begin = time.perf_counter()
         for goal in goals:
             tank.drive(goal, substeps)
@@ -62,22 +66,24 @@ def timed(problem: Problem, name: str, substeps: int) -> float:
     return median(taken)
 
 
-def measure(problem: Problem, name: str, substeps: int, truth: np.ndarray, seconds: bool = True) -> dict:
+def measure(problem: Problem, name: str, substeps: int, truth: np.ndarray, seconds=True, refine=np.inf) -> dict:
     """One row: what a method at a step costs on a scene, and how far it is from the truth. Failed runs have no cost."""
-    path, tank = run(problem, name, substeps)
+    path, tank = run(problem, name, substeps, refine=refine)
     sound = bool(tank.alive[0])
     work = {name: int(values[0]) for name, values in tank.counters.items()}
     intervals = len(problem.contraction)
     return {
         "scene": problem.name,
         "integrator": name,
+        "refine": refine,
         "substeps": substeps,
         "step_ms": problem.fish.control_interval / substeps * 1e3,
         "error": distance(problem.fish, path, truth) if sound else np.inf,
-        "us_per_interval": round(timed(problem, name, substeps), 3) if sound and seconds else np.nan,
+        "us_per_interval": round(timed(problem, name, substeps, refine), 3) if sound and seconds else np.nan,
         "forces_per_interval": work["force_evaluations"] / intervals if sound else np.nan,
         "factorisations_per_interval": work["factorisations"] / intervals if sound else np.nan,
         "solves_per_interval": work["solves"] / intervals if sound else np.nan,
+        "refined_intervals": work["refinements"],
         "non_positive_pivots": work["non_positive_pivots"],
         "failure": tank.failure[0],
     }
@@ -91,11 +97,11 @@ def steps_worth_trying(name: str) -> list[int]:
 def sweep(problem: Problem, truth: np.ndarray, bar: tqdm) -> list[dict]:
     """Every method at every step, largest first; a method stops once it has enough sound rows and 1e-4 is reached."""
     rows = []
-    for name in FIXED:
+    for name, refine in LINES:
         sound = 0
         for substeps in steps_worth_trying(name):
             bar.set_postfix_str(f"{problem.name} {name} {substeps}")
-            rows.append(measure(problem, name, substeps, truth))
+            rows.append(measure(problem, name, substeps, truth, refine=refine))
             sound += np.isfinite(rows[-1]["error"])
             if sound >= FEWEST and (rows[-1]["error"] < 1e-4 or sound >= 10):
                 break
@@ -118,16 +124,13 @@ def true_path(problem: Problem) -> tuple[np.ndarray, dict]:
 def energy(name: str, substeps: int, seconds=4.0) -> tuple[np.ndarray, np.ndarray]:
     """Total energy over that at the start, of the undamped fish vibrating in vacuum, at each control interval."""
     from benchmarks.problems import scaled, vibration
-    from fish_env import make_fish
-    from fish_env.forces import springs
 
     problem = vibration(scaled(make_fish(), damping=0.0))
     fish = problem.fish
     tank = tank_of(problem, name, substeps)
     times, values = [], []
     for k in range(round(seconds / fish.control_interval)):
-        motion = 0.5 * np.sum(fish.body.mass[:, None] * tank.velocity[0] ** 2)
-        values.append(motion + springs.energy(fish.body, fish.body.springs.rest_length, tank.position[0]))
+        values.append(stretch_and_energy(tank)[1][0])
         times.append(k * fish.control_interval)
         tank.advance(substeps)
         if not tank.alive[0]:
@@ -142,7 +145,7 @@ def read() -> list[dict]:
     with CSV.open() as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     for row in rows:
-        for key in ("error", "us_per_interval", "forces_per_interval", "step_ms"):
+        for key in ("error", "us_per_interval", "forces_per_interval", "step_ms", "refine"):
             row[key] = float(row[key])
         row["substeps"] = int(row["substeps"])
     return rows
@@ -161,13 +164,16 @@ def draw(rows: list[dict], across: str, label: str, path: Path, only=()) -> None
     top, bottom = 2.0, 1e-6
     for panel, (scene, problem) in zip(panels.flat, scenes.items(), strict=True):
         mine = [row for row in rows if row["scene"] == scene]
-        for name in FIXED:
+        for name, refine in LINES:
             colour, marker = STYLE.get(name, ("#444444", "P"))
-            line = sorted((row for row in mine if row["integrator"] == name), key=lambda row: row["substeps"])
+            line = sorted((row for row in mine if (row["integrator"], row["refine"]) == (name, refine)),
+                          key=lambda row: row["substeps"])  # fmt: skip
             sound = [row for row in line if np.isfinite(row["error"])]
-            size = 9 if name == "leapfrog_chebyshev" else 4.5
+            size = 9 if name == DEFAULT else 4.5
+            dashes, label_of = ("--", f"{name}, refined") if np.isfinite(refine) else ("-", name)
             panel.loglog([row[across] for row in sound], [min(max(row["error"], bottom), top) for row in sound],
-                         color=colour, marker=marker, markersize=size, linewidth=1.2, label=name)  # fmt: skip
+                         color=colour, marker=marker, markersize=size, linewidth=1.2, label=label_of,
+                         linestyle=dashes)  # fmt: skip
             if sound and len(line) > len(sound):  # where failed runs would lie: a step costs what it costs
                 unit = median(row[across] / row["substeps"] for row in sound)
                 failed = [row["substeps"] * unit for row in line if not np.isfinite(row["error"])]
@@ -224,8 +230,9 @@ def draw_all() -> None:
 def cheapest(rows: list[dict], scene: str, names) -> dict:
     """The row of a scene with the least time among those at least as accurate as ACCURATE, as are all smaller steps."""
     accurate = []
-    for name in names:
-        line = sorted((row for row in rows if row["scene"] == scene and row["integrator"] == name),
+    mine = [row for row in rows if row["scene"] == scene and row["integrator"] in names]
+    for key in dict.fromkeys((row["integrator"], row["refine"]) for row in mine):
+        line = sorted((row for row in mine if (row["integrator"], row["refine"]) == key),
                       key=lambda row: -row["substeps"])  # fmt: skip
         for row in line:  # from the smallest step: stop where it first becomes inaccurate
             if not row["error"] <= ACCURATE:
@@ -238,10 +245,10 @@ def bars(rows: list[dict]) -> bool:
     """Print the default's error, and the better method's time beside the cheapest textbook method's; True if met."""
     met = True
     fish = problems()["turn"].fish
-    default = measure(problems()["turn"], fish.integrator, round(fish.control_interval / fish.time_step),
-                      true_path(problems()["turn"])[0], seconds=False)  # fmt: skip
-    print(f"default ({fish.integrator}, {fish.time_step * 1e3:g} ms): error {default['error']:.2%} of a body length"
-          f" over the abrupt manoeuvre, bar 1 %: {'met' if default['error'] <= ACCURATE else 'MISSED'}")  # fmt: skip
+    default = measure(problems()["turn"], fish.integrator, steps_of(fish), true_path(problems()["turn"])[0],
+                      seconds=False, refine=fish.refine)  # fmt: skip
+    print(f"default ({fish.integrator}, {fish.time_step * 1e3:g} ms, refined): error {default['error']:.2%} of a body"
+          f" length over the manoeuvre, bar 1 %: {'met' if default['error'] <= ACCURATE else 'MISSED'}")  # fmt: skip
     met &= default["error"] <= ACCURATE
     for scene in ("turn", "turn_x10", "turn_x10_damped"):
         book, ours = (cheapest(rows, scene, names) for names in (TEXTBOOK, set(FIXED) - set(TEXTBOOK)))
@@ -265,7 +272,7 @@ def main() -> int:
         return 0 if bars(read()) else 1
     if not arguments.draw:
         rows, references = [], []
-        with tqdm(total=len(problems()) * len(FIXED), unit="sweep") as bar:
+        with tqdm(total=len(problems()) * len(LINES), unit="sweep") as bar:
             for problem in problems().values():
                 bar.set_postfix_str(f"{problem.name} reference")
                 truth, row = true_path(problem)

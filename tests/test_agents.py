@@ -316,11 +316,13 @@ def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
 def test_integrator_check_sees_a_difference(tmp_path, monkeypatch):
     """A policy replayed with the same method does the same; a coarse step shows in return and path."""
     path = ROOT / "agents" / "pretrained" / "swim" / "policy.npz"
-    fine = integrators.replay(path, "rk4", 0.00125, 3)
+    fine = integrators.replay(path, ("rk4", 0.00125, None), 3)
     assert integrators.differences(*fine, *fine)["path_difference"] == 0.0
-    found = integrators.differences(*integrators.replay(path, "semi_implicit", 0.00125, 3), *fine)
+    found = integrators.differences(*integrators.replay(path, ("semi_implicit", 0.00125, None), 3), *fine)
     assert found["failed"] == 0 and found["path_difference"] > 0.01
-    names = [name for name, _ in integrators.settings(fish_env.make_fish())]
+    fish = fish_env.make_fish()
+    names = [name for name, _, _ in integrators.settings(fish)]
+    assert (fish.integrator, fish.time_step, fish.refine) in integrators.settings(fish)
     fixed = {name for name, record in fish_env.INTEGRATORS.items() if record.kind != "adaptive"}
     assert names[0] == "rk4" and set(names) == fixed
 

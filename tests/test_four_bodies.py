@@ -12,8 +12,9 @@ from gymnasium.utils.env_checker import check_env
 
 from benchmarks.alike import drag_power, first_bending, measures, swing
 from benchmarks.calibrate_bodies import compliance_off
-from fish_env import BODIES, INTEGRATORS, Tank, forces, make_fish
+from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.body import FAILURES
+from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators import adaptive
 from fish_env.tank import own_step
 from fish_env.world import VACUUM
@@ -69,8 +70,7 @@ def test_built_alike(name):
         assert fish.sides[upper] == fish.sides[lower] and fish.segments[upper] == fish.segments[lower]
     assert set(fish.drives.ravel()) == set(range(12)) and set(fish.muscles) <= set(fish.fibres)
     still = np.zeros_like(fish.body.position)
-    f = np.full_like(still, np.nan)
-    forces.total(fish.body, VACUUM, fish.body.springs.rest_length, fish.body.position, still, f)
+    f = Evaluator(fish.body, VACUUM).force(fish.body.springs.rest_length, fish.body.position, still)
     assert np.abs(f).max() <= 1e-12 * fish.body.springs.stiffness.max() * fish.length
 
 
@@ -84,13 +84,12 @@ def test_alike_as_structures(name):
 
 
 @each_body
-def test_force_equals_its_twin(name):
-    """The sum of all forces on a bent, moving fish in water is that of the slow twins."""
+def test_force_equals_its_reference(name):
+    """The sum of all forces on a bent, moving fish in water is that of the slow reference implementations."""
     fish = FISH[name]
     x, v = deformed(fish, np.random.default_rng(1))
-    f = np.empty_like(x)
-    forces.total(fish.body, fish.water, fish.body.springs.rest_length, x, v, f)
-    if fish.flat:  # the twin of an upright face: its upper corners are nodes of their own
+    f = Evaluator(fish.body, fish.water).force(fish.body.springs.rest_length, x, v)
+    if fish.flat:  # of an upright face: its upper corners are nodes of their own
         springs = fish.body.springs
         wanted = upright_water(fish, x, v) + naive.spring_force(springs, springs.rest_length, x, v)
     else:
@@ -99,7 +98,7 @@ def test_force_equals_its_twin(name):
 
 
 def upright_water(fish, x, v):
-    """Force of the water (N,3) on upright faces, by the twin of ordinary ones between raised copies of the nodes."""
+    """Force of the water (N,3) on upright faces, taken as ordinary ones between raised copies of the nodes."""
     total, faces = np.zeros_like(x), fish.body.faces
     for corners, depth in zip(faces.nodes, faces.depth, strict=True):
         share = naive.shares(corners)
@@ -115,14 +114,11 @@ def test_derivatives(name):
     """The exact derivatives are the differences of the forces."""
     fish = FISH[name]
     x, v = deformed(fish, np.random.default_rng(2))
-    rest, size = fish.body.springs.rest_length, x.size
-    stiffness, damping = np.empty((size, size)), np.empty((size, size))
-    forces.jacobian(fish.body, fish.water, rest, x, v, stiffness, damping)
+    rest, evaluator = fish.body.springs.rest_length, Evaluator(fish.body, fish.water)
+    stiffness, damping = evaluator.jacobian(rest, x, v)
 
     def force(x, v):
-        f = np.empty_like(x)
-        forces.total(fish.body, fish.water, rest, x, v, f)
-        return f
+        return evaluator.force(rest, x, v)
 
     wanted = naive.derivatives(force, x, v, 1e-6 * fish.length, 1e-6 * np.abs(v).max())
     np.testing.assert_allclose(stiffness, wanted[0], rtol=0, atol=1e-6 * np.abs(wanted[0]).max())

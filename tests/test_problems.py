@@ -56,7 +56,7 @@ def truth():
 def test_default_is_accurate(truth):
     """The default method at the default step: within 1 % of a body length over the abrupt manoeuvre, every node."""
     fish = TURN.fish
-    path, tank = problems.run(TURN, fish.integrator, round(fish.control_interval / fish.time_step))
+    path, tank = problems.run(TURN, fish.integrator, problems.steps_of(fish), refine=fish.refine)
     assert tank.alive[0] and tank.dt == pytest.approx(fish.time_step)
     assert problems.distance(fish, path, truth) <= work_precision.ACCURATE
 
@@ -86,10 +86,11 @@ def test_a_row(truth):
 def test_cheapest():
     """The cheapest accurate row is found only among steps below which everything is accurate."""
     rows = [
-        {"scene": "s", "integrator": "a", "substeps": k, "error": error, "us_per_interval": float(k)}
+        {"scene": "s", "integrator": "a", "refine": np.inf, "substeps": k, "error": error, "us_per_interval": float(k)}
         for k, error in ((1, 0.001), (2, 0.5), (4, 0.009), (8, 0.002))
     ]
-    rows.append({"scene": "s", "integrator": "b", "substeps": 1, "error": np.inf, "us_per_interval": np.nan})
+    rows.append(rows[0] | {"integrator": "b", "error": np.inf, "us_per_interval": np.nan})
+    rows.append(rows[0] | {"refine": 0.1, "substeps": 3, "us_per_interval": 5.0})
     assert work_precision.cheapest(rows, "s", ["a", "b"])["substeps"] == 4
 
 

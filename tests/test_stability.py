@@ -6,8 +6,9 @@ import pytest
 
 from benchmarks import attack, margins, stability
 from benchmarks.problems import scaled
-from fish_env import INTEGRATORS, Tank, make_fish
-from fish_env.body import FAILURES, STRETCH_LIMIT, TORN
+from fish_env import BODIES, INTEGRATORS, Tank, make_fish
+from fish_env.bodies.mass_spring import LAYERS
+from fish_env.failures import FAILURES, STRETCH_LIMIT, TORN
 
 FISH = make_fish()
 LONGEST = 10 * FISH.control_interval
@@ -124,8 +125,45 @@ def test_replay(case):
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case["body"] == FISH.name])
 def test_the_worst_at_the_default_step(name):
     """What stretched the default fish most, at the step it has now: it survives, and what it stretches is bounded."""
-    tank, stretch = attack.replay(CASES[name], FISH.integrator, round(FISH.control_interval / FISH.time_step))
+    tank, stretch = attack.replay(CASES[name], attack.Settings(*margins.settings(FISH, None, None)))
     assert tank.alive[0] and stretch[0] < 0.9 * STRETCH_LIMIT
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_every_body_can_be_attacked(name):
+    """Every start fits every body, in the axes in which its nodes are free; its sections are those of the landmarks."""
+    fish = make_fish(name)
+    free = np.broadcast_to(fish.body.inverse_mass > 0.0, (2, *fish.body.position.shape))
+    for start in attack.STARTS:
+        x, v = attack.beginning(start, fish, 2, np.random.default_rng(0))
+        assert x.shape == v.shape == free.shape and np.isfinite([x, v]).all()
+        assert not v[~free].any()
+        if fish.flat:
+            assert not x[:, :, 2].any()
+    sections = attack.cross_sections(fish)
+    assert len(sections) == 5 and all(len(nodes) >= 2 for nodes in sections)
+    for nodes in sections:
+        np.testing.assert_array_equal(np.sort(fish.mirror[nodes]), nodes)
+    if name in naive.TU:
+        np.testing.assert_array_equal(sections, np.sort(LAYERS[1:6], axis=1))
+
+
+def test_attack_of_a_flat_fish():
+    """A family of flat fish, turned inside out in part, is mistreated from beginning to end."""
+    family = attack.Family("inverted, bang-bang", 1.0, "bang-bang", "inverted")
+    how = attack.Settings(*margins.settings(make_fish("planar"), None, None))
+    assert how.refine < 1.0
+    row, kept = attack.mistreat("planar", family, 3, how, 0, attack.usual_energy(make_fish("planar"), how), Silent())
+    assert row["fish"] == 3 and row["refine"] == how.refine and row["worst_stretch"] > 1.0
+    again, stretch = attack.replay(kept[0])
+    assert again.failure[0] == kept[0]["failure"] and stretch[0] == pytest.approx(kept[0]["stretch"], rel=1e-12)
+
+
+class Silent:
+    """A progress bar that is not shown."""
+
+    def update(self, count):
+        """Nothing."""
 
 
 def test_a_failure_leaves_its_neighbours_alone():
