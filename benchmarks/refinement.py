@@ -1,0 +1,264 @@
+"""Steps a control interval, and where an interval is taken again in shorter ones: error, price and stability.
+
+    python -m benchmarks.refinement            two CSVs and the chart (about 3 min)
+    python -m benchmarks.refinement --draw     the chart again, from the CSVs
+    python -m benchmarks.refinement --bars     the default against its bars; exit 1 if one is missed
+
+The default method takes an interval again, with steps half as long, when a spring changes its length by more than the
+part `refine` within a step. The error is the largest distance, in body lengths, of any node at the end of any interval
+of the gait or the abrupt manoeuvre from where RK4 with TRUE_STEPS steps puts it. The price counts what is thrown away
+too. Stable: no fish half to twice as stiff fails, or has more than BOUND times the energy that any has with RK4.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a script as well as with -m
+
+import argparse
+import csv
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.margins import BOUND, STIFFNESS, TRUE_SUBSTEPS, actions, stretch_and_energy
+from benchmarks.problems import Problem, distance, problems, run, scaled, steps_of, tank_of
+from benchmarks.provenance import RESULTS, write_csv
+from fish_env import Tank, make_fish
+from fish_env.bodies import Fish
+
+SCENES = ("gait", "turn")
+STEPS = (3, 4, 5, 6, 7, 8, 10, 12)
+REFINE = (np.inf, 0.2, 0.1, 0.05)
+BEFORE = (12, np.inf)  # what the default was before intervals were refined
+TRUE_STEPS = 1024  # of RK4
+KINDS = ("random", "bang-bang", "turn")
+SINGLE = 5e-5  # body lengths that float32 may be off float64 over the manoeuvre
+ACCURATE = 0.01  # body lengths that the default may be off the truth
+COMMAND = "python -m benchmarks.refinement"
+ERRORS, STABLE = "refinement.csv", "refinement_stable.csv"
+CHART = Path(__file__).parent.parent / "docs" / "images" / "refinement.svg"
+COLOURS = dict(zip(REFINE, ("#000000", "#0072B2", "#D55E00", "#009E73"), strict=True))
+
+
+class Meter:
+    """How many steps the fish of a tank have taken, those of intervals that were taken again included."""
+
+    def __init__(self, tank: Tank):
+        self.tank, self.steps, self.again, self.intervals = tank, 0.0, 0, 0
+        self.before = tank.counters["refinements"].copy()
+
+    def read(self, substeps: int) -> None:
+        """Count an interval of so many steps that has just been taken."""
+        now = self.tank.counters["refinements"]
+        times = now - self.before  # halved so many times: 1 + 2 + 4 ... as many steps in all
+        self.steps += substeps * float((2.0 ** (times + 1) - 1.0).mean())
+        self.again += int((times > 0).sum())
+        self.intervals += 1
+        self.before = now.copy()
+
+    def row(self) -> dict:
+        """Means an interval and fish."""
+        return {
+            "steps_taken": round(self.steps / self.intervals, 4),
+            "intervals_refined": round(self.again / self.intervals / self.tank.num_fish, 5),
+            "forces_per_interval": round(float(self.tank.counters["force_evaluations"].mean()) / self.intervals, 3),
+        }
+
+
+def measure(problem: Problem, steps: int, refine: float, truth: np.ndarray, **options) -> dict:
+    """A row: how far the default method is from a path (K,N,3), and what it costs. `options` as for `Tank`."""
+    tank = tank_of(problem, problem.fish.integrator, steps, refine=refine, **options)
+    path, meter = np.empty_like(truth), Meter(tank)
+    for k, goal in enumerate(problem.contraction):
+        tank.drive(goal[None], steps)
+        meter.read(steps)
+        path[k] = tank.position[0]
+    error = distance(problem.fish, path, truth) if tank.alive[0] else np.inf
+    against = "float64" if tank.kind.dtype == "float32" else f"RK4, {TRUE_STEPS} steps"
+    return {
+        "scene": problem.name,
+        "dtype": tank.kind.dtype,
+        "against": against,
+        "steps": steps,
+        "refine": refine,
+        "error": float(f"{error:.4g}"),
+        **meter.row(),
+    }
+
+
+def errors() -> list[dict]:
+    """Every number of steps and every refinement on every scene; then float32 at the default."""
+    rows, fish = [], make_fish()
+    for scene in SCENES:
+        problem = problems()[scene]
+        truth = run(problem, "rk4", TRUE_STEPS)[0]
+        rows += [measure(problem, steps, refine, truth) for refine in REFINE for steps in STEPS]
+    for scene in SCENES:
+        default = (steps_of(fish), fish.refine)
+        double = run(problems()[scene], fish.integrator, default[0], refine=fish.refine)[0]
+        rows.append(measure(problems()[scene], *default, double, dtype="float32"))
+    return rows
+
+
+def endured(fish: Fish, kind: str, integrator: str, steps: int, refine: float) -> tuple[float, str, dict]:
+    """Highest energy, J, of any fish under commands of a kind, inf if one fails and why, and what it cost."""
+    given = actions(fish, kind)
+    tank = Tank(fish, given.shape[1], integrator, fish.control_interval / steps, fish.water, threads=1, refine=refine)
+    meter, highest = Meter(tank), 0.0
+    for action in given:
+        tank.swim(action, fish.control_interval)
+        meter.read(steps)
+        if not tank.alive.all():
+            return np.inf, max(tank.failure), meter.row()
+        highest = max(highest, float(stretch_and_energy(tank)[1].max()))
+    return highest, "", meter.row()
+
+
+def stable(fish: Fish, kind: str, refine: float) -> dict:
+    """The largest base step from which on, down to the shortest of STEPS, all are stable; the price at the default."""
+    allowed = BOUND * endured(fish, kind, "rk4", TRUE_SUBSTEPS, np.inf)[0]
+    fewest, beyond = 0, ""
+    for steps in range(STEPS[-1], 0, -1):
+        energy, beyond, _ = endured(fish, kind, fish.integrator, steps, refine)
+        if energy > allowed:
+            beyond = beyond or f"{energy / allowed * BOUND:.0f} times the energy"
+            break
+        fewest = steps
+    price = endured(fish, kind, fish.integrator, steps_of(fish), refine)[2]
+    largest = 1e3 * fish.control_interval / fewest if fewest else 0.0
+    return {"fewest_steps": fewest, "largest_stable_ms": round(largest, 4), "beyond": beyond, **price}
+
+
+def stability() -> list[dict]:
+    """Every kind of command and every refinement on fish half to twice as stiff, their damping kept or scaled along."""
+    fish, rows = make_fish(), []
+    factors = [(factor, damping) for factor in STIFFNESS for damping in sorted({1.0, factor})]
+    for kind in tqdm(KINDS, unit="kind of command"):
+        for stiffness, damping in factors:
+            for refine in REFINE:
+                named = {"actions": kind, "stiffness": stiffness, "damping": damping, "refine": refine}
+                rows.append(named | stable(scaled(fish, stiffness, damping), kind, refine))
+    return rows
+
+
+def read(name: str) -> list[dict]:
+    """The rows of a CSV, numbers as numbers."""
+
+    def number(text):
+        try:
+            return float(text)
+        except ValueError:
+            return text
+
+    with (RESULTS / name).open() as file:
+        rows = csv.DictReader(line for line in file if not line.startswith("#"))
+        return [{key: number(value) for key, value in row.items()} for row in rows]
+
+
+def front(rows: list[dict]) -> list[dict]:
+    """The rows that no other beats in both price and error, the cheapest first."""
+    best, found = np.inf, []
+    for row in sorted(rows, key=lambda row: (row["forces_per_interval"], row["error"])):
+        if row["error"] < best:
+            best = row["error"]
+            found.append(row)
+    return found
+
+
+def draw() -> None:
+    """Error against price on both scenes, and beside it the largest stable base step of the worst fish."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    rows = [row for row in read(ERRORS) if row["dtype"] == "float64"]
+    default = (steps_of(make_fish()), make_fish().refine)
+    figure, panels = plt.subplots(1, 3, figsize=(14, 4.4), layout="constrained")
+    for panel, scene in zip(panels, SCENES, strict=False):
+        draw_scene(panel, [row for row in rows if row["scene"] == scene], default)
+        panel.set(title=problems()[scene].title, xlabel="force evaluations a control interval", yscale="log")
+    panels[0].set_ylabel("error, body lengths")
+    draw_stable(panels[2], read(STABLE))
+    handles, names = panels[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=7, frameon=False)
+    figure.savefig(CHART, metadata={"Date": None})
+    plt.close(figure)
+
+
+def draw_scene(panel, rows: list[dict], default) -> None:
+    """One scene: a line for each refinement, the front of all, and the default before and now."""
+    for refine, size in zip(REFINE, (11, 8, 5.5, 3), strict=True):  # where nothing is refined, all lie on one another
+        line = [row for row in rows if row["refine"] == refine and np.isfinite(row["error"])]
+        label = f"refined beyond {refine:g}" if np.isfinite(refine) else "never refined"
+        panel.plot([row["forces_per_interval"] for row in line], [row["error"] for row in line], "o", markersize=size,
+                   color=COLOURS[refine], fillstyle="none" if size > 6 else "full", label=label)  # fmt: skip
+        for row in line if not np.isfinite(refine) else ():
+            panel.annotate(f"{row['steps']:g}", (row["forces_per_interval"], row["error"]), xytext=(0, -15),
+                           textcoords="offset points", fontsize=7, ha="center", color="#555555")  # fmt: skip
+    for label, style, some in (("front of fixed steps", "-", [row for row in rows if np.isinf(row["refine"])]),
+                               ("front of all", "--", rows)):  # fmt: skip
+        line = front(some)
+        panel.plot([row["forces_per_interval"] for row in line], [row["error"] for row in line], style,
+                   color="#999999", linewidth=1.0, zorder=0, label=label)  # fmt: skip
+    for label, colour, key in (("default before", "#999999", BEFORE), ("default", "#CC79A7", default)):
+        row = next(row for row in rows if (row["steps"], row["refine"]) == key)
+        panel.plot(row["forces_per_interval"], row["error"], "*", color=colour, markersize=15, mec="black", mew=0.6,
+                   zorder=5, label=label)  # fmt: skip
+    panel.axhline(ACCURATE, color="#bbbbbb", linewidth=0.8, linestyle=":", zorder=0)
+    panel.grid(alpha=0.2)
+
+
+def draw_stable(panel, rows: list[dict]) -> None:
+    """The largest stable base step of the worst of the fish, a group of bars for each kind of command."""
+    fish, width = make_fish(), 0.8 / len(REFINE)
+    for m, refine in enumerate(REFINE):
+        worst = [min(row["largest_stable_ms"] for row in rows if (row["actions"], row["refine"]) == (kind, refine))
+                 for kind in KINDS]  # fmt: skip
+        panel.bar(np.arange(len(KINDS)) + (m - 1.5) * width, worst, 0.9 * width, color=COLOURS[refine])
+    panel.axhline(1e3 * fish.time_step, color="#CC79A7", linewidth=1.2, linestyle="--")
+    panel.text(len(KINDS) - 0.5, 1e3 * fish.time_step, "default step ", va="bottom", ha="right", fontsize=8)
+    panel.set(xticks=range(len(KINDS)), xticklabels=KINDS, ylabel="largest stable base step, ms",
+              title="half to twice as stiff: the worst")  # fmt: skip
+    panel.grid(alpha=0.2, axis="y")
+
+
+def bars() -> bool:
+    """Print what the default reaches beside what it has to; True if all is met."""
+    fish, rows, limits = make_fish(), read(ERRORS), read(STABLE)
+    default = (steps_of(fish), fish.refine)
+    mine = [row for row in rows if (row["steps"], row["refine"]) == default]
+    found = []
+    for row in mine:
+        highest = SINGLE if row["dtype"] == "float32" else ACCURATE
+        found.append((f"{row['scene']}, {row['dtype']} against {row['against']}, body lengths", row["error"],
+                      row["error"] <= highest, f"at most {highest:g}"))  # fmt: skip
+    for kind in KINDS:
+        worst = min(row["largest_stable_ms"] for row in limits if (row["actions"], row["refine"]) == (kind, default[1]))
+        found.append((f"{kind}, largest stable base step, ms", worst, worst >= 2e3 * fish.time_step * (1 - 1e-9),
+                      f"at least {2e3 * fish.time_step:.3g}"))  # fmt: skip
+    for name, value, met, bar in found:
+        print(f"{name}: {value:.4g}, bar {bar}: {'met' if met else 'MISSED'}")
+    return all(met for _, _, met, _ in found)
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    action = parser.add_mutually_exclusive_group()
+    action.add_argument("--draw", action="store_true", help="draw the chart again from the CSVs")
+    action.add_argument("--bars", action="store_true", help="compare the CSVs with the bars, exit 1 if one is missed")
+    chosen = parser.parse_args()
+    if chosen.bars:
+        return 0 if bars() else 1
+    if not chosen.draw:
+        write_csv(ERRORS, errors(), COMMAND)
+        write_csv(STABLE, stability(), COMMAND)
+    draw()
+    print(f"written to {RESULTS / ERRORS}, {STABLE} beside it, and {CHART}")
+    return 0 if chosen.draw or bars() else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
