@@ -1,4 +1,6 @@
-"""Skyline L D L^T against scipy, and its signs against the eigenvalues."""
+"""Skyline L D L^T against scipy and numpy, for every kind of block, and its signs against the eigenvalues."""
+
+from functools import cache
 
 import naive
 import numpy as np
@@ -6,12 +8,63 @@ import pytest
 import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
+from kernels import ONE, read, write
 
 from fish_env import make_fish
+from fish_env._jit import njit
 from fish_env.linalg import ldlt
+from fish_env.simd import Kind, Pack, packed
 from fish_env.world import VACUUM
 
 EPSILON = np.finfo(float).eps
+KINDS = (Kind("xyz"), ONE, Kind(4), Kind(8), Kind(16))
+
+
+@cache
+def solvers():
+    """The solvers, compiled for a pack of what they work on."""
+
+    @njit
+    def scalars(block):
+        b = block
+        b.pivots[0], b.pivots[1] = ldlt.factor_solve(b.shape, b.a, b.b, b.inverse_pivot, b.row)
+
+    @njit
+    def factor(block):
+        b = block
+        b.pivots[0], b.pivots[1] = ldlt.factor(b.shape, b.a, b.row)
+
+    @njit
+    def solve(block):
+        ldlt.solve(block.shape, block.a, block.b)
+
+    return scalars, factor, solve
+
+
+def solve_lanes(kind, shape, matrices, b):
+    """Solutions (w,N,3), entries of L (w,S), 1/D (w,N) and pivots (w,2) of w matrices (w,N,N) with b (w,N,3)."""
+    order = b.shape[1]
+    block = Pack("scalars", shape=packed(shape, kind), a=kind.numbers(int(shape.start[-1])), b=kind.vectors(order),
+                 inverse_pivot=kind.numbers(order), row=kind.numbers(order), pivots=kind.numbers(2))  # fmt: skip
+    write(block.a, [skyline(shape, matrix) for matrix in matrices])
+    write(block.b, b)
+    solvers()[0](block)
+    return read(block.b), read(block.a), read(block.inverse_pivot), read(block.pivots)
+
+
+def solve_blocks(kind, shape, matrices, *right):
+    """Solutions (w,N,3) for each of the right-hand sides, columns (w,3S,3) and pivots (w,2) of matrices (w,3N,3N)."""
+    order = len(shape.first)
+    block = Pack("blocks", shape=packed(shape, kind), a=kind.vectors(3 * int(shape.start[-1])), b=kind.vectors(order),
+                 row=kind.vectors(3 * order), pivots=kind.numbers(2))  # fmt: skip
+    write(block.a, [blocks(shape, matrix).transpose(0, 2, 1).reshape(-1, 3) for matrix in matrices])
+    solvers()[1](block)
+    found = []
+    for b in right:
+        write(block.b, b)
+        solvers()[2](block)
+        found.append(read(block.b))
+    return *found, read(block.a), read(block.pivots)
 
 
 @st.composite
@@ -41,13 +94,12 @@ def skyline(shape, matrix):
 def solve(shape, matrix, b):
     """Solution, L, D, non-positive pivots and trust, from the kernel."""
     order = len(matrix)
-    a, x, inverse_pivot = skyline(shape, matrix), b.copy(), np.empty(order)
-    negative, trusted = ldlt.factor_solve(shape, a, x, inverse_pivot, np.empty(order))
+    (x,), (a,), (inverse_pivot,), ((negative, untrusted),) = solve_lanes(ONE, shape, matrix[None], b[None])
     lower = np.eye(order)
     for i in range(order):
         lower[i, shape.first[i] : i] = a[shape.start[i] : shape.start[i + 1] - 1]
     with np.errstate(divide="ignore"):
-        return x, lower, 1.0 / inverse_pivot, negative, trusted
+        return x, lower, 1.0 / inverse_pivot, negative, untrusted == 0
 
 
 def blocks(shape, matrix):
@@ -80,12 +132,11 @@ def block_systems(draw, definite):
     return shape, lower @ np.diag(pivots) @ lower.T, rng.normal(size=(order, 3))
 
 
-def factor(shape, matrix):
-    """Factored blocks, 1/D (N,3), non-positive pivots and trust, from the kernel."""
-    a, order = blocks(shape, matrix), len(shape.first)
-    inverse_pivot = np.empty((order, 3))
-    negative, trusted = ldlt.factor(shape, a, inverse_pivot, np.empty((order, 3, 3)))
-    return a, inverse_pivot, negative, trusted
+def factor(shape, matrix, *right):
+    """Factored blocks (S,3,3), 1/D (N,3), non-positive pivots, trust, and solutions (N,3), from the kernel."""
+    *found, (columns,), ((negative, untrusted),) = solve_blocks(ONE, shape, matrix[None], *(b[None] for b in right))
+    a = columns.reshape(-1, 3, 3).transpose(0, 2, 1)
+    return a, a[shape.diagonal, :, 2], negative, untrusted == 0, *(x[0] for x in found)
 
 
 @pytest.mark.parametrize("definite", [True, False])
@@ -94,9 +145,7 @@ def test_blocks(definite, data):
     """The factors of 3 x 3 blocks are those of the same matrix entry by entry; the solution solves it; scipy agrees."""
     shape, matrix, b = data.draw(block_systems(definite))
     order = len(matrix)
-    a, inverse_pivot, negative, trusted = factor(shape, matrix)
-    x = b.copy()
-    ldlt.solve(shape, a, inverse_pivot, x)
+    a, inverse_pivot, negative, trusted, x, again = factor(shape, matrix, b, 2.0 * b)
     _, lower, pivots, *_ = solve(wide(shape), matrix, np.zeros((order, 3)))
     assert trusted
     size = np.abs(lower) @ np.diag(np.abs(pivots)) @ np.abs(lower).T
@@ -115,9 +164,7 @@ def test_blocks(definite, data):
             found[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block if i > j else np.tril(block, -1) + np.eye(3)
     rebuilt = found @ np.diag(1.0 / inverse_pivot.ravel()) @ found.T
     assert np.all(np.abs(rebuilt - matrix) <= 4 * (order + 3) * EPSILON * size)
-    again = 2.0 * b  # a second right-hand side, with the same factors
-    ldlt.solve(shape, a, inverse_pivot, again)
-    np.testing.assert_array_equal(again, 2.0 * x)
+    np.testing.assert_array_equal(again, 2.0 * x)  # of a second right-hand side, with the same factors
 
 
 @pytest.mark.parametrize("place", range(6))
@@ -126,14 +173,14 @@ def test_untrusted_blocks(place, value):
     """A pivot that vanishes, is not finite or has lost twelve digits is found in every row of a node."""
     shape = ldlt.profile([(1, 0)], 2)
     matrix = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    assert factor(shape, matrix)[-1]
+    assert factor(shape, matrix)[3]
     if value == "lost":  # to the next row; after the last comes the first
         low, high = sorted((place, (place + 1) % 6))
         matrix[low, low] = matrix[low, high] = matrix[high, low] = 1.0
         matrix[high, high] = 1.0 + 1e-12
     else:
         matrix[place, place] = value
-    assert not factor(shape, matrix)[-1]
+    assert not factor(shape, matrix)[3]
 
 
 @pytest.mark.parametrize("definite", [True, False])
@@ -239,3 +286,81 @@ def test_system_matrix_of_the_fish(name):
     assert trusted and negative == np.count_nonzero(np.linalg.eigvalsh(matrix) < 0)
     reference = scipy.linalg.solve(matrix, load)
     assert np.abs(solution - reference).max() <= 10 * EPSILON * np.linalg.cond(matrix) * np.abs(reference).max()
+
+
+# Every kind of block
+
+
+def several(order, count=16):
+    """Matrices (count,M,M) of one skyline of blocks, some indefinite, with right-hand sides (count,N,3)."""
+    rng = np.random.default_rng(order)
+    shape = ldlt.profile([(i, max(0, i - int(rng.integers(1, 4)))) for i in range(order)], order)
+    first, matrices = wide(shape).first, []
+    for _ in range(count):
+        lower = np.eye(3 * order)
+        for i in range(3 * order):
+            lower[i, first[i] : i] = rng.uniform(-1, 1, i - first[i])
+        pivots = rng.uniform(0.5, 2.0, 3 * order) * rng.choice([1.0, 1.0, -1.0], 3 * order)
+        matrices.append(lower @ np.diag(pivots) @ lower.T)
+    return shape, np.array(matrices), rng.normal(size=(count, order, 3))
+
+
+@pytest.mark.parametrize("solver", [solve_lanes, solve_blocks])
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.lanes))
+def test_every_kind_equals_numpy_and_the_others(solver, kind):
+    """The solutions in lanes are numpy's to rounding, and bit for bit those of each matrix alone, as are the pivots."""
+    shape, matrices, b = several(7)
+    right = b
+    if solver is solve_lanes:
+        shape, order = wide(shape), 21
+        right = np.random.default_rng(1).normal(size=(16, order, 3))
+    for first in range(0, 16, kind.width):
+        part = slice(first, first + kind.width)
+        found = solver(kind, shape, matrices[part], right[part])
+        for lane, matrix in enumerate(matrices[part]):
+            alone = solver(ONE, shape, matrix[None], right[part][lane][None])
+            np.testing.assert_array_equal(found[0][lane], alone[0][0])
+            np.testing.assert_array_equal(found[-1][lane], alone[-1][0])
+            b_lane = right[part][lane]
+            wanted = np.linalg.solve(matrix, b_lane if solver is solve_lanes else b_lane.ravel()).reshape(b_lane.shape)
+            close = 20 * len(matrix) * EPSILON * np.linalg.cond(matrix) * np.abs(wanted).max()
+            assert np.abs(found[0][lane] - wanted).max() <= close
+            assert found[-1][lane, 0] == np.count_nonzero(np.linalg.eigvalsh(matrix) < 0) and found[-1][lane, 1] == 0
+
+
+@pytest.mark.parametrize("solver", [solve_lanes, solve_blocks])
+def test_a_singular_matrix_leaves_its_neighbours_alone(solver):
+    """Of four matrices in lanes one is singular and one is no matrix of numbers: only these are not trusted."""
+    shape, matrices, b = several(4, 4)
+    if solver is solve_lanes:
+        shape, b = wide(shape), np.random.default_rng(1).normal(size=(4, 12, 3))
+    matrices[1, 5, :] = matrices[1, :, 5] = 0.0
+    matrices[2, 3, 3] = np.nan
+    found = solver(Kind(4), shape, matrices, b)
+    assert (found[-1][:, 1] > 0).tolist() == [False, True, True, False]
+    for lane in (0, 3):
+        np.testing.assert_array_equal(found[0][lane], solver(ONE, shape, matrices[lane][None], b[lane][None])[0][0])
+
+
+@pytest.mark.parametrize("solver", [solve_lanes, solve_blocks])
+@pytest.mark.parametrize("lanes", ["xyz", 1, 16])
+def test_single_precision(solver, lanes):
+    """In float32 the solutions are numpy's to that precision, for one matrix and in lanes."""
+    shape, matrices, b = several(5)
+    if solver is solve_lanes:
+        shape, b = wide(shape), np.random.default_rng(1).normal(size=(16, 15, 3))
+    kind = Kind(lanes, "float32")
+    part = slice(0, kind.width)
+    found = solver(kind, shape, matrices[part], b[part])
+    for x, matrix, right in zip(found[0], matrices[part], b[part], strict=True):
+        wanted = np.linalg.solve(matrix, right if solver is solve_lanes else right.ravel()).reshape(right.shape)
+        allowed = 20 * len(matrix) * np.finfo("float32").eps * np.linalg.cond(matrix) * np.abs(wanted).max()
+        assert np.abs(x - wanted).max() <= allowed
+
+
+def test_trust_in_single_precision():
+    """A pivot of a millionth of its diagonal entry is sound in float64; in float32 all its digits are rounding."""
+    shape = ldlt.profile([(1, 0)], 2)
+    matrix = np.array([[[1.0, 1.0], [1.0, 1.0 + 1e-6]]])
+    for dtype, lost in (("float64", 0), ("float32", 1)):
+        assert solve_lanes(Kind(1, dtype), shape, matrix, np.ones((1, 2, 3)))[-1][0, 1] == lost

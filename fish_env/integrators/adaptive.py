@@ -38,10 +38,10 @@ class Motion:
         """dy/dt, (6N,)."""
         self.evaluations += 1
         x, v = y.reshape(self.shape)
-        f = self.evaluator.force(self.rest_length(t), x, v)
-        if not np.isfinite(f).all() or self.evaluations > MOST_EVALUATIONS:
+        acceleration = self.evaluator.force(self.rest_length(t), x, v) * self.inverse_mass
+        if not np.isfinite(acceleration).all() or self.evaluations > MOST_EVALUATIONS:
             raise FloatingPointError
-        return np.concatenate([v.ravel(), (f * self.inverse_mass).ravel()])
+        return np.concatenate([v.ravel(), acceleration.ravel()])
 
     def jacobian(self, t, y):
         """Its derivative with respect to y, (6N,6N)."""
@@ -136,12 +136,16 @@ def move(body, evaluator, state, control, b, duration, method, tolerance) -> int
         with np.errstate(all="ignore"):
             found = solve_ivp(motion.slope, (0.0, duration), y, method=method, rtol=tolerance,
                               atol=allowed_error(body, tolerance), **options)  # fmt: skip
-        factorisations, sound = found.nlu, found.status == 0
+        factorisations, valid = found.nlu, found.status == 0
     except FloatingPointError:
-        sound = False
+        valid = False
+    except ValueError as error:
+        if "infs or NaNs" not in str(error):  # of scipy's matrix, which a Jacobian near overflow makes infinite
+            raise
+        valid = False
     state.counters[b, FORCES] += motion.evaluations
     state.counters[b, FACTORISATIONS] += factorisations  # scipy does not tell its solves
-    if not sound:
+    if not valid:
         return NO_CONVERGENCE
     state.x[b], state.v[b] = found.y[:, -1].reshape(motion.shape)
     return 0

@@ -16,7 +16,7 @@ import numpy as np
 from fish_env import forces
 from fish_env._jit import INDEX, kernel
 from fish_env.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
-from fish_env.integrators._common import move_rest_lengths
+from fish_env.integrators._common import make_constrain, move_rest_lengths
 from fish_env.simd import Pack, fma, zero
 
 DAMPING = 4.0  # of the polynomial: how far above 1 its midpoint lies, times the square of the stages
@@ -73,7 +73,7 @@ def make_run(names):
     """The kernel that takes n steps of a block on which the forces of these names act."""
     add_force = forces.total(names, "add_force_cached", "add_force")
     add_tangent, add_change = forces.total(names, "add_tangent"), forces.total(names, "add_change")
-    constrain, decay, finish = (forces.total(names, name) for name in ("constrain", "decay", "finish"))
+    constrain, decay, finish = make_constrain(names), forces.total(names, "decay"), forces.total(names, "finish")
     whole = not forces.any_has(names, "decay", "finish")  # the drifts of two steps in a row are one
 
     @kernel
@@ -82,11 +82,12 @@ def make_run(names):
         t, row = control.plans, control.row[0]
         h, stages, midpoint, first = t[row, H], int(t[row, STAGES]), t[row, MIDPOINT], t[row, FIRST]
         half, start, double = 0.5 * h, first / midpoint, 2.0 * first
-        decay(body, world, control, x, v, f, cache)
-        for i in range(x.size):
-            x[i] = fma(half, v[i], x[i])  # (35)
-            f[i] = zero(f)
         for s in range(n):
+            if s == 0 or not whole:
+                decay(body, world, control, x, v, f, cache)
+                for i in range(x.size):
+                    x[i] = fma(half, v[i], x[i])  # (35)
+                    f[i] = zero(f)
             move_rest_lengths(control, (s + 0.5) * h)
             add_force(body, world, control, x, v, f, cache)
             for i in range(x.size):
@@ -118,9 +119,5 @@ def make_run(names):
                 f[i] = zero(f)
             decay(body, world, control, x, v, f, cache)
             finish(body, world, control, x, v, f, cache)
-            if not whole and s < n - 1:
-                decay(body, world, control, x, v, f, cache)
-                for i in range(x.size):
-                    x[i] = fma(half, v[i], x[i])
 
     return run

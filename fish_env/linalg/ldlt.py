@@ -4,7 +4,8 @@ Row i of the lower triangle is stored from its first non-zero column to the diag
 Fill-in stays inside that skyline, so the profile is computed once a body and never changes. Every fish of a block has a
 matrix of its own; all have the same skyline.
 
-A pivot is not to be trusted if it is not finite, or smaller than TRUSTED_PIVOT times the diagonal entry it came from.
+A pivot is not to be trusted if it is not finite, or smaller than TRUSTED_PIVOT times the diagonal entry it came from
+(in single precision: than what rounding makes of that entry).
 Such a fish goes on to the end of the call, with whatever numbers follow: the lanes of a block stay together.
 
 Legend: i, j, k rows and columns; a stored values, overwritten by L (below the diagonal); d the pivots D; s an entry of
@@ -17,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from fish_env._jit import INDEX, kernel
-from fish_env.simd import dot, fma, select, vec3, zero
+from fish_env.simd import dot, epsilon, fma, select, vec3, zero
 
 TRUSTED_PIVOT = 1e-9  # a pivot below this fraction of its diagonal entry has lost nine digits to cancellation
+ROUNDING = 16.0  # times the precision: what the sums that a pivot comes from may be wrong by
 
 
 class Profile(NamedTuple):
@@ -46,10 +48,13 @@ def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def judge(diagonal, pivot, negative, untrusted):
-    """Count a pivot that came from a diagonal entry: (non-positive pivots, untrusted ones), a number a fish."""
+def judge(least, diagonal, pivot, negative, untrusted):
+    """Count a pivot that came from a diagonal entry: (non-positive pivots, untrusted ones), a number a fish.
+
+    `least` is the smallest part of the entry that is trusted.
+    """
     size = abs(pivot)
-    lost = select(size > TRUSTED_PIVOT * abs(diagonal), untrusted, untrusted + 1.0)
+    lost = select(size > least * abs(diagonal), untrusted, untrusted + 1.0)
     return select(pivot > 0.0, negative, negative + 1.0), select(size < math.inf, lost, untrusted + 1.0)
 
 
@@ -64,7 +69,7 @@ def factor_solve(shape, a, b, inverse_pivot, row):
         (non-positive pivots, untrusted pivots), a number a fish.
     """
     first, start, order = shape.first, shape.start, shape.first.size
-    negative, untrusted = zero(a), zero(a)
+    negative, untrusted, least = zero(a), zero(a), max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
     for i in range(order):
         row_i = start[i] - first[i]
         y, diagonal = b[INDEX(i)], a[INDEX(row_i + i)]
@@ -80,7 +85,7 @@ def factor_solve(shape, a, b, inverse_pivot, row):
             d = fma(-s, lower, d)
             y = fma(-lower, b[INDEX(j)], y)
         b[INDEX(i)] = y
-        negative, untrusted = judge(diagonal, d, negative, untrusted)
+        negative, untrusted = judge(least, diagonal, d, negative, untrusted)
         inverse_pivot[INDEX(i)] = 1.0 / d
     for i in range(order):
         b[i] = inverse_pivot[i] * b[i]
@@ -142,7 +147,7 @@ def factor(shape, a, row):
         (non-positive pivots, untrusted pivots), a number a fish.
     """
     first, start, none = shape.first, shape.start, zero(a)
-    negative, untrusted = none.x, none.x
+    negative, untrusted, least = none.x, none.x, max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
     for i in range(first.size):
         row_i = start[i] - first[i]
         was0, was1, was2 = block(a, row_i + i)
@@ -161,9 +166,9 @@ def factor(shape, a, row):
             store(a, row_i + j, lower)
             d = subtract_product(s, lower, d)
         q0, q1, pivot = factor_node(d)
-        negative, untrusted = judge(was0.x, pivot.x, negative, untrusted)
-        negative, untrusted = judge(was1.y, pivot.y, negative, untrusted)
-        negative, untrusted = judge(was2.z, pivot.z, negative, untrusted)
+        negative, untrusted = judge(least, was0.x, pivot.x, negative, untrusted)
+        negative, untrusted = judge(least, was1.y, pivot.y, negative, untrusted)
+        negative, untrusted = judge(least, was2.z, pivot.z, negative, untrusted)
         inverse = vec3(1.0 / pivot.x, 1.0 / pivot.y, 1.0 / pivot.z)
         store(a, row_i + i, (none + q0, none + q1, none + inverse))
     return negative, untrusted

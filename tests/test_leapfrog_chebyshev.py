@@ -1,0 +1,66 @@
+"""The leapfrog's filter: how many stages a step takes, and what passes."""
+
+import naive
+import numpy as np
+import pytest
+from moving import FISH, STABILISED, each_body, tank_of
+
+from fish_env.body import FORCES
+from fish_env.forces.plan import POLYNOMIAL
+from fish_env.integrators import leapfrog_chebyshev, limits
+from fish_env.world import VACUUM
+
+
+@pytest.mark.parametrize("name", STABILISED)
+@each_body
+def test_stages_grow_with_the_step(name, body):
+    """A stabilised method takes more stages at longer steps and holds where symplectic Euler has long failed.
+
+    At 2 and 3 times the stable step of symplectic Euler: the fish, shaken in vacuum, loses its energy.
+    """
+    fish = FISH[body]
+    x, v = naive.random_state(fish, np.random.default_rng(3), displacement=0.002, speed=0.1)
+    limit, stages = limits.leapfrog(fish.body), []
+    for factor in (0.1, 2.0, 3.0):
+        tank, n = tank_of(name, fish, VACUUM, x, v, factor * limit), 400
+        tank.advance(n)
+        stages.append(tank.state.counters[0, FORCES] / n)
+        assert tank.alive[0]
+        motion = naive.kinetic_energy(fish.body.mass, tank.velocity[0] - fish.body.mass @ v / fish.body.mass.sum())
+        assert motion < naive.kinetic_energy(fish.body.mass, v)
+    assert stages[0] == 2 and stages[0] < stages[1] < stages[2]
+    tank = tank_of("symplectic_euler", fish, VACUUM, x, v, 2.0 * limit)
+    tank.advance(400)
+    assert not tank.alive[0]
+
+
+def test_most_stages():
+    """A step too long for any number of stages allowed is taken with the most, not looked for without end."""
+    body = FISH["mass_spring"].body
+    stages = leapfrog_chebyshev.stages_for(body.elastic_rate, body.viscous_rate, 1e6)
+    assert stages == leapfrog_chebyshev.MOST_STAGES
+
+
+@pytest.mark.parametrize("stages", [2, 3, 5, 12, 60])
+def test_filter(stages):
+    """The filter is 1 at rest; kicks of all vibrations within its reach are positive and at most what is stable, 4."""
+    midpoint, first, factor, reach = leapfrog_chebyshev.polynomial(stages)
+    t = np.cosh(np.arange(stages + 1) * np.arccosh(midpoint))
+    z = np.linspace(1e-6, reach, 2000)
+    a, before = first / midpoint * np.ones_like(z), np.zeros_like(z)
+    for s in range(1, stages):  # (37)
+        pull = 2.0 * (first + midpoint * a) - factor * z * a
+        a, before = (t[s] * pull - t[s - 1] * before) / t[s + 1], a
+    assert abs(a[0] - 1.0) < 1e-5
+    assert (z * a).min() > 0.0 and 3.9 < (z * a).max() <= 4.0 + 1e-9
+
+
+def test_polynomials_of_a_plan():
+    """A plan holds the Chebyshev polynomials at the filter's midpoint, as their recurrence makes them."""
+    body = FISH["mass_spring"].body
+    row = leapfrog_chebyshev.plan(body.elastic_rate, body.viscous_rate, 10 * limits.leapfrog(body))
+    t = row[POLYNOMIAL:]
+    assert len(t) == leapfrog_chebyshev.costs(row)[0] + 1 > 10
+    midpoint = leapfrog_chebyshev.polynomial(len(t) - 1)[0]
+    np.testing.assert_allclose(t[:2], [1.0, midpoint], rtol=1e-15)
+    np.testing.assert_allclose(t[2:], 2.0 * midpoint * t[1:-1] - t[:-2], rtol=1e-13)
