@@ -31,7 +31,9 @@ def same(one: Tank, other: Tank, rows=slice(None), others=slice(None)) -> bool:
 
 
 @pytest.mark.parametrize("varied", [False, True], ids=["equal", "varied"])
-@pytest.mark.parametrize("options", [{"lanes": "xyz"}, {"lanes": 1}, {"lanes": 4}, {"lanes": 16}, {"threads": 2}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{"lanes": "xyz"}, {"lanes": 1}, {"lanes": 4}, {"lanes": 16}, {"threads": 2}], ids=str
+)
 def test_same_bits_in_any_company(options, varied):
     """37 fish in lanes of 8, varied or not, are the same bit for bit in other lanes and over two threads."""
     assert same(swum(37, varied), swum(37, varied, **options))
