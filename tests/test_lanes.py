@@ -1,4 +1,4 @@
-"""Fish side by side in lanes: the same bits in any company, varied or not, and shorter steps for those that need them."""
+"""Fish side by side in lanes: the same bits in any company, varied or not; shorter steps for those that need them."""
 
 import numpy as np
 import pytest
