@@ -1,0 +1,82 @@
+"""The benchmarks of methods that were tried and of refined intervals: what they publish is what is found again."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from benchmarks import ideas, problems, refinement
+from benchmarks.provenance import RESULTS
+from benchmarks.tried import IDEAS
+from fish_env import INTEGRATORS, Tank, make_fish
+
+TURN, FISH = problems.problems()["turn"], make_fish()
+QUICK = ("semi_implicit_leapfrog", "rest_matrix", "step_doubling")
+AT = 16  # steps a control interval
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """The abrupt manoeuvre, to 1e-6 of a body length."""
+    return problems.run(TURN, "rk4", 128)[0]
+
+
+def published(name):
+    """A row of what was published of an idea."""
+    with (RESULTS / "ideas.csv").open() as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    return next(row for row in rows if (row["scene"], row["method"], row["substeps"]) == ("turn", name, str(AT)))
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in IDEAS])
+def test_ideas(name, truth):
+    """Every idea is as far from the truth, and costs as much, as was published; it leaves the package's list alone."""
+    found, before = ideas.measure(TURN, name, AT, truth), dict(INTEGRATORS)
+    wanted = published(name)
+    assert before == INTEGRATORS and name not in INTEGRATORS
+    assert found["error"] == pytest.approx(float(wanted["error"]), rel=0.02)
+    for cost in ("forces_per_interval", "factorisations_per_interval", "solves_per_interval"):
+        assert found[cost] == pytest.approx(float(wanted[cost]), rel=0.02)
+
+
+def test_a_tried_method_moves_one_lane():
+    """What is kept from step to step belongs to one fish: lanes are refused."""
+    with pytest.raises(ValueError, match="lanes is 8; a method that was only tried takes 1"):
+        IDEAS["velocity_verlet"].make_work(FISH.body, Tank(FISH, 8, lanes=8).kind)
+
+
+def test_meter():
+    """Steps are counted with those that were thrown away: two force evaluations each, whatever their length."""
+    tank = Tank(FISH, 16, water=FISH.water, refine=0.05)
+    meter, steps = refinement.Meter(tank), problems.steps_of(FISH)
+    for action in refinement.actions(FISH, "random")[:20]:
+        tank.swim(action, FISH.control_interval)
+        meter.read(steps)
+    row = meter.row()
+    assert 0.1 < row["intervals_refined"] < 1.0 and row["steps_taken"] > 1.2 * steps
+    assert row["forces_per_interval"] == pytest.approx(2.0 * row["steps_taken"], rel=1e-4)
+
+
+def test_a_row_of_refinement(truth):
+    """In float32 the default is off float64 by less than the bar; steps of a whole interval tear it unrefined."""
+    steps = problems.steps_of(FISH)
+    double, _ = problems.run(TURN, FISH.integrator, steps, refine=FISH.refine)
+    row = refinement.measure(TURN, steps, FISH.refine, double, dtype="float32")
+    assert 0.0 < row["error"] <= refinement.SINGLE and row["against"] == "float64"
+    assert refinement.measure(TURN, 1, np.inf, truth)["error"] == np.inf
+    assert refinement.measure(TURN, 1, FISH.refine, truth)["error"] < np.inf
+
+
+def test_largest_stable():
+    """Unrefined, the turn tears the fish at a step of 20 ms; refined it does not."""
+    fixed, refined = (refinement.stable(FISH, "turn", refine) for refine in (np.inf, FISH.refine))
+    assert fixed["fewest_steps"] > 1 and fixed["beyond"].startswith("torn")
+    assert refined["largest_stable_ms"] == pytest.approx(20.0) and not refined["beyond"]
+
+
+def test_front():
+    """Cheapest first, each better than all before it; settings without their margin are left out."""
+    rows = [{"steps": n, "forces_per_interval": f, "error": e}
+            for n, f, e in ((2, 4, 0.1), (4, 8, 0.5), (6, 12, 0.2), (8, 16, 0.3), (9, 18, 0.1))]  # fmt: skip
+    assert [row["steps"] for row in refinement.front(rows, 4)] == [4, 6, 9]
+    assert [row["steps"] for row in refinement.front(rows, 0)] == [2]
