@@ -10,7 +10,7 @@ import small_bodies
 from benchmarks import boundary
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.bodies.fish import ElasticObject
-from fish_env.body import FAILURES, hold
+from fish_env.body import hold
 from fish_env.integrators import limits
 from fish_env.tank import own_step
 from fish_env.world import VACUUM, World, make_anchors, make_world
@@ -28,12 +28,13 @@ def thing(body, name="held"):
     return ElasticObject(name=name, body=body, length=FISH.length, time_step=FISH.time_step, control_interval=0.02)
 
 
-def moved(name, body, world, x, v, rest, h, n):
-    """Motion of one sound body after n steps, (x, v)."""
-    state = small_bodies.start(x, v)
-    INTEGRATORS[name].advance(body, world, state, small_bodies.control(rest), h, n)
-    assert state.failure[0] == 0, FAILURES[state.failure[0]]
-    return state.x[0], state.v[0]
+def moved(name, body, world, x, v, h, n):
+    """Motion of one body after n steps, (x, v)."""
+    tank = Tank(thing(body), 1, name, h, water=world, threads=1)
+    tank.position[0], tank.velocity[0] = x, v
+    tank.advance(n)
+    assert tank.alive[0], tank.failure[0]
+    return tank.position[0], tank.velocity[0]
 
 
 # Elimination
@@ -71,7 +72,7 @@ def test_motion_equals_the_reduced_system(name, what):
         x, v = naive.random_state(FISH, rng, speed=0.2)
     free, rest, h = body.inverse_mass > 0, body.springs.rest_length, 0.3 / np.sqrt(body.elastic_rate)
     n = 1 if name in ADAPTIVE else 4
-    near_x, near_v = moved(name, body, world, x, v, rest, h, n)
+    near_x, near_v = moved(name, body, world, x, v, h, n)
     far_x, far_v = naive.advance(name, body, world, rest, 0 * rest, x, v, h, n)
     np.testing.assert_array_equal(near_v[~free], v[~free])
     np.testing.assert_allclose(near_x[~free], (x + n * h * v)[~free], rtol=0, atol=1e-15 * np.ptp(body.position))
@@ -88,15 +89,15 @@ def test_held_nodes_go_where_they_are_told(name):
     """A held node follows a given velocity, changed from call to call, along exactly its way."""
     fish, h, n = FISH, own_step(FISH, INTEGRATORS[name]), 10
     body = hold(fish.body, [0, 1])
-    state, path = small_bodies.start(body.position, np.zeros((23, 3))), body.position[:2].copy()
+    tank, path = Tank(thing(body), 1, name, h, threads=1), body.position[:2].copy()
     for k in range(20):
         velocity = 0.2 * fish.length * np.array([np.cos(k), np.sin(k), 0.5])
-        state.v[0, :2] = velocity
-        INTEGRATORS[name].advance(body, VACUUM, state, small_bodies.control(body.springs.rest_length), h, n)
+        tank.velocity[0, :2] = velocity
+        tank.advance(n)
         path += n * h * velocity
-    assert state.failure[0] == 0
-    np.testing.assert_allclose(state.x[0, :2], path, rtol=0, atol=1e-14 * fish.length)
-    assert np.abs(state.x[0] - body.position)[2:].max() > 1e-3 * fish.length  # the others come along
+    assert tank.alive[0], tank.failure[0]
+    np.testing.assert_allclose(tank.position[0, :2], path, rtol=0, atol=1e-14 * fish.length)
+    assert np.abs(tank.position[0] - body.position)[2:].max() > 1e-3 * fish.length  # the others come along
 
 
 def test_rates_of_what_is_free():
@@ -196,22 +197,19 @@ def test_penalty_in_time():
     """
     task, pulling, world = bent_fish()
     body, h, n = task.body, FISH.time_step, 200
-    state, control = (
-        small_bodies.start(body.position, 0 * body.position),
-        small_bodies.control(body.springs.rest_length),
-    )
+    tank = Tank(thing(body), 1, "linearly_implicit", h, water=world, threads=1)
     start, worst = body.position[task.nodes], 0.0
     for k in range(n):
         phase = np.pi * (k + 1) / n
         point = start + task.displacement * 0.5 * (1 - np.cos(phase))
-        world = world._replace(anchors=pulling._replace(point=point))
-        INTEGRATORS["linearly_implicit"].advance(body, world, state, control, h, 1)
-        worst = max(worst, np.abs(state.x[0, task.nodes] - point).max())
+        tank._set_anchors(pulling._replace(point=point))
+        tank.advance(1)
+        worst = max(worst, np.abs(tank.position[0, task.nodes] - point).max())
     size = np.abs(task.displacement).max()
-    assert state.failure[0] == 0
+    assert tank.alive[0], tank.failure[0]
     assert worst < 1e-3 * size
-    force = naive.spring_force(body.springs, body.springs.rest_length, state.x[0], state.v[0])[task.nodes]
-    lag = np.abs(state.x[0, task.nodes] - point).max()
+    force = naive.spring_force(body.springs, body.springs.rest_length, tank.position[0], tank.velocity[0])[task.nodes]
+    lag = np.abs(tank.position[0, task.nodes] - point).max()
     assert 0 < lag < 2 * np.abs(force).max() / pulling.stiffness[0] + 1e-4 * size
 
 
@@ -253,8 +251,8 @@ def test_damped_penalty_settles():
     critical = 2 * np.sqrt(pulling.stiffness * task.body.mass[task.nodes])
     world = world._replace(anchors=pulling._replace(damping=critical))
     for name in ("leapfrog_chebyshev", "linearly_implicit", "semi_implicit"):
-        tank = Tank(thing(task.body), 1, name, FISH.time_step, water=world)
-        tank.advance(round(20 / FISH.time_step))
+        tank = Tank(thing(task.body), 1, name, own_step(FISH, INTEGRATORS[name]), water=world)
+        tank.advance(round(20 / tank.dt))
         assert tank.alive.all()
         off = np.abs(tank.position[0, task.nodes] - pulling.point).max() / np.abs(task.displacement).max()
         assert off < 1e-3
@@ -292,7 +290,7 @@ def test_all_held_bit_by_bit():
 def test_methods_refuse():
     """Tu's method refuses a node that is held along some axes only, naming it, and adaptive methods refuse walls."""
     with pytest.raises(
-        ValueError, match="'semi_implicit' cannot move 'held' here: node 7 is held along some axes only"
+        ValueError, match="'semi_implicit' cannot move 'held' here: node 7 is fixed along some axes only"
     ):
         Tank(thing(hold(FISH.body, [7], "yz")), integrator="semi_implicit")
     for body in (hold(FISH.body, [7]), hold(FISH.body, range(23), "z"), hold(hold(FISH.body, range(23), "z"), [4])):
