@@ -8,37 +8,38 @@ import pytest
 import small_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from moving import ADAPTIVE, each_adaptive, each_fixed, each_method, slope_of, tank_of
+from moving import advance as advance_body
 from scipy.integrate import solve_ivp
 from small_bodies import ALL, BODIES, bent, close
 
-from fish_env import INTEGRATORS, forces
-from fish_env.body import TORN
+from fish_env import INTEGRATORS
+from fish_env.failures import TORN
 from fish_env.forces import guards
+from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators import adaptive
 from fish_env.world import VACUUM, make_world
 
-ADAPTIVE = [name for name, record in INTEGRATORS.items() if record.kind == "adaptive"]
-FIXED_STEP = [name for name in INTEGRATORS if name not in ADAPTIVE]
-seeds = st.integers(0, 2**32 - 1)
-each_fixed = pytest.mark.parametrize("name", FIXED_STEP)
-
 
 def advance(name, world, x, v, rest, rate, h, n, body=ALL):
-    """Motion of one sound body after n steps, (x, v)."""
-    state = small_bodies.start(x, v)
-    INTEGRATORS[name].advance(body, world, state, small_bodies.control(rest, rate), h, n)
-    assert state.failure[0] == 0
-    return state.x[0], state.v[0]
+    """Motion of one body after n steps, (x, v)."""
+    return advance_body(name, body, world, x, v, rest, rate, h, n)
 
 
-@pytest.mark.parametrize("name", INTEGRATORS)
+def without_walls(name, world):
+    """The same world, without walls for a method that refuses them."""
+    return world._replace(planes=None) if name in ADAPTIVE else world
+
+
+@each_method
 @settings(max_examples=3)
-@given(seed=seeds, reach=st.sampled_from([0.3, 1.5]))
-def test_step_equals_its_twin(name, seed, reach):
+@given(seed=st.integers(0, 2**32 - 1), reach=st.sampled_from([0.3, 1.5]))
+def test_step_equals_its_reference(name, seed, reach):
     """One step, short and long, equals the textbook's; an adaptive method's is as accurate as its tolerance."""
     rng = np.random.default_rng(seed)
     x, v = small_bodies.shaken(ALL, rng)
-    world, rest = small_bodies.world_with_all(ALL), ALL.springs.rest_length * rng.uniform(0.95, 1.05, 36)
+    world = without_walls(name, small_bodies.world_with_all(ALL))
+    rest = ALL.springs.rest_length * rng.uniform(0.95, 1.05, 36)
     h = reach / np.sqrt(ALL.elastic_rate)
     rate = rest * rng.uniform(-0.3, 0.3, rest.size)
     if name in ADAPTIVE:
@@ -54,7 +55,7 @@ def test_step_equals_its_twin(name, seed, reach):
 
 
 @each_fixed
-def test_steps_at_walls_equal_their_twin(name):
+def test_steps_at_walls_equal_their_reference(name):
     """Eight steps among walls that nodes run into and rest on equal the textbook's."""
     x, v = small_bodies.shaken(ALL, np.random.default_rng(8), speed=0.3)
     world, h = small_bodies.world_with_all(ALL, offset=0.03), 0.2 / np.sqrt(ALL.elastic_rate)
@@ -84,17 +85,17 @@ def test_comes_to_rest_on_a_wall(name):
 
 @cache
 def smooth_motion():
-    """A motion to measure orders on, and its end: what guards act, and which faces move outward, stays as it was."""
+    """A motion to measure orders on, and its end: what barriers act, and which faces move outward, stays as it was."""
     rng = np.random.default_rng(9)
     x, v = small_bodies.shaken(ALL, rng, displacement=5e-4, speed=0.01)
     world = small_bodies.world_with_all(ALL)
     rest = ALL.springs.rest_length
     rate, duration, seen = 0.2 * rest * rng.uniform(-1, 1, rest.size), 1.0 / np.sqrt(ALL.elastic_rate), set()
+    evaluator = Evaluator(ALL, world)
 
     def slope(t, y):
         positions, velocities = y.reshape(2, -1, 3)
-        f = np.empty_like(positions)
-        forces.total(ALL, world, rest + t * rate, positions, velocities, f)
+        f = evaluator.force(rest + t * rate, positions, velocities)
         through = np.einsum("fc,fck->fk", ALL.faces.share, velocities[ALL.faces.nodes]) - world.current
         areas = np.array([naive.area_vector(positions[face]) for face in ALL.faces.nodes])
         acting = tuple(k for k, _, s, _ in naive.guard_shares(ALL.guards, positions) if s < guards.NEAR)
@@ -103,7 +104,7 @@ def smooth_motion():
 
     y = np.concatenate([x.ravel(), v.ravel()])
     end = solve_ivp(slope, (0, duration), y, method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1].reshape(2, -1, 3)
-    assert len(seen) == 1 and next(iter(seen))[0], "a face or a guard changed its mind: the scene is not smooth"
+    assert len(seen) == 1 and next(iter(seen))[0], "a face or a barrier changed its mind: the scene is not smooth"
     return (world, x, v, rest, rate, duration), end
 
 
@@ -120,39 +121,47 @@ def test_order(name):
     for n in steps:
         near_x, near_v = advance(name, world, x, v, rest, rate, duration / n, n)
         errors.append(np.linalg.norm(near_x - true_x) + duration * np.linalg.norm(near_v - true_v))
-    order = np.polyfit(np.log(duration / steps), np.log(errors), 1)[0]
+    order = slope_of(errors, duration / steps)
     assert abs(order - INTEGRATORS[name].order) <= 0.15, f"measured order {order:.3f}, errors {errors}"
 
 
-@pytest.mark.parametrize("name", ADAPTIVE)
+@each_adaptive
 def test_adaptive_is_exact(name):
-    """An adaptive method ends where the true motion ends, to its tolerance, on this body and on one without springs."""
+    """An adaptive method ends at the reference solution, to its tolerance, on this body and on one without springs."""
     (world, x, v, rest, rate, duration), (true_x, true_v) = smooth_motion()
-    near_x, near_v = advance(name, world, x, v, rest, rate, duration, 1)
+    near_x, near_v = advance(name, without_walls(name, world), x, v, rest, rate, duration, 1)
     assert np.abs(near_x - true_x).max() < 5e-9 * np.linalg.norm(true_x - x)
     assert np.abs(near_v - true_v).max() < 5e-9 * np.linalg.norm(true_v)
     body = BODIES["block"]
     x, v = bent("block", np.random.default_rng(7))
-    vacuum, none, h = small_bodies.completed_world(VACUUM), np.zeros(0), 1.0 / np.sqrt(body.elastic_rate)
-    moved = advance(name, vacuum, x, v, none, none, h, 1, body)
-    wanted = naive.advance(name, body, vacuum, none, none, x, v, h, 1)
+    none, h = np.zeros(0), 1.0 / np.sqrt(body.elastic_rate)
+    moved = advance(name, VACUUM, x, v, none, none, h, 1, body)
+    wanted = naive.advance(name, body, VACUUM, none, none, x, v, h, 1)
     np.testing.assert_allclose(moved[0] - x, wanted[0] - x, rtol=0, atol=1e-7 * np.abs(wanted[0] - x).max())
     np.testing.assert_allclose(moved[1], wanted[1], rtol=0, atol=1e-7 * np.abs(wanted[1]).max())
 
 
-@pytest.mark.parametrize("name", INTEGRATORS)
-def test_batch_is_one_by_one(name):
-    """Bodies moved in one call end, bit for bit, where each ends alone; a failed one in their midst stands still."""
-    rng, rest = np.random.default_rng(10), ALL.springs.rest_length
-    world = small_bodies.world_with_all(ALL, offset=-100.0 if name in ADAPTIVE else 0.04)
-    states = [small_bodies.shaken(ALL, rng) for _ in range(3)]
-    batch = small_bodies.start(*map(np.array, zip(*states, strict=True)))
-    batch.failure[1] = TORN
+LANES = [8, *(pytest.param(lanes, marks=pytest.mark.slow) for lanes in ("xyz", 1, 4, 16))]
+
+
+@pytest.mark.parametrize("lanes", LANES)
+@each_method
+def test_batch_is_one_by_one(name, lanes):
+    """Bodies moved in one call end, bit for bit, where each ends alone; a failed one in their midst stands still.
+
+    Whether they are moved one by one or side by side in lanes, at walls and among everything else.
+    """
+    rng, count = np.random.default_rng(10), 3 if name in ADAPTIVE else 9
+    world = without_walls(name, small_bodies.world_with_all(ALL, offset=0.04))
+    states = [small_bodies.shaken(ALL, rng) for _ in range(count)]
     h = 0.1 / np.sqrt(ALL.elastic_rate)
-    INTEGRATORS[name].advance(ALL, world, batch, small_bodies.control(rest, copies=3), h, 5)
-    np.testing.assert_array_equal(batch.x[1], states[1][0])
-    for b in (0, 2):
-        alone = small_bodies.start(*states[b])
-        INTEGRATORS[name].advance(ALL, world, alone, small_bodies.control(rest), h, 5)
-        np.testing.assert_array_equal(batch.x[b], alone.x[0])
-        np.testing.assert_array_equal(batch.v[b], alone.v[0])
+    batch = tank_of(name, ALL, world, *map(np.array, zip(*states, strict=True)), h, lanes=lanes)
+    batch.state.failure[1] = TORN
+    batch.advance(5)
+    np.testing.assert_array_equal(batch.position[1], states[1][0])
+    for b in (0, *range(2, count)):
+        alone = tank_of(name, ALL, world, *states[b], h)
+        alone.advance(5)
+        assert alone.alive[0]
+        for one, many in zip(alone.state, batch.state, strict=True):
+            np.testing.assert_array_equal(one[0], many[b])

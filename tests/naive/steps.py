@@ -1,4 +1,4 @@
-"""Twins of the methods: one step of each, and many. rest(t) gives the rest lengths at time t."""
+"""Reference implementations of the methods: one step of each, and many. rest(t) gives the rest lengths at time t."""
 
 from functools import partial
 
@@ -34,7 +34,7 @@ def rk4(body, world, rest, t, h, x, v):
 def tu_system(body, world, rest_length, h, x, v):
     """Matrix A (N,N) and load G (N,3) of Tu's method: M/h + h Laplacian(eta), and M v/h + sum(eta r) + f.
 
-    Anchors with a length are units too; those without are wholly implicit. The load is less what presses on walls.
+    Anchors with a length are springs too; those without are wholly implicit. The load is less what presses on walls.
     """
     matrix = np.diag(body.mass / h)
     load = other_force(body, world, x, v)
@@ -98,7 +98,7 @@ def linearly_implicit(body, world, rest, t, h, x, v, **which):
 
 
 def rosenbrock(body, world, rest, t, h, x, v):
-    """ROS2 on y = (x, v), as a dense system of order 6N, less the velocities that are held."""
+    """ROS2 on y = (x, v), as a dense system of order 6N, less those that are fixed."""
     gamma, size, mass = 1 - 1 / np.sqrt(2), x.size, np.repeat(body.mass, 3)
     moves = np.concatenate([np.ones(size, bool), body.inverse_mass.ravel() > 0])
     stiffness, damping = implicit_matrices(body, world, rest(t), x, v)
@@ -131,7 +131,7 @@ def rosenbrock(body, world, rest, t, h, x, v):
 
 
 def accurate(body, world, rest, t, h, x, v):
-    """The true motion: every step to 1e-12 of the body's size, and of that times its highest frequency."""
+    """The reference solution: every step to 1e-12 of the body's size, and of that times its highest frequency."""
 
     def slope(time, y):
         x, v = y.reshape(2, -1, 3)
