@@ -128,7 +128,7 @@ def test_a_slower_policy_moves_the_same_when_seen_more_often(groups):
             seen.append(env.tank.position.copy())
         places.append(seen)
     moved = np.abs(places[0][-1] - places[0][0]).max()
-    assert len(places[1]) == 2 * len(places[0]) and moved > 0.005
+    assert len(places[1]) == 2 * len(places[0]) and moved > 0.002  # chance commands: it moves, 1 % of its length
     np.testing.assert_allclose(places[1][1::2], places[0], atol=1e-3 * moved)
     with pytest.raises(ValueError, match=r"decides every 0.04 s, the environment every 0.03"):
         policy_controller(policy, make_eval_env(config.env_id, 1, {"muscle_groups": groups, "control_interval": 0.03}))
