@@ -74,7 +74,7 @@ class Control(NamedTuple):
     """What drives the bodies: rest lengths that move linearly in time during one call of `advance`, and then stop."""
 
     rest_length: np.ndarray  # (B,E) m; advanced in place at the end of the call
-    rate: np.ndarray  # (B,E) m/s; zero after it
+    rate: np.ndarray  # (B,E) m/s; zero after it. Only the fibres of the fish's muscles move
 
 
 COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivots", "refinements")

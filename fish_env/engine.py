@@ -104,8 +104,8 @@ def make_advance(names: tuple[str, ...], method):
         for i in range(x.size):
             infinite = infinite | (select(dot(x[i], x[i]) + dot(v[i], v[i]) < np.inf, 0.0, 1.0) > 0.0)
         code = failed(body, world, control, x, v, x, c)
-        code = select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)
-        return select(infinite, 1.0 * NON_FINITE, code)
+        code = select(infinite, 1.0 * NON_FINITE, code)
+        return select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)  # what is infinite came of it
 
     @part
     def advance(tank, queue, block, first, last, n):
@@ -154,6 +154,7 @@ def make_advance(names: tuple[str, ...], method):
                     for m in range(q - p):
                         b = INDEX(todo[p + m])
                         if tank.failure[b] != 0 and lane(code, m) > 0.0:
+                            tank.failure[b] = int(lane(code, m))
                             for i in range(x.size):
                                 for k in range(3):
                                     tank.x[b, i, k] = tank.rest_position[i, k]

@@ -1,4 +1,4 @@
-"""Slow, obvious twins of the compiled kernels, written from the equations in plain numpy and Python loops.
+"""Slow, obvious reference implementations of the compiled kernels, from the equations, in plain numpy and Python loops.
 
 Nothing here calls a kernel. Every function takes one body (no batch) and returns new arrays.
 """

@@ -1,4 +1,4 @@
-"""Twins of the tetrahedra, of the gas in chambers, and of the guards."""
+"""Reference implementations of the tetrahedra, of the gas in chambers, and of the guards."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Twins of the springs and of the water on the faces."""
+"""Reference implementations of the springs and of the water on the faces."""
 
 import numpy as np
 

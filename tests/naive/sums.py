@@ -1,4 +1,4 @@
-"""Twins of the sums over all forces, of their derivatives, and of the matrices of the implicit methods."""
+"""Reference implementations of the sums over forces, of their derivatives, and of the implicit methods' matrices."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Twins of what surrounds a body: anchors, weight and walls."""
+"""Reference implementations of what surrounds a body: anchors, weight and walls."""
 
 import numpy as np
 

@@ -1,0 +1,51 @@
+"""The benchmarks of speed: what they time is what they say, and comparisons begin with a ratio of one."""
+
+import numpy as np
+import pytest
+
+from benchmarks import costs, scaling, throughput
+from fish_env import make_fish
+
+FISH = make_fish()
+
+
+def test_swimming_fish_are_alike_until_they_are_varied():
+    """Fish that have swum are where one has swum, wherever they are; varied ones differ by a fifth at most."""
+    one, many = (costs.swimming(FISH, count) for count in (1, 9))
+    assert one.time[0] == pytest.approx(1.0) and one.counters["force_evaluations"][0] == 0
+    np.testing.assert_array_equal(many.position, np.repeat(one.position, 9, axis=0))
+    assert one.position[0, FISH.nose, 0] > FISH.body.position[FISH.nose, 0] + FISH.length
+    varied = costs.vary(many).variation
+    assert len(np.unique(varied[:, 0])) == 9 and np.abs(varied[:, :3] - 1.0).max() <= costs.SPREAD
+    work = costs.Swim(many)
+    work.run(3)
+    assert len(np.unique(many.position[:, 0, 0])) == 9
+    work.start()
+    np.testing.assert_array_equal(many.position, np.repeat(one.position, 9, axis=0))
+
+
+def test_ratios():
+    """The first thing's ratio is one; four fish take more than two intervals of one fish and less than four."""
+    found = costs.costs(lambda: [costs.Swim(costs.swimming(FISH, count, lanes="xyz")) for count in (1, 4)], 3, 1)
+    np.testing.assert_array_equal(found[0].ratio, 1.0)
+    row = costs.row("table", "name", found[1], "one", 4)
+    assert 0.3 < float(row["ratio"]) < 1.5 and float(row["us_q1"]) <= float(row["us"]) <= float(row["us_q3"])
+
+
+def test_bodies_of_the_scaling():
+    """The bars swing, and grow to ten thousand nodes."""
+    work = dict(scaling.bodies())["bar, 2 cells through"](1)
+    assert len(work.tank.fish.body.mass) == 189
+    assert work.tank.velocity[0, :, 2].max() == scaling.SPEED
+    work.run(3)
+    assert np.abs(work.tank.position[0] - work.tank.fish.body.position).max() > 0.002
+    n = scaling.THROUGH[-1]
+    assert (10 * n + 1) * 3 * (n + 1) > 10_000
+
+
+def test_in_process():
+    """A fresh process prints a number; what a first use runs can be told which clock to read."""
+    assert throughput.in_process("print('no'); print(2.5)") == 2.5
+    for code in (throughput.FIRST_EPISODE, throughput.FIRST_BATCH):
+        compile(code.format(clock="process_time"), "first", "exec")
+    assert "make_vec(" in throughput.FIRST_BATCH
