@@ -16,7 +16,7 @@ from fish_env.checks import finite_array, fits_memory, positive_array
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
 from fish_env.integrators import INTEGRATORS, Integrator
-from fish_env.simd import SUPPORTED, Kind, Pack, Vectors
+from fish_env.simd import LANES, SUPPORTED, Kind, Pack, Vectors
 from fish_env.world import VACUUM, World, make_anchors
 
 REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
@@ -389,6 +389,8 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
     if lanes is None:
         many = 16 if dtype == "float32" else 8
         lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
+    if lanes == "dual":
+        raise ValueError(f"lanes is 'dual', which moves nothing; choose from {', '.join(map(repr, LANES))}")
     return Kind(lanes, dtype)
 
 

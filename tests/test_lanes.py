@@ -129,6 +129,7 @@ def test_defaults():
     ("options", "message"),
     [
         ({"lanes": 5}, "lanes is 5; choose from 'xyz', 1, 2, 4, 8, 16, 32"),
+        ({"lanes": "dual"}, "lanes is 'dual', which moves nothing; choose from 'xyz', 1, 2, 4, 8, 16, 32"),
         ({"dtype": "float16"}, "dtype is 'float16'; choose 'float64' or 'float32'"),
         ({"refine": 0.0}, "refine is 0.0; give a positive number"),
         ({"refine": float("nan")}, "refine is nan; give a positive number"),

@@ -98,14 +98,16 @@ def made(kind, a, b, q, r, row) -> Pack:
 
     def vectors(values, count=1):
         array = kind.vectors(count)
-        if values is not None:
+        if values is not None and kind.lanes == "dual":
+            array.memory[0, :, :1] = values
+        elif values is not None:
             array.memory.reshape(1, -1, kind.width)[0, :3] = values
         return array
 
     def numbers(values, count=1):
         array = kind.numbers(count)
         if values is not None:
-            array.memory[:] = values
+            array.memory[:, : kind.width] = values
         return array
 
     return Pack(
@@ -138,6 +140,30 @@ def test_every_operation(kind, compiled):
         np.testing.assert_allclose(got, wanted, rtol=tolerance, atol=tolerance, err_msg=f"vector {i}")
     for i, wanted in enumerate(numbers):
         np.testing.assert_allclose(pack.s.memory[i], wanted, rtol=tolerance, atol=tolerance, err_msg=f"number {i}")
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "python"])
+def test_derivatives(compiled):
+    """Dual numbers have the bits of plain ones, and with them the derivatives of numpy's operations."""
+    kind, generator, h = Kind("dual"), np.random.default_rng(1), np.longdouble(1e-6)
+    *values, row = drawn(Kind(1))
+    slopes = [generator.normal(size=(*value.shape[:-1], simd.directions(kind.numbers(1)))) for value in values]
+    pack, plain = made(kind, *values, row), made(Kind(1), *values, row)
+    for name, slope in zip("abqr", slopes, strict=True):
+        getattr(pack, name).memory[0, ..., 1:] = slope
+    for each in (pack, plain):
+        (everything if compiled else everything.py_func)(each)
+    found = np.concatenate([pack.v.memory.reshape(48, -1), pack.s.memory])
+    np.testing.assert_array_equal(found[:, 0], np.concatenate([plain.v.memory.ravel(), plain.s.memory[:, 0]]))
+
+    def moved(part):
+        vectors, numbers = expected(*(value + part * slope for value, slope in zip(values, slopes, strict=True)), row)
+        return np.concatenate(
+            [np.broadcast_to(each, (count, 7)) for group, count in ((vectors, 3), (numbers, 1)) for each in group]
+        )
+
+    wanted = (moved(h) - moved(-h)) / (2 * h)
+    np.testing.assert_allclose(found[:, 1:], wanted.astype(float), rtol=0, atol=1e-10)
 
 
 @settings(max_examples=30)

@@ -3,12 +3,14 @@
 import numpy as np
 
 from benchmarks.tried.common import Idea, leapfrog, make_force, pour, pour_back, set_masses, solve, spring, system
-from fish_env import forces
 from fish_env._jit import kernel
+from fish_env.forces.evaluate import make_dual, make_jacobian
 from fish_env.forces.plan import H
 from fish_env.integrators._common import move_rest_lengths
-from fish_env.simd import Pack, dot, fma
+from fish_env.simd import Pack, dot, floats, fma
+from fish_env.world import VACUUM
 
+NAMES = ("water", "springs")  # the forces on the fish that methods are tried on
 RADIUS = 0.5  # of generalised-alpha: what is left of the fastest vibrations after a step
 OLD_A, OLD = (2.0 * RADIUS - 1.0) / (RADIUS + 1.0), RADIUS / (RADIUS + 1.0)
 GAMMA, BETA = 0.5 - OLD_A + OLD, 0.25 * (1.0 - OLD_A + OLD) ** 2
@@ -22,7 +24,8 @@ def one_for_all_axes(body, kind, number):
 def whole(body, kind, number):
     """A (3N,3N) matrix, and the exact derivatives of the forces."""
     size = 3 * len(body.mass)
-    matrices = Pack("matrices", stiffness=np.zeros((size, size)), damping=np.zeros((size, size)))
+    matrices = Pack("matrices", stiffness=np.zeros((size, size)), damping=np.zeros((size, size)),
+                    dual=make_dual(body, VACUUM, NAMES))  # fmt: skip
     kept = {name: kind.vectors(len(body.mass)) for name in ("x", "v", "acceleration")}
     return {"matrices": matrices, "begun": np.zeros(1), **kept, **system(size, 1)}
 
@@ -83,14 +86,24 @@ def semi_implicit_leapfrog(names):
     return kick
 
 
-@kernel
-def clear(matrices):
-    """Set the derivatives to zero."""
-    stiffness, damping = matrices.stiffness, matrices.damping
-    for p in range(stiffness.shape[0]):
-        for q in range(stiffness.shape[1]):
-            stiffness[p, q] = 0.0
-            damping[p, q] = 0.0
+def make_derive(names):
+    """The kernel that sets the derivatives in `matrices` to those of these forces, at x and v."""
+    jacobian = make_jacobian(names)
+
+    @kernel
+    def derive(body, world, control, x, v, matrices):
+        dual = matrices.dual
+        here, speed, rest = floats(dual.x), floats(dual.v), floats(dual.control.rest_length)
+        from_x, from_v, from_rest = floats(x), floats(v), floats(control.rest_length)
+        for i in range(x.size):
+            for k in range(3):
+                here[i, k, 0] = from_x[i, k, 0]
+                speed[i, k, 0] = from_v[i, k, 0]
+        for e in range(rest.shape[0]):
+            rest[e, 0] = from_rest[e, 0]
+        jacobian(body, world, dual, matrices.stiffness, matrices.damping)
+
+    return derive
 
 
 @kernel
@@ -106,15 +119,14 @@ def set_system(body, matrices, inertia, viscous, elastic, a):
 
 def make_newton_kick(names, implicit, elastic):
     """A kick of leapfrog by the derivatives of the forces named `implicit`, of the stiffness or the damping alone."""
-    force, add_jacobian = make_force(names), forces.total(implicit, "add_jacobian")
+    force, derive = make_force(names), make_derive(implicit)
     quarter = 0.25 if elastic else 0.0
 
     @kernel
     def kick(body, world, control, x, v, work, cache):
         h, f, b = control.plans[control.row[0], H], work.f, work.b
         force(body, world, control, x, v, f, cache)
-        clear(work.matrices)
-        add_jacobian(body, world, control, x, v, work.matrices, cache)
+        derive(body, world, control, x, v, work.matrices)
         set_system(body, work.matrices, 1.0, 0.5 * h, quarter * h * h, work.a)
         for i in range(x.size):
             f[i] = h * f[i]
@@ -151,7 +163,7 @@ def predict(x, v, h, work):
 
 def generalised_alpha(names):
     """Generalised-alpha (Chung & Hulbert 1993), one correction with the exact Jacobian."""
-    force, add_jacobian = make_force(names), forces.total(names, "add_jacobian")
+    force, derive = make_force(names), make_derive(names)
 
     @kernel
     def run(body, world, control, x, v, work, cache, n):
@@ -166,8 +178,7 @@ def generalised_alpha(names):
             predict(x, v, h, work)
             move_rest_lengths(control, (s + 1.0 - OLD) * h)
             force(body, world, control, work.x, work.v, f, cache)
-            clear(work.matrices)
-            add_jacobian(body, world, control, work.x, work.v, work.matrices, cache)
+            derive(body, world, control, work.x, work.v, work.matrices)
             set_system(body, work.matrices, 1.0 - OLD_A, (1.0 - OLD) * GAMMA * h, (1.0 - OLD) * BETA * h * h, work.a)
             for i in range(x.size):
                 f[i] = fma(-body.mass[i], kept[i], f[i])

@@ -11,7 +11,6 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
     add_damping        adds h D to it, for the method that takes the water implicitly
     add_lagged         adds the force to `f.load` and h^2 times its effective stiffness to `f.matrix`, a number for each
                        entry of the nodes' skyline, for Tu's method (default: explicit, by `add_force`)
-    add_jacobian       adds the exact -df/dx and -df/dv to `f.stiffness` and `f.damping`; of one fish, in float64
     energy             what the force stores, J
     failed             where an element is not what it should be any more; FAILURE says why
     constrain          changes the accelerations in f to what the force allows
@@ -25,8 +24,8 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
 and `bounds(body, world)` says how stiff and how damped the surroundings make a body, for the choice of a step.
 
 All but `present` and `add_force` may be missing. A force without `add_system` is explicit in the methods that solve
-systems, one without `add_tangent` is not filtered, and one without `add_jacobian` is refused by whatever needs exact
-derivatives.
+systems, and one without `add_tangent` is not filtered. Exact derivatives follow from `add_force` by dual numbers
+(`evaluate`), but for a force that jumps and says so by JUMPS: it is left out of them.
 
 `control` holds what belongs to each fish of the block: rest lengths, and factors on stiffness, drag and on all else
 (`lightness`), each already over the factor on the fish's mass, so that masses are the same for all. A force of which
@@ -98,8 +97,3 @@ def rest_matrices(body, elastic: bool = True) -> list[tuple]:
     """
     modules = [module for module in FORCES.values() if hasattr(module, "rest_matrices")]
     return [part for module in modules for part in module.rest_matrices(body, elastic)]
-
-
-def without(names: tuple[str, ...], function: str) -> list[str]:
-    """Which of these forces do not have a function."""
-    return [name for name in names if not hasattr(FORCES[name], function)]

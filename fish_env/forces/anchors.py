@@ -11,7 +11,8 @@ import numpy as np
 
 from fish_env._jit import INDEX, kernel
 from fish_env.forces.plan import FACTOR, INNER, LEAST, H
-from fish_env.simd import Pack, dot, fma, select, sqrt, vec3, zero
+from fish_env.forces.springs import add_columns
+from fish_env.simd import Pack, dot, fma, select, sqrt, zero
 
 
 def present(body, world) -> bool:
@@ -34,25 +35,27 @@ def bounds(body, world) -> tuple[float, float]:
 
 
 @kernel
-def separation(anchors, m, x):
-    """From the node of an anchor to its point: r, and 1 / |r|, zero where it points nowhere."""
-    r = anchors.point[m] - x[INDEX(anchors.node[m])]
+def stretched(anchors, m, x, v):
+    """Of anchor m: i, r, 1 / |r| or 0 where it points nowhere, its strain over its present length, its rate, 1/s."""
+    i = INDEX(anchors.node[m])
+    r, u = anchors.point[m] - x[i], anchors.velocity[m] - v[i]
     square = dot(r, r)
-    return r, select(square > 0.0, 1.0 / sqrt(square), 0.0)
+    somewhere = square > 0.0
+    inverse = select(somewhere, 1.0 / sqrt(square), 0.0)
+    strain = select(somewhere, fma(-anchors.rest_length[m], inverse, 1.0), 0.0)
+    return i, r, inverse, strain, dot(r, u) * (inverse * inverse)
 
 
 @kernel
-def add_one(anchors, m, lightness, x, v, f):
-    """Add the pull of one anchor; returns its r and 1 / |r|."""
-    i, c, k, natural = INDEX(anchors.node[m]), anchors.stiffness[m], anchors.damping[m], anchors.rest_length[m]
-    r, inverse = separation(anchors, m, x)
-    u = anchors.velocity[m] - v[i]
-    if natural == 0.0:
-        f[i] = fma(lightness, fma(k, u, c * r), f[i])  # (58)
+def add_one(anchors, m, light, x, v, f):
+    """Add the pull of one anchor; returns its r, 1 / |r| and strain."""
+    c, k = anchors.stiffness[m], anchors.damping[m]
+    i, r, inverse, strain, fast = stretched(anchors, m, x, v)
+    if anchors.rest_length[m] == 0.0:
+        f[i] = fma(light, fma(k, anchors.velocity[m] - v[i], c * r), f[i])  # (58)
     else:
-        pull = fma(k, dot(r, u) * (inverse * inverse), c * fma(-natural, inverse, 1.0))
-        f[i] = fma(lightness * select(inverse > 0.0, pull, 0.0), r, f[i])  # (59)
-    return r, inverse
+        f[i] = fma(light * fma(k, fast, c * strain), r, f[i])  # (59)
+    return r, inverse, strain
 
 
 @kernel
@@ -72,13 +75,12 @@ def add_force_cached(body, world, control, x, v, f, cache):
     plans, row = control.plans, control.row[0]
     h, factor, least = plans[row, H], plans[row, FACTOR], plans[row, LEAST]
     for m in range(anchors.node.size):
-        r, inverse = add_one(anchors, m, light, x, v, f)
+        r, inverse, taut = add_one(anchors, m, light, x, v, f)
         elastic, viscous = factor * h * h * anchors.stiffness[m], h * anchors.damping[m]
         along = light * max(elastic + 2.0 * factor * viscous, least * viscous)
         if anchors.rest_length[m] == 0.0:
             keep(cache, m, r, along, 0.0 * light)
         else:
-            taut = select(inverse > 0.0, fma(-anchors.rest_length[m], inverse, 1.0), 0.0)
             across = (light * elastic) * select(taut > 0.0, taut, 0.0)
             keep(cache, m, r, across, (along - across) * (inverse * inverse))
 
@@ -104,19 +106,15 @@ def add_system(body, world, control, x, v, a, cache):
     """Add h D + h^2 K to the matrix a, as `springs.add_system`, and keep K for `add_tangent`: along r, or all axes."""
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):
-        r, inverse = separation(anchors, m, x)
-        c, k, square = light * anchors.stiffness[m], light * anchors.damping[m], inverse * inverse
-        both, place = h * fma(h, c, k), 3 * body.profile.diagonal[INDEX(anchors.node[m])]
+        i, r, inverse, _, _ = stretched(anchors, m, x, v)
+        c, k, place = light * anchors.stiffness[m], light * anchors.damping[m], 3 * body.profile.diagonal[i]
+        both, none = h * fma(h, c, k), 0.0 * light
         if anchors.rest_length[m] == 0.0:
-            keep(cache, m, r, c, 0.0 * light)
-            a[INDEX(place)] += both * vec3(1.0, 0.0, 0.0)
-            a[INDEX(place + 1)] += both * vec3(0.0, 1.0, 0.0)
-            a[INDEX(place + 2)] += both * vec3(0.0, 0.0, 1.0)
+            keep(cache, m, r, c, none)
+            add_columns(a, place, 1.0, r, none * r, both)
         else:
-            keep(cache, m, r, 0.0 * light, c * square)
-            a[INDEX(place)] += (both * square * r.x) * r
-            a[INDEX(place + 1)] += (both * square * r.y) * r
-            a[INDEX(place + 2)] += (both * square * r.z) * r
+            keep(cache, m, r, none, c * (inverse * inverse))
+            add_columns(a, place, 1.0, r, (both * (inverse * inverse)) * r, none)
 
 
 @kernel
@@ -127,44 +125,15 @@ def add_lagged(body, world, control, x, v, system, cache):
     """
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):
-        i, natural = INDEX(anchors.node[m]), anchors.rest_length[m]
+        i, r, _, strain, fast = stretched(anchors, m, x, v)
         place, c, k = INDEX(body.profile.diagonal[i]), light * anchors.stiffness[m], light * anchors.damping[m]
-        r, inverse = separation(anchors, m, x)
-        if natural == 0.0:
+        if anchors.rest_length[m] == 0.0:
             system.load[i] += fma(k, anchors.velocity[m], c * r)
             system.matrix[place] += h * fma(h, c, k)
         else:
-            fast = dot(r, anchors.velocity[m] - v[i]) * (inverse * inverse)
-            eta = select(inverse > 0.0, fma(k, fast, c * fma(-natural, inverse, 1.0)), 0.0)
+            eta = fma(k, fast, c * strain)
             system.load[i] = fma(eta, r, system.load[i])
             system.matrix[place] += (h * h) * eta
-
-
-@kernel
-def add_jacobian(body, world, control, x, v, matrices, cache):
-    """Add -df/dx to `matrices.stiffness` (3N,3N) and -df/dv to `matrices.damping`, both exact; of one fish."""
-    anchors, stiffness, damping = world.anchors, matrices.stiffness, matrices.damping
-    for m in range(anchors.node.size):
-        i, natural = anchors.node[m], anchors.rest_length[m]
-        c, k = control.lightness[0] * anchors.stiffness[m], control.lightness[0] * anchors.damping[m]
-        r, inverse = separation(anchors, m, x)
-        u, n = anchors.velocity[m] - v[i], inverse * r
-        speed = dot(n, u)
-        eta = c - natural * inverse * c + k * speed * inverse
-        q = (k * inverse) * (u - speed * n)
-        direction, turning = (n.x, n.y, n.z), (q.x, q.y, q.z)
-        for a in range(3):
-            if natural == 0.0:
-                stiffness[3 * i + a, 3 * i + a] += c
-                damping[3 * i + a, 3 * i + a] += k
-                continue
-            if inverse == 0.0:  # it points nowhere
-                continue
-            stiffness[3 * i + a, 3 * i + a] += eta
-            for b in range(3):
-                straight = direction[a] * direction[b]
-                stiffness[3 * i + a, 3 * i + b] += (c - eta) * straight + direction[a] * turning[b]
-                damping[3 * i + a, 3 * i + b] += k * straight
 
 
 @kernel

@@ -35,7 +35,7 @@ def make_control(body, kind: Kind, driven=(), plans=NO_PLAN, costs=None) -> Pack
         costs=np.zeros((len(plans), 3), dtype=np.int64) if costs is None else costs,
         row=np.zeros(1, dtype=np.int64),
     )
-    control.rest_length.memory[:] = body.springs.rest_length[:, None]
+    control.rest_length.memory[:, : kind.width] = body.springs.rest_length[:, None]
     for name in ("stiffness", "drag", "lightness"):
-        getattr(control, name).memory[:] = 1.0
+        getattr(control, name).memory[:, : kind.width] = 1.0
     return control

@@ -1,20 +1,23 @@
-"""Forces, exact derivatives and energies of one fish, for Python: references, statics and tests call them."""
+"""Forces, exact derivatives and energies of one fish, for Python: references, statics and tests call them.
+
+Derivatives are those of the forces' own kernels, which are called with dual numbers: no force states them.
+"""
 
 from functools import cache
 
 import numpy as np
 
 from fish_env import forces
-from fish_env._jit import njit
+from fish_env._jit import kernel, njit
 from fish_env.forces.control import make_control
-from fish_env.simd import Kind, Pack, packed, zero
+from fish_env.simd import Kind, Pack, directions, floats, packed, zero
 
-ONE = Kind(1)
+ONE, DUAL = Kind(1), Kind("dual")
 
 
 @cache
 def compiled(names: tuple[str, ...], function: str):
-    """A function of all these forces, compiled: it fills `block.f`, or `block.matrices`, or returns a number."""
+    """A function of all these forces, compiled: it fills `block.f`, or returns a number."""
     call = forces.total(names, function)
     if function in ("energy", "failed"):
 
@@ -24,14 +27,6 @@ def compiled(names: tuple[str, ...], function: str):
             return call(b.body, b.world, b.control, b.x, b.v, b.f, b.cache)
 
         return number
-    if function == "add_jacobian":
-
-        @njit
-        def jacobian(block):
-            b = block
-            call(b.body, b.world, b.control, b.x, b.v, b.matrices, b.cache)
-
-        return jacobian
 
     @njit
     def force(block):
@@ -41,6 +36,56 @@ def compiled(names: tuple[str, ...], function: str):
         call(b.body, b.world, b.control, b.x, b.v, b.f, b.cache)
 
     return force
+
+
+def make_dual(body, world, names) -> Pack:
+    """What these forces work out their derivatives in: one fish whose numbers carry derivatives."""
+    n = len(body.mass)
+    return Pack("dual", control=make_control(body, DUAL), cache=forces.make_cache(body, world, DUAL, names),
+                x=DUAL.vectors(n), v=DUAL.vectors(n), f=DUAL.vectors(n))  # fmt: skip
+
+
+@cache
+def make_jacobian(names: tuple[str, ...]):
+    """The kernel `(body, world, dual, stiffness, damping)` that sets -df/dx and -df/dv, (3N,3N).
+
+    Of all smooth ones of these forces, on one fish (one lane, float64) in the state that `make_dual`'s pack has in its
+    values. `damping` may have no columns: then it is left out.
+    """
+    add_force = forces.total(tuple(name for name in names if not hasattr(forces.FORCES[name], "JUMPS")), "add_force")
+
+    @kernel
+    def jacobian(body, world, dual, stiffness, damping):
+        x, v, f, size = floats(dual.x), floats(dual.v), floats(dual.f), stiffness.shape[1]
+        columns, together = size + damping.shape[1], directions(dual.f)
+        for first in range(0, columns, together):
+            last = min(first + together, columns)
+            for m in range(first, last):
+                moving, place, which = (x, m, m - first + 1) if m < size else (v, m - size, m - first + 1)
+                moving[place // 3, place % 3, which] = 1.0
+            for i in range(dual.f.size):
+                dual.f[i] = zero(dual.f)
+            add_force(body, world, dual.control, dual.x, dual.v, dual.f, dual.cache)
+            for m in range(first, last):
+                moving, place, which = (x, m, m - first + 1) if m < size else (v, m - size, m - first + 1)
+                matrix = stiffness if m < size else damping
+                moving[place // 3, place % 3, which] = 0.0
+                for row in range(size):
+                    matrix[row, place] = -f[row // 3, row % 3, which]
+
+    return jacobian
+
+
+@cache
+def compiled_jacobian(names: tuple[str, ...]):
+    """`make_jacobian`, compiled."""
+    jacobian = make_jacobian(names)
+
+    @njit
+    def call(block, dual, stiffness, damping):
+        jacobian(block.body, block.world, dual, stiffness, damping)
+
+    return call
 
 
 class Evaluator:
@@ -55,12 +100,11 @@ class Evaluator:
     def __init__(self, body, world, names: tuple[str, ...] | None = None):
         self.names = forces.present(body, world) if names is None else names
         n = len(body.mass)
-        self._control = make_control(body, ONE)
-        self._matrices = Pack("matrices", stiffness=np.zeros((0, 0)), damping=np.zeros((0, 0)))
+        self._control, self._dual, self._around = make_control(body, ONE), None, (body, world)
         self._block = Pack(
             "block", body=packed(body, ONE), world=packed(world, ONE), control=self._control,
             x=ONE.vectors(n), v=ONE.vectors(n), f=ONE.vectors(n),
-            cache=forces.make_cache(body, world, ONE, self.names), matrices=self._matrices,
+            cache=forces.make_cache(body, world, ONE, self.names),
         )  # fmt: skip
 
     def _set(self, rest_length, x, v) -> None:
@@ -74,18 +118,20 @@ class Evaluator:
         return self._block.f.memory.copy()
 
     def jacobian(self, rest_length, x, v) -> tuple[np.ndarray, np.ndarray]:
-        """Exact -df/dx (3N,3N) N/m and -df/dv (3N,3N) N s/m. The walls, whose force jumps, are left out.
+        """Exact -df/dx (3N,3N) N/m and -df/dv (3N,3N) N s/m. The walls, whose force jumps, are left out."""
+        return self._derivatives(rest_length, x, v, x.size)
 
-        Raises:
-            ValueError: for a force without derivatives.
-        """
-        for name in forces.without(self.names, "add_jacobian"):
-            raise ValueError(f"the force {name!r} has no add_jacobian; this method needs exact derivatives")
-        self._set(rest_length, x, v)
-        size = 3 * len(x)
-        stiffness, damping = np.zeros((2, size, size))
-        self._matrices.set(stiffness=stiffness, damping=damping)
-        compiled(self.names, "add_jacobian")(self._block)
+    def stiffness(self, rest_length, x, v) -> np.ndarray:
+        """Exact -df/dx (3N,3N) N/m, as `jacobian`."""
+        return self._derivatives(rest_length, x, v, 0)[0]
+
+    def _derivatives(self, rest_length, x, v, columns):
+        if self._dual is None:
+            self._dual = make_dual(*self._around, self.names)
+        dual, stiffness, damping = self._dual, np.zeros((x.size, x.size)), np.zeros((x.size, columns))
+        dual.control.rest_length.memory[:, 0] = rest_length
+        dual.x.memory[:, :, 0], dual.v.memory[:, :, 0] = x, v
+        compiled_jacobian(self.names)(self._block, dual, stiffness, damping)
         return stiffness, damping
 
     def energies(self, rest_length, x, v) -> dict[str, float]:

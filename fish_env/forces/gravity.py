@@ -48,14 +48,6 @@ def add_system(body, world, control, x, v, a, cache):
 
 
 @kernel
-def add_jacobian(body, world, control, x, v, matrices, cache):
-    """Add -df/dv to `matrices.damping` (3N,3N); of one fish."""
-    drag = world.viscosity * control.lightness[0]
-    for i in range(matrices.damping.shape[0]):
-        matrices.damping[i, i] += drag
-
-
-@kernel
 def energy(body, world, control, x, v, f, cache):
     """Potential energy of the weight, J, zero at the origin."""
     total = zero(control.stiffness)

@@ -12,7 +12,6 @@ import numpy as np
 
 from fish_env._jit import INDEX, kernel
 from fish_env.failures import ESCAPED
-from fish_env.forces.blocks import add_outer, add_turning
 from fish_env.simd import any_lane, cross, dot, fma, log, nowhere, select, vec3, zero
 
 NEAR = 0.6  # of the volume at rest, below which a barrier acts
@@ -72,43 +71,6 @@ def add_force(body, world, control, x, v, f, cache):
         f[INDEX(guards.nodes[k, 0])] += p
         f[INDEX(guards.nodes[k, 1])] += q
         f[INDEX(guards.nodes[k, 3])] -= total
-
-
-@kernel
-def add_jacobian(body, world, control, x, v, matrices, cache):
-    """Add -df/dx to `matrices.stiffness` (3N,3N), exact; of one fish."""
-    guards, stiffness = body.guards, matrices.stiffness
-    for k in range(guards.energy.size):
-        s, p, q, r = relative_volume(guards, k, x)
-        _, first, second = barrier(s)
-        if not second > 0.0:
-            continue
-        scale, third = guards.energy[k] * control.stiffness[0], guards.nodes[k, 2]
-        one, two, inner = guards.nodes[k, 0], guards.nodes[k, 1], guards.nodes[k, 3]
-        nodes, slope = (one, two, inner, third), (p, q, -(p + q), r)
-        if third >= 0:
-            slope = (p, q, -(p + q + r), r)
-        count = 3 if third < 0 else 4
-        for a in range(count):
-            for b in range(count):
-                add_outer(stiffness, nodes[a], nodes[b], slope[a], (scale * second) * slope[b])
-        d, e, f = corners(guards, k, x)
-        turning = scale * first / (6.0 * guards.volume[k])
-        add_pair(stiffness, one, two, inner, turning * f)
-        if third >= 0:
-            add_pair(stiffness, two, third, inner, turning * d)
-            add_pair(stiffness, third, one, inner, turning * e)
-
-
-@kernel
-def add_pair(matrix, a, b, inner, w):
-    """Add what two outer corners do to each other and to the inner node: the gradient at a turns as b moves."""
-    add_turning(matrix, a, b, w)
-    add_turning(matrix, b, a, -w)
-    add_turning(matrix, a, inner, -w)
-    add_turning(matrix, b, inner, w)
-    add_turning(matrix, inner, a, w)
-    add_turning(matrix, inner, b, -w)
 
 
 @kernel

@@ -13,7 +13,22 @@ import math
 import numpy as np
 
 from fish_env._jit import kernel, part
-from fish_env.simd import Pack, all_lanes, any_lane, block_size, cross, dot, epsilon, floats, fma, lane, select, sqrt
+from fish_env.simd import (
+    Pack,
+    all_lanes,
+    any_lane,
+    block_size,
+    cross,
+    directions,
+    dot,
+    epsilon,
+    floats,
+    fma,
+    lane,
+    select,
+    sqrt,
+    vec3,
+)
 
 NEWTON = 50  # steps at most; near a rotation three are enough
 RATE = 100.0  # times the square of Newton's relative step: what the next step is, at most, where the root is CLEAR
@@ -57,7 +72,7 @@ def rotation(p, q, r, scratch):
     y = inverse * (fma(t, b, rest * q) - fma(m12, r, fma(m11, q, m01 * p)))
     z = inverse * (fma(t, c, rest * r) - fma(m22, r, fma(m12, q, m02 * p)))
     clear = pairs > CLEAR * n * sqrt(n)
-    if not all_lanes(clear):
+    if not all_lanes(clear) or directions(scratch.f):
         f, turn = scratch.f, scratch.r
         f[0], f[1], f[2] = p, q, r
         turn[0], turn[1], turn[2] = x, y, z
@@ -65,7 +80,29 @@ def rotation(p, q, r, scratch):
             if not lane(clear, fish):
                 by_jacobi(scratch, fish)
         x, y, z = turn[0], turn[1], turn[2]
+        if directions(f):
+            x, y, z = with_derivatives(p, q, r, turn)
     return x, y, z
+
+
+@kernel
+def with_derivatives(p, q, r, turn):
+    """The rotation `turn` of a matrix of dual numbers, with its derivatives: those that a last Newton step leaves.
+
+    The step turns it by w, (tr S - S) w = sum of x cross p, with S = F R^T: nothing, but for what F changes by.
+    """
+    columns = floats(turn)
+    for i in range(3):
+        for k in range(3):
+            for direction in range(directions(turn)):
+                columns[i, k, 1 + direction] = 0.0
+    x, y, z = turn[0], turn[1], turn[2]
+    a, b, c = fma(z.x, r, fma(y.x, q, x.x * p)), fma(z.y, r, fma(y.y, q, x.y * p)), fma(z.z, r, fma(y.z, q, x.z * p))
+    trace, xy, xz, yz = a.x + b.y + c.z, -0.5 * (a.y + b.x), -0.5 * (a.z + c.x), -0.5 * (b.z + c.y)
+    a, b, c = vec3(trace - a.x, xy, xz), vec3(xy, trace - b.y, yz), vec3(xz, yz, trace - c.z)
+    one, two, three, off = cross(b, c), cross(c, a), cross(a, b), cross(x, p) + cross(y, q) + cross(z, r)
+    w = (1.0 / dot(a, one)) * fma(off.z, three, fma(off.y, two, off.x * one))  # (51)
+    return x + cross(w, x), y + cross(w, y), z + cross(w, z)
 
 
 @part

@@ -11,9 +11,8 @@ import numpy as np
 
 from fish_env._jit import INDEX, kernel
 from fish_env.failures import ESCAPED
-from fish_env.forces.blocks import add_outer, add_turning
 from fish_env.forces.plan import FACTOR, H
-from fish_env.simd import Pack, dot, fma, log, nowhere, select, sqrt, vec3, zero
+from fish_env.simd import Pack, dot, fma, log, nowhere, select, sqrt, zero
 from fish_env.volume import add_volume, volume_of
 
 FAILURE = ESCAPED
@@ -95,38 +94,6 @@ def add_tangent(body, world, control, x, y, f, cache):
         change *= -weight
         for i in range(count):
             f[i] = fma(change, slope[INDEX(c * count + i)], f[i])  # (55)
-
-
-@kernel
-def add_jacobian(body, world, control, x, v, matrices, cache):
-    """Add -df/dx to `matrices.stiffness` (3N,3N), exact: compression, and the turning of the walls; of one fish."""
-    chambers, stiffness, slope, count = body.chambers, matrices.stiffness, cache.slope, x.size
-    for c in range(chambers.gas.size):
-        pressure, inverse = push(body, c, volume(body, c, x, slope))
-        rise, pressure = control.stiffness[0] * chambers.gas[c] * inverse * inverse, control.stiffness[0] * pressure
-        for i in range(count):
-            for j in range(count):
-                add_outer(stiffness, i, j, slope[INDEX(c * count + i)], rise * slope[INDEX(c * count + j)])
-        for k in range(chambers.first[c], chambers.first[c + 1]):
-            if chambers.faces[k, 2] < 0:
-                w = vec3(0.0, 0.0, -0.5 * pressure)
-                add_turning(stiffness, chambers.faces[k, 0], chambers.faces[k, 1], w)
-                add_turning(stiffness, chambers.faces[k, 1], chambers.faces[k, 0], -w)
-                continue
-            add_face(chambers.faces, k, x[INDEX(chambers.faces[chambers.first[c], 0])], pressure, x, stiffness)
-
-
-@kernel
-def add_face(faces, k, o, pressure, x, stiffness):
-    """Add what the turning of face k does; o is a point near it."""
-    p, q, r, s = x[INDEX(faces[k, 0])], x[INDEX(faces[k, 1])], x[INDEX(faces[k, 2])], x[INDEX(faces[k, 3])]
-    d, e, m = r - p, s - q, fma(-4.0, o, p + q + r + s)
-    for a in range(4):
-        along, across = (a == 2) * 1.0 - (a == 0) * 1.0, (a == 3) * 1.0 - (a == 1) * 1.0
-        for b in range(4):
-            other, beside = (b == 2) * 1.0 - (b == 0) * 1.0, (b == 3) * 1.0 - (b == 1) * 1.0
-            w = (other - along) * e - (beside - across) * d + (along * beside - across * other) * m
-            add_turning(stiffness, faces[k, a], faces[k, b], (-pressure / 24.0) * w)
 
 
 @kernel

@@ -44,7 +44,7 @@ def tangent(body, world, rest_length, x):
 
 
 def _stiffness(names, body, world, rest_length, x) -> np.ndarray:
-    return Evaluator(body, world, names).jacobian(rest_length, x, np.zeros_like(x))[0]
+    return Evaluator(body, world, names).stiffness(rest_length, x, np.zeros_like(x))
 
 
 def _pieces(body, world, rest_length):

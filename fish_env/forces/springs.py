@@ -36,17 +36,21 @@ def rest_matrices(body, elastic):
 
 
 @kernel
+def stretched(springs, rest, x, v, e):
+    """Of spring e: i, j, r, 1 / |r|, its strain over its present length, and |r|'s relative rate of change, 1/s."""
+    i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
+    r, u = x[j] - x[i], v[j] - v[i]
+    inverse = 1.0 / sqrt(dot(r, r))
+    return i, j, r, inverse, fma(-rest[e], inverse, 1.0), dot(r, u) * (inverse * inverse)  # (2)
+
+
+@kernel
 def add_force(body, world, control, x, v, f, cache):
     """Add the elastic and viscous force of every spring."""
-    nodes, stiffness, damping = body.springs.nodes, body.springs.stiffness, body.springs.damping
-    rest, factor = control.rest_length, control.stiffness[0]
-    for e in range(stiffness.size):
-        i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
-        r, u = x[j] - x[i], v[j] - v[i]
-        inverse = 1.0 / sqrt(dot(r, r))
-        strain = fma(-rest[e], inverse, 1.0)
-        fast = dot(r, u) * (inverse * inverse)  # (2)
-        pull = (factor * fma(damping[e], fast, stiffness[e] * strain)) * r  # (3), (4)
+    springs, rest, factor = body.springs, control.rest_length, control.stiffness[0]
+    for e in range(springs.stiffness.size):
+        i, j, r, _, strain, fast = stretched(springs, rest, x, v, e)
+        pull = (factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)) * r  # (3), (4)
         f[i] += pull
         f[j] -= pull
 
@@ -59,29 +63,22 @@ def add_force_cached(body, world, control, x, v, f, cache):
     hold back less than half a step of damping, at small steps: then they hold back just that, LEAST, so that the
     damping stays of second order.
     """
-    nodes, stiffness, damping = body.springs.nodes, body.springs.stiffness, body.springs.damping
-    rest, factor, fastest = control.rest_length, control.stiffness[0], control.fastest[0]
+    springs, rest, factor, fastest = body.springs, control.rest_length, control.stiffness[0], control.fastest[0]
     plans, row = control.plans, control.row[0]
     h, least = plans[row, H], plans[row, LEAST]
     elastic_part, viscous_part = plans[row, FACTOR] * h * h, 2.0 * plans[row, FACTOR] * h
-    kept_r, kept_across, kept_pull = cache.r, cache.across, cache.pull
-    for e in range(stiffness.size):
-        i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
-        c, k = stiffness[e], damping[e]
+    for e in range(springs.stiffness.size):
+        i, j, r, inverse, strain, fast = stretched(springs, rest, x, v, e)
+        c, k = springs.stiffness[e], springs.damping[e]
         elastic = elastic_part * c
         along = max(elastic + viscous_part * k, least * h * k)
-        r, u = x[j] - x[i], v[j] - v[i]
-        inverse = 1.0 / sqrt(dot(r, r))
-        square = inverse * inverse
-        strain = fma(-rest[e], inverse, 1.0)
-        fast = dot(r, u) * square  # (2)
-        pull = (factor * fma(k, fast, c * strain)) * r  # (3), (4)
+        pull = (factor * fma(k, fast, c * strain)) * r
         f[i] += pull
         f[j] -= pull
         across = (factor * elastic) * select(strain > MOST_COMPRESSED, strain, MOST_COMPRESSED)
-        kept_r[e] = r
-        kept_across[e] = across
-        kept_pull[e] = fma(factor, along, -across) * square
+        cache.r[e] = r
+        cache.across[e] = across
+        cache.pull[e] = fma(factor, along, -across) * (inverse * inverse)
         fast = abs(fast)
         fastest = select(fast > fastest, fast, fastest)
     control.fastest[0] = fastest
@@ -91,78 +88,44 @@ def add_force_cached(body, world, control, x, v, f, cache):
 def add_tangent(body, world, control, x, y, f, cache):
     """Add the pull of the springs if every node moved by y, by the stiffness that was kept."""
     nodes = body.springs.nodes
-    kept_r, kept_across, kept_pull = cache.r, cache.across, cache.pull
     for e in range(nodes.shape[0]):
         i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
-        u, r = y[j] - y[i], kept_r[e]
-        g = fma(kept_pull[e] * dot(r, u), r, kept_across[e] * u)
+        u, r = y[j] - y[i], cache.r[e]
+        g = fma(cache.pull[e] * dot(r, u), r, cache.across[e] * u)
         f[i] += g
         f[j] -= g
-
-
-@kernel
-def derivative(body, control, x, v, e, lowest):
-    """How the force of spring e follows its separation: r, eta, c, k, q; df/dr = eta + (c - eta) n n^T + n q^T.
-
-    eta, N/m, is taken to be at least `lowest`: with 0, df/dr less its last part is positive semi-definite.
-    """
-    i, j = INDEX(body.springs.nodes[e, 0]), INDEX(body.springs.nodes[e, 1])
-    factor = control.stiffness[0]
-    r, u = x[j] - x[i], v[j] - v[i]
-    inverse = 1.0 / sqrt(dot(r, r))
-    n = inverse * r
-    speed = dot(u, n)
-    c, k = factor * body.springs.stiffness[e], factor * body.springs.damping[e]
-    eta = fma(-(c * control.rest_length[e]), inverse, c) + k * (speed * inverse)
-    q = (k * inverse) * (u - speed * n)
-    return r, inverse, select(eta > lowest, eta, lowest), c, k, q
-
-
-@kernel
-def add_jacobian(body, world, control, x, v, matrices, cache):
-    """Add -df/dx to `matrices.stiffness` (3N,3N) and -df/dv to `matrices.damping`, both exact; of one fish."""
-    stiffness, damping = matrices.stiffness, matrices.damping
-    for e in range(body.springs.nodes.shape[0]):
-        i, j = body.springs.nodes[e, 0], body.springs.nodes[e, 1]
-        r, inverse, eta, c, k, q = derivative(body, control, x, v, e, -np.inf)
-        n = inverse * r
-        direction, turning = (n.x, n.y, n.z), (q.x, q.y, q.z)
-        for p, s in ((i, j), (j, i)):
-            for a in range(3):
-                for b in range(3):
-                    straight = direction[a] * direction[b]
-                    along = (c - eta) * straight + direction[a] * turning[b] + (eta if a == b else 0.0)  # (22)
-                    stiffness[3 * p + a, 3 * p + b] += along
-                    stiffness[3 * p + a, 3 * s + b] -= along
-                    damping[3 * p + a, 3 * p + b] += k * straight  # (23)
-                    damping[3 * p + a, 3 * s + b] -= k * straight
 
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
     """Add h D + h^2 K to the matrix a, with h the INNER step, and keep K for `add_tangent`.
 
-    D is -df/dv and K is -df/dx less the turning part n q^T, which is not symmetric. a holds three columns for each
-    entry of the nodes' skyline.
+    D is -df/dv and K is -df/dx less what is not symmetric in it, that damping acts along a direction that turns. The
+    effective stiffness eta is taken to be at least LOWEST: with 0, K is positive semi-definite. a holds three columns
+    for each entry of the nodes' skyline.
     """
-    plans, row = control.plans, control.row[0]
-    h, lowest = plans[row, INNER], plans[row, LOWEST]
-    nodes, entry, diagonal = body.springs.nodes, body.springs.entry, body.profile.diagonal
-    for e in range(nodes.shape[0]):
-        r, inverse, eta, c, k, _ = derivative(body, control, x, v, e, lowest)
-        n = inverse * r
-        m = (h * h * (c - eta) + h * k) * n
-        even = h * h * eta
-        columns = (n.x * m + even * vec3(1.0, 0.0, 0.0), n.y * m + even * vec3(0.0, 1.0, 0.0),
-                   n.z * m + even * vec3(0.0, 0.0, 1.0))  # fmt: skip
-        one, other, both = 3 * diagonal[INDEX(nodes[e, 0])], 3 * diagonal[INDEX(nodes[e, 1])], 3 * entry[e]
-        for axis in range(3):
-            a[INDEX(one + axis)] += columns[axis]
-            a[INDEX(other + axis)] += columns[axis]
-            a[INDEX(both + axis)] -= columns[axis]
+    springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
+    h, lowest = control.plans[control.row[0], INNER], control.plans[control.row[0], LOWEST]
+    for e in range(springs.stiffness.size):
+        i, j, r, inverse, strain, fast = stretched(springs, rest, x, v, e)
+        c, k = factor * springs.stiffness[e], factor * springs.damping[e]
+        eta = fma(k, fast, c * strain)
+        eta = select(eta > lowest, eta, lowest)
+        along, across = ((h * h * (c - eta) + h * k) * (inverse * inverse)) * r, (h * h) * eta  # (22), (23)
+        add_columns(a, 3 * diagonal[i], 1.0, r, along, across)
+        add_columns(a, 3 * diagonal[j], 1.0, r, along, across)
+        add_columns(a, 3 * springs.entry[e], -1.0, r, along, across)
         cache.r[e] = r
         cache.across[e] = eta
         cache.pull[e] = (c - eta) * (inverse * inverse)
+
+
+@kernel
+def add_columns(a, place, sign, r, along, across):
+    """Add sign (along r^T + across) to the block of which the columns stand in a from a place on."""
+    a[INDEX(place)] += sign * fma(r.x, along, across * vec3(1.0, 0.0, 0.0))
+    a[INDEX(place + 1)] += sign * fma(r.y, along, across * vec3(0.0, 1.0, 0.0))
+    a[INDEX(place + 2)] += sign * fma(r.z, along, across * vec3(0.0, 0.0, 1.0))
 
 
 @kernel
@@ -173,21 +136,14 @@ def add_lagged(body, world, control, x, v, system, cache):
     each entry of the nodes' skyline.
     """
     matrix, load, h = system.matrix, system.load, control.plans[control.row[0], INNER]
-    nodes, entry, diagonal = body.springs.nodes, body.springs.entry, body.profile.diagonal
-    stiffness, damping = body.springs.stiffness, body.springs.damping
-    rest, factor = control.rest_length, control.stiffness[0]
-    for e in range(stiffness.size):
-        i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
-        r, u = x[j] - x[i], v[j] - v[i]
-        inverse = 1.0 / sqrt(dot(r, r))
-        strain = fma(-rest[e], inverse, 1.0)
-        fast = dot(r, u) * (inverse * inverse)  # (2)
-        eta = factor * fma(damping[e], fast, stiffness[e] * strain)
-        weight = (h * h) * eta
+    springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
+    for e in range(springs.stiffness.size):
+        i, j, r, _, strain, fast = stretched(springs, rest, x, v, e)
+        eta = factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)
+        weight, pull = (h * h) * eta, eta * r
         matrix[INDEX(diagonal[i])] += weight  # (7)
         matrix[INDEX(diagonal[j])] += weight
-        matrix[INDEX(entry[e])] -= weight
-        pull = eta * r
+        matrix[INDEX(springs.entry[e])] -= weight
         load[i] += pull  # (8)
         load[j] -= pull
 

@@ -9,7 +9,7 @@ sum of x_a g_a^T; a matrix m is a tuple of its columns, also p, q, r.
 
 from fish_env._jit import INDEX, kernel
 from fish_env.forces import polar
-from fish_env.simd import cross, dot, fma, vec3
+from fish_env.simd import fma, vec3
 
 
 @kernel
@@ -98,12 +98,3 @@ def scatter(tets, t, m, h, f):
 def constants(tets, t, factor):
     """Lame's constants times the volume and a factor, Pa m3."""
     return factor * (tets.volume[t] * tets.shear[t]), factor * (tets.volume[t] * tets.dilation[t])
-
-
-@kernel
-def turning(tets, m):
-    """The inverse of tr(S) - S, with S the symmetric part of a matrix m; zero in a frame that does not turn."""
-    p, q, r = stress(m, -0.5, 1.0)
-    a, b, c = cross(q, r), cross(r, p), cross(p, q)
-    inverse = 1.0 / dot(p, a) if tets.rotating else 0.0
-    return inverse * a, inverse * b, inverse * c

@@ -12,21 +12,18 @@ import numpy as np
 from fish_env._jit import kernel
 from fish_env.failures import STRETCH_LIMIT, TORN
 from fish_env.forces import polar
-from fish_env.forces.blocks import add_column
 from fish_env.forces.plan import FACTOR, INNER, LEAST, H
 from fish_env.forces.tetrahedron import (
     constants,
     edges,
     gradient,
     less_one,
-    product,
     scatter,
     stress,
     turned,
-    turning,
     world_gradient,
 )
-from fish_env.simd import Pack, cross, dot, fma, nowhere, vec3, zero
+from fish_env.simd import Pack, dot, fma, nowhere, vec3, zero
 
 FAILURE = TORN
 
@@ -134,36 +131,6 @@ def add_system(body, world, control, x, v, a, cache):
                 a[place] += fma(mu * here.x, there, (la * there.x) * here) + along * vec3(1.0, 0.0, 0.0)  # (50)
                 a[place + 1] += fma(mu * here.y, there, (la * there.y) * here) + along * vec3(0.0, 1.0, 0.0)
                 a[place + 2] += fma(mu * here.z, there, (la * there.z) * here) + along * vec3(0.0, 0.0, 1.0)
-
-
-@kernel
-def add_jacobian(body, world, control, x, v, matrices, cache):
-    """Add -df/dx to `matrices.stiffness` (3N,3N) and -df/dv to `matrices.damping`, both exact; of one fish.
-
-    Where corner b moves along an axis n, F R^T changes by n h_b^T, and the frame turns by the vector w.
-    """
-    tets, now = body.tets, cache.corner
-    axes = (vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0))
-    for t in range(tets.volume.size):
-        e, u, s = edges(tets, t, x), edges(tets, t, v), tets.relaxation_time[t]
-        h = turned(tets, t, e, cache.polar)
-        mu, la = constants(tets, t, control.stiffness[0])
-        p, q, r = world_gradient((fma(s, u[0], e[0]), fma(s, u[1], e[1]), fma(s, u[2], e[2])), h)
-        pull, stiff = stress(less_one((p, q, r)), mu, la), turning(tets, world_gradient(e, h))
-        now[0] = -(h[0] + h[1] + h[2])
-        now[1], now[2], now[3] = h
-        for b in range(4):
-            g = now[b]
-            for k in range(3):
-                n = axes[k]
-                w, moved = product(stiff, cross(g, n)), (g.x * n, g.y * n, g.z * n)
-                change = stress((moved[0] - cross(w, p), moved[1] - cross(w, q), moved[2] - cross(w, r)), mu, la)
-                slope = stress(moved, s * mu, s * la)
-                column = 3 * tets.nodes[t, b] + k
-                for a in range(4):
-                    i, turn = tets.nodes[t, a], cross(w, product(pull, now[a]))
-                    add_column(matrices.damping, i, column, product(slope, now[a]))
-                    add_column(matrices.stiffness, i, column, product(change, now[a]) + turn)  # (51)
 
 
 @kernel

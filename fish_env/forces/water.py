@@ -82,15 +82,21 @@ def laws(world, control):
 
 
 @kernel
+def push_on(body, linear, quadratic, current, x, v, k):
+    """Normal of face k, its area, and the push along the normal; no suction on a face that moves inward."""
+    a, w = area_vector(body, x, k), velocity(body, current, v, k)
+    area = sqrt(dot(a, a))
+    n = (1.0 / area) * a
+    outward, speed = dot(n, w), sqrt(dot(w, w))
+    return n, area, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
+
+
+@kernel
 def add_force(body, world, control, x, v, f, cache):
-    """Add the force of the water on every face; the one-sided laws exert no suction on one that moves inward."""
+    """Add the force of the water on every face."""
     linear, quadratic, current = laws(world, control)
     for k in range(body.faces.nodes.shape[0]):
-        a, w = area_vector(body, x, k), velocity(body, current, v, k)
-        area = sqrt(dot(a, a))
-        n = (1.0 / area) * a
-        outward, speed = dot(n, w), sqrt(dot(w, w))
-        push = select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
+        n, _, push = push_on(body, linear, quadratic, current, x, v, k)
         scatter(body, k, push * n, f)
 
 
@@ -98,17 +104,12 @@ def add_force(body, world, control, x, v, f, cache):
 def add_force_cached(body, world, control, x, v, f, cache):
     """As `add_force`, and keep what `add_change` needs."""
     linear, quadratic, current = laws(world, control)
-    normals, areas, pushes = cache.normal, cache.area, cache.push
-    for k in range(areas.size):
-        a, w = area_vector(body, x, k), velocity(body, current, v, k)
-        area = sqrt(dot(a, a))
-        n = (1.0 / area) * a
-        outward, speed = dot(n, w), sqrt(dot(w, w))
-        push = select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)
+    for k in range(body.faces.nodes.shape[0]):
+        n, area, push = push_on(body, linear, quadratic, current, x, v, k)
         scatter(body, k, push * n, f)
-        normals[k] = n
-        areas[k] = area
-        pushes[k] = push
+        cache.normal[k] = n
+        cache.area[k] = area
+        cache.push[k] = push
 
 
 @kernel
@@ -118,51 +119,15 @@ def add_change(body, world, control, x, v, f, cache):
     Each face's drag is taken implicitly, as if it alone slowed the face down.
     """
     linear, quadratic, current = laws(world, control)
-    normals, areas, pushes, mobilities = cache.normal, cache.area, cache.push, cache.mobility
     half = 0.5 * control.plans[control.row[0], H]
-    for k in range(areas.size):
-        n, area, push, w = normals[k], areas[k], pushes[k], velocity(body, current, v, k)
+    for k in range(cache.area.size):
+        n, area, push, w = cache.normal[k], cache.area[k], cache.push[k], velocity(body, current, v, k)
         outward, square = dot(n, w), dot(w, w)
         speed = sqrt(square)
         change = -(fma(quadratic, speed, linear) * outward * area) - push
         slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
-        ahead = change * (speed / fma((half * mobilities[k]) * area, slope, speed))  # (38)
+        ahead = change * (speed / fma((half * cache.mobility[k]) * area, slope, speed))  # (38)
         scatter(body, k, select(outward > 0.0, ahead, -push) * n, f)
-
-
-@kernel
-def add_jacobian(body, world, control, x, v, matrices, cache):
-    """Add -df/dx to `matrices.stiffness` (3N,3N) and -df/dv to `matrices.damping`, both exact; of one fish."""
-    linear, quadratic, current = laws(world, control)
-    stiffness, damping = matrices.stiffness, matrices.damping
-    for k in range(body.faces.nodes.shape[0]):
-        nodes, share = body.faces.nodes[k], body.faces.share[k]
-        a, w = area_vector(body, x, k), velocity(body, current, v, k)
-        area, speed = sqrt(dot(a, a)), sqrt(dot(w, w))
-        n = (1.0 / area) * a
-        outward = dot(n, w)
-        if not outward > 0.0:
-            continue
-        push, rise = linear + quadratic * speed, quadratic * outward * area / speed
-        normal, along = (n.x, n.y, n.z), (w.x, w.y, w.z)
-        for m in range(4):  # da = half x dx_m: da = 1/2 (dx_r - dx_p) x (x_s - x_q) + 1/2 (x_r - x_p) x (dx_s - dx_q)
-            other, sign = 1 - m % 2, 0.5 if m in (0, 3) else -0.5
-            d = x[INDEX(nodes[other + 2])] - x[INDEX(nodes[other])]
-            if body.faces.upright:
-                d = d + vec3(0.0, 0.0, body.faces.depth[k])
-            half = (sign * d.x, sign * d.y, sign * d.z)
-            for i in range(3):
-                for j in range(3):
-                    low, high = (j + 1) % 3, (j + 2) % 3
-                    by_velocity = push * area * normal[i] * normal[j] + rise * normal[i] * along[j]  # (24)
-                    by_low = push * normal[i] * (along[low] - outward * normal[low])  # (25)
-                    by_high = push * normal[i] * (along[high] - outward * normal[high])
-                    by_low += push * outward if i == low else 0.0
-                    by_high += push * outward if i == high else 0.0
-                    turned = by_low * half[high] - by_high * half[low]  # (26)
-                    for p in range(4):
-                        stiffness[3 * nodes[p] + i, 3 * nodes[m] + j] += share[p] * turned
-                        damping[3 * nodes[p] + i, 3 * nodes[m] + j] += share[p] * share[m] * by_velocity
 
 
 @kernel
@@ -177,10 +142,9 @@ def add_damping(body, world, control, x, v, a, cache):
     first, start = body.profile.first, body.profile.start
     nodes, share = body.faces.nodes, body.faces.share
     for k in range(nodes.shape[0]):
-        a_k, w = area_vector(body, x, k), velocity(body, current, v, k)
-        area, speed = sqrt(dot(a_k, a_k)), sqrt(dot(w, w))
-        n = (1.0 / area) * a_k
-        outward = dot(n, w)
+        n, area, _ = push_on(body, linear, quadratic, current, x, v, k)
+        w = velocity(body, current, v, k)
+        outward, speed = dot(n, w), sqrt(dot(w, w))
         slope = fma(quadratic, fma(outward, outward, speed * speed), linear * speed) / speed
         drag = select(outward > 0.0, h * area * slope, 0.0)  # (27)
         columns = ((drag * n.x) * n, (drag * n.y) * n, (drag * n.z) * n)

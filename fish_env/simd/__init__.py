@@ -18,12 +18,14 @@ from fish_env.simd.functions import (
     vec3,
 )
 from fish_env.simd.memory import (
+    LANES,
     SUPPORTED,
     Kind,
     Numbers,
     Pack,
     Vectors,
     block_size,
+    directions,
     epsilon,
     floats,
     nowhere,
@@ -33,6 +35,7 @@ from fish_env.simd.memory import (
 )
 
 __all__ = [
+    "LANES",
     "SUPPORTED",
     "Kind",
     "Numbers",
@@ -42,6 +45,7 @@ __all__ = [
     "any_lane",
     "block_size",
     "cross",
+    "directions",
     "dot",
     "epsilon",
     "exp",

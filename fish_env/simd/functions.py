@@ -18,8 +18,19 @@ from numba.core.imputils import lower_builtin, lower_getattr
 from numba.core.registry import cpu_target
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
 
-from fish_env.simd import plain
-from fish_env.simd.types import XYZ, Mask, Num, Vec3, coordinates, mask_type, number_type, parts_of, whole, width
+from fish_env.simd import dual, plain
+from fish_env.simd.types import (
+    DUAL,
+    XYZ,
+    Mask,
+    Num,
+    Vec3,
+    coordinates,
+    mask_type,
+    number_type,
+    parts_of,
+    whole,
+)
 
 SCALARS = (types.Float, types.Integer)
 OPERANDS = (Num, Vec3, *SCALARS)
@@ -58,7 +69,7 @@ def vec3(x, y, z):
 
 def sqrt(a):
     """Square root of a number."""
-    return np.sqrt(a)
+    return plain.sqrt(a)
 
 
 def any_lane(condition):
@@ -73,31 +84,27 @@ def all_lanes(condition):
 
 def exp(a):
     """The exponential function, lane by lane."""
-    return np.exp(a)
+    return plain.exp(a)
 
 
 def log(a):
     """The natural logarithm, lane by lane."""
-    with np.errstate(all="ignore"):
-        return np.log(a)
+    return plain.log(a)
 
 
 def lane(a, i):
     """The number, or the truth value, of fish i of the block."""
-    return np.atleast_1d(a)[i]
+    return a.parts[i] if isinstance(a, plain.Dual) else np.atleast_1d(a)[i]
 
 
 def common(kinds):
     """(lanes, bits) of an operation on values of these types; None if they do not go together."""
     typed = [kind for kind in kinds if isinstance(kind, Num | Vec3)]
     typed = [kind for kind in typed if kind != LOOSE] or typed
-    wide = {kind.w for kind in typed if width(kind.w) > 1}
+    wide = {kind.w for kind in typed if kind.w != 1}
     if len(wide) > 1 or len({kind.bits for kind in typed}) > 1:
         return None
-    xyz = any(kind.w == XYZ for kind in typed)
-    if wide and xyz:
-        return None
-    return (XYZ if xyz else max([width(kind.w) for kind in typed], default=1)), (typed[0].bits if typed else 64)
+    return (wide.pop() if wide else 1), (typed[0].bits if typed else 64)
 
 
 def result(kinds):
@@ -110,13 +117,17 @@ def result(kinds):
     return Vec3(*lanes) if any(isinstance(kind, Vec3) for kind in kinds) else number_type(*lanes)
 
 
-def by_parts(emit):
-    """Lowering of an operation that is taken part by part: `emit(builder, *parts)` gives a part of the result."""
+def by_parts(emit, emit_dual=None):
+    """Lowering of an operation that is taken part by part: `emit(builder, *parts)` gives a part of the result.
+
+    `emit_dual` does so where the parts are dual numbers; what is linear needs none.
+    """
 
     def lower(context, builder, sig, args):
         target = sig.return_type
+        emit_part = emit_dual if emit_dual and target.w == DUAL else emit
         parts = [parts_of(builder, value, kind, target) for value, kind in zip(args, sig.args, strict=True)]
-        return whole(builder, [emit(builder, *each) for each in zip(*parts, strict=True)], target)
+        return whole(builder, [emit_part(builder, *each) for each in zip(*parts, strict=True)], target)
 
     return lower
 
@@ -137,7 +148,10 @@ def emit_fma(builder, a, b, c):
     return intrinsic(builder, "fma", a, b, c)
 
 
-def register_arithmetic(function, emit, arity, allowed=lambda kinds: True):
+emit_fma_dual = dual.fused(emit_fma)
+
+
+def register_arithmetic(function, emit, arity, allowed=lambda kinds: True, emit_dual=None):
     """Let kernels call a function, an operator for example, on our types, part by part."""
 
     class Template(AbstractTemplate):
@@ -148,7 +162,7 @@ def register_arithmetic(function, emit, arity, allowed=lambda kinds: True):
             return None
 
     infer_global(function)(Template)
-    lower = by_parts(emit)
+    lower = by_parts(emit, emit_dual)
     for kinds in np.ndindex(*[len(OPERANDS)] * arity):
         chosen = [OPERANDS[k] for k in kinds]
         if Num in chosen or Vec3 in chosen:
@@ -165,18 +179,30 @@ def vector_over_number(kinds):
     return not isinstance(kinds[1], Vec3)
 
 
-for _plain, _inplace, _emit, _allowed in (
-    (operator.add, operator.iadd, lambda builder, a, b: builder.fadd(a, b), all_or_none_vectors),
-    (operator.sub, operator.isub, lambda builder, a, b: builder.fsub(a, b), all_or_none_vectors),
-    (operator.mul, operator.imul, lambda builder, a, b: builder.fmul(a, b), lambda kinds: True),
-    (operator.truediv, operator.itruediv, lambda builder, a, b: builder.fdiv(a, b), vector_over_number),
+for _plain, _inplace, _emit, _allowed, _dual in (
+    (operator.add, operator.iadd, lambda builder, a, b: builder.fadd(a, b), all_or_none_vectors, None),
+    (operator.sub, operator.isub, lambda builder, a, b: builder.fsub(a, b), all_or_none_vectors, None),
+    (operator.mul, operator.imul, lambda builder, a, b: builder.fmul(a, b), lambda kinds: True, dual.times),
+    (operator.truediv, operator.itruediv, lambda builder, a, b: builder.fdiv(a, b), vector_over_number, dual.over),
 ):
-    register_arithmetic(_plain, _emit, 2, _allowed)
-    register_arithmetic(_inplace, _emit, 2, _allowed)
+    register_arithmetic(_plain, _emit, 2, _allowed, _dual)
+    register_arithmetic(_inplace, _emit, 2, _allowed, _dual)
+
+
+def emit_sqrt(builder, a):
+    """One part of `sqrt`."""
+    return intrinsic(builder, "sqrt", a)
+
+
+def half_over(builder, number, root):
+    """The derivative of a square root."""
+    return builder.fdiv(ir.Constant(root.type, 0.5), root)
+
+
 register_arithmetic(operator.neg, lambda builder, a: builder.fneg(a), 1)
-register_arithmetic(sqrt, lambda builder, a: intrinsic(builder, "sqrt", a), 1, lambda kinds: isinstance(kinds[0], Num))
-register_arithmetic(abs, lambda builder, a: intrinsic(builder, "fabs", a), 1)
-register_arithmetic(fma, emit_fma, 3)
+register_arithmetic(abs, lambda builder, a: intrinsic(builder, "fabs", a), 1, emit_dual=dual.absolute)
+register_arithmetic(fma, emit_fma, 3, emit_dual=emit_fma_dual)
+register_arithmetic(sqrt, emit_sqrt, 1, lambda kinds: isinstance(kinds[0], Num), dual.of_value(emit_sqrt, half_over))
 
 
 def register_float(function, emit, arity):
@@ -193,7 +219,7 @@ def register_float(function, emit, arity):
 
 
 register_float(fma, emit_fma, 3)
-register_float(sqrt, lambda builder, a: intrinsic(builder, "sqrt", a), 1)
+register_float(sqrt, emit_sqrt, 1)
 
 
 def register_comparison(function, name):
@@ -209,6 +235,8 @@ def register_comparison(function, name):
     def lower(context, builder, sig, args):
         target = result(sig.args)
         a, b = (parts_of(builder, value, kind, target)[0] for value, kind in zip(args, sig.args, strict=True))
+        if target.w == DUAL:
+            a, b = dual.value(builder, a), dual.value(builder, b)
         return builder.fcmp_ordered(name, a, b)
 
     for kinds in np.ndindex(len(OPERANDS), len(OPERANDS)):
@@ -293,7 +321,11 @@ def _dot(context, builder, sig, args):
         coordinates(builder, whole(builder, parts_of(builder, value, kind, target), target), target)
         for value, kind in zip(args, sig.args, strict=True)
     )
-    return emit_fma(builder, p[2], q[2], emit_fma(builder, p[1], q[1], builder.fmul(p[0], q[0])))
+    if target.w == DUAL:
+        first, add = dual.times(builder, p[0], q[0]), emit_fma_dual
+    else:
+        first, add = builder.fmul(p[0], q[0]), emit_fma
+    return add(builder, p[2], q[2], add(builder, p[1], q[1], first))
 
 
 @register_product(cross, Vec3)
@@ -302,6 +334,8 @@ def _cross(context, builder, sig, args):
     p, q = (parts_of(builder, value, kind, target) for value, kind in zip(args, sig.args, strict=True))
 
     def minor(a, b, c, d):  # a b - c d
+        if target.w == DUAL:
+            return emit_fma_dual(builder, a, b, builder.fneg(dual.times(builder, c, d)))
         return emit_fma(builder, a, b, builder.fneg(builder.fmul(c, d)))
 
     if target.w != XYZ:
@@ -376,8 +410,11 @@ register_reduction(any_lane, lambda builder, value, bits: builder.icmp_unsigned(
 register_reduction(all_lanes, lambda builder, value, bits: builder.icmp_unsigned("==", value, ir.Constant(bits, -1)))
 
 
-def register_by_lane(function, scalar_function):
-    """A function of the C library, taken lane by lane: the same bits for every number of lanes."""
+def register_by_lane(function, scalar_function, slope):
+    """A function of the C library, taken lane by lane: the same bits for every number of lanes.
+
+    `slope(builder, number, result)` emits its derivative.
+    """
 
     class Template(AbstractTemplate):
         def generic(self, args, kws):
@@ -392,6 +429,8 @@ def register_by_lane(function, scalar_function):
         call = context.get_function(scalar_function, signature(one, one))
         if not isinstance(kind, Num) or kind.w == 1:
             return call(builder, args)
+        if kind.w == DUAL:
+            return dual.of_value(lambda builder, number: call(builder, [number]), slope)(builder, args[0])
         value = args[0]
         for k in range(kind.w):
             place = ir.Constant(ir.IntType(32), k)
@@ -402,8 +441,8 @@ def register_by_lane(function, scalar_function):
     lower_builtin(function, types.Float)(lower)
 
 
-register_by_lane(exp, math.exp)
-register_by_lane(log, math.log)
+register_by_lane(exp, math.exp, lambda builder, number, result: result)
+register_by_lane(log, math.log, lambda builder, number, result: builder.fdiv(ir.Constant(number.type, 1.0), number))
 
 
 @infer_global(lane)

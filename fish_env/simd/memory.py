@@ -22,8 +22,8 @@ from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, inf
 from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
 from numba.np.arrayobj import populate_array
 
-from fish_env.simd.plain import Vec3 as PlainVec3
-from fish_env.simd.types import XYZ, Vec3, mask_type, number_type, width
+from fish_env.simd import plain
+from fish_env.simd.types import DIRECTIONS, DUAL, XYZ, Vec3, floats_in, mask_type, number_type, width
 
 LANES = (XYZ, 1, 2, 4, 8, 16, 32)
 TESTED = ("0.60", "0.61", "0.65", "0.66", "0.67", "0.68")
@@ -45,14 +45,15 @@ class Kind:
     """How many fish a kernel works on at once, and in which precision."""
 
     lanes: str | int = XYZ if SUPPORTED else 1
-    """"xyz", one fish with its coordinates in a register; or how many fish side by side: 1, 2, 4, 8, 16 or 32."""
+    """"xyz", one fish with its coordinates in a register; or how many fish side by side: 1, 2, 4, 8, 16 or 32; or
+    "dual", one fish with derivatives, which moves nothing but tells how forces change."""
     dtype: str = "float64"
     """"float64" or "float32"."""
 
     def __post_init__(self):
-        if self.lanes not in LANES or isinstance(self.lanes, bool):
+        if self.lanes not in (*LANES, DUAL) or isinstance(self.lanes, bool):
             raise ValueError(f"lanes is {self.lanes!r}; choose from {', '.join(map(repr, LANES))}")
-        if not SUPPORTED and self.lanes != 1:
+        if not SUPPORTED and self.lanes not in (1, DUAL):
             raise ValueError(
                 f"lanes is {self.lanes!r}, which was not tested with numba {numba.__version__}; give 1, or install one "
                 f"of {', '.join(TESTED)}"
@@ -72,11 +73,11 @@ class Kind:
 
     def numbers(self, count: int) -> "Numbers":
         """`count` numbers a fish, all zero."""
-        return Numbers(aligned((count, self.width), self.dtype), self)
+        return Numbers(aligned((count, floats_in(self.lanes)), self.dtype), self)
 
     def vectors(self, count: int) -> "Vectors":
         """`count` vectors a fish, all zero."""
-        shape = (count, 4) if self.lanes == XYZ else (count, 3, self.width)
+        shape = (count, 4) if self.lanes == XYZ else (count, 3, floats_in(self.lanes))
         return Vectors(aligned(shape, self.dtype), self)
 
     def rows(self, array) -> "Vectors":
@@ -105,7 +106,7 @@ class Numbers:
 
     def __init__(self, memory: np.ndarray, kind: Kind):
         self.memory, self.kind = memory, kind
-        self._rows = memory.reshape(len(memory), kind.width)
+        self._rows = memory.reshape(len(memory), floats_in(kind.lanes))
         self.element, self.shape = number_type(kind.lanes, kind.bits), (len(memory),)
 
     @property
@@ -113,17 +114,17 @@ class Numbers:
         return self.shape[0]
 
     def __getitem__(self, i):
-        return self._rows[i, 0] if self.kind.width == 1 else self._rows[i].copy()
+        return plain.read(self._rows[i], self.kind.lanes)
 
     def __setitem__(self, i, value):
-        self._rows[i] = value
+        plain.write(self._rows, i, value, self.kind.lanes)
 
 
 class Vectors:
     """Vectors, memory (...,3,w), or (...,4) for one fish in a register; one lane may leave the last axis out."""
 
     def __init__(self, memory: np.ndarray, kind: Kind):
-        tail = {XYZ: (4,), 1: (3,)}.get(kind.lanes, (3, kind.lanes))
+        tail = {XYZ: (4,), 1: (3,)}.get(kind.lanes, (3, floats_in(kind.lanes)))
         if kind.lanes == 1 and memory.shape[-1:] == (1,):
             memory = memory[..., 0]
         if memory.shape[-len(tail) :] != tail or not memory.flags.c_contiguous or memory.dtype != kind.dtype:
@@ -137,11 +138,12 @@ class Vectors:
 
     def __getitem__(self, i):
         x, y, z, *_ = self.memory[i]
-        return PlainVec3(x.copy(), y.copy(), z.copy())
+        lanes = 1 if self.kind.lanes == XYZ else self.kind.lanes
+        return plain.Vec3(*(plain.read(np.atleast_1d(each), lanes) for each in (x, y, z)))
 
     def __setitem__(self, i, value):
-        place = self.memory[i]
-        place[0], place[1], place[2] = value
+        for k, each in enumerate(value):
+            plain.write(self.memory[i], k, each, self.kind.lanes)
 
 
 class PackType(types.Type):
@@ -350,7 +352,7 @@ def floats(array):
     n = array.shape[0]
     if isinstance(array, np.ndarray):
         return array.reshape(n, 1)
-    w = array.kind.width
+    w = floats_in(array.kind.lanes)
     return array.memory.reshape(n, -1, w) if isinstance(array, Vectors) else array.memory.reshape(n, w)
 
 
@@ -370,6 +372,11 @@ def nowhere(array):
 def block_size(array):
     """How many fish an element of the array is for."""
     return array.kind.width if isinstance(array, Numbers | Vectors) else 1
+
+
+def directions(array):
+    """How many derivatives the numbers in the array carry with them: 0, but for dual numbers."""
+    return DIRECTIONS if isinstance(array, Numbers | Vectors) and array.kind.lanes == DUAL else 0
 
 
 def epsilon(array):
@@ -392,7 +399,7 @@ class Floats(AbstractTemplate):
 def _floats(context, builder, sig, args):
     source = context.make_array(sig.args[0])(context, builder, args[0])
     kind = sig.args[0].dtype
-    lanes = width(getattr(kind, "w", 1))
+    lanes = floats_in(getattr(kind, "w", 1))
     tail = ([4 if kind.w == XYZ else 3] if isinstance(kind, Vec3) else []) + [lanes]
     shape = [cgutils.unpack_tuple(builder, source.shape, 1)[0], *(ir.Constant(WORD, length) for length in tail)]
     out = array_at(context, builder, sig.return_type, builder.ptrtoint(source.data, WORD), shape)
@@ -424,11 +431,17 @@ lower_builtin(nowhere, types.Array)(_zero)
 
 
 @infer_global(block_size)
-class BlockSize(AbstractTemplate):
+@infer_global(directions)
+class Count(AbstractTemplate):
     """Of an array of numbers or vectors."""
 
     def generic(self, args, kws):
         return signature(types.int64, args[0])
+
+
+@lower_builtin(directions, types.Array)
+def _directions(context, builder, sig, args):
+    return ir.Constant(WORD, DIRECTIONS if getattr(sig.args[0].dtype, "w", 1) == DUAL else 0)
 
 
 @lower_builtin(block_size, types.Array)

@@ -2,9 +2,11 @@
 
 A *kind* says how many fish a kernel works on at once, and in which precision. `lanes` is "xyz" for one fish whose
 3-vectors fill a SIMD register with their coordinates, or W for W fish side by side, a coordinate of all of them in a
-register. One lane in float64 is numba's own float64.
+register. One lane in float64 is numba's own float64. "dual" is one fish whose numbers carry their derivatives along
+some directions with them, in a register too (`fish_env.simd.dual`).
 
-Legend: w lanes of a type ("xyz" or a whole number), bits 64 or 32, parts the LLVM values that make up one value.
+Legend: w lanes of a type ("xyz", "dual" or a whole number), bits 64 or 32, parts the LLVM values that make up one
+value.
 """
 
 import llvmlite.ir as ir
@@ -13,11 +15,13 @@ from numba.core import cgutils
 from numba.core.typeconv import Conversion
 from numba.extending import lower_cast, models, register_model
 
-XYZ = "xyz"
+XYZ, DUAL = "xyz", "dual"
+DIRECTIONS = 7
+"""Derivatives that a dual number carries, after its value: with it they fill a register, or two."""
 
 
 class Num(types.Type):
-    """A number a fish: W lanes, or one lane in float32. A plain number becomes the same for every fish."""
+    """A number a fish: W lanes, one lane in float32, or dual. A plain number becomes the same for every fish."""
 
     def __init__(self, w, bits):
         self.w, self.bits = w, bits
@@ -47,6 +51,9 @@ class Vec3(types.Type):
         return Conversion.unsafe if loose else None
 
 
+FIRST = ir.Constant(ir.IntType(32), 0)
+
+
 def scalar(bits):
     """LLVM's floating-point type of that many bits."""
     return ir.DoubleType() if bits == 64 else ir.FloatType()
@@ -54,16 +61,23 @@ def scalar(bits):
 
 def width(w) -> int:
     """How many fish a type with these lanes holds."""
-    return 1 if w == XYZ else w
+    return 1 if w in (XYZ, DUAL) else w
+
+
+def floats_in(w) -> int:
+    """How many floats make up a number with these lanes."""
+    return 1 + DIRECTIONS if w == DUAL else width(w)
 
 
 def number_llvm(w, bits):
     """How a number is held in registers."""
-    return scalar(bits) if width(w) == 1 else ir.VectorType(scalar(bits), w)
+    return scalar(bits) if floats_in(w) == 1 else ir.VectorType(scalar(bits), floats_in(w))
 
 
 def number_type(w, bits):
     """The numba type of a number of this kind."""
+    if w == DUAL:
+        return Num(DUAL, bits)
     return types.float64 if (width(w), bits) == (1, 64) else Num(width(w), bits)
 
 
@@ -122,18 +136,20 @@ def _cast(context, builder, kind, target, value):
 
 
 def spread(builder, value, count, bits):
-    """A scalar in each of `count` lanes; an integer or a number of another precision is converted first."""
+    """A scalar in each of `count` lanes, or dual; an integer or a number of another precision is converted first."""
     if isinstance(value.type, ir.IntType):
         value = builder.sitofp(value, ir.DoubleType())
     if value.type != scalar(bits):
         value = builder.fptrunc(value, scalar(bits)) if bits == 32 else builder.fpext(value, scalar(bits))
     if count == 1:
         return value
+    if count == DUAL:
+        return builder.insert_element(ir.Constant(number_llvm(DUAL, bits), None), value, FIRST)
     vector = ir.VectorType(scalar(bits), count)
     if isinstance(value, ir.Constant):
         return ir.Constant(vector, [value.constant] * count)
     nothing = ir.Constant(vector, ir.Undefined)
-    first = builder.insert_element(nothing, value, ir.Constant(ir.IntType(32), 0))
+    first = builder.insert_element(nothing, value, FIRST)
     return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(ir.IntType(32), count), [0] * count))
 
 
@@ -157,10 +173,10 @@ def parts_of(builder, value, kind, target):
             return parts
         return [spread(builder, part, target.w, target.bits) for part in parts]
     several = isinstance(target, Vec3) and target.w != XYZ
-    if isinstance(kind, Num) and kind.w > 1:
+    if isinstance(kind, Num) and kind.w != 1:
         one = value
     else:
-        lanes = 4 if isinstance(target, Vec3) and target.w == XYZ else width(target.w)
+        lanes = 4 if isinstance(target, Vec3) and target.w == XYZ else target.w
         one = spread(builder, value, lanes, target.bits)
     return [one] * (3 if several else 1)
 
