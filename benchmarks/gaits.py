@@ -38,9 +38,10 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=1
     The fish starts at `push` body lengths a beat, which shortens the approach to cruising; 0 starts it from rest. Its
     nodes have a little random velocity, from `seed`.
     """
+    refine = fish.refine if dt is None and integrator is None else None
     dt = fish.time_step if dt is None else dt
     steps = max(1, round(1 / (gait.frequency * decisions * dt)))
-    tank = Tank(fish, 1, integrator, 1 / (gait.frequency * decisions * steps), water)
+    tank = Tank(fish, 1, integrator, 1 / (gait.frequency * decisions * steps), water, refine=refine)
     period = 1 / gait.frequency
     mass = fish.body.mass / fish.body.mass.sum()
     centre, tail, up = [], [], []
