@@ -188,15 +188,18 @@ class PartLowering(NativeLowering):
     """Lowering of a part: to LLVM's language only. What calls it optimises it, and makes machine code of it.
 
     Numba optimises and assembles every function by itself as well, which for an inlined one is half of all its cost.
+    Nor must a part be loaded: the loader takes the first function of a name for all others, so that what calls a part
+    without inlining it would run the part as it was before it was optimised, until the next process.
     """
 
     _name = "part_lowering"
 
     def run_pass(self, state):
         context, qualname = state.targetctx, state.func_id.func_qualname
-        state.library = context.codegen().create_library(qualname)
-        state.library.enable_object_caching()
-        state.library._optimize_final_module = lambda *args: None
+        library = context.codegen().create_library(qualname)
+        library._optimize_final_module = lambda: None
+        library._finalize_final_module = lambda: setattr(library, "_finalized", True)
+        state.library = library
         context.get_executable = lambda library, fndesc, env: _dynfunc.make_function(
             fndesc.lookup_module(), fndesc.qualname.split(".")[-1], "part of kernels", 0, env, (library,)
         )

@@ -12,6 +12,7 @@ import pytest
 
 import fish_env
 from fish_env import _jit
+from fish_env._jit import njit, part
 
 PACKAGE = Path(fish_env.__file__).parent
 SCRIPT = """
@@ -197,3 +198,21 @@ def test_no_home(nowhere, tmp_path, monkeypatch):
 def home_missing():
     """What pathlib does where no home directory is known."""
     raise RuntimeError("Could not determine home directory.")
+
+
+def test_parts_are_never_loaded():
+    """What is loaded first under a name serves all callers: a part, which is not optimised by itself, must not be."""
+
+    @part
+    def seventh(a):
+        return a / 7.0
+
+    @njit
+    def call(a):
+        return seventh(a)
+
+    assert call(14.0) == 2.0
+    (inner,), (outer,) = seventh.overloads.values(), call.overloads.values()
+    engine = outer.library.codegen._engine
+    assert engine.is_symbol_defined(outer.fndesc.mangled_name)
+    assert not engine.is_symbol_defined(inner.fndesc.mangled_name)
