@@ -38,6 +38,7 @@ if not SUPPORTED:
     )
 ALIGNMENT = 64  # bytes: a cache line, and the widest register
 WORD = ir.IntType(64)
+SIZES: dict[types.Type, int] = {}  # bytes of an element: LLVM takes a millisecond to tell
 
 
 @dataclass(frozen=True)
@@ -336,7 +337,9 @@ def _pack_getattr(context, builder, kind, pointer, name):
 
 def array_at(context, builder, kind, word, shape):
     """The array of a type at an address (one word), C-contiguous, owned by nobody."""
-    item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    if kind.dtype not in SIZES:
+        SIZES[kind.dtype] = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    item = SIZES[kind.dtype]
     strides, step = [], ir.Constant(WORD, item)
     for length in reversed(shape):
         strides.insert(0, step)
