@@ -11,18 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from fish_env.body import Body
-from fish_env.integrators import (
-    adaptive,
-    explicit_euler,
-    leapfrog_chebyshev,
-    limits,
-    linearly_implicit,
-    midpoint,
-    rk4,
-    rosenbrock,
-    semi_implicit,
-    symplectic_euler,
-)
+from fish_env.integrators import adaptive, leapfrog_chebyshev, limits, rosenbrock, runge_kutta, semi_implicit
 from fish_env.simd import Kind, Pack
 from fish_env.world import World
 
@@ -33,10 +22,8 @@ class Method(Protocol):
     def plan(self, elastic: float, viscous: float, h: float) -> np.ndarray:
         """The row of `control.plans` for a step of h s (`fish_env.forces.plan` names its numbers; H is the step).
 
-        Args:
-            elastic: highest eigenvalue of the stiffness of the body and its surroundings over the masses, 1/s2.
-            viscous: highest eigenvalue of the damping over the masses, 1/s.
-            h: step, s.
+        `elastic`, 1/s2, and `viscous`, 1/s, are the highest eigenvalues of the stiffness and the damping of the body
+        and its surroundings over the masses.
         """
 
     def costs(self, row: np.ndarray) -> tuple[int, int, int]:
@@ -52,8 +39,8 @@ class Method(Protocol):
         `make_work` made, `cache` what the forces keep. It sets the rest lengths of each time it evaluates a force at,
         calls the forces' `constrain` on accelerations that are not an immediate sum of forces and `finish` after every
         step, leaves fixed degrees of freedom their velocities, and notes in `control.pivots` and `control.untrusted`
-        what went wrong in solves. What it captures are kernels, numbers and truth values, which name the compiled code
-        on disk.
+        what went wrong in solves. What it captures are kernels, numbers, tuples of them and truth values, which name
+        the compiled code on disk.
         """
 
 
@@ -75,7 +62,7 @@ class Integrator:
     solves: int
     """Solves with one, for all nodes and coordinates, a step."""
     source: str
-    method: Method | None
+    method: Method | None = None
     """What takes its steps; None for a method that chooses its own."""
     limit: Callable[[Body], float] = limits.leapfrog
     """Longest step, s, that is sure to be stable for small motion about rest."""
@@ -93,46 +80,20 @@ def named(name: str) -> Integrator:
     return INTEGRATORS[name]
 
 
-SONG, BARAFF, HAIRER = "Song 2009, ch. 5", "Baraff & Witkin 1998", "Hairer, Lubich & Wanner 2003"
-IMPLICIT, ADAPTIVE = "linearly implicit", "adaptive"
-INTEGRATORS: dict[str, Integrator] = {
-    record.name: record
-    for record in (
-        Integrator(
-            "semi_implicit", 1, "semi-implicit", 1, 1, 1, "Tu 1996, ch. 4", semi_implicit, refuses=limits.whole_nodes
-        ),
-        Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, symplectic_euler),
-        Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", rk4),
-        Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, explicit_euler, limits.explicit_euler),
-        Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, midpoint, limits.midpoint),
-        Integrator("leapfrog_chebyshev", 2, "stabilised", 0, 0, 0, "Carle, Hochbruck & Sturm 2020", leapfrog_chebyshev),
-        Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.PLAIN),
-        Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.PROJECTED),
-        Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, linearly_implicit.WATER),
-        Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock),
-        Integrator(
-            "dop853",
-            8,
-            ADAPTIVE,
-            0,
-            0,
-            0,
-            "Hairer, Norsett & Wanner 1993",
-            None,
-            refuses=limits.no_walls,
-            advance=adaptive.advance_dop853,
-        ),
-        Integrator(
-            "radau",
-            5,
-            ADAPTIVE,
-            0,
-            0,
-            0,
-            "Hairer & Wanner 1996",
-            None,
-            refuses=limits.no_walls,
-            advance=adaptive.advance_radau,
-        ),
-    )
-}
+IMPLICIT, TU, SONG, BARAFF = "linearly implicit", "Tu 1996, ch. 4", "Song 2009, ch. 5", "Baraff & Witkin 1998"
+HAIRER, DOP853, RADAU = "Hairer, Lubich & Wanner 2003", "Hairer, Norsett & Wanner 1993", "Hairer & Wanner 1996"
+ENTRIES = (
+    Integrator("semi_implicit", 1, "semi-implicit", 1, 1, 1, TU, semi_implicit, refuses=limits.whole_nodes),
+    Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, runge_kutta.SYMPLECTIC_EULER),
+    Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", runge_kutta.RK4),
+    Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.explicit_euler),
+    Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.midpoint),
+    Integrator("leapfrog_chebyshev", 2, "stabilised", 0, 0, 0, "Carle, Hochbruck & Sturm 2020", leapfrog_chebyshev),
+    Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.EULER),
+    Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.PROJECTED),
+    Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.WATER),
+    Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock.ROS2),
+    Integrator("dop853", 8, "adaptive", 0, 0, 0, DOP853, refuses=limits.no_walls, advance=adaptive.advance_dop853),
+    Integrator("radau", 5, "adaptive", 0, 0, 0, RADAU, refuses=limits.no_walls, advance=adaptive.advance_radau),
+)
+INTEGRATORS: dict[str, Integrator] = {record.name: record for record in ENTRIES}

@@ -73,20 +73,15 @@ def eliminate(body, a):
 
     In their place stands the equation that the unknown is its right-hand side, so the matrix keeps its shape.
     """
-    first, start, fixed, values = body.profile.first, body.profile.start, body.held, floats(a)
+    first, start, fixed, values, none = body.profile.first, body.profile.start, body.held, floats(a), zero(a)
     for m in range(fixed.shape[0]):
         i, k = fixed[m, 0], fixed[m, 1]
-        for j in range(first.size):
-            low, high = min(i, j), max(i, j)
-            if low < first[high]:
-                continue
-            place = 3 * (start[high] + low - first[high])
-            for other in range(3):
-                for lane in range(values.shape[2]):
-                    if high == i:
-                        values[INDEX(place + other), INDEX(k), lane] = 0.0
-                    if low == i:
-                        values[INDEX(place + k), INDEX(other), lane] = 0.0
+        for row in range(i, first.size):
+            if first[row] <= i:
+                a[INDEX(3 * (start[row] + i - first[row]) + k)] = none
+        for place in range(3 * start[i], 3 * start[i + 1]):
+            for lane in range(values.shape[2]):
+                values[INDEX(place), INDEX(k), lane] = 0.0
         for lane in range(values.shape[2]):
             values[INDEX(3 * body.profile.diagonal[i] + k), INDEX(k), lane] = 1.0
 

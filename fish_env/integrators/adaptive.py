@@ -22,34 +22,30 @@ MOST_EVALUATIONS = 200_000  # a call: some seconds, in which a valid fish swims 
 
 
 class Motion:
-    """The motion of one body as scipy takes it: dy/dt and its Jacobian; FloatingPointError where one is not finite."""
+    """The motion of body b as scipy takes it: dy/dt and its Jacobian; FloatingPointError where one is not finite."""
 
     def __init__(self, body, evaluator, control, b):
-        self.evaluator, self.inverse_mass = evaluator, body.inverse_mass
+        self.evaluator, self.inverse_mass, self.evaluations = evaluator, body.inverse_mass, 0
         self.start, self.rate = control.rest_length[b], control.rate[b]
-        self.shape = (2, body.mass.size, 3)
-        self.evaluations = 0
 
-    def rest_length(self, t):
-        """Rest lengths (E,) m at a time within the call."""
-        return self.start + t * self.rate  # (14)
+    def at(self, t, y):
+        """What forces are evaluated for, at a time within the call: rest lengths (E,) m, x and v (N,3)."""
+        return self.start + t * self.rate, *y.reshape(2, -1, 3)  # (14)
 
     def slope(self, t, y):
         """dy/dt, (6N,)."""
         self.evaluations += 1
-        x, v = y.reshape(self.shape)
-        acceleration = self.evaluator.force(self.rest_length(t), x, v) * self.inverse_mass
+        rest_length, x, v = self.at(t, y)
+        acceleration = self.evaluator.force(rest_length, x, v) * self.inverse_mass
         if not np.isfinite(acceleration).all() or self.evaluations > MOST_EVALUATIONS:
             raise FloatingPointError
         return np.concatenate([v.ravel(), acceleration.ravel()])
 
     def jacobian(self, t, y):
         """Its derivative with respect to y, (6N,6N)."""
-        x, v = y.reshape(self.shape)
-        stiffness, damping = self.evaluator.jacobian(self.rest_length(t), x, v)
+        stiffness, damping = self.evaluator.jacobian(*self.at(t, y))
         inverse = self.inverse_mass.reshape(-1, 1)
-        upper = np.hstack([np.zeros_like(stiffness), np.eye(inverse.size)])
-        matrix = np.vstack([upper, np.hstack([-stiffness * inverse, -damping * inverse])])
+        matrix = np.block([[0.0 * stiffness, np.eye(inverse.size)], [-stiffness * inverse, -damping * inverse]])
         if not np.isfinite(matrix).all():
             raise FloatingPointError
         return matrix
@@ -62,13 +58,15 @@ def allowed_error(body, tolerance) -> np.ndarray:
     """
     size = np.ptp(body.position, axis=0).max()
     rate = body.springs.stiffness.mean() / body.mass.sum() if body.springs.stiffness.size else body.elastic_rate
-    speed = size * np.sqrt(rate)
-    scale = np.repeat([size, speed], 3 * body.mass.size)
+    scale = np.repeat([size, size * np.sqrt(rate)], 3 * body.mass.size)
     return np.maximum(tolerance * scale, np.finfo(float).tiny)
 
 
 def solve(body, world, state, control, duration, method="DOP853", tolerance=TOLERANCE) -> None:
     """Move every valid body `duration` seconds with error control; state is changed in place.
+
+    A body that fails has the reason recorded, and its last valid state put back: the one it had before the call, or the
+    body at rest if it was handed over invalid. Rest lengths stop where their rates have taken them.
 
     Args:
         body: of every fish.
@@ -86,13 +84,21 @@ def solve(body, world, state, control, duration, method="DOP853", tolerance=TOLE
         raise ValueError(f"unknown method {method!r}; choose from {', '.join(map(repr, METHODS))}")
     if not (isinstance(tolerance, Real) and LOWEST <= tolerance <= HIGHEST):
         raise ValueError(f"tolerance is {tolerance!r}; give a number from {LOWEST:g} to {HIGHEST:g}")
-    if not (isinstance(duration, Real) and np.isfinite(duration) and duration >= 0):
+    if not (isinstance(duration, Real) and 0 <= duration < np.inf):
         raise ValueError(f"duration is {duration!r}; give a finite number of seconds, zero or more")
     evaluator = Evaluator(body, world)
     for b in np.flatnonzero(state.failure == 0):
         before = state.x[b].copy(), state.v[b].copy()
         failure = move(body, evaluator, state, control, b, duration, method, tolerance) if duration else 0
-        finish_call(body, evaluator, state, control, b, before, failure, duration)
+        control.rest_length[b] += duration * control.rate[b]
+        control.rate[b] = 0.0
+        failure = failure or failure_of(evaluator, control.rest_length[b], state.x[b], state.v[b])
+        if failure:
+            broken = failure_of(evaluator, control.rest_length[b], *before)
+            state.failure[b] = broken or failure
+            state.x[b], state.v[b] = (body.position, 0.0) if broken else before
+        else:
+            state.t[b] += duration
 
 
 def failure_of(evaluator, rest_length, x, v) -> int:
@@ -102,53 +108,31 @@ def failure_of(evaluator, rest_length, x, v) -> int:
     return min(evaluator.failures(rest_length, x), default=0)
 
 
-def finish_call(body, evaluator, state, control, b, before, failure, duration) -> None:
-    """End a call for body b: advance its clock, or record why it failed and put back its last valid state.
-
-    That is the one it had before the call, or the body at rest if it was handed over invalid. Its rest lengths stop
-    where their rates have taken them.
-    """
-    control.rest_length[b] += duration * control.rate[b]
-    control.rate[b] = 0.0
-    failure = failure or failure_of(evaluator, control.rest_length[b], state.x[b], state.v[b])
-    if not failure:
-        state.t[b] += duration
-        return
-    broken = failure_of(evaluator, control.rest_length[b], *before)
-    state.failure[b] = broken or failure
-    state.x[b], state.v[b] = (body.position, 0.0) if broken else before
-
-
 def move(body, evaluator, state, control, b, duration, method, tolerance) -> int:
     """Positions and velocities of body b after `duration` s > 0, counted; 0, or why there are none."""
     from scipy.integrate import solve_ivp  # 0.3 s that only these methods need
 
-    motion = Motion(body, evaluator, control, b)
-    y = np.concatenate([state.x[b].ravel(), state.v[b].ravel()])
+    motion, y = Motion(body, evaluator, control, b), np.concatenate([state.x[b].ravel(), state.v[b].ravel()])
     if not np.isfinite(y).all():
         return NON_FINITE
     if method == "Radau":
         options = {"jac": motion.jacobian}
     else:  # DOP853 ends at 6 / frequency anyway; a first trial step far beyond overflows before it is rejected
         options = {"max_step": 6.0 / max(np.sqrt(body.elastic_rate), 6.0 / duration)}
-    factorisations = 0
     try:
         with np.errstate(all="ignore"):
             found = solve_ivp(motion.slope, (0.0, duration), y, method=method, rtol=tolerance,
                               atol=allowed_error(body, tolerance), **options)  # fmt: skip
-        factorisations, valid = found.nlu, found.status == 0
-    except FloatingPointError:
-        valid = False
-    except ValueError as error:
-        if "infs or NaNs" not in str(error):  # of scipy's matrix, which a Jacobian near overflow makes infinite
-            raise
-        valid = False
-    state.counters[b, FORCES] += motion.evaluations
-    state.counters[b, FACTORISATIONS] += factorisations  # scipy does not tell its solves
-    if not valid:
+    except (FloatingPointError, ValueError) as error:
+        if isinstance(error, ValueError) and "infs or NaNs" not in str(error):
+            raise  # but not of scipy's matrix, which a Jacobian near overflow makes infinite
         return NO_CONVERGENCE
-    state.x[b], state.v[b] = found.y[:, -1].reshape(motion.shape)
-    return 0
+    finally:
+        state.counters[b, FORCES] += motion.evaluations
+    state.counters[b, FACTORISATIONS] += found.nlu  # scipy does not tell its solves
+    if found.status == 0:
+        state.x[b], state.v[b] = found.y[:, -1].reshape(2, -1, 3)
+    return 0 if found.status == 0 else NO_CONVERGENCE
 
 
 def advance(body, world, state, control, h, n, method) -> None:
@@ -156,5 +140,4 @@ def advance(body, world, state, control, h, n, method) -> None:
     solve(body, world, state, control, n * h, method)
 
 
-advance_dop853 = partial(advance, method="DOP853")
-advance_radau = partial(advance, method="Radau")
+advance_dop853, advance_radau = (partial(advance, method=method) for method in METHODS)

@@ -16,8 +16,8 @@ import numpy as np
 from fish_env import forces
 from fish_env._jit import INDEX, kernel
 from fish_env.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
-from fish_env.integrators._common import make_constrain, move_rest_lengths
-from fish_env.simd import Pack, fma, zero
+from fish_env.integrators._common import make_constrain, move_rest_lengths, scratch
+from fish_env.simd import fma, zero
 
 DAMPING = 4.0  # of the polynomial: how far above 1 its midpoint lies, times the square of the stages
 SAFETY = 1.2  # the body's highest rates when bent and pulled, over those at rest
@@ -63,10 +63,9 @@ def costs(row: np.ndarray) -> tuple[int, int, int]:
     return int(row[STAGES]), 0, 0
 
 
-def make_work(body, kind) -> Pack:
+def make_work(body, kind):
     """Scratch of a block."""
-    n = len(body.mass)
-    return Pack("work", f=kind.vectors(n), kick=kind.vectors(n), a=kind.vectors(n), before=kind.vectors(n))
+    return scratch(body, kind, "f", "kick", "a", "before")
 
 
 def make_run(names):

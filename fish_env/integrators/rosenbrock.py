@@ -1,122 +1,104 @@
-"""ROS2: a Rosenbrock method of two stages, second order for any approximate Jacobian, L-stable (Verwer et al. 1999).
+"""Rosenbrock methods, whose stages solve linear systems with one matrix: linearly implicit Euler and ROS2.
 
-The Jacobian is that of `linearly_implicit.PLAIN`; the water is explicit. The two stages share one matrix.
+Linearly implicit Euler is that of one stage (Baraff & Witkin 1998), ROS2 that of two (Verwer et al. 1999), of second
+order for any approximate Jacobian and L-stable. The whole stiffness and damping of forces with an `add_system` are
+implicit. Other forces are explicit, and so is the water, but for its damping in the variant WATER.
 
 Legend: x, v positions and velocities of a block; h step, inner the part of it that is implicit; matrix the system
-matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration; p that of the
-first stage, change that of the step; sx, sv the state at which a stage is taken; rate what its positions would move at;
-y the pull of the stiffness if the nodes moved at that rate for a second.
+matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration, then a, that of
+the step so far, as u is its speed; sx, sv where they lead; p the acceleration of the first stage; rate what positions
+would move at; y the pull of the stiffness if the nodes moved at that rate for a second.
 """
 
 import math
+from dataclasses import dataclass
 
 from fish_env import forces
 from fish_env._jit import kernel
 from fish_env.forces.plan import INNER, H
-from fish_env.integrators._common import (
-    count_pivots,
-    eliminate,
-    make_constrain,
-    move_rest_lengths,
-    plan_of_step,
-    scratch,
-    set_masses,
-    zero_fixed,
-)
+from fish_env.integrators import _common as common
 from fish_env.linalg import ldlt
 from fish_env.simd import fma, zero
 
-GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values that make the method L-stable, and the more accurate
+GAMMA = 1.0 - math.sqrt(0.5)  # of ROS2: of the two values that make it L-stable, the smaller and more accurate one
 
 
-def plan(elastic, viscous, h):
-    """The row of `control.plans` for a step of h s."""
-    return plan_of_step(elastic, viscous, h, inner=GAMMA)
+@dataclass(frozen=True)
+class Rosenbrock:
+    """A `fish_env.integrators.Method` of one or two stages."""
 
+    gamma: float = 1.0
+    """The part of the step that is implicit."""
+    time: tuple[float, ...] = (1.0,)
+    """When each stage takes its rest lengths, in steps: an implicit method of first order wants those of the end."""
+    lowest: float = -math.inf
+    """N/m, least effective stiffness with which a spring enters the matrix."""
+    wet: bool = False
+    """Whether the damping of the water is in the matrix."""
 
-def costs(row):
-    """Force evaluations, factorisations and solves of a step."""
-    return 2, 1, 2
+    def plan(self, elastic, viscous, h):
+        return common.plan_of_step(elastic, viscous, h, self.gamma, self.lowest)
 
+    def costs(self, row):
+        return len(self.time), 1, len(self.time)
 
-def make_work(body, kind):
-    """Scratch of a block."""
-    matrix, row = kind.vectors(3 * int(body.profile.start[-1])), kind.vectors(3 * len(body.mass))
-    return scratch(body, kind, "f", "y", "p", "sx", "sv", "rate", "change", matrix=matrix, row=row)
+    def make_work(self, body, kind):
+        matrix, row = kind.vectors(3 * int(body.profile.start[-1])), kind.vectors(3 * len(body.mass))
+        return common.scratch(body, kind, "f", "y", "sx", "sv", "p", "rate", matrix=matrix, row=row)
 
+    def make_run(self, names):
+        time, last = self.time, len(self.time) - 1
+        add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
+        constrain = common.make_constrain(names)
+        implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
+        add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
+        add_damping = forces.total(names if self.wet else (), "add_damping")
 
-@kernel
-def begin(x, v, work):
-    """The first stage is taken at the start of the step."""
-    for i in range(x.size):
-        work.sx[i] = x[i]
-        work.sv[i] = v[i]
-        work.rate[i] = v[i]
-        work.p[i] = zero(x)
-
-
-@kernel
-def go_on(x, v, h, inner, work):
-    """The second stage is taken where the first one's acceleration leads."""
-    for i in range(x.size):
-        p = work.f[i]
-        speed = fma(inner, p, v[i])  # of the first stage
-        work.p[i] = p
-        work.sx[i] = fma(h, speed, x[i])
-        work.sv[i] = fma(h, p, v[i])
-        work.rate[i] = fma(-2.0, speed, work.sv[i])
-
-
-@kernel
-def end(x, v, h, inner, work):
-    """Take the step, of which `work.change` is the acceleration: 3/2 of the first stage's and 1/2 of the second's."""
-    for i in range(x.size):
-        p, change = work.p[i], work.change[i]
-        first = fma(inner, p, v[i])
-        second = fma(inner, fma(2.0, change, -3.0 * p), work.rate[i])
-        x[i] = fma(h, fma(0.5, second, 1.5 * first), x[i])  # (32)
-        v[i] = fma(h, change, v[i])
-
-
-def make_run(names):
-    """The kernel that takes n steps of a block on which the forces of these names act."""
-    add_force, finish, constrain = (
-        forces.total(names, "add_force"),
-        forces.total(names, "finish"),
-        make_constrain(names),
-    )
-    implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
-    add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
-
-    @kernel
-    def run(body, world, control, x, v, work, cache, n):
-        f, y, p, sx, sv, matrix, change = work.f, work.y, work.p, work.sx, work.sv, work.matrix, work.change
-        h, inner = control.plans[control.row[0], H], control.plans[control.row[0], INNER]
-        for s in range(n):
-            begin(x, v, work)
-            for stage in range(2):
-                move_rest_lengths(control, (s + stage) * h)
-                for i in range(x.size):
-                    f[i] = zero(f)
-                    y[i] = zero(y)
-                if stage == 0:
-                    set_masses(body, matrix)
-                    add_system(body, world, control, x, v, matrix, cache)
-                    eliminate(body, matrix)
-                    count_pivots(control, ldlt.factor(body.profile, matrix, work.row))
-                add_tangent(body, world, control, x, work.rate, y, cache)
-                add_force(body, world, control, sx, sv, f, cache)
-                for i in range(x.size):
-                    f[i] = fma(inner, y[i], fma(-2.0 * body.mass[i], p[i], f[i]))
-                zero_fixed(body, f)
-                ldlt.solve(body.profile, matrix, f)  # (33), (34)
-                if stage == 0:
+        @kernel
+        def run(body, world, control, x, v, work, cache, n):
+            f, y, sx, sv, p, rate, matrix = work.f, work.y, work.sx, work.sv, work.p, work.rate, work.matrix
+            h, inner = control.plans[control.row[0], H], control.plans[control.row[0], INNER]
+            for s in range(n):
+                for stage in range(last + 1):
+                    px, pv, speed = (x, v, v) if stage == 0 else (sx, sv, rate)
+                    common.move_rest_lengths(control, (s + time[stage]) * h)
+                    for i in range(x.size):
+                        f[i] = zero(f)
+                        y[i] = zero(y)
+                    if stage == 0:
+                        common.set_masses(body, matrix)
+                        add_damping(body, world, control, x, v, matrix, cache)
+                        add_system(body, world, control, x, v, matrix, cache)  # (30)
+                        common.eliminate(body, matrix)
+                        common.count_pivots(control, ldlt.factor(body.profile, matrix, work.row))
+                    add_tangent(body, world, control, x, speed, y, cache)
+                    add_force(body, world, control, px, pv, f, cache)
+                    for i in range(x.size):
+                        f[i] = fma(inner, y[i], f[i] if stage == 0 else fma(-2.0 * body.mass[i], p[i], f[i]))
+                    common.zero_fixed(body, f)
+                    ldlt.solve(body.profile, matrix, f)  # (31), (33), (34)
+                    if stage > 0:
+                        for i in range(x.size):
+                            f[i] = fma(0.5, f[i], 1.5 * p[i])
                     constrain(body, world, control, x, v, f, cache)
-                    go_on(x, v, h, inner, work)
-            for i in range(x.size):
-                change[i] = fma(0.5, f[i], 1.5 * p[i])
-            constrain(body, world, control, x, v, change, cache)
-            end(x, v, h, inner, work)
-            finish(body, world, control, x, v, f, cache)
+                    for i in range(x.size):
+                        a, u = f[i], fma(inner, f[i], v[i])
+                        if stage > 0:
+                            second = fma(inner, fma(2.0, a, -3.0 * p[i]), rate[i])
+                            u = fma(0.5, second, 1.5 * fma(inner, p[i], v[i]))
+                        if stage < last:
+                            sx[i], sv[i], p[i] = fma(h, u, x[i]), fma(h, a, v[i]), a
+                            rate[i] = fma(-2.0, u, sv[i])
+                        else:
+                            x[i], v[i] = fma(h, u, x[i]), fma(h, a, v[i])  # (32)
+                finish(body, world, control, x, v, f, cache)
 
-    return run
+        return run
+
+
+EULER = Rosenbrock()
+PROJECTED = Rosenbrock(lowest=0.0)
+"""A compressed spring enters the matrix without its negative stiffness across: none is indefinite."""
+WATER = Rosenbrock(wet=True)
+"""The water's damping along the normals is in the matrix."""
+ROS2 = Rosenbrock(GAMMA, (0.0, 1.0))

@@ -2,7 +2,7 @@
 
 The force of a spring is eta r with eta frozen at the start of the step and r at its end, so one symmetric N x N matrix
 serves x, y and z. Each force says itself how it enters that matrix (`add_lagged`); those that do not are explicit. Not
-what Newton and Warp call semi-implicit; that is `symplectic_euler.py`.
+what Newton and Warp call semi-implicit; that is symplectic Euler, in `runge_kutta.py`.
 
 Legend: x, v positions and velocities of a block; h step; matrix the system matrix in its skyline, then L; load the
 right-hand side, then the new velocities; eta effective stiffness.
@@ -13,9 +13,9 @@ import numpy as np
 from fish_env import forces
 from fish_env._jit import INDEX, kernel
 from fish_env.forces.plan import H
-from fish_env.integrators._common import count_pivots, make_constrain, move_rest_lengths, plan_of_step
+from fish_env.integrators._common import count_pivots, make_constrain, move_rest_lengths, plan_of_step, scratch
 from fish_env.linalg import ldlt
-from fish_env.simd import Pack, floats, fma, zero
+from fish_env.simd import floats, fma, zero
 
 plan = plan_of_step
 
@@ -28,26 +28,9 @@ def costs(row):
 def make_work(body, kind):
     """Scratch of a block: the system, and the nodes (K,) that are fixed along every axis in which any is free."""
     n, free = len(body.mass), body.inverse_mass > 0.0
-    return Pack(
-        "work",
-        matrix=kind.numbers(int(body.profile.start[n])),
-        load=kind.vectors(n),
-        change=kind.vectors(n),
-        inverse_pivot=kind.numbers(n),
-        row=kind.numbers(n),
-        fixed=np.flatnonzero(~free[:, free.any(axis=0)].any(axis=1)),
-    )
-
-
-@kernel
-def begin(body, work):
-    """Set the load to zero and the matrix to the masses."""
-    matrix, load, mass, none = work.matrix, work.load, body.mass, zero(work.matrix)
-    for p in range(matrix.size):
-        matrix[p] = none
-    for i in range(load.size):
-        matrix[INDEX(body.profile.diagonal[i])] = none + mass[i]
-        load[i] = zero(load)
+    fixed = np.flatnonzero(~free[:, free.any(axis=0)].any(axis=1))
+    matrix = kind.numbers(int(body.profile.start[n]))
+    return scratch(body, kind, "load", matrix=matrix, inverse_pivot=kind.numbers(n), row=kind.numbers(n), fixed=fixed)
 
 
 @kernel
@@ -87,25 +70,28 @@ def make_run(names):
 
     @kernel
     def run(body, world, control, x, v, work, cache, n):
-        load, change, mass, h = work.load, work.change, body.mass, control.plans[control.row[0], H]
+        matrix, load, mass, h = work.matrix, work.load, body.mass, control.plans[control.row[0], H]
         for s in range(n):
             move_rest_lengths(control, s * h)
-            begin(body, work)
+            for p in range(matrix.size):
+                matrix[p] = zero(matrix)
+            for i in range(x.size):
+                matrix[INDEX(body.profile.diagonal[i])] = zero(matrix) + mass[i]
+                load[i] = zero(load)
             add_lagged(body, world, control, x, v, work, cache)  # (7), (8)
             add_force(body, world, control, x, v, load, cache)
             for i in range(x.size):
                 load[i] = fma(h, load[i], mass[i] * v[i])
             eliminate(body, v, work)
-            count_pivots(
-                control, ldlt.factor_solve(body.profile, work.matrix, load, work.inverse_pivot, work.row)
-            )  # (9)
+            found = ldlt.factor_solve(body.profile, matrix, load, work.inverse_pivot, work.row)  # (9)
+            count_pivots(control, found)
             restore_fixed(body, v, load)
             if constrained:
                 for i in range(x.size):
-                    change[i] = (1.0 / h) * (load[i] - v[i])
-                constrain(body, world, control, x, v, change, cache)
+                    load[i] = (1.0 / h) * (load[i] - v[i])
+                constrain(body, world, control, x, v, load, cache)
                 for i in range(x.size):
-                    load[i] = fma(h, change[i], v[i])
+                    load[i] = fma(h, load[i], v[i])
             for i in range(x.size):
                 v[i] = load[i]
                 x[i] = fma(h, load[i], x[i])
