@@ -36,6 +36,8 @@ def parse() -> argparse.Namespace:
         command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are kept (default runs)")
         command.add_argument("--folder", type=Path, help="keep the run in this folder")
         command.add_argument("--no-pictures", action="store_true", help="only measure the policy at the end")
+        command.add_argument("--learner", default="compiled", choices=("compiled", "sb3"), help="compiled kernels, or "
+                             "Stable-Baselines3's own code, which learns the same in more time")  # fmt: skip
         command.add_argument("--torch-threads", type=int, default=1, help="more is often slower (default 1)")
     command = commands.add_parser("all", help="train every task with all its seeds, and publish the results")
     command.add_argument("--runs", type=Path, default=Path("runs/all"), help="where runs are kept (default runs/all)")
@@ -88,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
         from agents.train import train
 
         train(arguments.command, arguments.seed, arguments.runs, arguments.resume, arguments.folder,
-              not arguments.no_pictures, arguments.body, arguments.start_from,
+              not arguments.no_pictures, arguments.body, arguments.start_from, arguments.learner,
               timesteps=arguments.timesteps, num_envs=arguments.num_envs)  # fmt: skip
 
 

@@ -4,13 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from stable_baselines3 import PPO
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
 
 from agents.config import TrainConfig
+from agents.fast_ppo import FastPPO
+from agents.layers import ScaledObservation, Tanh
 from agents.mirror import MirroredPolicy, mirror_of, plain_layers
 from agents.policy import Policy
 from agents.synergy import Synergies, both, synergies
@@ -19,42 +18,6 @@ from fish_env.envs.sb3 import make_sb3_vec_env
 POSITION_SCALE = 0.1  # body lengths: how far a node strays from its place in the body while swimming
 VELOCITY_SCALE = 1.0  # body lengths per second
 TILT_SCALE = 0.3  # a tilt of 0.3 rad counts as much as a node out of place
-
-
-class ScaledObservation(BaseFeaturesExtractor):
-    """(obs - offset) / scale with fixed numbers from the body at rest: no running statistics to lose."""
-
-    def __init__(self, observation_space, offset: np.ndarray, scale: np.ndarray):
-        super().__init__(observation_space, offset.size)
-        self.register_buffer("offset", torch.as_tensor(offset, dtype=torch.float32))
-        self.register_buffer("scale", torch.as_tensor(scale, dtype=torch.float32))
-
-    def forward(self, obs: torch.Tensor) -> torch.Tensor:
-        """Scaled observations (B,D)."""
-        return (obs - self.offset) / self.scale
-
-
-class _Tanh(torch.autograd.Function):
-    """tanh(x) = 2 / (1 + exp(-2 x)) - 1."""
-
-    @staticmethod
-    def forward(ctx, x):
-        y = x.mul(2.0).sigmoid_().mul_(2.0).sub_(1.0)
-        ctx.save_for_backward(y)
-        return y
-
-    @staticmethod
-    def backward(ctx, gradient):
-        (y,) = ctx.saved_tensors
-        return torch.ops.aten.tanh_backward(gradient, y)
-
-
-class Tanh(nn.Module):
-    """tanh by way of torch's sigmoid: the same to rounding, and several times as fast as torch's own on a processor."""
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Of any shape."""
-        return _Tanh.apply(x)
 
 
 def scaling(fish) -> tuple[np.ndarray, np.ndarray]:
@@ -75,11 +38,17 @@ def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
     return Synergies(make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options))
 
 
-def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None) -> PPO:
-    """A fresh PPO learner."""
+LEARNERS: dict[str, type[PPO]] = {"compiled": FastPPO, "sb3": PPO}
+"""Networks and loss by compiled kernels, or all by Stable-Baselines3: both learn the same, from the same files."""
+
+
+def make_model(
+    config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None, learner: str = "compiled"
+) -> PPO:
+    """A fresh PPO learner; `learner` is a key of `LEARNERS`."""
     fish = env.unwrapped.fish
     offset, scale = scaling(fish)
-    return PPO(
+    model = LEARNERS[learner](
         MirroredPolicy if config.symmetric else "MlpPolicy",
         env,
         n_steps=config.rollout,
@@ -93,6 +62,7 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
         policy_kwargs={
             "net_arch": list(config.hidden),
             "activation_fn": Tanh,
+            "optimizer_kwargs": {"fused": True},
             "log_std_init": config.initial_log_std,
             "features_extractor_class": ScaledObservation,
             "features_extractor_kwargs": {"offset": offset, "scale": scale},
@@ -102,6 +72,8 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
         seed=seed,
         device="cpu",
     )
+    model.threads = config.env_options.get("threads")  # as many as the fish are shared out over
+    return model
 
 
 class falling:  # noqa: N801 - used like a function; a class so that it can be pickled with the model

@@ -13,9 +13,10 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
-from agents.build import export_policy, make_env, make_model, start_from
+from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
 from agents.callbacks import Checkpoint, LearningCurve, Progress, save_whole
 from agents.config import CONFIGS, RESULTS, TrainConfig, settings_of
+from agents.fast_ppo import FastPPO
 from agents.report import report
 from benchmarks.provenance import provenance
 from fish_env import BODIES, make_fish
@@ -50,6 +51,7 @@ def train(
     pictures: bool = True,
     body: str | None = None,
     start: Path | None = None,
+    learner: str = "compiled",
     **changes,
 ) -> Path:
     """Train, evaluate and report; returns the run's folder.
@@ -64,14 +66,17 @@ def train(
         body: a key of `fish_env.BODIES` to learn on; None takes the task's.
         start: the folder of a run of the task to begin with what it learnt, on whatever body; its learning rate, noise
             and number of timesteps are those of a new run.
+        learner: a key of `agents.build.LEARNERS`; both learn the same, a run may change from one to the other.
         changes: fields of `TrainConfig` to use instead of the task's (None is ignored).
 
     Raises:
-        ValueError: for an unknown task or body, a setting that is not allowed, a run to start from that does not fit,
-            or a folder that holds a run already.
+        ValueError: for an unknown task, body or learner, a setting that is not allowed, a run to start from that does
+            not fit, or a folder that holds a run already.
         FileNotFoundError: if there is nothing to resume or to start from.
         RuntimeError: if another program is training in the folder.
     """
+    if learner not in LEARNERS:
+        raise ValueError(f"unknown learner {learner!r}; choose from {', '.join(LEARNERS)}")
     changes = {name: value for name, value in changes.items() if value is not None}
     if resume is None:
         if task not in CONFIGS:
@@ -99,11 +104,12 @@ def train(
         _write_config(folder, task, config, seed, kept, start)
         env = make_env(config, config.num_envs, seed)
         if resume is None:
-            model = make_model(config, env, seed, folder / "tensorboard")
+            model = make_model(config, env, seed, folder / "tensorboard", learner)
             if start is not None:
                 start_from(model, PPO.load(Path(start) / "model.zip", device="cpu"))
         else:
-            model = PPO.load(folder / "model.zip", env, device="cpu")
+            model = LEARNERS[learner].load(folder / "model.zip", env, device="cpu")
+        print(how_it_learns(model))
         finished = learn(model, config, folder, RESULTS[task].score)
         env.close()
         save_whole(model, folder / "model.zip")
@@ -120,6 +126,15 @@ def train(
             print(f"\nStopped while measuring. What was learnt is kept; measure it with: "
                   f"python train.py {task} --resume {folder}")  # fmt: skip
     return folder
+
+
+def how_it_learns(model: PPO) -> str:
+    """One line for the log: which code learns, and why if it is the slower one."""
+    if not isinstance(model, FastPPO):
+        return "Learning with Stable-Baselines3's own code."
+    if model.why_slow:
+        return f"Learning with Stable-Baselines3's own code: {model.why_slow}, which the compiled kernels do not know."
+    return "Learning with compiled kernels; the first time, compiling them takes some seconds."
 
 
 @contextmanager
