@@ -153,7 +153,8 @@ class Update:
         if normalize and batch.size > 1:
             advantages = self.samples.advantages[batch]
             settings = settings._replace(mean=float(advantages.mean()), spread=float(advantages.std(ddof=1)) + 1e-8)
-        jobs = list(zip(np.array_split(batch, PARTS), self.parts, [settings] * PARTS, strict=True))
+        now = settings, self.networks.transposed()
+        jobs = zip(np.array_split(batch, PARTS), self.parts, [now] * PARTS, strict=True)
         list(self._share_out(self._part, jobs))
         _, flat, total, statistics = self.parts[0]
         for _, other, _, others in self.parts[1:]:
@@ -166,8 +167,8 @@ class Update:
 
     def _part(self, job) -> None:
         """The sums of a part of a minibatch."""
-        which, (work, flat, total, statistics), settings = job
+        which, (work, flat, total, statistics), (settings, transposed) = job
         flat.fill(0.0)
         statistics.fill(0.0)
         swap, policy = self.networks.images.swap, self.networks.policy
-        kernels.differentiate(self.samples, which, settings, policy, swap, work, (total, statistics))
+        kernels.differentiate(self.samples, which, settings, policy, transposed, swap, work, (total, statistics))

@@ -135,12 +135,12 @@ def see(obs, images, seen):
 
 
 @njit
-def forward(seen, network, given):
-    """What every layer gives for rows (R,D)."""
+def forward(seen, weights, biases, given):
+    """What every layer gives for rows (R,D); weights (V,W), transposed: BLAS takes a third less time for them."""
     below, last = seen, len(given) - 1
     for k in range(len(given)):
-        out, bias = given[k][: seen.shape[0]], network.biases[k]
-        np.dot(below, network.weights[k].T, out)
+        out, bias = given[k][: seen.shape[0]], biases[k]
+        np.dot(below, weights[k], out)
         for i in range(out.shape[0]):
             if k < last:
                 for j in range(bias.size):
@@ -259,7 +259,7 @@ def gather(seen, which, rows):
 
 
 @njit
-def differentiate(samples, which, settings, policy, swap, work, sums):
+def differentiate(samples, which, settings, policy, transposed, swap, work, sums):
     """Add up the gradient of the losses of samples.
 
     Args:
@@ -267,6 +267,7 @@ def differentiate(samples, which, settings, policy, swap, work, sums):
         which: (n,) indices of samples.
         settings: of the minibatch.
         policy: as it is now.
+        transposed: weights (V,W) of actor and critic.
         swap: (I,A) as in `Images`.
         work: rows (R,D) for a block, and work of actor and critic.
         sums: the gradient with respect to the policy, and what is logged (4,), added to (`loss`).
@@ -277,8 +278,8 @@ def differentiate(samples, which, settings, policy, swap, work, sums):
         here = which[low : low + BLOCK]
         rows, mean, value = seen[: here.size * images], means[: here.size], values[: here.size]
         gather(samples.seen, here, rows)
-        forward(rows, policy.actor, actor.given)
-        forward(rows, policy.critic, critic.given)
+        forward(rows, transposed[0], policy.actor.biases, actor.given)
+        forward(rows, transposed[1], policy.critic.biases, critic.given)
         decide(actor.given[-1], swap, mean)
         judge(critic.given[-1], images, value)
         loss(samples, here, settings, policy.log_std, mean, value, (total.log_std, statistics, inverse))

@@ -61,6 +61,11 @@ class Networks:
         actor, critic = Network(weights[:depth], biases[:depth]), Network(weights[depth:], biases[depth:])
         return Policy(arrays[0], actor, critic)
 
+    def transposed(self) -> tuple[tuple[np.ndarray, ...], ...]:
+        """Weights (V,W) of actor and critic as they are now."""
+        networks = self.policy.actor, self.policy.critic
+        return tuple(tuple(np.ascontiguousarray(weight.T) for weight in network.weights) for network in networks)
+
     def work(self) -> tuple[np.ndarray, Work, Work]:
         """Memory for a block: its rows, and work of actor and critic."""
         images, size = self.images.place.shape
@@ -81,9 +86,9 @@ class Networks:
         """Mean actions (n,A) and values (n,) for observations (n,D)."""
         seen, swap = self.see(obs).reshape(-1, obs.shape[1]), self.images.swap
         last = []
-        for network in (self.policy.actor, self.policy.critic):
+        for network, weights in zip(self.policy[1:], self.transposed(), strict=True):
             given = tuple(np.empty((len(seen), bias.size), self.dtype) for bias in network.biases)
-            kernels.forward(seen, network, given)
+            kernels.forward(seen, weights, network.biases, given)
             last.append(given[-1].reshape(len(obs), len(swap), -1))
         return sum(last[0][:, m, there] for m, there in enumerate(swap)) / len(swap), last[1][:, :, 0].mean(1)
 
