@@ -20,7 +20,7 @@ import numba
 import numpy as np
 from numba import _dynfunc
 from numba.core import event
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.dispatcher import Dispatcher
@@ -127,8 +127,35 @@ def end_progress() -> None:
         listener.close()
 
 
+class KeyedFiles(IndexDataCacheFile):
+    """Files of compiled code named by what they are for, so that processes that compile at once keep theirs apart.
+
+    Numba numbers them by an index that it reads and writes without a lock: of two processes that compile two closures
+    of one function, one may then be given the other's code.
+    """
+
+    def save(self, key, data):
+        """Keep compiled code."""
+        self._save_data(self._name(key), data)
+
+    def load(self, key):
+        """What was kept, or None."""
+        with contextlib.suppress(FileNotFoundError):
+            return self._load_data(self._name(key))
+        return None
+
+    def _name(self, key) -> str:
+        text = "\n".join(map(str, (numba.__version__, *key)))
+        return self._index_name.removesuffix("nbi") + hashlib.sha256(text.encode()).hexdigest()[:32] + ".nbc"
+
+
 class SourceCache(FunctionCache):
     """Numba's cache of one function, for closures too: kernels that a closure holds enter the key by their code."""
+
+    def __init__(self, function):
+        super().__init__(function)
+        base = self._impl.filename_base
+        self._cache_file = KeyedFiles(self._cache_path, base, self._impl.locator.get_source_stamp())
 
     def load_overload(self, sig, target_context):
         """What was compiled before, or None: then it is compiled now, and said so."""

@@ -216,3 +216,28 @@ def test_parts_are_never_loaded():
     engine = outer.library.codegen._engine
     assert engine.is_symbol_defined(outer.fndesc.mangled_name)
     assert not engine.is_symbol_defined(inner.fndesc.mangled_name)
+
+
+def test_processes_that_compile_at_once(tmp_path, monkeypatch):
+    """Code is found by what it is for, though another process wrote at the same time and no index knows of it."""
+    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
+
+    def made(factor):
+        @njit
+        def scaled(a):
+            return factor * a
+
+        return scaled
+
+    files, keys = [], []
+    for factor in (2.0, 3.0):
+        scaled = made(factor)
+        assert scaled(1.0) == factor
+        files.append(scaled._cache._cache_file)
+        keys.append(scaled._cache._index_key(scaled.signatures[0], scaled.targetctx.codegen()))
+    monkeypatch.setattr(type(files[0]), "_load_index", lambda self: {})
+    for number, (file, key) in enumerate(zip(files, keys, strict=True)):
+        file.save(key, number)
+    assert [file.load(key) for file, key in zip(files, keys, strict=True)] == [0, 1]
+    assert files[0].load(keys[1]) == 1 and len(list(tmp_path.rglob("*.nbc"))) == 2
+    assert [made(factor)(1.0) for factor in (4.0, 5.0)] == [4.0, 5.0]
