@@ -24,13 +24,13 @@ from dataclasses import replace
 from statistics import median
 
 import torch
+from stable_baselines3.common.callbacks import BaseCallback
 
-from agents.build import LEARNERS, make_env, make_model
+from agents.build import LEARNERS, export_policy, make_env, make_model
 from agents.config import CONFIGS, TrainConfig
 from agents.controllers import best_gait
-from agents.evaluate import evaluate, gait_controller, make_eval_env, measuring
+from agents.evaluate import evaluate, gait_controller, make_eval_env, measuring, policy_controller
 from benchmarks.provenance import write_csv
-from benchmarks.training import Stopwatch, UntilFast
 from fish_env.tank import available_processors
 
 ROLLOUTS = 4  # timed together
@@ -44,6 +44,42 @@ GAIT_BAR = 8.0  # s on all cores
 def with_threads(config: TrainConfig, threads: int) -> TrainConfig:
     """The settings of a task with so many threads for the fish and for the update."""
     return replace(config, env_options=config.env_options | {"threads": threads})
+
+
+class Stopwatch:
+    """Adds up the time that calls of a function take."""
+
+    def __init__(self, owner, name: str):
+        self.seconds, function = 0.0, getattr(owner, name)
+
+        def timed(*arguments, **options):
+            begin = time.perf_counter()
+            result = function(*arguments, **options)
+            self.seconds += time.perf_counter() - begin
+            return result
+
+        setattr(owner, name, timed)
+
+
+class UntilFast(BaseCallback):
+    """Stops the training when the policy, without noise, swims as fast as asked on the evaluation seeds."""
+
+    def __init__(self, speed: float):
+        super().__init__()
+        self.speed, self.measuring = speed, 0.0
+        self.env = make_eval_env(CONFIGS["swim"].env_id, 20, measuring(CONFIGS["swim"].env_options))
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        begin = time.perf_counter()
+        self.reached = (
+            evaluate(policy_controller(export_policy(self.model, {}), self.env), self.env)["speed"].mean() >= self.speed
+        )
+        self.measuring += time.perf_counter() - begin
+        if self.reached:
+            raise StopIteration
 
 
 class Run:

@@ -135,7 +135,7 @@ class Episodes:
         self._arrays["totals"][:, mask] = 0.0
         self._begun[mask] = True
         self._started = self._begun.all()
-        self._look()
+        self._look(mask)
 
     def advance(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One control interval: reward (B,) float64, terminated (B,), truncated (B,), as copies; then `observe`."""
@@ -199,12 +199,16 @@ class Episodes:
         self._vectors[:] = self.task.vectors(self.tank, self._pose)
         observe_all(self._env)
 
-    def _look(self) -> None:
-        """Measure and observe all fish where they are."""
-        if self._step is None:
-            self._see(self._env, 0, self.num_envs, False)
-        else:
-            self._step(self._env.address, 0, self.num_envs, -1, 0.0)
+    def _look(self, mask: np.ndarray | None = None) -> None:
+        """Measure and observe the fish of a mask (B,), or all, where they are."""
+        places = [(0, self.num_envs)]
+        if mask is not None and not mask.all():
+            places = [(p, p + 1) for p in np.flatnonzero(mask[self._env.order])]
+        for first, last in places:
+            if self._step is None:
+                self._see(self._env, first, last, False)
+            else:
+                self._step(self._env.address, first, last, -1, 0.0)
         if self._kernels is None:
             self._observe()
 
