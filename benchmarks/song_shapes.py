@@ -6,7 +6,6 @@ from fish_env.bodies.objects import Layered, make_uniform_sphere
 from fish_env.bodies.skins import Skin, circle, globe, octasphere
 from fish_env.elements import make_chambers
 from fish_env.forces.evaluate import Evaluator
-from fish_env.forces.pressure import estimated_normals, estimated_volume
 from fish_env.volume import volume_of
 from fish_env.world import VACUUM
 
@@ -17,6 +16,30 @@ SHAPES = {"round": np.eye(3), "flattened": np.diag((1.25, 0.8, 1.25)), "long": L
 SKINS = [("ring", n, circle(n)) for n in (6, 12, 24, 48, 96)]
 SKINS += [("sphere", n, globe(n, 2 * n // 3)) for n in (6, 12, 24, 48)]
 SKINS += [("uniform sphere", 4**n, octasphere(n)) for n in range(5)]
+
+
+def estimated_volume(nodes, x) -> float:
+    """Song's estimate of a volume, from the springs of its surface (E,2): half their |dx| |n_x| length (eq. 4.16).
+
+    Units of an area, whatever the dimension. Every term is of second order in a spring's length, so that the sum goes
+    to nothing with finer rings: it follows the volume of one mesh, up to a constant that belongs to that mesh.
+    """
+    edge = x[nodes[:, 1]] - x[nodes[:, 0]]
+    length = np.linalg.norm(edge, axis=1)
+    return float(0.5 * np.sum(np.abs(edge[:, 0]) * np.abs(estimated_normals(nodes, x)[:, 0]) * length))
+
+
+def estimated_normals(nodes, x) -> np.ndarray:
+    """Song's estimate of the normals of springs (E,2), unit vectors (E,3): the spring turned about each axis.
+
+    Two components change places, and one its sign, about z, then y, then x; in the plane about z alone (ch. 4.5.2).
+    """
+    edge = x[nodes[:, 1]] - x[nodes[:, 0]]
+    turned = edge[:, [1, 0, 2]] * (1.0, -1.0, 1.0)  # about z
+    if np.ptp(x[:, 2]) > 0.0:
+        turned = turned[:, [2, 1, 0]] * (-1.0, 1.0, 1.0)  # about y
+        turned = turned[:, [0, 2, 1]] * (1.0, 1.0, -1.0)  # about x
+    return turned / np.linalg.norm(turned, axis=1)[:, None]
 
 
 def estimate(kind: str, detail: int, skin: Skin, shape: str) -> dict:

@@ -8,12 +8,11 @@ from kernels import Block
 
 from benchmarks.song_methods import largest_stable
 from benchmarks.song_scenes import SCENES, outside, stage, watched
-from benchmarks.song_shapes import estimate, roundness
+from benchmarks.song_shapes import estimate, estimated_normals, estimated_volume, roundness
 from fish_env import Tank
 from fish_env.bodies.objects import OBJECTS, RING, make_ring, make_sphere, make_string, make_uniform_sphere, room
 from fish_env.bodies.skins import KINDS, circle, evened, globe, octasphere, tensions
 from fish_env.body import make_body
-from fish_env.forces import pressure
 from fish_env.forces.evaluate import Evaluator
 from fish_env.volume import volume_of
 from fish_env.world import VACUUM
@@ -226,10 +225,10 @@ def test_estimated_volume():
     """Song's sum, by hand for a square; on rings of twice as many springs it is half as much."""
     square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]])
     edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
-    assert pressure.estimated_volume(edges, square) == 0.0  # where |dx| is not zero, the normal's x is
+    assert estimated_volume(edges, square) == 0.0  # where |dx| is not zero, the normal's x is
     half = np.sqrt(0.5)
     turned = square @ np.array([[half, half, 0], [-half, half, 0], [0, 0, 1]])
-    assert pressure.estimated_volume(edges, turned) == pytest.approx(0.5 * 0.5 * (4 + 1 + 4 + 1))
+    assert estimated_volume(edges, turned) == pytest.approx(0.5 * 0.5 * (4 + 1 + 4 + 1))
     few, many = (estimate("ring", n, circle(n), "round")["estimated_volume"] for n in (48, 96))
     assert few / many == pytest.approx(2.0, rel=0.01)
 
@@ -239,11 +238,11 @@ def test_estimated_normals():
     skin = circle(7)
     x = skin.place * (2.0, 0.5, 0.0)
     edge = x[skin.edges[:, 1]] - x[skin.edges[:, 0]]
-    normal = pressure.estimated_normals(skin.edges, x)
+    normal = estimated_normals(skin.edges, x)
     np.testing.assert_allclose(np.sum(normal * edge, axis=1), 0.0, atol=1e-15)
     assert np.sum(normal * x[skin.edges].mean(axis=1), axis=1).min() > 0
     ends = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1]])
-    found = pressure.estimated_normals(np.array([[0, 1], [0, 2], [0, 3]]), ends)
+    found = estimated_normals(np.array([[0, 1], [0, 2], [0, 3]]), ends)
     np.testing.assert_allclose(found, [[0, 1, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-15)
 
 

@@ -113,27 +113,3 @@ def failed(body, world, control, x, v, f, cache):
     for c in range(body.chambers.gas.size):
         empty = empty | (volume(body, c, x, cache.slope) <= 0.0)
     return empty
-
-
-def estimated_volume(nodes, x) -> float:
-    """Song's estimate of a volume, from the springs of its surface (E,2): half their |dx| |n_x| length (eq. 4.16).
-
-    Units of an area, whatever the dimension. Every term is of second order in a spring's length, so that the sum goes
-    to nothing with finer rings: it follows the volume of one mesh, up to a constant that belongs to that mesh.
-    """
-    edge = x[nodes[:, 1]] - x[nodes[:, 0]]
-    length = np.linalg.norm(edge, axis=1)
-    return float(0.5 * np.sum(np.abs(edge[:, 0]) * np.abs(estimated_normals(nodes, x)[:, 0]) * length))
-
-
-def estimated_normals(nodes, x) -> np.ndarray:
-    """Song's estimate of the normals of springs (E,2), unit vectors (E,3): the spring turned about each axis.
-
-    Two components change places, and one its sign, about z, then y, then x; in the plane about z alone (ch. 4.5.2).
-    """
-    edge = x[nodes[:, 1]] - x[nodes[:, 0]]
-    turned = edge[:, [1, 0, 2]] * (1.0, -1.0, 1.0)  # about z
-    if np.ptp(x[:, 2]) > 0.0:
-        turned = turned[:, [2, 1, 0]] * (-1.0, 1.0, 1.0)  # about y
-        turned = turned[:, [0, 2, 1]] * (1.0, 1.0, -1.0)  # about x
-    return turned / np.linalg.norm(turned, axis=1)[:, None]
