@@ -85,6 +85,7 @@ class Episodes:
         self._arrays = arrays
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
+        self._reward, self._terminated, self._truncated = (arrays[name] for name in ("reward", "terminated", "truncated"))
         self._limit[:] = max_episode_steps or np.iinfo(np.int64).max
         self._vectors = np.zeros((self.num_envs, limits.size, 3))
         self._pose = make_pose(self.num_envs)
@@ -140,7 +141,7 @@ class Episodes:
     def advance(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One control interval: reward (B,) float64, terminated (B,), truncated (B,), as copies; then `observe`."""
         self._take(action)
-        return tuple(self._arrays[name].copy() for name in ("reward", "terminated", "truncated"))
+        return self._reward.copy(), self._terminated.copy(), self._truncated.copy()
 
     def _take(self, action) -> None:
         """One control interval, into the arrays of the episode."""

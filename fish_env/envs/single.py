@@ -44,13 +44,15 @@ class FishEnv(gym.Env):
 
     def step(self, action: np.ndarray):
         """One control interval: observation, reward, terminated, truncated, info."""
-        reward, terminated, truncated = self.fish.advance(np.asarray(action)[None])
-        info = self.fish.step_info(0) if self.fish.info_every_step else {}
-        if terminated[0] or truncated[0] or self.fish._elapsed[0] == self._limit:
+        fish = self.fish
+        fish._take(np.asarray(action)[None])
+        terminated, truncated = fish._terminated.item(), fish._truncated.item()
+        info = fish.step_info(0) if fish.info_every_step else {}
+        if terminated or truncated or fish._elapsed[0] == self._limit:
             info |= self.episode_info()
         if self.render_mode == "human":
             self.render()
-        return self.fish.observe()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        return fish._observation[0].copy(), fish._reward.item(), terminated, truncated, info
 
     def episode_info(self) -> dict[str, Any]:
         """What the episode has come to so far: reward terms, the task's metrics, seconds, the failure if any.
