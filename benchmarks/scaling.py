@@ -29,7 +29,7 @@ from fish_env.tank import kind_for
 FISH = (1, 2, 3, 4, 8, 16, 64, 256, 1024, 4096, 16_384, 100_000)
 LEVELS = (1, 2, 3)
 THROUGH = (2, 4, 6, 8, 12, 18)  # cells through the thickness of the bars: 189 to 10,317 nodes
-STEP, SPEED = 0.001, 1.0  # s; m/s, of the free end at the start: of the bars
+STEP, SPEED = 0.001, 0.1  # s; m/s, of the free end at the start: of the bars
 IN_LANES, MOST_IN_LANES = 8, 2000  # fish side by side, and the most nodes of which so many are tried
 OFTEN, RARELY = (3, 3), (3, 1)  # rounds, and how often all is made, of most, and of what takes long
 PRECISIONS = ("float64", "float32")
