@@ -85,7 +85,7 @@ class Episodes:
         self._arrays = arrays
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
-        self._reward, self._terminated, self._truncated = (arrays[name] for name in ("reward", "terminated", "truncated"))
+        self._reward, self._terminated, self._truncated = map(arrays.get, ("reward", "terminated", "truncated"))
         self._limit[:] = max_episode_steps or np.iinfo(np.int64).max
         self._vectors = np.zeros((self.num_envs, limits.size, 3))
         self._pose = make_pose(self.num_envs)
