@@ -198,9 +198,21 @@ def code_of(value, seen: set) -> list[bytes]:
     return found
 
 
+def named(function):
+    """Name a closure after what it does, besides where it stands.
+
+    The loader takes the first function of a name for all others, and numba's numbers tell closures apart only within a
+    process: of two that two processes kept on disk, a third would run one in the place of the other.
+    """
+    home = getattr(sys.modules.get(function.__module__), "__dict__", None)
+    if function.__closure__ or function.__globals__ is not home:
+        function.__qualname__ += "_" + hashlib.sha256(b"".join(code_of(function, set()))).hexdigest()[:16]
+    return function
+
+
 def njit(function):
     """Compile a function that Python calls: no objects, no GIL, numpy's division rules, cached by its sources."""
-    compiled = numba.njit(**OPTIONS)(function)
+    compiled = numba.njit(**OPTIONS)(named(function))
     if _FOLDER is not None and isinstance(compiled, Dispatcher):
         previous, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _FOLDER
         try:
@@ -270,7 +282,7 @@ def part(function, **options):
     """Compile a part of kernels, without the wrappers that Python would call it by: a quarter of the time."""
     compiled = numba.njit(
         **OPTIONS, **options, no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=PartCompiler
-    )(function)
+    )(named(function))
     if isinstance(compiled, CPUDispatcher):
         compiled.__class__ = Part
     return compiled

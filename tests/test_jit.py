@@ -241,3 +241,33 @@ def test_processes_that_compile_at_once(tmp_path, monkeypatch):
     assert [file.load(key) for file, key in zip(files, keys, strict=True)] == [0, 1]
     assert files[0].load(keys[1]) == 1 and len(list(tmp_path.rglob("*.nbc"))) == 2
     assert [made(factor)(1.0) for factor in (4.0, 5.0)] == [4.0, 5.0]
+
+
+def test_closures_of_several_processes(tmp_path):
+    """Two processes keep a closure each; a third that loads both runs each in its own place, parts included."""
+    script = """
+import sys
+from fish_env._jit import njit, part
+
+def made(factor):
+    @part
+    def inner(x):
+        total = 0.0
+        for i in range(int(x)):
+            total += factor
+        return total
+    @njit
+    def scaled(x):
+        return inner(x) if x < 1e6 else x
+    return scaled
+
+print([made(float(factor))(1.0) for factor in sys.argv[1:]])
+"""
+    path = tmp_path / "script.py"
+    path.write_text(script)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "FISH_ENV_QUIET": "1"}
+    for factors in (["2"], ["3"], ["2", "3"]):
+        done = subprocess.run(
+            [sys.executable, path, *factors], env=environment, capture_output=True, text=True, check=True
+        )
+        assert done.stdout.strip() == str([float(factor) for factor in factors])

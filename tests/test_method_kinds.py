@@ -27,18 +27,25 @@ LANES = [8, *(pytest.param(lanes, marks=pytest.mark.slow) for lanes in (1, 4, 16
 
 
 def moved(name, body, kind, steps=5, **options):
-    """A tank of COUNT fish in water, shaken and driven, every third with a stiffness, mass and current of its own."""
+    """A tank of COUNT fish in water, shaken and driven, every third with a stiffness, mass and current of its own.
+
+    Bodies that tear more easily than QUICK are shaken a fifth as much, and take half the step.
+    """
+    calm, part = (1.0, 1.0) if body == QUICK else (0.2, 0.5)
     fish, rng = FISH[body], np.random.default_rng(2)
     free = fish.body.inverse_mass > 0
-    x = fish.body.position + 0.005 * fish.length * rng.uniform(-1, 1, (COUNT, *free.shape)) * free
-    v = 0.2 * fish.length / fish.contraction_time * rng.uniform(-1, 1, x.shape) * free
-    rest = fish.body.springs.rest_length * rng.uniform(0.97, 1.03, (COUNT, len(fish.body.springs.rest_length)))
+    x = fish.body.position + calm * 0.005 * fish.length * rng.uniform(-1, 1, (COUNT, *free.shape)) * free
+    v = calm * 0.2 * fish.length / fish.contraction_time * rng.uniform(-1, 1, x.shape) * free
+    rest = fish.body.springs.rest_length * rng.uniform(
+        1 - 0.03 * calm, 1 + 0.03 * calm, (COUNT, len(fish.body.springs.rest_length))
+    )
     rate = 0.1 * rest * rng.uniform(-1, 1, rest.shape) / fish.contraction_time
-    h = naive.SHORTER.get(name, 1) * own_step(fish, INTEGRATORS["symplectic_euler"])
+    h = part * naive.SHORTER.get(name, 1) * own_step(fish, INTEGRATORS["symplectic_euler"])
     tank = tank_of(name, fish, world_of(fish), x, v, h, rest, rate, lanes=kind, **options)
     for i in range(0, COUNT, 3):
         tank.vary(i, stiffness=1.1, mass=0.9, drag=1.2, current=(0.01, 0.02, 0.0))
     tank.advance(steps)
+    assert tank.alive.all()
     return tank
 
 
@@ -46,12 +53,8 @@ def moved(name, body, kind, steps=5, **options):
 @pytest.mark.parametrize("body", BODIES_TO_TRY)
 @pytest.mark.parametrize("lanes", LANES)
 def test_bits(name, body, lanes):
-    """Fish side by side in lanes end, bit for bit, where each ends alone with its coordinates in a register.
-
-    Some fish of bodies that are easily torn fail, and do so in either kind.
-    """
+    """Fish side by side in lanes end, bit for bit, where each ends alone with its coordinates in a register."""
     alone, together = moved(name, body, "xyz"), moved(name, body, lanes)
-    assert alone.alive.sum() >= (COUNT if body == QUICK else COUNT // 3)
     for one, many in zip(alone.state, together.state, strict=True):
         np.testing.assert_array_equal(one, many)
     assert np.abs(alone.position[1] - alone.position[2]).max() > 1e-4 * alone.fish.length
@@ -62,7 +65,6 @@ def test_bits(name, body, lanes):
 def test_single_precision(name, lanes):
     """In float32 every method moves the fish as in float64, to that precision."""
     exact, near = moved(name, QUICK, "xyz"), moved(name, QUICK, lanes, dtype="float32")
-    assert exact.alive.all() and near.alive.all()
     way = np.abs(exact.velocity).max() * exact.time[0]
     size = np.abs(exact.position).max()
     np.testing.assert_allclose(near.position, exact.position, rtol=0, atol=1e-3 * way + 1e-6 * size)
