@@ -181,7 +181,7 @@ def code_of(value, seen: set) -> list[bytes]:
     if not isinstance(value, FunctionType):
         return [str(getattr(value, "cache_key", repr(value))).encode()]
     if value in seen:
-        return []
+        return [value.__qualname__.encode()]
     seen.add(value)
     code = value.__code__
     constants = [const for const in code.co_consts if not isinstance(const, CodeType)]
@@ -201,8 +201,8 @@ def code_of(value, seen: set) -> list[bytes]:
 def named(function):
     """Name a closure after what it does, besides where it stands.
 
-    The loader takes the first function of a name for all others, and numba's numbers tell closures apart only within a
-    process: of two that two processes kept on disk, a third would run one in the place of the other.
+    The loader takes the first part of a name that is not inlined for all others of that name, and numba's numbers tell
+    closures apart only within a process: of two that two processes kept on disk, a third would run one for the other.
     """
     home = getattr(sys.modules.get(function.__module__), "__dict__", None)
     if function.__closure__ or function.__globals__ is not home:

@@ -244,8 +244,13 @@ def test_processes_that_compile_at_once(tmp_path, monkeypatch):
 
 
 def test_closures_of_several_processes(tmp_path):
-    """Two processes keep a closure each; a third that loads both runs each in its own place, parts included."""
-    script = """
+    """Two processes keep a closure each; a third that loads both runs each with its own parts.
+
+    The part is too long to be inlined: such a part is what the loader takes the first of a name of.
+    """
+    script = (
+        """
+import math
 import sys
 from fish_env._jit import njit, part
 
@@ -255,19 +260,35 @@ def made(factor):
         total = 0.0
         for i in range(int(x)):
             total += factor
+"""
+        + """
+            for k in range(int(x)):
+                total += math.sin(total) * math.exp(-x * k) + math.tan(total + k)
+                for j in range(k):
+                    total += math.sin(total + j) * math.exp(-x * k) + math.tan(total + k * j)
+"""
+        * 2
+        + """
         return total
     @njit
-    def scaled(x):
-        return inner(x) if x < 1e6 else x
-    return scaled
+    def outer(x):
+        return inner(x) + inner(1.01 * x) + inner(x + 1.0) + inner(x + 2.0) + inner(x + 5.0)
+    return outer
 
-print([made(float(factor))(1.0) for factor in sys.argv[1:]])
+print(*[made(float(factor))(1.0) for factor in sys.argv[1:]])
 """
+    )
     path = tmp_path / "script.py"
     path.write_text(script)
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "FISH_ENV_QUIET": "1"}
-    for factors in (["2"], ["3"], ["2", "3"]):
+
+    def printed(*factors):
         done = subprocess.run(
             [sys.executable, path, *factors], env=environment, capture_output=True, text=True, check=True
         )
-        assert done.stdout.strip() == str([float(factor) for factor in factors])
+        return done.stdout.split()
+
+    two, three = printed("2"), printed("3")
+    assert two != three
+    assert printed("2", "3") == two + three
+    assert printed("3", "2") == three + two
