@@ -251,9 +251,9 @@ class PartLowering(NativeLowering):
 @cache
 def come_first() -> None:
     """Let numba know our types first, once, when the first kernel is compiled."""
-    from fish_env.simd import functions
+    from fish_env.simd import arithmetic
 
-    functions.come_first()
+    arithmetic.come_first()
 
 
 class PartCompiler(CompilerBase):

@@ -91,14 +91,25 @@ def stop(tank, block, b, duration):
         tank.rate[b, e] = 0.0
 
 
+@kernel
+def together(queue, todo, p, count, lanes):
+    """The end of the fish todo[p:] that fit into one block: as many as it has lanes, with one plan."""
+    row, q = queue.row[todo[p]], p + 1
+    while q < count and q - p < lanes and queue.row[todo[q]] == row:
+        q += 1
+    return q
+
+
 @cache
-def make_advance(names: tuple[str, ...], method):
-    """The kernel `advance` of a method, for bodies and worlds on which the forces of these names act."""
-    run, failed = method.make_run(names), forces.total(names, "failed")
+def make_judge(names: tuple[str, ...]):
+    """The kernel that says why the fish of a block fail, for bodies and worlds on which the forces of these names act.
+
+    It returns a number a lane: 0, or an index into FAILURES.
+    """
+    failed = forces.total(names, "failed")
 
     @part
-    def judged(block):
-        """Why the fish of a block fail, a number a lane: 0, or an index into FAILURES."""
+    def judge(block):
         body, world, control, x, v, c = block.body, block.world, block.control, block.x, block.v, block.cache
         infinite = nowhere(x)
         for i in range(x.size):
@@ -107,12 +118,70 @@ def make_advance(names: tuple[str, ...], method):
         code = select(infinite, 1.0 * NON_FINITE, code)
         return select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)  # what is infinite came of it
 
+    return judge
+
+
+@cache
+def make_finish(names: tuple[str, ...]):
+    """The kernel that ends an attempt to move a block of fish: each is stored, has failed, or must be moved again."""
+    judge = make_judge(names)
+
+    @part
+    def put_back(tank, block, p, q):
+        """Put fish that were broken when they were handed over, a user's state, into the body's rest position."""
+        gather(tank, block, block.todo, p, q)
+        code = judge(block)
+        for m in range(q - p):
+            b = INDEX(block.todo[p + m])
+            if tank.failure[b] != 0 and lane(code, m) > 0.0:
+                tank.failure[b] = int(lane(code, m))
+                for i in range(block.x.size):
+                    for k in range(3):
+                        tank.x[b, i, k] = tank.rest_position[i, k]
+                        tank.v[b, i, k] = 0.0
+
+    @part
+    def finish(tank, queue, block, p, q, level, steps, again):
+        """End an attempt at `steps` steps of fish todo[p:q]; how many are to be moved again, first in todo."""
+        control, todo = block.control, block.todo
+        whole = control.plans[queue.row[todo[p]], H] * (steps >> level)
+        strain = control.plans[control.row[0], H] * control.fastest[0]
+        code, pivots, bad = judge(block), control.pivots[0], 0
+        for m in range(q - p):
+            b = INDEX(todo[p + m])
+            for k in range(COUNTED):
+                tank.counters[b, k] += steps * control.costs[control.row[0], k]
+            tank.counters[b, COUNTED] += int(lane(pivots, m))
+            failing = lane(code, m) > 0.0
+            if level < queue.deepest and (failing or lane(strain, m) > queue.tolerance):
+                todo[again] = todo[p + m]
+                again += 1
+                tank.counters[b, COUNTED + 1] += 1
+                continue
+            if failing:
+                tank.failure[b] = int(lane(code, m))
+                bad += 1
+            else:
+                scatter(tank, block, b, m)
+                tank.clock[b] += whole
+            stop(tank, block, b, whole)
+        if bad > 0:
+            put_back(tank, block, p, q)
+        return again
+
+    return finish
+
+
+@cache
+def make_advance(names: tuple[str, ...], method):
+    """The kernel `advance` of a method, for bodies and worlds on which the forces of these names act."""
+    run, finish = method.make_run(names), make_finish(names)
+
     @part
     def advance(tank, queue, block, first, last, n):
         """Move fish queue.order[first:last] by n steps; in place. Those that fail stay where they were."""
-        body, world, control, todo = block.body, block.world, block.control, block.todo
-        x, v, work, kept, plans = block.x, block.v, block.work, block.cache, block.control.plans
-        lanes, count, level, steps = block_size(x), 0, 0, n
+        control, todo = block.control, block.todo
+        lanes, count, level, steps = block_size(block.x), 0, 0, n
         for p in range(first, last):
             b = queue.order[p]
             if tank.failure[b] == 0:
@@ -121,44 +190,11 @@ def make_advance(names: tuple[str, ...], method):
         while count > 0:
             again, p = 0, np.int64(0)  # a literal 0 would have `gather` compiled twice
             while p < count:
-                row, q = queue.row[todo[p]], p + 1
-                while q < count and q - p < lanes and queue.row[todo[q]] == row:
-                    q += 1
+                q = together(queue, todo, p, count, lanes)
                 gather(tank, block, todo, p, q)
-                control.row[0] = row + level
-                h = plans[row + level, H]
-                run(body, world, control, x, v, work, kept, steps)
-                code, pivots, strain = judged(block), control.pivots[0], h * control.fastest[0]
-                bad = 0
-                for m in range(q - p):
-                    b = INDEX(todo[p + m])
-                    for k in range(COUNTED):
-                        tank.counters[b, k] += steps * block.control.costs[row + level, k]
-                    tank.counters[b, COUNTED] += int(lane(pivots, m))
-                    failing = lane(code, m) > 0.0
-                    if level < queue.deepest and (failing or lane(strain, m) > queue.tolerance):
-                        todo[again] = todo[p + m]
-                        again += 1
-                        tank.counters[b, COUNTED + 1] += 1
-                        continue
-                    if failing:
-                        tank.failure[b] = int(lane(code, m))
-                        bad += 1
-                    else:
-                        scatter(tank, block, b, m)
-                        tank.clock[b] += n * plans[row, H]
-                    stop(tank, block, b, n * plans[row, H])
-                if bad > 0:  # the state they are put back to may have been broken already when it was handed over
-                    gather(tank, block, todo, p, q)
-                    code = judged(block)
-                    for m in range(q - p):
-                        b = INDEX(todo[p + m])
-                        if tank.failure[b] != 0 and lane(code, m) > 0.0:
-                            tank.failure[b] = int(lane(code, m))
-                            for i in range(x.size):
-                                for k in range(3):
-                                    tank.x[b, i, k] = tank.rest_position[i, k]
-                                    tank.v[b, i, k] = 0.0
+                control.row[0] = queue.row[todo[p]] + level
+                run(block.body, block.world, control, block.x, block.v, block.work, block.cache, steps)
+                again = finish(tank, queue, block, p, q, level, steps, again)
                 p = q
             count, level, steps = again, level + 1, 2 * steps
 

@@ -4,35 +4,11 @@ A kernel is written with `r = x[j] - x[i]`, `dot(r, u)`, `select(outward > 0.0, 
 decides what it is compiled to. `Kind` makes such arrays, `Pack` hands them over.
 """
 
-from fish_env.simd.functions import (
-    all_lanes,
-    any_lane,
-    cross,
-    dot,
-    exp,
-    fma,
-    lane,
-    log,
-    select,
-    sqrt,
-    vec3,
-)
-from fish_env.simd.memory import (
-    LANES,
-    SUPPORTED,
-    Kind,
-    Numbers,
-    Pack,
-    Vectors,
-    block_size,
-    directions,
-    epsilon,
-    floats,
-    nowhere,
-    pack_at,
-    packed,
-    zero,
-)
+from fish_env.simd import products  # noqa: F401  (tells numba how to compile them)
+from fish_env.simd.arrays import block_size, directions, epsilon, floats, nowhere, zero
+from fish_env.simd.functions import all_lanes, any_lane, cross, dot, exp, fma, lane, log, select, sqrt, vec3
+from fish_env.simd.kinds import LANES, SUPPORTED, Kind, Numbers, Vectors
+from fish_env.simd.packs import Pack, pack_at, packed
 
 __all__ = [
     "LANES",
