@@ -31,7 +31,7 @@ from agents.config import CONFIGS, TrainConfig
 from agents.controllers import best_gait
 from agents.evaluate import evaluate, gait_controller, make_eval_env, measuring, policy_controller
 from benchmarks.provenance import write_csv
-from fish_env.tank import available_processors
+from fish_env.tank_options import available_processors
 
 ROLLOUTS = 4  # timed together
 REPEATS = 7

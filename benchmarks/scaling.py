@@ -24,7 +24,7 @@ from benchmarks.finite_elements import LENGTH, cantilever, loose
 from benchmarks.finite_elements import read as read_csv
 from benchmarks.provenance import RESULTS, write_csv
 from fish_env import Tank, make_fish
-from fish_env.tank import kind_for
+from fish_env.tank_options import kind_for
 
 FISH = (1, 2, 3, 4, 8, 16, 64, 256, 1024, 4096, 16_384, 100_000)
 LEVELS = (1, 2, 3)

@@ -1,26 +1,31 @@
 """Tank: B fish of one kind in water, or B other elastic objects. The one stateful simulation class."""
 
-import math
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from numbers import Real
 
 import numpy as np
 
-from fish_env._jit import INDEX, kernel, njit
-from fish_env.bodies.fish import ElasticObject, Fish
-from fish_env.body import COUNTERS, FAILURES, Body, Control, State, scaled
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import COUNTERS, FAILURES, Control, State
 from fish_env.checks import finite_array, fits_memory, positive_array
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
-from fish_env.integrators import INTEGRATORS, Integrator
-from fish_env.simd import LANES, SUPPORTED, Kind, Pack, Vectors
+from fish_env.muscles import command_all
+from fish_env.tank_options import (
+    available_processors,
+    bytes_of,
+    check_counts,
+    check_scene,
+    checked_state,
+    described,
+    kind_for,
+    method_for,
+    varied,
+    whole_steps,
+)
 from fish_env.world import VACUUM, World, make_anchors
 
-REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
-FISH_FOR_LANES = 3  # fewer than this are faster one by one
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
 
@@ -32,7 +37,8 @@ class Tank:
         num_fish: B, at least 1.
         integrator: a key of `INTEGRATORS`; None takes the fish's own.
         dt: integrator step, s; None takes the fish's `time_step` for its own integrator, and for another the longest
-            that divides the control interval and is at most half of what the method bears at rest (`own_step`).
+            that divides the control interval and is at most half of the method's
+            largest stable step at rest (`own_step`).
         water: `make_water(...)`, or None for vacuum.
         threads: over how many threads the fish are shared out; None takes the processors this process may use.
             Results do not depend on it.
@@ -51,35 +57,12 @@ class Tank:
     def __init__(self, fish: ElasticObject, num_fish=1, integrator: str | None = None, dt: float | None = None,
                  water: World | None = None, threads: int | None = None, dtype: str = "float64",
                  lanes: str | int | None = None, refine: float | None = None):  # fmt: skip
-        if not isinstance(fish, ElasticObject):
-            raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
-        integrator = fish.integrator if integrator is None else integrator
-        if not isinstance(integrator, str) or integrator not in INTEGRATORS:
-            raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
-        if refine is None:
-            refine = fish.refine if dt is None and integrator == fish.integrator else np.inf
-        if not (isinstance(refine, Real) and refine > 0):
-            raise ValueError(f"refine is {refine!r}; give a positive number (this fish's own is {fish.refine}), or inf")
-        if np.isfinite(refine) and integrator not in REFINED:
-            raise ValueError(f"{integrator!r} cannot refine its steps; give refine=inf, or choose from {REFINED}")
-        dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
-        if not (isinstance(dt, Real) and np.isfinite(dt) and dt > 0):
-            raise ValueError(f"dt is {dt!r}; give a positive number of seconds (this fish's own is {fish.time_step})")
-        for name, value in (("num_fish", num_fish), ("threads", 1 if threads is None else threads)):
-            if not (isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1):
-                raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
-        if not isinstance(water, World | None):
-            raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...), or None for vacuum")
+        self.fish, self.world = fish, VACUUM if water is None else water
+        self.integrator, self.dt, self.refine = method_for(fish, integrator, dt, refine)
+        check_counts(num_fish=num_fish, threads=1 if threads is None else threads)
+        check_scene(fish, water, self.integrator)
         fits_memory(num_fish, bytes_of(fish.body), "num_fish")
-        self.fish, self.num_fish, self.dt = fish, int(num_fish), float(dt)
-        self.refine = float(refine)
-        self.integrator = INTEGRATORS[integrator]
-        self.world = VACUUM if water is None else water
-        self.threads = threads or available_processors()
-        check_anchors(fish.body, self.world)
-        reason = self.integrator.refuses(fish.body, self.world)
-        if reason:
-            raise ValueError(f"{integrator!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
+        self.num_fish, self.threads = int(num_fish), threads or available_processors()
         body, b = fish.body, self.num_fish
         self.kind = kind_for(b, dtype, lanes)
         """How many fish the kernels work on at once, and in which precision."""
@@ -96,12 +79,8 @@ class Tank:
         """(M,) natural length of each muscle, m."""
         self.span = (1.0 - fish.contracted) * self.natural
         """(M,) what full contraction takes off it, m."""
-        self._fibres = (
-            fish.fibres,
-            fish.drives,
-            springs[fish.fibres],
-            (1.0 - fish.contracted[fish.drives[:, 0]]) * springs[fish.fibres],
-        )
+        natural = springs[fish.fibres]
+        self._fibres = (fish.fibres, fish.drives, natural, (1.0 - fish.contracted[fish.drives[:, 0]]) * natural)
         self.effort = np.zeros(b)
         """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
         self.variation = np.tile(NOMINAL, (b, 1))
@@ -144,7 +123,7 @@ class Tank:
 
     @property
     def alive(self) -> np.ndarray:
-        """(B,) True for each fish whose physics is sound."""
+        """(B,) True for each fish whose simulation is valid."""
         return self.state.failure == 0
 
     @property
@@ -165,11 +144,9 @@ class Tank:
     def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0)) -> None:
         """Make fish i and its water differ from the others; without arguments, as they were made.
 
-        Fish that differ cost a call of the integrator each, some microseconds a control interval.
-
         Args:
             i: number of the fish, 0 to B - 1.
-            stiffness: factor on the stiffness and the damping of its units.
+            stiffness: factor on the stiffness and the damping of its springs.
             mass: factor on its mass.
             drag: factor on the force of the water.
             current: velocity of its water beyond that of the tank's, (3,) m/s.
@@ -193,7 +170,7 @@ class Tank:
             self._engine.plan(i)
 
     def advance(self, steps: int) -> None:
-        """Take `steps` steps of dt with the controls held. A fish that fails stops at its last sound state."""
+        """Take `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
         if not (isinstance(steps, int | np.integer) and steps >= 0):
             raise ValueError(f"steps is {steps!r}; give a whole number, zero or more")
         self._run(int(steps))
@@ -314,129 +291,8 @@ class Tank:
             ValueError: if a part is missing, unknown, of another shape or not finite; nothing is changed then.
         """
         target = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
-        if set(state) != set(target):
-            raise ValueError(f"state holds {sorted(state)}; give {sorted(target)}, as get_state returns them")
-        checked = {name: finite_array(state[name], array.shape, name) for name, array in target.items()}
-        positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
-        positive_array(checked["variation"][:, :2], (self.num_fish, 2), "factors on stiffness and mass")
-        positive_array(checked["variation"][:, 2], (self.num_fish,), "factor on drag", zero=True)
-        if not np.isin(checked["failure"], range(len(FAILURES))).all():
-            raise ValueError(f"failure is {checked['failure']}; give whole numbers from 0 to {len(FAILURES) - 1}")
-        if not (np.equal(np.floor(checked["counters"]), checked["counters"]) & (checked["counters"] >= 0)).all():
-            raise ValueError(f"counters are {checked['counters']}; give whole numbers, zero or more")
+        checked = checked_state(state, target)
         for name, array in target.items():
             array[...] = checked[name]
         for i, row in enumerate(checked["variation"]):
             self._set_variation(i, row)
-
-
-@kernel
-def command(tank, contraction, b, duration):
-    """Set the rates at which the fibres of fish b move: to the contraction (B,M), or as far as `duration` s allows."""
-    squares, fastest = 0.0, duration / tank.contraction_time
-    for m in range(tank.fibres.size):
-        e = INDEX(tank.fibres[m])
-        goal = 0.5 * (contraction[b, INDEX(tank.drives[m, 0])] + contraction[b, INDEX(tank.drives[m, 1])])
-        wanted = tank.fibre_natural[m] - goal * tank.fibre_span[m] - tank.rest_length[b, e]
-        limit = fastest * tank.fibre_span[m]
-        change = min(max(wanted, -limit), limit)
-        tank.rate[b, e] = change / duration
-        squares += (change / limit) ** 2
-    tank.effort[b] = squares / tank.fibres.size
-
-
-@njit
-def command_all(tank, contraction, duration):
-    """`command` every fish."""
-    for b in range(contraction.shape[0]):
-        command(tank, contraction, b, duration)
-
-
-def described(tank: Tank) -> Pack:
-    """The arrays of a tank and what its fish are like, as kernels read them."""
-    fish, state, control = tank.fish, tank.state, tank.control
-    springs, one = fish.body.springs, Kind(1)
-    fields = {}
-    if isinstance(fish, Fish):
-        fields = {
-            "line": fish.line, "left": fish.left, "right": fish.right, "nose": fish.nose,
-            "node": fish.landmarks.node, "height": fish.landmarks.height,
-        }  # fmt: skip
-    fibres, drives, natural, span = tank._fibres
-    return Pack(
-        "tank",
-        x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
-        clock=state.t, failure=state.failure, counters=state.counters,
-        rest_length=control.rest_length, rate=control.rate, variation=tank.variation, effort=tank.effort,
-        rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
-        contraction_time=float(fish.contraction_time), muscles=fish.muscles, natural=tank.natural, span=tank.span,
-        fibres=fibres, drives=drives, fibre_natural=natural, fibre_span=span,
-        spring_nodes=springs.nodes, spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **fields,
-    )  # fmt: skip
-
-
-def bytes_of(body: Body) -> int:
-    """About how much memory the state of one fish takes, and once more while it is copied."""
-    return 2 * 8 * (6 * body.mass.size + 2 * body.springs.stiffness.size + 20)
-
-
-def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
-    """The kind of kernel for so many fish: the coordinates of one in a register, or a cache line of fish.
-
-    Raises:
-        ValueError: for a precision or a number of lanes that is not offered.
-    """
-    if lanes is None:
-        many = 16 if dtype == "float32" else 8
-        lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
-    if lanes == "dual":
-        raise ValueError(f"lanes is 'dual', which moves nothing; choose from {', '.join(map(repr, LANES))}")
-    return Kind(lanes, dtype)
-
-
-def varied(body: Body, world: World, row) -> tuple[Body, World]:
-    """A body and its world with the factors and the current of a row of `Tank.variation`."""
-    stiffness, mass, drag = (float(factor) for factor in row[:3])
-    return scaled(body, stiffness, stiffness, mass), world._replace(
-        linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
-    )
-
-
-def check_anchors(body: Body, world: World) -> None:
-    """Raise ValueError if an anchor of the world holds a node that the body does not have."""
-    if world.anchors is not None and world.anchors.node.max(initial=-1) >= body.mass.size:
-        raise ValueError(
-            f"an anchor holds node {world.anchors.node.max()}; the body's are numbered 0 to {body.mass.size - 1}"
-        )
-
-
-def own_step(fish: ElasticObject, integrator: Integrator) -> float:
-    """The step a fish is moved with if none is given, s.
-
-    Raises:
-        ValueError: for a method that has no stable step on this body.
-    """
-    if integrator.name == fish.integrator:
-        return fish.time_step
-    limit = integrator.limit(fish.body)
-    if not limit > 0:
-        others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.limit(fish.body) > 0)
-        raise ValueError(
-            f"{integrator.name!r} has no stable step on {fish.name!r}, whose units are not damped; choose from {others}"
-        )
-    return fish.control_interval / max(1, math.ceil(2.0 * fish.control_interval / limit))
-
-
-def available_processors() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def whole_steps(duration: float, dt: float, name: str) -> int:
-    """How many steps of dt make up the duration; ValueError unless it is a positive whole multiple."""
-    if not (isinstance(duration, Real) and np.isfinite(duration) and duration > 0):
-        raise ValueError(f"{name} is {duration!r}; give a positive number of seconds")
-    steps = round(duration / dt)
-    if steps < 1 or abs(steps * dt - duration) > 1e-9 * duration:
-        raise ValueError(f"{name} is {duration!r} s; give a whole multiple of dt = {dt!r} s")
-    return steps

@@ -6,7 +6,7 @@ import pytest
 
 from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
 from fish_env.body import make_body
-from fish_env.tank import own_step
+from fish_env.tank_options import own_step
 
 each_body = pytest.mark.parametrize("name", naive.TU)
 

@@ -12,7 +12,7 @@ from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import hold
 from fish_env.integrators import limits
-from fish_env.tank import own_step
+from fish_env.tank_options import own_step
 from fish_env.world import VACUUM, World, make_anchors, make_world
 
 FISH = make_fish()

@@ -16,7 +16,7 @@ from moving import (
 )
 
 from fish_env import INTEGRATORS, Tank
-from fish_env.tank import own_step
+from fish_env.tank_options import own_step
 from fish_env.world import VACUUM
 
 KEEPS_ANGULAR_MOMENTUM = {"symplectic_euler"}

@@ -20,7 +20,7 @@ from fish_env import INTEGRATORS, Tank
 from fish_env.body import COUNTERS, PIVOTS
 from fish_env.failures import TORN
 from fish_env.integrators import rosenbrock
-from fish_env.tank import own_step
+from fish_env.tank_options import own_step
 from fish_env.world import VACUUM
 
 STILL = np.zeros((23, 3))

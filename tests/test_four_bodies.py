@@ -16,7 +16,7 @@ from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.body import FAILURES
 from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators import adaptive
-from fish_env.tank import own_step
+from fish_env.tank_options import own_step
 from fish_env.world import VACUUM
 
 FOUR = ("mass_spring", "planar", "two_layer", "tetrahedral")

@@ -28,7 +28,7 @@ from moving import (
 
 from fish_env import INTEGRATORS
 from fish_env.integrators import adaptive
-from fish_env.tank import own_step
+from fish_env.tank_options import own_step
 from fish_env.world import VACUUM
 
 # Against the reference implementations

@@ -15,7 +15,7 @@ from fish_env import INTEGRATORS, forces, make_fish
 from fish_env._jit import code_of
 from fish_env.bodies import BODIES
 from fish_env.engine import make_advance
-from fish_env.tank import own_step
+from fish_env.tank_options import own_step
 
 FISH = {name: make_fish(name) for name in BODIES}
 COUNT = 18  # two full blocks of eight and two that are left over, or one of sixteen

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fish_env import INTEGRATORS, Tank, World, make_fish, make_water
 from fish_env.integrators import adaptive
-from fish_env.tank import own_step, whole_steps
+from fish_env.tank_options import own_step, whole_steps
 
 FISH = make_fish()
 WATER = make_water()

@@ -15,7 +15,8 @@ from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_lo
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.pose import make_pose, packed_pose
 from fish_env.simd import Kind, Pack, Vectors
-from fish_env.tank import Tank, whole_steps
+from fish_env.tank import Tank
+from fish_env.tank_options import whole_steps
 from fish_env.tasks import TASKS
 from fish_env.tasks.options import checked_options
 from fish_env.world import World, make_water

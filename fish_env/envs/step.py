@@ -10,9 +10,9 @@ import numpy as np
 from fish_env._jit import INDEX, kernel, njit, part
 from fish_env.engine import make_advance
 from fish_env.envs.observation import contract, observe
+from fish_env.muscles import command
 from fish_env.pose import measure
 from fish_env.simd import pack_at
-from fish_env.tank import command
 
 FAILURE_PENALTY = 10.0  # body lengths: what a failure of the physics costs
 

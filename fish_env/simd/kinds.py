@@ -13,13 +13,13 @@ from fish_env.simd import plain
 from fish_env.simd.types import DUAL, XYZ, Vec3, floats_in, number_type, width
 
 LANES = (XYZ, 1, 2, 4, 8, 16, 32)
-TESTED = ("0.60", "0.61", "0.65", "0.66", "0.67", "0.68")
+TESTED = ("0.60", "0.61", "0.62", "0.63", "0.64", "0.65", "0.66", "0.67", "0.68")
 """Versions of numba whose compiler the types were tested with."""
 SUPPORTED = numba.__version__.startswith(tuple(f"{version}." for version in TESTED))
 if not SUPPORTED:
     warnings.warn(
         f"fish_env's vector types were tested with numba {', '.join(TESTED)}, not {numba.__version__}: kernels work on "
-        'one fish at a time, several times slower; pip install "numba>=0.65,<0.69" for the full speed',
+        'one fish at a time, several times slower; pip install "numba>=0.60,<0.69" for the full speed',
         RuntimeWarning,
         stacklevel=2,
     )

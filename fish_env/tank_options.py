@@ -1,0 +1,162 @@
+"""What a tank is made with: options checked, what follows from those that are left out, and what kernels read of it."""
+
+import math
+import os
+from numbers import Real
+
+import numpy as np
+
+from fish_env.bodies.fish import ElasticObject, Fish
+from fish_env.body import FAILURES, Body, scaled
+from fish_env.checks import finite_array, positive_array
+from fish_env.integrators import INTEGRATORS, Integrator
+from fish_env.simd import LANES, SUPPORTED, Kind, Pack, Vectors
+from fish_env.world import VACUUM, World
+
+REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
+FISH_FOR_LANES = 3  # fewer than this are faster one by one
+
+
+def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple[Integrator, float, float]:
+    """The method that moves a fish, its step in seconds, and the strain in a step above which it is refined.
+
+    Raises:
+        ValueError: for what is no fish, an unknown method, a step or a `refine` that is not positive or not offered.
+    """
+    if not isinstance(fish, ElasticObject):
+        raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
+    integrator = fish.integrator if integrator is None else integrator
+    if not isinstance(integrator, str) or integrator not in INTEGRATORS:
+        raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
+    if refine is None:
+        refine = fish.refine if dt is None and integrator == fish.integrator else np.inf
+    if not (isinstance(refine, Real) and refine > 0):
+        raise ValueError(f"refine is {refine!r}; give a positive number (this fish's own is {fish.refine}), or inf")
+    if np.isfinite(refine) and integrator not in REFINED:
+        raise ValueError(f"{integrator!r} cannot refine its steps; give refine=inf, or choose from {REFINED}")
+    dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
+    if not (isinstance(dt, Real) and np.isfinite(dt) and dt > 0):
+        raise ValueError(f"dt is {dt!r}; give a positive number of seconds (this fish's own is {fish.time_step})")
+    return INTEGRATORS[integrator], float(dt), float(refine)
+
+
+def check_counts(**counts) -> None:
+    """Raise ValueError unless every one is a whole number, at least 1."""
+    for name, value in counts.items():
+        if not (isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1):
+            raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
+
+
+def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator) -> None:
+    """Raise ValueError if `water` is no world, fixes a node that the body lacks, or the method cannot move the body."""
+    if not isinstance(water, World | None):
+        raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...), or None for vacuum")
+    world, nodes = VACUUM if water is None else water, fish.body.mass.size
+    if world.anchors is not None and world.anchors.node.max(initial=-1) >= nodes:
+        raise ValueError(f"an anchor holds node {world.anchors.node.max()}; the body's are numbered 0 to {nodes - 1}")
+    reason = integrator.refuses(fish.body, world)
+    if reason:
+        raise ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
+
+
+def bytes_of(body: Body) -> int:
+    """About how much memory the state of one fish takes, and once more while it is copied."""
+    return 2 * 8 * (6 * body.mass.size + 2 * body.springs.stiffness.size + 20)
+
+
+def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
+    """The kind of kernel for so many fish: the coordinates of one in a register, or a cache line of fish.
+
+    Raises:
+        ValueError: for a precision or a number of lanes that is not offered.
+    """
+    if lanes is None:
+        many = 16 if dtype == "float32" else 8
+        lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
+    if lanes == "dual":
+        raise ValueError(f"lanes is 'dual', which moves nothing; choose from {', '.join(map(repr, LANES))}")
+    return Kind(lanes, dtype)
+
+
+def varied(body: Body, world: World, row) -> tuple[Body, World]:
+    """A body and its world with the factors and the current of a row of `Tank.variation`."""
+    stiffness, mass, drag = (float(factor) for factor in row[:3])
+    return scaled(body, stiffness, stiffness, mass), world._replace(
+        linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
+    )
+
+
+def own_step(fish: ElasticObject, integrator: Integrator) -> float:
+    """The step a fish is moved with if none is given, s.
+
+    Raises:
+        ValueError: for a method that has no stable step on this body.
+    """
+    if integrator.name == fish.integrator:
+        return fish.time_step
+    limit = integrator.limit(fish.body)
+    if not limit > 0:
+        others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.limit(fish.body) > 0)
+        raise ValueError(
+            f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped; "
+            f"choose from {others}"
+        )
+    return fish.control_interval / max(1, math.ceil(2.0 * fish.control_interval / limit))
+
+
+def available_processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def whole_steps(duration: float, dt: float, name: str) -> int:
+    """How many steps of dt make up the duration; ValueError unless it is a positive whole multiple."""
+    if not (isinstance(duration, Real) and np.isfinite(duration) and duration > 0):
+        raise ValueError(f"{name} is {duration!r}; give a positive number of seconds")
+    steps = round(duration / dt)
+    if steps < 1 or abs(steps * dt - duration) > 1e-9 * duration:
+        raise ValueError(f"{name} is {duration!r} s; give a whole multiple of dt = {dt!r} s")
+    return steps
+
+
+def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays of a state that is to replace those of `target`.
+
+    Raises:
+        ValueError: if a part is missing, unknown, of another shape, not finite or out of range.
+    """
+    num_fish = len(target["failure"])
+    if set(state) != set(target):
+        raise ValueError(f"state holds {sorted(state)}; give {sorted(target)}, as get_state returns them")
+    checked = {name: finite_array(state[name], array.shape, name) for name, array in target.items()}
+    positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
+    positive_array(checked["variation"][:, :2], (num_fish, 2), "factors on stiffness and mass")
+    positive_array(checked["variation"][:, 2], (num_fish,), "factor on drag", zero=True)
+    if not np.isin(checked["failure"], range(len(FAILURES))).all():
+        raise ValueError(f"failure is {checked['failure']}; give whole numbers from 0 to {len(FAILURES) - 1}")
+    if not (np.equal(np.floor(checked["counters"]), checked["counters"]) & (checked["counters"] >= 0)).all():
+        raise ValueError(f"counters are {checked['counters']}; give whole numbers, zero or more")
+    return checked
+
+
+def described(tank) -> Pack:
+    """The arrays of a tank and what its fish are like, as kernels read them."""
+    fish, state, control = tank.fish, tank.state, tank.control
+    springs, one = fish.body.springs, Kind(1)
+    fields = {}
+    if isinstance(fish, Fish):
+        fields = {
+            "line": fish.line, "left": fish.left, "right": fish.right, "nose": fish.nose,
+            "node": fish.landmarks.node, "height": fish.landmarks.height,
+        }  # fmt: skip
+    fibres, drives, natural, span = tank._fibres
+    return Pack(
+        "tank",
+        x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
+        clock=state.t, failure=state.failure, counters=state.counters,
+        rest_length=control.rest_length, rate=control.rate, variation=tank.variation, effort=tank.effort,
+        rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
+        contraction_time=float(fish.contraction_time), muscles=fish.muscles, natural=tank.natural, span=tank.span,
+        fibres=fibres, drives=drives, fibre_natural=natural, fibre_span=span,
+        spring_nodes=springs.nodes, spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **fields,
+    )  # fmt: skip
