@@ -19,9 +19,9 @@ OPERANDS = (Num, Vec3, *SCALARS)
 ORDERED = (
     operator.add, operator.iadd, operator.sub, operator.isub, operator.mul, operator.imul, operator.truediv,
     operator.itruediv, operator.neg, operator.gt, operator.lt, operator.ge, operator.le, operator.and_,
-    operator.or_, abs,
+    operator.or_, abs, operator.getitem, operator.setitem,
 )  # fmt: skip
-PACKAGE = __name__.rpartition(".")[0]
+FIRST = (__name__.rpartition(".")[0], "numba.core.typing.arraydecl")
 LOOSE = Vec3(1, 64)  # a vector of constants goes with every kind, as a float does
 
 
@@ -198,11 +198,12 @@ register_logic(operator.invert, lambda builder, a: builder.not_(a))
 def come_first() -> None:
     """Have numba try the types of this package before its own: of all that a kernel is made of, most are ours.
 
-    Each of numba's attempts to read `a + b` as a sum of lists, sets or texts takes a fraction of a millisecond.
+    Each of numba's attempts to read `a + b` as a sum of lists, sets or texts takes a fraction of a millisecond, and so
+    does each to read `a[i]` as anything but an element of an array.
     """
     context = cpu_target.typing_context
     context.refresh()
     for function in ORDERED:
         kind = context.resolve_value_type(function)
-        ours = [each for each in kind.templates if any(base.__module__.startswith(PACKAGE) for base in each.__mro__)]
-        kind.templates = (*ours, *(each for each in kind.templates if each not in ours))
+        first = [each for each in kind.templates if any(base.__module__.startswith(FIRST) for base in each.__mro__)]
+        kind.templates = (*first, *(each for each in kind.templates if each not in first))
