@@ -181,14 +181,15 @@ def make_advance(names: tuple[str, ...], method):
     def advance(tank, queue, block, first, last, n):
         """Move fish queue.order[first:last] by n steps; in place. Those that fail stay where they were."""
         control, todo = block.control, block.todo
-        lanes, count, level, steps = block_size(block.x), 0, 0, n
+        none = np.int64(0)  # with a literal 0 numba would compile `gather` and `finish` twice
+        lanes, count, level, steps = block_size(block.x), none, none, n
         for p in range(first, last):
             b = queue.order[p]
             if tank.failure[b] == 0:
                 todo[count] = b
                 count += 1
         while count > 0:
-            again, p = 0, np.int64(0)  # a literal 0 would have `gather` compiled twice
+            again, p = none, none
             while p < count:
                 q = together(queue, todo, p, count, lanes)
                 gather(tank, block, todo, p, q)
