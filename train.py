@@ -1,14 +1,14 @@
-"""Train a fish, measure what it learnt, watch it.
+"""Train a policy, evaluate it, watch it.
 
-python train.py swim                                 train, then show what was learnt (tasks: see below)
-python train.py swim --resume runs/swim/<time>       go on with a run that was stopped
-python train.py swim --body two_layer                learn on another body (planar, mass_spring, two_layer, tetrahedral)
-python train.py swim --body tetrahedral --start-from runs/swim/<time>   go on from what was learnt on another
-python train.py all                                  train every task with all its seeds; stop and go on at any time
-python train.py evaluate runs/swim/<time>/policy.npz measure policies on the fixed evaluation seeds
+python train.py swim                                 train, then report (tasks: see below)
+python train.py swim --resume runs/swim/<time>       resume a run that was stopped
+python train.py swim --body two_layer                train on another body (planar, mass_spring, two_layer, tetrahedral)
+python train.py swim --body tetrahedral --start-from runs/swim/<time>   start from a policy trained on another
+python train.py all                                  train every task with all its seeds; can be stopped and resumed
+python train.py evaluate runs/swim/<time>/policy.npz evaluate policies on the fixed seeds
 python train.py compare runs/swim/<time>/policy.npz  the same, beside the controllers without learning
 python train.py compare --integrators                replay the shipped policies with every integrator
-python train.py play runs/swim/<time>/policy.npz     watch it in a window (or --video file.mp4)
+python train.py play runs/swim/<time>/policy.npz     watch it in a window (or --video FILE.mp4)
 """
 
 import argparse
@@ -28,34 +28,36 @@ def parse() -> argparse.Namespace:
     for task, config in CONFIGS.items():
         command = commands.add_parser(task, help=f"train {config.env_id}")
         command.add_argument("--seed", type=int, default=0, help="of the learner (default 0)")
-        command.add_argument("--timesteps", type=int, help=f"decisions to train for (default {config.timesteps:,})")
+        command.add_argument(
+            "--timesteps", type=int, help=f"environment steps to train for (default {config.timesteps:,})"
+        )
         command.add_argument("--num-envs", type=int, help=f"fish trained side by side (default {config.num_envs})")
-        command.add_argument("--resume", type=Path, help="folder of a run to go on with")
-        command.add_argument("--body", help="learn on this body (default mass_spring)")
-        command.add_argument("--start-from", type=Path, help="folder of a run to begin with what it learnt")
-        command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are kept (default runs)")
-        command.add_argument("--folder", type=Path, help="keep the run in this folder")
-        command.add_argument("--no-pictures", action="store_true", help="only measure the policy at the end")
+        command.add_argument("--resume", type=Path, help="folder of a run to resume")
+        command.add_argument("--body", help="train on this body (default mass_spring)")
+        command.add_argument("--start-from", type=Path, help="folder of a trained run to start from")
+        command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are saved (default runs)")
+        command.add_argument("--folder", type=Path, help="save the run in this folder")
+        command.add_argument("--no-pictures", action="store_true", help="only evaluate the policy at the end")
         command.add_argument("--learner", default="compiled", choices=("compiled", "sb3"), help="compiled kernels, or "
-                             "Stable-Baselines3's own code, which learns the same in more time")  # fmt: skip
+                             "Stable-Baselines3's own code, which trains the same policy in more time")  # fmt: skip
         command.add_argument("--torch-threads", type=int, default=1, help="more is often slower (default 1)")
     command = commands.add_parser("all", help="train every task with all its seeds, and publish the results")
-    command.add_argument("--runs", type=Path, default=Path("runs/all"), help="where runs are kept (default runs/all)")
+    command.add_argument("--runs", type=Path, default=Path("runs/all"), help="where runs are saved (default runs/all)")
     command.add_argument("--tasks", nargs="+", help="only these")
-    command.add_argument("--jobs", type=int, help="runs side by side (default one a processor)")
-    command = commands.add_parser("evaluate", help="measure policies on fixed seeds")
+    command.add_argument("--jobs", type=int, help="runs side by side (default one on each processor)")
+    command = commands.add_parser("evaluate", help="evaluate policies on fixed seeds")
     command.add_argument("policies", type=Path, nargs="+")
-    command.add_argument("--integrator", help="measure under another integrator than the one it was trained with")
+    command.add_argument("--integrator", help="under another integrator than the one it was trained with")
     command.add_argument("--dt", type=float, help="and with another step, s")
-    command.add_argument("--body", help="measure on another body than the one it was trained with")
-    command = commands.add_parser("compare", help="measure policies beside the controllers without learning")
+    command.add_argument("--body", help="on another body than the one it was trained with")
+    command = commands.add_parser("compare", help="evaluate policies beside the controllers without learning")
     command.add_argument("policies", type=Path, nargs="*", help="default: those that are shipped")
     command.add_argument("--integrators", action="store_true", help="under every integrator, RK4 as the reference")
     command = commands.add_parser("play", help="watch a policy")
     command.add_argument("policy", type=Path)
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--episodes", type=int, default=3)
-    command.add_argument("--video", type=Path, help="write a video instead of opening a window")
+    command.add_argument("--video", type=Path, help="write an .mp4 or .gif file instead of opening a window")
     return parser.parse_args()
 
 
@@ -74,9 +76,9 @@ def run(arguments: argparse.Namespace) -> None:
 
         compare(arguments.policies)
     elif arguments.command == "play":
-        from agents.play import play
+        from fish_env.control import load_policy, play
 
-        play(arguments.policy, arguments.seed, arguments.episodes, arguments.video)
+        play(load_policy(arguments.policy), arguments.seed, arguments.episodes, arguments.video)
     elif arguments.command == "all":
         from agents.results import publish
         from agents.train_all import train_all
@@ -87,27 +89,33 @@ def run(arguments: argparse.Namespace) -> None:
         import torch
 
         torch.set_num_threads(arguments.torch_threads)
-        from agents.train import train
+        from agents.train import Request, train
 
-        train(arguments.command, arguments.seed, arguments.runs, arguments.resume, arguments.folder,
-              not arguments.no_pictures, arguments.body, arguments.start_from, arguments.learner,
-              timesteps=arguments.timesteps, num_envs=arguments.num_envs)  # fmt: skip
+        train(
+            Request(
+                arguments.command, arguments.seed, arguments.runs, arguments.folder, arguments.resume,
+                arguments.start_from, arguments.body, arguments.learner, not arguments.no_pictures,
+                {"timesteps": arguments.timesteps, "num_envs": arguments.num_envs},
+            )
+        )  # fmt: skip
 
 
 def main() -> int:
-    """Run a command; errors a user can mend are printed without a traceback."""
+    """Run a command; errors that a user can correct are printed without a traceback."""
     for name in THREADS:  # before numpy and torch are loaded
         os.environ.setdefault(name, "1")
     arguments = parse()
+    from gymnasium.error import DependencyNotInstalled
+
     try:
         run(arguments)
-    except (ValueError, FileNotFoundError, RuntimeError) as error:
+    except (ValueError, FileNotFoundError, RuntimeError, DependencyNotInstalled) as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nStopped.", file=sys.stderr)
         if arguments.command == "all":
-            print(f"Go on with: python train.py {' '.join(sys.argv[1:])}", file=sys.stderr)
+            print(f"Resume: python train.py {' '.join(sys.argv[1:])}", file=sys.stderr)
         return 130
     return 0
 

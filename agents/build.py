@@ -1,35 +1,18 @@
-"""Put environment and learner together: PPO on the native batch of fish, with fixed scaling of what the fish see."""
+"""Put environment and learner together: PPO on the native batch of fish, with observations scaled by fixed numbers."""
 
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.config import TrainConfig
 from agents.fast_ppo import FastPPO
-from agents.layers import ScaledObservation, Tanh
-from agents.mirror import MirroredPolicy, mirror_of, plain_layers
-from agents.policy import Policy
+from agents.layers import Tanh
 from agents.synergy import Synergies, both, synergies
+from fish_env.control import Policy, equivariant
+from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
 from fish_env.envs.sb3 import make_sb3_vec_env
-
-POSITION_SCALE = 0.1  # body lengths: how far a node strays from its place in the body while swimming
-VELOCITY_SCALE = 1.0  # body lengths per second
-TILT_SCALE = 0.3  # a tilt of 0.3 rad counts as much as a node out of place
-
-
-def scaling(fish) -> tuple[np.ndarray, np.ndarray]:
-    """Offset and scale (D,) of the observations of a `FishVectorEnv`."""
-    body, length = fish.tank.fish.body, fish.tank.fish.length
-    landmarks = fish.tank.fish.points(body.position)
-    rest = (landmarks - body.mass @ body.position / body.mass.sum()).ravel() / length
-    muscles, directions = fish.tank.fish.num_muscles, fish.task.directions
-    offset = np.concatenate([rest, np.zeros(rest.size + muscles), [0.0, 0.0, 1.0], np.zeros(3 * len(directions))])
-    parts = [(rest.size, POSITION_SCALE), (rest.size, VELOCITY_SCALE), (muscles, 1.0), (3, TILT_SCALE)]
-    parts += [(3, direction.typical) for direction in directions]
-    return offset, np.concatenate([np.full(size, scale) for size, scale in parts])
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
@@ -39,7 +22,7 @@ def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
 
 
 LEARNERS: dict[str, type[PPO]] = {"compiled": FastPPO, "sb3": PPO}
-"""Networks and loss by compiled kernels, or all by Stable-Baselines3: both learn the same, from the same files."""
+"""Networks and loss by compiled kernels, or all by Stable-Baselines3: both train the same policy and share files."""
 
 
 def make_model(
@@ -47,9 +30,11 @@ def make_model(
 ) -> PPO:
     """A fresh PPO learner; `learner` is a key of `LEARNERS`."""
     fish = env.unwrapped.fish
-    offset, scale = scaling(fish)
+    options = equivariant_options(fish)
+    if not config.symmetric:
+        del options["reflection"]
     model = LEARNERS[learner](
-        MirroredPolicy if config.symmetric else "MlpPolicy",
+        EquivariantPolicy if config.symmetric else "MlpPolicy",
         env,
         n_steps=config.rollout,
         batch_size=min(config.batch_size, config.rollout * env.num_envs),
@@ -64,9 +49,7 @@ def make_model(
             "activation_fn": Tanh,
             "optimizer_kwargs": {"fused": True},
             "log_std_init": config.initial_log_std,
-            "features_extractor_class": ScaledObservation,
-            "features_extractor_kwargs": {"offset": offset, "scale": scale},
-            **({"mirror": mirror_of(fish)} if config.symmetric else {}),
+            **options,
         },
         tensorboard_log=str(log_folder) if log_folder else None,
         seed=seed,
@@ -87,27 +70,27 @@ class falling:  # noqa: N801 - used like a function; a class so that it can be p
 
 
 def start_from(model: PPO, other: PPO) -> None:
-    """Let a fresh learner begin with what another has learnt, on another body or with other muscle groups.
+    """Let a fresh learner start from the parameters of a trained one, on another body or with other muscle groups.
 
-    An action that the other did not have, the difference between the muscles of a pair, begins at zero and with the
-    noise of a beginner; one that this learner does not have is left out.
+    An action that the other did not have, the difference between the muscles of a pair, starts at zero and with the
+    noise of a fresh learner; one that this learner does not have is left out.
 
     Raises:
-        ValueError: if their tasks show different things, or their networks differ.
+        ValueError: if the observations of their tasks differ, or their networks do.
     """
-    mine, known = model.policy.state_dict(), other.policy.state_dict()
+    mine, given = model.policy.state_dict(), other.policy.state_dict()
     fish = model.get_env().unwrapped.fish.tank.fish
     here, there = (both(fish, learner.action_space.shape[0]) for learner in (model, other))
     for name, value in mine.items():
         if name.endswith(".swap"):  # how this learner's actions are mirrored
             continue
-        theirs = known.get(name)
+        theirs = given.get(name)
         same = theirs is not None and value.shape == theirs.shape
         per_action = name == "log_std" or name.startswith("action_net")
         if not same and not (per_action and theirs is not None and value.shape[1:] == theirs.shape[1:]):
             found = None if theirs is None else tuple(theirs.shape)
             raise ValueError(
-                f"{name} is {tuple(value.shape)} here and {found} in what was learnt before; start from a run of the "
+                f"{name} is {tuple(value.shape)} here and {found} in the run to start from; start from a run of the "
                 "same task, with the same hidden layers and the same kind of policy"
             )
         if same:
@@ -121,11 +104,4 @@ def start_from(model: PPO, other: PPO) -> None:
 
 def export_policy(model: PPO, about: dict[str, Any]) -> Policy:
     """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
-    scaler = model.policy.pi_features_extractor
-    weights, biases = plain_layers(model.policy)
-    together = synergies(model.get_env().unwrapped.fish)
-    weights[-1], biases[-1] = weights[-1] @ together.T, together @ biases[-1]
-    weights[0] /= scaler.scale.double().numpy()[:, None]
-    biases[0] -= scaler.offset.double().numpy() @ weights[0]
-    as_float = [tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases)]
-    return Policy(*as_float, about)
+    return equivariant.export_policy(model.policy, about, synergies(model.get_env().unwrapped.fish))

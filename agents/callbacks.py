@@ -1,6 +1,5 @@
-"""What happens beside the learning: a progress bar, the learning curve, and a checkpoint to go on from."""
+"""What happens beside the learning: a progress bar, the learning curve, and a checkpoint to resume from."""
 
-import os
 import time
 from pathlib import Path
 
@@ -8,13 +7,15 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
+from fish_env.control.files import replacing, write_text
+
 
 class Progress(BaseCallback):
-    """One line that moves: decisions, their rate, and what an episode returns now."""
+    """A progress bar: environment steps, their rate, and the mean return of recent episodes."""
 
     def _on_training_start(self) -> None:
         self._bar = tqdm(
-            total=self.locals["total_timesteps"], initial=self.num_timesteps, unit=" decisions", unit_scale=True,
+            total=self.locals["total_timesteps"], initial=self.num_timesteps, unit=" steps", unit_scale=True,
             desc="training", dynamic_ncols=True,
         )  # fmt: skip
 
@@ -33,14 +34,14 @@ class Progress(BaseCallback):
 
 
 class LearningCurve(BaseCallback):
-    """Appends (timesteps, seconds, episodes, score, return) of the episodes that ended lately to a CSV file.
+    """Appends (timesteps, seconds, episodes, score, return) of the episodes ended since the last row to a CSV file.
 
     All their metrics go to TensorBoard.
 
     Args:
         path: the file.
         score: the metric that is the score.
-        min_episodes: rows wait for so many.
+        min_episodes: a row is written as soon as so many have ended.
     """
 
     def __init__(self, path: Path, score: str, min_episodes: int = 100):
@@ -50,9 +51,11 @@ class LearningCurve(BaseCallback):
     def _on_training_start(self) -> None:
         self._begin, self._infos = time.perf_counter(), []
         lines = self.path.read_text().splitlines() if self.path.exists() else []
-        rows = [line for line in lines[1:] if int(line.split(",")[0]) <= self.num_timesteps]  # what the model has seen
-        self.path.write_text("\n".join(["timesteps,seconds,episodes,score,return", *rows, ""]))
-        if rows:  # a run that goes on
+        rows = [
+            line for line in lines[1:] if int(line.split(",")[0]) <= self.num_timesteps
+        ]  # what the model was trained on
+        write_text(self.path, "\n".join(["timesteps,seconds,episodes,score,return", *rows, ""]))
+        if rows:  # a run that is resumed
             self._begin -= float(rows[-1].split(",")[1])
 
     def _on_step(self) -> bool:
@@ -72,9 +75,9 @@ class LearningCurve(BaseCallback):
         total = sum(sum(info["terms"].values()) for info in self._infos) / len(self._infos)
         for name in self._infos[0]:
             values = [float(info[name]) for info in self._infos if isinstance(info.get(name), int | float)]
-            known = [value for value in values if np.isfinite(value)]
-            if known:
-                self.logger.record(f"episode/{name}", float(np.mean(known)))
+            finite = [value for value in values if np.isfinite(value)]
+            if finite:
+                self.logger.record(f"episode/{name}", float(np.mean(finite)))
         score = np.mean([info[self.score] for info in self._infos])
         with self.path.open("a") as file:
             file.write(f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}\n")
@@ -82,11 +85,15 @@ class LearningCurve(BaseCallback):
 
 
 class Checkpoint(BaseCallback):
-    """Saves the model every so many seconds, replacing the last one only when the new one is whole."""
+    """Saves the model every so many seconds, replacing the last one only when the new one is complete.
+
+    Attributes:
+        trained_steps: environment steps that the model has been trained on.
+    """
 
     def __init__(self, path: Path, seconds: float = 30.0):
         super().__init__()
-        self.path, self.seconds, self.learnt = path, seconds, 0
+        self.path, self.seconds, self.trained_steps = path, seconds, 0
 
     def _on_training_start(self) -> None:
         self._last = time.perf_counter()
@@ -95,14 +102,13 @@ class Checkpoint(BaseCallback):
         return True
 
     def _on_rollout_start(self) -> None:
-        self.learnt = self.num_timesteps
+        self.trained_steps = self.num_timesteps
         if time.perf_counter() - self._last > self.seconds:
-            save_whole(self.model, self.path)
+            save_model(self.model, self.path)
             self._last = time.perf_counter()
 
 
-def save_whole(model, path: Path) -> None:
-    """Save a model so that an interruption leaves either the old file or the new one, never half of it."""
-    partial = path.with_suffix(".partial.zip")
-    model.save(partial)
-    os.replace(partial, path)
+def save_model(model, path: Path) -> None:
+    """Save a model so that an interruption leaves either the old file or the new one, never a part of it."""
+    with replacing(path) as partial:
+        model.save(partial)

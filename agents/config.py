@@ -1,4 +1,4 @@
-"""What each task is trained with: one typed record a task, kept beside every run."""
+"""What each task is trained with: one typed record for each, saved with every run."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,29 +13,29 @@ class TrainConfig:
     env_options: dict[str, Any] = field(default_factory=dict)
     """Keywords of the environment."""
     training_options: dict[str, Any] = field(default_factory=dict)
-    """Keywords that are different while training: more of what is to be learnt in every second."""
+    """Keywords that are different while training: more of what is trained in every second."""
     timesteps: int = 2_000_000
-    """Decisions to train for, all fish together."""
+    """Environment steps to train for, all fish together."""
     num_envs: int = 256
     """Fish trained side by side."""
     rollout: int = 32
-    """Decisions of each fish between two updates."""
+    """Environment steps of each fish between two updates."""
     batch_size: int = 2048
     epochs: int = 5
     learning_rate: float = 1e-3
     """At the start; it falls linearly to a tenth."""
     horizon: float = 1.0
-    """How far ahead a decision looks, s: the discount a decision is exp(-control interval / horizon)."""
+    """Time over which rewards are discounted by 1/e, s: the discount of a step is exp(-control interval / horizon)."""
     gae_lambda: float = 0.95
     clip_range: float = 0.2
     entropy_weight: float = 0.0
     initial_log_std: float = -0.5
     hidden: tuple[int, ...] = (64, 64)
     symmetric: bool = True
-    """Whether the policy is symmetric by construction (`agents/mirror.py`)."""
+    """Whether the policy is equivariant under the left-right reflection (`fish_env/control/equivariant.py`)."""
 
     def discount(self, control_interval: float) -> float:
-        """The discount factor for decisions `control_interval` seconds apart."""
+        """The discount factor for environment steps of `control_interval` seconds."""
         return math.exp(-control_interval / self.horizon)
 
 
@@ -50,12 +50,12 @@ def settings_of(record: dict[str, Any]) -> TrainConfig:
         return TrainConfig(**lists)
     except TypeError as error:
         raise ValueError(
-            f"the settings {sorted(record)} are not those of this version ({error}); train anew"
+            f"the settings {sorted(record)} are not those of this version ({error}); train again"
         ) from error
 
 
 def _tuples(value):
-    """Lists as tuples, also inside of dicts: what they were before they became JSON."""
+    """Lists as tuples, also inside of dicts: as they were before they became JSON."""
     if isinstance(value, dict):
         return {name: _tuples(inner) for name, inner in value.items()}
     return tuple(value) if isinstance(value, list) else value
@@ -63,32 +63,32 @@ def _tuples(value):
 
 @dataclass(frozen=True)
 class Result:
-    """How a trained task is judged and published."""
+    """How a trained task is evaluated and published."""
 
     asked: str
     """What is asked, in a few words."""
     score: str
     """The metric its seeds are ranked by; more is better."""
     headline: tuple[str, ...]
-    """What says most."""
+    """The metrics of the summary in the README."""
     metrics: tuple[str, ...]
-    """What its tables show."""
+    """The metrics of its tables."""
     seeds: int
     """How many seeds `train.py all` trains."""
     conditions: dict[str, tuple[dict[str, Any], dict[str, Any]]] = field(default_factory=dict)
-    """Under what else they are measured: keywords of the environment and reset options, by name."""
+    """Other conditions they are evaluated under: keywords of the environment and reset options, by name."""
 
 
 TURNING = ("success", "latency", "overshoot", "radius", "turning_rate", "speed_lost", "work", "peak_strain")
 
 
 def slower(seconds: float) -> dict[str, Any]:
-    """Keywords for decisions twice as far apart, in episodes of so many seconds: longer noise explores more."""
+    """Keywords for steps twice as long, in episodes of so many seconds: noise that lasts longer explores more."""
     return {"control_interval": 0.04, "max_episode_steps": round(seconds / 0.04)}
 
 
 DENSER = {**slower(3.0), "wait": (0.3, 1.0)}
-"""Sooner turns in shorter episodes: more of what is to be learnt in every second."""
+"""Sooner turns in shorter episodes: more turns in every second."""
 
 CONFIGS: dict[str, TrainConfig] = {
     "swim": TrainConfig("FishEnv/Swim-v0", hidden=(32, 32)),
@@ -98,7 +98,7 @@ CONFIGS: dict[str, TrainConfig] = {
     "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, {"patience": 3.0}, timesteps=4_000_000),
     "avoid": TrainConfig("FishEnv/Avoid-v0", slower(6.0), timesteps=2_500_000),
 }
-"""A task of the package, or one in a certain form, by the name that `train.py` knows it by."""
+"""A task of the package, or one of its forms, by its name in `train.py`."""
 
 RESULTS: dict[str, Result] = {
     "swim": Result("swim along a commanded heading", "speed", ("speed",), ("speed", "sideways"), 10),

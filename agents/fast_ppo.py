@@ -1,7 +1,7 @@
-"""Stable-Baselines3's PPO with its networks and its loss by compiled kernels: the same numbers to rounding, sooner.
+"""Stable-Baselines3's PPO with networks and loss by compiled kernels: the same numbers to rounding, in less time.
 
 Rollouts are Stable-Baselines3's, so are the buffer, its returns and advantages, the order of minibatches, the cut of
-the gradient, the optimizer, files and logs; what is learnt lies in torch's parameters. Networks and loss, forward and
+the gradient, the optimizer, files and logs; the parameters are torch's. Networks and loss, forward and
 backward, are those of `agents/kernels.py`.
 """
 
@@ -15,7 +15,7 @@ from stable_baselines3.common.utils import explained_variance
 
 from agents import kernels
 from agents.kernels import HALF_LOG_TWO_PI, Samples, Settings
-from agents.networks import Networks, arrays_of, unknown
+from agents.networks import Networks, arrays_of, unsupported
 from fish_env.tank_options import available_processors
 
 PARTS = 4  # of a minibatch, and so the most threads that can share it
@@ -23,19 +23,19 @@ FIELDS = ("actions", "log_probs", "values", "advantages", "returns")
 
 
 class FastPPO(PPO):
-    """PPO by kernels where `Networks` knows the policy (`why_slow` is None), else by Stable-Baselines3's own code.
+    """PPO by kernels where `Networks` supports the policy (`why_slow` is None), else by Stable-Baselines3's own code.
 
-    `threads` says how many threads share a minibatch, None for all processors; it changes no bit of what is learnt.
+    `threads` says how many threads share a minibatch, None for all processors; it changes no bit of the parameters.
     """
 
     threads: int | None = None
 
     @property
     def why_slow(self) -> str | None:
-        """Why all is Stable-Baselines3's own code; None if it is not."""
+        """Why Stable-Baselines3's own code is used; None if it is not."""
         if type(self.rollout_buffer) is not RolloutBuffer:
             return f"its buffer is {type(self.rollout_buffer).__name__}"
-        return unknown(self.policy)
+        return unsupported(self.policy)
 
     def collect_rollouts(self, *arguments, **options) -> bool:
         """As Stable-Baselines3's, the policy's calls by kernels."""
@@ -64,7 +64,7 @@ class FastPPO(PPO):
         self._log(found, begin, settings)
 
     def _epochs(self, update: "Update", settings: Settings) -> tuple[np.ndarray, int]:
-        """Learn from the rollout; what `differentiate` gives for every minibatch, and where the last epoch begins."""
+        """Train on the rollout; what `differentiate` gives for every minibatch, and where the last epoch begins."""
         found, going = [], True
         for epoch in range(self.n_epochs):
             rows = update.order[np.random.permutation(update.order.size)]  # noqa: NPY002 - the generator SB3 uses
@@ -113,7 +113,9 @@ class Acting:
         noise = torch.from_numpy(np.empty(mean.shape, mean.dtype)).normal_().numpy()  # the numbers that SB3 draws
         actions = mean + noise * np.exp(self.log_std)
         if not np.isfinite(actions).all():
-            raise ValueError("the policy's actions are not finite: what was learnt is of no use any more")
+            raise ValueError(
+                "the policy's actions are not finite: the training has diverged; resume from an earlier checkpoint"
+            )
         log_probs = -0.5 * (noise * noise).sum(1) - (self.log_std + HALF_LOG_TWO_PI).sum()
         return tuple(map(torch.from_numpy, (actions, values[:, None], log_probs)))
 

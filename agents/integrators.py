@@ -1,4 +1,4 @@
-"""Does a policy exploit the integrator? Replay it under RK4 at an eighth of the step, and under every other method.
+"""Whether a policy exploits the integrator: replayed under RK4 at an eighth of the step, and every other method.
 
 `python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg, and, of many more
 episodes by the default method and the reference alone, integrators_default.csv.
@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from agents.evaluate import Scores, episode_scores, gathered, played, policy_controller
-from agents.report import opened, pyplot, shipped
+from agents.report import opened, pyplot
 from agents.results import rounded
 from benchmarks.provenance import RESULTS, write_csv
 from fish_env import INTEGRATORS
+from fish_env.control import Scores, policy_controller, run_episodes, shipped_policies
+from fish_env.control.evaluation import episode_scores, gathered
+from fish_env.control.files import writable_folder
 from fish_env.envs import FishVectorEnv
 
 EPISODES = 50
-MANY = 300  # for the default method: its difference is less than what chance makes of fifty episodes
+MANY = 300  # for the default method: its difference is smaller than the standard error of fifty episodes
 COMMAND = "python train.py compare --integrators"
 TICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # ms, of the chart
 FINER = 8  # the reference takes this part of the fish's own step
@@ -34,7 +36,7 @@ def settings(fish) -> list[tuple[str, float, float | None]]:
     found = [("rk4", fish.control_interval / (FINER * own), None)]
     for record in INTEGRATORS.values():
         if record.kind == "adaptive":
-            continue  # they find their own step, and take a hundred times as long
+            continue  # adaptive methods choose their own step, and take a hundred times as long
         steps = round(fish.control_interval / own_step(fish, record))
         default = record.name == fish.integrator
         counts = [steps, 2 * steps, *([steps // 2, steps // 4] if default else [])]
@@ -47,7 +49,7 @@ def replay(path: Path, how: tuple[str, float, float | None], episodes: int) -> t
     integrator, dt, refine = how
     _, policy, env = opened(path, episodes, integrator=integrator, dt=dt, refine=refine)
     results, track = [{}] * env.num_envs, []
-    for ended, done, infos in played(policy_controller(policy, env), env):
+    for ended, done, infos in run_episodes(policy_controller(policy, env), env):
         for i in np.flatnonzero(ended):
             results[i] = episode_scores(infos["final_info"], i)
         track.append(np.where(done[:, None], np.nan, places(env)))
@@ -63,7 +65,9 @@ def places(env: FishVectorEnv) -> np.ndarray:
 def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODES) -> list[dict]:
     """Replay policies under every method and print what changes; of the shipped ones, write table and chart too."""
     rows = []
-    for path in paths or shipped():
+    if not paths:
+        writable_folder(RESULTS)
+    for path in paths or shipped_policies().values():
         task, _, env = opened(path, 1)
         reference = None
         for how in tqdm(settings(env.tank.fish), desc=task, unit=" settings"):
@@ -85,7 +89,7 @@ def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODE
 def check_default(episodes: int = MANY) -> list[dict]:
     """Change of the return between the reference and the default method, with its standard error; writes a table."""
     rows = []
-    for path in shipped():
+    for path in shipped_policies().values():
         task, _, env = opened(path, 1)
         fish = env.tank.fish
         own = (fish.integrator, fish.time_step, fish.refine)
@@ -104,10 +108,10 @@ def check_default(episodes: int = MANY) -> list[dict]:
 
 
 def differences(scores: Scores, track: np.ndarray, reference: Scores, reference_track: np.ndarray) -> dict:
-    """How scores and paths differ from the reference's."""
+    """Differences of scores and paths from those of the reference."""
     count = min(len(track), len(reference_track))
     apart = np.linalg.norm(track[:count] - reference_track[:count], axis=2)
-    known = np.isfinite(apart).any(axis=0)
+    finite = np.isfinite(apart).any(axis=0)
     total, wanted = scores["return"].mean(), reference["return"].mean()
     success = "success" if "success" in scores else None
     return {
@@ -115,7 +119,7 @@ def differences(scores: Scores, track: np.ndarray, reference: Scores, reference_
         "return_change": rounded((total - wanted) / abs(wanted)),
         "success": rounded(scores[success].mean()) if success else "",
         "success_change": rounded(scores[success].mean() - reference[success].mean()) if success else "",
-        "path_difference": rounded(float(np.median(np.nanmax(apart[:, known], axis=0)))) if known.any() else "",
+        "path_difference": rounded(float(np.median(np.nanmax(apart[:, finite], axis=0)))) if finite.any() else "",
         "failed": int(scores["failed"].sum()),
     }
 
@@ -130,7 +134,7 @@ def print_rows(rows: list[dict]) -> None:
 
 
 def draw(rows: list[dict], path: Path) -> None:
-    """Change of the return against the step, a panel a task, a colour a method."""
+    """Change of the return against the step, a panel for each task, a colour for each method."""
     plt = pyplot()
     plt.rcParams["svg.hashsalt"] = "fish_env"
     tasks = list(dict.fromkeys(row["task"] for row in rows))

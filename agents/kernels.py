@@ -1,10 +1,10 @@
 """Actor and critic of a policy, and PPO's loss, forward and backward, as compiled kernels.
 
-Samples are worked on in blocks so small that all that their layers give stays in the processor's nearest cache.
+Samples are processed in blocks so small that the output of their layers stays in the nearest cache of the processor.
 Products are BLAS's (`numpy.dot`); the rest is plain loops over contiguous numbers, which the compiler vectorises.
 
-Legend: n samples; D numbers of an observation; I images of it: a symmetric policy (`agents/mirror.py`) sees it as it is
-and mirrored; R = n I rows, the images of a sample behind one another; A actions; V, W inputs and outputs of a layer.
+Legend: n samples; D numbers of an observation; I images of it: an equivariant policy takes it as it is and reflected;
+R = n I rows, the images of a sample behind one another; A actions; V, W inputs and outputs of a layer.
 """
 
 import math
@@ -30,7 +30,7 @@ class Network(NamedTuple):
 
 
 class Images(NamedTuple):
-    """How a policy sees an observation, and acts on it; image m of an observation is (obs[place] - offset) * factor."""
+    """How a policy takes observations and acts on them; image m of an observation is (obs[place] - offset) * factor."""
 
     place: np.ndarray
     """(I,D) indices of numbers."""

@@ -1,4 +1,4 @@
-"""A policy of torch as the kernels see it: arrays that are torch's own parameters, images, and memory to work in."""
+"""A policy of torch as the kernels take it: arrays that are torch's own parameters, images, and scratch memory."""
 
 import numpy as np
 from stable_baselines3.common.distributions import DiagGaussianDistribution
@@ -7,13 +7,13 @@ from torch import nn
 
 from agents import kernels
 from agents.kernels import BLOCK, Images, Network, Policy, Work
-from agents.layers import ScaledObservation, Tanh
-from agents.mirror import MirroredPolicy
+from agents.layers import Tanh
+from fish_env.control.equivariant import EquivariantPolicy, ScaledObservation
 
 
-def unknown(policy) -> str | None:
-    """What of a policy `Networks` does not know, in words; None if it knows it all."""
-    if type(policy) not in (ActorCriticPolicy, MirroredPolicy):
+def unsupported(policy) -> str | None:
+    """What part of a policy `Networks` does not support, in words; None if it supports all of it."""
+    if type(policy) not in (ActorCriticPolicy, EquivariantPolicy):
         return f"its policy is {type(policy).__name__}"
     if type(policy.features_extractor) is not ScaledObservation or not policy.share_features_extractor:
         return "its observations are not scaled by ScaledObservation"
@@ -24,21 +24,25 @@ def unknown(policy) -> str | None:
             if type(linear) is not nn.Linear or type(activation) not in (Tanh, nn.Tanh):
                 return f"its layers are {type(linear).__name__} and {type(activation).__name__}"
     if policy.device.type != "cpu" or not all(p.requires_grad and p.is_contiguous() for p in policy.parameters()):
-        return "its parameters are not numbers to be learnt on the processor"
+        return "its parameters are not trainable, contiguous numbers on the processor"
     return None
 
 
 class Networks:
-    """The networks of a policy that is not `unknown`. What torch changes in its parameters is changed here too.
+    """The networks of a policy that is not `unsupported`. What torch changes in its parameters is changed here too.
 
     Attributes:
         parameters: torch's: `log_std`, then weight and bias of every layer of the actor, then of the critic.
         policy: the same as arrays.
-        images: how it sees observations.
+        images: how it takes observations.
     """
 
     def __init__(self, policy: ActorCriticPolicy):
-        extractor, scaler, symmetric = policy.mlp_extractor, policy.features_extractor, type(policy) is MirroredPolicy
+        extractor, scaler, symmetric = (
+            policy.mlp_extractor,
+            policy.features_extractor,
+            type(policy) is EquivariantPolicy,
+        )
         last = policy.action_net.linear if symmetric else policy.action_net
         chains = [*extractor.policy_net[::2], last], [*extractor.value_net[::2], policy.value_net]
         numbers = [p for chain in chains for layer in chain for p in (layer.weight, layer.bias)]
@@ -67,7 +71,7 @@ class Networks:
         return tuple(tuple(np.ascontiguousarray(weight.T) for weight in network.weights) for network in networks)
 
     def work(self) -> tuple[np.ndarray, Work, Work]:
-        """Memory for a block: its rows, and work of actor and critic."""
+        """Scratch memory for a block: its rows, and work of actor and critic."""
         images, size = self.images.place.shape
 
         def of(network: Network) -> Work:

@@ -1,4 +1,4 @@
-"""What a run learnt: a table beside the baselines, a learning curve, the swum path, a video."""
+"""The report of a run: a table beside the baselines, a learning curve, the paths of a few fish, a video."""
 
 import csv
 import json
@@ -8,24 +8,28 @@ import numpy as np
 
 from agents.build import export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, TrainConfig
-from agents.controllers import best_gait, random_actions, scripted
-from agents.evaluate import (
+from fish_env.control import (
     EPISODES,
     FIRST_SEED,
     Controller,
+    Policy,
+    best_gait,
     evaluate,
+    evaluation_options,
     gait_controller,
+    load_policy,
     make_eval_env,
+    make_policy_env,
     means,
-    measuring,
-    played,
     policy_controller,
+    random_actions,
+    run_episodes,
+    scripted,
+    shipped_policies,
+    write_video,
 )
-from agents.play import write_video
-from agents.policy import Policy, load_policy
+from fish_env.control.files import write_text
 from fish_env.envs import FishVectorEnv
-
-PRETRAINED = Path(__file__).parent / "pretrained"
 
 
 def baselines(env: FishVectorEnv) -> dict[str, Controller]:
@@ -47,9 +51,9 @@ def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bo
     """Evaluate on fixed seeds; write results.json and the pictures, print the table and the command to play it."""
     policy = load_policy(folder / "policy.npz", config.env_id)
     policies = ({"untrained policy": untrained(config, seed)} if pictures else {}) | {"trained policy": policy}
-    rows = measured(make_eval_env(config.env_id, EPISODES, measuring(config.env_options)), policies, pictures)
+    rows = measured(make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options)), policies, pictures)
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
-    (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
+    write_text(folder / "results.json", json.dumps(results, indent=2) + "\n")
     if not pictures:
         return
     metric = RESULTS[task].score
@@ -57,12 +61,12 @@ def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bo
     draw_path(config, policy, "best open-loop gait" if task == "swim" else "motor controllers", folder / "path.png")
     record_video(config, policy, folder / f"{task}.mp4")
     print_table(task, rows)
-    print(f"\nKept in {folder}: model.zip, policy.npz, config.json, results.json, curve.png, path.png, {task}.mp4")
-    print(f"See it swim: python train.py play {folder / 'policy.npz'}")
+    print(f"\nSaved in {folder}: model.zip, policy.npz, config.json, results.json, curve.png, path.png, {task}.mp4")
+    print(f"Watch it: python train.py play {folder / 'policy.npz'}")
 
 
 def untrained(config: TrainConfig, seed: int):
-    """The policy as it was before any training."""
+    """The policy before any training."""
     env = make_env(config, 1, seed)
     return export_policy(make_model(config, env, seed), {"env_id": config.env_id, "env_options": config.env_options})
 
@@ -70,7 +74,7 @@ def untrained(config: TrainConfig, seed: int):
 def print_table(task: str, rows: dict[str, dict]) -> None:
     """The means of every controller over the fixed evaluation episodes."""
     columns = (*RESULTS[task].metrics, "return", "failed")
-    print(f"\n{task}: mean over {EPISODES} episodes (docs/envs/ says what is measured, and in what)")
+    print(f"\n{task}: mean over {EPISODES} episodes (metrics and their units: docs/envs/)")
     widths = [max(12, len(name) + 2) for name in columns]
     print(" " * 20 + "".join(name.rjust(width) for name, width in zip(columns, widths, strict=True)))
     for name, row in rows.items():
@@ -79,12 +83,12 @@ def print_table(task: str, rows: dict[str, dict]) -> None:
     if task == "swim" and "best open-loop gait" in rows:
         gait, policy = rows["best open-loop gait"], rows["trained policy"]
         along, own = (policy["speed"] / speed for speed in (gait["speed"], own_speed(gait)))
-        print(f"The policy swims at {along:.2f} times the gait's speed along the heading; at {own:.2f} times what the "
-              "gait, which cannot steer, makes along its own line.")  # fmt: skip
+        print(f"The policy swims at {along:.2f} times the gait's speed along the heading; at {own:.2f} times the "
+              "speed that the gait, which cannot steer, has along its own line.")  # fmt: skip
 
 
 def own_speed(row: dict) -> float:
-    """About the distance between start and end over time, whatever the direction, body lengths per second."""
+    """Distance between start and end over time, in any direction, body lengths per second; from means, so about."""
     return float(np.hypot(row["speed"], row["sideways"]))
 
 
@@ -98,20 +102,20 @@ def draw_curve(data: Path, picture: Path, metric: str, rows: dict[str, dict]) ->
         axes.plot(*np.array(points).T, color="#0b7a99", label="policy, while training")
     for name, colour in (("best open-loop gait", "#c0562f"), ("motor controllers", "#7a7a2f")):
         axes.axhline(rows[name][metric], color=colour, linestyle="--", label=name)
-    axes.set(xlabel="decisions", ylabel=metric, ylim=(0, None))
+    axes.set(xlabel="environment steps", ylabel=metric, ylim=(0, None))
     axes.legend(frameon=False)
     figure.savefig(picture, dpi=110)
     plt.close(figure)
 
 
 def draw_path(config: TrainConfig, policy: Policy, beside: str, picture: Path, fish: int = 6) -> None:
-    """Paths of a few fish, by the policy and by a baseline, seen from above, each setting out to the right."""
+    """Paths of a few fish, by the policy and by a baseline, seen from above, each starting to the right."""
     plt = pyplot()
     figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
     for colour, name in (("#c0562f", beside), ("#0b7a99", "trained policy")):
-        env = make_eval_env(config.env_id, fish, measuring(config.env_options) | {"info_every_step": True})
+        env = make_eval_env(config.env_id, fish, evaluation_options(config.env_options) | {"info_every_step": True})
         controller = policy_controller(policy, env) if name == "trained policy" else baselines(env)[beside]
-        for i, track in enumerate(swum_tracks(controller, env)):
+        for i, track in enumerate(tracks_of(controller, env)):
             axes.plot(*track.T, color=colour, lw=1.2, label=name if i == 0 else None)
     axes.set(xlabel="along the first command, body lengths", ylabel="across, body lengths", aspect="equal")
     axes.legend(frameon=False)
@@ -119,9 +123,9 @@ def draw_path(config: TrainConfig, policy: Policy, beside: str, picture: Path, f
     plt.close(figure)
 
 
-def swum_tracks(controller: Controller, env: FishVectorEnv) -> list[np.ndarray]:
+def tracks_of(controller: Controller, env: FishVectorEnv) -> list[np.ndarray]:
     """Centre of mass of each fish over one episode, (T,2) body lengths, its first command along +x."""
-    for _, done, infos in played(controller, env):
+    for _, done, infos in run_episodes(controller, env):
         if not infos:  # just reset
             heading = env.task.vectors(env.tank, env._pose)[:, 0, :2].copy()
             heading /= np.linalg.norm(heading, axis=1, keepdims=True)
@@ -137,9 +141,9 @@ def swum_tracks(controller: Controller, env: FishVectorEnv) -> list[np.ndarray]:
 
 def record_video(config: TrainConfig, policy: Policy, path: Path, seconds: float = 6.0) -> None:
     """One episode as an .mp4 at half speed (a tail beats faster than the eye follows)."""
-    env = make_eval_env(config.env_id, 1, measuring(config.env_options) | {"render_mode": "rgb_array"})
+    env = make_eval_env(config.env_id, 1, evaluation_options(config.env_options) | {"render_mode": "rgb_array"})
     frames = []
-    for _, done, _ in played(policy_controller(policy, env), env):
+    for _, done, _ in run_episodes(policy_controller(policy, env), env):
         if done.any() or env.tank.time[0] > seconds:
             break
         frames.append(env.render()[0])
@@ -157,24 +161,17 @@ def pyplot():
     return pyplot
 
 
-def shipped() -> list[Path]:
-    """The policy files that come with the project."""
-    return sorted(PRETRAINED.glob("*/policy.npz"))
-
-
 def opened(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Policy, FishVectorEnv]:
-    """A policy file: its task, the policy, and an environment to measure it in; `changes` are options of that."""
+    """A policy file: its task, the policy, and an environment to evaluate it in; `changes` are options of that."""
     policy = load_policy(path)
     task = policy.about.get("task")
     if task not in CONFIGS:
-        raise ValueError(f"{path} is for task {task!r}; known are {', '.join(CONFIGS)}")
-    changes = {name: value for name, value in changes.items() if value is not None}
-    env = make_eval_env(policy.about["env_id"], episodes, measuring(policy.about.get("env_options", {})) | changes)
-    return task, policy, env
+        raise ValueError(f"{path} is for task {task!r}; choose a policy for one of {', '.join(CONFIGS)}")
+    return task, policy, make_policy_env(policy, episodes, **changes)
 
 
 def measure(paths: list[Path], **options) -> dict[Path, dict]:
-    """Measure policy files on the fixed seeds; options of the environment may differ from those of the training."""
+    """Evaluate policy files on the fixed seeds; options of the environment may differ from those of the training."""
     rows = {}
     for path in paths:
         task, policy, env = opened(path, **options)
@@ -184,9 +181,9 @@ def measure(paths: list[Path], **options) -> dict[Path, dict]:
 
 
 def compare(paths: list[Path]) -> dict[Path, dict]:
-    """Measure policy files (or those that are shipped) on the fixed seeds beside the controllers without learning."""
+    """Evaluate policy files (or those that are shipped) on the fixed seeds beside the controllers without learning."""
     found = {}
-    for path in paths or shipped():
+    for path in paths or shipped_policies().values():
         task, policy, env = opened(path)
         found[path] = measured(env, {"trained policy": policy}, beside=True)
         print_table(task, found[path])

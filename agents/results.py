@@ -1,24 +1,32 @@
-"""Publish what `train.py all` found: interquartile means over seeds beside the baselines, curves, the median policies.
+"""Publish the results of `train.py all`: interquartile means over seeds beside the baselines, curves, median policies.
 
-For every task, agents/pretrained/<task>/ gets the policy of the median seed with its configuration, and
-benchmarks/results/learning/ gets <task>_seeds.csv (a row a seed and condition), <task>_methods.csv (a row a method,
-condition and metric, with intervals) and <task>_curves.csv; docs/images/curves.svg shows the curves.
+For every task, fish_env/control/pretrained/<task>/ gets the policy of the median seed with its configuration, and
+benchmarks/results/learning/ gets <task>_seeds.csv (a row for each seed and condition), <task>_methods.csv (a row for
+each method, condition and metric, with intervals) and <task>_curves.csv; docs/images/curves.svg shows the curves.
 """
 
 import csv
 import json
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
 
-from agents.bound import possible
+from agents.avoidability import avoidable
 from agents.config import CONFIGS, RESULTS
-from agents.evaluate import EPISODES, Scores, evaluate, make_eval_env, measuring, policy_controller
-from agents.policy import load_policy
-from agents.report import PRETRAINED, baselines, pyplot
+from agents.report import baselines, pyplot
 from benchmarks import provenance
+from fish_env.control import (
+    EPISODES,
+    Scores,
+    evaluate,
+    evaluation_options,
+    load_policy,
+    make_eval_env,
+    policy_controller,
+)
+from fish_env.control.files import replacing, writable_folder, write_text
+from fish_env.control.policy import PRETRAINED
 
 COMMAND = "python train.py all"
 RESAMPLES = 2000
@@ -28,12 +36,12 @@ LEARNING = provenance.RESULTS / "learning"
 PAGE = Path(__file__).parent.parent / "docs" / "results.md"
 README = Path(__file__).parent.parent / "README.md"
 UNITS = {
-    "speed": ("speed, L/s", 1, 2),
-    "sideways": ("sideways, L/s", 1, 2),
+    "speed": ("speed, BL/s", 1, 2),
+    "sideways": ("sideways, BL/s", 1, 2),
     "success": ("success, %", 100, 1),
     "latency": ("latency, s", 1, 2),
     "overshoot": ("overshoot, °", 1, 1),
-    "radius": ("radius, L", 1, 2),
+    "radius": ("radius, BL", 1, 2),
     "turning_rate": ("peak rate, °/s", 1, 0),
     "speed_lost": ("speed lost, %", 100, 0),
     "work": ("work, J/kg", 1, 2),
@@ -43,7 +51,7 @@ UNITS = {
     "avoided": ("avoided, %", 100, 1),
     "avoided_possible": ("avoided where possible, %", 100, 1),
     "passed": ("passed, %", 100, 1),
-    "clearance": ("clearance, L", 1, 2),
+    "clearance": ("clearance, BL", 1, 2),
     "return": ("return", 1, 1),
     "failed": ("physics failed, %", 100, 2),
 }
@@ -55,13 +63,16 @@ def publish(root: Path, tasks=None) -> None:
 
     Raises:
         FileNotFoundError: if no seed of a task is finished.
+        ValueError: if a folder that the results go to cannot be written to.
     """
+    for folder in (PRETRAINED, LEARNING, IMAGES, PAGE.parent, README.parent):
+        writable_folder(folder)
     for task in CONFIGS if tasks is None else tasks:
         seeds = [root / task / f"seed_{seed}" for seed in range(RESULTS[task].seeds)]
         runs = [run for run in seeds if (run / "results.json").exists()]
         if not runs:
             raise FileNotFoundError(
-                f"no run of {task} in {root} is finished; go on with: python train.py all --runs {root}"
+                f"no run of {task} in {root} is finished; resume with: python train.py all --runs {root}"
             )
         commits = sorted({json.loads((run / "config.json").read_text())["commit"] for run in runs})
         if len(commits) > 1:
@@ -69,23 +80,23 @@ def publish(root: Path, tasks=None) -> None:
         publish_task(task, runs)
     if all((LEARNING / f"{task}_curves.csv").exists() for task in CONFIGS):
         draw_curves(IMAGES / "curves.svg")
-    PAGE.write_text(filled(PAGE.read_text()))
+    write_text(PAGE, filled(PAGE.read_text()))
     pattern = r"(?<=<!-- summary -->\n).*?(?=<!-- end -->)"
-    README.write_text(re.sub(pattern, lambda _: summary(), README.read_text(), flags=re.DOTALL))
+    write_text(README, re.sub(pattern, lambda _: summary(), README.read_text(), flags=re.DOTALL))
 
 
 def publish_task(task: str, runs: list[Path]) -> None:
-    """Measure the seeds of a task and the controllers without learning, under every condition; write it all down."""
+    """Evaluate the seeds of a task and the controllers without learning under every condition, and write the tables."""
     config, result = CONFIGS[task], RESULTS[task]
     policies = [load_policy(run / "policy.npz", config.env_id) for run in runs]
     seed_rows, method_rows, generator = [], [], np.random.default_rng(0)
     for condition, (keywords, options) in {"": ({}, {}), **result.conditions}.items():
-        env = make_eval_env(config.env_id, EPISODES, measuring(config.env_options) | keywords)
+        env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | keywords)
         methods = {name: [evaluate(controller, env, options=options)] for name, controller in baselines(env).items()}
         methods["PPO"] = [evaluate(policy_controller(policy, env), env, options=options) for policy in policies]
         if task == "avoid":
             everyone = [scores for found in methods.values() for scores in found]
-            where = possible(env, options) | np.any([scores["passed"] > 0 for scores in everyone], axis=0)
+            where = avoidable(env, options) | np.any([scores["passed"] > 0 for scores in everyone], axis=0)
             for scores in everyone:
                 scores["avoided_possible"] = np.where(where, scores["avoided"], np.nan)
         seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]
@@ -104,7 +115,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
 
 
 def seed_mean(scores: Scores, metric: str) -> float:
-    """Mean of a metric over a seed's episodes, those in which it is known; time a target over all targets together."""
+    """Mean of a metric over a seed's episodes in which it is finite; time per target over all targets together."""
     if metric == "time_per_target":
         return float(scores["seconds"].sum() / scores["targets"].sum()) if scores["targets"].sum() else np.nan
     values = scores[metric]
@@ -124,23 +135,23 @@ def interquartile_mean(values: np.ndarray) -> float:
 def interval(scores: list[Scores], metric: str, generator: np.random.Generator) -> tuple[float, float, float]:
     """Interquartile mean over seeds of their means, and its 95 % bootstrap interval.
 
-    Seeds are drawn anew with replacement, and episodes, the same for all seeds: these have all played the same ones. A
-    method without seeds only draws episodes.
+    Each resample draws seeds with replacement, and episodes, the same for all seeds, since all seeds were evaluated on
+    the same ones. A method without seeds only draws episodes.
     """
-    kept = [{name: s[name] for name in {metric, "seconds", "targets"} & s.keys()} for s in scores]
+    needed = [{name: s[name] for name in {metric, "seconds", "targets"} & s.keys()} for s in scores]
     count, found = len(scores[0]["return"]), np.empty(RESAMPLES)
     for k in range(RESAMPLES):
         means, pick = [], generator.integers(count, size=count)
-        for s in generator.integers(len(kept), size=len(kept)):
-            means.append(seed_mean({name: values[pick] for name, values in kept[s].items()}, metric))
+        for s in generator.integers(len(needed), size=len(needed)):
+            means.append(seed_mean({name: values[pick] for name, values in needed[s].items()}, metric))
         found[k] = interquartile_mean(np.array(means))
     found = found[np.isfinite(found)]
     low, high = np.quantile(found, [0.025, 0.975]) if found.size else (np.nan, np.nan)
-    return interquartile_mean(np.array([seed_mean(s, metric) for s in kept])), float(low), float(high)
+    return interquartile_mean(np.array([seed_mean(s, metric) for s in needed])), float(low), float(high)
 
 
 def seed_row(run: Path, condition: str, scores: Scores) -> dict:
-    """One seed under one condition: what it cost and the mean of every metric."""
+    """One seed under one condition: the cost of its training and the mean of every metric."""
     config = json.loads((run / "config.json").read_text())
     rows = read_rows(run / "curve.csv")
     row = {"condition": condition, "seed": config["seed"], "timesteps": config["config"]["timesteps"],
@@ -157,18 +168,19 @@ def ship(runs: list[Path], scores: list[Scores], metric: str, folder: Path) -> N
     median = sorted(range(len(runs)), key=lambda k: keys[k])[(len(runs) - 1) // 2]
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("policy.npz", "config.json"):
-        shutil.copy(runs[median] / name, folder / name)
+        with replacing(folder / name) as partial:
+            partial.write_bytes((runs[median] / name).read_bytes())
 
 
 def curve_rows(run: Path) -> list[dict]:
-    """The learning curve of a run, thinned."""
+    """The learning curve of a run, at most CURVE_POINTS rows."""
     seed, rows = json.loads((run / "config.json").read_text())["seed"], read_rows(run / "curve.csv")
     keep = np.unique(np.linspace(0, len(rows) - 1, min(CURVE_POINTS, len(rows))).astype(int))
     return [{"seed": seed} | {k: rows[i][k] for k in ("timesteps", "seconds", "score", "return")} for i in keep]
 
 
 def draw_curves(path: Path) -> None:
-    """Score against decisions for every task: a thin line a seed, their interquartile mean bold."""
+    """Score against environment steps for every task: a thin line for each seed, their interquartile mean bold."""
     plt = pyplot()
     plt.rcParams["svg.hashsalt"] = "fish_env"
     figure, grid = plt.subplots(2, 3, figsize=(10, 5.4), layout="constrained")
@@ -186,13 +198,15 @@ def draw_curves(path: Path) -> None:
         rows = read_rows(LEARNING / f"{task}_methods.csv")
         level = next(float(r["value"]) for r in rows if (r["condition"], r["method"], r["metric"]) == wanted)
         axes.axhline(level, color="#c0562f", ls="--", lw=1)
-        axes.set(title=task.replace("_", " "), xlabel="million decisions", ylabel=RESULTS[task].score, ylim=(0, None))
+        axes.set(
+            title=task.replace("_", " "), xlabel="million environment steps", ylabel=RESULTS[task].score, ylim=(0, None)
+        )
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
 
 
 def filled(page: str) -> str:
-    """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, made anew from the CSV files."""
+    """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, filled in from the CSV files."""
 
     def table(match: re.Match) -> str:
         path = LEARNING / f"{match[1]}_methods.csv"
@@ -202,7 +216,7 @@ def filled(page: str) -> str:
 
 
 def summary() -> str:
-    """The README's table: what is asked, and the numbers that say most, by method."""
+    """The README's table: what is asked, and the headline metrics, by method."""
     methods = {
         name: name.removeprefix("best ") for name in ("random", "best open-loop gait", "motor controllers", "PPO")
     }
@@ -219,7 +233,7 @@ def summary() -> str:
 
 
 def table_of(rows: list[dict]) -> str:
-    """The results of a task as Markdown, a line a method and condition."""
+    """The results of a task as Markdown, a line for each method and condition."""
     metrics = list(dict.fromkeys(row["metric"] for row in rows))
     lines = {}
     for row in rows:
@@ -242,7 +256,7 @@ def cell(row: dict) -> str:
 
 
 def rounded(value: float) -> float | str:
-    """Four digits after the point, or nothing for what is not known."""
+    """Four digits after the point, or nothing for what is not finite."""
     return round(float(value), 4) if np.isfinite(value) else ""
 
 

@@ -1,22 +1,22 @@
-"""Learn the upper and the lower muscle of a side together and apart: what they do alike, and a smaller difference.
+"""Actions for pairs of muscles: what the upper and the lower muscle of a side have in common, and their difference.
 
-Noise on every muscle alone mostly twists the fish; noise on pairs bends it, which is how it learns to swim. The
-difference keeps what pairs lack, roll and pitch.
+Independent noise on every muscle mostly twists the fish; noise on pairs bends it, by which it finds out how to swim.
+The difference allows what pairs alone cannot do, roll and pitch.
 """
 
 import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
-APART = 0.4  # what the difference counts, beside what both do alike
-WIDE = 3.0  # a learner's actions are not clipped to [-1, 1]: the muscles' are, after they are put together
+APART = 0.4  # weight of the difference, beside what both have in common
+WIDE = 3.0  # a learner's actions are not clipped to [-1, 1]: those of the muscles are, after they are combined
 
 
 def synergies(env) -> np.ndarray:
     """The matrix (A,A) from a learner's actions to those of a `FishVectorEnv`.
 
-    In place of the upper muscle of a pair stands what both do, in place of the lower one their difference. Where the
-    environment has pairs already, the actions are the same.
+    The action at the place of the upper muscle of a pair moves both, that of the lower one sets their difference. In an
+    environment with an action for each pair, the actions are the same.
     """
     fish, size = env.tank.fish, int(env.groups.max()) + 1
     matrix = np.eye(size)
@@ -41,7 +41,7 @@ def both(fish, size: int) -> np.ndarray:
 
 
 class Synergies(VecEnvWrapper):
-    """Hands a learner's actions to the environment as those of its muscles."""
+    """Turns a learner's actions into those of the muscles of the environment."""
 
     def __init__(self, venv: VecEnv):
         self.matrix = synergies(venv.unwrapped.fish).T.astype(np.float32)
@@ -49,13 +49,13 @@ class Synergies(VecEnvWrapper):
         super().__init__(venv, action_space=gym.spaces.Box(-WIDE, WIDE, (size,), dtype=np.float32))
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Put the actions together and hand them on."""
+        """Combine the actions and hand them to the environment."""
         self.venv.step_async(actions @ self.matrix)
 
     def step_wait(self):
-        """What the environment answers."""
+        """What the environment returns."""
         return self.venv.step_wait()
 
     def reset(self) -> np.ndarray:
-        """Begin all episodes anew."""
+        """Begin new episodes."""
         return self.venv.reset()

@@ -1,25 +1,28 @@
-"""One training run: a folder that explains itself, a model that learns, and a report of what it learnt."""
+"""One training run: a folder with its settings, a model that is trained, and a report of the trained policy."""
 
 import json
 import os
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
 from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
-from agents.callbacks import Checkpoint, LearningCurve, Progress, save_whole
+from agents.callbacks import Checkpoint, LearningCurve, Progress, save_model
 from agents.config import CONFIGS, RESULTS, TrainConfig, settings_of
 from agents.fast_ppo import FastPPO
 from agents.report import report
 from benchmarks.provenance import provenance
 from fish_env import BODIES, make_fish
+from fish_env.control.files import writable_folder, write_text
 
 try:
     import fcntl
@@ -35,111 +38,141 @@ def new_folder(root: Path, task: str) -> Path:
     for suffix in ("", *(f"_{k}" for k in range(2, 100))):
         folder = root / task / (stamp + suffix)
         try:
-            folder.mkdir(parents=True)
+            writable_folder(folder.parent)
+            folder.mkdir()
             return folder
         except FileExistsError:
             continue
     raise FileExistsError(f"{root / task / stamp} and 98 like it exist")
 
 
-def train(
-    task: str,
-    seed: int = 0,
-    root: Path = Path("runs"),
-    resume: Path | None = None,
-    folder: Path | None = None,
-    pictures: bool = True,
-    body: str | None = None,
-    start: Path | None = None,
-    learner: str = "compiled",
-    **changes,
-) -> Path:
-    """Train, evaluate and report; returns the run's folder.
+@dataclass(frozen=True)
+class Request:
+    """What `train` is asked to do."""
 
-    Args:
-        task: a key of `CONFIGS`.
-        seed: of the learner; fish i starts from seed + i.
-        root: where the run's folder is made.
-        resume: the folder of an earlier run to go on with, until its number of timesteps (or the one given) is reached.
-        folder: where to keep the run, instead of a new folder under `root`.
-        pictures: make the pictures, the video and the table beside the baselines; else only measure the policy.
-        body: a key of `fish_env.BODIES` to learn on; None takes the task's.
-        start: the folder of a run of the task to begin with what it learnt, on whatever body; its learning rate, noise
-            and number of timesteps are those of a new run.
-        learner: a key of `agents.build.LEARNERS`; both learn the same, a run may change from one to the other.
-        changes: fields of `TrainConfig` to use instead of the task's (None is ignored).
+    task: str
+    """A key of `CONFIGS`."""
+    seed: int = 0
+    """Of the learner; fish i starts from seed + i."""
+    root: Path = Path("runs")
+    """Where the folder of the run is made."""
+    folder: Path | None = None
+    """Where to save the run, instead of a new folder under `root`."""
+    resume: Path | None = None
+    """The folder of an earlier run to resume, until its number of timesteps (or the one given) is reached."""
+    start: Path | None = None
+    """The folder of a trained run of the task to start from, on whatever body; learning rate, noise and number of
+    timesteps are those of a new run."""
+    body: str | None = None
+    """A key of `fish_env.BODIES` to train on; None takes the task's."""
+    learner: str = "compiled"
+    """A key of `agents.build.LEARNERS`; both train the same policy, and a run may change from one to the other."""
+    pictures: bool = True
+    """Make the pictures, the video and the table beside the baselines; else only evaluate the policy."""
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `TrainConfig` to use instead of the task's; None is ignored."""
+
+
+def train(request: Request) -> Path:
+    """Train, evaluate and report; returns the folder of the run.
+
+    Everything that is asked for is checked, and the folder is tried, before anything is computed or changed.
 
     Raises:
         ValueError: for an unknown task, body or learner, a setting that is not allowed, a run to start from that does
-            not fit, or a folder that holds a run already.
+            not fit, a folder that holds a run already, or one that cannot be written to.
         FileNotFoundError: if there is nothing to resume or to start from.
         RuntimeError: if another program is training in the folder.
     """
-    if learner not in LEARNERS:
-        raise ValueError(f"unknown learner {learner!r}; choose from {', '.join(LEARNERS)}")
-    changes = {name: value for name, value in changes.items() if value is not None}
-    if resume is None:
-        if task not in CONFIGS:
-            raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
-        config, kept = replace(CONFIGS[task], **changes), None
-        if body is not None:
-            config = on_body(config, body)
-        if start is not None:
-            _kept(Path(start), task, "start from")
-        if folder is not None and (Path(folder) / "model.zip").exists():
-            raise ValueError(f"{folder} holds a run; go on with: python train.py {task} --resume {folder}")
-    else:
-        if body is not None or start is not None:
-            raise ValueError("a run that goes on keeps its body and what it started from; leave both out")
-        folder = Path(resume)
-        kept = _kept(folder, task, "go on with")
-        config = replace(settings_of(kept["config"]), **changes)
-        seed = kept["seed"]
-    for name, value, least in (("timesteps", config.timesteps, 1), ("num_envs", config.num_envs, 1), ("seed", seed, 0)):
-        if value < least:
-            raise ValueError(f"{name} is {value}; give a whole number, at least {least}")
-    folder = new_folder(root, task) if folder is None else Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    task, resumed = request.task, None
+    if request.learner not in LEARNERS:
+        raise ValueError(f"unknown learner {request.learner!r}; choose from {', '.join(LEARNERS)}")
+    if request.resume is not None:
+        resumed = _saved_run(Path(request.resume), task, "resume")
+    config, seed = _settings(request, resumed)
+    folder = _folder(request)
     with locked(folder):
-        _write_config(folder, task, config, seed, kept, start)
+        _write_config(folder, request, config, resumed)
         env = make_env(config, config.num_envs, seed)
-        if resume is None:
-            model = make_model(config, env, seed, folder / "tensorboard", learner)
-            if start is not None:
-                start_from(model, PPO.load(Path(start) / "model.zip", device="cpu"))
-        else:
-            model = LEARNERS[learner].load(folder / "model.zip", env, device="cpu")
+        model = _model(request, config, env, folder)
         print(how_it_learns(model))
         finished = learn(model, config, folder, RESULTS[task].score)
         env.close()
-        save_whole(model, folder / "model.zip")
+        save_model(model, folder / "model.zip")
         about = {"task": task, "env_id": config.env_id, "env_options": config.env_options}
         export_policy(model, about).save(folder / "policy.npz")
         if not finished:
-            print(f"\nStopped after {model.num_timesteps:,} decisions; what was learnt is kept in {folder}.")
-            print(f"Go on with:  python train.py {task} --resume {folder}")
-            print(f"See it swim: python train.py play {folder / 'policy.npz'}")
+            print(f"\nStopped after {model.num_timesteps:,} environment steps; the model is saved in {folder}.")
+            print(f"Resume:   python train.py {task} --resume {folder}")
+            print(f"Watch it: python train.py play {folder / 'policy.npz'}")
             return folder
         try:
-            report(folder, task, config, seed, pictures)
+            report(folder, task, config, seed, request.pictures)
         except KeyboardInterrupt:
-            print(f"\nStopped while measuring. What was learnt is kept; measure it with: "
+            print(f"\nStopped while evaluating. The model is saved; evaluate it with: "
                   f"python train.py {task} --resume {folder}")  # fmt: skip
     return folder
 
 
+def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]:
+    """Settings and seed of the run that is asked for, after a check; `resumed` is the config.json of a saved run."""
+    task, changes = request.task, {name: value for name, value in request.changes.items() if value is not None}
+    if resumed is None:
+        if task not in CONFIGS:
+            raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
+        config, seed = replace(CONFIGS[task], **changes), request.seed
+        if request.body is not None:
+            config = on_body(config, request.body)
+        if request.start is not None:
+            _saved_run(Path(request.start), task, "start from")
+    else:
+        if request.body is not None or request.start is not None:
+            raise ValueError(
+                "a run that is resumed has its body and its starting point already; leave --body and --start-from out"
+            )
+        config, seed = replace(settings_of(resumed["config"]), **changes), resumed["seed"]
+    for name, value, least in (("timesteps", config.timesteps, 1), ("num_envs", config.num_envs, 1), ("seed", seed, 0)):
+        if value < least:
+            raise ValueError(f"{name} is {value}; give a whole number, at least {least}")
+    return config, seed
+
+
+def _folder(request: Request) -> Path:
+    """The folder of the run, made if it is missing; ValueError if it holds another run or cannot be written to."""
+    if request.resume is not None:
+        return writable_folder(request.resume)
+    if request.folder is None:
+        return new_folder(request.root, request.task)
+    if (Path(request.folder) / "model.zip").exists():
+        how = f"python train.py {request.task} --resume {request.folder}"
+        raise ValueError(f"{request.folder} holds a run; resume it with: {how}")
+    return writable_folder(request.folder)
+
+
+def _model(request: Request, config: TrainConfig, env, folder: Path) -> PPO:
+    """The learner: a fresh one, one that starts from another run, or that of the run to resume."""
+    if request.resume is not None:
+        return LEARNERS[request.learner].load(folder / "model.zip", env, device="cpu")
+    model = make_model(config, env, request.seed, folder / "tensorboard", request.learner)
+    if request.start is not None:
+        start_from(model, PPO.load(Path(request.start) / "model.zip", device="cpu"))
+    return model
+
+
 def how_it_learns(model: PPO) -> str:
-    """One line for the log: which code learns, and why if it is the slower one."""
+    """One line for the log: which code trains the policy, and why if it is the slower one."""
     if not isinstance(model, FastPPO):
         return "Learning with Stable-Baselines3's own code."
     if model.why_slow:
-        return f"Learning with Stable-Baselines3's own code: {model.why_slow}, which the compiled kernels do not know."
+        return (
+            f"Learning with Stable-Baselines3's own code: {model.why_slow}, which the compiled kernels do not support."
+        )
     return "Learning with compiled kernels; the first time, compiling them takes some seconds."
 
 
 @contextmanager
 def locked(folder: Path):
-    """Keep other programs from training in the folder; RuntimeError if one is at it. Ends when this program does."""
+    """Lock the folder for this program; RuntimeError if another one is training in it. Ends when this program does."""
     with (folder / "lock").open("w") as file:
         if fcntl is not None:
             try:
@@ -159,13 +192,13 @@ def learn(model: PPO, config: TrainConfig, folder: Path, score: str) -> bool:
     try:
         model.learn(left, callbacks, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
     except KeyboardInterrupt:
-        model.num_timesteps = checkpoint.learnt  # what was seen since then was not learnt from
+        model.num_timesteps = checkpoint.trained_steps  # steps since then have not been trained on
         return False
     return True
 
 
 def on_body(config: TrainConfig, body: str) -> TrainConfig:
-    """The settings of a task on another body; a flat fish has no use for upper and lower muscles.
+    """The settings of a task on another body; on a flat fish the upper and the lower muscle contract together.
 
     Raises:
         ValueError: for an unknown body.
@@ -176,35 +209,38 @@ def on_body(config: TrainConfig, body: str) -> TrainConfig:
     return replace(config, env_options=config.env_options | {"body": body} | flat)
 
 
-def _kept(folder: Path, task: str, purpose: str) -> dict:
-    """What config.json says of the run of a task in a folder."""
+def _saved_run(folder: Path, task: str, purpose: str) -> dict:
+    """The content of config.json of the run of a task in a folder."""
     if not (folder / "model.zip").is_file() or not (folder / "config.json").is_file():
         raise FileNotFoundError(f"{folder} holds no model.zip and config.json to {purpose}; give the folder of a run")
-    kept = json.loads((folder / "config.json").read_text())
-    if kept["task"] != task:
-        raise ValueError(f"{folder} is a run of task {kept['task']!r}, not {task!r}")
-    return kept
+    saved = json.loads((folder / "config.json").read_text())
+    if saved["task"] != task:
+        raise ValueError(f"{folder} is a run of task {saved['task']!r}, not {task!r}")
+    return saved
 
 
-def _write_config(folder: Path, task: str, config: TrainConfig, seed: int, kept: dict | None, start) -> None:
-    commit = provenance("")["commit"]
-    if kept is not None and commit not in kept["commit"].split(", "):
-        commit = f"{kept['commit']}, {commit}"
-    command = f"python train.py {task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}"
+def _write_config(folder: Path, request: Request, config: TrainConfig, resumed: dict | None) -> None:
+    """Write config.json: task, seed, settings, command, commit and versions, with those of the run that is resumed."""
+    commit, seed = provenance("")["commit"], request.seed if resumed is None else resumed["seed"]
+    if resumed is not None and commit not in resumed["commit"].split(", "):
+        commit = f"{resumed['commit']}, {commit}"
+    command = (
+        f"python train.py {request.task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}"
+    )
     if "body" in config.env_options:
         command += f" --body {config.env_options['body']}"
-    start = kept.get("start") if kept else start and str(start)
+    start = resumed.get("start") if resumed else request.start and str(request.start)
     if start:
         command += f" --start-from {start}"
     record = {
-        "task": task,
+        "task": request.task,
         "seed": seed,
         "config": asdict(config),
         "command": command,
         "start": start,
         "commit": commit,
-        "resumed": 0 if kept is None else kept.get("resumed", 0) + 1,
+        "resumed": 0 if resumed is None else resumed.get("resumed", 0) + 1,
         "versions": {name: version(name) for name in PACKAGES} | {"python": sys.version.split()[0]},
         "threads": {"torch": torch.get_num_threads(), "processors": os.cpu_count()},
     }
-    (folder / "config.json").write_text(json.dumps(record, indent=2) + "\n")
+    write_text(folder / "config.json", json.dumps(record, indent=2) + "\n")

@@ -1,4 +1,7 @@
-"""Train every task with all its seeds, a run on each processor; stop and go on at any time. For Linux and macOS."""
+"""Train every task with all its seeds, a run on each processor. It can be interrupted and resumed at any time.
+
+For Linux and macOS.
+"""
 
 import csv
 import json
@@ -14,8 +17,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from agents.config import CONFIGS, RESULTS, settings_of
+from fish_env.control.files import writable_folder
 
-LOOK = 2.0  # s between two looks at the runs
+POLL = 2.0  # s between two looks at the runs
 SCRIPT = Path(__file__).parent.parent / "train.py"
 
 
@@ -33,8 +37,8 @@ class Job:
         return (self.folder / "results.json").exists()
 
     @property
-    def decisions(self) -> int:
-        """How far it has come."""
+    def steps(self) -> int:
+        """Environment steps so far."""
         if self.finished:
             return CONFIGS[self.task].timesteps
         try:
@@ -50,7 +54,7 @@ class Job:
             raise ValueError(f"{self.folder} was trained with other settings; move it away, or give other --runs")
 
     def command(self) -> list[str]:
-        """What begins the run, or goes on with it from its last checkpoint."""
+        """The command that begins the run, or resumes it from its last checkpoint."""
         how = "--resume" if (self.folder / "model.zip").exists() else "--folder"
         return [
             sys.executable,
@@ -79,16 +83,17 @@ class Job:
 
 
 def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None) -> list[Path]:
-    """Train what is not trained yet; returns the folders of all runs.
+    """Train the runs that are not finished; returns the folders of all runs.
 
     Args:
-        root: a run is kept in root/<task>/seed_<k>; one that is finished there is left alone, one that was stopped
-            goes on from its last checkpoint.
+        root: a run is saved in root/<task>/seed_<k>; one that is finished there is left unchanged, one that was stopped
+            is resumed from its last checkpoint.
         tasks: keys of `CONFIGS`; None for all.
-        jobs: runs side by side; None for one a processor.
+        jobs: runs side by side; None for one on each processor.
 
     Raises:
-        ValueError: for an unknown task, fewer than one job, or a run with other settings than its task has now.
+        ValueError: for an unknown task, fewer than one job, a run with other settings than its task has now, or a
+            folder that cannot be written to.
         RuntimeError: on Windows; and when all others are done, if runs have failed: their logs are named.
     """
     tasks = list(dict.fromkeys(CONFIGS if tasks is None else tasks))
@@ -106,6 +111,7 @@ def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None
         for task in tasks
         if seed < RESULTS[task].seeds
     ]
+    writable_folder(root)
     for job in work:
         job.check()
     failed = run([job for job in work if not job.finished], work, jobs)
@@ -119,8 +125,8 @@ def run(waiting: list[Job], work: list[Job], jobs: int | None) -> list[Job]:
     """Run those that wait, as many side by side as asked; returns those that failed."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None] * (os.cpu_count() or 1)
     slots: list[Job | None] = [None] * (jobs or len(processors))
-    total, done, failed = sum(CONFIGS[job.task].timesteps for job in work), sum(job.decisions for job in work), []
-    with interruptible(), tqdm(total=total, initial=done, unit=" decisions", unit_scale=True, desc="all tasks") as bar:
+    total, done, failed = sum(CONFIGS[job.task].timesteps for job in work), sum(job.steps for job in work), []
+    with interruptible(), tqdm(total=total, initial=done, unit=" steps", unit_scale=True, desc="all tasks") as bar:
         try:
             while waiting or any(slots):
                 for k, job in enumerate(slots):
@@ -133,9 +139,9 @@ def run(waiting: list[Job], work: list[Job], jobs: int | None) -> list[Job]:
                 running = ", ".join(f"{job.task} {job.seed}" for job in slots if job)
                 ready = f"{sum(job.finished for job in work)} of {len(work)} runs"
                 bar.set_postfix_str(f"{ready}; now {running}", refresh=False)
-                bar.n = sum(job.decisions for job in work)
+                bar.n = sum(job.steps for job in work)
                 bar.refresh()
-                time.sleep(LOOK)
+                time.sleep(POLL)
         finally:
             stop([job for job in slots if job])
     return failed
@@ -143,7 +149,7 @@ def run(waiting: list[Job], work: list[Job], jobs: int | None) -> list[Job]:
 
 @contextmanager
 def interruptible():
-    """Within it, being terminated is like Ctrl-C, also for a program in the background that was told to ignore that."""
+    """A context in which SIGTERM is like Ctrl-C, also for a program in the background that was told to ignore that."""
     before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
@@ -153,7 +159,7 @@ def interruptible():
 
 
 def stop(jobs: list[Job]) -> None:
-    """Let the runs that are going keep what they learnt and end."""
+    """Let the runs that are under way save their models and end."""
     for job in jobs:
         if job.process.poll() is None:
             job.process.send_signal(signal.SIGINT)

@@ -25,9 +25,9 @@ from tqdm import tqdm
 
 from agents import build
 from agents.config import CONFIGS, TrainConfig
-from agents.evaluate import EPISODES, evaluate, make_eval_env, means, measuring, policy_controller
 from agents.results import read_rows
 from benchmarks.provenance import RESULTS, provenance, write_csv
+from fish_env.control import EPISODES, evaluate, evaluation_options, make_eval_env, means, policy_controller
 from fish_env.envs import FishVectorEnv
 from fish_env.tasks import rewards
 from fish_env.tasks.turn import TurnTask
@@ -57,7 +57,7 @@ LEFT_AFTER_RIGHT: dict[str, tuple[dict, list]] = {
     "noise on every muscle alone": ({}, [patch.object(build, "synergies", lambda env: np.eye(12)),
                                          patch("agents.synergy.synergies", lambda env: np.eye(12))]),
     "upper and lower muscles as one": (PAIRS, []),
-    "without seeing the vertical": ({}, [patch.object(build, "TILT_SCALE", 1e9)]),
+    "without seeing the vertical": ({}, [patch("fish_env.envs.layout.TYPICAL_TILT", 1e9)]),
     "alignment weighed 1 instead of 5": ({}, [patch.object(CommandedTurns, "alignment_weight", 1.0)]),
     "alignment by its cosine": ({}, [patch.object(rewards, "alignment", cosine)]),
     "whole episodes, commands as in the task": ({"training_options": {}}, []),
@@ -87,7 +87,7 @@ def learn(config: TrainConfig, seed: int) -> dict[str, float]:
     model = build.make_model(config, env, seed)
     model.learn(config.timesteps)
     policy = build.export_policy(model, {"env_options": config.env_options})
-    env = make_eval_env(config.env_id, EPISODES, measuring(config.env_options))
+    env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options))
     return means(evaluate(policy_controller(policy, env), env))
 
 

@@ -24,10 +24,11 @@ from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import NormalActionNoise
 
-from agents.build import ScaledObservation, make_env, make_model, scaling
+from agents.build import make_env, make_model
 from agents.config import CONFIGS, RESULTS, TrainConfig
-from agents.evaluate import EPISODES, evaluate, make_eval_env, means
 from benchmarks.provenance import write_csv
+from fish_env.control import EPISODES, evaluate, make_eval_env, means
+from fish_env.control.equivariant import ScaledObservation
 
 FISH = 32  # side by side, for the off-policy methods
 UPDATES = 16  # for every decision of all these fish
@@ -38,7 +39,7 @@ def off_policy(method, config: TrainConfig, seed: int, **options):
     """SAC or TD3 on the task's fish."""
     env = make_env(config, FISH, seed)
     fish = env.unwrapped.fish
-    offset, scale = scaling(fish)
+    offset, scale = fish.layout.scaling()
     return method(
         "MlpPolicy", env, learning_rate=1e-3, batch_size=256, gamma=config.discount(fish.control_interval),
         train_freq=1, gradient_steps=UPDATES, learning_starts=5_000, buffer_size=500_000, seed=seed, device="cpu",

@@ -24,12 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from agents.controllers import GAIT_FILE, Gait, best_gait
-from agents.evaluate import evaluate, gait_controller, make_eval_env
 from benchmarks.gaits import NOISE, swim
 from benchmarks.provenance import RESULTS, provenance, write_csv
 from fish_env import make_fish
 from fish_env.bodies.mass_spring import CALIBRATED_FILE
+from fish_env.control import Gait, best_gait, evaluate, gait_controller, make_eval_env
+from fish_env.control.gait import GAIT_FILE
 from fish_env.integrators import limits
 from fish_env.tank import Tank
 

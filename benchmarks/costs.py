@@ -10,10 +10,10 @@ from functools import partial
 
 import numpy as np
 
-from agents.controllers import best_gait
 from benchmarks.speed.timing import Cost, interleaved
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.bodies import Fish
+from fish_env.control import best_gait
 
 SETS, ROUNDS = 3, 5  # how often all tanks are made anew, and are timed in turn
 SAMPLE = 0.04  # s of each run in a round, about

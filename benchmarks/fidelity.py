@@ -23,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from agents.controllers import scripted
 from benchmarks.poses import pose_of
 from benchmarks.provenance import RESULTS, write_csv
 from fish_env import TASKS, Tank, make_fish
 from fish_env.bodies import Fish
+from fish_env.control import scripted
 from fish_env.envs import FishVectorEnv
 from fish_env.volume import volume_of
 

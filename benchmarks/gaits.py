@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.controllers import Gait
 from benchmarks.poses import pose_of
 from fish_env.bodies import Fish
+from fish_env.control import Gait
 from fish_env.tank import Tank
 from fish_env.world import World
 

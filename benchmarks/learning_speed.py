@@ -28,9 +28,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.build import LEARNERS, export_policy, make_env, make_model
 from agents.config import CONFIGS, TrainConfig
-from agents.controllers import best_gait
-from agents.evaluate import evaluate, gait_controller, make_eval_env, measuring, policy_controller
 from benchmarks.provenance import write_csv
+from fish_env.control import best_gait, evaluate, evaluation_options, gait_controller, make_eval_env, policy_controller
 from fish_env.tank_options import available_processors
 
 ROLLOUTS = 4  # timed together
@@ -67,7 +66,7 @@ class UntilFast(BaseCallback):
     def __init__(self, speed: float):
         super().__init__()
         self.speed, self.measuring = speed, 0.0
-        self.env = make_eval_env(CONFIGS["swim"].env_id, 20, measuring(CONFIGS["swim"].env_options))
+        self.env = make_eval_env(CONFIGS["swim"].env_id, 20, evaluation_options(CONFIGS["swim"].env_options))
 
     def _on_step(self) -> bool:
         return True
@@ -158,7 +157,7 @@ def time_to_gait(learner: str, seed: int, speed: float) -> dict:
 def gait(learners: list[str]) -> bool:
     """Print and write how soon each learner is as fast as the best open-loop gait; True if the bar is met."""
     config = CONFIGS["swim"]
-    env = make_eval_env(config.env_id, 100, measuring(config.env_options))
+    env = make_eval_env(config.env_id, 100, evaluation_options(config.env_options))
     wanted = float(evaluate(gait_controller(best_gait(), env), env)["speed"].mean())
     print(f"the best open-loop gait swims {wanted:.3f} body lengths/s")
     for learner in learners:  # what is to be compiled is compiled now

@@ -1,4 +1,4 @@
-"""Find the tables of the motor controllers (`agents/motor.py`) for the default fish, and check what they do.
+"""Find the tables of the motor controllers (`fish_env/control/motor.py`) for the default fish, and check what they do.
 
     python -m benchmarks.motor_controllers --search   search the tables and write them (about 5 min on one core)
     python -m benchmarks.motor_controllers --check    print what these turns do, over all phases of the beat
@@ -20,10 +20,10 @@ from dataclasses import astuple, fields
 import numpy as np
 from tqdm import tqdm
 
-from agents.controllers import best_gait
-from agents.motor import MOTOR_FILE, MotorTables, Swim, Table, Turn, load_tables, scaled_turns, spread, swim_mc, turn_mc
 from benchmarks.provenance import provenance
 from fish_env import make_fish
+from fish_env.control import MotorTables, best_gait, load_tables
+from fish_env.control.motor import MOTOR_FILE, Swim, Table, Turn, scaled_turns, spread, swim_mc, turn_mc
 from fish_env.tank import Tank
 from fish_env.tank_options import whole_steps
 

@@ -14,10 +14,15 @@ import argparse
 import numpy as np
 
 from agents.config import CONFIGS
-from agents.evaluate import make_eval_env, measuring, played, policy_controller
-from agents.play import write_video
-from agents.policy import load_policy
-from agents.report import PRETRAINED
+from fish_env.control import (
+    evaluation_options,
+    load_policy,
+    make_eval_env,
+    policy_controller,
+    run_episodes,
+    write_video,
+)
+from fish_env.control.policy import PRETRAINED
 
 ROOT = Path(__file__).parent.parent
 MOMENTS = (0.08, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed
@@ -28,9 +33,9 @@ SECONDS, EVERY, SLOWER = 4.0, 2, 2  # of the episode; a frame every so many deci
 def play(task: str, seconds: float):
     """Play an episode with the shipped policy: (time, picture) after every decision."""
     policy = load_policy(PRETRAINED / task / "policy.npz")
-    options = measuring(policy.about["env_options"]) | {"render_mode": "rgb_array"}
+    options = evaluation_options(policy.about["env_options"]) | {"render_mode": "rgb_array"}
     env = make_eval_env(policy.about["env_id"], 1, options)
-    for k, (_, done, _) in enumerate(played(policy_controller(policy, env), env)):
+    for k, (_, done, _) in enumerate(run_episodes(policy_controller(policy, env), env)):
         if done.any() or k > round(seconds / env.control_interval):
             break
         if k > 0:

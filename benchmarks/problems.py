@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from agents.controllers import Gait
 from fish_env import body, make_fish
 from fish_env.bodies import Fish
+from fish_env.control import Gait
 from fish_env.integrators.adaptive import solve
 from fish_env.tank import Tank
 from fish_env.world import VACUUM, World

@@ -20,7 +20,8 @@ def provenance(command: str) -> dict[str, str]:
 
     commit = git("describe", "--always")
     code = ("fish_env", "agents", "benchmarks", "train.py", "constraints.txt", "pyproject.toml")
-    if commit and git("status", "--porcelain", "--", *code, ":!benchmarks/results", ":!agents/pretrained"):
+    written = (":!benchmarks/results", ":!fish_env/control/pretrained", ":!fish_env/control/*.json")
+    if commit and git("status", "--porcelain", "--", *code, *written):
         commit += "-dirty"
     processor = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():

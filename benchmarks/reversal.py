@@ -11,12 +11,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # so that it runs as a sc
 import numpy as np
 
 from agents.config import CONFIGS
-from agents.controllers import scripted
-from agents.evaluate import make_eval_env, measuring, policy_controller
-from agents.policy import load_policy
-from agents.report import PRETRAINED, pyplot
+from agents.report import pyplot
 from agents.results import IMAGES
 from benchmarks.provenance import write_csv
+from fish_env.control import evaluation_options, load_policy, make_eval_env, policy_controller, scripted
+from fish_env.control.policy import PRETRAINED
 from fish_env.envs import FishVectorEnv
 
 COMMAND = {"yaw": 0.0, "side": -1, "first": 1.3, "second": 1.3, "part": 0.6, "wait": 1.0}
@@ -79,7 +78,7 @@ def draw(runs: dict[str, dict], path: Path) -> None:
 def main() -> None:
     """Swim it with the motor controllers and the shipped policy."""
     config = CONFIGS["left_after_right"]
-    env = make_eval_env(config.env_id, 1, measuring(config.env_options))
+    env = make_eval_env(config.env_id, 1, evaluation_options(config.env_options))
     policy = policy_controller(load_policy(PRETRAINED / "left_after_right" / "policy.npz"), env)
     runs = {"motor controllers": swum(scripted(env), env), "PPO": swum(policy, env)}
     draw(runs, IMAGES / "reversal.svg")

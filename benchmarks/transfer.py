@@ -22,10 +22,6 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.config import CONFIGS, RESULTS
-from agents.controllers import scripted
-from agents.evaluate import FIRST_SEED, Scores, evaluate, make_eval_env, measuring, policy_controller
-from agents.policy import load_policy
-from agents.report import PRETRAINED
 from agents.results import interval, read_rows, rounded
 from benchmarks.fidelity import interval_of
 from benchmarks.provenance import RESULTS as FILES
@@ -45,6 +41,17 @@ from benchmarks.transfer_runs import (
     runs,
     stops_of,
 )
+from fish_env.control import (
+    FIRST_SEED,
+    Scores,
+    evaluate,
+    evaluation_options,
+    load_policy,
+    make_eval_env,
+    policy_controller,
+    scripted,
+)
+from fish_env.control.policy import PRETRAINED
 
 RUNS = Path("runs/transfer")
 SHIPPED = ("swim", "turn", "left_after_right", "target", "avoid")
@@ -107,7 +114,7 @@ def shipped_rows() -> list[dict]:
         for task in SHIPPED:
             policy = load_policy(PRETRAINED / task / "policy.npz")
             for body, episodes in BODIES.items():
-                options = measuring(CONFIGS[task].env_options) | {"body": body}
+                options = evaluation_options(CONFIGS[task].env_options) | {"body": body}
                 for who in ("policy", "motor controllers"):
                     bar.set_postfix_str(f"{task}, {body}, {who}")
                     env = make_eval_env(CONFIGS[task].env_id, episodes, options)

@@ -17,11 +17,10 @@ from tqdm import tqdm
 
 from agents.build import export_policy, make_env, make_model, start_from
 from agents.config import CONFIGS, TrainConfig
-from agents.evaluate import Scores, evaluate, make_eval_env, measuring, policy_controller
-from agents.policy import load_policy
 from agents.train import on_body
 from benchmarks.provenance import provenance
 from fish_env import make_fish
+from fish_env.control import Scores, evaluate, evaluation_options, load_policy, make_eval_env, policy_controller
 
 TASKS = {"swim": 1_000_000, "left_after_right": 1_000_000}
 """Decisions to learn for."""
@@ -109,7 +108,8 @@ def measured(run: Run, root: Path, decisions: int, body: str, level: int | None,
     if not kept.exists():
         policy = load_policy(folder / f"policy_{decisions}.npz")
         fish = body if level is None else make_fish(body, level=level)
-        env = make_eval_env(CONFIGS[run.task].env_id, episodes, measuring(policy.about["env_options"]) | {"body": fish})
+        options = evaluation_options(policy.about["env_options"]) | {"body": fish}
+        env = make_eval_env(CONFIGS[run.task].env_id, episodes, options)
         scores = evaluate(policy_controller(policy, env), env)
         env.close()
         partial = kept.with_suffix(".partial.npz")

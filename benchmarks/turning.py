@@ -16,12 +16,20 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.config import CONFIGS
-from agents.controllers import best_gait, random_actions, scripted
-from agents.evaluate import FIRST_SEED, evaluate, make_eval_env, measuring, policy_controller
-from agents.policy import load_policy
-from agents.report import PRETRAINED
 from benchmarks.provenance import write_csv
 from fish_env import Tank, make_fish
+from fish_env.control import (
+    FIRST_SEED,
+    best_gait,
+    evaluate,
+    evaluation_options,
+    load_policy,
+    make_eval_env,
+    policy_controller,
+    random_actions,
+    scripted,
+)
+from fish_env.control.policy import PRETRAINED
 
 EPISODES, BATCH = 10_000, 500
 LEAD, BEND = 60, 10  # decisions: swimming before a bend, and the bend
@@ -78,7 +86,7 @@ def turn_of(who: str, controller, env) -> dict:
 def turning() -> None:
     """Radius (path over angle until 90 % of the turn) and turning rate of the body's line, beside the literature."""
     config = CONFIGS["turn"]
-    env = make_eval_env(config.env_id, 50, measuring(config.env_options))
+    env = make_eval_env(config.env_id, 50, evaluation_options(config.env_options))
     policy = policy_controller(load_policy(PRETRAINED / "turn" / "policy.npz"), env)
     rows = [
         bend(True),
@@ -99,7 +107,7 @@ def reversals(episodes: int = EPISODES) -> None:
     config, rows = CONFIGS["left_after_right"], []
     policy = load_policy(PRETRAINED / "left_after_right" / "policy.npz")
     for severity in (1.0, 2.0):
-        env = make_eval_env(config.env_id, BATCH, measuring(config.env_options) | {"severity": severity})
+        env = make_eval_env(config.env_id, BATCH, evaluation_options(config.env_options) | {"severity": severity})
         for who, controller in (("PPO", policy_controller(policy, env)), ("random", random_actions(env))):
             failed, success = 0, []
             for k in tqdm(

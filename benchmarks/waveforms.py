@@ -18,9 +18,9 @@ import argparse
 import numpy as np
 from tqdm import tqdm
 
-from agents.controllers import best_gait
 from benchmarks.provenance import write_csv
 from fish_env import Tank, make_fish
+from fish_env.control import best_gait
 
 SECONDS, POPULATION = 5.0, 24
 

@@ -2,21 +2,49 @@
 
 Importing this package registers its environments (`FishEnv/Swim-v0`, ...). Neither torch, Stable-Baselines3, pygame nor
 matplotlib is loaded by it.
+
+- Environments, which Gymnasium makes by their ids: `FishEnv`, `FishVectorEnv`; `make_sb3_vec_env` makes one for
+  Stable-Baselines3, `observation_layout` says what an observation holds.
+- Tasks: `TASKS`, the protocol `Task`, and `Option`, a number that a keyword or a reset sets.
+- Bodies: `BODIES`, `make_fish`, `Fish`; `make_body` for one of your own.
+- Simulation: `Tank`, `World`, `make_water`, `make_world`, `INTEGRATORS`, `Integrator`.
+
+Controllers and trained policies are in `fish_env.control`; `python -m fish_env` lists what there is.
 """
 
 from gymnasium.envs.registration import register
 
 from fish_env.bodies import BODIES, Fish, make_fish
-from fish_env.integrators import INTEGRATORS
+from fish_env.body import make_body
+from fish_env.envs import FishEnv, FishVectorEnv, make_sb3_vec_env, observation_layout
+from fish_env.integrators import INTEGRATORS, Integrator
 from fish_env.tank import Tank
-from fish_env.tasks import TASKS
+from fish_env.tasks import TASKS, Option, Task
 from fish_env.world import World, make_water, make_world
 
 __version__ = "0.1.0"
-__all__ = ["BODIES", "INTEGRATORS", "TASKS", "Fish", "Tank", "World", "make_fish", "make_water", "make_world"]
+__all__ = [
+    "BODIES",
+    "INTEGRATORS",
+    "TASKS",
+    "Fish",
+    "FishEnv",
+    "FishVectorEnv",
+    "Integrator",
+    "Option",
+    "Tank",
+    "Task",
+    "World",
+    "make_body",
+    "make_fish",
+    "make_sb3_vec_env",
+    "make_water",
+    "make_world",
+    "observation_layout",
+]
 
 EPISODE_STEPS = {"swim": 250, "turn": 250, "left_after_right": 250, "target": 500, "avoid": 300}
-"""Decisions in an episode of each task."""
+"""Environment steps in an episode of each task."""
 
 for _task, _steps in EPISODE_STEPS.items():
     register(

@@ -5,10 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from agents.controllers import random_actions, scripted
-from agents.evaluate import evaluate, make_eval_env
-from agents.motor import MOTOR_FILE, Swim, Table, Turn, load_tables, scaled_turns, turn_mc
-from agents.sequencer import Habits
+from fish_env.control import Habits, evaluate, load_tables, make_eval_env, random_actions, scripted
+from fish_env.control.motor import MOTOR_FILE, Swim, Table, Turn, scaled_turns, turn_mc
 
 TASKS = ("Swim", "Turn", "LeftAfterRight", "Target", "Avoid")
 
@@ -123,7 +121,7 @@ def test_commanded_speed_and_depth():
 
 
 def test_random_actions_are_seeded():
-    """Random actions fill the range, differ from one decision to the next, and come back with their seed."""
+    """Random actions fill the range, differ from one environment step to the next, and come back with their seed."""
     env = make("Swim", 4)
     one, same, other = (random_actions(env, seed) for seed in (0, 0, 1))
     first = one(None, 0.0)

@@ -15,7 +15,7 @@ import pytest
 
 import fish_env
 from fish_env.body import FAILURES
-from fish_env.envs import VARIATIONS, FishVectorEnv, episode, observation
+from fish_env.envs import VARIATIONS, FishVectorEnv, episode
 from fish_env.tasks import TASKS, avoid, rewards, start, target, turns
 
 ROOT = Path(__file__).parent.parent
@@ -189,9 +189,9 @@ def env_id(task):
 
 @every_form
 def test_observation_table(task, keywords):
-    """The table of observations is that of `observation.table`, element by element; from FIRST on beside swim.md."""
+    """The table of observations is that of the layout, element by element; from FIRST on beside swim.md."""
     env = FishVectorEnv(1, task=task, **keywords)
-    wanted = observation.table(env.tank.fish, env.task)
+    wanted = env.layout.table()
     whole = task == "swim" and not keywords
     stated = {}
     for index, name, unit, low, high in rows(task, "Observation Space", 1 if "speed" in keywords else 0):
@@ -205,7 +205,18 @@ def test_observation_table(task, keywords):
     assert [stated[place] for place in range(begin, len(wanted))] == wanted[begin:]
     assert whole or "speed" in keywords or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
     assert env.single_observation_space.shape == (number(task, r"`Box\(\((\d+),\), float32\)`"),)
-    assert len(wanted) - 3 * len(env.task.directions) == FIRST
+    assert env.layout["vertical"].slice.stop == FIRST
+
+
+def test_parts_of_the_observation():
+    """The table of parts on swim.md is the layout: name, place, shape and range; the task pages name its directions."""
+    layout = fish_env.observation_layout("FishEnv/Swim-v0")
+    stated = rows("swim", "Observation Space", 2)
+    wanted = [
+        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
+        for part in layout
+    ]
+    assert stated == wanted
 
 
 def test_action_tables():

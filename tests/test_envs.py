@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.env_checker import check_env as check_sb3
 
 import fish_env
-from fish_env.envs import FishVectorEnv, episode, observation
-from fish_env.envs.sb3 import make_sb3_vec_env
+from fish_env import make_sb3_vec_env
+from fish_env.envs import FishVectorEnv, episode
 
 IDS = sorted(id for id in gym.registry if id.startswith("FishEnv/"))
 
@@ -35,13 +34,22 @@ def test_ids():
 @pytest.mark.parametrize("id", IDS)
 @pytest.mark.parametrize("groups", ["muscles", "pairs"])
 def test_checkers(id, groups, monkeypatch):
-    """Both environment checkers pass without a single warning."""
+    """Gymnasium's environment checker passes without a single warning."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     env = gym.make(id, muscle_groups=groups)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_gymnasium(env.unwrapped)
-        check_sb3(env.unwrapped)
+
+
+@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("groups", ["muscles", "pairs"])
+def test_checker_of_stable_baselines3(id, groups):
+    """Stable-Baselines3's environment checker passes without a single warning."""
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(gym.make(id, muscle_groups=groups).unwrapped)
 
 
 @pytest.mark.parametrize("id", IDS)
@@ -152,28 +160,6 @@ def test_observations(id):
     assert not any(np.shares_memory(a, b) for a, b in pairwise(seen))
     if id != "FishEnv/Stub-v0":  # the stub is stiff
         assert (np.ptp(seen, axis=0) > 0).all()
-
-
-def test_observation_table():
-    """The table names every element; positions and velocities are those of the tank in the body's frame."""
-    env = gym.make("FishEnv/Swim-v0").unwrapped
-    obs, _ = env.reset(seed=5, options={"yaw": 0.7, "heading": 1.2})
-    for action in actions(env, 20):
-        obs = env.step(action)[0]
-    tank, fish = env.tank, env.tank.fish
-    rows = observation.table(fish, env.fish.task)
-    assert len(rows) == obs.size == len({name for name, _, _ in rows})
-    mass = fish.body.mass / fish.body.mass.sum()
-    x = tank.position[0] - mass @ tank.position[0]
-    forward = fish.line @ x
-    forward /= np.linalg.norm(forward)
-    np.testing.assert_allclose(obs[0:69:3], x @ forward / fish.length, atol=1e-6)
-    np.testing.assert_allclose(obs[69:138:3], tank.velocity[0] @ forward / fish.length, atol=1e-5)
-    np.testing.assert_allclose(obs[138:150], 2 * tank.contraction[0] - 1, atol=1e-6)
-    assert obs[150] == pytest.approx(forward[2], abs=1e-6)
-    assert obs[150:153] @ obs[150:153] == pytest.approx(1, abs=1e-6)
-    assert obs[153] == pytest.approx(forward @ [np.cos(1.2), np.sin(1.2), 0], abs=1e-6)
-    assert obs[153:156] @ obs[153:156] == pytest.approx(1, abs=1e-6)
 
 
 def test_reward_is_progress_less_effort():
@@ -292,6 +278,7 @@ def test_single_failure():
 
 def test_sb3_vec_env():
     """The native VecEnv hands over terminal observations and time limits as Stable-Baselines3 wants them."""
+    pytest.importorskip("stable_baselines3")
     env = make_sb3_vec_env("FishEnv/Swim-v0", num_envs=3, seed=4, max_episode_steps=5, monitor=False)
     reference = gym.make_vec("FishEnv/Swim-v0", num_envs=3, max_episode_steps=5, autoreset_mode="SameStep")
     np.testing.assert_array_equal(env.reset(), reference.reset(seed=4)[0])
@@ -311,6 +298,7 @@ def test_sb3_vec_env():
 
 def test_sb3_failure_is_not_a_time_limit():
     """A blown-up fish is done without `TimeLimit.truncated`."""
+    pytest.importorskip("stable_baselines3")
     env = make_sb3_vec_env("FishEnv/Swim-v0", num_envs=2, seed=0, monitor=False)
     env.reset()
     env.fish.tank.velocity[1] = np.nan
@@ -442,6 +430,7 @@ def test_infos_hold_plain_numbers(task):
 
 def test_options_that_would_change_nothing_are_refused():
     """One fish has no autoreset; a `VecEnv` has one of its own."""
+    pytest.importorskip("stable_baselines3")
     with pytest.raises(ValueError, match="autoreset_mode is for batches"):
         gym.make("FishEnv/Swim-v0", autoreset_mode="Disabled")
     with pytest.raises(ValueError, match="autoreset_mode cannot be chosen"):

@@ -5,18 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
 
 from agents import report
 from agents import train as training
 from agents.build import export_policy, make_env, make_model, start_from
 from agents.config import CONFIGS
-from agents.evaluate import evaluate, make_eval_env, policy_controller
-from agents.policy import load_policy
 from benchmarks import transfer, transfer_chart, transfer_runs
 from fish_env import make_fish
+from fish_env.control import evaluate, load_policy, make_eval_env, policy_controller
 
 SHORT = {"timesteps": 1024, "num_envs": 8}
+
+
+def train(task, changes=SHORT, **options):
+    """A run with these changed settings."""
+    return training.train(training.Request(task, changes=changes, **options))
 
 
 @pytest.fixture(autouse=True)
@@ -69,8 +75,8 @@ def test_a_start_that_does_not_fit_is_refused():
 def test_train_on_another_body(tmp_path, monkeypatch):
     """A run on a body says so, is measured there, another goes on from it; what cannot be is refused at the door."""
     monkeypatch.setattr(training, "report", lambda *args: None)
-    first = training.train("swim", folder=tmp_path / "flat", body="planar", **SHORT)
-    second = training.train("swim", folder=tmp_path / "solid", body="mass_spring", start=first, **SHORT)
+    first = train("swim", folder=tmp_path / "flat", body="planar")
+    second = train("swim", folder=tmp_path / "solid", body="mass_spring", start=first)
     record = json.loads((second / "config.json").read_text())
     assert record["command"].endswith(f"--body mass_spring --start-from {first}") and record["start"] == str(first)
     policy = load_policy(first / "policy.npz")
@@ -78,16 +84,16 @@ def test_train_on_another_body(tmp_path, monkeypatch):
     task, opened, env = report.opened(first / "policy.npz", 2, body="mass_spring")
     assert task == "swim" and not env.tank.fish.flat and env.single_action_space.shape == (6,)
     assert np.isfinite(evaluate(policy_controller(opened, env), env)["speed"]).all()
-    training.train("swim", resume=second, timesteps=2048)
+    train("swim", resume=second, changes={"timesteps": 2048})
     assert json.loads((second / "config.json").read_text())["start"] == str(first)
     with pytest.raises(ValueError, match="unknown body 'eel'; choose from"):
-        training.train("swim", root=tmp_path, body="eel")
-    with pytest.raises(ValueError, match="keeps its body"):
-        training.train("swim", resume=second, body="planar")
+        train("swim", root=tmp_path, body="eel")
+    with pytest.raises(ValueError, match="has its body"):
+        train("swim", resume=second, body="planar")
     with pytest.raises(FileNotFoundError, match="to start from"):
-        training.train("swim", root=tmp_path, start=tmp_path)
+        train("swim", root=tmp_path, start=tmp_path)
     with pytest.raises(ValueError, match="is a run of task 'swim', not 'turn'"):
-        training.train("turn", root=tmp_path, start=first)
+        train("turn", root=tmp_path, start=first)
 
 
 def test_seconds_to_a_score():

@@ -10,7 +10,7 @@ from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish, make_fish
 from fish_env.checks import finite_array
-from fish_env.envs import observation
+from fish_env.envs.layout import Layout
 from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.pose import make_pose, packed_pose
@@ -72,8 +72,8 @@ class Episodes:
         self.max_episode_steps = max_episode_steps
         self.groups = fish.grouping(muscle_groups)
         self.leaders = np.unique(self.groups, return_index=True)[1]  # (A,) the first muscle of each
-        bound = observation.bounds(fish, self.task)
-        limits = np.array([direction.limit for direction in self.task.directions])
+        self.layout = Layout(fish, self.task.directions)
+        bound = self.layout.bounds()
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (int(self.groups.max()) + 1,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -82,13 +82,13 @@ class Episodes:
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int | None] = [None] * self.num_envs
         self._names = (*self.task.term_names, "failure")
-        arrays = make_arrays(self.num_envs, len(self.task.term_names), self.groups, limits, bound.size)
+        arrays = make_arrays(self.num_envs, len(self.task.term_names), self.groups, self.layout)
         self._arrays = arrays
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
         self._reward, self._terminated, self._truncated = map(arrays.get, ("reward", "terminated", "truncated"))
         self._limit[:] = max_episode_steps or np.iinfo(np.int64).max
-        self._vectors = np.zeros((self.num_envs, limits.size, 3))
+        self._vectors = np.zeros((self.num_envs, len(self.task.directions), 3))
         self._pose = make_pose(self.num_envs)
         self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
         self._compile()

@@ -1,52 +1,33 @@
-"""What a fish sees (nodes in its own frame, muscles, the vertical, what is asked; one float32 row) and what it does."""
+"""Kernels that fill in what a fish sees, as `layout.py` lays it out, and that read what it is to do."""
 
 import math
 
-import numpy as np
-
 from fish_env._jit import INDEX, kernel
+from fish_env.envs.layout import DIRECTIONS, POSITION, REST_LENGTH, VELOCITY, VERTICAL
 from fish_env.pose import FORWARD, LEFT, UP
 from fish_env.simd import dot, vec3
 
-POSITION_LIMIT, VELOCITY_LIMIT = 10.0, 1000.0  # body lengths, body lengths per second
-
-
-def table(fish, task) -> list[tuple[str, str, float]]:
-    """Name, unit and bound of every element of the observation, in order. The bound is symmetric about zero."""
-    nodes, axes = range(fish.landmarks.node.size), ("forward", "left", "up")
-    rows = [(f"position of node {i}, {axis}", "body lengths", POSITION_LIMIT) for i in nodes for axis in axes]
-    rows += [(f"velocity of node {i}, {axis}", "body lengths/s", VELOCITY_LIMIT) for i in nodes for axis in axes]
-    for spring, side, segment in zip(fish.muscles, fish.sides, fish.segments, strict=True):
-        name = f"rest length of muscle {spring} ({'left' if side > 0 else 'right'}, segment {segment})"
-        rows.append((name, "-1 natural, 1 contracted", 1.0))
-    rows += [(f"vertical, {axis}", "in the body frame", 1.0) for axis in axes]
-    rows += [(f"{d.name}, {axis}", d.unit, d.limit) for d in task.directions for axis in axes]
-    return rows
-
 
 @kernel
-def observe(tank, pose, vectors, limits, b, out):
-    """Fill row b of out (B,D) float32 in the order of `table`.
+def observe(tank, pose, vectors, starts, limits, b, out):
+    """Fill row b of out (B,D) float32.
 
-    vectors (B,K) are the task's, in the world, and limits (K,) their bounds. What lies beyond the bounds of the
-    observation space is set to the bound.
+    vectors (B,K) are the task's, in the world; starts (P,) say where each part of the `Layout` begins, limits (P,) its
+    bound. What lies beyond the bounds of the observation space is set to the bound.
     """
     axes, centre, scale = pose.axes, pose.centre[b], 1.0 / tank.length
     forward, left, up = axes[b, FORWARD], axes[b, LEFT], axes[b, UP]
-    nodes, muscles = tank.node.size, tank.muscles.size
-    for i in range(nodes):
+    for i in range(tank.node.size):
         n = INDEX(tank.node[i])
         r = tank.position[b, n] + vec3(0.0, 0.0, tank.height[i]) - centre
-        write(forward, left, up, scale * r, POSITION_LIMIT, b, 3 * i, out)
-        write(forward, left, up, scale * tank.velocity[b, n], VELOCITY_LIMIT, b, 3 * (nodes + i), out)
-    base = 6 * nodes
-    for m in range(muscles):
+        write(forward, left, up, scale * r, limits[POSITION], b, starts[POSITION] + 3 * i, out)
+        write(forward, left, up, scale * tank.velocity[b, n], limits[VELOCITY], b, starts[VELOCITY] + 3 * i, out)
+    for m in range(tank.muscles.size):
         contraction = (tank.natural[m] - tank.rest_length[b, INDEX(tank.muscles[m])]) / tank.span[m]
-        out[b, INDEX(base + m)] = bounded(2.0 * contraction - 1.0, 1.0)
-    base += muscles
-    write(forward, left, up, vec3(0.0, 0.0, 1.0), 1.0, b, base, out)
-    for q in range(limits.size):
-        write(forward, left, up, vectors[b, q], limits[q], b, base + 3 + 3 * q, out)
+        out[b, INDEX(starts[REST_LENGTH] + m)] = bounded(2.0 * contraction - 1.0, limits[REST_LENGTH])
+    write(forward, left, up, vec3(0.0, 0.0, 1.0), limits[VERTICAL], b, starts[VERTICAL], out)
+    for p in range(DIRECTIONS, starts.size):
+        write(forward, left, up, vectors[b, p - DIRECTIONS], limits[p], b, starts[p], out)
 
 
 @kernel
@@ -72,8 +53,3 @@ def contract(action, groups, b, out):
 def bounded(value, limit):
     """value, no further from zero than limit."""
     return min(max(value, -limit), limit)
-
-
-def bounds(fish, task) -> np.ndarray:
-    """The symmetric bound of every element, (D,) float32."""
-    return np.array([bound for _, _, bound in table(fish, task)], dtype=np.float32)

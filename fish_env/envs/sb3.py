@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 try:
@@ -11,7 +10,10 @@ try:
 except ImportError as error:
     raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
 
+from fish_env.envs.make_sb3 import make_sb3_vec_env
 from fish_env.envs.vector import FishVectorEnv
+
+__all__ = ["FishVecEnv", "VecEnv", "VecMonitor", "make_sb3_vec_env"]
 
 
 class FishVecEnv(VecEnv):
@@ -81,30 +83,3 @@ class FishVecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class, indices=None) -> list[bool]:
         """No fish of a batch is wrapped."""
         return [False] * len(list(self._get_indices(indices)))
-
-
-def make_sb3_vec_env(
-    id: str, num_envs: int = 1, seed: int | None = None, monitor: bool = True, staggered: bool = False, **options
-) -> VecEnv:
-    """A batch of fish for Stable-Baselines3: `make_sb3_vec_env("FishEnv/Swim-v0", num_envs=256, seed=0)`.
-
-    Args:
-        id: a registered environment of this package.
-        num_envs: the number of fish.
-        seed: fish i starts from seed + i.
-        monitor: wrap it in `VecMonitor`, so that returns are logged.
-        staggered: shorten the first episodes so that the fish do not all end theirs together (for training).
-        options: keywords of `FishVectorEnv`.
-
-    Raises:
-        gymnasium.error.Error: for an id that is not registered.
-        ValueError: for an option that is not allowed.
-    """
-    if "autoreset_mode" in options:
-        raise ValueError("autoreset_mode cannot be chosen: in a VecEnv, episodes begin anew in the step they end in")
-    fish = gym.make_vec(id, num_envs, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **options)
-    env: VecEnv = FishVecEnv(fish.unwrapped, staggered)
-    if monitor:
-        env = VecMonitor(env)
-    env.seed(seed)
-    return env

@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from fish_env.envs.layout import Layout
 from fish_env.envs.vector import FishVectorEnv
 
 
@@ -30,6 +31,11 @@ class FishEnv(gym.Env):
     def tank(self):
         """The physics: a `Tank` with one fish."""
         return self.fish.tank
+
+    @property
+    def layout(self) -> Layout:
+        """The named parts of the observation: `obs[env.unwrapped.layout["velocity"].slice]`."""
+        return self.fish.layout
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """Begin an episode. `options` are keys of `env.unwrapped.fish.reset_options`."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from fish_env._jit import INDEX, kernel, njit, part
 from fish_env.engine import make_advance
+from fish_env.envs.layout import Layout
 from fish_env.envs.observation import contract, observe
 from fish_env.muscles import command
 from fish_env.pose import measure
@@ -61,7 +62,7 @@ def make_see(kernels):
                 if stepped:
                     judge(env, b)
                 look(env.tank, env.pose, env.task, b, episode.vectors)
-                observe(env.tank, env.pose, episode.vectors, episode.limits, b, episode.observation)
+                observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
 
     return see
 
@@ -81,8 +82,9 @@ def make_look(kernels):
 @njit
 def observe_all(env):
     """Fill the observations of all fish, from poses and vectors as they are."""
-    for b in range(env.episode.reward.size):
-        observe(env.tank, env.pose, env.episode.vectors, env.episode.limits, b, env.episode.observation)
+    episode = env.episode
+    for b in range(episode.reward.size):
+        observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
 
 
 @njit
@@ -121,15 +123,16 @@ def make_step(names: tuple[str, ...], method, kernels, env_type):
     return step
 
 
-def make_arrays(num_envs: int, num_terms: int, groups, limits, size: int) -> dict[str, np.ndarray]:
+def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
     """What an episode of every fish keeps, by name: an array with a row, or a column, a fish."""
     b = num_envs
     return {
         "action": np.zeros((b, int(groups.max()) + 1)),
         "groups": groups,
         "contraction": np.zeros((b, groups.size)),
-        "limits": limits,
-        "observation": np.zeros((b, size), dtype=np.float32),
+        "starts": np.array([part.start for part in layout]),
+        "limits": np.array([part.limit for part in layout]),
+        "observation": np.zeros((b, layout.size), dtype=np.float32),
         "terms": np.zeros((num_terms + 1, b)),
         "totals": np.zeros((num_terms + 1, b)),
         "reward": np.zeros(b),

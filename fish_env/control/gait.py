@@ -1,7 +1,4 @@
-"""Controllers without learning: the open-loop gait that swims the fish by timing alone (Tu 1996, ch. 5).
-
-The motor controllers that also turn, sequenced for every task, are made by `scripted` (`agents/sequencer.py`).
-"""
+"""The open-loop gait: it swims the fish by timing alone (Tu 1996, ch. 5), whatever the fish sees."""
 
 import json
 from dataclasses import dataclass
@@ -9,19 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.sequencer import random_actions, scripted
 from fish_env.bodies import Fish
 
-__all__ = ["GAIT_FILE", "Gait", "best_gait", "random_actions", "scripted"]
-
-GAIT_FILE = Path(__file__).parent / "pretrained" / "swim" / "gait.json"
+GAIT_FILE = Path(__file__).parent / "gait.json"
+"""The gait of the default fish, written with its provenance by `benchmarks/calibrate.py`."""
 
 
 @dataclass(frozen=True)
 class Gait:
     """Sinusoidal contraction of each muscle segment, left and right exactly out of phase (docs/physics.md, eq. 17).
 
-    A segment's amplitude and the common frequency play the part of Tu's r and s; the phase is the segment's lag.
+    A segment's amplitude and the common frequency correspond to Tu's r and s; the phase is the segment's lag.
     """
 
     frequency: float
@@ -46,11 +41,11 @@ class Gait:
         return 0.5 * amplitude * (1.0 + fish.sides * np.sin(angle))  # (17)
 
     def action(self, fish: Fish, time) -> np.ndarray:
-        """The same as an action, (..., M) in [-1, 1]."""
+        """The same as an action, (..., M) in [-1, 1]; `time` (...,) s."""
         return 2.0 * self.contraction(fish, time) - 1.0
 
 
 def best_gait() -> Gait:
-    """The fastest open-loop gait of the default fish, as `benchmarks/calibrate.py` found it."""
+    """The fastest open-loop gait of the default fish."""
     found = json.loads(GAIT_FILE.read_text())["gait"]
     return Gait(found["frequency"], tuple(found["amplitude"]), tuple(found["lag"]))

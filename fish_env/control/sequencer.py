@@ -1,4 +1,4 @@
-"""The motor controllers one after another, by what the fish is told and sees: no learning, a baseline for every task.
+"""Tu's motor controllers one after another, by what the fish observes: a baseline without learning for every task.
 
 Legend: b fish. Angles are positive to the left, rad; times are seconds.
 """
@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.motor import MotorTables, glide_mc, load_tables, scaled_turns, spread, swim_mc, turn_mc
 from fish_env.bodies import Fish
-from fish_env.envs import FishVectorEnv
+from fish_env.control.motor import MotorTables, glide_mc, load_tables, scaled_turns, spread, swim_mc, turn_mc
+from fish_env.envs import FishVectorEnv, Layout
 from fish_env.tasks.avoid import AvoidTask
 from fish_env.tasks.rewards import wrapped
 from fish_env.tasks.swim import SwimTask
@@ -21,25 +21,25 @@ from fish_env.tasks.turns import CommandedTurns
 
 
 class Aim(NamedTuple):
-    """What B fish want to do next, in their own frames."""
+    """Where B fish are to go next, in their own frames."""
 
-    error: np.ndarray  # (B,) rad, angle from where they point to where they want to go
+    error: np.ndarray  # (B,) rad, angle from where they point to where they are to go
     climb: np.ndarray  # (B,) rad, the same upwards
     speed: np.ndarray  # (B,) wanted, body lengths per second
 
 
 @dataclass(frozen=True)
 class Habits:
-    """When the sequencer does what."""
+    """When the sequencer begins a turn, and how it corrects small errors."""
 
     threshold: float = np.radians(22.0)
     """Mean heading error from which a turn is begun, rad; smaller ones are corrected while swimming."""
     again: float = np.radians(40.0)
     """Heading error at the end of a turn's hold from which the next turn begins at once, without straightening, rad."""
     jump: float = np.radians(20.0)
-    """Change of the error between two decisions that only a new command can cause, rad."""
+    """Change of the error between two environment steps that only a new command can cause, rad."""
     lead: float = 0.12
-    """How far ahead a fish that must break off a turn counts on turning on, s."""
+    """How far ahead the turning of a fish that must break off a turn is extrapolated, s."""
     trim: float = 0.4
     """Contraction, per rad of mean error, added to one side of the anterior segments while swimming."""
     most_trim: float = 0.4
@@ -55,10 +55,16 @@ class Habits:
 
 
 class Sequencer:
-    """Plays swim-, turn- and glide-MC one after another; sees nothing but the observation and the time.
+    """Runs swim-, turn- and glide-MC one after another, from nothing but the observation and the time.
 
-    Its memory is a row a fish: the errors of the last beat, the turn under way and the clocks of the strokes. It begins
-    anew when it is called with time 0.
+    Its memory has a row for each fish: the errors of the last beat, the turn under way and the clocks of the strokes.
+    It is cleared by a call with time 0.
+
+    Args:
+        env: the environment that it is to act in.
+        aim: from observations (B,D) to an `Aim`.
+        tables: of the motor controllers.
+        habits: when turns begin, and how small errors are corrected.
     """
 
     def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
@@ -80,7 +86,7 @@ class Sequencer:
         return 2.0 * self.contract(aim)[:, self.muscle] - 1.0
 
     def begin(self, error: np.ndarray) -> None:
-        """Forget everything: swimming, with the error (B,) seen for a beat."""
+        """Clear the memory: the fish swim, and have seen the error (B,) for a beat."""
         b = error.size
         self.last, self.rate = error.copy(), np.zeros(b)
         self.errors = np.repeat(error[:, None], self.window, axis=1)
@@ -90,7 +96,7 @@ class Sequencer:
         self.beats = np.zeros((b, 2))
 
     def look(self, error: np.ndarray) -> None:
-        """Take in the error (B,); a jump of it is a new command, by which the errors of the beat are shifted."""
+        """Record the error (B,); a jump of it is a new command, by which the errors of the beat are shifted."""
         change = wrapped(error - self.last)
         self.jumped = np.abs(change) > self.habits.jump
         self.rate = np.where(self.jumped, self.rate, change / self.interval)
@@ -156,25 +162,24 @@ def climb(vector: np.ndarray) -> np.ndarray:
     return np.arcsin(vector[:, 2] / size) * np.clip(vector[:, 0] / size, 0.0, 1.0)
 
 
-def aim_heading(obs: np.ndarray) -> Aim:
-    """At the commanded heading, the last three numbers of the observation, as fast as possible."""
-    wanted = obs[:, -3:].astype(float)
+def aim_heading(obs: np.ndarray, layout: Layout) -> Aim:
+    """At the commanded heading, as fast as possible."""
+    wanted = layout.read(obs, "commanded heading").astype(float)
     return Aim(bearing(wanted), climb(wanted), np.full(len(obs), np.inf))
 
 
-def aim_velocity(obs: np.ndarray, mass: np.ndarray, haste: float = 2.0) -> Aim:
-    """At the commanded velocity, of fish with landmark masses (L,): the faster, the further they are behind it."""
-    wanted = obs[:, -3:].astype(float)
+def aim_velocity(obs: np.ndarray, layout: Layout, mass: np.ndarray, gain: float = 2.0) -> Aim:
+    """At the commanded velocity, of fish with landmark masses (L,): the faster, the slower they are than it."""
+    wanted = layout.read(obs, "commanded velocity").astype(float)
     speed = np.linalg.norm(wanted, axis=1)
-    nodes = mass.size
-    own = mass @ obs[:, 3 * nodes : 6 * nodes].reshape(-1, nodes, 3).astype(float) / mass.sum()
+    own = mass @ layout.read(obs, "velocity").astype(float) / mass.sum()
     along = (own * wanted).sum(axis=1) / speed
-    return Aim(bearing(wanted), climb(wanted), np.maximum(speed + haste * (speed - along), 0.0))
+    return Aim(bearing(wanted), climb(wanted), np.maximum(speed + gain * (speed - along), 0.0))
 
 
-def aim_target(obs: np.ndarray, dimensions: int, ahead: float = 0.65) -> Aim:
-    """At the target, counted from where the fish will be up to `ahead` body lengths on: it swims on while it turns."""
-    way = obs[:, -3:].astype(float)
+def aim_target(obs: np.ndarray, layout: Layout, dimensions: int, ahead: float = 0.65) -> Aim:
+    """At the target, from a point up to `ahead` body lengths in front of the fish: it swims on while it turns."""
+    way = layout.read(obs, "way to the target").astype(float)
     nearer = way.copy()
     nearer[:, 0] -= ahead * np.clip(np.abs(bearing(way)) / (np.pi / 2), 0.0, 1.0)
     return Aim(bearing(nearer), climb(way) * (dimensions == 3), np.full(len(obs), np.inf))
@@ -187,23 +192,27 @@ class Caution:
     radius: float
     """Of the obstacle, body lengths."""
     room: float = 0.35
-    """Water to be left between it and the line on which the fish's centre will pass, body lengths."""
+    """Least distance between its surface and the line on which the fish's centre will pass, body lengths."""
     speed: float = 1.8
-    """Speed at which the fish reckons with going on, body lengths per second."""
+    """Speed at which the fish is assumed to swim on, body lengths per second."""
     horizon: float = 1.2
-    """How far it looks ahead, s."""
+    """How far ahead the nearest approach is predicted, s."""
 
 
 COURSES = np.radians(np.arange(-105.0, 106.0, 15.0))  # rad off the commanded heading, from which one is chosen
 
 
-def aim_past(obs: np.ndarray, caution: Caution) -> Aim:
+def aim_past(obs: np.ndarray, layout: Layout, caution: Caution) -> Aim:
     """Along the course nearest to the commanded heading that passes the obstacle; the heading itself if there is none.
 
     For each of the COURSES the nearest approach of a fish that swims straight on to an obstacle that drifts on is
-    reckoned; a course that is too near costs the more the nearer it passes.
+    predicted; a course that is too near costs the more the nearer it passes.
     """
-    heading, near, drift = obs[:, None, -9:].astype(float).reshape(len(obs), 1, 3, 3).transpose(2, 0, 1, 3)[..., :2]
+    commanded = layout.read(obs, "commanded heading").astype(float)
+    heading, near, drift = (
+        layout.read(obs, name).astype(float)[:, None, :2]
+        for name in ("commanded heading", "obstacle's nearness", "obstacle's velocity")
+    )  # (B,1,2)
     nearness = np.hypot(*np.moveaxis(near, -1, 0))  # (B,1)
     seen = nearness > 0
     safe = np.where(seen, nearness, 1.0)
@@ -215,7 +224,7 @@ def aim_past(obs: np.ndarray, caution: Caution) -> Aim:
     short = np.maximum(caution.radius + caution.room - miss, 0.0) * seen
     cost = np.abs(COURSES) + 0.3 * np.abs(wrapped(course)) + 20.0 * short
     best = course[np.arange(len(obs)), np.where(seen[:, 0], cost.argmin(axis=1), COURSES.size // 2)]
-    return Aim(wrapped(best), climb(obs[:, -9:-6].astype(float)), np.full(len(obs), np.inf))
+    return Aim(wrapped(best), climb(commanded), np.full(len(obs), np.inf))
 
 
 HABITS = {
@@ -224,31 +233,38 @@ HABITS = {
     TargetTask: Habits(strokes=0.0, trim=0.6, pitch=2.0),  # a tight turn is worth more than speed
     AvoidTask: Habits(strokes=0.6, trim=0.6),
 }
-"""What serves each task best, tried by hand on episodes that are neither those of training nor of evaluation."""
+"""The best settings for each task, tried by hand on episodes that are neither those of training nor of evaluation."""
 
 
 def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habits | None = None) -> Sequencer:
-    """The sequenced motor controllers for the task of an environment, as a controller (`agents/evaluate.py`).
+    """The sequenced motor controllers for the task of an environment, as a controller (`evaluation.Controller`).
+
+    Args:
+        env: the environment that it is to act in.
+        tables: of the motor controllers; None for those of the default fish.
+        habits: when turns begin, and how small errors are corrected; None for those of the task.
 
     Raises:
         ValueError: for a task that they cannot do.
     """
-    task, mass = env.task, env.tank.fish.landmarks.mass
+    task, mass, layout = env.task, env.tank.fish.landmarks.mass, env.layout
     if isinstance(task, TargetTask):
-        kind, aim = TargetTask, partial(aim_target, dimensions=task.dimensions)
+        kind, aim = TargetTask, partial(aim_target, layout=layout, dimensions=task.dimensions)
     elif isinstance(task, AvoidTask):
-        kind, aim = AvoidTask, partial(aim_past, caution=Caution(task.radius))
+        kind, aim = AvoidTask, partial(aim_past, layout=layout, caution=Caution(task.radius))
     elif isinstance(task, SwimTask):
-        kind, aim = SwimTask, aim_heading if task.speed is None else partial(aim_velocity, mass=mass)
+        kind, aim = SwimTask, partial(aim_heading, layout=layout)
+        if task.speed is not None:
+            aim = partial(aim_velocity, layout=layout, mass=mass)
     elif isinstance(task, CommandedTurns):
-        kind, aim = CommandedTurns, aim_heading
+        kind, aim = CommandedTurns, partial(aim_heading, layout=layout)
     else:
         names = ", ".join(sorted(cls.__name__ for cls in HABITS))
         raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
     return Sequencer(env, aim, load_tables() if tables is None else tables, HABITS[kind] if habits is None else habits)
 
 
-def random_actions(env: FishVectorEnv, seed: int = 0):
-    """A controller that draws every action anew, uniformly from the whole range, whatever the fish sees."""
+def random_actions(env: FishVectorEnv, seed: int = 0) -> Callable[[np.ndarray, float], np.ndarray]:
+    """A controller that draws every action uniformly from the whole range, whatever the fish sees."""
     generator = np.random.default_rng(seed)
     return lambda obs, time: generator.uniform(-1.0, 1.0, env.action_space.shape)

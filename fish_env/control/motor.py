@@ -1,4 +1,4 @@
-"""Tu's motor controllers: swim, turn and glide by tables (Tu 1996, ch. 5). `agents/sequencer.py` puts them in order.
+"""Tu's motor controllers: swim, turn and glide by tables (Tu 1996, ch. 5). `sequencer.py` decides when each acts.
 
 swim-MC has an amplitude r and a frequency s for the anterior and one for the posterior swimming segment, read from a
 table of speeds; the foremost segment takes a part of r1, since the best gait does. The turns are read from a table of
@@ -17,7 +17,7 @@ import numpy as np
 
 from fish_env.bodies import Fish
 
-MOTOR_FILE = Path(__file__).parent / "pretrained" / "motor_controllers.json"
+MOTOR_FILE = Path(__file__).parent / "motor_controllers.json"
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Turn:
     hold: float
     """Time from the start until the fish begins to straighten, s: contraction and hold."""
     straighten: float
-    """Time over which the bend is let go and the strokes grow to their full size, s."""
+    """Time over which the bend is released and the strokes grow to their full size, s."""
     phase: float
     """Where in the beat the strokes go on from when the turn begins, beats."""
 
@@ -91,14 +91,14 @@ class Table:
             raise ValueError(f"{self.names[0]} is {self.values[:, 0].tolist()}; give rows in increasing order")
 
     def at(self, wanted: np.ndarray) -> np.ndarray:
-        """Parameters (B,P) at values `wanted` (B,) of the first field, held at the ends of the table."""
+        """Parameters (B,P) at values `wanted` (B,) of the first field, constant beyond the ends of the table."""
         key = self.values[:, 0]
         return np.stack([np.interp(wanted, key, column) for column in self.values.T], axis=1)
 
 
 @dataclass(frozen=True)
 class MotorTables:
-    """All that the motor controllers need to know of the fish."""
+    """The tables of the motor controllers of a fish."""
 
     turns: Table
     swims: Table
@@ -140,7 +140,7 @@ def turn_mc(rows: np.ndarray, side: np.ndarray, since: np.ndarray) -> tuple[np.n
 
 
 def scaled_turns(table: Table, angle: np.ndarray) -> np.ndarray:
-    """Rows (B,8) for turns by `angle` (B,) rad >= 0; below the table the fish bends less and strokes on more."""
+    """Rows (B,8) for turns by `angle` (B,) rad >= 0; below the smallest of the table the fish bends in proportion."""
     rows = table.at(angle)
     part = np.minimum(angle / table.values[0, 0], 1.0)[:, None]
     rows[:, 1:4] *= part

@@ -1,0 +1,150 @@
+"""The command line of the package: what there is, and trained policies to watch and to evaluate.
+
+python -m fish_env                      list environments, bodies, integrators and the policies that are shipped
+python -m fish_env play turn            watch a shipped policy in a window (or --to FILE.mp4, --to FILE.gif)
+python -m fish_env evaluate turn        evaluate a shipped policy on fixed seeds
+python -m fish_env versions             name the versions of what it runs with
+"""
+
+import argparse
+import inspect
+import json
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import gymnasium as gym
+
+import fish_env
+from fish_env.control.evaluation import EPISODES, FIRST_SEED, evaluate, make_policy_env, means, policy_controller
+from fish_env.control.files import writable_file, write_text
+from fish_env.control.playback import play
+from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
+
+PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m fish_env", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = parser.add_subparsers(dest="command")
+    commands.add_parser("versions", help="name the versions of Python and of the packages it runs with")
+    for name, text in (("play", "watch a trained policy"), ("evaluate", "evaluate a trained policy on fixed seeds")):
+        command = commands.add_parser(name, help=text)
+        command.add_argument("task", nargs="?", help=f"which shipped policy: {', '.join(shipped_policies())}")
+        command.add_argument("--policy", type=Path, help="this policy file instead of the shipped one")
+        command.add_argument("--body", help="on another body than the one it was trained with")
+        command.add_argument("--integrator", help="under another integrator than the one it was trained with")
+        if name == "play":
+            command.add_argument("--to", type=Path, help="write an .mp4 or .gif file instead of opening a window")
+            command.add_argument("--seed", type=int, default=0, help="of the first episode (default 0)")
+            command.add_argument("--episodes", type=int, default=1, help="how many (default 1)")
+        else:
+            command.add_argument("--to", type=Path, help="write the means to a .json file too")
+            command.add_argument("--seed", type=int, default=FIRST_SEED, help=f"of the first (default {FIRST_SEED})")
+            command.add_argument("--episodes", type=int, default=EPISODES, help=f"how many (default {EPISODES})")
+    return parser.parse_args(arguments)
+
+
+def list_all() -> None:
+    """Print the environments and what they may be made of."""
+    print(f"fish_env {fish_env.__version__}\n\nEnvironments: gymnasium.make(id, body=..., integrator=...)")
+    for id, spec in gym.registry.items():
+        if id.startswith("FishEnv/"):
+            print(f"  {id:30}{asked(spec)}")
+    print("\nBodies")
+    for body in fish_env.BODIES.values():
+        print(f"  {body.name:30}{body.description}")
+    print("\nIntegrators")
+    for record in fish_env.INTEGRATORS.values():
+        print(f"  {record.name:30}{record.kind}, order {record.order} ({record.source})")
+    print(f"\nShipped policies: {', '.join(shipped_policies())}\nCommands: python -m fish_env --help")
+
+
+def asked(spec) -> str:
+    """What an environment asks of the fish: the first sentence about its task."""
+    if "Stub" in spec.id:
+        return "The spaces of Swim-v0 without physics, for unit tests."
+    text = " ".join((inspect.getdoc(fish_env.TASKS[spec.kwargs["task"]]) or "").split("\n\n")[0].split())
+    return text.split(". ")[0].removesuffix(".") + "."
+
+
+def chosen_policy(arguments: argparse.Namespace) -> Policy:
+    """The policy that the command line names.
+
+    Raises:
+        ValueError: if it names none, or a file for another environment than that of the task.
+    """
+    if arguments.task is None and arguments.policy is None:
+        raise ValueError(f"give one of {', '.join(shipped_policies())}, or --policy FILE")
+    if arguments.policy is None:
+        return load_policy(shipped_policy(arguments.task))
+    env_id = None if arguments.task is None else load_policy(shipped_policy(arguments.task)).about["env_id"]
+    return load_policy(arguments.policy, env_id)
+
+
+def evaluate_policy(arguments: argparse.Namespace) -> None:
+    """Print the means over the episodes, and write them if asked."""
+    if arguments.to is not None:
+        writable_file(arguments.to, (".json",))
+    policy = chosen_policy(arguments)
+    env = make_policy_env(policy, arguments.episodes, body=arguments.body, integrator=arguments.integrator)
+    found = means(evaluate(policy_controller(policy, env), env, arguments.seed))
+    env.close()
+    print(f"{policy.about['env_id']}: mean over {arguments.episodes} episodes, seeds from {arguments.seed}")
+    for name, value in found.items():
+        print(f"  {name:20}{'-' if value is None else f'{value:.4g}'}")
+    if arguments.to is not None:
+        record = {"env_id": policy.about["env_id"], "episodes": arguments.episodes, "first_seed": arguments.seed,
+                  "body": arguments.body, "integrator": arguments.integrator, "means": found}  # fmt: skip
+        write_text(arguments.to, json.dumps(record, indent=2) + "\n")
+
+
+def installed(package: str) -> str:
+    """The version of a package, or that it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def print_versions() -> None:
+    """Print the version of Python, of this package and of those that it uses."""
+    found = {"python": platform.python_version(), "fish_env": fish_env.__version__}
+    for name, text in (found | {package: installed(package) for package in PACKAGES}).items():
+        print(f"{name:20}{text}")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run a command."""
+    if arguments.command in ("play", "evaluate") and arguments.episodes < 1:
+        raise ValueError(f"--episodes is {arguments.episodes}; give a whole number, at least 1")
+    if arguments.command is None:
+        list_all()
+    elif arguments.command == "versions":
+        print_versions()
+    elif arguments.command == "evaluate":
+        evaluate_policy(arguments)
+    else:
+        play(chosen_policy(arguments), arguments.seed, arguments.episodes, arguments.to,
+             body=arguments.body, integrator=arguments.integrator)  # fmt: skip
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command; errors that a user can correct are printed without a traceback."""
+    try:
+        run(parse(arguments))
+    except (ValueError, FileNotFoundError, RuntimeError, gym.error.Error) as error:
+        print(f"fish_env: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nStopped.", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,203 @@
+"""A policy for Stable-Baselines3's PPO that is equivariant under the left-right reflection.
+
+Its action for a reflected observation is the reflected action. The fish, the water and all tasks have this symmetry: a
+turn to one side is trained by turns to the other, and no bias makes the fish swim to one side.
+
+This module loads torch and Stable-Baselines3, of the extra [train]; nothing else in the package imports it.
+
+    model = PPO(EquivariantPolicy, env, policy_kwargs=equivariant_options(env.unwrapped.fish))
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+try:
+    import torch
+    from stable_baselines3.common.policies import ActorCriticPolicy
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor, MlpExtractor
+    from torch import nn
+except ImportError as error:
+    raise ImportError(
+        'fish_env.control.equivariant needs torch and Stable-Baselines3: pip install "fish_env[train]"'
+    ) from error
+
+from fish_env.control.policy import Policy
+from fish_env.envs import FishVectorEnv
+
+
+class Reflection(NamedTuple):
+    """How left and right are exchanged: observations `obs[place] * sign`, actions `action[swap]`."""
+
+    place: np.ndarray  # (D,)
+    sign: np.ndarray  # (D,)
+    swap: np.ndarray  # (A,)
+
+
+def reflection_of(env: FishVectorEnv) -> Reflection:
+    """How left and right are exchanged in an environment."""
+    muscles = env.tank.fish.mirrored_muscles
+    return Reflection(*env.layout.reflection(), env.groups[muscles[env.leaders]])
+
+
+def equivariant_options(env: FishVectorEnv) -> dict[str, Any]:
+    """The `policy_kwargs` of `EquivariantPolicy` for an environment: its reflection, and its observations scaled."""
+    offset, scale = env.layout.scaling()
+    return {
+        "reflection": reflection_of(env),
+        "features_extractor_class": ScaledObservation,
+        "features_extractor_kwargs": {"offset": offset, "scale": scale},
+    }
+
+
+class ScaledObservation(BaseFeaturesExtractor):
+    """(obs - offset) / scale with fixed numbers (`Layout.scaling`): there are no running statistics to save."""
+
+    def __init__(self, observation_space, offset: np.ndarray, scale: np.ndarray):
+        super().__init__(observation_space, offset.size)
+        self.register_buffer("offset", torch.as_tensor(offset, dtype=torch.float32))
+        self.register_buffer("scale", torch.as_tensor(scale, dtype=torch.float32))
+
+    def forward(self, obs: torch.Tensor) -> torch.Tensor:
+        """Scaled observations (B,D)."""
+        return (obs - self.offset) / self.scale
+
+
+class EquivariantExtractor(MlpExtractor):
+    """Hidden layers applied to an observation and to its mirror image; the value is the same for both."""
+
+    def __init__(self, place, sign, **options):
+        super().__init__(**options)
+        self.register_buffer("place", torch.as_tensor(place))
+        self.register_buffer("sign", torch.as_tensor(sign, dtype=torch.float32))
+        self.latent_dim_pi *= 2
+
+    def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Hidden features of the actor for both images side by side, (B,2H), and of the critic, their mean, (B,H)."""
+        actor, critic = self._hidden(features, self.policy_net, self.value_net)
+        return actor.flatten(1), critic.mean(1)
+
+    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
+        """The actor's alone."""
+        return self._hidden(features, self.policy_net)[0].flatten(1)
+
+    def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
+        """The critic's alone."""
+        return self._hidden(features, self.value_net)[0].mean(1)
+
+    def _hidden(self, features: torch.Tensor, *networks: nn.Sequential) -> list[torch.Tensor]:
+        """Each network's output for the observations and for their mirror images, (B,2,H).
+
+        The first layer is one product, with the weights mirrored in place of the observations: twice as fast.
+        """
+        return [network[1:](self._first(features, network[0]).unflatten(1, (2, -1))) for network in networks]
+
+    def _first(self, features: torch.Tensor, layer: nn.Linear) -> torch.Tensor:
+        weight = torch.cat([layer.weight, layer.weight[:, self.place] * self.sign])
+        return nn.functional.linear(features, weight, layer.bias.repeat(2))
+
+
+class EquivariantActions(nn.Module):
+    """Mean of the action for the observation and of the mirrored action for its mirror image."""
+
+    def __init__(self, size: int, swap: np.ndarray):
+        super().__init__()
+        self.linear = nn.Linear(size, len(swap))
+        self.register_buffer("swap", torch.as_tensor(swap))
+
+    def forward(self, latent: torch.Tensor) -> torch.Tensor:
+        """Actions (B,A) from the features of both, (B,2H)."""
+        plain, mirrored = latent.chunk(2, dim=1)
+        return 0.5 * (self.linear(plain) + self.linear(mirrored)[:, self.swap])
+
+
+class EquivariantPolicy(ActorCriticPolicy):
+    """Stable-Baselines3's policy with an equivariant actor and an invariant critic.
+
+    Args:
+        arguments: those of `ActorCriticPolicy`.
+        reflection: of the environment, as `reflection_of` returns it.
+        options: those of `ActorCriticPolicy`.
+    """
+
+    def __init__(self, *arguments, reflection: Reflection, **options):
+        self.reflection = Reflection(*reflection)
+        super().__init__(*arguments, **options)
+
+    def _build_mlp_extractor(self) -> None:
+        place, sign, _ = self.reflection
+        self.mlp_extractor = EquivariantExtractor(
+            place, sign, feature_dim=self.features_dim, net_arch=self.net_arch,
+            activation_fn=self.activation_fn, device=self.device,
+        )  # fmt: skip
+
+    def _build(self, lr_schedule) -> None:
+        super()._build(lr_schedule)
+        self.action_net = EquivariantActions(self.mlp_extractor.latent_dim_pi // 2, self.reflection.swap)
+        self.init_weights(self.action_net.linear, gain=0.01)  # as Stable-Baselines3 does: small actions at first
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+
+    def _get_constructor_parameters(self):
+        return super()._get_constructor_parameters() | {"reflection": self.reflection}
+
+
+def export_policy(policy: ActorCriticPolicy, about: Mapping[str, Any], combine: np.ndarray | None = None) -> Policy:
+    """The mean action of a trained policy as a `Policy`, which numpy alone can run.
+
+    Args:
+        policy: `model.policy`, an `EquivariantPolicy` or an ordinary one, with `ScaledObservation` or without; its
+            hidden layers have tanh.
+        about: what the file says of it: env_id, env_options, and whatever else a reader should know.
+        combine: matrix (A,A') from the policy's actions to those of the environment; None if they are the same.
+
+    Raises:
+        ValueError: for hidden layers without tanh, or observations that are neither raw nor scaled by fixed numbers.
+    """
+    _check_export(policy)
+    weights, biases = plain_layers(policy)
+    if combine is not None:
+        weights[-1], biases[-1] = weights[-1] @ combine.T, combine @ biases[-1]
+    scaler = policy.pi_features_extractor
+    if isinstance(scaler, ScaledObservation):  # its numbers are folded into the first layer
+        weights[0] /= scaler.scale.double().numpy()[:, None]
+        biases[0] -= scaler.offset.double().numpy() @ weights[0]
+    as_float = [tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases)]
+    return Policy(*as_float, about)
+
+
+def _check_export(policy: ActorCriticPolicy) -> None:
+    given = torch.linspace(-3.0, 3.0, 61)
+    for layer in policy.mlp_extractor.policy_net:
+        if not isinstance(layer, nn.Linear) and not torch.allclose(layer(given), given.tanh(), atol=1e-5):
+            raise ValueError(f"a hidden layer has {type(layer).__name__}; train with activation_fn=torch.nn.Tanh")
+    if not isinstance(policy.pi_features_extractor, ScaledObservation | FlattenExtractor):
+        name = type(policy.pi_features_extractor).__name__
+        raise ValueError(f"observations pass {name}; train with equivariant_options(env), or on raw observations")
+
+
+def plain_layers(policy: ActorCriticPolicy) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Weights (inputs, outputs) and biases of the actor as ordinary layers; an equivariant one's are twice as wide."""
+    extractor, actions = policy.mlp_extractor, policy.action_net
+    pairs = [numbers(layer) for layer in extractor.policy_net if isinstance(layer, nn.Linear)]
+    if not isinstance(policy, EquivariantPolicy):
+        return tuple(map(list, zip(*pairs, numbers(actions), strict=True)))
+    place, sign = extractor.place.numpy(), extractor.sign.double().numpy()
+    first = pairs[0][0]
+    mirrored = np.empty_like(first)
+    mirrored[place] = first * sign[:, None]
+    weights, biases = [np.hstack([first, mirrored])], [np.tile(pairs[0][1], 2)]
+    for weight, bias in pairs[1:]:
+        nothing = np.zeros_like(weight)
+        weights.append(np.block([[weight, nothing], [nothing, weight]]))
+        biases.append(np.tile(bias, 2))
+    last, bias = numbers(actions.linear)
+    swap = actions.swap.numpy()
+    weights.append(0.5 * np.vstack([last, last[:, swap]]))
+    biases.append(0.5 * (bias + bias[swap]))
+    return weights, biases
+
+
+def numbers(layer: nn.Linear) -> tuple[np.ndarray, np.ndarray]:
+    """Weight (inputs, outputs) and bias of a layer, float64."""
+    return layer.weight.detach().double().numpy().T, layer.bias.detach().double().numpy()

@@ -1,0 +1,64 @@
+"""Files that are written whole or not at all, in folders that are tried before anything is computed."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def writable_folder(folder: str | Path) -> Path:
+    """`folder`, made if it is missing, after a trial that a file can be written in it.
+
+    Raises:
+        ValueError: if it cannot be made or written to, with the system's reason.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ValueError(
+            f"no file can be written in the folder {folder} ({error.strerror}); give a folder that can be written to"
+        ) from error
+    return folder
+
+
+def writable_file(path: str | Path, endings: tuple[str, ...]) -> Path:
+    """`path`, whose folder is made if it is missing, after a trial that a file can be written there.
+
+    Args:
+        path: the file; one that is there already stays as it is.
+        endings: how its name may end, such as `(".mp4", ".gif")`.
+
+    Raises:
+        ValueError: for another ending, for a folder, or if nothing can be written there.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in endings:
+        raise ValueError(f"the file {path} ends in {path.suffix!r}; give a name that ends in {' or '.join(endings)}")
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder; give the name of a file")
+    writable_folder(path.parent)
+    return path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A file beside `path` to write to, which replaces `path` when the block ends without an error.
+
+    An interruption leaves the old file or the new one, never a part of it.
+    """
+    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    try:
+        yield partial
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    with replacing(path) as partial:
+        partial.write_text(text)

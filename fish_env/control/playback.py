@@ -1,0 +1,119 @@
+"""Watch a policy: in a window, or as a video where there is no display."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from fish_env.control.evaluation import evaluation_options, policy_controller
+from fish_env.control.files import replacing, writable_file
+from fish_env.control.policy import Policy
+
+VIDEOS = (".mp4", ".gif")
+SLOWER = 2  # times slower than life: a tail beats faster than the eye follows
+
+
+def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | None = None, **changes) -> None:
+    """Play episodes of a policy, in a window or into one video file, and print how each went.
+
+    Args:
+        policy: as `load_policy` reads it.
+        seed: of the first episode; the next ones count up from it.
+        episodes: how many.
+        video: an .mp4 or .gif file to write instead of opening a window.
+        changes: keywords of the environment that replace those of the training, such as `body`; None is ignored.
+
+    Raises:
+        ValueError: if there is no display and no video was asked for, the video cannot be written, or a keyword is not
+            allowed.
+        gymnasium.error.DependencyNotInstalled: without pygame, or without moviepy for a video.
+    """
+    from fish_env.render import WindowClosed  # pygame is loaded only when something is drawn
+
+    if video is not None:
+        video = writable_file(video, VIDEOS)
+        load_moviepy()
+    elif not has_display():
+        raise ValueError("there is no display to open a window on; write a video instead, to a .mp4 or .gif file")
+    frames: list[np.ndarray] = []
+    with _environment(policy, "human" if video is None else "rgb_array", changes) as env:
+        try:
+            for episode in range(episodes):
+                for picture in _episode(policy, env, seed + episode):
+                    frames += [] if picture is None else [picture]
+                print(f"episode {episode}: {summary(env.unwrapped.episode_info())}")
+        except (KeyboardInterrupt, WindowClosed):
+            print("stopped")
+    if frames:
+        write_video(frames, env.metadata["render_fps"] / SLOWER, video)
+        print(f"written to {video}, at half speed")
+
+
+def has_display() -> bool:
+    """Whether a window can be opened, as far as that can be known without trying."""
+    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
+    return display or not sys.platform.startswith("linux")
+
+
+@contextmanager
+def _environment(policy: Policy, mode: str, changes: dict[str, Any]) -> Iterator[gym.Env]:
+    options = evaluation_options(policy.about.get("env_options", {}))
+    options |= {name: value for name, value in changes.items() if value is not None}
+    env = gym.make(policy.about["env_id"], render_mode=mode, **options)
+    try:
+        yield env
+    finally:
+        env.close()
+
+
+def _episode(policy: Policy, env: gym.Env, seed: int) -> Iterator[np.ndarray | None]:
+    """The picture after every environment step; None where a window shows it."""
+    controller = policy_controller(policy, env.unwrapped.fish)
+    obs, _ = env.reset(seed=seed)
+    over, time = False, 0.0
+    while not over:
+        obs, _, terminated, truncated, _ = env.step(controller(obs[None], time)[0])
+        time += env.unwrapped.fish.control_interval
+        over = terminated or truncated
+        yield None if env.render_mode == "human" else env.render()
+
+
+def summary(info: dict[str, Any]) -> str:
+    """The metrics of an episode in one line, from its `episode_info`."""
+    numbers = {name: float(value) for name, value in info.items() if name not in ("terms", "failure")}
+    said = ", ".join(f"{name} {value:.2f}" for name, value in numbers.items() if np.isfinite(value))
+    return said + (f"; ended by {info['failure']}" if "failure" in info else "")
+
+
+def load_moviepy():
+    """The module that writes videos.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: without it.
+    """
+    try:
+        import moviepy
+    except ImportError as error:
+        raise DependencyNotInstalled('writing a video needs moviepy: pip install "fish_env[render]"') from error
+    return moviepy
+
+
+def write_video(frames: list[np.ndarray], fps: float, path: str | Path) -> None:
+    """Write (H,W,3) uint8 frames as an .mp4 or .gif, whole or not at all.
+
+    Raises:
+        ValueError: for another ending, or a folder that cannot be written to.
+        gymnasium.error.DependencyNotInstalled: without moviepy.
+    """
+    clip = load_moviepy().ImageSequenceClip(list(frames), fps=fps)
+    with replacing(writable_file(path, VIDEOS)) as partial:
+        if partial.suffix.lower() == ".gif":
+            clip.write_gif(str(partial), fps=fps, logger=None)
+        else:
+            clip.write_videofile(str(partial), logger=None, audio=False)

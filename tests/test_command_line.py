@@ -1,0 +1,136 @@
+"""`python -m fish_env` and `train.py`: what they print and write, and that a mistake is answered in one line."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import fish_env
+from fish_env import __main__ as command_line
+from fish_env import control
+from fish_env.control import load_policy, make_policy_env, play, shipped_policies, shipped_policy
+from fish_env.control.evaluation import evaluate, means, policy_controller
+
+ROOT = Path(__file__).parent.parent
+
+
+def run(*arguments, **environment):
+    """A command in a process of its own, without a display."""
+    variables = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    variables.pop("SDL_VIDEODRIVER", None)
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, check=False,
+        env=variables | environment,
+    )  # fmt: skip
+
+
+def test_list(capsys):
+    """Without arguments every environment is listed with what it asks, every body, integrator and policy."""
+    assert command_line.main([]) == 0
+    printed = capsys.readouterr().out
+    lines = {line.split()[0]: line for line in printed.splitlines() if line.startswith("  ")}
+    ids = [id for id in gym.registry if id.startswith("FishEnv/")]
+    assert len(ids) == 6
+    for name in (*ids, *fish_env.BODIES, *fish_env.INTEGRATORS):
+        assert len(lines[name].split()) > 4, name
+    assert all(task in printed.splitlines()[-2] for task in shipped_policies())
+    assert "Touch a target with the nose" in lines["FishEnv/Target-v0"]
+
+
+def test_versions(capsys, monkeypatch):
+    """Every package is named with its version, or as not installed."""
+    monkeypatch.setattr(command_line, "PACKAGES", ("numpy", "no-such-package"))
+    assert command_line.main(["versions"]) == 0
+    found = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert found["numpy"] == np.__version__ and found["no-such-package"] == "not installed"
+    assert found["fish_env"] == fish_env.__version__ and found["python"] == sys.version.split()[0]
+
+
+def test_evaluate(tmp_path, capsys):
+    """The means it prints and writes are those of `evaluate`, and train.py finds the same."""
+    file = tmp_path / "new" / "swim.json"
+    assert command_line.main(["evaluate", "swim", "--episodes", "2", "--to", str(file)]) == 0
+    policy = load_policy(shipped_policy("swim"))
+    env = make_policy_env(policy, 2)
+    wanted = means(evaluate(policy_controller(policy, env), env))
+    record = json.loads(file.read_text())
+    assert record["means"] == wanted and record["episodes"] == 2 and record["env_id"] == "FishEnv/Swim-v0"
+    printed = dict(line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("  "))
+    assert printed["speed"] == f"{wanted['speed']:.4g}"
+    pytest.importorskip("torch")
+    from agents import report
+
+    assert report.measure([shipped_policy("swim")], episodes=2)[shipped_policy("swim")] == wanted
+
+
+@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+def test_play(ending, tmp_path, capsys):
+    """A shipped policy is played into a file, on another body too, and its metrics are printed."""
+    pytest.importorskip("moviepy")
+    video = tmp_path / f"swim{ending}"
+    policy = load_policy(shipped_policy("swim"))
+    play(policy, 3, 2, video, body="planar", integrator=None, max_episode_steps=3)
+    assert video.stat().st_size > 3_000
+    printed = capsys.readouterr().out
+    assert "episode 0: seconds 0.06, speed" in printed and "episode 1: " in printed
+
+
+def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
+    """Both command lines hand policy, seed, number of episodes, file and options to the one function that plays."""
+    told = []
+    for place in (command_line, control):
+        monkeypatch.setattr(place, "play", lambda *arguments, **options: told.append((*arguments, options)))
+    policy, video = shipped_policy("swim"), tmp_path / "swim.gif"
+    assert command_line.main(["play", "swim", "--to", str(video), "--body", "planar", "--seed", "3"]) == 0
+    monkeypatch.setattr(sys, "argv", ["train.py", "play", str(policy), "--video", str(video), "--seed", "4"])
+    train = pytest.importorskip("train")
+    assert train.main() == 0
+    (one, *first), (two, *second) = told
+    assert one.about == two.about and one.about["env_id"] == "FishEnv/Swim-v0"
+    assert first == [3, 1, video, {"body": "planar", "integrator": None}] and second == [4, 3, video, {}]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["play", "fly"], "no policy is shipped for 'fly'; choose from avoid"),
+        (["play"], "give one of avoid, "),
+        (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),
+        (["evaluate", "swim", "--body", "eel"], "unknown body 'eel'"),
+        (["evaluate", "swim", "--episodes", "0"], "--episodes is 0"),
+        (["play", "swim", "--to", "swim.avi"], "give a name that ends in .mp4 or .gif"),
+        (["evaluate", "swim", "--to", "pyproject.toml/x.json"], "no file can be written in the folder"),
+        (["evaluate", "turn", "--policy", str(shipped_policy("swim"))], "was trained for FishEnv/Swim-v0, not"),
+    ],
+)
+def test_mistakes(arguments, message, capsys, monkeypatch):
+    """A mistake is answered by one line that says what to do, with exit status 2."""
+    monkeypatch.chdir(ROOT)
+    assert command_line.main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("fish_env: ") and message in printed.err and printed.err.count("\n") == 1
+
+
+def test_missing_extras(tmp_path):
+    """Without pygame or moviepy, and without a display, it says what to install or to do, without a traceback."""
+    code = "import sys; sys.modules[{0!r}] = None; from fish_env.__main__ import main; sys.exit(main({1!r}))"
+    video = str(tmp_path / "swim.gif")
+    for missing in ("pygame", "moviepy"):
+        done = run("-c", code.format(missing, ["play", "swim", "--to", video]))
+        assert done.returncode == 2 and 'pip install "fish_env[render]"' in done.stderr
+        assert "Traceback" not in done.stderr and not list(tmp_path.iterdir())
+    if sys.platform.startswith("linux"):
+        done = run("-m", "fish_env", "play", "swim")
+        assert done.returncode == 2 and "no display" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_train_py(tmp_path):
+    """`train.py` answers mistakes in one line without a traceback."""
+    wrong = run("train.py", "play", tmp_path / "none.npz")
+    assert wrong.returncode == 2 and "no policy file" in wrong.stderr and "Traceback" not in wrong.stderr
+    assert run("train.py", "fly").returncode == 2

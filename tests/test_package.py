@@ -1,0 +1,118 @@
+"""Wheel and source archive hold all that the installed package needs, and it runs without the checkout."""
+
+import inspect
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import fish_env
+from fish_env import control
+
+ROOT = Path(__file__).parent.parent
+PARTS = ("fish_env", "pyproject.toml", "README.md", "LICENSE")
+BUILD = "import setuptools.build_meta as backend, sys; print(getattr(backend, 'build_' + sys.argv[1])(sys.argv[2]))"
+
+INSTALLED = """
+import importlib.util, sys
+from pathlib import Path
+import gymnasium as gym
+import fish_env
+from fish_env.control import evaluate, load_policy, make_policy_env, policy_controller, shipped_policies
+where = Path(sys.argv[1]).resolve()
+assert Path(fish_env.__file__).resolve().is_relative_to(where), fish_env.__file__
+assert importlib.util.find_spec("agents") is None
+ids = [id for id in gym.registry if id.startswith("FishEnv/")]
+assert len(ids) == 6
+for id in ids:
+    env = gym.make(id)
+    assert env.observation_space.shape == (fish_env.observation_layout(id).size,)
+for task, path in shipped_policies().items():
+    assert path.resolve().is_relative_to(where) and load_policy(path).about["task"] == task
+policy = load_policy(shipped_policies()["swim"])
+env = make_policy_env(policy, 1)
+scores = evaluate(policy_controller(policy, env), env)
+assert len(shipped_policies()) == 6 and scores["speed"][0] > 2.0, scores
+assert not {"torch", "stable_baselines3", "pygame"} & set(sys.modules)
+print("all is there")
+"""
+
+
+def build(what, source, target):
+    """Build "sdist" or "wheel" of a source tree, downloading nothing; returns the archive."""
+    target.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", BUILD, what, str(target)], cwd=source, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    (archive,) = target.iterdir()
+    return archive
+
+
+def test_public_names():
+    """Every public name exists, has a docstring if it is a class or a function, and is there after a plain import."""
+    wanted = {"BODIES", "INTEGRATORS", "TASKS", "Fish", "FishEnv", "FishVectorEnv", "Integrator", "Option", "Tank",
+              "Task", "World", "make_body", "make_fish", "make_sb3_vec_env", "make_water", "make_world",
+              "observation_layout"}  # fmt: skip
+    assert set(fish_env.__all__) == wanted
+    for package in (fish_env, fish_env.envs, control):
+        for name in package.__all__:
+            found = getattr(package, name)
+            assert not (inspect.isclass(found) or inspect.isfunction(found)) or inspect.getdoc(found), name
+    with pytest.raises(AttributeError, match="no attribute 'sb4'"):
+        fish_env.envs.sb4  # noqa: B018
+
+
+def test_vec_env_after_a_plain_import():
+    """Stable-Baselines3 is loaded by the first use, by either name, and the two are one function."""
+    pytest.importorskip("stable_baselines3")
+    code = """import sys, fish_env
+before = "stable_baselines3" in sys.modules
+same = fish_env.envs.sb3.make_sb3_vec_env is fish_env.make_sb3_vec_env
+print(before, same, type(fish_env.make_sb3_vec_env("FishEnv/Stub-v0", num_envs=2)).__name__)"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True", "VecMonitor"]
+
+
+@pytest.mark.slow
+def test_wheel_of_the_source_archive(tmp_path):
+    """The wheel that is built of the source archive lists, makes every environment and evaluates a policy by itself."""
+    pytest.importorskip("setuptools", minversion="77")
+    source, empty, unpacked = (tmp_path / name for name in ("source", "empty", "unpacked"))
+    source.mkdir(), empty.mkdir()
+    for name in PARTS:  # a copy, so that nothing is left in the checkout
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        copy(ROOT / name, source / name)
+    archive = build("sdist", source, tmp_path / "sdist")
+    with tarfile.open(archive) as file:
+        file.extractall(tmp_path / "from_sdist", filter="data")
+    (tree,) = (tmp_path / "from_sdist").iterdir()
+    wheel = build("wheel", tree, tmp_path / "wheel")
+    with zipfile.ZipFile(wheel) as file:
+        names = file.namelist()
+        assert not [name for name in names if name.startswith(("agents", "benchmarks", "tests"))]
+        assert all(info.file_size < 700_000 for info in file.infolist())
+        file.extractall(unpacked)
+    held = {
+        str(path.relative_to(ROOT)) for path in ROOT.glob("fish_env/**/*") if path.suffix in (".py", ".json", ".npz")
+    }
+    assert held <= set(names) and len([name for name in names if name.endswith("policy.npz")]) == 6
+
+    variables = os.environ | {"PYTHONPATH": str(unpacked)}
+
+    def run(*arguments):
+        done = subprocess.run(
+            [sys.executable, *arguments], cwd=empty, env=variables, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "FishEnv/Swim-v0" in run("-m", "fish_env")
+    assert run("-c", INSTALLED, str(unpacked)).strip() == "all is there"
+    assert "speed" in run("-m", "fish_env", "evaluate", "swim", "--episodes", "1")
+    assert not list(empty.iterdir())
