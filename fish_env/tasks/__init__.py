@@ -32,6 +32,8 @@ class Task(Protocol):
     """The vectors that the observation ends with, 3 numbers each."""
     term_names: tuple[str, ...]
     """Names of the terms of its reward."""
+    episode_steps: int
+    """Environment steps after which `gym.make` truncates an episode of this task."""
     reset_options: Mapping[str, Option]
     """Keys that `reset(options=...)` accepts, with their ranges and meaning."""
 

@@ -96,6 +96,7 @@ class TargetTask(CompiledTask):
     """
 
     term_names = ("progress", "alignment", "reached", "effort")
+    episode_steps = 500
     directions = (
         Direction("direction of the target", "in the body frame", 1.0, 0.3),
         Direction("way to the target", "body lengths, in the body frame", 10.0, 1.0),
