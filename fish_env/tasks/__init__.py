@@ -10,11 +10,12 @@ from fish_env.tank import Tank
 from fish_env.tasks.avoid import AvoidTask
 from fish_env.tasks.left_after_right import LeftAfterRightTask
 from fish_env.tasks.options import Direction, Option
+from fish_env.tasks.start import POSE_OPTIONS, place
 from fish_env.tasks.swim import SwimTask
 from fish_env.tasks.target import TargetTask
 from fish_env.tasks.turn import TurnTask
 
-__all__ = ["TASKS", "Direction", "Option", "SwimTask", "Task"]
+__all__ = ["POSE_OPTIONS", "TASKS", "Direction", "Option", "SwimTask", "Task", "place"]
 
 
 class Task(Protocol):
