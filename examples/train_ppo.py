@@ -97,7 +97,7 @@ def evaluate(args: Args, model: PPO, scaling: VecNormalize) -> dict[str, float]:
     )
     obs, ends = fish.reset(), [{} for _ in range(args.evaluations)]
     while not all(ends):
-        actions, _ = model.predict(scaling.normalize_obs(obs), deterministic=True)
+        actions, _ = model.predict(scaling.normalize_obs(np.asarray(obs)), deterministic=True)
         obs, _, dones, infos = fish.step(actions)
         for i in np.flatnonzero(dones):
             ends[i] = ends[i] or infos[i]  # the first episode of each fish

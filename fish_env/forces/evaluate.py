@@ -3,7 +3,9 @@
 Derivatives are those of the forces' own kernels, which are called with dual numbers: no force states them.
 """
 
+from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +18,7 @@ ONE, DUAL = Kind(1), Kind("dual")
 
 
 @cache
-def compiled(names: tuple[str, ...], function: str):
+def compiled(names: tuple[str, ...], function: str) -> Callable[..., Any]:
     """A function of all these forces, compiled: it fills `block.f`, or returns a number."""
     call = forces.total(names, function)
     if function in ("energy", "failed"):

@@ -25,12 +25,15 @@ class Method(Protocol):
         `elastic`, 1/s2, and `viscous`, 1/s, are the highest eigenvalues of the stiffness and the damping of the body
         and its surroundings over the masses.
         """
+        ...
 
     def costs(self, row: np.ndarray) -> tuple[int, int, int]:
         """Force evaluations, factorisations and solves of a step that is planned so."""
+        ...
 
     def make_work(self, body: Body, kind: Kind) -> Pack:
         """The scratch memory of a block of fish of a kind."""
+        ...
 
     def make_run(self, names: tuple[str, ...]) -> Callable:
         """The kernel `run(body, world, control, x, v, work, cache, n)`, of a block on which forces of these names act.
@@ -42,6 +45,7 @@ class Method(Protocol):
         what went wrong in solves. What it captures are kernels, numbers, tuples of them and truth values, which name
         the compiled code on disk.
         """
+        ...
 
 
 @dataclass(frozen=True)
