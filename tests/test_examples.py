@@ -15,7 +15,7 @@ from pages import ROOT
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.rglob("*.py"))
 NOTEBOOK = json.loads((EXAMPLES / "quickstart.ipynb").read_text())
-QUICK = {"train_ppo.py", "custom_task.py", "custom_body.py"}
+QUICK = {"train_ppo.py", "play.py", "custom_task.py", "custom_body.py"}
 """The scripts that a test below runs."""
 
 
@@ -80,6 +80,17 @@ def test_train_ppo(tmp_path):
     }  # fmt: skip
     assert json.loads((tmp_path / "out" / "args.json").read_text())["num_envs"] == 16
     assert json.loads((tmp_path / "out" / "scores.json").read_text())["seconds"] == 5.0
+
+
+def test_play(tmp_path):
+    """It plays a shipped policy into a file."""
+    pytest.importorskip("moviepy")
+    said = run(
+        tmp_path, EXAMPLES / "play.py", "swim", "--video", "swim.gif", "--steps", 12, "--episodes", 1,
+        SDL_VIDEODRIVER="dummy",
+    )  # fmt: skip
+    assert re.search(r"episode 0: .*'speed': \d", said)
+    assert (tmp_path / "swim.gif").read_bytes()[:3] == b"GIF"
 
 
 def test_custom_task(tmp_path):
