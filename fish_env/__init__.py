@@ -43,21 +43,18 @@ __all__ = [
     "observation_layout",
 ]
 
-EPISODE_STEPS = {"swim": 250, "turn": 250, "left_after_right": 250, "target": 500, "avoid": 300}
-"""Environment steps in an episode of each task."""
-
-for _task, _steps in EPISODE_STEPS.items():
+for _name, _task in TASKS.items():
     register(
-        id=f"FishEnv/{_task.title().replace('_', '')}-v0",
+        id=f"FishEnv/{_name.title().replace('_', '')}-v0",
         entry_point="fish_env.envs:FishEnv",
         vector_entry_point="fish_env.envs:FishVectorEnv",
-        max_episode_steps=_steps,
-        kwargs={"task": _task},
+        max_episode_steps=_task.episode_steps,
+        kwargs={"task": _name},
     )
 register(
     id="FishEnv/Stub-v0",
     entry_point="fish_env.envs:StubEnv",
     vector_entry_point="fish_env.envs:StubVectorEnv",
-    max_episode_steps=EPISODE_STEPS["swim"],
+    max_episode_steps=TASKS["swim"].episode_steps,
     kwargs={"task": "swim"},
 )

@@ -162,7 +162,7 @@ def hold(body: Body, nodes, axes: str = "xyz") -> Body:
         nodes = np.flatnonzero(nodes)
     nodes = node_array(nodes.reshape(-1, 1), 1, body.mass.size, "held nodes")[:, 0]
     inverse = body.inverse_mass.copy()
-    inverse[np.ix_(nodes, ["xyz".index(axis) for axis in axes])] = 0.0
+    inverse[np.ix_(nodes, np.array(["xyz".index(axis) for axis in axes]))] = 0.0
     if not inverse.any():
         raise ValueError(f"all {len(inverse)} nodes would be held along every axis; leave one of them free")
     return with_rates(body._replace(inverse_mass=inverse, held=np.ascontiguousarray(np.argwhere(inverse == 0.0))))

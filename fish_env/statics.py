@@ -181,10 +181,11 @@ def _lowest(matrix, free, root, count):
 def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
     """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that holds and anchors leave.
 
-    Shifts, which no other force resists or asks for; and rotations, if they are `turning` as freely.
+    Shifts, which no other force of the package resists or asks for; and rotations, if they are `turning` as freely.
+    None beside a force of the user's, which may resist them.
     """
     free = _free(body)
-    if world.anchors is not None:
+    if world.anchors is not None or world.extra:
         return np.zeros((free.size, 0))
     arms = x - x.mean(axis=0)
     motions = np.zeros((*x.shape, 6 if turning else 3))

@@ -236,6 +236,7 @@ class Tank:
 
     def _run(self, steps: int) -> None:
         if self._engine is None:
+            assert self.integrator.advance is not None  # a method without an engine moves bodies by itself
             for i in range(self.num_fish):
                 body, world = varied(self.fish.body, self.world, self.variation[i])
                 self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
@@ -244,6 +245,7 @@ class Tank:
 
     def share_out(self, work: Callable, *args) -> None:
         """Call `work(chunk, first, last, *args)` for every chunk of the fish, in threads if there are several."""
+        assert self._engine is not None  # only engines share their fish out
         self._engine.sort()
         if self._chunks == 1:
             work(0, 0, self.num_fish, *args)
@@ -260,8 +262,8 @@ class Tank:
 
     def reset(self, mask=None) -> None:
         """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero; `vary` stays."""
-        which = slice(None) if mask is None else np.asarray(mask)
-        if mask is not None and (which.dtype != bool or which.shape != (self.num_fish,)):
+        which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
+        if which.dtype != bool or which.shape != (self.num_fish,):
             raise ValueError(f"mask is {mask!r}; give a boolean array ({self.num_fish},), or None for all fish")
         for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0), strict=True):
             array[which] = value

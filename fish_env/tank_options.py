@@ -30,12 +30,12 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
         raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
     if refine is None:
         refine = fish.refine if dt is None and integrator == fish.integrator else np.inf
-    if not (isinstance(refine, Real) and refine > 0):
+    if not (isinstance(refine, Real) and float(refine) > 0):
         raise ValueError(f"refine is {refine!r}; give a positive number (this fish's own is {fish.refine}), or inf")
-    if np.isfinite(refine) and integrator not in REFINED:
+    if np.isfinite(float(refine)) and integrator not in REFINED:
         raise ValueError(f"{integrator!r} cannot refine its steps; give refine=inf, or choose from {REFINED}")
     dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
-    if not (isinstance(dt, Real) and np.isfinite(dt) and dt > 0):
+    if not (isinstance(dt, Real) and np.isfinite(float(dt)) and float(dt) > 0):
         raise ValueError(f"dt is {dt!r}; give a positive number of seconds (this fish's own is {fish.time_step})")
     return INTEGRATORS[integrator], float(dt), float(refine)
 

@@ -1,35 +1,27 @@
 """What the pages in docs/ say is what the code does: their examples run, their tables and numbers agree."""
 
 import inspect
-import os
 import re
-import subprocess
 import sys
 from fractions import Fraction
 from functools import cache, partial
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from pages import ROOT, blocks
 
 import fish_env
 from fish_env.body import FAILURES
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode
 from fish_env.tasks import TASKS, avoid, rewards, start, target, turns
 
-ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
 FIRST = 153  # elements of the observation before the task's own, for which all pages refer to swim.md
 
 every_task = pytest.mark.parametrize("task", TASKS)
 every_form = pytest.mark.parametrize(("task", "keywords"), FORMS)
-
-
-def blocks(page):
-    """The Python blocks of a page under docs/."""
-    return re.findall(r"^```python\n(.*?)^```", (ROOT / "docs" / page).read_text(), re.DOTALL | re.MULTILINE)
 
 
 @cache
@@ -82,33 +74,6 @@ def applies(meaning, keywords):
 def modules(task):
     """The modules that the class of a task and its bases are in."""
     return [sys.modules[cls.__module__] for cls in TASKS[task].__mro__ if cls is not object]
-
-
-# Examples
-
-
-def test_extending_runs(tmp_path):
-    """The blocks of extending.md, one after the other in a process of their own, with the assertions they hold."""
-    script = tmp_path / "extending.py"
-    script.write_text("\n\n".join(blocks("extending.md")))
-    found = os.environ | {"PYTHONPATH": str(ROOT)}
-    run = subprocess.run([sys.executable, script], env=found, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-
-
-def test_training_examples_run():
-    """The blocks of training.md."""
-    scope = {}
-    for block in blocks("training.md"):
-        exec(block, scope)
-    assert scope["any_water"].num_envs == 256
-
-
-def test_stub_example_passes():
-    """The test that stub.md shows."""
-    scope = {}
-    exec(blocks("envs/stub.md")[0], scope)
-    scope["test_my_wrapper"]()
 
 
 # Links, names and equation numbers
@@ -172,10 +137,9 @@ def test_page_begins_with_its_picture(task):
 
 @every_task
 def test_page_examples_run(task):
-    """The blocks of a page make the task's environments."""
+    """The first block of a page makes the task's environments, one and many."""
     scope = {}
-    for block in blocks(f"envs/{task}.md"):
-        exec(block, scope)
+    exec(blocks(ROOT / f"docs/envs/{task}.md", "python")[0].text, scope)
     assert scope["envs"].num_envs == 256
     assert scope["envs"].spec.id == scope["env"].spec.id == env_id(task)
 

@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 import soft_floor
+from scipy.sparse import issparse
 from soft_floor import Floor
 
-from fish_env import INTEGRATORS, Tank, forces, make_fish
+from fish_env import INTEGRATORS, Tank, forces, make_fish, make_world, statics
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import make_body
+from fish_env.forces import sparse
 from fish_env.forces.evaluate import Evaluator
-from fish_env.world import VACUUM
+from fish_env.linalg import rates
+from fish_env.world import VACUUM, make_anchors
 
 FISH = 8
 SPEEDS = -np.linspace(0.5, 1.0, FISH)
@@ -21,9 +24,8 @@ QUICK = ("leapfrog_chebyshev", "linearly_implicit", "rk4", "radau")
 
 @pytest.fixture(autouse=True)
 def registered():
-    """The floor is in the list, before the walls, and is taken out again."""
-    walls = forces.FORCES.pop("contact")
-    forces.FORCES |= {"floor": soft_floor, "contact": walls}
+    """The floor is in the list, after everything else, and is taken out again."""
+    forces.FORCES["floor"] = soft_floor
     yield
     del forces.FORCES["floor"]
 
@@ -93,8 +95,35 @@ def test_evaluated():
     np.testing.assert_array_equal(damping, alone[1])
 
 
+def test_sparse():
+    """The stiffness of a large body, assembled sparse, has the floor's once, not once for each piece or strip."""
+    count = rates.DENSE // 3 + 50
+    position = np.stack([0.1 * np.arange(count), 0.02 * np.sin(np.arange(count)), np.full(count, -0.01)], axis=1)
+    position[::7, 2] = 0.01  # these are above the floor
+    pairs = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+    body = make_body(position, np.full(count, MASS), pairs, np.full(count - 1, 5.0), np.zeros(count - 1),
+                     np.full(count - 1, 0.09), [])  # fmt: skip
+    world = make_world((0.0, 0.0, -9.8), [((0, 0, 1), -1.0, 0.5)])._replace(extra={"floor": FLOOR})
+    world = world._replace(anchors=make_anchors([3, 3, count - 1], np.zeros((3, 3)), 7.0))
+    found = sparse.tangent(body, world, body.springs.rest_length, position)
+    assert issparse(found) and len(forces.present(body, world)) == 5
+    wanted, _ = Evaluator(body, world).jacobian(body.springs.rest_length, position, np.zeros_like(position))
+    np.testing.assert_allclose(found.toarray(), wanted, rtol=0, atol=1e-12)
+    without = sparse.tangent(body, world._replace(extra=None), body.springs.rest_length, position)
+    floor = (found - without).toarray()
+    np.testing.assert_allclose(floor, np.diag(np.diag(floor)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.diag(floor)[2::3], np.where(position[:, 2] < 0.0, FLOOR.stiffness, 0.0), atol=1e-12)
+
+
+def test_it_resists_shifts():
+    """Statics does not take shifts out of the motions of a free body that lies on such a floor: it comes to rest."""
+    world = make_world((0.0, 0.0, -9.8))._replace(extra={"floor": FLOOR})
+    x = statics.equilibrium(pair().body, world, start=pair().body.position - [0.0, 0.0, 0.02])
+    np.testing.assert_allclose(x[:, 2], -9.8 * MASS / FLOOR.stiffness, rtol=1e-9)
+
+
 def test_walls_take_from_it():
-    """The walls, last in the list, take what presses a node further behind them from the force of the floor too."""
+    """The walls jump and so act last: they take what presses a node further behind them from the floor's force too."""
     body, still = pair().body, np.zeros((2, 3))
     for normal, wanted in (((0, 0, 1), 0.3), ((0, 0, -1), 0.0)):
         planes = np.array([[*normal, 1.0 if normal[2] > 0 else 0.0, 0.5]])

@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import gymnasium as gym
 import moviepy
@@ -343,3 +344,15 @@ def test_pickles_after_drawing():
     env.reset(seed=0)
     picture = env.render()
     assert np.array_equal(pickle.loads(pickle.dumps(env)).render(), picture)
+
+
+def test_an_object_is_painted_in_its_room():
+    """The pictures of an elastic object show the walls around it: without any it says so, before a window opens."""
+    from fish_env.bodies.objects import make_ring
+    from fish_env.render.jelly import Painter
+    from fish_env.world import VACUUM
+
+    ring = make_ring(nodes=8)
+    assert Painter(ring).reach > 0
+    with pytest.raises(ValueError, match=r"has no walls around it; give it a room"):
+        Painter(replace(ring, water=VACUUM))

@@ -101,7 +101,7 @@ def make_derive(names):
                 speed[i, k, 0] = from_v[i, k, 0]
         for e in range(rest.shape[0]):
             rest[e, 0] = from_rest[e, 0]
-        jacobian(body, world, dual, matrices.stiffness, matrices.damping)
+        jacobian(body, world, dual, matrices.stiffness, matrices.damping, 0)
 
     return derive
 

@@ -1,7 +1,7 @@
 """The records a body builder returns: a `Body` with what a tank needs to move it, and what an animal adds to that."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from fish_env.body import Body
 from fish_env.world import VACUUM, World
 
 NOTHING = np.zeros(0, dtype=np.int64)
+GIVEN_LATER: Any = None  # `__post_init__` puts the default there, so that the attribute is never None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,9 +36,9 @@ class ElasticObject:
     """(M,) rest length at full contraction, as a fraction of the natural length."""
     contraction_time: float = 1.0
     """Shortest time from natural length to full contraction, s."""
-    fibres: np.ndarray | None = None
+    fibres: np.ndarray = GIVEN_LATER
     """(K,) all springs that the muscles drive; None: one each."""
-    drives: np.ndarray | None = None
+    drives: np.ndarray = GIVEN_LATER
     """(K,2) the muscles whose mean contraction drives each fibre; the same one twice for most."""
 
     def __post_init__(self):
@@ -88,7 +89,7 @@ class Fish(ElasticObject):
     right: np.ndarray
     mirror: np.ndarray
     """(N,) the node that each node becomes when left and right are exchanged."""
-    landmarks: Landmarks | None = None
+    landmarks: Landmarks = GIVEN_LATER
     """None: the nodes themselves, between the body's faces."""
 
     def __post_init__(self):

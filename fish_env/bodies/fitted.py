@@ -11,7 +11,7 @@ from fish_env.checks import positive_array
 
 def checked_level(level, most) -> int:
     """A level of detail from 1 to `most`, or ValueError."""
-    if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= level <= most):
+    if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= int(level) <= most):
         raise ValueError(f"level is {level!r}; give a whole number from 1 to {most}")
     return int(level)
 

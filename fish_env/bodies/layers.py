@@ -44,7 +44,8 @@ class TwoLayers:
     def __post_init__(self):
         for name, value in asdict(self).items():
             zero = name in ("relaxation_time", "pressure", "gap_pressure")
-            if not (isinstance(value, Real) and np.isfinite(value) and (value > 0 or (zero and value == 0))):
+            number = float(value) if isinstance(value, Real) else np.nan
+            if not (np.isfinite(number) and (number > 0 or (zero and number == 0))):
                 raise ValueError(f"{name} is {value!r}; give a finite, positive number{' or zero' * zero}")
         if not self.inner_radius < self.radius:
             raise ValueError(f"inner_radius is {self.inner_radius} m; give less than the radius, {self.radius} m")
@@ -59,7 +60,7 @@ def chosen_materials(standard: TwoLayers, changes: dict) -> TwoLayers:
     return replace(standard, **changes)
 
 
-def two_layers(skin: Skin, chosen: TwoLayers, factor=1.0) -> tuple[Body, dict[str, slice], Skin]:
+def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -> tuple[Body, dict[str, slice], Skin]:
     """A body at rest of an outer skin and its inner copy, joined by springs; factor (E,) on those along the edges."""
     n, count, flat = len(skin.place), len(skin.edges), skin.faces.shape[1] == 2
     pairs, kinds = layered(skin)

@@ -54,7 +54,8 @@ def topology():
         faces.append((NOSE, a, b, b))
     for number, layer in enumerate(LAYERS[1:6], start=1):  # the square layers
         for side in range(4):
-            unit(*sorted((layer[side], layer[(side + 1) % 4])), OTHER, number - 0.5)
+            i, j = sorted((layer[side], layer[(side + 1) % 4]))
+            unit(i, j, OTHER, number - 0.5)
         unit(layer[0], layer[2], CROSS, number - 0.5)
         unit(layer[1], layer[3], CROSS, number - 0.5)
     for section in range(1, 5):  # between square layers

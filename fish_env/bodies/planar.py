@@ -101,11 +101,8 @@ def rows(p, level) -> Outline:
     along = np.array([0.0, *p.layer_position, 1.0])
     width, depth = np.array([0.0, *p.half_width, 0.0]), np.array([0.0, *p.half_depth, p.tail_half_span])
     at = np.arange(6 * level + 1) / level
-    return Outline(
-        np.repeat(np.arange(6), level),
-        *(p.length * np.interp(at, np.arange(7), row) for row in (along, width, depth)),
-        level,
-    )
+    along, width, depth = (p.length * np.interp(at, np.arange(7), row) for row in (along, width, depth))
+    return Outline(np.repeat(np.arange(6), level), along, width, depth, level)
 
 
 def shape(outline) -> np.ndarray:

@@ -45,11 +45,7 @@ def make_tetrahedral(
     p = tu.checked_parameters("tetrahedral", parameters)
     given = {"bending": bending, "pull": pull, "young": young, "drag": drag}
     bending, pull, young, drag = fitted("tetrahedral", level, SHAPES, **given)
-    along = p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), [0.0, *p.layer_position, 1.0])
-    half = [[0.0, *p.half_width, 0.0], [0.0, *p.half_depth, p.tail_half_span]]
-    width, depth = (p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), row) for row in half)
-    mesh = grid(-along, width, depth, 2 * level, 2 * level)
-    section = np.clip(np.searchsorted(along, -mesh.position[mesh.tets, 0].mean(axis=1)) - 1, 0, 6 * level - 1) // level
+    mesh, section = meshed(p, level)
     modulus = young[section] * (p.length / tu.REFERENCE_LENGTH) ** 2
     tets = make_tets(mesh.position, mesh.tets, modulus, poisson, p.relaxation_time, corotational)
     pairs, stiffness, place = fibres(p, mesh, bending, level)
@@ -84,6 +80,16 @@ def make_tetrahedral(
         mirror=mirror,
         landmarks=landmarks(mesh, level, tu.masses(p)),
     )
+
+
+def meshed(p, level):
+    """The mesh of the default fish's outline, and the section of the body, 0 to 5, in which each tetrahedron is."""
+    along = p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), [0.0, *p.layer_position, 1.0])
+    half = [[0.0, *p.half_width, 0.0], [0.0, *p.half_depth, p.tail_half_span]]
+    width, depth = (p.length * np.interp(np.arange(6 * level + 1) / level, np.arange(7), row) for row in half)
+    mesh = grid(-along, width, depth, 2 * level, 2 * level)
+    section = np.clip(np.searchsorted(along, -mesh.position[mesh.tets, 0].mean(axis=1)) - 1, 0, 6 * level - 1) // level
+    return mesh, section
 
 
 def corner_lines(mesh) -> np.ndarray:

@@ -25,7 +25,8 @@ and `bounds(body, world)` says how stiff and how damped the surroundings make a 
 
 All but `present` and `add_force` may be missing. A force without `add_system` is explicit in the methods that solve
 systems, and one without `add_tangent` is not filtered. Exact derivatives follow from `add_force` by dual numbers
-(`evaluate`), but for a force that jumps and says so by JUMPS: it is left out of them.
+(`evaluate`), but for a force that jumps and says so by JUMPS: it is left out of them. Such a force, a wall, may take
+something from the sum of the others, so it acts after them wherever it stands in the list.
 
 `control` holds what belongs to each fish of the block: rest lengths, and factors on stiffness, drag and on all else
 (`lightness`), each already over the factor on the fish's mass, so that masses are the same for all. A force of which
@@ -42,14 +43,24 @@ from fish_env.simd import Kind, Pack, select, zero
 
 FORCES: dict[str, ModuleType] = {
     module.__name__.rsplit(".", 1)[1]: module
-    for module in (water, springs, tets, pressure, guards, gravity, anchors, contact)
+    for module in (
+        water,
+        springs,
+        tets,
+        pressure,
+        guards,
+        gravity,
+        anchors,
+        contact,
+    )
 }
-"""Every force, in the order in which they are summed. The walls come last: they take something from the sum."""
+"""Every force, in the order in which they are summed."""
 
 
 def present(body, world) -> tuple[str, ...]:
-    """The names of the forces that act on a body in a world."""
-    return tuple(name for name, module in FORCES.items() if module.present(body, world))
+    """The names of the forces that act on a body in a world, in the order in which they act: those that jump last."""
+    names = [name for name, module in FORCES.items() if module.present(body, world)]
+    return tuple(sorted(names, key=lambda name: hasattr(FORCES[name], "JUMPS")))
 
 
 def make_cache(body, world, kind: Kind, names: tuple[str, ...] | None = None) -> Pack:

@@ -3,7 +3,9 @@
 Derivatives are those of the forces' own kernels, which are called with dual numbers: no force states them.
 """
 
+from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +18,7 @@ ONE, DUAL = Kind(1), Kind("dual")
 
 
 @cache
-def compiled(names: tuple[str, ...], function: str):
+def compiled(names: tuple[str, ...], function: str) -> Callable[..., Any]:
     """A function of all these forces, compiled: it fills `block.f`, or returns a number."""
     call = forces.total(names, function)
     if function in ("energy", "failed"):
@@ -47,31 +49,31 @@ def make_dual(body, world, names) -> Pack:
 
 @cache
 def make_jacobian(names: tuple[str, ...]):
-    """The kernel `(body, world, dual, stiffness, damping)` that sets -df/dx and -df/dv, (3N,3N).
+    """The kernel `(body, world, dual, stiffness, damping, begin)` that sets columns of -df/dx and -df/dv, (3N,...).
 
     Of all smooth ones of these forces, on one fish (one lane, float64) in the state that `make_dual`'s pack has in its
-    values. `damping` may have no columns: then it is left out.
+    values. `stiffness` (3N,C) takes the columns from number `begin` on, `damping` all of its own, or (3N,0) none.
     """
     add_force = forces.total(tuple(name for name in names if not hasattr(forces.FORCES[name], "JUMPS")), "add_force")
 
     @kernel
-    def jacobian(body, world, dual, stiffness, damping):
-        x, v, f, size = floats(dual.x), floats(dual.v), floats(dual.f), stiffness.shape[1]
-        columns, together = size + damping.shape[1], directions(dual.f)
+    def jacobian(body, world, dual, stiffness, damping, begin):
+        x, v, f, count = floats(dual.x), floats(dual.v), floats(dual.f), stiffness.shape[1]
+        columns, together = count + damping.shape[1], directions(dual.f)
         for first in range(0, columns, together):
             last = min(first + together, columns)
             for m in range(first, last):
-                moving, place, which = (x, m, m - first + 1) if m < size else (v, m - size, m - first + 1)
+                moving, place, which = (x, begin + m, m - first + 1) if m < count else (v, m - count, m - first + 1)
                 moving[place // 3, place % 3, which] = 1.0
             for i in range(dual.f.size):
                 dual.f[i] = zero(dual.f)
             add_force(body, world, dual.control, dual.x, dual.v, dual.f, dual.cache)
             for m in range(first, last):
-                moving, place, which = (x, m, m - first + 1) if m < size else (v, m - size, m - first + 1)
-                matrix = stiffness if m < size else damping
+                moving, place, which = (x, begin + m, m - first + 1) if m < count else (v, m - count, m - first + 1)
+                matrix, column = (stiffness, m) if m < count else (damping, m - count)
                 moving[place // 3, place % 3, which] = 0.0
-                for row in range(size):
-                    matrix[row, place] = -f[row // 3, row % 3, which]
+                for row in range(matrix.shape[0]):
+                    matrix[row, column] = -f[row // 3, row % 3, which]
 
     return jacobian
 
@@ -82,8 +84,8 @@ def compiled_jacobian(names: tuple[str, ...]):
     jacobian = make_jacobian(names)
 
     @njit
-    def call(block, dual, stiffness, damping):
-        jacobian(block.body, block.world, dual, stiffness, damping)
+    def call(block, dual, stiffness, damping, begin):
+        jacobian(block.body, block.world, dual, stiffness, damping, begin)
 
     return call
 
@@ -119,19 +121,19 @@ class Evaluator:
 
     def jacobian(self, rest_length, x, v) -> tuple[np.ndarray, np.ndarray]:
         """Exact -df/dx (3N,3N) N/m and -df/dv (3N,3N) N s/m. The walls, whose force jumps, are left out."""
-        return self._derivatives(rest_length, x, v, x.size)
+        return self._derivatives(rest_length, x, v, range(x.size), x.size)
 
-    def stiffness(self, rest_length, x, v) -> np.ndarray:
-        """Exact -df/dx (3N,3N) N/m, as `jacobian`."""
-        return self._derivatives(rest_length, x, v, 0)[0]
+    def stiffness(self, rest_length, x, v, columns: range | None = None) -> np.ndarray:
+        """Exact -df/dx (3N,3N) N/m, as `jacobian`, or (3N,C) some of its columns, one after another."""
+        return self._derivatives(rest_length, x, v, range(x.size) if columns is None else columns, 0)[0]
 
-    def _derivatives(self, rest_length, x, v, columns):
+    def _derivatives(self, rest_length, x, v, columns: range, damped: int):
         if self._dual is None:
             self._dual = make_dual(*self._around, self.names)
-        dual, stiffness, damping = self._dual, np.zeros((x.size, x.size)), np.zeros((x.size, columns))
+        dual, stiffness, damping = self._dual, np.zeros((x.size, len(columns))), np.zeros((x.size, damped))
         dual.control.rest_length.memory[:, 0] = rest_length
         dual.x.memory[:, :, 0], dual.v.memory[:, :, 0] = x, v
-        compiled_jacobian(self.names)(self._block, dual, stiffness, damping)
+        compiled_jacobian(self.names)(self._block, dual, stiffness, damping, columns.start)
         return stiffness, damping
 
     def energies(self, rest_length, x, v) -> dict[str, float]:

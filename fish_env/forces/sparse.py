@@ -1,8 +1,9 @@
 """The exact stiffness of a body of any size: the elements' derivatives, worked out a few at a time.
 
 The forces' derivatives come as dense matrices. Here they are worked out for small bodies of some of the elements each,
-whose matrices add up to a sparse one; what an element's derivatives are stands in one place. Of a force that is not of
-this package it is not known how to share it out: its derivatives are worked out for the whole body.
+whose matrices add up to a sparse one; what an element's derivatives are stands in one place. It is not known how to
+share out a force whose elements `_pieces` does not know, one added to the list by its user: its derivatives are worked
+out for the whole body, once, some columns at a time.
 """
 
 import numpy as np
@@ -13,6 +14,7 @@ from fish_env.forces.evaluate import Evaluator
 from fish_env.linalg import rates
 
 PIECE = 48  # elements a kind whose derivatives are worked out together
+STRIP = 240  # columns of the whole body's matrix that are worked out together: what is dense at any time
 SHARED = ("water", "springs", "tets", "pressure", "guards", "gravity", "anchors", "contact")
 """The forces whose elements `_pieces` shares out, and those that have no stiffness."""
 
@@ -25,26 +27,29 @@ def tangent(body, world, rest_length, x):
     """
     names = forces.present(body, world)
     if x.size <= rates.DENSE:
-        return _stiffness(names, body, world, rest_length, x)
-    shared = tuple(name for name in names if name in SHARED)
-    pieces = [(shared, *piece) for piece in _pieces(body, world, rest_length)]
-    if shared != names:
-        others = tuple(name for name in names if name not in SHARED)
-        pieces.append((others, np.arange(len(x)), body, world, rest_length))
-    rows, columns, values = [], [], []
-    for names, nodes, piece, around, rest in pieces:
-        block = _stiffness(names, piece, around, rest, x[nodes])
+        return Evaluator(body, world, names).stiffness(rest_length, x, np.zeros_like(x))
+    known, others = (tuple(name for name in names if (name in SHARED) is shared) for shared in (True, False))
+    parts = [*_shared_out(known, body, world, rest_length, x), *_in_strips(others, body, world, rest_length, x)]
+    rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
+    return coo_array((values, (rows, columns)), shape=(x.size, x.size)).tocsr()
+
+
+def _shared_out(names, body, world, rest_length, x):
+    """Row, column and value of what these forces add between the nodes of a few elements, for all elements."""
+    for nodes, piece, around, rest in _pieces(body, world, rest_length):
+        block = Evaluator(piece, around, names).stiffness(rest, x[nodes], np.zeros((len(nodes), 3)))
         places = (3 * nodes[:, None] + np.arange(3)).ravel()
         i, j = np.nonzero(block)
-        rows.append(places[i])
-        columns.append(places[j])
-        values.append(block[i, j])
-    where = (np.concatenate(rows), np.concatenate(columns))
-    return coo_array((np.concatenate(values), where), shape=(x.size, x.size)).tocsr()
+        yield places[i], places[j], block[i, j]
 
 
-def _stiffness(names, body, world, rest_length, x) -> np.ndarray:
-    return Evaluator(body, world, names).stiffness(rest_length, x, np.zeros_like(x))
+def _in_strips(names, body, world, rest_length, x):
+    """Row, column and value of what these forces add in each strip of columns, if there are any of these forces."""
+    evaluator, still = Evaluator(body, world, names), np.zeros_like(x)
+    for begin in range(0, x.size if names else 0, STRIP):
+        block = evaluator.stiffness(rest_length, x, still, range(begin, min(begin + STRIP, x.size)))
+        i, j = np.nonzero(block)
+        yield i, begin + j, block[i, j]
 
 
 def _pieces(body, world, rest_length):

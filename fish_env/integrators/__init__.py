@@ -25,12 +25,15 @@ class Method(Protocol):
         `elastic`, 1/s2, and `viscous`, 1/s, are the highest eigenvalues of the stiffness and the damping of the body
         and its surroundings over the masses.
         """
+        ...
 
     def costs(self, row: np.ndarray) -> tuple[int, int, int]:
         """Force evaluations, factorisations and solves of a step that is planned so."""
+        ...
 
     def make_work(self, body: Body, kind: Kind) -> Pack:
         """The scratch memory of a block of fish of a kind."""
+        ...
 
     def make_run(self, names: tuple[str, ...]) -> Callable:
         """The kernel `run(body, world, control, x, v, work, cache, n)`, of a block on which forces of these names act.
@@ -42,6 +45,7 @@ class Method(Protocol):
         what went wrong in solves. What it captures are kernels, numbers, tuples of them and truth values, which name
         the compiled code on disk.
         """
+        ...
 
 
 @dataclass(frozen=True)
@@ -82,18 +86,20 @@ def named(name: str) -> Integrator:
 
 IMPLICIT, TU, SONG, BARAFF = "linearly implicit", "Tu 1996, ch. 4", "Song 2009, ch. 5", "Baraff & Witkin 1998"
 HAIRER, DOP853, RADAU = "Hairer, Lubich & Wanner 2003", "Hairer, Norsett & Wanner 1993", "Hairer & Wanner 1996"
-ENTRIES = (
-    Integrator("semi_implicit", 1, "semi-implicit", 1, 1, 1, TU, semi_implicit, refuses=limits.whole_nodes),
-    Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, runge_kutta.SYMPLECTIC_EULER),
-    Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", runge_kutta.RK4),
-    Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.explicit_euler),
-    Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.midpoint),
-    Integrator("leapfrog_chebyshev", 2, "stabilised", 0, 0, 0, "Carle, Hochbruck & Sturm 2020", leapfrog_chebyshev),
-    Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.EULER),
-    Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.PROJECTED),
-    Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.WATER),
-    Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock.ROS2),
-    Integrator("dop853", 8, "adaptive", 0, 0, 0, DOP853, refuses=limits.no_walls, advance=adaptive.advance_dop853),
-    Integrator("radau", 5, "adaptive", 0, 0, 0, RADAU, refuses=limits.no_walls, advance=adaptive.advance_radau),
-)
-INTEGRATORS: dict[str, Integrator] = {record.name: record for record in ENTRIES}
+INTEGRATORS: dict[str, Integrator] = {
+    record.name: record
+    for record in (
+        Integrator("semi_implicit", 1, "semi-implicit", 1, 1, 1, TU, semi_implicit, refuses=limits.whole_nodes),
+        Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, runge_kutta.SYMPLECTIC_EULER),
+        Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", runge_kutta.RK4),
+        Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.explicit_euler),
+        Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.midpoint),
+        Integrator("leapfrog_chebyshev", 2, "stabilised", 0, 0, 0, "Carle, Hochbruck & Sturm 2020", leapfrog_chebyshev),
+        Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.EULER),
+        Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.PROJECTED),
+        Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.WATER),
+        Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock.ROS2),
+        Integrator("dop853", 8, "adaptive", 0, 0, 0, DOP853, refuses=limits.no_walls, advance=adaptive.advance_dop853),
+        Integrator("radau", 5, "adaptive", 0, 0, 0, RADAU, refuses=limits.no_walls, advance=adaptive.advance_radau),
+    )
+}

@@ -82,9 +82,9 @@ def solve(body, world, state, control, duration, method="DOP853", tolerance=TOLE
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; choose from {', '.join(map(repr, METHODS))}")
-    if not (isinstance(tolerance, Real) and LOWEST <= tolerance <= HIGHEST):
+    if not (isinstance(tolerance, Real) and LOWEST <= float(tolerance) <= HIGHEST):
         raise ValueError(f"tolerance is {tolerance!r}; give a number from {LOWEST:g} to {HIGHEST:g}")
-    if not (isinstance(duration, Real) and 0 <= duration < np.inf):
+    if not (isinstance(duration, Real) and 0 <= float(duration) < np.inf):
         raise ValueError(f"duration is {duration!r}; give a finite number of seconds, zero or more")
     evaluator = Evaluator(body, world)
     for b in np.flatnonzero(state.failure == 0):

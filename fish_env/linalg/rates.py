@@ -1,5 +1,7 @@
 """The highest eigenvalue of a structure's stiffness or damping over its masses."""
 
+from typing import Any
+
 import numpy as np
 
 DENSE = 300  # degrees of freedom up to which a dense matrix is faster
@@ -42,4 +44,5 @@ def highest(elements, root) -> float:
     if not scaled.nnz:
         return 0.0
     start = np.cos(np.arange(weight.size)) * weight  # any vector, always the same
-    return float(eigsh(scaled, k=1, which="LA", v0=start, tol=TOLERANCE, return_eigenvectors=False)[0])
+    tolerance: Any = TOLERANCE  # scipy's is taken for a whole number, as its default is 0
+    return float(eigsh(scaled, k=1, which="LA", v0=start, tol=tolerance, return_eigenvectors=False)[0])

@@ -31,6 +31,7 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
     tank, pose = env.tank, env._pose
     fish = tank.fish
     name = next((name for name, task in TASKS.items() if type(env.task) is task), type(env.task).__name__)
+    spheres = getattr(env.task, "spheres", None)
     return Frame(
         position=fish.points(tank.position[i]),
         rest=fish.points(fish.body.position),
@@ -45,6 +46,6 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
         speed=float(np.linalg.norm(pose.velocity[i]) / fish.length),
         caption=str(tank.failure[i]).partition(":")[0],
         task=name,
-        spheres=env.task.spheres(i) if hasattr(env.task, "spheres") else np.zeros((0, 4)),
+        spheres=np.zeros((0, 4)) if spheres is None else spheres(i),
         touchable=getattr(env.task, "touchable", False),
     )

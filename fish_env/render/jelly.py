@@ -34,6 +34,8 @@ class Painter:
     def __init__(self, thing: Layered, size: tuple[int, int] = (WIDTH, HEIGHT)):
         self.thing, self.size = thing, size
         self.canvas = tuple(OVER * side for side in size)
+        if thing.water.planes is None:
+            raise ValueError(f"{thing.name!r} has no walls around it; give it a room (fish_env.bodies.objects.room)")
         self.reach = -float(thing.water.planes[0, 3])  # walls are so far from the origin
         self.solid = thing.skin.shape[1] == 4
         scale = min(self.canvas[0] / 2.3, self.canvas[1] / (2.35 if self.solid else 2.15)) / self.reach
@@ -79,7 +81,8 @@ class Painter:
             self._panel([(-r, -d, -r), (r, -d, -r), (r, d, -r), (-r, d, -r)], FLOOR, 255)
             for g in np.linspace(-1.0, 1.0, 9):
                 for line in (((g * r, -d, -r), (g * r, d, -r)), ((-r, g * d, -r), (r, g * d, -r))):
-                    pygame.draw.line(canvas, HORIZON, *self.view.project(np.array(line))[0], 3)
+                    begin, end = self.view.project(np.array(line))[0]
+                    pygame.draw.line(canvas, HORIZON, begin, end, 3)
             for side in (-r, r):
                 self._panel([(side, -d, -r), (side, d, -r), (side, d, 0.5 * r), (side, -d, 0.5 * r)], FLOOR, 90)
             return

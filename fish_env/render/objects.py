@@ -31,7 +31,8 @@ class Viewer:
         self.tank = Tank(thing, water=thing.water)
         self.painter = Painter(thing, size)
         self.steps = round(FRAME / self.tank.dt)
-        self.stiffness = thing.body.mass.sum() * np.linalg.norm(thing.water.gravity) / (PULL * thing.length)
+        gravity = np.zeros(3) if thing.water.gravity is None else thing.water.gravity
+        self.stiffness = thing.body.mass.sum() * np.linalg.norm(gravity) / (PULL * thing.length)
         self.held: tuple[int, np.ndarray] | None = None
         """The node that the mouse holds, and where the mouse is, (3,) m."""
         self.open = True

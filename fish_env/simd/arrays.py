@@ -1,5 +1,7 @@
 """What kernels ask of an array of numbers or vectors: its floats, its zero, how many fish an element is for."""
 
+from typing import Any
+
 import llvmlite.ir as ir
 import numpy as np
 from numba import types
@@ -12,7 +14,7 @@ from fish_env.simd.packs import WORD, array_at
 from fish_env.simd.types import DIRECTIONS, DUAL, XYZ, Vec3, floats_in, mask_type, width
 
 
-def floats(array):
+def floats(array) -> Any:
     """The memory of vectors (n,3 or 4,w) or of numbers (n,w), as plain floats."""
     n = array.shape[0]
     if isinstance(array, np.ndarray):
@@ -21,7 +23,7 @@ def floats(array):
     return array.memory.reshape(n, -1, w) if isinstance(array, Vectors) else array.memory.reshape(n, w)
 
 
-def zero(array):
+def zero(array) -> Any:
     """The zero of an array's elements."""
     if isinstance(array, Vectors):
         return array[0] * 0.0

@@ -6,7 +6,7 @@ not by the compiled code: hold on to it while a kernel runs.
 """
 
 import hashlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import llvmlite.ir as ir
 import numpy as np
@@ -52,6 +52,10 @@ class Pack:
         self._words = np.array([np.int64(word) for word in words], dtype=np.int64)
         self._address = self._words.ctypes.data
         self._numba_type_ = PackType(label, tuple(described))
+
+    if TYPE_CHECKING:  # every field is an attribute
+
+        def __getattr__(self, name: str) -> Any: ...
 
     @property
     def address(self) -> int:

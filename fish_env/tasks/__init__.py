@@ -10,11 +10,12 @@ from fish_env.tank import Tank
 from fish_env.tasks.avoid import AvoidTask
 from fish_env.tasks.left_after_right import LeftAfterRightTask
 from fish_env.tasks.options import Direction, Option
+from fish_env.tasks.start import POSE_OPTIONS, place
 from fish_env.tasks.swim import SwimTask
 from fish_env.tasks.target import TargetTask
 from fish_env.tasks.turn import TurnTask
 
-__all__ = ["TASKS", "Direction", "Option", "SwimTask", "Task"]
+__all__ = ["POSE_OPTIONS", "TASKS", "Direction", "Option", "SwimTask", "Task", "place"]
 
 
 class Task(Protocol):
@@ -28,30 +29,47 @@ class Task(Protocol):
     Of `vectors`, pictures show the first, as an arrow.
     """
 
-    directions: tuple[Direction, ...]
-    """The vectors that the observation ends with, 3 numbers each."""
-    term_names: tuple[str, ...]
-    """Names of the terms of its reward."""
-    reset_options: Mapping[str, Option]
-    """Keys that `reset(options=...)` accepts, with their ranges and meaning."""
+    episode_steps: int
+    """Environment steps after which `gym.make` truncates an episode of this task."""
+
+    @property
+    def directions(self) -> tuple[Direction, ...]:
+        """The vectors that the observation ends with, 3 numbers each; an attribute."""
+        ...
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Names of the terms of its reward; an attribute."""
+        ...
+
+    @property
+    def reset_options(self) -> Mapping[str, Option]:
+        """Keys that `reset(options=...)` accepts, with their ranges and meaning; an attribute."""
+        ...
 
     def prepare(self, tank: Tank, interval: float) -> None:
         """Make the arrays for the fish of a tank, decisions `interval` seconds apart."""
+        ...
 
     def start(self, tank: Tank, i: int, generator: np.random.Generator, options: Mapping[str, float]) -> None:
         """Begin an episode for fish i, freshly reset."""
+        ...
 
     def vectors(self, tank: Tank, pose: Pose) -> np.ndarray:
         """World vectors (B, directions, 3) that tell each fish what is asked; it sees them in its own frame."""
+        ...
 
     def reward(self, tank: Tank, pose: Pose) -> dict[str, np.ndarray]:
         """Named terms (B,) of the reward for the last control interval; the reward is their sum."""
+        ...
 
     def done(self, tank: Tank, pose: Pose) -> np.ndarray:
         """(B,) True where the task itself ends the episode."""
+        ...
 
     def metrics(self, tank: Tank, i: int, seconds: float) -> dict[str, Any]:
         """What an episode of `seconds` achieved, for the `info` of its last step."""
+        ...
 
 
 TASKS: dict[str, type[Task]] = {

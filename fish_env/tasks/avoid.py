@@ -103,6 +103,7 @@ class AvoidTask(CommandedTurns):
 
     alignment_weight = ALIGNMENT_WEIGHT
     term_names = ("progress", "alignment", "effort", "touch")
+    episode_steps = 300
     look, score = look, score
     directions = (
         *CommandedTurns.directions,

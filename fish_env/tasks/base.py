@@ -1,12 +1,14 @@
 """What the tasks of this package share: their rewards are kernels, so that an environment step is one compiled call."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from fish_env._jit import njit
 from fish_env.pose import Pose, packed_pose
 from fish_env.simd import Kind, Pack, Vectors
+from fish_env.tasks.options import Direction
 
 
 @cache
@@ -39,8 +41,11 @@ class CompiledTask:
     The environments put both into their one compiled call, unless a subclass overrides `reward` or `vectors` in Python.
     """
 
-    look = None
-    score = None
+    look: Any = None
+    score: Any = None
+    directions: tuple[Direction, ...]
+    term_names: tuple[str, ...]
+    pack: Any
 
     @property
     def kernels(self):

@@ -45,6 +45,7 @@ class SwimTask(CompiledTask):
     """
 
     term_names = ("progress", "effort")
+    episode_steps = 250
     look, score = look, score
 
     def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None):

@@ -96,6 +96,7 @@ class TargetTask(CompiledTask):
     """
 
     term_names = ("progress", "alignment", "reached", "effort")
+    episode_steps = 500
     directions = (
         Direction("direction of the target", "in the body frame", 1.0, 0.3),
         Direction("way to the target", "body lengths, in the body frame", 10.0, 1.0),
@@ -142,7 +143,8 @@ class TargetTask(CompiledTask):
         for k, name in enumerate(("distance", "bearing", "elevation")):
             offers[0, k] = options.get(name, offers[0, k])
         self.reached[i] = self.missed[i] = self._waited[i] = 0
-        self._target[i] = centre + tuple(offered(*offers[0], yaw, tank.fish.length))
+        away, bearing, elevation = offers[0]
+        self._target[i] = centre + tuple(offered(away, bearing, elevation, yaw, tank.fish.length))
         self._gap[i] = np.linalg.norm(self._target[i] - tank.position[i, tank.fish.nose]) / tank.fish.length
 
     def spheres(self, i) -> np.ndarray:

@@ -186,6 +186,7 @@ class CommandedTurns(CompiledTask, ABC):
     alignment_weight = ALIGNMENT_WEIGHT
     overshoot_weight = OVERSHOOT_WEIGHT
     term_names = ("progress", "alignment", "effort", "overshoot")
+    episode_steps = 250
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
     look, score = look, score
 
