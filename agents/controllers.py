@@ -51,6 +51,6 @@ class Gait:
 
 
 def best_gait() -> Gait:
-    """The fastest open-loop gait of the default fish, as `benchmarks/calibrate.py` found it."""
+    """The fastest open-loop gait of the default fish, as `benchmarks/calibration/search.py` found it."""
     found = json.loads(GAIT_FILE.read_text())["gait"]
     return Gait(found["frequency"], tuple(found["amplitude"]), tuple(found["lag"]))

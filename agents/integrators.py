@@ -10,9 +10,9 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.evaluate import Scores, episode_scores, gathered, played, policy_controller
-from agents.report import opened, pyplot, shipped
+from agents.records import RESULTS, pyplot, write_csv
+from agents.report import opened, shipped
 from agents.results import rounded
-from benchmarks.provenance import RESULTS, write_csv
 from fish_env import INTEGRATORS
 from fish_env.envs import FishVectorEnv
 

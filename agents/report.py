@@ -23,6 +23,7 @@ from agents.evaluate import (
 )
 from agents.play import write_video
 from agents.policy import Policy, load_policy
+from agents.records import pyplot
 from fish_env.envs import FishVectorEnv
 
 PRETRAINED = Path(__file__).parent / "pretrained"
@@ -145,16 +146,6 @@ def record_video(config: TrainConfig, policy: Policy, path: Path, seconds: float
         frames.append(env.render()[0])
     write_video(frames, env.metadata["render_fps"] / 2, path)
     env.close()
-
-
-def pyplot():
-    """Matplotlib without a display."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
 
 
 def shipped() -> list[Path]:

@@ -5,7 +5,6 @@ benchmarks/results/learning/ gets <task>_seeds.csv (a row a seed and condition),
 condition and metric, with intervals) and <task>_curves.csv; docs/images/curves.svg shows the curves.
 """
 
-import csv
 import json
 import re
 import shutil
@@ -17,14 +16,15 @@ from agents.bound import possible
 from agents.config import CONFIGS, RESULTS
 from agents.evaluate import EPISODES, Scores, evaluate, make_eval_env, measuring, policy_controller
 from agents.policy import load_policy
-from agents.report import PRETRAINED, baselines, pyplot
-from benchmarks import provenance
+from agents.records import RESULTS as TABLES
+from agents.records import pyplot, read_rows, write_csv
+from agents.report import PRETRAINED, baselines
 
 COMMAND = "python train.py all"
 RESAMPLES = 2000
 CURVE_POINTS = 60
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
-LEARNING = provenance.RESULTS / "learning"
+LEARNING = TABLES / "learning"
 PAGE = Path(__file__).parent.parent / "docs" / "results.md"
 README = Path(__file__).parent.parent / "README.md"
 UNITS = {
@@ -97,9 +97,9 @@ def publish_task(task: str, runs: list[Path]) -> None:
                                     "episodes": EPISODES})  # fmt: skip
         if not condition:
             ship(runs, methods["PPO"], result.score, PRETRAINED / task)
-    provenance.write_csv(f"learning/{task}_seeds.csv", seed_rows, COMMAND)
-    provenance.write_csv(f"learning/{task}_methods.csv", method_rows, COMMAND)
-    provenance.write_csv(f"learning/{task}_curves.csv", [row for run in runs for row in curve_rows(run)], COMMAND)
+    write_csv(f"learning/{task}_seeds.csv", seed_rows, COMMAND)
+    write_csv(f"learning/{task}_methods.csv", method_rows, COMMAND)
+    write_csv(f"learning/{task}_curves.csv", [row for run in runs for row in curve_rows(run)], COMMAND)
     print(f"\n{task}\n{table_of(method_rows)}")
 
 
@@ -244,9 +244,3 @@ def cell(row: dict) -> str:
 def rounded(value: float) -> float | str:
     """Four digits after the point, or nothing for what is not known."""
     return round(float(value), 4) if np.isfinite(value) else ""
-
-
-def read_rows(path: Path) -> list[dict]:
-    """The rows of a CSV file, without its comment lines."""
-    with path.open() as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))

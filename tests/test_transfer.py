@@ -13,7 +13,7 @@ from agents.build import export_policy, make_env, make_model, start_from
 from agents.config import CONFIGS
 from agents.evaluate import evaluate, make_eval_env, policy_controller
 from agents.policy import load_policy
-from benchmarks import transfer, transfer_chart, transfer_runs
+from benchmarks.learning import transfer, transfer_chart, transfer_runs
 from fish_env import make_fish
 
 SHORT = {"timesteps": 1024, "num_envs": 8}
