@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from agents.report import opened, pyplot
+from agents.records import RESULTS, pyplot, write_csv
+from agents.report import opened
 from agents.results import rounded
-from benchmarks.provenance import RESULTS, write_csv
 from fish_env import INTEGRATORS
 from fish_env.control import Scores, policy_controller, run_episodes, shipped_policies
 from fish_env.control.evaluation import episode_scores, gathered

@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.build import export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, TrainConfig
+from agents.records import pyplot
 from fish_env.control import (
     EPISODES,
     FIRST_SEED,
@@ -149,16 +150,6 @@ def record_video(config: TrainConfig, policy: Policy, path: Path, seconds: float
         frames.append(env.render()[0])
     write_video(frames, env.metadata["render_fps"] / 2, path)
     env.close()
-
-
-def pyplot():
-    """Matplotlib without a display."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
 
 
 def opened(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Policy, FishVectorEnv]:

@@ -5,7 +5,6 @@ benchmarks/results/learning/ gets <task>_seeds.csv (a row for each seed and cond
 each method, condition and metric, with intervals) and <task>_curves.csv; docs/images/curves.svg shows the curves.
 """
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -14,8 +13,9 @@ import numpy as np
 
 from agents.avoidability import avoidable
 from agents.config import CONFIGS, RESULTS
-from agents.report import baselines, pyplot
-from benchmarks import provenance
+from agents.records import RESULTS as TABLES
+from agents.records import pyplot, read_rows, write_csv
+from agents.report import baselines
 from fish_env.control import (
     EPISODES,
     Scores,
@@ -32,7 +32,7 @@ COMMAND = "python train.py all"
 RESAMPLES = 2000
 CURVE_POINTS = 60
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
-LEARNING = provenance.RESULTS / "learning"
+LEARNING = TABLES / "learning"
 PAGE = Path(__file__).parent.parent / "docs" / "results.md"
 README = Path(__file__).parent.parent / "README.md"
 UNITS = {
@@ -108,9 +108,9 @@ def publish_task(task: str, runs: list[Path]) -> None:
                                     "episodes": EPISODES})  # fmt: skip
         if not condition:
             ship(runs, methods["PPO"], result.score, PRETRAINED / task)
-    provenance.write_csv(f"learning/{task}_seeds.csv", seed_rows, COMMAND)
-    provenance.write_csv(f"learning/{task}_methods.csv", method_rows, COMMAND)
-    provenance.write_csv(f"learning/{task}_curves.csv", [row for run in runs for row in curve_rows(run)], COMMAND)
+    write_csv(f"learning/{task}_seeds.csv", seed_rows, COMMAND)
+    write_csv(f"learning/{task}_methods.csv", method_rows, COMMAND)
+    write_csv(f"learning/{task}_curves.csv", [row for run in runs for row in curve_rows(run)], COMMAND)
     print(f"\n{task}\n{table_of(method_rows)}")
 
 
@@ -258,9 +258,3 @@ def cell(row: dict) -> str:
 def rounded(value: float) -> float | str:
     """Four digits after the point, or nothing for what is not finite."""
     return round(float(value), 4) if np.isfinite(value) else ""
-
-
-def read_rows(path: Path) -> list[dict]:
-    """The rows of a CSV file, without its comment lines."""
-    with path.open() as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))

@@ -19,8 +19,8 @@ from agents.build import LEARNERS, export_policy, make_env, make_model, start_fr
 from agents.callbacks import Checkpoint, LearningCurve, Progress, save_model
 from agents.config import CONFIGS, RESULTS, TrainConfig, settings_of
 from agents.fast_ppo import FastPPO
+from agents.records import provenance
 from agents.report import report
-from benchmarks.provenance import provenance
 from fish_env import BODIES, make_fish
 from fish_env.control.files import writable_folder, write_text
 

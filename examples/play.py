@@ -10,9 +10,9 @@ your own. A policy is a function of the observation and needs numpy alone.
 import argparse
 
 import gymnasium as gym
-from fish_env.control import load_policy, shipped_policies, shipped_policy, write_video
 
 import fish_env  # noqa: F401 - registers the environments
+from fish_env.control import load_policy, shipped_policies, shipped_policy, write_video
 
 SLOWER = 2  # times slower than life in a video: a tail beats faster than the eye follows
 

@@ -14,7 +14,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 import fish_env
-from agents import integrators, report, results, train_all
+from agents import integrators, records, report, results, train_all
 from agents import train as training
 from agents.build import Tanh, export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, settings_of
@@ -227,7 +227,7 @@ def test_interquartile_mean_and_interval():
 def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
     """Publishing writes seeds, methods and curves, ships the median seed, and fills in the table of the page."""
     monkeypatch.setattr(results, "LEARNING", tmp_path / "learning")
-    monkeypatch.setattr(results.provenance, "RESULTS", tmp_path)
+    monkeypatch.setattr(records, "RESULTS", tmp_path)
     monkeypatch.setattr(results, "PRETRAINED", tmp_path / "pretrained")
     monkeypatch.setattr(results, "EPISODES", 4)
     monkeypatch.setattr(results, "RESAMPLES", 20)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import small_bodies
 
-from benchmarks import boundary
+from benchmarks.accuracy import boundary
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import hold

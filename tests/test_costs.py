@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import costs, scaling, throughput
+from benchmarks.speed import costs, scaling, throughput
 from fish_env import make_fish
 
 FISH = make_fish()

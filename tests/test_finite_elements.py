@@ -6,8 +6,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from benchmarks import finite_elements as beam
-from benchmarks.factorisation import slender
+from benchmarks.accuracy import beam_bending, beam_vibration, block_recovery
+from benchmarks.common import beam
+from benchmarks.speed.factorisation import slender
 from fish_env import Tank, make_world, statics
 from fish_env.bodies.mesh import box, grid, lumped_mass
 from fish_env.body import hold
@@ -73,8 +74,8 @@ def test_rigid_rotation_costs_nothing():
     forces = {}
     for corotational in (True, False):
         body, _ = irregular(corotational=corotational)
-        f = Evaluator(body, beam.make_world()).force(np.zeros(0), body.position @ TURN.T + 1.0, 0 * body.position)
-        stiffness = np.abs(statics.tangent(body, beam.make_world(), np.zeros(0), body.position).diagonal()).max()
+        f = Evaluator(body, make_world()).force(np.zeros(0), body.position @ TURN.T + 1.0, 0 * body.position)
+        stiffness = np.abs(statics.tangent(body, make_world(), np.zeros(0), body.position).diagonal()).max()
         forces[corotational] = np.abs(f).max() / (stiffness * 0.1)
     assert forces[True] < 1e-10
     assert forces[False] > 1e-2
@@ -94,9 +95,11 @@ def test_cantilever_converges():
         if n < 16:
             frequency.append(beam.vertical(body)[0] / beam.first_frequency(body))
             even.append(beam.vertical(beam.cantilever(n, rule="uniform"))[0] / beam.first_frequency(body))
-    assert beam.order(cells[1:], 1 / np.array(deflection[1:]) - 1 / (1 + beam.SHEAR)) == pytest.approx(2.0, abs=0.1)
+    assert beam_bending.order(cells[1:], 1 / np.array(deflection[1:]) - 1 / (1 + beam.SHEAR)) == pytest.approx(
+        2.0, abs=0.1
+    )
     assert abs(deflection[-1] - 1) < 0.02
-    assert beam.order(cells[:3], np.array(frequency) ** 2 - 1) == pytest.approx(2.0, abs=0.2)
+    assert beam_bending.order(cells[:3], np.array(frequency) ** 2 - 1) == pytest.approx(2.0, abs=0.2)
     assert abs(frequency[-1] - 1) < 0.02 and abs(even[-1] - 1) < 0.02
     np.testing.assert_allclose(np.array(even) / frequency, 1 - 0.5 / (beam.RATIO * np.array(cells[:3])), atol=0.003)
 
@@ -105,22 +108,22 @@ def test_large_bending():
     """Under a load that bends it through 80 degrees the corotational beam is an elastica and keeps its volume."""
     load = (2.0, 5.0, 10.0)
     turned, fixed = (beam.cantilever(4, corotational=choice) for choice in (True, False))
-    *_, (_, x) = beam.bend(turned, load)
-    *_, (_, y) = beam.bend(fixed, load)
-    assert abs(beam.volume(turned, x) - 1) < 0.03
-    assert beam.volume(fixed, y) - 1 > 0.2
+    *_, (_, x) = beam_bending.bend(turned, load)
+    *_, (_, y) = beam_bending.bend(fixed, load)
+    assert abs(beam_bending.volume(turned, x) - 1) < 0.03
+    assert beam_bending.volume(fixed, y) - 1 > 0.2
     softer = 10.0 * 0.8274 / (1 + beam.SHEAR)  # these elements bend 17 % less than they should under a small load
-    ends = beam.elastica(softer)[-1]
+    ends = beam_bending.elastica(softer)[-1]
     np.testing.assert_allclose(beam.tip(turned, x)[[0, 2]] / beam.LENGTH, ends, atol=0.02)
 
 
-@pytest.mark.parametrize("method", beam.STEPS)
+@pytest.mark.parametrize("method", block_recovery.STEPS)
 @pytest.mark.parametrize("how", ["reflected", "flattened", "scrambled"])
 def test_ruined_bodies_recover(how, method):
     """A block turned inside out, flattened or scrambled comes back to its shape, and no tank gives it up."""
-    body, lowest = beam.damped_block((6, 2, 2))
-    start = beam.ruined(body, how, seed=1)
-    result = beam.recover(body, lowest, start, method)
+    body, lowest = block_recovery.damped_block((6, 2, 2))
+    start = block_recovery.ruined(body, how, seed=1)
+    result = block_recovery.recover(body, lowest, start, method)
     assert result["inverted_at_start"] == 1.0 if how == "reflected" else result["inverted_at_start"] > 0.3
     assert result["failure"] == "" and result["out_of_shape"] < 1e-6
 
@@ -134,9 +137,9 @@ def test_implicit_method_is_implicit_euler(steps, relaxation):
     """
     plain = beam.cantilever(2)
     body = beam.cantilever(2, relaxation_time=relaxation / beam.vertical(plain)[0])
-    places, energy = beam.ringing(body, "linearly_implicit", 1.5, steps)
-    frequency, rate = beam.rates_of(places, steps)
-    wanted = beam.implicit_euler(relaxation, steps)
+    places, energy = beam_vibration.ringing(body, "linearly_implicit", 1.5, steps)
+    frequency, rate = beam_vibration.rates_of(places, steps)
+    wanted = beam_vibration.implicit_euler(relaxation, steps)
     assert frequency == pytest.approx(wanted[0], rel=1e-6)
     assert rate == pytest.approx(wanted[1], rel=1e-6)
     assert abs(frequency / (2 * np.pi) - 1) < (0.05 if steps == 20 else 0.002)
@@ -147,14 +150,14 @@ def test_decay_of_the_first_mode():
     """It decays at half the relaxation time times the square of its angular frequency, to a thousandth."""
     period = 1.0 / beam.vertical(beam.cantilever(2))[0]
     body = beam.cantilever(2, relaxation_time=0.01 * period)
-    places, _ = beam.ringing(body, "leapfrog_chebyshev", 2.0, 500)
-    assert beam.rates_of(places, 500)[1] == pytest.approx(0.5 * 0.01 * (2 * np.pi) ** 2, rel=1e-3)
+    places, _ = beam_vibration.ringing(body, "leapfrog_chebyshev", 2.0, 500)
+    assert beam_vibration.rates_of(places, 500)[1] == pytest.approx(0.5 * 0.01 * (2 * np.pi) ** 2, rel=1e-3)
 
 
-@pytest.mark.parametrize("method", beam.STEPS)
+@pytest.mark.parametrize("method", block_recovery.STEPS)
 def test_drag_of_the_air_only_slows(method):
     """One step on small motions about rest of a strongly damped body in thick air has no eigenvalue beyond 1."""
-    body, lowest = beam.damped_block((12, 2, 2))
+    body, lowest = block_recovery.damped_block((12, 2, 2))
     step, size, small = 0.02 / lowest, body.position.size, 1e-9
     air = make_world(viscosity=0.2 * lowest * float(body.mass.mean()))
     tank = Tank(beam.loose(body, step), 2 * size, method, step, air, threads=1)

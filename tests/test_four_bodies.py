@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from benchmarks.alike import drag_power, first_bending, measures, swing
-from benchmarks.calibrate_bodies import compliance_off
+from benchmarks.calibration.bodies import compliance_off
+from benchmarks.calibration.structural_match import drag_power, first_bending, measures, swing
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.body import FAILURES
 from fish_env.forces.evaluate import Evaluator

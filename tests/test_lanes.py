@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fish_env
-from benchmarks.problems import left_after_right
+from benchmarks.common.problems import left_after_right
 from fish_env.envs import FishVectorEnv
 from fish_env.tank import Tank
 

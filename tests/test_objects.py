@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from kernels import Block
 
-from benchmarks.song_methods import largest_stable
-from benchmarks.song_scenes import SCENES, outside, stage, watched
-from benchmarks.song_shapes import estimate, estimated_normals, estimated_volume, roundness
+from benchmarks.objects.methods import largest_stable
+from benchmarks.objects.scenes import SCENES, outside, stage, watched
+from benchmarks.objects.shapes import estimate, estimated_normals, estimated_volume, roundness
 from fish_env import Tank
 from fish_env.bodies.objects import OBJECTS, RING, make_ring, make_sphere, make_string, make_uniform_sphere, room
 from fish_env.bodies.skins import KINDS, circle, evened, globe, octasphere, tensions

@@ -5,7 +5,8 @@ from importlib import import_module
 
 import pytest
 
-from benchmarks.speed import scene, timing
+from benchmarks.common import timing
+from benchmarks.speed import scene
 
 STEPS = 20  # at least: some take many at a time
 

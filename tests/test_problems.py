@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks import problems, work_precision
+from benchmarks.accuracy import work_precision
+from benchmarks.common import problems
+from benchmarks.common.charts import METHOD_STYLE
 from fish_env import INTEGRATORS
 
 TURN = problems.problems()["turn"]
@@ -83,7 +85,7 @@ def test_a_row(truth):
     assert np.isinf(failed["error"]) and np.isnan(failed["forces_per_interval"]) and failed["failure"]
 
 
-def test_cheapest():
+def test_least_expensive():
     """The cheapest accurate row is found only among steps below which everything is accurate."""
     rows = [
         {"scene": "s", "integrator": "a", "refine": np.inf, "substeps": k, "error": error, "us_per_interval": float(k)}
@@ -91,9 +93,9 @@ def test_cheapest():
     ]
     rows.append(rows[0] | {"integrator": "b", "error": np.inf, "us_per_interval": np.nan})
     rows.append(rows[0] | {"refine": 0.1, "substeps": 3, "us_per_interval": 5.0})
-    assert work_precision.cheapest(rows, "s", ["a", "b"])["substeps"] == 4
+    assert work_precision.least_expensive(rows, "s", ["a", "b"])["substeps"] == 4
 
 
 def test_every_method_has_a_style():
     """Every fixed-step method is told apart in the charts."""
-    assert set(work_precision.STYLE) == {n for n, record in INTEGRATORS.items() if record.kind != "adaptive"}
+    assert set(METHOD_STYLE) == {n for n, record in INTEGRATORS.items() if record.kind != "adaptive"}

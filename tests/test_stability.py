@@ -4,8 +4,8 @@ import naive
 import numpy as np
 import pytest
 
-from benchmarks import attack, margins, stability
-from benchmarks.problems import scaled
+from benchmarks.common.problems import scaled
+from benchmarks.stability import attack, attack_search, cases, linear, margins, mistreatment, runs
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.failures import FAILURES, STRETCH_LIMIT, TORN
@@ -14,7 +14,7 @@ FISH = make_fish()
 LONGEST = 10 * FISH.control_interval
 OMEGA = np.sqrt(FISH.body.elastic_rate)
 THETA = FISH.body.springs.damping[0] / FISH.body.springs.stiffness[0]
-CASES = attack.kept()
+CASES = cases.stored()
 each_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 
 
@@ -23,7 +23,7 @@ each_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 
 def test_modes_are_those_of_the_body():
     """As many vibrations as coordinates less six; the highest is the body's, all relax in the units' time."""
-    squares, damping = stability.modes(FISH.body)
+    squares, damping = linear.modes(FISH.body)
     assert squares.size == 3 * FISH.body.mass.size - 6
     assert np.isclose(squares.max(), FISH.body.elastic_rate, rtol=1e-12)
     assert np.allclose(damping, THETA * squares, rtol=1e-9, atol=0)
@@ -36,27 +36,27 @@ def test_limit_of_symplectic_euler(name, factor):
     body = scaled(FISH, stiffness=factor).body
     omega, theta = OMEGA * np.sqrt(factor), THETA / factor
     expected = (np.sqrt((omega * theta) ** 2 + 4.0) - omega * theta) / omega
-    assert np.isclose(stability.linear_limit(name, body, LONGEST), expected, rtol=1e-5)
+    assert np.isclose(linear.linear_limit(name, body, LONGEST), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("factor", [1.0, 100.0])
 def test_limit_of_explicit_euler(factor):
     """The relaxation time, where every mode is lightly damped."""
     body = scaled(FISH, stiffness=factor).body
-    assert np.isclose(stability.linear_limit("explicit_euler", body, LONGEST), THETA / factor, rtol=1e-3)
+    assert np.isclose(linear.linear_limit("explicit_euler", body, LONGEST), THETA / factor, rtol=1e-3)
 
 
 def test_limit_of_rk4_undamped():
     """2 sqrt(2) over the highest frequency: its stability region's end on the imaginary axis."""
     body = scaled(FISH, damping=0.0).body
-    assert np.isclose(stability.linear_limit("rk4", body, LONGEST), np.sqrt(8.0) / OMEGA, rtol=1e-5)
+    assert np.isclose(linear.linear_limit("rk4", body, LONGEST), np.sqrt(8.0) / OMEGA, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", [n for n in stability.FIXED if INTEGRATORS[n].kind != "explicit"])
+@pytest.mark.parametrize("name", [n for n in runs.FIXED if INTEGRATORS[n].kind != "explicit"])
 def test_no_linear_limit(name):
     """A method that solves for, or filters, the whole stiffness bears any step on a hundredfold stiff body at rest."""
     body = scaled(FISH, stiffness=100.0).body
-    assert np.isinf(stability.linear_limit(name, body, LONGEST)) == (name != "semi_implicit")
+    assert np.isinf(linear.linear_limit(name, body, LONGEST)) == (name != "semi_implicit")
 
 
 # The survey
@@ -65,18 +65,25 @@ def test_no_linear_limit(name):
 def test_limit_is_below_every_unstable_step():
     """A stable step beyond an unstable one does not count."""
     found = ((1.0, 2), (0.5, 1), (0.3, 2), (0.2, 1), (0.1, 0))
-    rows = [{"step_s": h, "verdict": stability.VERDICTS[v]} for h, v in found]
-    assert stability.limit(rows) == (0.2, 0.3)
-    assert stability.limit(rows[4:]) == (0.1, np.inf)
-    assert np.isnan(stability.limit(rows[:1])[0])
+    rows = [{"step_s": h, "verdict": runs.VERDICTS[v]} for h, v in found]
+    assert runs.limit(rows) == (0.2, 0.3)
+    assert runs.limit(rows[4:]) == (0.1, np.inf)
+    assert np.isnan(runs.limit(rows[:1])[0])
+
+
+def test_the_survey_covers_every_body():
+    """Every body as it is, and the default one at every stiffness."""
+    found = [(name, factor) for name, factor, _ in runs.cases()]
+    assert {name for name, factor in found if factor == 1.0} == set(BODIES)
+    assert [factor for name, factor in found if name == FISH.name] == list(runs.STIFFNESS)
 
 
 def test_verdicts():
-    """The truth is accurate by its own measure, explicit Euler blows up at the control interval, and says why."""
-    path, energy = stability.truth(FISH)
-    cells = [stability.cell(FISH, *run, path, energy) for run in (("rk4", 64, 1), ("symplectic_euler", 16, 1),
+    """RK4 is accurate; explicit Euler fails at the control interval, and says why."""
+    path, energy = runs.reference(FISH)
+    cells = [runs.cell(FISH, *run, path, energy) for run in (("rk4", 64, 1), ("symplectic_euler", 16, 1),
                                                                 ("explicit_euler", 1, 1))]  # fmt: skip
-    assert [cell["verdict"] for cell in cells] == list(stability.VERDICTS)
+    assert [cell["verdict"] for cell in cells] == list(runs.VERDICTS)
     assert cells[0]["failure"] == "" and cells[2]["failure"] in [text.split(":")[0] for text in FAILURES[1:]]
 
 
@@ -99,7 +106,7 @@ def test_margin_can_be_missed():
 def test_worst_cases_are_there():
     """Every body has survivors, and the kept cases are small."""
     assert {case["body"] for case in CASES.values() if not case["failure"]} == set(BODIES)
-    assert sum(path.stat().st_size for path in attack.WORST.iterdir()) < 100_000
+    assert sum(path.stat().st_size for path in cases.WORST.iterdir()) < 100_000
 
 
 @each_case
@@ -108,8 +115,8 @@ def test_replay(case):
 
     Whether a fish on the brink fails may hang on the last digit, so a kept failure need not fail again.
     """
-    alone, stretch = attack.replay(case)
-    batch, stretches = attack.replay(case, copies=33, threads=2)
+    alone, stretch = cases.replay(case)
+    batch, stretches = cases.replay(case, copies=33, threads=2)
     batch.close()
     for one, many in zip(alone.state, batch.state, strict=True):
         assert np.isfinite(one).all()
@@ -125,7 +132,7 @@ def test_replay(case):
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case["body"] == FISH.name])
 def test_the_worst_at_the_default_step(name):
     """What stretched the default fish most, at the step it has now: it survives, and what it stretches is bounded."""
-    tank, stretch = attack.replay(CASES[name], attack.Settings(*margins.settings(FISH, None, None)))
+    tank, stretch = cases.replay(CASES[name], cases.Settings(*margins.settings(FISH, None, None)))
     assert tank.alive[0] and stretch[0] < 0.9 * STRETCH_LIMIT
 
 
@@ -134,13 +141,13 @@ def test_every_body_can_be_attacked(name):
     """Every start fits every body, in the axes in which its nodes are free; its sections are those of the landmarks."""
     fish = make_fish(name)
     free = np.broadcast_to(fish.body.inverse_mass > 0.0, (2, *fish.body.position.shape))
-    for start in attack.STARTS:
-        x, v = attack.beginning(start, fish, 2, np.random.default_rng(0))
+    for start in mistreatment.STARTS:
+        x, v = mistreatment.beginning(start, fish, 2, np.random.default_rng(0))
         assert x.shape == v.shape == free.shape and np.isfinite([x, v]).all()
         assert not v[~free].any()
         if fish.flat:
             assert not x[:, :, 2].any()
-    sections = attack.cross_sections(fish)
+    sections = mistreatment.cross_sections(fish)
     assert len(sections) == 5 and all(len(nodes) >= 2 for nodes in sections)
     for nodes in sections:
         np.testing.assert_array_equal(np.sort(fish.mirror[nodes]), nodes)
@@ -150,13 +157,31 @@ def test_every_body_can_be_attacked(name):
 
 def test_attack_of_a_flat_fish():
     """A family of flat fish, turned inside out in part, is mistreated from beginning to end."""
-    family = attack.Family("inverted, bang-bang", 1.0, "bang-bang", "inverted")
-    how = attack.Settings(*margins.settings(make_fish("planar"), None, None))
+    family = mistreatment.Family("inverted, bang-bang", 1.0, "bang-bang", "inverted")
+    how = cases.Settings(*margins.settings(make_fish("planar"), None, None))
     assert how.refine < 1.0
     row, kept = attack.mistreat("planar", family, 3, how, 0, attack.usual_energy(make_fish("planar"), how), Silent())
     assert row["fish"] == 3 and row["refine"] == how.refine and row["worst_stretch"] > 1.0
-    again, stretch = attack.replay(kept[0])
+    again, stretch = cases.replay(kept[0])
     assert again.failure[0] == kept[0]["failure"] and stretch[0] == pytest.approx(kept[0]["stretch"], rel=1e-12)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_an_attack_from_beginning_to_end(name, monkeypatch):
+    """Every family and every search, with few fish and short sequences; a trial writes nothing."""
+    monkeypatch.setattr(mistreatment, "INTERVALS", 12)
+    monkeypatch.setattr(attack_search, "POPULATION", 3)
+    monkeypatch.setattr(attack_search, "SEARCHED", 8)
+    monkeypatch.setattr(attack, "write_csv", lambda *_: pytest.fail("a trial is not published"))
+    monkeypatch.setattr(attack, "store", lambda *_: pytest.fail("cases of a trial are not stored"))
+    rows = attack.attack((name,), fish=60 if name == FISH.name else 60 * attack.OTHERS, evaluations=1)
+    assert [row["family"] for row in rows[:-4]] == [family.name for family in mistreatment.families()]
+    assert all(row["family"].startswith("search for ") for row in rows[-4:])
+    for row in rows:
+        assert row["body"] == name and row["fish"] >= 2 and 0 <= row["failures"] <= row["fish"]
+        assert row["rerun_with_rk4"] == min(row["failures"], cases.EXPLAINED) >= row["rk4_fails_too"]
+        assert row["worst_stretch"] >= 1.0 and row["peak_energy_over_gait"] > 0.0
+    attack.report(rows)
 
 
 class Silent:

@@ -13,7 +13,7 @@ from agents import report
 from agents import train as training
 from agents.build import export_policy, make_env, make_model, start_from
 from agents.config import CONFIGS
-from benchmarks import transfer, transfer_chart, transfer_runs
+from benchmarks.learning import transfer, transfer_chart, transfer_runs
 from fish_env import make_fish
 from fish_env.control import evaluate, load_policy, make_eval_env, policy_controller
 

@@ -5,9 +5,11 @@ import csv
 import numpy as np
 import pytest
 
-from benchmarks import ideas, problems, refinement
-from benchmarks.provenance import RESULTS
-from benchmarks.tried import IDEAS
+from benchmarks.accuracy import refinement
+from benchmarks.accuracy.rejected_methods import REJECTED_METHODS, survey
+from benchmarks.common import problems
+from benchmarks.common.actions import actions
+from benchmarks.common.tables import RESULTS
 from fish_env import INTEGRATORS, Tank, make_fish
 
 TURN, FISH = problems.problems()["turn"], make_fish()
@@ -22,16 +24,19 @@ def truth():
 
 
 def published(name):
-    """A row of what was published of an idea."""
+    """A row of what was published of a method."""
     with (RESULTS / "ideas.csv").open() as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     return next(row for row in rows if (row["scene"], row["method"], row["substeps"]) == ("turn", name, str(AT)))
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in IDEAS])
-def test_ideas(name, truth):
-    """Every idea is as far from the truth, and costs as much, as was published; it leaves the package's list alone."""
-    found, before = ideas.measure(TURN, name, AT, truth), dict(INTEGRATORS)
+EACH = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in REJECTED_METHODS]
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_rejected_methods(name, truth):
+    """Every method has the error and the cost that were published; it leaves the package's list alone."""
+    found, before = survey.measure(TURN, name, AT, truth), dict(INTEGRATORS)
     wanted = published(name)
     assert before == INTEGRATORS and name not in INTEGRATORS
     assert found["error"] == pytest.approx(float(wanted["error"]), rel=0.02)
@@ -39,17 +44,17 @@ def test_ideas(name, truth):
         assert found[cost] == pytest.approx(float(wanted[cost]), rel=0.02)
 
 
-def test_a_tried_method_moves_one_lane():
+def test_a_rejected_method_moves_one_lane():
     """What is kept from step to step belongs to one fish: lanes are refused."""
-    with pytest.raises(ValueError, match="lanes is 8; a method that was only tried takes 1"):
-        IDEAS["velocity_verlet"].make_work(FISH.body, Tank(FISH, 8, lanes=8).kind)
+    with pytest.raises(ValueError, match="lanes is 8; a rejected method takes 1"):
+        REJECTED_METHODS["velocity_verlet"].make_work(FISH.body, Tank(FISH, 8, lanes=8).kind)
 
 
 def test_meter():
     """Steps are counted with those that were thrown away: two force evaluations each, whatever their length."""
     tank = Tank(FISH, 16, water=FISH.water, refine=0.05)
     meter, steps = refinement.Meter(tank), problems.steps_of(FISH)
-    for action in refinement.actions(FISH, "random")[:20]:
+    for action in actions(FISH, "random")[:20]:
         tank.swim(action, FISH.control_interval)
         meter.read(steps)
     row = meter.row()

@@ -1,0 +1,1 @@
+"""What steps, environments and processes cost."""

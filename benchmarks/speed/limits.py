@@ -8,20 +8,16 @@ other. Arithmetic, division with square roots, and loads and stores go through d
 overlap: the longest of the three is a lower bound, unless operations have to wait for one another.
 """
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # so that it runs as a script as well as with -m
-
+import argparse
 from collections import Counter
 from contextlib import contextmanager
 from unittest import mock
 
 import numpy as np
 
-from benchmarks.costs import Glide, swimming, timed
-from benchmarks.provenance import write_csv
-from benchmarks.speed.timing import interleaved
+from benchmarks.common.tables import write_csv
+from benchmarks.common.timing import interleaved
+from benchmarks.speed.costs import Glide, swimming, timed
 from fish_env import Tank, forces, make_fish
 from fish_env._jit import njit
 from fish_env.engine import make_block
@@ -218,7 +214,7 @@ def bounds(kind: Kind, found: Counter, best: dict[str, float]) -> dict[str, floa
 
 
 def measured(kind: Kind) -> float:
-    """Ns that a step of a block of fish of this kind takes, median of tanks made anew."""
+    """Ns that a step of a block of fish of this kind takes, median of several tanks."""
     fish = make_fish()
     options = {"lanes": kind.lanes, "dtype": kind.dtype, "refine": np.inf}
     found = [timed([Glide(swimming(fish, kind.width, **options))], ROUNDS)[0].time[1] for _ in range(SETS)]
@@ -227,6 +223,7 @@ def measured(kind: Kind) -> float:
 
 def main() -> None:
     """Count, measure, print and write."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     found, rows = operations(20), []
     print("one step:", ", ".join(f"{name} {number:.0f}" for name, number in found.most_common()))
     for name, kind in KINDS.items():

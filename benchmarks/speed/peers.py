@@ -7,13 +7,14 @@ Everything runs in one process on one core (the last one it may use), measured i
 masses arrive, after 1000 steps of the same method, where ours do.
 """
 
+import argparse
 import os
 import sys
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2]))  # so that it runs as a script as well as with -m
+from benchmarks.common.tables import write_csv
+from benchmarks.common.timing import interleaved
 
 ROUNDS = 15
 SAMPLE = 0.04  # s that a peer runs in a round, about
@@ -24,7 +25,7 @@ BARS = {1: 15.0, BATCH: 60.0}  # how many of our steps one of MuJoCo's is to tak
 
 def spring_rows(num_fish: int) -> list[dict]:
     """Check, then time, every peer on the same springs; ours first."""
-    from benchmarks.speed import mujoco_springs, newton_springs, scene, timing, warp_springs
+    from benchmarks.speed import mujoco_springs, newton_springs, scene, warp_springs
 
     peers = [*scene.ours(num_fish)]
     for module in (mujoco_springs, newton_springs, warp_springs):
@@ -33,10 +34,10 @@ def spring_rows(num_fish: int) -> list[dict]:
     for peer in peers:
         agreed.append(scene.disagreement(peer))
         print(f"{peer.name:28}{peer.precision}, {num_fish:3} fish: {agreed[-1]:.1e} BL from ours", flush=True)
-        probe = timing.interleaved([(peer.start, partial(peer.advance, peer.chunk), peer.chunk)], 3)[0].time[1]
+        probe = interleaved([(peer.start, partial(peer.advance, peer.chunk), peer.chunk)], 3)[0].time[1]
         steps = peer.chunk * max(1, round(SAMPLE / (probe * 1e-6 * peer.chunk)))
         runs.append((peer.start, partial(peer.advance, steps), steps * num_fish))
-    costs = timing.interleaved(runs, ROUNDS)
+    costs = interleaved(runs, ROUNDS)
     return [
         row("springs", peer.name, peer.package, num_fish, cost, peer.precision, scene.STEP, found)
         for peer, cost, found in zip(peers, costs, agreed, strict=True)
@@ -45,9 +46,7 @@ def spring_rows(num_fish: int) -> list[dict]:
 
 def environment_rows(environments: list, rounds: int) -> list[dict]:
     """Time environment steps; ours first."""
-    from benchmarks.speed import timing
-
-    costs = timing.interleaved([(lambda: None, each.run, each.steps) for each in environments], rounds)
+    costs = interleaved([(lambda: None, each.run, each.steps) for each in environments], rounds)
     return [
         row("environment step", each.name, each.package, each.copies, cost, "", each.interval)
         for each, cost in zip(environments, costs, strict=True)
@@ -82,13 +81,13 @@ def bars(rows: list[dict]) -> bool:
 
 def main() -> int:
     """Measure, print, write, and compare with the bars; exit 1 if one is missed."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         print(f"{', '.join(missing)} not installed; pip install 'fish_env[peers]'", file=sys.stderr)
         return 2
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    from benchmarks.provenance import write_csv
     from benchmarks.speed import environments
 
     rows = [each for num_fish in BARS for each in spring_rows(num_fish)]

@@ -1,4 +1,4 @@
-"""What `benchmarks/calibrate_bodies.py` fitted for a body, and levels of detail."""
+"""What `benchmarks/calibration/bodies.py` fitted for a body, and levels of detail."""
 
 import json
 from numbers import Integral

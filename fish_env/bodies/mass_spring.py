@@ -1,7 +1,8 @@
 """Tu & Terzopoulos' artificial fish: 23 nodes, 91 viscoelastic units, 12 muscles (Tu 1996, ch. 4).
 
-`make_mass_spring` builds the default, calibrated to swim like a fish of its length by `benchmarks/calibrate.py`, which
-wrote `mass_spring.json`; `make_published` keeps the published masses and constants, which barely swim.
+`make_mass_spring` builds the default, calibrated to swim like a fish of its length by
+`benchmarks/calibration/search.py`, which wrote `mass_spring.json`; `make_published` keeps the published masses and
+constants, which barely swim.
 """
 
 import json

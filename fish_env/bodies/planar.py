@@ -1,9 +1,9 @@
 """The flat fish: the default one seen from above, for scenes that stay level.
 
 Upper and lower nodes of each layer become one, motion out of the plane is eliminated, and the springs are those of the
-default fish projected onto the plane, with factors fitted by `benchmarks/calibrate_bodies.py` to its bending stiffness
-and to what its muscles do. The water acts on upright faces as deep as the fish is there. `level` sets how many nodes
-there are.
+default fish projected onto the plane, with factors fitted by `benchmarks/calibration/bodies.py` to its bending
+stiffness and to what its muscles do. The water acts on upright faces as deep as the fish is there. `level` sets how
+many nodes there are.
 """
 
 from typing import NamedTuple

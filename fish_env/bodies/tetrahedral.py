@@ -3,7 +3,7 @@
 The outline is the default fish's, cut into `level` pieces a section and into 2 x `level` cells across and upward. From
 layer to layer run fibres, springs spread over the cross-section: muscles where that fish has them, else tendons. They
 skip the nodes in between, at which a chain of springs would buckle, the sooner the finer. The fibres carry the bending,
-the solid shear and volume. `benchmarks/calibrate_bodies.py` fits both to the default fish.
+the solid shear and volume. `benchmarks/calibration/bodies.py` fits both to the default fish.
 """
 
 import numpy as np

@@ -4,7 +4,7 @@ The outer skin is the default fish's surface, the inner one a smaller copy of it
 of each, radius and shear springs between them; twelve outer ones are muscles. The outer skin is braced across its
 quadrilaterals, without which a body so much longer than it is wide would shear like a lattice. The gas has the pressure
 of the water around while the fish is at rest, so that it resists a change of volume and nothing else.
-`benchmarks/calibrate_bodies.py` fits the stiffness to the default fish.
+`benchmarks/calibration/bodies.py` fits the stiffness to the default fish.
 """
 
 import numpy as np

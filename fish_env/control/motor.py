@@ -6,7 +6,8 @@ angles; larger ones are successive turns. Errors too small for a turn are correc
 side a little. Upper or lower muscles contracted alone make the fish pitch; nothing steers its roll.
 
 Legend: b fish; segment 0 the foremost of three; side 0 left, 1 right; level 0 upper, 1 lower muscle. Angles are
-positive to the left, rad; times are seconds. The numbers in the tables were found by `benchmarks/motor_controllers.py`.
+positive to the left, rad; times are seconds. The numbers in the tables were found by
+`benchmarks/calibration/motor_controllers.py`.
 """
 
 import json

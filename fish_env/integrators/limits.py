@@ -1,7 +1,7 @@
 """Step-size limits of each family of methods, by linear theory about rest: what a default step is taken from.
 
 A body's fastest vibration has the frequency w, w^2 = `elastic_rate`, and the relaxation time s, s w^2 = `viscous_rate`.
-Where `benchmarks/stability.py` measures longer stable steps, these limits stay on the safe side.
+Where `benchmarks/stability/survey.py` measures longer stable steps, these limits stay on the safe side.
 """
 
 import math

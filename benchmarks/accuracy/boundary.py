@@ -1,0 +1,208 @@
+"""Prescribed displacements by a penalty against those by elimination: errors and costs.
+
+    python -m benchmarks.accuracy.boundary            the CSV and the chart (seconds)
+    python -m benchmarks.accuracy.boundary --draw     the chart again, from the CSV
+
+A fish of springs and a bar of tetrahedra are fixed at one end, by elimination, and moved at the other. The penalty is
+an anchor without length on every moved node; its size is a multiple of the largest entry of the stiffness matrix.
+"""
+
+import argparse
+import sys
+from itertools import permutations, product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.common.charts import pyplot, save
+from benchmarks.common.systems import System
+from benchmarks.common.tables import IMAGES, read_table, write_csv
+from fish_env import Tank, make_fish
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import Body, hold, make_body
+from fish_env.elements import make_tets
+from fish_env.forces import rest_matrices
+from fish_env.forces.evaluate import Evaluator
+from fish_env.linalg import rates
+from fish_env.world import VACUUM, Anchors, make_anchors
+
+COMMAND = "python -m benchmarks.accuracy.boundary"
+CSV = "boundary.csv"
+CHART = IMAGES / "boundary.svg"
+PENALTIES = 10.0 ** np.arange(0, 15)
+TEXTBOOK = 1e4  # the multiple that textbooks recommend
+MOST = 1e5  # in time: beyond, the default method would need more stages than it is allowed
+BODIES = {"fish": ("fish of springs", "#0072B2", "o"), "bar": ("bar of tetrahedra", "#D55E00", "s")}
+
+
+class Task(NamedTuple):
+    """A body fixed at one end, the nodes at its other end, and how far each is to move, (K,3) m."""
+
+    body: Body
+    nodes: np.ndarray
+    displacement: np.ndarray
+
+
+def fish_task() -> Task:
+    """The fish, its head fixed, its tail bent to a side by a twentieth of its length."""
+    fish = make_fish()
+    head = fish.body.position[:, 0] >= np.sort(fish.body.position[:, 0])[-5]
+    return Task(hold(fish.body, head), fish.tail, np.tile([0.0, 0.05 * fish.length, 0.0], (2, 1)))
+
+
+def bar_task(cells=(6, 2, 2), size=0.05) -> Task:
+    """A bar of cubes of five-centimetre edges, six tetrahedra each, one end fixed, the other pulled and bent."""
+    grid = np.array(list(product(*(range(n + 1) for n in cells))))
+    number = {tuple(corner): i for i, corner in enumerate(grid.tolist())}
+    nodes = []
+    for cube in product(*map(range, cells)):
+        for order in permutations(np.eye(3, dtype=int)):
+            path = np.array(cube) + np.vstack([np.zeros(3, int), np.cumsum(order, axis=0)])
+            path = path if np.linalg.det(path[1:] - path[0]) > 0 else path[[1, 0, 2, 3]]
+            nodes.append([number[tuple(corner)] for corner in path.tolist()])
+    position = size * grid
+    shape = make_tets(position, nodes, 1e5, 0.3)
+    body = make_body(position, np.full(len(grid), 0.1), [], [], [], [], [], tets=shape)
+    end = np.flatnonzero(grid[:, 0] == cells[0])
+    return Task(hold(body, grid[:, 0] == 0), end, np.tile([0.01, 0.02, 0.0], (end.size, 1)))
+
+
+TASKS = {"fish": fish_task, "bar": bar_task}
+
+
+def largest_entry(body: Body) -> float:
+    """Largest entry of the stiffness matrix at rest, N/m."""
+    return float(abs(rates.assemble(rest_matrices(body), body.position.size)).max())
+
+
+def static_displacement(body: Body, load, moved, pulling: Anchors | None = None) -> np.ndarray:
+    """Solve K u = f about rest for the displacement u (N,3) m, with the kernels that move bodies.
+
+    Args:
+        body: fixed somewhere, or the matrix is singular.
+        load: f, (N,3) N; what the anchors pull with is added to it.
+        moved: (N,3) m: displacement of the fixed degrees of freedom; of the others, zero.
+        pulling: anchors, or None.
+    """
+    springs, tets = body.springs, body.tets
+    stiff = body._replace(  # nothing but stiffness: without mass, damping and tension, the system of a step of 1 s
+        mass=0.0 * body.mass,
+        springs=springs._replace(damping=0.0 * springs.damping, rest_length=present_lengths(body)),
+        tets=tets and tets._replace(relaxation_time=0.0 * tets.relaxation_time),
+    )
+    world = VACUUM._replace(anchors=pulling)
+    system = System(stiff, world, 1.0)
+    system.assemble()
+    system.load[:] = load
+    system.add_pull(moved)
+    if pulling is not None:
+        system.load[:] += Evaluator(stiff, world, ("anchors",)).force(springs.rest_length, body.position, 0.0 * moved)
+    system.eliminate()
+    system.factor_solve()
+    return system.load + moved
+
+
+def present_lengths(body: Body) -> np.ndarray:
+    """Lengths of the springs at rest, (E,) m: taken for the rest lengths, they leave no force at rest."""
+    ends = body.position[body.springs.nodes]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def by_elimination(task: Task) -> np.ndarray:
+    """Displacement (N,3) of all nodes, those to be moved being fixed where they are to go."""
+    moved = np.zeros_like(task.body.position)
+    moved[task.nodes] = task.displacement
+    both = hold(task.body, np.union1d(task.body.held[:, 0], task.nodes))
+    return static_displacement(both, 0 * moved, moved)
+
+
+def penalty(task: Task, multiple: float) -> Anchors:
+    """An anchor without length for every node to be moved, whose stiffness is a multiple of the largest entry of K."""
+    point = task.body.position[task.nodes] + task.displacement
+    return make_anchors(task.nodes, point, multiple * largest_entry(task.body))
+
+
+def by_penalty(task: Task, multiple: float) -> np.ndarray:
+    """Displacement (N,3) of all nodes, those to be moved being pulled by a penalty."""
+    still = np.zeros_like(task.body.position)
+    return static_displacement(task.body, still, still, penalty(task, multiple))
+
+
+def stages(task: Task, multiple: float) -> float:
+    """Force evaluations a step of the fish's default method needs, at the fish's own step; 0 takes the penalty away."""
+    fish = make_fish()
+    thing = ElasticObject(name="fixed fish", body=task.body, length=fish.length, time_step=fish.time_step,
+                          control_interval=fish.control_interval)  # fmt: skip
+    world = VACUUM._replace(anchors=penalty(task, multiple)) if multiple else VACUUM
+    tank = Tank(thing, 1, fish.integrator, water=world)
+    tank.advance(10)
+    assert tank.alive.all(), tank.failure
+    return float(tank.counters["force_evaluations"][0]) / 10
+
+
+def measure(name: str, multiple: float) -> dict:
+    """One row: errors of the moved nodes, and of all nodes, as parts of the displacement."""
+    task = TASKS[name]()
+    found, exact = by_penalty(task, multiple), by_elimination(task)
+    length = np.linalg.norm(task.displacement, axis=1).max()
+    off = np.linalg.norm(found - exact, axis=1) / length
+    return {
+        "body": name,
+        "penalty": multiple,
+        "error_moved_nodes": off[task.nodes].max(),
+        "error_all_nodes": off.max(),
+        "stages": stages(task, multiple) if name == "fish" and multiple <= MOST else "",
+        "stages_without": stages(task, 0.0) if name == "fish" else "",
+    }
+
+
+def draw(rows: list[dict], path: Path) -> None:
+    """Error against penalty for both bodies, and the stages that the fish's method needs."""
+    plt = pyplot()
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
+    for name, (label, colour, marker) in BODIES.items():
+        line = [row for row in rows if row["body"] == name]
+        across, up = [row["penalty"] for row in line], [row["error_moved_nodes"] for row in line]
+        left.loglog(across, up, color=colour, marker=marker, markersize=4.5, label=label)
+    left.loglog(
+        PENALTIES, 0.1 / PENALTIES, color="#999999", linestyle="--", linewidth=0.9, label="proportional to 1/penalty"
+    )
+    left.set(xlabel="penalty, in largest entries of the stiffness matrix",
+             ylabel="error of moved nodes over the displacement",
+             title="Static: the error falls as 1/penalty")  # fmt: skip
+    left.set_ylim(bottom=1e-17)  # below is the rounding of the positions
+    left.legend(frameon=False)
+    line = [row for row in rows if row["body"] == "fish" and row["stages"]]
+    label, colour, marker = BODIES["fish"]
+    right.loglog([row["penalty"] for row in line], [float(row["stages"]) for row in line], color=colour, marker=marker,
+                 markersize=4.5, label=f"{label}, penalty")  # fmt: skip
+    right.axhline(float(line[0]["stages_without"]), color=colour, linestyle=":", label=f"{label}, elimination")
+    right.set(xlabel="penalty, in largest entries of the stiffness matrix", ylabel="force evaluations a step",
+              title="In time: an explicit step costs the root of the penalty")  # fmt: skip
+    right.legend(frameon=False)
+    for panel in (left, right):
+        panel.axvline(TEXTBOOK, color="#bbbbbb", linewidth=0.9, zorder=0)
+        panel.grid(alpha=0.2)
+    save(figure, path)
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draw", action="store_true", help="draw the chart again from the CSV")
+    if not parser.parse_args().draw:
+        write_csv(CSV, [measure(name, multiple) for name in TASKS for multiple in PENALTIES], COMMAND)
+    rows = read_table(CSV)
+    draw(rows, CHART)
+    for name in TASKS:
+        line = [row for row in rows if row["body"] == name and 1e1 <= row["penalty"] <= 1e8]
+        slope = np.polyfit(*np.log([[row[key] for row in line] for key in ("penalty", "error_moved_nodes")]), 1)[0]
+        book = next(row for row in line if row["penalty"] == TEXTBOOK)
+        print(f"{name}: error {book['error_moved_nodes']:.2g} of the displacement at {TEXTBOOK:g}, slope {slope:.4f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,269 @@
+"""Speed charted against accuracy: every integrator, at many steps, on every scene of `benchmarks/common/problems.py`.
+
+    taskset -c 1 python -m benchmarks.accuracy.work_precision            all scenes (about 12 min): CSV and charts
+    taskset -c 1 python -m benchmarks.accuracy.work_precision --draw     the charts again, from the CSV
+    taskset -c 1 python -m benchmarks.accuracy.work_precision --bars     against their bars; exit 1 if one is missed
+
+The error is the largest distance, in body lengths, of any node at the end of any control interval from the
+reference solution. The time is that of one fish of a batch of 8 on one core, per control interval. Failed runs are at
+the top edge.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.common.charts import METHOD_STYLE, pyplot, save
+from benchmarks.common.energy import stretch_and_energy
+from benchmarks.common.problems import (
+    Problem,
+    distance,
+    independent,
+    magnified,
+    problems,
+    reference,
+    run,
+    scaled,
+    steps_of,
+    tank_of,
+    vibration,
+)
+from benchmarks.common.tables import RESULTS, read_table, write_csv
+from fish_env import INTEGRATORS, make_fish
+
+SUBSTEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
+FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]
+DEFAULT = make_fish().integrator
+LINES = [*((name, np.inf) for name in FIXED), (DEFAULT, make_fish().refine)]
+"""Methods, and what refines their steps: the default method with its own refinement too."""
+MOST_SUBSTEPS = {"linearly implicit": 96}  # most steps a control interval that are worth trying
+FEWEST = 7  # valid runs a method must show on a scene, if it has them
+BATCH, REPEATS = 8, 3
+ACCURATE = 0.01  # body lengths
+COMMAND = "python -m benchmarks.accuracy.work_precision"
+CSV = "work_precision.csv"
+TEXTBOOK = ("explicit_euler", "symplectic_euler", "midpoint", "rk4", "semi_implicit", "linearly_implicit",
+            "linearly_implicit_projected", "linearly_implicit_water", "rosenbrock")  # fmt: skip
+
+
+def timed(problem: Problem, name: str, substeps: int, refine: float) -> float:
+    """Microseconds of computing one control interval of one fish, median of repeats, in a batch on one core."""
+    goals = [np.repeat(goal[None], BATCH, axis=0) for goal in problem.contraction]
+    taken = []
+    for _ in range(REPEATS):
+        tank = tank_of(problem, name, substeps, BATCH, refine=refine)
+        begin = time.perf_counter()
+        for goal in goals:
+            tank.drive(goal, substeps)
+        taken.append((time.perf_counter() - begin) / BATCH / len(goals) * 1e6)
+    return median(taken)
+
+
+def measure(
+    problem: Problem, name: str, substeps: int, reference_path: np.ndarray, seconds=True, refine=np.inf
+) -> dict:
+    """A row: the cost of a method at a step on a scene, and its error. Failed runs have no cost."""
+    path, tank = run(problem, name, substeps, refine=refine)
+    valid = bool(tank.alive[0])
+    work = {name: int(values[0]) for name, values in tank.counters.items()}
+    intervals = len(problem.contraction)
+    return {
+        "scene": problem.name,
+        "integrator": name,
+        "refine": refine,
+        "substeps": substeps,
+        "step_ms": problem.fish.control_interval / substeps * 1e3,
+        "error": distance(problem.fish, path, reference_path) if valid else np.inf,
+        "us_per_interval": round(timed(problem, name, substeps, refine), 3) if valid and seconds else np.nan,
+        "forces_per_interval": work["force_evaluations"] / intervals if valid else np.nan,
+        "factorisations_per_interval": work["factorisations"] / intervals if valid else np.nan,
+        "solves_per_interval": work["solves"] / intervals if valid else np.nan,
+        "refined_intervals": work["refinements"],
+        "non_positive_pivots": work["non_positive_pivots"],
+        "failure": tank.failure[0],
+    }
+
+
+def steps_worth_trying(name: str) -> list[int]:
+    """Substeps of a control interval, the largest step first."""
+    return [k for k in SUBSTEPS if k <= MOST_SUBSTEPS.get(INTEGRATORS[name].kind, SUBSTEPS[-1])]
+
+
+def sweep(problem: Problem, reference_path: np.ndarray, bar: tqdm) -> list[dict]:
+    """Every method at every step, largest first; a method stops once it has enough valid rows and 1e-4 is reached."""
+    rows = []
+    for name, refine in LINES:
+        valid = 0
+        for substeps in steps_worth_trying(name):
+            bar.set_postfix_str(f"{problem.name} {name} {substeps}")
+            rows.append(measure(problem, name, substeps, reference_path, refine=refine))
+            valid += np.isfinite(rows[-1]["error"])
+            if valid >= FEWEST and (rows[-1]["error"] < 1e-4 or valid >= 10):
+                break
+        bar.update()
+    return rows
+
+
+def reference_of(problem: Problem) -> tuple[np.ndarray, dict]:
+    """The reference of a scene, and a row that says how it was made and how far an independent method is from it."""
+    reference_path, substeps, change = reference(problem)
+    stiff = problem.name in ("turn_x100", "turn_x1000", "turn_damped")
+    method, tolerance = ("Radau", 1e-9) if stiff else ("DOP853", 1e-11)
+    apart = distance(problem.fish, independent(problem, method, tolerance), reference_path)
+    row = {"scene": problem.name, "rk4_substeps": substeps, "change": change, "independent": method,
+           "tolerance": tolerance, "apart": apart,
+           "magnified": round(magnified(problem, reference_path, substeps), 1)}  # fmt: skip
+    return reference_path, row
+
+
+def energy(name: str, substeps: int, seconds=4.0) -> tuple[np.ndarray, np.ndarray]:
+    """Total energy over that at the start, of the undamped fish vibrating in vacuum, at each control interval."""
+    problem = vibration(scaled(make_fish(), damping=0.0))
+    fish = problem.fish
+    tank = tank_of(problem, name, substeps)
+    times, values = [], []
+    for k in range(round(seconds / fish.control_interval)):
+        values.append(stretch_and_energy(tank)[1][0])
+        times.append(k * fish.control_interval)
+        tank.advance(substeps)
+        if not tank.alive[0]:
+            values += [np.inf]
+            times += [(k + 1) * fish.control_interval]
+            break
+    return np.array(times), np.array(values) / values[0]
+
+
+def draw(rows: list[dict], across: str, label: str, path: Path, only=()) -> None:
+    """One panel a scene (those of `only`, or all): error against `across`, a line a method; failed runs on top."""
+    plt = pyplot()
+
+    scenes = {name: problem for name, problem in problems().items() if not only or name in only}
+    shape, size = ((1, len(only)), (5.2 * len(only), 4.6)) if only else ((2, 4), (16, 8.2))
+    figure, panels = plt.subplots(*shape, figsize=size, sharey=True, squeeze=False, layout="constrained")
+    top, bottom = 2.0, 1e-6
+    for panel, (scene, problem) in zip(panels.flat, scenes.items(), strict=True):
+        mine = [row for row in rows if row["scene"] == scene]
+        for name, refine in LINES:
+            colour, marker = METHOD_STYLE.get(name, ("#444444", "P"))
+            line = sorted((row for row in mine if (row["integrator"], row["refine"]) == (name, refine)),
+                          key=lambda row: row["substeps"])  # fmt: skip
+            valid = [row for row in line if np.isfinite(row["error"])]
+            size = 9 if name == DEFAULT else 4.5
+            dashes, label_of = ("--", f"{name}, refined") if np.isfinite(refine) else ("-", name)
+            panel.loglog([row[across] for row in valid], [min(max(row["error"], bottom), top) for row in valid],
+                         color=colour, marker=marker, markersize=size, linewidth=1.2, label=label_of,
+                         linestyle=dashes)  # fmt: skip
+            if valid and len(line) > len(valid):  # where failed runs would lie, by the cost of a step
+                each = median(row[across] / row["substeps"] for row in valid)
+                failed = [row["substeps"] * each for row in line if not np.isfinite(row["error"])]
+                panel.plot(failed, [top] * len(failed), linestyle="", color=colour, marker=marker,
+                           markersize=size, fillstyle="none")  # fmt: skip
+        panel.axhline(ACCURATE, color="#bbbbbb", linewidth=0.8, zorder=0)
+        panel.set(ylim=(bottom, 1.6 * top), xlabel=label)
+        panel.set_title(problem.title.replace(", ", ",\n"), fontsize=10)
+        panel.grid(alpha=0.2)
+    for row in panels:
+        row[0].set_ylabel("error, body lengths (hollow: failed)")
+    handles, names = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=4 if only else 5, frameon=False)
+    save(figure, path)
+
+
+def draw_energy(path: Path) -> list[dict]:
+    """Energy of the undamped fish in vacuum against time, for every method, at two steps; returns the CSV's rows."""
+    plt = pyplot()
+
+    rows = []
+    figure, panels = plt.subplots(1, 2, figsize=(11, 4), sharey=True, layout="constrained")
+    for panel, substeps in zip(panels, (16, 64), strict=True):
+        for name in FIXED:
+            times, values = energy(name, substeps)
+            colour, _ = METHOD_STYLE.get(name, ("#444444", "P"))
+            shown = np.clip(values, 0.0, 2.0)
+            panel.plot(times, shown, color=colour, label=name, linewidth=1.3)
+            rows.append({"integrator": name, "substeps": substeps, "seconds": round(times[-1], 3),
+                         "energy_at_end": values[-1], "largest": values.max()})  # fmt: skip
+        panel.set(title=f"{20 / substeps:g} ms a step", xlabel="time, s", ylim=(0.0, 2.05))
+        panel.grid(alpha=0.2)
+    panels[0].set_ylabel("energy over that at the start (2: that or more)")
+    handles, names = panels[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside right center", frameon=False)
+    save(figure, path)
+    return rows
+
+
+def draw_all() -> None:
+    """Every chart from the CSV."""
+    rows = read_table(CSV)
+    draw(rows, "us_per_interval", "time, us per control interval", RESULTS / "work_precision_time.svg")
+    path = RESULTS / "work_precision_turn.svg"
+    draw(rows, "us_per_interval", "time, us per control interval", path, only=("turn", "turn_x10"))
+    draw(rows, "forces_per_interval", "force evaluations per control interval", RESULTS / "work_precision_forces.svg")
+
+
+def least_expensive(rows: list[dict], scene: str, names) -> dict:
+    """The row of a scene with the least time among those at least as accurate as ACCURATE, as are all smaller steps."""
+    accurate = []
+    mine = [row for row in rows if row["scene"] == scene and row["integrator"] in names]
+    for key in dict.fromkeys((row["integrator"], row["refine"]) for row in mine):
+        line = sorted((row for row in mine if (row["integrator"], row["refine"]) == key),
+                      key=lambda row: -row["substeps"])  # fmt: skip
+        for row in line:  # from the smallest step: stop where it first becomes inaccurate
+            if not row["error"] <= ACCURATE:
+                break
+            accurate.append(row)
+    return min(accurate, key=lambda row: row["us_per_interval"])
+
+
+def bars(rows: list[dict]) -> bool:
+    """Print the default's error, and the better method's time beside the best textbook method's; True if met."""
+    met = True
+    fish = problems()["turn"].fish
+    default = measure(problems()["turn"], fish.integrator, steps_of(fish), reference_of(problems()["turn"])[0],
+                      seconds=False, refine=fish.refine)  # fmt: skip
+    print(f"default ({fish.integrator}, {fish.time_step * 1e3:g} ms, refined): error {default['error']:.2%} of a body"
+          f" length over the manoeuvre, bar 1 %: {'met' if default['error'] <= ACCURATE else 'MISSED'}")  # fmt: skip
+    met &= default["error"] <= ACCURATE
+    for scene in ("turn", "turn_x10", "turn_x10_damped"):
+        book, ours = (least_expensive(rows, scene, names) for names in (TEXTBOOK, set(FIXED) - set(TEXTBOOK)))
+        ratio = ours["us_per_interval"] / book["us_per_interval"]
+        print(f"{problems()[scene].title}: {ours['integrator']} {ours['us_per_interval']:.1f} us "
+              f"({ours['substeps']} steps, {ours['error']:.2%}), {book['integrator']} {book['us_per_interval']:.1f} us "
+              f"({book['substeps']} steps, {book['error']:.2%}): ratio {ratio:.2f}, bar 0.33: "
+              f"{'met' if ratio <= 1 / 3 else 'MISSED'}")  # fmt: skip
+        met &= ratio <= 1 / 3
+    return bool(met)
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    action = parser.add_mutually_exclusive_group()
+    action.add_argument("--draw", action="store_true", help="draw the charts again from the CSV")
+    action.add_argument("--bars", action="store_true", help="compare with the bars; exit 1 if one is missed")
+    arguments = parser.parse_args()
+    if arguments.bars:
+        return 0 if bars(read_table(CSV)) else 1
+    if not arguments.draw:
+        rows, references = [], []
+        with tqdm(total=len(problems()) * len(LINES), each="sweep") as bar:
+            for problem in problems().values():
+                bar.set_postfix_str(f"{problem.name} reference")
+                reference_path, row = reference_of(problem)
+                references.append(row)
+                rows += sweep(problem, reference_path, bar)
+                write_csv(CSV, rows, COMMAND)  # as it comes: Ctrl-C leaves what is done
+        write_csv("work_precision_references.csv", references, COMMAND)
+        write_csv("energy.csv", draw_energy(RESULTS / "energy.svg"), COMMAND)
+    draw_all()
+    print(f"written to {RESULTS / CSV} and the charts beside it")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Bodies of different fidelity beside one another."""

@@ -1,0 +1,36 @@
+"""Charts: one style, colours told apart by colour-blind readers (Okabe & Ito), and SVG files without a date."""
+
+from pathlib import Path
+
+from agents.records import pyplot
+
+__all__ = ["BLUE", "GREY", "METHOD_STYLE", "ORANGE", "panels", "pyplot", "save"]
+
+BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#999999"
+METHOD_STYLE = {  # colour and marker, one marker a family
+    "explicit_euler": ("#999999", "x"),
+    "symplectic_euler": ("#E69F00", "o"),
+    "midpoint": ("#56B4E9", "o"),
+    "rk4": ("#0072B2", "o"),
+    "semi_implicit": ("#D55E00", "s"),
+    "linearly_implicit": ("#009E73", "^"),
+    "linearly_implicit_projected": ("#66C2A5", "v"),
+    "linearly_implicit_water": ("#1B9E77", "<"),
+    "rosenbrock": ("#CC79A7", "D"),
+    "leapfrog_chebyshev": ("#000000", "*"),
+}
+
+
+def panels(columns: int, size=(11.0, 4.2)):
+    """A figure with a row of panels, each with a faint grid."""
+    figure, axes = pyplot().subplots(1, columns, figsize=size, layout="constrained")
+    for panel in axes:
+        panel.grid(alpha=0.2)
+    return figure, axes
+
+
+def save(figure, path: Path, **options) -> None:
+    """Write a figure without a date and close it. `options` as for matplotlib's `savefig`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, metadata={"Date": None}, **options)
+    pyplot().close(figure)

@@ -1,0 +1,1 @@
+"""What training reaches, what its choices are worth, and how policies perform."""

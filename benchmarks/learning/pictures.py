@@ -1,0 +1,78 @@
+"""The pictures and videos of the documentation, from the shipped policies.
+
+python -m benchmarks.learning.pictures            writes docs/images/swim.png
+python -m benchmarks.learning.pictures --videos   writes docs/videos/<task>.mp4
+"""
+
+import argparse
+
+import numpy as np
+
+from agents.config import CONFIGS
+from benchmarks.common.tables import IMAGES, ROOT
+from fish_env.control import (
+    evaluation_options,
+    load_policy,
+    make_eval_env,
+    policy_controller,
+    run_episodes,
+    write_video,
+)
+from fish_env.control.policy import PRETRAINED
+
+MOMENTS = (0.08, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed
+SIZE = (480, 360)  # of a video
+SECONDS, EVERY, SLOWER = (
+    4.0,
+    2,
+    2,
+)  # of the episode; environment steps between frames; so many times slower than real time
+
+
+def play(task: str, seconds: float):
+    """Play an episode with the shipped policy: (time, picture) after every environment step."""
+    policy = load_policy(PRETRAINED / task / "policy.npz")
+    options = evaluation_options(policy.about["env_options"]) | {"render_mode": "rgb_array"}
+    env = make_eval_env(policy.about["env_id"], 1, options)
+    for k, (_, done, _) in enumerate(run_episodes(policy_controller(policy, env), env)):
+        if done.any() or k > round(seconds / env.control_interval):
+            break
+        if k > 0:
+            yield k * env.control_interval, env.render()[0]
+    env.close()
+
+
+def picture() -> None:
+    """Three moments of an episode side by side."""
+    from PIL import Image
+
+    frames = [frame for time, frame in play("swim", MOMENTS[-1]) if any(abs(time - m) < 1e-9 for m in MOMENTS)]
+    together = Image.fromarray(np.concatenate(frames, axis=1)).resize((1260, 315), Image.Resampling.LANCZOS)
+    path = IMAGES / "swim.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    together.quantize(256).save(path, optimize=True)
+    print(f"{path}: {path.stat().st_size // 1000} kB")
+
+
+def videos() -> None:
+    """A short video of every task, slower than real time."""
+    from PIL import Image
+
+    folder = ROOT / "docs" / "videos"
+    folder.mkdir(parents=True, exist_ok=True)
+    for task in CONFIGS:
+        times, frames = zip(*list(play(task, SECONDS))[::EVERY], strict=True)
+        small = [np.asarray(Image.fromarray(frame).resize(SIZE, Image.Resampling.LANCZOS)) for frame in frames]
+        write_video(small, 1 / ((times[1] - times[0]) * SLOWER), folder / f"{task}.mp4")
+        print(f"{folder / task}.mp4: {(folder / f'{task}.mp4').stat().st_size // 1000} kB")
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--videos", action="store_true", help="the videos instead")
+    videos() if parser.parse_args().videos else picture()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""One left turn begun before a right turn is over, drawn: path, heading with its command, and strain.
+
+python -m benchmarks.learning.reversal     writes docs/images/reversal.svg and results/reversal.csv
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from agents.config import CONFIGS
+from benchmarks.common.charts import pyplot, save
+from benchmarks.common.tables import IMAGES, write_csv
+from fish_env.control import evaluation_options, load_policy, make_eval_env, policy_controller, scripted
+from fish_env.control.policy import PRETRAINED
+from fish_env.envs import FishVectorEnv
+
+COMMAND = {"yaw": 0.0, "side": -1, "first": 1.3, "second": 1.3, "part": 0.6, "wait": 1.0}
+SEED = 0
+DRAWN = 2.8  # s of the path
+COLOURS = {"motor controllers": "#c0562f", "PPO": "#0b7a99"}
+
+
+def swum(controller, env: FishVectorEnv) -> dict[str, np.ndarray]:
+    """An episode with the fixed command, a row a step: place, BL, heading and command, degrees, strain, midline."""
+    obs, _ = env.reset(seed=SEED, options=COMMAND)
+    tank, task, length = env.tank, env.task, env.tank.fish.length
+    springs, line = tank.fish.body.springs, tank.fish.line
+    rows: dict[str, list] = {name: [] for name in ("time", "place", "heading", "command", "strain", "midline")}
+    for _ in range(env.max_episode_steps - 1):
+        action = np.broadcast_to(controller(obs, tank.time[0]), env.action_space.shape)
+        obs, *_ = env.step(action)
+        x = tank.position[0]
+        forward = line @ x
+        ends = x[springs.nodes]
+        stretch = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / springs.rest_length - 1.0
+        rows["time"].append(tank.time[0])
+        rows["place"].append(env._pose.centre[0, :2] / length)
+        rows["heading"].append(np.degrees(np.arctan2(forward[1], forward[0])))
+        rows["command"].append(np.degrees(task.course.heading[0]))
+        rows["strain"].append(np.abs(stretch).max())
+        rows["midline"].append(midline(x) / length)
+    return {name: np.array(values) for name, values in rows.items()}
+
+
+def midline(x: np.ndarray) -> np.ndarray:
+    """The body's middle seen from above, (7,2) m: the mean of each layer of nodes, nose to tail."""
+    layers = ([0], *(range(1 + 4 * k, 5 + 4 * k) for k in range(5)), [21, 22])
+    return np.array([x[list(layer), :2].mean(axis=0) for layer in layers])
+
+
+def draw(runs: dict[str, dict], path: Path) -> None:
+    """Path with the body every tenth of a second, heading against time with the command, strain against time."""
+    plt = pyplot()
+    figure, places = plt.subplot_mosaic("AA;HS", figsize=(10, 6), height_ratios=(1.2, 1), layout="constrained")
+    above, heading, strain = (places[name] for name in "AHS")
+    for k, (name, run) in enumerate(runs.items()):
+        colour, apart = COLOURS[name], np.array([[0.0, -k]])
+        shown = run["time"] < DRAWN
+        above.plot(*(run["place"][shown] + apart).T, color=colour, lw=1.5, label=name)
+        for body in run["midline"][shown][:: round(0.1 / run["time"][0])]:
+            above.plot(*(body + apart).T, color=colour, lw=1.0, alpha=0.6)
+        heading.plot(run["time"], np.degrees(np.unwrap(np.radians(run["heading"]))), color=colour, lw=1.5, label=name)
+        heading.plot(run["time"], run["command"], color=colour, lw=1, ls="--")
+        strain.plot(run["time"], 100 * run["strain"], color=colour, lw=1)
+    above.set(aspect="equal", xlabel="body lengths", title=f"from above, {DRAWN} s, the body every 0.1 s", yticks=[])
+    above.legend(frameon=False, loc="lower right")
+    heading.set(xlabel="time, s", ylabel="heading, degrees", title="heading; dashed: what is commanded")
+    strain.set(xlabel="time, s", ylabel="largest strain, %")
+    save(figure, path)
+
+
+def main() -> None:
+    """The command line."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    config = CONFIGS["left_after_right"]
+    env = make_eval_env(config.env_id, 1, evaluation_options(config.env_options))
+    policy = policy_controller(load_policy(PRETRAINED / "left_after_right" / "policy.npz"), env)
+    runs = {"motor controllers": swum(scripted(env), env), "PPO": swum(policy, env)}
+    draw(runs, IMAGES / "reversal.svg")
+    rows = [
+        {"controller": name, "time": round(run["time"][k], 4), "x": round(run["place"][k, 0], 4),
+         "y": round(run["place"][k, 1], 4), "heading": round(run["heading"][k], 2),
+         "command": round(run["command"][k], 2), "strain": round(run["strain"][k], 4)}
+        for name, run in runs.items() for k in range(len(run["time"]))
+    ]  # fmt: skip
+    print(write_csv("reversal.csv", rows, "python -m benchmarks.learning.reversal"))
+
+
+if __name__ == "__main__":
+    main()

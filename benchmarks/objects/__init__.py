@@ -1,0 +1,1 @@
+"""Elastic objects after Song (2009)."""

@@ -1,0 +1,334 @@
+"""Every published number: the command that makes it, what it shows, what it is made with, and how long that takes.
+
+One record a command. `makes` names the definitions that make the numbers, "module:name": the functions that measure,
+without those that draw and write; what they refer to is found from the code (`benchmarks/freshness.py`). What no name
+of Python leads to is named too: environments that are made by their id, and data files.
+"""
+
+import shutil
+from dataclasses import dataclass
+
+RESULTS, IMAGES = "benchmarks/results/", "docs/images/"
+BODIES = "fish_env/bodies/*.json"
+GAIT = "fish_env/control/gait.json"
+MOTOR = "fish_env/control/motor_controllers.json"
+POLICIES = "fish_env/control/pretrained/*/policy.npz"
+DEFAULT = "fish_env/bodies/mass_spring.json"
+BATCH = "fish_env.envs.vector:FishVectorEnv"
+SINGLE = "fish_env.envs.single:FishEnv"
+LEARNED = ("swim", "turn", "left_after_right", "target", "target_3d", "avoid")
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one command publishes."""
+
+    name: str
+    """The room and a word."""
+    shows: str
+    command: str
+    """What follows "python"."""
+    minutes: float
+    """On a machine with two cores, about."""
+    outputs: tuple[str, ...]
+    """Files below the repository's root."""
+    makes: tuple[str, ...]
+    data: tuple[str, ...] = (DEFAULT,)
+    """Files and patterns of files that the numbers are made with."""
+    one_core: bool = False
+    """Whether it is a timing that is to stay on one core."""
+    by_name: bool = False
+    """Whether it replaces parameters of the package: it then runs only when it is named."""
+
+    @property
+    def room(self) -> str:
+        """The part of the benchmarks that it belongs to."""
+        return self.name.split(".")[0]
+
+    @property
+    def command_line(self) -> str:
+        """The command as it is typed."""
+        return f"{'taskset -c 1 ' if self.one_core else ''}python {self.command}"
+
+    def arguments(self, python: str) -> list[str]:
+        """The command for `subprocess`, by this interpreter; pinned to a core where `taskset` is installed."""
+        pinned = ["taskset", "-c", "1"] if self.one_core and shutil.which("taskset") else []
+        return [*pinned, python, *self.command.split()]
+
+
+def csv(*names: str) -> tuple[str, ...]:
+    """Tables and charts in benchmarks/results/."""
+    return tuple(f"{RESULTS}{name}" if "." in name else f"{RESULTS}{name}.csv" for name in names)
+
+
+def images(*names: str) -> tuple[str, ...]:
+    """Pictures in docs/images/."""
+    return tuple(f"{IMAGES}{name}" for name in names)
+
+
+ACCURACY = (
+    Result(
+        "accuracy.work_precision", "error against computing time of every method on eight scenes; energy in vacuum",
+        "-m benchmarks.accuracy.work_precision", 12,
+        csv("work_precision", "work_precision_references", "energy", "work_precision_time.svg",
+            "work_precision_turn.svg", "work_precision_forces.svg", "energy.svg"),
+        ("benchmarks.accuracy.work_precision:sweep", "benchmarks.accuracy.work_precision:reference_of",
+         "benchmarks.accuracy.work_precision:energy"), one_core=True,
+    ),
+    Result(
+        "accuracy.refinement", "steps a control interval and intervals that are repeated: error, cost and stability",
+        "-m benchmarks.accuracy.refinement", 3,
+        csv("refinement", "refinement_stable") + images("refinement.svg"),
+        ("benchmarks.accuracy.refinement:errors", "benchmarks.accuracy.refinement:stability"),
+    ),
+    Result(
+        "accuracy.boundary", "prescribed displacements: a penalty against elimination",
+        "-m benchmarks.accuracy.boundary", 0.5, csv("boundary") + images("boundary.svg"),
+        ("benchmarks.accuracy.boundary:measure",),
+    ),
+    Result(
+        "accuracy.finite_elements", "the finite-element body against beam theory; recovery, vibration",
+        "-m benchmarks.accuracy.finite_elements", 5,
+        csv(*(f"finite_elements_{name}" for name in ("beam", "bending", "shapes", "recovery", "vibration")))
+        + images(*(f"finite_elements_{name}.svg" for name in ("beam", "bending", "vibration"))),
+        ("benchmarks.accuracy.beam_bending:converging", "benchmarks.accuracy.beam_bending:bending",
+         "benchmarks.accuracy.block_recovery:recovering", "benchmarks.accuracy.beam_vibration:vibrating"), data=(),
+    ),
+    Result(
+        "accuracy.rejected_methods", "rejected methods beside the default one: error against force evaluations",
+        "-m benchmarks.accuracy.rejected_methods.survey", 2, csv("ideas", "ideas.svg"),
+        ("benchmarks.accuracy.rejected_methods.survey:sweep",),
+    ),
+)  # fmt: skip
+
+STABILITY = (
+    Result(
+        "stability.survey", "step-size limits of every method, on every body and against stiffness",
+        "-m benchmarks.stability.survey", 9,
+        csv("stability", "stability_limits", "stability.svg", "stability_map.svg", "stability_published.svg"),
+        ("benchmarks.stability.runs:cases", "benchmarks.stability.runs:reference", "benchmarks.stability.runs:sweep",
+         "benchmarks.stability.linear:linear_limit"), data=(BODIES,), one_core=True,
+    ),
+    Result(
+        "stability.margins", "the default step beside the largest stable one, in every task",
+        "-m benchmarks.stability.margins", 1, csv("stability_margins"), ("benchmarks.stability.margins:margins",),
+    ),
+    Result(
+        "stability.attack", "failures of every body under random, bang-bang and searched commands; also tests/worst/",
+        "-m benchmarks.stability.attack", 25, csv("attack"),
+        ("benchmarks.stability.attack:mistreat", "benchmarks.stability.attack_search:search",
+         "benchmarks.stability.mistreatment:families"), data=(BODIES,),
+    ),
+)  # fmt: skip
+
+SPEED = (
+    Result(
+        "speed.environments", "environment steps a second, memory, time of a first use",
+        "-m benchmarks.speed.throughput --environments", 2, csv("throughput"),
+        ("benchmarks.speed.throughput:environments", BATCH, SINGLE),
+    ),
+    Result(
+        "speed.kinds", "cost of one and of many fish by every kind of kernel and precision",
+        "-m benchmarks.speed.throughput --kinds", 2, csv("kinds"),
+        ("benchmarks.speed.costs:kinds", "benchmarks.speed.costs:threads"), data=(DEFAULT, GAIT),
+    ),
+    Result(
+        "speed.steps", "cost of a step of every method",
+        "-m benchmarks.speed.throughput --integrators", 1, csv("steps"),
+        ("benchmarks.speed.costs:integrators",), data=(DEFAULT, GAIT),
+    ),
+    Result(
+        "speed.bodies", "cost of a control interval of every body",
+        "-m benchmarks.speed.throughput --bodies", 1, csv("bodies"),
+        ("benchmarks.speed.costs:bodies",), data=(BODIES, GAIT),
+    ),
+    Result(
+        "speed.scaling", "cost against the number of fish and against the number of nodes (needs 3 GB)",
+        "-m benchmarks.speed.scaling", 5, csv("scaling_fish", "scaling_nodes") + images("scaling.svg"),
+        ("benchmarks.speed.scaling:by_fish", "benchmarks.speed.scaling:by_nodes"), data=(BODIES, GAIT),
+    ),
+    Result(
+        "speed.factorisation", "the skyline factorisation against a general sparse solver",
+        "-m benchmarks.speed.factorisation", 1, csv("factorisation") + images("factorisation.svg"),
+        ("benchmarks.speed.factorisation:slender", "benchmarks.speed.factorisation:measure"), data=(), one_core=True,
+    ),
+    Result(
+        "speed.limits", "operations of a step against what the processor can do",
+        "-m benchmarks.speed.limits", 2, csv("speed/limits.csv"),
+        ("benchmarks.speed.limits:operations", "benchmarks.speed.limits:best_times",
+         "benchmarks.speed.limits:bounds", "benchmarks.speed.limits:measured"), data=(DEFAULT, GAIT), one_core=True,
+    ),
+    Result(
+        "speed.peers", "other simulators on the same springs, other environments (needs the extra [peers])",
+        "-m benchmarks.speed.peers", 5, csv("speed/peers.csv"),
+        ("benchmarks.speed.peers:spring_rows", "benchmarks.speed.environments:singles",
+         "benchmarks.speed.environments:vectors", BATCH, SINGLE),
+    ),
+)  # fmt: skip
+
+FIDELITY = (
+    Result(
+        "bodies.fidelity", "distance of every body to the finest, and its cost, in a scene of every task",
+        "-m benchmarks.bodies.fidelity", 12, csv("fidelity") + images("fidelity.svg"),
+        ("benchmarks.bodies.fidelity:run",), data=(BODIES, MOTOR),
+    ),
+    Result(
+        "bodies.costs", "cost of every body beside the default one",
+        "-m benchmarks.bodies.fidelity --cost", 2, csv("body_costs"),
+        ("benchmarks.bodies.fidelity:costs", "benchmarks.bodies.fidelity:every_fish"), data=(BODIES, MOTOR),
+        one_core=True,
+    ),
+)  # fmt: skip
+
+OBJECTS = (
+    Result(
+        "objects.survey", "elastic objects: scenes against their bars, Song's methods and estimates, roundness",
+        "-m benchmarks.objects.survey", 5,
+        csv(*(f"song_{name}" for name in ("estimates", "round", "scenes", "stable", "methods", "references")),
+            "song_methods.svg", "song_estimates.svg"),
+        ("benchmarks.objects.survey:scenes", "benchmarks.objects.shapes:estimates",
+         "benchmarks.objects.shapes:roundness", "benchmarks.objects.methods:largest_stable",
+         "benchmarks.objects.methods:sweep"), data=(),
+    ),
+    Result(
+        "objects.frames", "pictures a second of every elastic object, with drawing",
+        "-m benchmarks.objects.survey --frames", 0.5, csv("song_frames"), ("benchmarks.objects.survey:frames",),
+        data=(),
+    ),
+    Result(
+        "objects.pictures", "the strips of pictures of docs/elastic-objects.md",
+        "-m benchmarks.objects.survey --pictures", 0.5,
+        images("objects_dropped.png", "objects_thrown.png", "objects_dragged.png"),
+        ("benchmarks.objects.survey:pictures",), data=(),
+    ),
+)  # fmt: skip
+
+CALIBRATION = (
+    Result(
+        "calibration.check", "the best open-loop gait against its bars",
+        "-m benchmarks.calibration.check", 1, csv("gait"), ("benchmarks.calibration.check:check",),
+        data=(DEFAULT, GAIT),
+    ),
+    Result(
+        "calibration.trout", "the default fish beside a real trout",
+        "-m benchmarks.calibration.trout", 0.5, csv("trout", "trout.svg"), ("benchmarks.calibration.trout:measured",),
+    ),
+    Result(
+        "calibration.structural_match", "stiffness, frequencies and muscles of every body beside the default one's",
+        "-m benchmarks.calibration.bodies --check", 1, csv("alike"), ("benchmarks.calibration.bodies:check",),
+        data=(BODIES,),
+    ),
+    Result(
+        "calibration.search", "parameters of the default body, and its gait",
+        "-m benchmarks.calibration.search", 8, (DEFAULT,), ("benchmarks.calibration.search:cost",), data=(),
+        by_name=True,
+    ),
+    Result(
+        "calibration.gait_search", "the best open-loop gait",
+        "-m benchmarks.calibration.gait_search", 2, (GAIT,), ("benchmarks.calibration.gait_search:write_gait", BATCH),
+        by_name=True,
+    ),
+    Result(
+        "calibration.bodies", "parameters of the other bodies, fitted to the default one",
+        "-m benchmarks.calibration.bodies", 10,
+        tuple(f"fish_env/bodies/{name}.json" for name in ("planar", "two_layer", "tetrahedral")),
+        ("benchmarks.calibration.bodies:fit",), by_name=True,
+    ),
+    Result(
+        "calibration.motor_controllers", "tables of the motor controllers",
+        "-m benchmarks.calibration.motor_controllers --search", 5, (MOTOR,),
+        ("benchmarks.calibration.motor_controllers:search_turns",
+         "benchmarks.calibration.motor_controllers:search_swims"), data=(DEFAULT, GAIT), by_name=True,
+    ),
+)  # fmt: skip
+
+LEARNING = (
+    Result(
+        "learning.all", "every task trained with all its seeds; reuses finished runs, replaces the shipped policies",
+        "train.py all", 120,
+        tuple(f"{RESULTS}learning/{task}_{what}.csv" for task in LEARNED for what in ("seeds", "methods", "curves"))
+        + images("curves.svg"),
+        ("agents.train:train", "agents.results:publish_task", BATCH), data=(DEFAULT, GAIT, MOTOR), by_name=True,
+    ),
+    Result(
+        "learning.integrators", "the shipped policies under every method and step",
+        "train.py compare --integrators", 20,
+        csv("integrators_policies", "integrators_default", "integrators_policies.svg"),
+        ("agents.integrators:replay", "agents.integrators:settings", "agents.integrators:differences", BATCH),
+        data=(DEFAULT, POLICIES),
+    ),
+    Result(
+        "learning.speed", "cost of an environment step during training, both learners",
+        "-m benchmarks.learning.learning_speed", 3, csv("learning_speed"),
+        ("benchmarks.learning.learning_speed:Run", BATCH),
+    ),
+    Result(
+        "learning.gait_seconds", "seconds of training to the speed of the best gait",
+        "-m benchmarks.learning.learning_speed --gait", 2, csv("gait_seconds"),
+        ("benchmarks.learning.learning_speed:time_to_gait", BATCH), data=(DEFAULT, GAIT),
+    ),
+    Result(
+        "learning.ablations", "LeftAfterRight-v0 trained with one choice undone at a time",
+        "-m benchmarks.learning.ablations --seeds 1 --fresh", 22, csv("ablations_left_after_right"),
+        ("benchmarks.learning.ablations:learn", "benchmarks.learning.ablations:LEFT_AFTER_RIGHT", BATCH),
+    ),
+    Result(
+        "learning.ablations_turn", "Turn-v0 trained with other weights of the overshoot",
+        "-m benchmarks.learning.ablations --task turn --seeds 1 --fresh", 24, csv("ablations_turn"),
+        ("benchmarks.learning.ablations:learn", "benchmarks.learning.ablations:TURN", BATCH),
+    ),
+    Result(
+        "learning.algorithms", "PPO, SAC and TD3 on Swim-v0 for the same wall time",
+        "-m benchmarks.learning.algorithms --seconds 150", 12, csv("algorithms_swim"),
+        ("benchmarks.learning.algorithms:METHODS", "benchmarks.learning.algorithms:Looks", BATCH),
+    ),
+    Result(
+        "learning.transfer", "policies trained on one body, replayed and fine-tuned on others; reuses finished runs",
+        "-m benchmarks.learning.transfer", 240,
+        csv("transfer_matrix", "transfer_curves", "transfer_savings") + images("transfer.svg"),
+        ("benchmarks.learning.transfer_runs:learn", "benchmarks.learning.transfer_runs:measured",
+         "benchmarks.learning.transfer_runs:runs", "benchmarks.learning.transfer_chart:saving_rows", BATCH),
+        data=(BODIES,),
+    ),
+    Result(
+        "learning.transfer_shipped", "the shipped policies and the motor controllers on every body",
+        "-m benchmarks.learning.transfer --shipped", 15, csv("transfer"),
+        ("benchmarks.learning.transfer:shipped_rows", BATCH), data=(BODIES, POLICIES, MOTOR),
+    ),
+    Result(
+        "learning.turning", "radius and rate of turns beside those of living fish",
+        "-m benchmarks.learning.turning", 1, csv("turning"),
+        ("benchmarks.learning.turning:bend", "benchmarks.learning.turning:turn_of",
+         "benchmarks.learning.turning:LIVING", BATCH), data=(DEFAULT, GAIT, MOTOR, POLICIES),
+    ),
+    Result(
+        "learning.reversals", "failures in 10,000 abrupt reversals",
+        "-m benchmarks.learning.turning --reversals", 5, csv("reversals"),
+        ("benchmarks.learning.turning:reversals", BATCH), data=(DEFAULT, POLICIES),
+    ),
+    Result(
+        "learning.reversal", "one turn begun before another is over: path, heading, strain",
+        "-m benchmarks.learning.reversal", 0.5, csv("reversal") + images("reversal.svg"),
+        ("benchmarks.learning.reversal:swum", "benchmarks.learning.reversal:COMMAND", BATCH),
+        data=(DEFAULT, MOTOR, POLICIES),
+    ),
+    Result(
+        "learning.waveforms", "the best periodic stroke beside the best sinusoidal gait",
+        "-m benchmarks.learning.waveforms --seeds 1 --generations 100", 10, csv("waveforms"),
+        ("benchmarks.learning.waveforms:speeds", "benchmarks.learning.waveforms:from_gait"), data=(DEFAULT, GAIT),
+    ),
+    Result(
+        "learning.pictures", "the picture of the README, from the shipped policy",
+        "-m benchmarks.learning.pictures", 0.5, images("swim.png"),
+        ("benchmarks.learning.pictures:play", BATCH), data=(DEFAULT, POLICIES),
+    ),
+    Result(
+        "learning.videos", "a short video of every task",
+        "-m benchmarks.learning.pictures --videos", 2, tuple(f"docs/videos/{task}.mp4" for task in LEARNED),
+        ("benchmarks.learning.pictures:play", BATCH), data=(DEFAULT, POLICIES),
+    ),
+)  # fmt: skip
+
+REGISTRY = {
+    result.name: result for result in (*ACCURACY, *STABILITY, *SPEED, *FIDELITY, *OBJECTS, *CALIBRATION, *LEARNING)
+}

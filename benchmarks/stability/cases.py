@@ -1,0 +1,118 @@
+"""Cases: fish driven through given commands, the worst of them stored in `tests/worst/`, and done again."""
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.common.energy import stretch_and_energy
+from benchmarks.common.problems import scaled
+from benchmarks.common.tables import ROOT
+from benchmarks.stability.mistreatment import LEVELS
+from fish_env import make_fish
+from fish_env.bodies import Fish
+from fish_env.tank import Tank
+
+WORST = ROOT / "tests" / "worst"
+STORED = 2  # worst sequences of a batch considered, and of each kind of failure of a body stored
+EXPLAINED = 50  # failures of a family that are run again with RK4
+
+
+def drive(tank: Tank, goals: np.ndarray) -> dict[str, np.ndarray]:
+    """Drive a tank through goals (K,B,M): worst stretch, when that was, highest energy and when a fish failed, (B,)."""
+    substeps = round(tank.fish.control_interval / tank.dt)
+    stretch, when, highest, failed = np.zeros((4, tank.num_fish))
+    failed[:] = np.inf
+    for k, goal in enumerate(goals):
+        tank.drive(goal / LEVELS, substeps)
+        failed[~tank.alive & np.isinf(failed)] = k
+        longest, energy = stretch_and_energy(tank)
+        when[longest > stretch] = k
+        stretch = np.maximum(stretch, longest)
+        highest = np.maximum(highest, energy)
+        if k % 25 == 0 and not tank.alive.any():
+            break
+    return {"stretch": stretch, "when": when, "energy": highest, "failed": failed}
+
+
+class Settings(NamedTuple):
+    """How fish are moved: method, steps a control interval, and what refines them."""
+
+    integrator: str
+    substeps: int
+    refine: float = np.inf
+
+
+def tank_at(fish: Fish, how: Settings, position, velocity, threads=None) -> Tank:
+    """A tank with fish at these positions and velocities (B,N,3)."""
+    dt = fish.control_interval / how.substeps
+    tank = Tank(fish, len(position), how.integrator, dt, fish.water, threads, refine=how.refine)
+    tank.position[:], tank.velocity[:] = position, velocity
+    return tank
+
+
+def case_of(fish, family, how: Settings, position, velocity, goals, found, i) -> dict:
+    """All it takes to repeat fish i of a batch up to its worst moment, or a little beyond where it failed."""
+    end = int(found["failed"][i] if np.isfinite(found["failed"][i]) else found["when"][i]) + 2
+    return {
+        "body": fish.name, "family": family.name, "stiffness": family.stiffness, "mass": family.mass,
+        **how._asdict(), "stretch": float(found["stretch"][i]),
+        "failure": "", "position": position[i], "velocity": velocity[i], "goals": goals[:end, i],
+    }  # fmt: skip
+
+
+def replay(case: dict, how: Settings | None = None, copies=1, threads=1) -> tuple[Tank, np.ndarray]:
+    """Repeat a stored case, or move it otherwise, `copies` equal fish: the tank at the end, and their worst stretch."""
+    how = how or Settings(case["integrator"], case["substeps"], case.get("refine", np.inf))
+    fish = scaled(make_fish(case["body"]), stiffness=case["stiffness"], mass=case["mass"])
+    start = [np.repeat(case[name][None], copies, 0) for name in ("position", "velocity")]
+    tank = tank_at(fish, how, *start, threads)
+    return tank, drive(tank, np.repeat(case["goals"][:, None], copies, 1))["stretch"]
+
+
+def explained(fish, substeps, position, velocity, goals, failed) -> int:
+    """How many of these fish RK4 at an eighth of the step loses too, each by half again the time it failed at."""
+    tank = tank_at(fish, Settings("rk4", 8 * substeps), position, velocity)
+    found = drive(tank, goals[: int(1.5 * failed.max()) + 10])["failed"]
+    tank.close()
+    return int((found <= 1.5 * failed + 10).sum())
+
+
+def step_of(fish: Fish, how: Settings) -> dict:
+    """How fish were moved, as the table says it."""
+    return {"integrator": how.integrator, "step_s": fish.control_interval / how.substeps, "refine": how.refine}
+
+
+def store(cases: list[dict], folder: Path = WORST) -> None:
+    """Write the worst survivor of each kind of mistreatment and the first of each kind of failure, for each body.
+
+    Replaces what is there.
+    """
+    chosen = {}
+    for case in sorted(cases, key=lambda case: (len(case["goals"]) if case["failure"] else 0, -case["stretch"])):
+        kind = case["family"].split(",")[0].split(" ")[0]  # all stiffnesses and masses are one kind, all searches too
+        chosen.setdefault((case["body"], case["failure"], kind), case)
+    failures = Counter()
+    folder.mkdir(exist_ok=True)
+    for path in folder.glob("*.npz"):
+        path.unlink()
+    for number, ((body, failure, kind), case) in enumerate(sorted(chosen.items(), key=lambda item: item[0])):
+        failures[body, failure] += 1
+        if failure and failures[body, failure] > STORED:
+            continue
+        parts = {key: value for key, value in case.items() if isinstance(value, np.ndarray)}
+        about = json.dumps({key: value for key, value in case.items() if key not in parts})
+        exact = {key: value if key == "goals" else value.astype(np.float32) for key, value in parts.items()}
+        np.savez_compressed(folder / f"{body}-{number:02d}-{kind}.npz", about=about, **exact)
+
+
+def stored(folder: Path = WORST) -> dict[str, dict]:
+    """The stored cases by name."""
+    cases = {}
+    for path in sorted(folder.glob("*.npz")):
+        with np.load(path) as file:
+            exact = {name: file[name].astype(float) for name in ("position", "velocity")}
+            cases[path.stem] = json.loads(str(file["about"])) | exact | {"goals": file["goals"]}
+    return cases
