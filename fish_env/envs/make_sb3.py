@@ -29,7 +29,7 @@ def make_sb3_vec_env(
     from fish_env.envs.sb3 import FishVecEnv, VecMonitor
 
     if "autoreset_mode" in options:
-        raise ValueError("autoreset_mode cannot be chosen: in a VecEnv, episodes begin anew in the step they end in")
+        raise ValueError("autoreset_mode cannot be chosen: in a VecEnv, a new episode begins in the step that ends one")
     batch = gym.make_vec(id, num_envs, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **options)
     env: VecEnv = FishVecEnv(batch.unwrapped, staggered)
     if monitor:
