@@ -28,22 +28,22 @@ LEARNING = provenance.RESULTS / "learning"
 PAGE = Path(__file__).parent.parent / "docs" / "results.md"
 README = Path(__file__).parent.parent / "README.md"
 UNITS = {
-    "speed": ("speed, L/s", 1, 2),
-    "sideways": ("sideways, L/s", 1, 2),
+    "speed": ("speed, BL/s", 1, 2),
+    "sideways": ("sideways, BL/s", 1, 2),
     "success": ("success, %", 100, 1),
     "latency": ("latency, s", 1, 2),
     "overshoot": ("overshoot, °", 1, 1),
-    "radius": ("radius, L", 1, 2),
+    "radius": ("radius, BL", 1, 2),
     "turning_rate": ("peak rate, °/s", 1, 0),
     "speed_lost": ("speed lost, %", 100, 0),
     "work": ("work, J/kg", 1, 2),
     "peak_strain": ("peak strain, %", 100, 0),
     "targets": ("targets", 1, 2),
-    "time_per_target": ("s a target", 1, 2),
+    "time_per_target": ("time per target, s", 1, 2),
     "avoided": ("avoided, %", 100, 1),
     "avoided_possible": ("avoided where possible, %", 100, 1),
     "passed": ("passed, %", 100, 1),
-    "clearance": ("clearance, L", 1, 2),
+    "clearance": ("clearance, BL", 1, 2),
     "return": ("return", 1, 1),
     "failed": ("physics failed, %", 100, 2),
 }
@@ -168,7 +168,7 @@ def curve_rows(run: Path) -> list[dict]:
 
 
 def draw_curves(path: Path) -> None:
-    """Score against decisions for every task: a thin line a seed, their interquartile mean bold."""
+    """Score against environment steps for every task: a thin line a seed, their interquartile mean bold."""
     plt = pyplot()
     plt.rcParams["svg.hashsalt"] = "fish_env"
     figure, grid = plt.subplots(2, 3, figsize=(10, 5.4), layout="constrained")
@@ -186,7 +186,9 @@ def draw_curves(path: Path) -> None:
         rows = read_rows(LEARNING / f"{task}_methods.csv")
         level = next(float(r["value"]) for r in rows if (r["condition"], r["method"], r["metric"]) == wanted)
         axes.axhline(level, color="#c0562f", ls="--", lw=1)
-        axes.set(title=task.replace("_", " "), xlabel="million decisions", ylabel=RESULTS[task].score, ylim=(0, None))
+        axes.set(
+            title=task.replace("_", " "), xlabel="million environment steps", ylabel=RESULTS[task].score, ylim=(0, None)
+        )
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
 
@@ -202,19 +204,19 @@ def filled(page: str) -> str:
 
 
 def summary() -> str:
-    """The README's table: what is asked, and the numbers that say most, by method."""
+    """The README's table: the goal of each task, and the metrics that say most, without their intervals, by method."""
     methods = {
         name: name.removeprefix("best ") for name in ("random", "best open-loop gait", "motor controllers", "PPO")
     }
-    lines = [f"| Task | What is asked | | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
+    lines = [f"| Task | Goal | Metric | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
     for task, result in RESULTS.items():
         path = LEARNING / f"{task}_methods.csv"
         rows = read_rows(path) if path.exists() else []
         for metric in result.headline if rows else ():
-            cells = {row["method"]: cell(row) for row in rows if (row["condition"], row["metric"]) == ("", metric)}
+            found = {row["method"]: row for row in rows if (row["condition"], row["metric"]) == ("", metric)}
             name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
-            found = " | ".join(cells.get(method, "-") for method in methods)
-            lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {found} |")
+            cells = " | ".join(cell(found[method], False) if method in found else "-" for method in methods)
+            lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {cells} |")
     return "\n" + "\n".join(lines) + "\n\n"
 
 
@@ -232,13 +234,13 @@ def table_of(rows: list[dict]) -> str:
     )
 
 
-def cell(row: dict) -> str:
-    """A value with its interval."""
+def cell(row: dict, intervals: bool = True) -> str:
+    """A value, with its interval unless that is unwanted or no wider than the digits shown."""
     if row["value"] == "":
         return "-"
     _, factor, digits = UNITS[row["metric"]]
     value, low, high = (f"{factor * float(row[name]):.{digits}f}" for name in ("value", "low", "high"))
-    return value if low == value == high else f"{value} ({low} to {high})"
+    return value if low == value == high or not intervals else f"{value} ({low} to {high})"
 
 
 def rounded(value: float) -> float | str:
