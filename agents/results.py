@@ -47,7 +47,7 @@ UNITS = {
     "work": ("work, J/kg", 1, 2),
     "peak_strain": ("peak strain, %", 100, 0),
     "targets": ("targets", 1, 2),
-    "time_per_target": ("s a target", 1, 2),
+    "time_per_target": ("time per target, s", 1, 2),
     "avoided": ("avoided, %", 100, 1),
     "avoided_possible": ("avoided where possible, %", 100, 1),
     "passed": ("passed, %", 100, 1),
@@ -216,19 +216,19 @@ def filled(page: str) -> str:
 
 
 def summary() -> str:
-    """The README's table: what is asked, and the headline metrics, by method."""
+    """The README's table: the goal of each task, and the metrics that say most, without their intervals, by method."""
     methods = {
         name: name.removeprefix("best ") for name in ("random", "best open-loop gait", "motor controllers", "PPO")
     }
-    lines = [f"| Task | What is asked | | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
+    lines = [f"| Task | Goal | Metric | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
     for task, result in RESULTS.items():
         path = LEARNING / f"{task}_methods.csv"
         rows = read_rows(path) if path.exists() else []
         for metric in result.headline if rows else ():
-            cells = {row["method"]: cell(row) for row in rows if (row["condition"], row["metric"]) == ("", metric)}
+            found = {row["method"]: row for row in rows if (row["condition"], row["metric"]) == ("", metric)}
             name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
-            found = " | ".join(cells.get(method, "-") for method in methods)
-            lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {found} |")
+            cells = " | ".join(cell(found[method], False) if method in found else "-" for method in methods)
+            lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {cells} |")
     return "\n" + "\n".join(lines) + "\n\n"
 
 
@@ -246,13 +246,13 @@ def table_of(rows: list[dict]) -> str:
     )
 
 
-def cell(row: dict) -> str:
-    """A value with its interval."""
+def cell(row: dict, intervals: bool = True) -> str:
+    """A value, with its interval unless that is unwanted or no wider than the digits shown."""
     if row["value"] == "":
         return "-"
     _, factor, digits = UNITS[row["metric"]]
     value, low, high = (f"{factor * float(row[name]):.{digits}f}" for name in ("value", "low", "high"))
-    return value if low == value == high else f"{value} ({low} to {high})"
+    return value if low == value == high or not intervals else f"{value} ({low} to {high})"
 
 
 def rounded(value: float) -> float | str:

@@ -7,6 +7,6 @@ FAILURES = (
     f"torn: an element is stretched beyond {STRETCH_LIMIT:g} times its natural length",
     "untrusted solve: a pivot of the system matrix has lost nine digits or is not finite",
     "no convergence: the adaptive method gave up",
-    "escaped: a chamber has no volume left, or a node of an inner layer has left the outer one",
+    "escaped: a gas compartment has no volume left, or a node of an inner layer has left the outer one",
 )
 NON_FINITE, TORN, UNTRUSTED_SOLVE, NO_CONVERGENCE, ESCAPED = 1, 2, 3, 4, 5

@@ -10,7 +10,7 @@ from fish_env.tasks.options import Option
 from fish_env.tasks.start import POSE_OPTIONS
 
 VARIATIONS: dict[str, Option] = {
-    "stiffness": Option(0.5, 2.0, "factor on the stiffness and damping of every unit"),
+    "stiffness": Option(0.5, 2.0, "factor on the stiffness and damping of every spring"),
     "mass": Option(0.5, 2.0, "factor on the mass"),
     "drag": Option(0.5, 2.0, "factor on the force of the water"),
     "current": Option(0.0, 1.0, "speed of the water, body lengths per second"),
