@@ -1,9 +1,9 @@
 """docs/extending.md: its blocks run, in a program of one's own and in the package, and what they add is correct.
 
-A block whose title is the name of a file is that file; one titled with a table is the line that the package needs.
+A block whose title is the name of a file is that file; one that shows a difference is the line that a table needs.
 """
 
-import importlib.util
+import importlib
 import os
 import re
 import shutil
@@ -23,7 +23,7 @@ from fish_env.integrators.runge_kutta import RungeKutta
 
 BLOCKS = blocks(ROOT / "docs/extending.md", "python")
 FILES = {block.title: block.text for block in BLOCKS if re.fullmatch(r"\w+\.py", block.title)}
-LINES = [block for block in BLOCKS if " in fish_env/" in block.title]
+LINES = blocks(ROOT / "docs/extending.md", "diff")
 KINDS = {"bodies": "minnow", "tasks": "dash", "integrators": "heun", "forces": "soft_floor"}
 FISH = 8
 
@@ -41,10 +41,8 @@ def run(script, folder, package, **variables):
 def test_every_block_has_its_place():
     """The page holds a file and a line of a table for each of the four kinds, and every other block is run."""
     assert sorted(FILES) == sorted(f"{name}.py" for name in KINDS.values())
-    assert [block.title.split(" in ")[1].split(",")[0] for block in LINES] == [
-        f"fish_env/{kind}/__init__.py" for kind in KINDS
-    ]
-    others = [block for block in BLOCKS if block.title not in FILES and block not in LINES]
+    assert [block.title.split(" in ")[1] for block in LINES] == [f"fish_env/{kind}/__init__.py" for kind in KINDS]
+    others = [block for block in BLOCKS if block.title not in FILES]
     assert {block.title for block in others} == {"", "your own program"}
     assert "The blocks of this page run in order, as one program." in (ROOT / "docs/extending.md").read_text()
 
@@ -53,7 +51,7 @@ def test_in_a_program_of_ones_own(tmp_path):
     """The files beside a program, and the other blocks in their order, with the assertions they hold."""
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
-    own = [block.text for block in BLOCKS if block.title not in FILES and block not in LINES]
+    own = [block.text for block in BLOCKS if block.title not in FILES]
     run("\n\n".join(own), tmp_path, ROOT)
 
 
@@ -81,15 +79,16 @@ def test_in_the_package(tmp_path):
     shutil.copytree(ROOT / "fish_env", package / "fish_env", ignore=shutil.ignore_patterns("__pycache__"))
     for block, (kind, name) in zip(LINES, KINDS.items(), strict=True):
         before = contents(package)
-        table, home, imported = re.fullmatch(r"(\w+) in (fish_env/\S+), with: (.+)", block.title).groups()
+        table, home = block.title.split(" in ")
+        imported, entry = (line.removeprefix("+") for line in block.text.splitlines())
         (package / "fish_env" / kind / f"{name}.py").write_text(FILES[f"{name}.py"])
         path = package / home
-        path.write_text(with_line(path.read_text(), table, block.text, imported))
+        path.write_text(with_line(path.read_text(), table, entry + "\n", imported))
         after = contents(package)
         changed = {file for file in after if before.get(file) != after[file]}
         assert changed == {f"fish_env/{kind}/{name}.py", home}
         lines = set(after[home].splitlines()) - set(before[home].splitlines())
-        assert len(lines) == 2 and block.text.strip("\n") in lines  # the entry, and the import of what it names
+        assert lines == {imported, entry}
     said = run(ADDED, tmp_path, package, NUMBA_DISABLE_JIT="1")
     assert said.strip() == str(package / "fish_env" / "__init__.py")
 
@@ -112,20 +111,13 @@ def with_line(text, table, line, imported):
 # The method of the page, against the tableau that it says is the same
 
 
-def loaded(name, folder):
-    """A file of the page as a module."""
-    path = folder / f"{name}.py"
-    path.write_text(FILES[f"{name}.py"])
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture
 def methods(tmp_path, monkeypatch):
     """The table with the method of the page, "heun", and its tableau, "tableau"."""
-    own = loaded("heun", tmp_path).Heun()
+    (tmp_path / "heun.py").write_text(FILES["heun.py"])
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "heun", raising=False)
+    own = importlib.import_module("heun").Heun()
     for name, method in (("heun", own), ("tableau", RungeKutta((0.0, 1.0), (0.5, 0.5)))):
         monkeypatch.setitem(INTEGRATORS, name, Integrator(name, 2, "explicit", 2, 0, 0, "Heun 1900", method))
 
