@@ -122,7 +122,7 @@ def test_large_bending():
 def test_ruined_bodies_recover(how, method):
     """A block turned inside out, flattened or scrambled comes back to its shape, and no tank gives it up."""
     body, lowest = block_recovery.damped_block((6, 2, 2))
-    start = block_recovery.ruined(body, how, seed=1)
+    start = block_recovery.deformed_start(body, how, seed=1)
     result = block_recovery.recover(body, lowest, start, method)
     assert result["inverted_at_start"] == 1.0 if how == "reflected" else result["inverted_at_start"] > 0.3
     assert result["failure"] == "" and result["out_of_shape"] < 1e-6

@@ -86,7 +86,7 @@ def test_a_row(truth):
 
 
 def test_least_expensive():
-    """The cheapest accurate row is found only among steps below which everything is accurate."""
+    """The least expensive accurate row is found only among steps below which everything is accurate."""
     rows = [
         {"scene": "s", "integrator": "a", "refine": np.inf, "substeps": k, "error": error, "us_per_interval": float(k)}
         for k, error in ((1, 0.001), (2, 0.5), (4, 0.009), (8, 0.002))

@@ -180,7 +180,9 @@ def test_an_attack_from_beginning_to_end(name, monkeypatch):
     for row in rows:
         assert row["body"] == name and row["fish"] >= 2 and 0 <= row["failures"] <= row["fish"]
         assert row["rerun_with_rk4"] == min(row["failures"], cases.EXPLAINED) >= row["rk4_fails_too"]
-        assert row["worst_stretch"] >= 1.0 and row["peak_energy_over_gait"] > 0.0
+        survived = row["worst_stretch"] > 1.0 and row["peak_energy_over_gait"] > 0.0
+        assert survived or row["failures"] == row["fish"]
+    assert any(row["failures"] == 0 for row in rows)
     attack.report(rows)
 
 

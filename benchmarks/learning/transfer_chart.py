@@ -55,7 +55,7 @@ def saving_rows(rows: list[dict], bodies=tuple(BODIES)) -> list[dict]:
 
 
 def matrix(rows: list[dict], task: str, short: int, columns: list[tuple[str, str]]) -> np.ndarray:
-    """Score, low and high (3, learnt on, replayed on) of a task; nan where nothing was measured."""
+    """Score, low and high (3, trained on, replayed on) of a task; nan where nothing was measured."""
     metric = RESULTS[task].score
     found = np.full((3, len(BODIES), len(columns)), np.nan)
     for row in rows:

@@ -6,7 +6,7 @@
     python -m benchmarks.speed.throughput --integrators    what a step of each method costs: results/steps.csv
     python -m benchmarks.speed.throughput --bodies         what an interval of each body costs: results/bodies.csv
 
-What is compared runs in turn, within one process, and is counted in processor time: what else goes on counts less. The
+What is compared runs in turn, within one process, and is counted in processor time: other processes count less. The
 first two bars are of Gymnasium's own functions and of the clock: they mean something on a quiet machine only.
 """
 
