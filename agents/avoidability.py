@@ -27,7 +27,7 @@ def open_loop(env: FishVectorEnv, side: int, duration: float) -> Controller:
     """The motor controllers; once an obstacle is observed the fish bends to a side, or relaxes (0), for a while."""
     swimming = cautious(env, 0.0, 0.0)
     fish = env.tank.fish
-    bend = np.where(fish.sides[env.leaders] == side, 1.0, -1.0)
+    bend = np.where(fish.sides[env.first_muscle_of_group] == side, 1.0, -1.0)
     seen_at = np.full(env.num_envs, np.inf)
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:

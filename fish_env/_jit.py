@@ -52,7 +52,7 @@ def cache_folder() -> str | None:
     user = next((os.environ[name] for name in CACHE_VARIABLES if os.environ.get(name)), None)
     private = Path(tempfile.gettempdir()) / f"cache-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
     bases = [private]
-    with contextlib.suppress(RuntimeError):  # no home folder is known
+    with contextlib.suppress(RuntimeError):  # there is no home folder
         bases.insert(0, Path(user) if user else Path.home() / ".cache")
     for base in bases:
         folder = base / "fish_env" / f"{source_hash()}-py{sys.version_info.major}{sys.version_info.minor}"
@@ -67,7 +67,7 @@ def cache_folder() -> str | None:
         except OSError:
             continue
     warnings.warn(
-        f"fish_env cannot write to {' or '.join(map(str, bases))}, so kernels are compiled anew in every process "
+        f"fish_env cannot write to {' or '.join(map(str, bases))}, so kernels are compiled again in every process "
         "(about 15 s); set NUMBA_CACHE_DIR to a writable folder",
         RuntimeWarning,
         stacklevel=2,
@@ -135,11 +135,11 @@ class KeyedFiles(IndexDataCacheFile):
     """
 
     def save(self, key, data):
-        """Keep compiled code."""
+        """Store compiled code."""
         self._save_data(self._name(key), data)
 
     def load(self, key):
-        """What was kept, or None."""
+        """What was stored, or None."""
         with contextlib.suppress(FileNotFoundError):
             return self._load_data(self._name(key))
         return None
@@ -165,7 +165,7 @@ class SourceCache(FunctionCache):
         return found
 
     def save_overload(self, sig, data):
-        """Keep what was compiled."""
+        """Store what was compiled."""
         end_progress()
         super().save_overload(sig, data)
 

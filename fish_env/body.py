@@ -11,19 +11,19 @@ import numpy as np
 
 from fish_env import forces
 from fish_env.checks import finite_array, node_array, positive_array
-from fish_env.elements import Chambers, Guards, Tets, check_outward
+from fish_env.elements import Barriers, Compartments, Tets, check_outward
 from fish_env.failures import FAILURES  # noqa: F401 - named here too, where the state that holds one is
 from fish_env.linalg import ldlt, rates
 
 
 class Springs(NamedTuple):
-    """Viscoelastic units (a spring and a dashpot side by side): E of them. Tu 1996, ch. 4."""
+    """Viscoelastic elements (a spring and a dashpot side by side): E of them. Tu 1996, ch. 4."""
 
-    nodes: np.ndarray  # (E,2) the two nodes of each unit
+    nodes: np.ndarray  # (E,2) the two nodes of each spring
     stiffness: np.ndarray  # (E,) c, N/m
     damping: np.ndarray  # (E,) k, N s/m
     rest_length: np.ndarray  # (E,) natural length, m
-    entry: np.ndarray  # (E,) place of the unit's off-diagonal entry in the skyline
+    entry: np.ndarray  # (E,) place of the spring's off-diagonal entry in the skyline
 
 
 class Faces(NamedTuple):
@@ -48,15 +48,15 @@ class Body(NamedTuple):
 
     position: np.ndarray  # (N,3) m
     mass: np.ndarray  # (N,) kg
-    inverse_mass: np.ndarray  # (N,3) 1/kg; zero along an axis in which the node is held: its velocity never changes
-    held: np.ndarray  # (H,2) node and axis of every degree of freedom that is eliminated
+    inverse_mass: np.ndarray  # (N,3) 1/kg; zero along an axis in which the node is fixed: its velocity never changes
+    fixed: np.ndarray  # (H,2) node and axis of every degree of freedom that is eliminated
     springs: Springs
     faces: Faces
     tets: Tets | None
-    chambers: Chambers | None
-    guards: Guards | None
-    elastic_rate: float  # highest eigenvalue of M^-1 K at rest, 1/s2: the square of the highest frequency
-    viscous_rate: float  # highest eigenvalue of M^-1 D at rest, 1/s
+    compartments: Compartments | None
+    barriers: Barriers | None
+    max_stiffness_eigenvalue: float  # highest eigenvalue of M^-1 K at rest, 1/s2: the square of the highest frequency
+    max_damping_eigenvalue: float  # highest eigenvalue of M^-1 D at rest, 1/s
     profile: ldlt.Profile  # skyline of the system matrix: the nodes that an element joins
 
 
@@ -66,7 +66,7 @@ class State(NamedTuple):
     x: np.ndarray  # (B,N,3) m
     v: np.ndarray  # (B,N,3) m/s
     t: np.ndarray  # (B,) s
-    failure: np.ndarray  # (B,) 0 while the body is sound, else an index into FAILURES
+    failure: np.ndarray  # (B,) 0 while the body is valid, else an index into FAILURES
     counters: np.ndarray  # (B,5) work done and trouble met so far, a column for each of COUNTERS
 
 
@@ -82,21 +82,21 @@ FORCES, FACTORISATIONS, SOLVES, PIVOTS, REFINEMENTS = range(5)
 
 
 def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, depth=None, tets: Tets | None = None,
-              chambers: Chambers | None = None, guards: Guards | None = None) -> Body:  # fmt: skip
+              compartments: Compartments | None = None, barriers: Barriers | None = None) -> Body:  # fmt: skip
     """Check the parts of a body and put them together, with the skyline computed once.
 
     Args:
         position: rest positions, (N,3) m.
         mass: node masses, (N,) kg, positive.
-        pairs: the two nodes of each unit, (E,2), different nodes, each pair once.
+        pairs: the two nodes of each spring, (E,2), different nodes, each pair once.
         stiffness: c, (E,) N/m, zero or positive.
         damping: k, (E,) N s/m, zero or positive.
         rest_length: natural lengths, (E,) m, positive.
         faces: surface, (F,4); a triangle gives its third node twice.
         depth: height of the upright faces of a flat body, (F,) m; None if there are none.
         tets: of `make_tets`, for these positions, or None.
-        chambers: of `make_chambers`, or None.
-        guards: of `make_guards`, or None.
+        compartments: of `make_compartments`, or None.
+        barriers: of `make_barriers`, or None.
 
     Raises:
         ValueError: naming the part, what it holds, and what is allowed.
@@ -118,8 +118,8 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
     depth = positive_array(np.zeros(len(corners)) if depth is None else depth, (len(corners),), "depth (m)", zero=True)
     if not depth.any():
         check_outward(position, corners)
-    for name, part in (("tets", tets), ("chambers", chambers), ("guards", guards)):
-        highest = 0 if part is None else getattr(part, "faces" if name == "chambers" else "nodes").max(initial=0)
+    for name, part in (("tets", tets), ("compartments", compartments), ("barriers", barriers)):
+        highest = 0 if part is None else getattr(part, "faces" if name == "compartments" else "nodes").max(initial=0)
         if highest >= n:
             raise ValueError(f"{name} name node {highest}, which is missing; nodes are numbered 0 to {n - 1}")
     fours = corners if tets is None else np.concatenate([corners, tets.nodes])
@@ -135,15 +135,16 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
     share = np.where(corners[:, 2:3] == corners[:, 3:4], [[1 / 3, 1 / 3, 1 / 6, 1 / 6]], 0.25)
     body = Body(
         position, mass, np.repeat(1.0 / mass[:, None], 3, axis=1), np.zeros((0, 2), np.int64), springs,
-        Faces(corners, np.ascontiguousarray(share), depth, bool(depth.any())), tets, chambers, guards, 0.0, 0.0, shape,
+        Faces(corners, np.ascontiguousarray(share), depth, bool(depth.any())), tets, compartments, barriers, 0.0, 0.0,
+        shape,
     )  # fmt: skip
     return with_rates(body)
 
 
-def hold(body: Body, nodes, axes: str = "xyz") -> Body:
-    """The body with nodes held along some axes, by elimination: no force moves them, and no row of a matrix is theirs.
+def fix(body: Body, nodes, axes: str = "xyz") -> Body:
+    """The body with nodes fixed along some axes, by elimination: no force moves them, and no row of a matrix is theirs.
 
-    A held degree of freedom keeps the velocity it is given: zero fixes it, another moves it along its way.
+    A fixed degree of freedom keeps the velocity it is given: zero fixes it, another moves it along its way.
 
     Args:
         body: any.
@@ -160,17 +161,17 @@ def hold(body: Body, nodes, axes: str = "xyz") -> Body:
         if nodes.shape != body.mass.shape:
             raise ValueError(f"the mask of nodes has shape {nodes.shape}; give {body.mass.shape}")
         nodes = np.flatnonzero(nodes)
-    nodes = node_array(nodes.reshape(-1, 1), 1, body.mass.size, "held nodes")[:, 0]
+    nodes = node_array(nodes.reshape(-1, 1), 1, body.mass.size, "fixed nodes")[:, 0]
     inverse = body.inverse_mass.copy()
     inverse[np.ix_(nodes, np.array(["xyz".index(axis) for axis in axes]))] = 0.0
     if not inverse.any():
-        raise ValueError(f"all {len(inverse)} nodes would be held along every axis; leave one of them free")
-    return with_rates(body._replace(inverse_mass=inverse, held=np.ascontiguousarray(np.argwhere(inverse == 0.0))))
+        raise ValueError(f"all {len(inverse)} nodes would be fixed along every axis; leave one of them free")
+    return with_rates(body._replace(inverse_mass=inverse, fixed=np.ascontiguousarray(np.argwhere(inverse == 0.0))))
 
 
 def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
     """The body with its elements' stiffness and damping and its nodes' masses multiplied by positive factors."""
-    tets, chambers, guards = body.tets, body.chambers, body.guards
+    tets, compartments, barriers = body.tets, body.compartments, body.barriers
     return body._replace(
         mass=body.mass * mass,
         inverse_mass=body.inverse_mass / mass,
@@ -183,10 +184,11 @@ def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
             dilation=tets.dilation * stiffness,
             relaxation_time=tets.relaxation_time * (damping / stiffness),
         ),
-        chambers=chambers and chambers._replace(gas=chambers.gas * stiffness, ambient=chambers.ambient * stiffness),
-        guards=guards and guards._replace(energy=guards.energy * stiffness),
-        elastic_rate=body.elastic_rate * (stiffness / mass),
-        viscous_rate=body.viscous_rate * (damping / mass),
+        compartments=compartments
+        and compartments._replace(gas=compartments.gas * stiffness, ambient=compartments.ambient * stiffness),
+        barriers=barriers and barriers._replace(energy=barriers.energy * stiffness),
+        max_stiffness_eigenvalue=body.max_stiffness_eigenvalue * (stiffness / mass),
+        max_damping_eigenvalue=body.max_damping_eigenvalue * (damping / mass),
     )
 
 
@@ -194,6 +196,6 @@ def with_rates(body: Body) -> Body:
     """The body with its highest elastic and viscous rates worked out, those of its free degrees of freedom."""
     root = np.sqrt(body.inverse_mass)
     return body._replace(
-        elastic_rate=rates.highest(forces.rest_matrices(body, elastic=True), root),
-        viscous_rate=rates.highest(forces.rest_matrices(body, elastic=False), root),
+        max_stiffness_eigenvalue=rates.highest(forces.rest_matrices(body, elastic=True), root),
+        max_damping_eigenvalue=rates.highest(forces.rest_matrices(body, elastic=False), root),
     )

@@ -1,4 +1,4 @@
-"""Bad input is refused at the door: arrays of the right shape, finite, positive, naming nodes that exist."""
+"""Input validation: arrays of the right shape, finite, positive, naming nodes that exist."""
 
 import os
 

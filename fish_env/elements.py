@@ -1,4 +1,4 @@
-"""Elements beside springs and faces: tetrahedra, chambers of gas, and guards that keep a layer inside another.
+"""Elements beside springs and faces: tetrahedra, compartments of gas, and barriers that keep a layer inside another.
 
 Each maker refuses what would not work and names the element.
 """
@@ -26,16 +26,16 @@ class Tets(NamedTuple):
     rotating: bool  # corotational; False is plain linear elasticity, which mistakes rotation for strain
 
 
-class Chambers(NamedTuple):
-    """Gas inside closed surfaces: C chambers (Song 2009, ch. 4.5)."""
+class Compartments(NamedTuple):
+    """Gas inside closed surfaces: C compartments (Song 2009, ch. 4.5)."""
 
     faces: np.ndarray  # (Q,4) outward; a triangle gives its third node twice, an edge of a flat ring gives -1 for both
-    first: np.ndarray  # (C+1,) where each chamber's faces begin, and the last end
+    first: np.ndarray  # (C+1,) where each compartment's faces begin, and the last end
     gas: np.ndarray  # (C,) n R T, J
     ambient: np.ndarray  # (C,) pressure outside, Pa
 
 
-class Guards(NamedTuple):
+class Barriers(NamedTuple):
     """Barriers that keep a node of an inner layer behind an outer face: K of them."""
 
     nodes: np.ndarray  # (K,4) the outer face (-1 for the third node of an edge), then the inner node
@@ -82,18 +82,18 @@ def make_tets(position, nodes, young, poisson, relaxation_time=0.0, corotational
     return Tets(nodes, gradient, volume, shear, dilation, damped, bool(corotational))
 
 
-def make_chambers(position, surfaces, pressure, ambient=0.0) -> Chambers:
-    """Chambers of gas inside closed surfaces, at the given pressure while the body is at rest.
+def make_compartments(position, surfaces, pressure, ambient=0.0) -> Compartments:
+    """Compartments of gas inside closed surfaces, at the given pressure while the body is at rest.
 
     Args:
         position: (N,3) m.
-        surfaces: a list, for each chamber its faces (K,4), outward, or the edges (K,2) of a ring in the xy plane,
+        surfaces: a list, for each compartment its faces (K,4), outward, or the edges (K,2) of a ring in the xy plane,
             counter-clockwise. The space between two skins is one surface: the outer, and the inner turned round.
         pressure: at rest, Pa, positive: one number or (C,). Of a ring, N/m.
         ambient: outside, Pa: one number or (C,).
 
     Raises:
-        ValueError: naming the chamber that is open, inside out or empty, and the edge where it is open.
+        ValueError: naming the compartment that is open, inside out or empty, and the edge where it is open.
     """
     position = finite_array(position, (len(position), 3), "position (m)")
     count = len(surfaces)
@@ -101,7 +101,7 @@ def make_chambers(position, surfaces, pressure, ambient=0.0) -> Chambers:
     for c, surface in enumerate(surfaces):
         surface = np.asarray(surface)
         width = 2 if surface.ndim == 2 and surface.shape[1] == 2 else 4
-        surface = node_array(surface, width, len(position), f"faces of chamber {c}")
+        surface = node_array(surface, width, len(position), f"faces of compartment {c}")
         _check_closed(surface, c)
         if width == 2:
             surface = np.concatenate([surface, np.full((len(surface), 2), -1)], axis=1)
@@ -112,20 +112,20 @@ def make_chambers(position, surfaces, pressure, ambient=0.0) -> Chambers:
     ambient = positive_array(np.broadcast_to(ambient, (count,)), (count,), "ambient (Pa)", zero=True)
     volume = np.array([volume_of(faces[p:q], position)[0] for p, q in pairwise(first)])
     for c in np.flatnonzero(~(volume > 0)):
-        raise ValueError(f"chamber {c} encloses {volume[c]:g}; give its faces counter-clockwise seen from outside")
-    return Chambers(faces, np.array(first, np.int64), pressure * volume, ambient)
+        raise ValueError(f"compartment {c} encloses {volume[c]:g}; give its faces counter-clockwise seen from outside")
+    return Compartments(faces, np.array(first, np.int64), pressure * volume, ambient)
 
 
-def make_guards(position, faces, inner, energy) -> Guards:
-    """Guards of outer faces (K,3), or edges (K,2), against inner nodes (K,), which lie behind them at rest.
+def make_barriers(position, faces, inner, energy) -> Barriers:
+    """Barriers of outer faces (K,3), or edges (K,2), against inner nodes (K,), which lie behind them at rest.
 
     Raises:
-        ValueError: naming the first guard whose node is not behind its face, or whose energy, J, is not positive.
+        ValueError: naming the first barrier whose node is not behind its face, or whose energy, J, is not positive.
     """
     position = finite_array(position, (len(position), 3), "position (m)")
     faces = np.asarray(faces)
     width = faces.shape[1] if faces.ndim == 2 and faces.shape[1] in (2, 3) else 3
-    faces = node_array(faces, width, len(position), "faces of the guards")
+    faces = node_array(faces, width, len(position), "faces of the barriers")
     inner = node_array(np.reshape(inner, (-1, 1)), 1, len(position), "inner nodes")
     if len(inner) != len(faces):
         raise ValueError(f"there are {len(inner)} inner nodes for {len(faces)} faces; give one each")
@@ -137,9 +137,11 @@ def make_guards(position, faces, inner, energy) -> Guards:
     else:
         volume = 0.5 * ((p - i)[:, 0] * (q - i)[:, 1] - (p - i)[:, 1] * (q - i)[:, 0])
     for k in np.flatnonzero(~(volume > 0)):
-        raise ValueError(f"guard {k}: node {nodes[k, 3]} is not behind the face {faces[k].tolist()}; give outer faces")
-    energy = positive_array(np.broadcast_to(energy, (len(nodes),)), (len(nodes),), "energy of the guards (J)")
-    return Guards(nodes, np.ascontiguousarray(volume), energy)
+        raise ValueError(
+            f"barrier {k}: node {nodes[k, 3]} is not behind the face {faces[k].tolist()}; give outer faces"
+        )
+    energy = positive_array(np.broadcast_to(energy, (len(nodes),)), (len(nodes),), "energy of the barriers (J)")
+    return Barriers(nodes, np.ascontiguousarray(volume), energy)
 
 
 def check_outward(position, corners) -> None:
@@ -166,13 +168,13 @@ def _repeated(rows) -> np.ndarray:
 def _check_closed(surface, c) -> None:
     """Raise ValueError unless every edge of faces (K,4) has its reverse, or every node of a ring (K,2) two edges."""
     if not len(surface):
-        raise ValueError(f"chamber {c} has no faces; give a closed surface")
+        raise ValueError(f"compartment {c} has no faces; give a closed surface")
     if surface.shape[1] == 2:
         starts, ends = np.bincount(surface[:, 0]), np.bincount(surface[:, 1])
         odd = np.flatnonzero(np.pad(starts, (0, max(0, ends.size - starts.size)))
                              != np.pad(ends, (0, max(0, starts.size - ends.size))))  # fmt: skip
         if odd.size:
-            raise ValueError(f"chamber {c} is open at node {odd[0]}; give a closed ring")
+            raise ValueError(f"compartment {c} is open at node {odd[0]}; give a closed ring")
         return
     balance: dict[tuple[int, int], int] = {}
     for face in surface.tolist():
@@ -182,4 +184,4 @@ def _check_closed(surface, c) -> None:
                 balance[key] = balance.get(key, 0) + sign
     for edge, count in balance.items():
         if count:
-            raise ValueError(f"chamber {c} is open at the edge from node {edge[0]} to {edge[1]}; close its surface")
+            raise ValueError(f"compartment {c} is open at the edge from node {edge[0]} to {edge[1]}; close its surface")

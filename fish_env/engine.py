@@ -226,7 +226,7 @@ class Engine:
         self.tank, self.method = tank, tank.integrator.method
         self.names = forces.present(fish.body, world)
         self.compiled = make_call(self.names, self.method)
-        own = (fish.body.elastic_rate, fish.body.viscous_rate)
+        own = (fish.body.max_stiffness_eigenvalue, fish.body.max_damping_eigenvalue)
         self.bounds = [sum(rates) for rates in zip(own, *forces.bounds(fish.body, world), strict=True)]
         self.levels, self._rows, self._plans = (1 + DEEPEST if np.isfinite(tank.refine) else 1), {}, []
         self.order, self.row, self._sorted = np.arange(b), np.zeros(b, dtype=np.int64), True

@@ -34,8 +34,8 @@ UNSTABLE = 1e-10  # of the highest rate: less is rounding
 SHIFT = 1e-7  # of the highest rate: with a hundredth of it, what rounding leaves in a solve mixes neighbours up
 SLACK = 1e-12  # of the largest stiffness, for motions that nothing resists and no force asks for
 SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
-LOOSE = "the stiffness does not resist every motion; hold or anchor more nodes, or start from another place"
-ADVICE = "apply the load in smaller steps, each started from the last; hold or anchor a body that its load would move"
+LOOSE = "the stiffness does not resist every motion; fix or anchor more nodes, or start from another place"
+ADVICE = "apply the load in smaller steps, each started from the last; fix or anchor a body that its load would move"
 
 
 class NoEquilibrium(ArithmeticError):  # noqa: N818 - it names what was not found
@@ -45,11 +45,11 @@ class NoEquilibrium(ArithmeticError):  # noqa: N818 - it names what was not foun
 def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None, load=None, tolerance=1e-9):
     """Positions (N,3) m at which no force acts on any free degree of freedom: f(x) + load = 0, at zero velocity.
 
-    An equilibrium near the start, stable or not: `modes` tells. Held degrees of freedom stay where they start.
+    An equilibrium near the start, stable or not: `modes` tells. Fixed degrees of freedom stay where they start.
 
     Args:
         body: any; of a free body the place is kept.
-        world: gravity, current and anchors act; walls are refused.
+        world: gravity, current and anchors act; walls raise an error.
         rest_length: of the springs, (E,) m; None takes the body's.
         start: positions, (N,3) m; None takes those at rest.
         load: further forces, (N,3) N, that keep their direction.
@@ -60,7 +60,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         NoEquilibrium: if Newton's method does not find one.
     """
     if world.planes is not None:
-        raise ValueError("the world has walls, which stop motion; hold the nodes that rest on them instead (body.hold)")
+        raise ValueError("the world has walls, which stop motion; fix the nodes that rest on them instead (body.fix)")
     if not tolerance > 0:
         raise ValueError(f"tolerance is {tolerance!r}; give a positive number")
     n = len(body.mass)
@@ -105,7 +105,7 @@ def _newton(x, f, force: Callable, free, solve: Callable):
 
 
 def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
-    """Displacements (N,3) m under small forces on a body at rest: K u = load, held degrees of freedom zero.
+    """Displacements (N,3) m under small forces on a body at rest: K u = load, fixed degrees of freedom zero.
 
     Args:
         body: any; of a free body the load must balance.
@@ -121,7 +121,7 @@ def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
     free, matrix = _free(body), tangent(body, world, body.springs.rest_length, x)
     rigid = rigid_motions(body, world, x, _still(world))
     if np.abs(rigid.T @ load.ravel()[free]).max(initial=0.0) > 1e-9 * np.abs(load).max():
-        raise ValueError("the load has a resultant that moves the free body; hold some nodes, or balance the load")
+        raise ValueError("the load has a resultant that moves the free body; fix some nodes, or balance the load")
     displacement = np.zeros(x.size)
     displacement[free] = _solver(body, matrix, rigid)(load.ravel()[free])
     return displacement.reshape(x.shape)
@@ -152,7 +152,7 @@ def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, posit
     matrix = tangent(body, world, finite_array(rest, body.springs.rest_length.shape, "rest_length (m)"), x)
     root = np.sqrt(body.inverse_mass).ravel()[free]
     squares, shapes = _lowest(matrix, free, root, count)
-    if squares[0] < -UNSTABLE * body.elastic_rate:
+    if squares[0] < -UNSTABLE * body.max_stiffness_eigenvalue:
         raise NoEquilibrium(f"the position is unstable: a motion grows at {np.sqrt(-squares[0]):g} 1/s; give another")
     found = np.zeros((count, x.size))
     found[:, free] = root * shapes.T
@@ -193,8 +193,8 @@ def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
     for axis in range(3 if turning else 0):
         motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms) / max(np.abs(arms).max(), 1e-300)
     motions = motions.reshape(x.size, -1)
-    held = motions[body.inverse_mass.ravel() == 0.0]
-    allowed = null_space(held, rcond=RANK) if held.size else np.eye(motions.shape[1])
+    fixed = motions[body.inverse_mass.ravel() == 0.0]
+    allowed = null_space(fixed, rcond=RANK) if fixed.size else np.eye(motions.shape[1])
     return orth(motions[free] @ allowed, rcond=RANK) if allowed.size else np.zeros((free.size, 0))
 
 

@@ -216,7 +216,7 @@ class Tank:
         return int(which[np.argmin((away**2).sum(axis=1))])
 
     def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0) -> None:
-        """Take hold of a node of every body by a spring to a point (3,) m, in place of any before (`make_anchors`).
+        """Pull a node of every body by a drag spring to a point (3,) m, in place of any before (`make_anchors`).
 
         Raises:
             ValueError: for a missing node or a number that is not allowed.

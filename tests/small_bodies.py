@@ -5,7 +5,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from fish_env.body import Control, State, make_body
-from fish_env.elements import make_chambers, make_guards, make_tets
+from fish_env.elements import make_barriers, make_compartments, make_tets
 from fish_env.world import World, make_anchors, make_water, make_world
 
 CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
@@ -59,18 +59,20 @@ def subdivided(levels):
     return np.array(points), np.array([(a, b, c, c) for a, b, c in faces])
 
 
-def tetrahedral_chamber():
+def tetrahedral_compartment():
     """Gas inside one tetrahedron of springs."""
     position = 0.1 * np.array([[0.0, 0, 0], [1.1, 0, 0], [0.1, 0.9, 0], [0.2, 0.1, 1.2]])
     faces = [[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [2, 0, 3, 3]]
-    gas = make_chambers(position, [faces], 400.0, 150.0)
+    gas = make_compartments(position, [faces], 400.0, 150.0)
     pairs = list(combinations(range(4), 2))
     length = np.linalg.norm(position[[b for _, b in pairs]] - position[[a for a, _ in pairs]], axis=1)
-    return make_body(position, 0.05 * np.ones(4), pairs, 50 * np.ones(6), 0.1 * np.ones(6), length, faces, chambers=gas)
+    return make_body(
+        position, 0.05 * np.ones(4), pairs, 50 * np.ones(6), 0.1 * np.ones(6), length, faces, compartments=gas
+    )
 
 
 def two_layers():
-    """A cube of springs in a cube of springs, gas inside the inner one and between the two, guards at every face.
+    """A cube of springs in a cube of springs, gas inside the inner one and between the two, barriers at every face.
 
     On top sits a cube of tetrahedra: 20 nodes in all, with elements of every kind.
     """
@@ -82,28 +84,32 @@ def two_layers():
     corners = np.array([1, 16, 3, 17, 5, 18, 7, 19])  # of the cube on top
     tets = make_tets(position, kuhn(corners), 2000.0, 0.3, 2e-3)
     between = np.vstack([QUADS, QUADS[:, ::-1] + 8])
-    chambers = make_chambers(position, [QUADS + 8, between], [500.0, 450.0], 400.0)
+    compartments = make_compartments(position, [QUADS + 8, between], [500.0, 450.0], 400.0)
     halves = np.vstack([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]])
-    guards = make_guards(position, np.vstack([halves, halves]), np.concatenate([halves[:, 0], halves[:, 2]]) + 8, 0.02)
+    barriers = make_barriers(
+        position, np.vstack([halves, halves]), np.concatenate([halves[:, 0], halves[:, 2]]) + 8, 0.02
+    )
     return make_body(
         position, rng.uniform(0.05, 0.1, 20), pairs, rng.uniform(50, 100, len(pairs)),
-        rng.uniform(0.1, 0.2, len(pairs)), length, QUADS, tets=tets, chambers=chambers, guards=guards,
+        rng.uniform(0.1, 0.2, len(pairs)), length, QUADS, tets=tets, compartments=compartments, barriers=barriers,
     )  # fmt: skip
 
 
 def rings():
-    """A flat ring of springs in a ring of springs, gas in the inner one and between the two, guards at every edge."""
+    """A flat ring of springs in a ring of springs, gas in the inner one and between the two, barriers at every edge."""
     angle = 2 * np.pi * np.arange(8) / 8
     circle = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     position, around = 0.1 * np.vstack([circle, 0.6 * circle]), np.column_stack([np.arange(8), (np.arange(8) + 1) % 8])
     pairs = np.vstack([around, around + 8, np.column_stack([np.arange(8), np.arange(8) + 8])])
     length = np.linalg.norm(position[pairs[:, 1]] - position[pairs[:, 0]], axis=1)
-    chambers = make_chambers(position, [around + 8, np.vstack([around, around[:, ::-1] + 8])], [8.0, 7.0], 6.0)
-    guards = make_guards(position, np.vstack([around, around]), np.concatenate([around[:, 0], around[:, 1]]) + 8, 0.02)
+    compartments = make_compartments(position, [around + 8, np.vstack([around, around[:, ::-1] + 8])], [8.0, 7.0], 6.0)
+    barriers = make_barriers(
+        position, np.vstack([around, around]), np.concatenate([around[:, 0], around[:, 1]]) + 8, 0.02
+    )
     n = len(pairs)
     return make_body(
         position, 0.05 * np.ones(16), pairs, 60 * np.ones(n), 0.1 * np.ones(n), length, [],
-        chambers=chambers, guards=guards,
+        compartments=compartments, barriers=barriers,
     )  # fmt: skip
 
 
@@ -126,8 +132,8 @@ def completed(body):
     x = body.position
     return body._replace(
         tets=body.tets or make_tets(x, [], 1.0, 0.3),
-        chambers=body.chambers or make_chambers(x, [], 1.0),
-        guards=body.guards or make_guards(x, [], [], 1.0),
+        compartments=body.compartments or make_compartments(x, [], 1.0),
+        barriers=body.barriers or make_barriers(x, [], [], 1.0),
     )
 
 
@@ -172,7 +178,7 @@ BODIES = {
     for name, body in {
         "block": block(),
         "linear block": block(corotational=False),
-        "chamber": tetrahedral_chamber(),
+        "compartment": tetrahedral_compartment(),
         "two layers": two_layers(),
         "rings": rings(),
     }.items()
@@ -187,7 +193,7 @@ def close(actual, wanted, tolerance=1e-12):
 
 
 def bent(name, rng):
-    """A turned and moved, bent and moving state of a body (of a flat one: in its plane); guards, if any, at work."""
+    """A turned and moved, bent and moving state of a body (of a flat one: in its plane); barriers, if any, at work."""
     body = BODIES[name]
     flat = not np.ptp(body.position[:, 2])
     x, v = shaken(body, rng, 1e-3 if flat else 3e-3, squeezed=name == "two layers")

@@ -1,4 +1,4 @@
-"""Nodes held and moved: by elimination against the reduced dense system, and by penalty against elimination."""
+"""Nodes fixed and moved: by elimination against the reduced dense system, and by penalty against elimination."""
 
 from functools import cache
 
@@ -10,7 +10,7 @@ import small_bodies
 from benchmarks.accuracy import boundary
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.bodies.fish import ElasticObject
-from fish_env.body import hold
+from fish_env.body import fix
 from fish_env.integrators import limits
 from fish_env.tank_options import own_step
 from fish_env.world import VACUUM, World, make_anchors, make_world
@@ -23,7 +23,7 @@ each_fixed = pytest.mark.parametrize("name", FIXED_STEP)
 each_task = pytest.mark.parametrize("task", boundary.TASKS)
 
 
-def thing(body, name="held"):
+def thing(body, name="fixed"):
     """The body as a tank takes it, moved as the fish is."""
     return ElasticObject(name=name, body=body, length=FISH.length, time_step=FISH.time_step, control_interval=0.02)
 
@@ -40,10 +40,10 @@ def moved(name, body, world, x, v, h, n):
 # Elimination
 
 
-def held_two_layers(whole):
-    """The small body of all kinds of elements with two nodes held, and two more along some axes unless `whole`."""
-    body = hold(small_bodies.two_layers(), [0, 12])
-    return body if whole else hold(hold(body, [17, 5], "z"), [3], "xy")
+def fixed_two_layers(whole):
+    """The small body of all kinds of elements with two nodes fixed, and two more along some axes unless `whole`."""
+    body = fix(small_bodies.two_layers(), [0, 12])
+    return body if whole else fix(fix(body, [17, 5], "z"), [3], "xy")
 
 
 QUICK = ("leapfrog_chebyshev", "linearly_implicit", "rk4")
@@ -59,18 +59,18 @@ QUICK = ("leapfrog_chebyshev", "linearly_implicit", "rk4")
     ],
 )
 def test_motion_equals_the_reduced_system(name, what):
-    """Steps with nodes held, some of them moving on their way, are those of the dense system without them, to 1e-12."""
+    """Steps with fixed nodes, some of them moving, are those of the dense system without them, to 1e-12."""
     rng, slanted = np.random.default_rng(1), name != "semi_implicit"
     if what == "two layers":
-        body = held_two_layers(whole=not slanted)
+        body = fixed_two_layers(whole=not slanted)
         world = small_bodies.world_with_all(body)
         x, v = small_bodies.shaken(body, rng)
     else:
-        body = hold(FISH.body, range(23), "z") if what == "fish in a plane" else hold(FISH.body, [0, 7, 20])
-        body = hold(body, [3], "y") if slanted else body
+        body = fix(FISH.body, range(23), "z") if what == "fish in a plane" else fix(FISH.body, [0, 7, 20])
+        body = fix(body, [3], "y") if slanted else body
         world = World(*naive.dense_water(FISH, current=(0.3, -0.2, 0.1)))
         x, v = naive.random_state(FISH, rng, speed=0.2)
-    free, rest, h = body.inverse_mass > 0, body.springs.rest_length, 0.3 / np.sqrt(body.elastic_rate)
+    free, rest, h = body.inverse_mass > 0, body.springs.rest_length, 0.3 / np.sqrt(body.max_stiffness_eigenvalue)
     n = 1 if name in ADAPTIVE else 4
     near_x, near_v = moved(name, body, world, x, v, h, n)
     far_x, far_v = naive.advance(name, body, world, rest, 0 * rest, x, v, h, n)
@@ -85,10 +85,10 @@ def test_motion_equals_the_reduced_system(name, what):
 
 
 @each_method
-def test_held_nodes_go_where_they_are_told(name):
-    """A held node follows a given velocity, changed from call to call, along exactly its way."""
+def test_fixed_nodes_keep_their_velocity(name):
+    """A fixed node follows a given velocity, changed from call to call, along exactly its way."""
     fish, h, n = FISH, own_step(FISH, INTEGRATORS[name]), 10
-    body = hold(fish.body, [0, 1])
+    body = fix(fish.body, [0, 1])
     tank, path = Tank(thing(body), 1, name, h, threads=1), body.position[:2].copy()
     for k in range(20):
         velocity = 0.2 * fish.length * np.array([np.cos(k), np.sin(k), 0.5])
@@ -101,22 +101,22 @@ def test_held_nodes_go_where_they_are_told(name):
 
 
 def test_rates_of_what_is_free():
-    """The highest rates of a held body are those of its reduced matrices, no higher than those of the free body."""
-    for body in (held_two_layers(whole=False), hold(FISH.body, [0, 4, 5]), hold(FISH.body, range(23), "z")):
+    """The highest rates of a fixed body are those of its reduced matrices, no higher than those of the free body."""
+    for body in (fixed_two_layers(whole=False), fix(FISH.body, [0, 4, 5]), fix(FISH.body, range(23), "z")):
         free = body.inverse_mass.ravel() > 0
         weight = np.sqrt(body.inverse_mass.ravel()[free])
-        for kind, found in (("stiffness", body.elastic_rate), ("damping", body.viscous_rate)):
+        for kind, found in (("stiffness", body.max_stiffness_eigenvalue), ("damping", body.max_damping_eigenvalue)):
             reduced = naive.stiffness_matrix(body, kind)[np.ix_(free, free)]
             assert found == pytest.approx(np.linalg.eigvalsh(reduced * np.outer(weight, weight))[-1], rel=1e-12)
-    assert hold(FISH.body, [0, 4, 5]).elastic_rate < FISH.body.elastic_rate
-    np.testing.assert_array_equal(hold(FISH.body, [5, 0]).held, [[0, 0], [0, 1], [0, 2], [5, 0], [5, 1], [5, 2]])
+    assert fix(FISH.body, [0, 4, 5]).max_stiffness_eigenvalue < FISH.body.max_stiffness_eigenvalue
+    np.testing.assert_array_equal(fix(FISH.body, [5, 0]).fixed, [[0, 0], [0, 1], [0, 2], [5, 0], [5, 1], [5, 2]])
     mask = np.arange(23) == 5
-    np.testing.assert_array_equal(hold(FISH.body, mask).held, hold(FISH.body, [5]).held)
-    assert not FISH.body.held.size
+    np.testing.assert_array_equal(fix(FISH.body, mask).fixed, fix(FISH.body, [5]).fixed)
+    assert not FISH.body.fixed.size
 
 
 def reduced(task, load, moved, penalties=None):
-    """Displacement (N,3) by numpy's dense solver: of what is free, what is held being where it is to be."""
+    """Displacement (N,3) by numpy's dense solver: of what is free, what is fixed being where it is to be."""
     body, matrix = task, naive.stiffness_matrix(task)
     load = load.ravel() - matrix @ moved.ravel()
     if penalties is not None:
@@ -131,20 +131,20 @@ def reduced(task, load, moved, penalties=None):
 
 @each_task
 def test_static_elimination(task):
-    """K u = f with nodes held and moved, by elimination in the skyline, is the reduced dense system's, to 1e-12."""
+    """K u = f with nodes fixed and moved, by elimination in the skyline, is the reduced dense system's, to 1e-12."""
     body, nodes, displacement = boundary.TASKS[task]()
     rng = np.random.default_rng(2)
     load, move = rng.normal(size=body.position.shape), np.zeros_like(body.position)
     wanted = reduced(body, load, move)
     found = boundary.static_displacement(body, load, move)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
-    both = hold(body, np.union1d(body.held[:, 0], nodes))
+    both = fix(body, np.union1d(body.fixed[:, 0], nodes))
     move[nodes] = displacement
     wanted = reduced(both, load, move)
     found = boundary.static_displacement(both, load, move)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
     np.testing.assert_array_equal(found[nodes], displacement)
-    slanted = hold(body, nodes, "yz")
+    slanted = fix(body, nodes, "yz")
     wanted = reduced(slanted, load, move * (0, 1, 1))
     found = boundary.static_displacement(slanted, load, move * (0, 1, 1))
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
@@ -236,7 +236,7 @@ def test_explicit_methods_and_the_penalty():
     off = np.abs(tank.position[0, task.nodes] - pulling.point).max()
     assert off <= 1.01 * size  # it may swing about its point for ever: nothing damps it, and nothing feeds it
     elastic = pulling.stiffness[0] * body.inverse_mass[task.nodes].max()
-    stiffer = body._replace(elastic_rate=body.elastic_rate + elastic)
+    stiffer = body._replace(max_stiffness_eigenvalue=body.max_stiffness_eigenvalue + elastic)
     longest, own = limits.leapfrog(stiffer), limits.leapfrog(body)
     assert longest < own / 20
     for h, sound in ((0.9 * longest, True), (0.9 * own, False)):
@@ -264,36 +264,36 @@ def test_damped_penalty_settles():
 @pytest.mark.parametrize(
     ("nodes", "axes", "text"),
     [
-        (range(23), "xyz", "all 23 nodes would be held along every axis; leave one of them free"),
-        ([23], "xyz", "held nodes name node 23, which is missing; nodes are numbered 0 to 22"),
-        ([0, -1], "x", "held nodes name node -1, which is missing"),
-        ([0.5], "x", "held nodes have shape"),
+        (range(23), "xyz", "all 23 nodes would be fixed along every axis; leave one of them free"),
+        ([23], "xyz", "fixed nodes name node 23, which is missing; nodes are numbered 0 to 22"),
+        ([0, -1], "x", "fixed nodes name node -1, which is missing"),
+        ([0.5], "x", "fixed nodes have shape"),
         (np.zeros(22, bool), "x", r"the mask of nodes has shape \(22,\); give \(23,\)"),
         ([0], "w", "axes are 'w'; give some of 'xyz'"),
         ([0], "", "axes are ''; give some of 'xyz'"),
         ([0], 1, "axes are 1; give some of 'xyz'"),
     ],
 )
-def test_hold_refuses(nodes, axes, text):
+def test_fix_refuses(nodes, axes, text):
     """Nodes that are not there, axes of another name, and a body with nothing left to move are refused."""
     with pytest.raises(ValueError, match=text):
-        hold(FISH.body, nodes, axes)
+        fix(FISH.body, nodes, axes)
 
 
 def test_all_held_bit_by_bit():
-    """Also when the last free axis is taken from a body that was held along the others."""
-    body = hold(hold(FISH.body, range(23), "x"), range(23), "y")
-    with pytest.raises(ValueError, match="all 23 nodes would be held along every axis"):
-        hold(body, range(23), "z")
+    """Also when the last free axis is taken from a body that was fixed along the others."""
+    body = fix(fix(FISH.body, range(23), "x"), range(23), "y")
+    with pytest.raises(ValueError, match="all 23 nodes would be fixed along every axis"):
+        fix(body, range(23), "z")
 
 
 def test_methods_refuse():
-    """Tu's method refuses a node that is held along some axes only, naming it, and adaptive methods refuse walls."""
+    """Tu's method refuses a node that is fixed along some axes only, naming it, and adaptive methods refuse walls."""
     with pytest.raises(
-        ValueError, match="'semi_implicit' cannot move 'held' here: node 7 is fixed along some axes only"
+        ValueError, match="'semi_implicit' cannot move 'fixed' here: node 7 is fixed along some axes only"
     ):
-        Tank(thing(hold(FISH.body, [7], "yz")), integrator="semi_implicit")
-    for body in (hold(FISH.body, [7]), hold(FISH.body, range(23), "z"), hold(hold(FISH.body, range(23), "z"), [4])):
+        Tank(thing(fix(FISH.body, [7], "yz")), integrator="semi_implicit")
+    for body in (fix(FISH.body, [7]), fix(FISH.body, range(23), "z"), fix(fix(FISH.body, range(23), "z"), [4])):
         assert Tank(thing(body), integrator="semi_implicit").alive.all()
     walls = make_world(planes=[((0, 0, 1), -1.0, 0.0)])
     for name in ADAPTIVE:

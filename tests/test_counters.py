@@ -71,9 +71,9 @@ def test_counters(name):
     tank.state.failure[1] = TORN
     evaluations = record.forces
     if name in STABILISED:
-        evaluations = record.method.costs(record.method.plan(fish.body.elastic_rate, fish.body.viscous_rate, tank.dt))[
-            0
-        ]
+        evaluations = record.method.costs(
+            record.method.plan(fish.body.max_stiffness_eigenvalue, fish.body.max_damping_eigenvalue, tank.dt)
+        )[0]
     each = {"force_evaluations": evaluations, "factorisations": record.factorisations, "solves": record.solves}
     for calls in (1, 2):
         tank.advance(7)

@@ -18,7 +18,7 @@ from fish_env.forces.evaluate import Evaluator
 from fish_env.linalg import rates
 from fish_env.world import VACUUM
 
-MODULES = {"tets": "tets", "chambers": "pressure", "guards": "guards"}
+MODULES = {"tets": "tets", "compartments": "pressure", "barriers": "barriers"}
 """The force of each part of a body."""
 PARTS = [(name, part) for name, body in BODIES.items() for part in MODULES if len(getattr(body, part)[0])]
 seeds = st.integers(0, 2**32 - 1)
@@ -39,9 +39,9 @@ def reference_of(part, body, x, v):
     """Force and energy of one kind of elements by the reference implementation."""
     if part == "tets":
         return naive.tet_force(body, x, v), naive.tet_energy(body, x)
-    if part == "chambers":
-        return naive.gas_force(body.chambers, x), naive.gas_energy(body.chambers, x)
-    return naive.guard_force(body.guards, x), naive.guard_energy(body.guards, x)
+    if part == "compartments":
+        return naive.gas_force(body.compartments, x), naive.gas_energy(body.compartments, x)
+    return naive.barrier_force(body.barriers, x), naive.barrier_energy(body.barriers, x)
 
 
 def gradient(energy, x, step):
@@ -62,7 +62,7 @@ def gradient(energy, x, step):
 @settings(max_examples=15)
 @given(seed=seeds)
 def test_kernels_equal_their_reference(name, part, seed):
-    """Force and energy of tetrahedra, gas and guards are those of the textbook's formulas."""
+    """Force and energy of tetrahedra, gas and barriers are those of the textbook's formulas."""
     body = BODIES[name]
     x, v = bent(name, np.random.default_rng(seed))
     wanted, stored = reference_of(part, body, x, v)
@@ -144,8 +144,8 @@ def test_all_energies():
         "kinetic": naive.kinetic_energy(ALL.mass, v),
         "springs": naive.spring_energy(ALL.springs, rest, x),
         "tets": naive.tet_energy(ALL, x),
-        "pressure": naive.gas_energy(ALL.chambers, x),
-        "guards": naive.guard_energy(ALL.guards, x),
+        "pressure": naive.gas_energy(ALL.compartments, x),
+        "barriers": naive.barrier_energy(ALL.barriers, x),
         "gravity": naive.weight_energy(ALL, world, x),
         "anchors": naive.anchor_energy(world.anchors, x),
     }
@@ -167,9 +167,9 @@ def test_internal_forces_have_no_force_and_no_torque(name, part, seed):
     x, v = bent(name, np.random.default_rng(seed))
     f = force_of(part, body, x, 0 * v)
     moving = force_of(part, body, x, v)
-    if part == "chambers":  # what the gas does before the sum cancels: the push on every face
-        volume = np.array([naive.gas_volume(body.chambers, c, x)[0] for c in range(body.chambers.gas.size)])
-        size = max(body.chambers.gas / volume) * (0.1 if name == "rings" else 0.01)
+    if part == "compartments":  # what the gas does before the sum cancels: the push on every face
+        volume = np.array([naive.gas_volume(body.compartments, c, x)[0] for c in range(body.compartments.gas.size)])
+        size = max(body.compartments.gas / volume) * (0.1 if name == "rings" else 0.01)
     else:
         size = np.abs(f).max()
     assert np.abs(f.sum(axis=0)).max() <= 1e-14 * size
@@ -248,8 +248,10 @@ def test_scaled():
     close(found[1][0], 3.0 * found[0][0])
     close(found[1][1], 5.0 * found[0][1], 1e-11)
     for body in (once, twice):
-        assert body.elastic_rate == pytest.approx(naive.highest_rate(body, naive.stiffness_matrix(body)), rel=1e-12)
-        assert body.viscous_rate == pytest.approx(
+        assert body.max_stiffness_eigenvalue == pytest.approx(
+            naive.highest_rate(body, naive.stiffness_matrix(body)), rel=1e-12
+        )
+        assert body.max_damping_eigenvalue == pytest.approx(
             naive.highest_rate(body, naive.stiffness_matrix(body, "damping")), rel=1e-12
         )
 

@@ -15,7 +15,7 @@ from small_bodies import ALL, BODIES, bent, close
 
 from fish_env import INTEGRATORS
 from fish_env.failures import TORN
-from fish_env.forces import guards
+from fish_env.forces import barriers
 from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators import adaptive
 from fish_env.world import VACUUM, make_world
@@ -40,10 +40,10 @@ def test_step_equals_its_reference(name, seed, reach):
     x, v = small_bodies.shaken(ALL, rng)
     world = without_walls(name, small_bodies.world_with_all(ALL))
     rest = ALL.springs.rest_length * rng.uniform(0.95, 1.05, 36)
-    h = reach / np.sqrt(ALL.elastic_rate)
+    h = reach / np.sqrt(ALL.max_stiffness_eigenvalue)
     rate = rest * rng.uniform(-0.3, 0.3, rest.size)
     if name in ADAPTIVE:
-        h = min(h, 0.3 / np.sqrt(ALL.elastic_rate))
+        h = min(h, 0.3 / np.sqrt(ALL.max_stiffness_eigenvalue))
     moved = advance(name, world, x, v, rest, rate, h, 1)
     wanted = naive.advance(name, ALL, world, rest, rate, x, v, h, 1)
     if name in ADAPTIVE:
@@ -58,7 +58,7 @@ def test_step_equals_its_reference(name, seed, reach):
 def test_steps_at_walls_equal_their_reference(name):
     """Eight steps among walls that nodes run into and rest on equal the textbook's."""
     x, v = small_bodies.shaken(ALL, np.random.default_rng(8), speed=0.3)
-    world, h = small_bodies.world_with_all(ALL, offset=0.03), 0.2 / np.sqrt(ALL.elastic_rate)
+    world, h = small_bodies.world_with_all(ALL, offset=0.03), 0.2 / np.sqrt(ALL.max_stiffness_eigenvalue)
     rest = ALL.springs.rest_length
     moved = advance(name, world, x, v, rest, 0 * rest, h, 8)
     wanted = naive.advance(name, ALL, world, rest, 0 * rest, x, v, h, 8)
@@ -90,7 +90,11 @@ def smooth_motion():
     x, v = small_bodies.shaken(ALL, rng, displacement=5e-4, speed=0.01)
     world = small_bodies.world_with_all(ALL)
     rest = ALL.springs.rest_length
-    rate, duration, seen = 0.2 * rest * rng.uniform(-1, 1, rest.size), 1.0 / np.sqrt(ALL.elastic_rate), set()
+    rate, duration, seen = (
+        0.2 * rest * rng.uniform(-1, 1, rest.size),
+        1.0 / np.sqrt(ALL.max_stiffness_eigenvalue),
+        set(),
+    )
     evaluator = Evaluator(ALL, world)
 
     def slope(t, y):
@@ -98,7 +102,7 @@ def smooth_motion():
         f = evaluator.force(rest + t * rate, positions, velocities)
         through = np.einsum("fc,fck->fk", ALL.faces.share, velocities[ALL.faces.nodes]) - world.current
         areas = np.array([naive.area_vector(positions[face]) for face in ALL.faces.nodes])
-        acting = tuple(k for k, _, s, _ in naive.guard_shares(ALL.guards, positions) if s < guards.NEAR)
+        acting = tuple(k for k, _, s, _ in naive.barrier_shares(ALL.barriers, positions) if s < barriers.NEAR)
         seen.add((acting, tuple(np.sum(areas * through, axis=1) > 0)))
         return np.concatenate([velocities.ravel(), (f / ALL.mass[:, None]).ravel()])
 
@@ -134,7 +138,7 @@ def test_adaptive_is_exact(name):
     assert np.abs(near_v - true_v).max() < 5e-9 * np.linalg.norm(true_v)
     body = BODIES["block"]
     x, v = bent("block", np.random.default_rng(7))
-    none, h = np.zeros(0), 1.0 / np.sqrt(body.elastic_rate)
+    none, h = np.zeros(0), 1.0 / np.sqrt(body.max_stiffness_eigenvalue)
     moved = advance(name, VACUUM, x, v, none, none, h, 1, body)
     wanted = naive.advance(name, body, VACUUM, none, none, x, v, h, 1)
     np.testing.assert_allclose(moved[0] - x, wanted[0] - x, rtol=0, atol=1e-7 * np.abs(wanted[0] - x).max())
@@ -154,7 +158,7 @@ def test_batch_is_one_by_one(name, lanes):
     rng, count = np.random.default_rng(10), 3 if name in ADAPTIVE else 9
     world = without_walls(name, small_bodies.world_with_all(ALL, offset=0.04))
     states = [small_bodies.shaken(ALL, rng) for _ in range(count)]
-    h = 0.1 / np.sqrt(ALL.elastic_rate)
+    h = 0.1 / np.sqrt(ALL.max_stiffness_eigenvalue)
     batch = tank_of(name, ALL, world, *map(np.array, zip(*states, strict=True)), h, lanes=lanes)
     batch.state.failure[1] = TORN
     batch.advance(5)

@@ -17,7 +17,7 @@ from pages import ROOT, blocks
 
 from fish_env import INTEGRATORS, Tank, make_world
 from fish_env.bodies.fish import ElasticObject
-from fish_env.body import hold, make_body
+from fish_env.body import fix, make_body
 from fish_env.integrators import Integrator
 from fish_env.integrators.runge_kutta import RungeKutta
 
@@ -58,7 +58,7 @@ def test_in_a_program_of_ones_own(tmp_path):
 ADDED = """
 import gymnasium as gym, numpy as np, fish_env
 from fish_env import forces
-from fish_env.body import hold
+from fish_env.body import fix
 
 env = gym.make("FishEnv/Dash-v0", body="minnow")
 assert gym.spec("FishEnv/Dash-v0").max_episode_steps == 200 and env.action_space.shape == (4,)
@@ -127,7 +127,7 @@ def chain():
     position = np.array([[0.05 * k, 0.0, 0.0] for k in range(5)])
     pairs = [[k, k + 1] for k in range(4)]
     body = make_body(position, np.full(5, 0.01), pairs, [40.0] * 4, [0.02] * 4, [0.05] * 4, [])
-    body = hold(hold(body, [0]), [1], "x")
+    body = fix(fix(body, [0]), [1], "x")
     return ElasticObject(name="chain", body=body, length=0.2, time_step=0.0005, control_interval=0.01)
 
 

@@ -11,8 +11,8 @@ from benchmarks.common import beam
 from benchmarks.speed.factorisation import slender
 from fish_env import Tank, make_world, statics
 from fish_env.bodies.mesh import box, grid, lumped_mass
-from fish_env.body import hold
-from fish_env.elements import make_chambers
+from fish_env.body import fix
+from fish_env.elements import make_compartments
 from fish_env.forces.evaluate import Evaluator
 from fish_env.volume import volume_of
 
@@ -58,7 +58,7 @@ def test_patch(corotational):
     gradient = (TURN if corotational else np.eye(3)) @ (np.eye(3) + strain)
     wanted = body.position @ gradient.T + [0.3, -0.2, 0.1]
     start = np.where(inner[:, None], wanted + 0.003 * np.sin(np.arange(wanted.size)).reshape(-1, 3), wanted)
-    x = statics.equilibrium(hold(body, ~inner), start=start, tolerance=1e-15)
+    x = statics.equilibrium(fix(body, ~inner), start=start, tolerance=1e-15)
     assert np.abs(start - wanted).max() > 0.002
     np.testing.assert_allclose(x, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
     stress = stresses(body, x)
@@ -194,8 +194,8 @@ def test_surface_encloses_the_elements(falling):
     """The surface is closed and outward; where cross-sections stay rectangles in proportion it holds their volume."""
     sign = -1.0 if falling else 1.0
     mesh = grid(sign * np.array([0, 0.1, 0.3]), [0.05, 0.03, 0.02], [0.1, 0.06, 0.04], 2, 4)
-    chambers = make_chambers(mesh.position, [mesh.faces], 1.0)  # refuses an open one
-    enclosed = volume_of(chambers.faces, mesh.position)[0]
+    compartments = make_compartments(mesh.position, [mesh.faces], 1.0)  # refuses an open one
+    enclosed = volume_of(compartments.faces, mesh.position)[0]
     assert enclosed == pytest.approx(volumes(mesh.position, mesh.tets).sum(), rel=1e-12)
 
 

@@ -133,7 +133,7 @@ def test_order(name, method):
     rate, fibres = np.zeros(len(fish.body.springs.nodes)), np.unique(fish.fibres)
     rate[fibres] = fish.body.springs.rest_length[fibres] * 0.1 / fish.contraction_time
     finer = {"explicit_euler": 64, "midpoint": 4}.get(method, 16 if INTEGRATORS[method].order == 1 else 2)
-    duration = 2.0 / np.sqrt(fish.body.elastic_rate + fish.body.viscous_rate**2)
+    duration = 2.0 / np.sqrt(fish.body.max_stiffness_eigenvalue + fish.body.max_damping_eigenvalue**2)
 
     def end(integrator, n):
         tank = Tank(fish, 1, integrator, duration / n)

@@ -88,7 +88,7 @@ def test_steps_equal_their_reference(name, body):
 
 @each_fixed
 def test_calls_add_up(name):
-    """With the controls held, n steps in one call and n calls of one step are the same bits; the clock reads n h.
+    """With constant controls, n steps in one call and n calls of one step are the same bits; the clock reads n h.
 
     Between the steps of a call the leapfrog makes one drift of two halves, so that its last digit may differ.
     """

@@ -13,7 +13,7 @@ from kernels import Block
 from small_bodies import ALL, close
 
 from fish_env import forces
-from fish_env.body import hold
+from fish_env.body import fix
 from fish_env.simd import Kind
 
 FISH = 16
@@ -29,7 +29,7 @@ FUNCTIONS = [
     for function in (*SUMS, *BLOCKS, *VELOCITIES, *NUMBERS, "add_lagged")
     if hasattr(module, function)
 ]
-BODY = hold(ALL, [1], "yz")
+BODY = fix(ALL, [1], "yz")
 WORLD = small_bodies.world_with_all(ALL, offset=0.05)
 
 

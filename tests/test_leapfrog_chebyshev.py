@@ -37,7 +37,7 @@ def test_stages_grow_with_the_step(name, body):
 def test_most_stages():
     """A step too long for any number of stages allowed is taken with the most, not looked for without end."""
     body = FISH["mass_spring"].body
-    stages = leapfrog_chebyshev.stages_for(body.elastic_rate, body.viscous_rate, 1e6)
+    stages = leapfrog_chebyshev.stages_for(body.max_stiffness_eigenvalue, body.max_damping_eigenvalue, 1e6)
     assert stages == leapfrog_chebyshev.MOST_STAGES
 
 
@@ -58,7 +58,9 @@ def test_filter(stages):
 def test_polynomials_of_a_plan():
     """A plan holds the Chebyshev polynomials at the filter's midpoint, as their recurrence makes them."""
     body = FISH["mass_spring"].body
-    row = leapfrog_chebyshev.plan(body.elastic_rate, body.viscous_rate, 10 * limits.leapfrog(body))
+    row = leapfrog_chebyshev.plan(
+        body.max_stiffness_eigenvalue, body.max_damping_eigenvalue, 10 * limits.leapfrog(body)
+    )
     t = row[POLYNOMIAL:]
     assert len(t) == leapfrog_chebyshev.costs(row)[0] + 1 > 10
     midpoint = leapfrog_chebyshev.polynomial(len(t) - 1)[0]

@@ -24,7 +24,7 @@ LAYERED = [name for name in OBJECTS if name != "string"]
 def balance(thing):
     """Forces (N,3) N on the object at rest in vacuum, and those of its gas alone."""
     body, still = thing.body, np.zeros_like(thing.body.position)
-    gas = ("pressure",) if body.chambers is not None else ()
+    gas = ("pressure",) if body.compartments is not None else ()
     both = (Evaluator(body, VACUUM, names) for names in (None, gas))
     return [evaluator.force(body.springs.rest_length, body.position, still) for evaluator in both]
 
@@ -181,7 +181,7 @@ def test_outside_finds_an_escape(name):
 
 
 def test_string_keeps_to_its_line():
-    """Only x changes, and the held end stays."""
+    """Only x changes, and the fixed end stays."""
     thing = make_string(5)
     tank = stage(thing, SCENES["dropped"])
     tank.grab(4, (0.3, 0.2, 0.1), 5.0, 0.1, 0.05)
@@ -247,15 +247,15 @@ def test_estimated_normals():
 
 
 def test_gas_of_a_layer_may_be_missing():
-    """Without pressure there is no gas and nothing to balance; with one of two, one chamber of that pressure."""
+    """Without pressure there is no gas and nothing to balance; with one of two, one compartment of that pressure."""
     empty = make_ring(pressure=0.0, gap_pressure=0.0)
-    assert empty.body.chambers is None
+    assert empty.body.compartments is None
     np.testing.assert_allclose(balance(empty)[0], 0.0, atol=1e-13)
     one = make_uniform_sphere(1, pressure=0.0)
-    assert one.body.chambers.gas.size == 1
+    assert one.body.compartments.gas.size == 1
     faces = octasphere(1).faces
     whole, hole = (volume_of(faces, one.body.position * size)[0] for size in (1.0, 0.7))
-    assert one.body.chambers.gas[0] == pytest.approx(400.0 * (whole - hole), rel=1e-12)
+    assert one.body.compartments.gas[0] == pytest.approx(400.0 * (whole - hole), rel=1e-12)
 
 
 def test_largest_stable_step():
@@ -288,7 +288,7 @@ def test_refused(make, arguments, message):
 def test_picture(name):
     """A picture shows the object: its middle differs from the empty room; it moves with the nodes."""
     pytest.importorskip("pygame")
-    from fish_env.render.jelly import Painter
+    from fish_env.render.elastic_object import Painter
 
     thing = OBJECTS[name].make()
     painter = Painter(thing, (320, 240))

@@ -18,8 +18,8 @@ def test_scaled():
     np.testing.assert_array_equal(other.body.springs.stiffness, 4.0 * fish.body.springs.stiffness)
     np.testing.assert_array_equal(other.body.springs.damping, 3.0 * fish.body.springs.damping)
     np.testing.assert_array_equal(other.body.mass, 2.0 * fish.body.mass)
-    assert other.body.elastic_rate == pytest.approx(2.0 * fish.body.elastic_rate, rel=1e-12)
-    assert other.body.viscous_rate == pytest.approx(1.5 * fish.body.viscous_rate, rel=1e-12)
+    assert other.body.max_stiffness_eigenvalue == pytest.approx(2.0 * fish.body.max_stiffness_eigenvalue, rel=1e-12)
+    assert other.body.max_damping_eigenvalue == pytest.approx(1.5 * fish.body.max_damping_eigenvalue, rel=1e-12)
     np.testing.assert_array_equal(other.muscles, fish.muscles)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fish_env.body import make_body
-from fish_env.elements import make_chambers, make_guards, make_tets
+from fish_env.elements import make_barriers, make_compartments, make_tets
 from fish_env.world import make_anchors, make_world
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]])
@@ -40,40 +40,49 @@ SQUARE = [[0, 1], [1, 4], [4, 2], [2, 0]]
 @pytest.mark.parametrize(
     ("surfaces", "options", "text"),
     [
-        ([TETRAHEDRON, TETRAHEDRON[:3]], {}, r"chamber 1 is open at the edge from node 0 to 2; close its surface"),
-        ([[*TETRAHEDRON[:3], [0, 2, 3, 3]]], {}, r"chamber 0 is open at the edge from node 0 to 2"),
-        ([np.array(TETRAHEDRON)[:, [1, 0, 2, 3]]], {}, r"chamber 0 encloses -0.166667; give its faces counter-clock"),
-        ([SQUARE, SQUARE[:3]], {}, "chamber 1 is open at node 0; give a closed ring"),
-        ([np.array(SQUARE)[:, ::-1]], {}, "chamber 0 encloses -1; give its faces counter-clockwise"),
-        ([[[0, 1, 2, 2], [0, 2, 1, 1]]], {}, "chamber 0 encloses 0; give its faces"),
-        ([[]], {}, "chamber 0 has no faces; give a closed surface"),
-        ([[[0, 1, 9, 9]]], {}, "faces of chamber 0 name node 9, which is missing"),
+        ([TETRAHEDRON, TETRAHEDRON[:3]], {}, r"compartment 1 is open at the edge from node 0 to 2; close its surface"),
+        ([[*TETRAHEDRON[:3], [0, 2, 3, 3]]], {}, r"compartment 0 is open at the edge from node 0 to 2"),
+        (
+            [np.array(TETRAHEDRON)[:, [1, 0, 2, 3]]],
+            {},
+            r"compartment 0 encloses -0.166667; give its faces counter-clock",
+        ),
+        ([SQUARE, SQUARE[:3]], {}, "compartment 1 is open at node 0; give a closed ring"),
+        ([np.array(SQUARE)[:, ::-1]], {}, "compartment 0 encloses -1; give its faces counter-clockwise"),
+        ([[[0, 1, 2, 2], [0, 2, 1, 1]]], {}, "compartment 0 encloses 0; give its faces"),
+        ([[]], {}, "compartment 0 has no faces; give a closed surface"),
+        ([[[0, 1, 9, 9]]], {}, "faces of compartment 0 name node 9, which is missing"),
         ([TETRAHEDRON], {"pressure": 0.0}, r"pressure \(Pa\) is 0.0 at \(0,\); give positive"),
         ([TETRAHEDRON], {"ambient": -1.0}, r"ambient \(Pa\) is -1.0 at \(0,\); give zero or positive"),
     ],
 )
-def test_chambers_refused(surfaces, options, text):
-    """Chambers that are open, inside out or empty are refused by their number, with the place where they are open."""
+def test_compartments_refused(surfaces, options, text):
+    """Compartments that are open, inside out or empty raise an error with their number, and where they are open."""
     with pytest.raises(ValueError, match=text):
-        make_chambers(CORNERS, surfaces, **{"pressure": 1.0, **options})
+        make_compartments(CORNERS, surfaces, **{"pressure": 1.0, **options})
 
 
 @pytest.mark.parametrize(
     ("faces", "inner", "energy", "text"),
     [
-        ([[1, 2, 3], [0, 1, 2]], [0, 3], 1.0, r"guard 1: node 3 is not behind the face \[0, 1, 2\]; give outer faces"),
-        ([[0, 1, 2]], [4], 1.0, r"guard 0: node 4 is not behind the face \[0, 1, 2\]"),
-        ([[0, 1], [0, 2]], [4, 1], 1.0, r"guard 1: node 1 is not behind the face \[0, 2\]"),
-        ([[1, 2, 3]], [0], 0.0, r"energy of the guards \(J\) is 0.0 at \(0,\); give positive"),
+        (
+            [[1, 2, 3], [0, 1, 2]],
+            [0, 3],
+            1.0,
+            r"barrier 1: node 3 is not behind the face \[0, 1, 2\]; give outer faces",
+        ),
+        ([[0, 1, 2]], [4], 1.0, r"barrier 0: node 4 is not behind the face \[0, 1, 2\]"),
+        ([[0, 1], [0, 2]], [4, 1], 1.0, r"barrier 1: node 1 is not behind the face \[0, 2\]"),
+        ([[1, 2, 3]], [0], 0.0, r"energy of the barriers \(J\) is 0.0 at \(0,\); give positive"),
         ([[1, 2, 3]], [0, 1], 1.0, "there are 2 inner nodes for 1 faces; give one each"),
-        ([[1, 2, 9]], [0], 1.0, "faces of the guards name node 9, which is missing"),
+        ([[1, 2, 9]], [0], 1.0, "faces of the barriers name node 9, which is missing"),
         ([[1, 2, 3]], [9], 1.0, "inner nodes name node 9, which is missing"),
     ],
 )
-def test_guards_refused(faces, inner, energy, text):
-    """Guards whose node is not behind their face are refused by their number."""
+def test_barriers_refused(faces, inner, energy, text):
+    """Barriers whose node is not behind their face are refused by their number."""
     with pytest.raises(ValueError, match=text):
-        make_guards(CORNERS, faces, inner, energy)
+        make_barriers(CORNERS, faces, inner, energy)
 
 
 @pytest.mark.parametrize(
@@ -82,10 +91,13 @@ def test_guards_refused(faces, inner, energy, text):
         ({"mass": [1.0, 1, 0, 1, 1]}, r"mass \(kg\) is 0.0 at \(2,\); give positive"),
         ({"mass": [1.0, 1, 1, 1, -2]}, r"mass \(kg\) is -2.0 at \(4,\)"),
         ({"tets": make_tets(np.vstack([CORNERS, [[2, 2, 2]]]), [[1, 4, 2, 5]], 1.0, 0.3)}, "tets name node 5"),
-        ({"chambers": make_chambers(np.vstack([CORNERS, [[0, 0, 2]]]),
+        ({"compartments": make_compartments(np.vstack([CORNERS, [[0, 0, 2]]]),
                                     [np.where(np.array(TETRAHEDRON) == 3, 5, TETRAHEDRON)], 1.0)},
-         "chambers name node 5"),
-        ({"guards": make_guards(np.vstack([CORNERS, [[0, 0, -1]]]), [[0, 1, 2]], [5], 1.0)}, "guards name node 5"),
+         "compartments name node 5"),
+        (
+            {"barriers": make_barriers(np.vstack([CORNERS, [[0, 0, -1]]]), [[0, 1, 2]], [5], 1.0)},
+            "barriers name node 5",
+        ),
     ],
 )  # fmt: skip
 def test_bodies_refused(part, text):

@@ -11,12 +11,12 @@ from naive.surroundings import borne
 from small_bodies import ALL, close
 
 from fish_env import forces
-from fish_env.body import hold, make_body
+from fish_env.body import fix, make_body
 from fish_env.forces.evaluate import Evaluator
 from fish_env.world import VACUUM, make_anchors, make_world
 
 seeds = st.integers(0, 2**32 - 1)
-FIXED = hold(hold(ALL, [1, 18]), [3], "xz")
+FIXED = fix(fix(ALL, [1, 18]), [3], "xz")
 
 
 @given(seed=seeds)
@@ -66,7 +66,7 @@ def test_decay_in_the_air(seed):
 def test_without_gravity():
     """Walls without gravity bounce everything; a world without a force compiles nothing for it."""
     world = make_world(planes=[((0, 0, 1), 0.0, 0.5)])._replace(gravity=None)
-    assert forces.present(ALL, world) == ("springs", "tets", "pressure", "guards", "contact")
+    assert forces.present(ALL, world) == ("springs", "tets", "pressure", "barriers", "contact")
     body = make_body([[0.0, 0.0, -1e-9]], [1.0], [], [], [], [], [])
     assert forces.present(body, VACUUM) == ()
     found = Block(None, body, world, h=0.1).set(body.position, np.array([[1.0, 0.0, -2.0]])).velocities("finish")
@@ -87,7 +87,7 @@ def test_anchor_at_its_point():
 
 
 def test_bounds_of_anchors():
-    """The node that anchors hold fastest sets the rates, stiffness and damping each."""
+    """The node with the stiffest anchors sets the rates, stiffness and damping each."""
     world = small_bodies.world_with_all(ALL)
     (bound,) = forces.bounds(ALL, world)
     assert bound == pytest.approx(naive.leapfrog.anchor_rates(ALL, world), rel=1e-14)

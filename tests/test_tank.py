@@ -49,12 +49,14 @@ def actions(seed, *shape):
 def test_a_method_that_cannot_serve_a_body(name):
     """A method without a stable step on undamped units is refused, naming those that have one; a given dt is used."""
     springs = FISH.body.springs
-    body = FISH.body._replace(springs=springs._replace(damping=np.zeros_like(springs.damping)), viscous_rate=0.0)
+    body = FISH.body._replace(
+        springs=springs._replace(damping=np.zeros_like(springs.damping)), max_damping_eigenvalue=0.0
+    )
     undamped = replace(FISH, body=body)
     with pytest.raises(ValueError, match=f"{name!r} has no stable step on 'mass_spring', .* from 'semi_implicit'"):
         Tank(undamped, 1, name)
     assert Tank(undamped, 1, name, 1e-5).dt == 1e-5
-    assert Tank(undamped, 1, "rk4").dt < 1 / np.sqrt(body.elastic_rate)
+    assert Tank(undamped, 1, "rk4").dt < 1 / np.sqrt(body.max_stiffness_eigenvalue)
 
 
 def test_own_method_and_step():

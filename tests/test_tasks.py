@@ -32,7 +32,7 @@ def spun(env, yaw, forward=0.0):
 
 
 def decide(env):
-    """What the task does in one decision."""
+    """What the task does in one environment step."""
     terms = env.task.reward(env.tank, env._pose)
     return {name: term.copy() for name, term in terms.items()}
 
@@ -76,7 +76,7 @@ def test_turn_is_commanded_when_it_should_be():
     np.testing.assert_allclose(heading[:5], [start.level(0.5)] * 5, atol=1e-12)
     np.testing.assert_allclose(heading[5:], [start.level(1.5)] * 56, atol=1e-12)
     found = env.task.metrics(env.tank, 0, 1.2)
-    # commanded at decision 4 (0.1 s), pointing at 0.5; it turns from decision 6 on, 0.91 rad are made at decision 18
+    # commanded at step 4 (0.1 s), pointing at 0.5; it turns from step 6 on, 0.91 rad are made at step 18
     assert found["latency"] == pytest.approx(14 * 0.02)
     assert found["overshoot"] == pytest.approx(math.degrees(0.2), rel=1e-6)
     assert found["turning_rate"] == pytest.approx(math.degrees(0.07 / 0.02), rel=1e-6)
@@ -103,7 +103,7 @@ def test_reversal_comes_in_the_middle(side):
     stages = [stage for stage, _ in seen]
     assert stages[:1] == [0] and stages[-1] == 2
     second = stages.index(2)
-    # commanded at decision 1, pointing at 3.03: the first turn is 0.97 from there, and its half 0.485
+    # commanded at step 1, pointing at 3.03: the first turn is 0.97 from there, and its half 0.485
     assert second == 1 + math.ceil(0.485 / 0.03)
     facing = 3.0 + side * 0.03 * second
     assert rewards.wrapped(seen[second][1] - (facing - side * 1.4)) == pytest.approx(0.0, abs=1e-9)

@@ -20,7 +20,7 @@ from benchmarks.common.systems import System
 from benchmarks.common.tables import IMAGES, read_table, write_csv
 from fish_env import Tank, make_fish
 from fish_env.bodies.fish import ElasticObject
-from fish_env.body import Body, hold, make_body
+from fish_env.body import Body, fix, make_body
 from fish_env.elements import make_tets
 from fish_env.forces import rest_matrices
 from fish_env.forces.evaluate import Evaluator
@@ -48,7 +48,7 @@ def fish_task() -> Task:
     """The fish, its head fixed, its tail bent to a side by a twentieth of its length."""
     fish = make_fish()
     head = fish.body.position[:, 0] >= np.sort(fish.body.position[:, 0])[-5]
-    return Task(hold(fish.body, head), fish.tail, np.tile([0.0, 0.05 * fish.length, 0.0], (2, 1)))
+    return Task(fix(fish.body, head), fish.tail, np.tile([0.0, 0.05 * fish.length, 0.0], (2, 1)))
 
 
 def bar_task(cells=(6, 2, 2), size=0.05) -> Task:
@@ -65,7 +65,7 @@ def bar_task(cells=(6, 2, 2), size=0.05) -> Task:
     shape = make_tets(position, nodes, 1e5, 0.3)
     body = make_body(position, np.full(len(grid), 0.1), [], [], [], [], [], tets=shape)
     end = np.flatnonzero(grid[:, 0] == cells[0])
-    return Task(hold(body, grid[:, 0] == 0), end, np.tile([0.01, 0.02, 0.0], (end.size, 1)))
+    return Task(fix(body, grid[:, 0] == 0), end, np.tile([0.01, 0.02, 0.0], (end.size, 1)))
 
 
 TASKS = {"fish": fish_task, "bar": bar_task}
@@ -113,7 +113,7 @@ def by_elimination(task: Task) -> np.ndarray:
     """Displacement (N,3) of all nodes, those to be moved being fixed where they are to go."""
     moved = np.zeros_like(task.body.position)
     moved[task.nodes] = task.displacement
-    both = hold(task.body, np.union1d(task.body.held[:, 0], task.nodes))
+    both = fix(task.body, np.union1d(task.body.fixed[:, 0], task.nodes))
     return static_displacement(both, 0 * moved, moved)
 
 

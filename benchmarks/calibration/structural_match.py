@@ -105,7 +105,7 @@ def measures(fish: Fish) -> Measures:
     frame, weights, sideways = structure(fish), kinks(fish), np.array([0.0, 1.0, 0.0])
     kink = [weights @ respond(fish, frame, row[:, None] * sideways)[:, 1] for row in weights]
     squares = np.linalg.eigvalsh(frame.matrix / np.sqrt(np.outer(frame.mass, frame.mass)))
-    squares = squares[squares > 1e-7 * fish.body.elastic_rate][:MODES]
+    squares = squares[squares > 1e-7 * fish.body.max_stiffness_eigenvalue][:MODES]
     bent = weights.sum(axis=0)
     pull = [bent @ respond(fish, frame, contraction(fish, segment))[:, 1] for segment in range(3)]
     return Measures(np.array(kink), np.sqrt(squares) / (2 * np.pi), np.array(pull))
@@ -130,7 +130,7 @@ def first_bending(fish: Fish) -> tuple[float, np.ndarray]:
     """Frequency, Hz, and shape (N,3), the tail tips' mean sideways displacement 1, of the lowest bending vibration."""
     frame = structure(fish)
     squares, shapes = np.linalg.eigh(frame.matrix / np.sqrt(np.outer(frame.mass, frame.mass)))
-    first = np.argmax(squares > 1e-7 * fish.body.elastic_rate)
+    first = np.argmax(squares > 1e-7 * fish.body.max_stiffness_eigenvalue)
     shape = (frame.basis @ (shapes[:, first] / np.sqrt(frame.mass))).reshape(fish.body.position.shape)
     return float(np.sqrt(squares[first]) / (2 * np.pi)), shape / shape[fish.tail, 1].mean()
 

@@ -9,7 +9,7 @@ import numpy as np
 from fish_env import statics
 from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.mesh import box, lumped_mass
-from fish_env.body import Body, hold, make_body
+from fish_env.body import Body, fix, make_body
 from fish_env.elements import make_tets
 from fish_env.forces.evaluate import Evaluator
 from fish_env.world import VACUUM
@@ -30,7 +30,7 @@ def solid(position, nodes, poisson=0.0, rule="quarter", young=YOUNG, **options) 
 def cantilever(n: int, rule="quarter", **options) -> Body:
     """The beam with n cells through its thickness and two across its width, which is two cells wide."""
     position, nodes = box((LENGTH, 2 * THICK / n, THICK), (RATIO * n, 2, n), mirrored=True)
-    return hold(solid(position, nodes, rule=rule, **options), position[:, 0] == 0.0)
+    return fix(solid(position, nodes, rule=rule, **options), position[:, 0] == 0.0)
 
 
 def rigidity(body: Body) -> float:

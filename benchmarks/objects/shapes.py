@@ -4,7 +4,7 @@ import numpy as np
 
 from fish_env.bodies.objects import Layered, make_uniform_sphere
 from fish_env.bodies.skins import Skin, circle, globe, octasphere
-from fish_env.elements import make_chambers
+from fish_env.elements import make_compartments
 from fish_env.forces.evaluate import Evaluator
 from fish_env.volume import volume_of
 from fish_env.world import VACUUM
@@ -53,7 +53,7 @@ def estimate(kind: str, detail: int, skin: Skin, shape: str) -> dict:
     smooth = (
         np.pi * np.linalg.det(deformation[:2, :2]) if kind == "ring" else 4 / 3 * np.pi * np.linalg.det(deformation)
     )
-    exact = volume_of(make_chambers(x, [skin.faces], 1.0).faces, x)[0]
+    exact = volume_of(make_compartments(x, [skin.faces], 1.0).faces, x)[0]
     middle = x[skin.edges].mean(axis=1) @ np.linalg.inv(deformation @ deformation.T)
     normal = middle / np.linalg.norm(middle, axis=1)[:, None]
     cosine = np.abs(np.sum(estimated_normals(skin.edges, x) * normal, axis=1))

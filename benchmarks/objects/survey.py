@@ -128,7 +128,7 @@ def draw_estimates(plt) -> None:
 
 def frames() -> list[dict]:
     """How long a sixtieth of a second of each object takes to compute and to draw, medians; pictures a second."""
-    from fish_env.render.jelly import Painter
+    from fish_env.render.elastic_object import Painter
 
     rows = []
     for kind, record in OBJECTS.items():
@@ -157,7 +157,7 @@ def pictures() -> None:
     """Write a strip for each scene: a row for each object, six moments."""
     from PIL import Image
 
-    from fish_env.render.jelly import Painter
+    from fish_env.render.elastic_object import Painter
 
     for name, scene in SCENES.items():
         strip = []

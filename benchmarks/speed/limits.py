@@ -140,7 +140,7 @@ def operations(steps: int) -> Counter:
     """What one of so many steps of the default method does with numbers, coordinate by coordinate."""
     tank = Tank(make_fish(), 1, lanes=1)
     fish, world, method = tank.fish, tank.fish.water, tank.integrator.method
-    plans = np.array([method.plan(fish.body.elastic_rate, fish.body.viscous_rate, tank.dt)])
+    plans = np.array([method.plan(fish.body.max_stiffness_eigenvalue, fish.body.max_damping_eigenvalue, tank.dt)])
     costs = np.array([method.costs(plans[0])])
     block = make_block(1, fish.body, world, Kind(1), np.unique(fish.fibres), plans, costs, method)
     swum = swimming(fish, 1)

@@ -31,7 +31,9 @@ def oscillators(body: Body) -> Body:
     position[1::2, 0] = 1.0
     position[:, 1] = 10.0 * np.repeat(np.arange(squares.size), 2)
     made = make_body(position, np.full(2 * squares.size, 2.0), pairs, squares, damping, np.ones(squares.size), [])
-    return made._replace(elastic_rate=body.elastic_rate, viscous_rate=body.viscous_rate)
+    return made._replace(
+        max_stiffness_eigenvalue=body.max_stiffness_eigenvalue, max_damping_eigenvalue=body.max_damping_eigenvalue
+    )
 
 
 def growth(tank: Tank, h: float) -> float:

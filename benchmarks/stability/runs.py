@@ -47,7 +47,7 @@ def reference(fish: Fish) -> tuple[np.ndarray, float]:
     Raises:
         NotConvergedError: if halving the steps changes it by more.
     """
-    substeps = max(512, int(0.2 * 1000 * fish.control_interval * np.sqrt(fish.body.elastic_rate) / 20))
+    substeps = max(512, int(0.2 * 1000 * fish.control_interval * np.sqrt(fish.body.max_stiffness_eigenvalue) / 20))
     coarse, _, _ = motion(fish, "rk4", substeps)
     path, highest, tank = motion(fish, "rk4", 2 * substeps)
     if not tank.alive[0] or not distance(fish, path, coarse) <= CONVERGED:

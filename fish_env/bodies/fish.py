@@ -25,7 +25,7 @@ class ElasticObject:
     refine: float = np.inf
     """Relative change of a spring's length within a step above which its own integrator takes shorter steps."""
     control_interval: float
-    """Default time between two decisions, or two pictures, s."""
+    """Default length of an environment step, or time between two pictures, s."""
     water: World = VACUUM
     """The world it is made for; an environment that is not told otherwise fills its tank with it."""
     integrator: str = "leapfrog_chebyshev"
@@ -104,7 +104,7 @@ class Fish(ElasticObject):
     def line(self) -> np.ndarray:
         """(N,) weights whose sum with the positions points forward: the slope of the mass-weighted line of best fit.
 
-        That line sways half as far as the trunk with every beat, so it says better where the fish is heading.
+        That line oscillates half as far as the trunk with every beat, so it is the better measure of the heading.
         """
         along = self.body.position[:, 0] - self.body.mass @ self.body.position[:, 0] / self.body.mass.sum()
         return self.body.mass * along / (self.body.mass @ along**2)

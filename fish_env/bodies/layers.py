@@ -1,4 +1,4 @@
-"""Materials of a body of two layers, and how they make it of a skin: springs, gas, guards, all at rest."""
+"""Materials of a body of two layers, and how they make it of a skin: springs, gas, barriers, all at rest."""
 
 from dataclasses import asdict, dataclass, fields, replace
 from numbers import Real
@@ -7,7 +7,7 @@ import numpy as np
 
 from fish_env.bodies.skins import Skin, layered, tensions, watched
 from fish_env.body import Body, make_body
-from fish_env.elements import make_chambers, make_guards
+from fish_env.elements import make_barriers, make_compartments
 
 NO_FACES = np.zeros((0, 4), np.int64)
 
@@ -38,7 +38,7 @@ class TwoLayers:
     """Of the gas in the inner layer at rest, Pa over that outside; zero for none."""
     gap_pressure: float
     """Of the gas between the layers at rest, Pa over that outside; zero for none."""
-    guard_energy: float = 0.02
+    barrier_energy: float = 0.02
     """Scale of the barrier that keeps an inner node behind an outer face, J."""
 
     def __post_init__(self):
@@ -88,11 +88,11 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) 
     turned = turned if flat else np.where(turned[:, 1:2] == turned[:, 2:3], turned[:, [0, 2, 3, 3]], turned)
     surfaces = [skin.faces + n, np.concatenate([skin.faces, turned + n])]
     filled = [(surface, p) for surface, p in zip(surfaces, (chosen.pressure, chosen.gap_pressure), strict=True) if p]
-    gas = make_chambers(position, [surface for surface, _ in filled], [p for _, p in filled]) if filled else None
+    gas = make_compartments(position, [surface for surface, _ in filled], [p for _, p in filled]) if filled else None
     faces, nodes = watched(skin)
     body = make_body(
         position, np.repeat([chosen.mass / n, chosen.inner_mass / n], n), pairs, stiffness,
-        stiffness * chosen.relaxation_time, length, NO_FACES, chambers=gas,
-        guards=make_guards(position, faces, nodes, chosen.guard_energy),
+        stiffness * chosen.relaxation_time, length, NO_FACES, compartments=gas,
+        barriers=make_barriers(position, faces, nodes, chosen.barrier_energy),
     )  # fmt: skip
     return body, kinds, skin

@@ -1,4 +1,4 @@
-"""Tu & Terzopoulos' artificial fish: 23 nodes, 91 viscoelastic units, 12 muscles (Tu 1996, ch. 4).
+"""Tu & Terzopoulos' artificial fish: 23 nodes, 91 viscoelastic springs, 12 muscles (Tu 1996, ch. 4).
 
 `make_mass_spring` builds the default, calibrated to swim like a fish of its length by
 `benchmarks/calibration/search.py`, which wrote `mass_spring.json`; `make_published` keeps the published masses and
@@ -35,15 +35,15 @@ def mirrored() -> np.ndarray:
 
 
 def topology():
-    """Pairs (91,2), class (91,) and section (91,) of the units, and faces (24,4).
+    """Pairs (91,2), class (91,) and section (91,) of the springs, and faces (24,4).
 
     A layer's nodes are numbered up-left, up-right, down-right, down-left. The class is CROSS, MUSCLE or OTHER. The
-    section is where along the body a unit lies: 0 the head, 5 the tail fin, whole numbers for the units between two
+    section is where along the body a spring lies: 0 the head, 5 the tail fin, whole numbers for the springs between two
     layers and halves for those inside a layer.
     """
     pairs, classes, sections = [], [], []
 
-    def unit(i, j, kind, section):
+    def spring(i, j, kind, section):
         pairs.append((i, j))
         classes.append(kind)
         sections.append(section)
@@ -51,28 +51,28 @@ def topology():
     faces = []
     for side in range(4):  # the head: a pyramid
         a, b = LAYERS[1][side], LAYERS[1][(side + 1) % 4]
-        unit(NOSE, a, OTHER, 0)
+        spring(NOSE, a, OTHER, 0)
         faces.append((NOSE, a, b, b))
     for number, layer in enumerate(LAYERS[1:6], start=1):  # the square layers
         for side in range(4):
             i, j = sorted((layer[side], layer[(side + 1) % 4]))
-            unit(i, j, OTHER, number - 0.5)
-        unit(layer[0], layer[2], CROSS, number - 0.5)
-        unit(layer[1], layer[3], CROSS, number - 0.5)
+            spring(i, j, OTHER, number - 0.5)
+        spring(layer[0], layer[2], CROSS, number - 0.5)
+        spring(layer[1], layer[3], CROSS, number - 0.5)
     for section in range(1, 5):  # between square layers
         here, behind = LAYERS[section], LAYERS[section + 1]
         for side in range(4):
             following = (side + 1) % 4
-            unit(here[side], behind[side], MUSCLE if section < 4 else OTHER, section)
-            unit(here[side], behind[following], CROSS, section)
-            unit(here[following], behind[side], CROSS, section)
+            spring(here[side], behind[side], MUSCLE if section < 4 else OTHER, section)
+            spring(here[side], behind[following], CROSS, section)
+            spring(here[following], behind[side], CROSS, section)
             faces.append((here[side], behind[side], behind[following], here[following]))
     upper, lower = TAIL
     for node in LAYERS[5]:  # the tail fin: a wedge
         near, far = (upper, lower) if node in LAYERS[5][:2] else (lower, upper)
-        unit(node, near, OTHER, 5)
-        unit(node, far, CROSS, 5)
-    unit(upper, lower, OTHER, 5)
+        spring(node, near, OTHER, 5)
+        spring(node, far, CROSS, 5)
+    spring(upper, lower, OTHER, 5)
     up_left, up_right, down_right, down_left = LAYERS[5]
     faces += [
         (up_right, up_left, upper, upper),
@@ -101,11 +101,11 @@ class MassSpringParameters:
     tail_half_span: float
     """Half the height of the caudal fin at its tips, in lengths."""
     stiffness: tuple[float, float, float]
-    """c of the cross, muscle and other units for a fish of 0.2 m, N/m."""
+    """c of the cross, muscle and other springs for a fish of 0.2 m, N/m."""
     taper: tuple[float, ...]
     """Factor on c in the head, the four sections between layers, and the tail fin."""
     relaxation_time: float
-    """Damping over stiffness k/c of every unit, s."""
+    """Damping over stiffness k/c of every spring, s."""
     mass_factor: tuple[float, ...]
     """Factor on the mass of each layer, nose to tail tips, before the total is set to that of the displaced water."""
     contracted: tuple[float, float, float]
@@ -117,7 +117,7 @@ class MassSpringParameters:
     time_step: float
     """Step of the default integrator, s."""
     control_interval: float
-    """Default time between two decisions, s."""
+    """Default length of an environment step, s."""
 
     def __post_init__(self):
         for name, size in (

@@ -11,7 +11,7 @@ import numpy as np
 from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, two_layers
 from fish_env.bodies.skins import circle, evened, globe, octasphere
-from fish_env.body import hold, make_body
+from fish_env.body import fix, make_body
 from fish_env.checks import positive_array
 from fish_env.world import World, make_world
 
@@ -26,7 +26,7 @@ class Layered(ElasticObject):
     down: np.ndarray
     """(3,) where gravity pulls, a unit vector: -y for the ring, -z for a sphere, along the string."""
     outer: np.ndarray
-    """Nodes of the outer layer: those a mouse may take hold of."""
+    """Nodes of the outer layer: those that a mouse may drag."""
     inner: np.ndarray
     """Nodes of the inner layer, the partners of the outer ones in the same order."""
     skin: np.ndarray
@@ -37,15 +37,15 @@ class Layered(ElasticObject):
 
 RING = TwoLayers(
     mass=0.24, inner_mass=0.12, stiffness=200.0, inner_stiffness=150.0, radius_stiffness=150.0, shear_stiffness=40.0,
-    pressure=45.0, gap_pressure=30.0, guard_energy=0.5,
+    pressure=45.0, gap_pressure=30.0, barrier_energy=0.5,
 )  # fmt: skip
 SPHERE = TwoLayers(
     mass=0.3, inner_mass=0.15, stiffness=75.0, inner_stiffness=50.0, radius_stiffness=40.0, shear_stiffness=10.0,
-    pressure=600.0, gap_pressure=400.0, guard_energy=0.05,
+    pressure=600.0, gap_pressure=400.0, barrier_energy=0.05,
 )  # fmt: skip
 
 
-GLOBE = replace(SPHERE, stiffness=150.0, inner_stiffness=100.0, guard_energy=0.3)  # few springs bear the pressure
+GLOBE = replace(SPHERE, stiffness=150.0, inner_stiffness=100.0, barrier_energy=0.3)  # few springs bear the pressure
 
 
 def room(down, size: float, restitution=0.5, gravity=GRAVITY) -> World:
@@ -60,10 +60,10 @@ def room(down, size: float, restitution=0.5, gravity=GRAVITY) -> World:
 
 
 def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_time=0.002) -> Layered:
-    """A string along x, held at the origin, that moves along x only (ch. 3.3).
+    """A string along x, fixed at the origin, that moves along x only (ch. 3.3).
 
     Args:
-        nodes: at least 2, the held one counted.
+        nodes: at least 2, the fixed one counted.
         length: at rest, m.
         mass: of all free nodes, kg.
         stiffness: of the whole string, N/m.
@@ -83,7 +83,7 @@ def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_tim
     constant = np.full(count, float(stiffness) * count)
     body = make_body(position, np.full(nodes, mass / count), pairs, constant, constant * relaxation_time,
                      np.full(count, length / count), NO_FACES)  # fmt: skip
-    body = hold(hold(body, np.arange(nodes), "yz"), [0])
+    body = fix(fix(body, np.arange(nodes), "yz"), [0])
     down = np.array([1.0, 0.0, 0.0])
     return Layered(
         name="string", body=body, length=length, water=room(down, 1.2 * length), time_step=1 / 960,
@@ -104,7 +104,7 @@ def make_ring(nodes=12, **materials) -> Layered:
     """
     chosen = chosen_materials(RING, materials)
     body, kinds, skin = two_layers(circle(whole(nodes, "nodes", 3)), chosen)
-    return finished("ring", hold(body, np.arange(len(body.mass)), "z"), kinds, skin, chosen, (0.0, -1.0, 0.0))
+    return finished("ring", fix(body, np.arange(len(body.mass)), "z"), kinds, skin, chosen, (0.0, -1.0, 0.0))
 
 
 def make_sphere(slices=12, stacks=8, **materials) -> Layered:
@@ -145,8 +145,8 @@ def make_uniform_sphere(level=2, correction=True, **materials) -> Layered:
 
 def whole(value, name: str, least: int, most: int | None = None) -> int:
     """`value` as an int, or ValueError unless it is a whole number from `least` to `most`."""
-    sound = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not (sound and value >= least and (most is None or value <= most)):
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (whole and value >= least and (most is None or value <= most)):
         raise ValueError(
             f"{name} is {value!r}; give a whole number, {least} {'or more' if most is None else f'to {most}'}"
         )
@@ -175,7 +175,7 @@ class ObjectKind:
 OBJECTS: dict[str, ObjectKind] = {
     record.name: record
     for record in (
-        ObjectKind("string", "a line held at one end, moving along itself", make_string),
+        ObjectKind("string", "a line fixed at one end, moving along itself", make_string),
         ObjectKind("ring", "two circles joined by springs, gas inside and between, in the plane", make_ring),
         ObjectKind("sphere", "two spheres of circles of latitude, closed by triangles", make_sphere),
         ObjectKind("uniform sphere", "two spheres of triangles of nearly one size", make_uniform_sphere),

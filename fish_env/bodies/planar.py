@@ -13,7 +13,7 @@ import numpy as np
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
 from fish_env.bodies.fitted import checked_level, fitted
-from fish_env.body import hold, make_body
+from fish_env.body import fix, make_body
 from fish_env.world import make_water
 
 SHAPES = {"bending": (5,), "pull": (3,), "shear": ()}
@@ -74,7 +74,7 @@ def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> F
     mirror[left], mirror[right_nodes] = right_nodes, left
     return Fish(
         name="planar",
-        body=hold(body, np.arange(len(position)), "z"),
+        body=fix(body, np.arange(len(position)), "z"),
         length=float(p.length),
         muscles=np.array([fibres[np.argmax((drives == m).any(axis=1))] for m in range(12)]),
         fibres=fibres,

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.elements import make_chambers
+from fish_env.elements import make_compartments
 from fish_env.volume import volume_of
 
 BALANCED = 1e-10  # of the load, that the tensions may leave unbalanced at a node
@@ -93,7 +93,7 @@ def layered(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
 
 
 def watched(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
-    """Outer triangles (K,3), or edges (K,2), that a guard keeps an inner node (K,) behind: a face, each partner."""
+    """Outer triangles (K,3), or edges (K,2), that a barrier keeps an inner node (K,) behind: a face, each partner."""
     n = len(skin.place)
     if skin.faces.shape[1] == 2:
         return np.concatenate([skin.faces, skin.faces]), skin.faces.T.ravel() + n
@@ -101,8 +101,8 @@ def watched(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
     for p, q, r, s in skin.faces.tolist():
         for triangle in [(p, q, r)] if r == s else [(p, q, r), (r, s, p)]:
             found += [(*triangle, node + n) for node in dict.fromkeys((p, q, r, s))]
-    guards = np.array(found)
-    return guards[:, :3], guards[:, 3]
+    barriers = np.array(found)
+    return barriers[:, :3], barriers[:, 3]
 
 
 def tensions(skin: Skin) -> np.ndarray:
@@ -114,7 +114,7 @@ def tensions(skin: Skin) -> np.ndarray:
         ValueError: if no tensions leave every node in balance to BALANCED of the largest load.
     """
     n, (a, b) = len(skin.place), skin.edges.T
-    load = volume_of(make_chambers(skin.place, [skin.faces], 1.0).faces, skin.place)[1].ravel()
+    load = volume_of(make_compartments(skin.place, [skin.faces], 1.0).faces, skin.place)[1].ravel()
     along = skin.place[b] - skin.place[a]
     along /= np.linalg.norm(along, axis=1)[:, None]
     matrix = np.zeros((3 * n, len(a)))
@@ -131,11 +131,11 @@ def tensions(skin: Skin) -> np.ndarray:
 def evened(edges: np.ndarray) -> np.ndarray:
     """Factors (E,) on the stiffness of edges whose sum is 6 at every node, whatever the number of its neighbours.
 
-    A node with 4 neighbours is held as stiffly as one with 6 (ch. 3.5.3), yet both ends of a spring pull alike: the
+    A node with 4 neighbours is as stiff as one with 6 (ch. 3.5.3), yet both ends of a spring pull equally: the
     factor of an edge is the product of a number for each end, found by balancing (Sinkhorn & Knopp 1967).
 
     Raises:
-        ValueError: if the numbers do not settle, as for nodes of which one has a single neighbour.
+        ValueError: if the iteration does not converge, as for nodes of which one has a single neighbour.
     """
     a, b = edges.T
     share = np.sqrt(6.0 / np.bincount(edges.ravel()))

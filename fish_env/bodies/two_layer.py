@@ -15,7 +15,7 @@ from fish_env.bodies.fitted import fitted
 from fish_env.bodies.skins import Skin, edges_of, layered
 from fish_env.body import Body, make_body
 from fish_env.checks import positive_array
-from fish_env.elements import make_chambers, make_guards
+from fish_env.elements import make_barriers, make_compartments
 from fish_env.world import make_water
 
 SHAPES = {"bending": (5,), "pull": (3,), "shear": ()}
@@ -24,9 +24,9 @@ REACH = 0.1  # how far the inner skin reaches into the head and into the tail fi
 
 def make_two_layer(
     bending=None, pull=None, shear=None, inner_size=0.5, inner_stiffness=0.3, inner_mass=0.5, pressure=1000.0,
-    gap_pressure=1000.0, guard_energy=1e-4, **parameters,
+    gap_pressure=1000.0, barrier_energy=1e-4, **parameters,
 ) -> Fish:  # fmt: skip
-    """The pressurised fish: 46 nodes, 239 springs, two chambers.
+    """The pressurised fish: 46 nodes, 239 springs, two compartments.
 
     Args:
         bending: factors on the springs along the flanks of the sections behind the head, (5,); None: as fitted.
@@ -37,7 +37,7 @@ def make_two_layer(
         inner_mass: the inner skin's part of the mass, between 0 and 1.
         pressure: of the gas in the inner skin at rest, and of what surrounds it, for a fish of 0.2 m, Pa.
         gap_pressure: the same between the skins, Pa.
-        guard_energy: scale of the barrier that keeps the inner skin inside the outer one, J.
+        barrier_energy: scale of the barrier that keeps the inner skin inside the outer one, J.
         parameters: fields of `MassSpringParameters`.
 
     Raises:
@@ -53,7 +53,7 @@ def make_two_layer(
     skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
     body = two_skins(
         p, skin, inner_shape(p, inner_size), inner_mass, (bending, shear, inner_stiffness), (pressure, gap_pressure),
-        guard_energy,
+        barrier_energy,
     )  # fmt: skip
     edge = {frozenset(pair): e for e, pair in enumerate(skin.edges.tolist())}
     ends, mirror = topology[classes == tu.MUSCLE], tu.mirrored()
@@ -67,7 +67,7 @@ def make_two_layer(
         segments=segments,
         contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
         contraction_time=float(p.contraction_time),
-        time_step=float(p.time_step) / 4,  # for the guards, which stiffen without bound
+        time_step=float(p.time_step) / 4,  # for the barriers, which stiffen without bound
         control_interval=float(p.control_interval),
         water=make_water(tu.WATER_DENSITY, p.drag_coefficient),
         nose=tu.NOSE,
@@ -79,8 +79,8 @@ def make_two_layer(
     )
 
 
-def two_skins(p, skin, inner, inner_mass, material, pressures, guard_energy) -> Body:
-    """The body: nodes 0 to 22 the outer skin, 23 to 45 the inner one at `inner` (23,3) m, two chambers, the guards.
+def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy) -> Body:
+    """The body: nodes 0 to 22 the outer skin, 23 to 45 the inner one at `inner` (23,3) m, two compartments, barriers.
 
     `material`: factors on the bending and the shear stiffness, and the inner skin's stiffness over the outer one's.
     """
@@ -98,8 +98,8 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, guard_energy) -> 
     return make_body(
         position, np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass]), pairs, stiffness,
         p.relaxation_time * stiffness, natural, faces,
-        chambers=make_chambers(position, [faces + 23, gap], pressures, pressures),
-        guards=make_guards(position, triangles, nodes, scale**5 * guard_energy),
+        compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
+        barriers=make_barriers(position, triangles, nodes, scale**5 * barrier_energy),
     )  # fmt: skip
 
 
@@ -116,7 +116,7 @@ def inner_shape(p, size) -> np.ndarray:
 
 
 def corners_of(faces) -> tuple[np.ndarray, np.ndarray]:
-    """What the guards watch: every corner of a face with its two neighbours (K,3), and the corner's inner partner (K,).
+    """Between what barriers act: every corner of a face with its two neighbours (K,3), and its inner partner (K,).
 
     A quadrilateral cut along one diagonal would not be its own mirror image.
     """

@@ -38,7 +38,7 @@ class Reflection(NamedTuple):
 def reflection_of(env: FishVectorEnv) -> Reflection:
     """How left and right are exchanged in an environment."""
     muscles = env.tank.fish.mirrored_muscles
-    return Reflection(*env.layout.reflection(), env.groups[muscles[env.leaders]])
+    return Reflection(*env.layout.reflection(), env.groups[muscles[env.first_muscle_of_group]])
 
 
 def equivariant_options(env: FishVectorEnv) -> dict[str, Any]:

@@ -22,7 +22,7 @@ Scores = dict[str, np.ndarray]
 
 def gait_controller(gait: Gait, env: FishVectorEnv) -> Controller:
     """The open-loop gait as a controller: its contraction at the end of the coming control interval."""
-    return lambda obs, time: gait.action(env.tank.fish, time + env.control_interval)[env.leaders]
+    return lambda obs, time: gait.action(env.tank.fish, time + env.control_interval)[env.first_muscle_of_group]
 
 
 def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
@@ -43,7 +43,7 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             f"the policy acts every {interval:g} s, the environment every {env.control_interval:g} s; "
             f"give a control_interval of which {interval:g} s is a whole multiple"
         )
-    muscles = env.layout["rest length"].start + env.leaders
+    muscles = env.layout["rest length"].start + env.first_muscle_of_group
     goal = np.zeros(0)
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:

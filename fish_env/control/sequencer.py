@@ -70,7 +70,7 @@ class Sequencer:
     def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
         fish: Fish = env.tank.fish
         self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
-        self.muscle = env.leaders
+        self.muscle = env.first_muscle_of_group
         self.can_pitch = self.muscle.size == fish.num_muscles  # pairs contract above and below together
         height = fish.heights
         self.fish, self.level = fish, np.where(height > 0, 0, 1)

@@ -71,7 +71,7 @@ class Episodes:
         self.num_envs = self.tank.num_fish
         self.max_episode_steps = max_episode_steps
         self.groups = fish.grouping(muscle_groups)
-        self.leaders = np.unique(self.groups, return_index=True)[1]  # (A,) the first muscle of each
+        self.first_muscle_of_group = np.unique(self.groups, return_index=True)[1]  # (A,) the first muscle of each
         self.layout = Layout(fish, self.task.directions)
         bound = self.layout.bounds()
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)

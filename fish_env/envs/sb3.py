@@ -17,7 +17,7 @@ __all__ = ["FishVecEnv", "VecEnv", "VecMonitor", "make_sb3_vec_env"]
 
 
 class FishVecEnv(VecEnv):
-    """`FishVectorEnv` as Stable-Baselines3 wants it. Episodes begin anew in the step in which they end."""
+    """`FishVectorEnv` as Stable-Baselines3 wants it. Episodes restart in the step in which they end."""
 
     def __init__(self, fish: FishVectorEnv, staggered: bool = False):
         self.fish, self.staggered = fish, staggered
@@ -25,7 +25,7 @@ class FishVecEnv(VecEnv):
         self.metadata = fish.metadata
 
     def reset(self) -> np.ndarray:
-        """Begin all episodes anew with the seeds and options set before, and return what the fish see."""
+        """Restart all episodes with the seeds and options set before, and return what the fish see."""
         options = self._options[0] or {}
         if any((other or {}) != options for other in self._options):
             raise ValueError("fish of one batch share their reset options; set_options takes one dict for all")

@@ -100,7 +100,7 @@ class FishVectorEnv(Episodes, VectorEnv):
         return self.observe(), {}
 
     def step(self, actions: np.ndarray):
-        """One control interval for every fish; episodes that have ended begin anew as `autoreset_mode` says."""
+        """One control interval for every fish; episodes that have ended restart as `autoreset_mode` says."""
         restarting = self._over.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED and restarting.any():
             raise gym.error.ResetNeeded(

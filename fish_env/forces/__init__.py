@@ -5,8 +5,8 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
 
     add_force          adds the force on every node to f, N; the only one that every force must have
     add_force_cached   the same, and keeps in cache what the next two need (default: `add_force`)
-    add_tangent        adds to f the pull if every node moved by what stands in v, by the stiffness last kept
-    add_change         adds to f what the force changes by when the velocities become v, positions being those kept
+    add_tangent        adds to f the pull if every node moved by what stands in v, by the stiffness last stored
+    add_change         adds to f what the force changes by when the velocities become v, positions being those stored
     add_system         adds h D + h^2 K to the matrix in f, and keeps K for `add_tangent`
     add_damping        adds h D to it, for the method that takes the water implicitly
     add_lagged         adds the force to `f.load` and h^2 times its effective stiffness to `f.matrix`, a number for each
@@ -37,7 +37,7 @@ them as `world.<name>`.
 from functools import cache
 from types import ModuleType
 
-from fish_env.forces import anchors, contact, gravity, guards, pressure, springs, tets, water
+from fish_env.forces import anchors, barriers, contact, gravity, pressure, springs, tets, water
 from fish_env.forces.compose import in_turn
 from fish_env.simd import Kind, Pack, select, zero
 
@@ -48,7 +48,7 @@ FORCES: dict[str, ModuleType] = {
         springs,
         tets,
         pressure,
-        guards,
+        barriers,
         gravity,
         anchors,
         contact,

@@ -95,7 +95,7 @@ def keep(cache, m, r, across, pull):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add the pull of the anchors if every node moved by y, by the stiffness that was kept."""
+    """Add the pull of the anchors if every node moved by y, by the stiffness that was stored."""
     for m in range(world.anchors.node.size):
         i, r = INDEX(world.anchors.node[m]), cache.r[m]
         f[i] -= fma(cache.pull[m] * dot(r, y[i]), r, cache.across[m] * y[i])

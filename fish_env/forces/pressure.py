@@ -20,46 +20,46 @@ FAILURE = ESCAPED
 
 def present(body, world) -> bool:
     """Whether the body has gas."""
-    return body.chambers is not None
+    return body.compartments is not None
 
 
 def make_cache(body, world, kind) -> Pack:
     """Volume gradients (C N,), times the root of nRT / V^2 where kept for `add_tangent`, and its weight (1,), s2."""
-    return Pack("pressure", slope=kind.vectors(len(body.chambers.gas) * len(body.mass)), weight=np.zeros(1))
+    return Pack("pressure", slope=kind.vectors(len(body.compartments.gas) * len(body.mass)), weight=np.zeros(1))
 
 
 def rest_matrices(body, elastic):
     """Stiffness of the gas at rest, N/m: all nodes (1,N) and a matrix (1,3N,3N) for each compartment. No damping."""
-    if body.chambers is None or not elastic:
+    if body.compartments is None or not elastic:
         return
-    first = body.chambers.first
-    for c, gas in enumerate(body.chambers.gas):
-        volume, slope = volume_of(body.chambers.faces[first[c] : first[c + 1]], body.position)
+    first = body.compartments.first
+    for c, gas in enumerate(body.compartments.gas):
+        volume, slope = volume_of(body.compartments.faces[first[c] : first[c + 1]], body.position)
         yield np.arange(len(slope))[None], (gas / volume**2 * np.outer(slope, slope))[None]
 
 
 @kernel
 def volume(body, c, x, slope):
     """Volume of compartment c; its gradient is written to slope."""
-    chambers, count = body.chambers, x.size
+    compartments, count = body.compartments, x.size
     for i in range(count):
         slope[INDEX(c * count + i)] = zero(slope)
-    return add_volume(chambers.faces, chambers.first[c], chambers.first[c + 1], x, slope, c * count)
+    return add_volume(compartments.faces, compartments.first[c], compartments.first[c + 1], x, slope, c * count)
 
 
 @kernel
 def push(body, c, space):
     """Pressure in compartment c, over that outside, and 1 / V; nothing without a volume."""
     inverse = select(space > 0.0, 1.0 / space, 0.0)
-    outside = select(space > 0.0, body.chambers.ambient[c] + 0.0 * space, 0.0)
-    return fma(body.chambers.gas[c], inverse, -outside), inverse  # (54)
+    outside = select(space > 0.0, body.compartments.ambient[c] + 0.0 * space, 0.0)
+    return fma(body.compartments.gas[c], inverse, -outside), inverse  # (54)
 
 
 @kernel
 def add_force(body, world, control, x, v, f, cache):
     """Add the force of the gas on the walls of its compartments."""
     count, slope, factor = x.size, cache.slope, control.stiffness[0]
-    for c in range(body.chambers.gas.size):
+    for c in range(body.compartments.gas.size):
         pressure = factor * push(body, c, volume(body, c, x, slope))[0]
         for i in range(count):
             f[i] = fma(pressure, slope[INDEX(c * count + i)], f[i])
@@ -71,9 +71,9 @@ def add_force_cached(body, world, control, x, v, f, cache):
     count, slope, factor, root = x.size, cache.slope, control.stiffness[0], sqrt(control.stiffness[0])
     step = control.plans[control.row[0], H]
     cache.weight[0] = control.plans[control.row[0], FACTOR] * step * step
-    for c in range(body.chambers.gas.size):
+    for c in range(body.compartments.gas.size):
         pressure, inverse = push(body, c, volume(body, c, x, slope))
-        pressure, stiff = factor * pressure, root * np.sqrt(body.chambers.gas[c]) * inverse
+        pressure, stiff = factor * pressure, root * np.sqrt(body.compartments.gas[c]) * inverse
         for i in range(count):
             place = INDEX(c * count + i)
             g = slope[place]
@@ -87,7 +87,7 @@ def add_tangent(body, world, control, x, y, f, cache):
     count, slope, weight = x.size, cache.slope, cache.weight[0]
     if weight == 0.0:
         return
-    for c in range(body.chambers.gas.size):
+    for c in range(body.compartments.gas.size):
         change = zero(control.stiffness)
         for i in range(count):
             change += dot(slope[INDEX(c * count + i)], y[i])
@@ -100,9 +100,9 @@ def add_tangent(body, world, control, x, y, f, cache):
 def energy(body, world, control, x, v, f, cache):
     """Energy of the gas and of what it displaces, J, relative to compartments of one cubic metre."""
     total = zero(control.stiffness)
-    for c in range(body.chambers.gas.size):
+    for c in range(body.compartments.gas.size):
         space = volume(body, c, x, cache.slope)
-        total += fma(body.chambers.ambient[c], space, -body.chambers.gas[c] * log(space))
+        total += fma(body.compartments.ambient[c], space, -body.compartments.gas[c] * log(space))
     return control.stiffness[0] * total
 
 
@@ -110,6 +110,6 @@ def energy(body, world, control, x, v, f, cache):
 def failed(body, world, control, x, v, f, cache):
     """Where a compartment has no volume left."""
     empty = nowhere(x)
-    for c in range(body.chambers.gas.size):
+    for c in range(body.compartments.gas.size):
         empty = empty | (volume(body, c, x, cache.slope) <= 0.0)
     return empty

@@ -15,7 +15,7 @@ from fish_env.linalg import rates
 
 PIECE = 48  # elements a kind whose derivatives are worked out together
 STRIP = 240  # columns of the whole body's matrix that are worked out together: what is dense at any time
-SHARED = ("water", "springs", "tets", "pressure", "guards", "gravity", "anchors", "contact")
+SHARED = ("water", "springs", "tets", "pressure", "barriers", "gravity", "anchors", "contact")
 """The forces whose elements `_pieces` shares out, and those that have no stiffness."""
 
 
@@ -54,10 +54,10 @@ def _in_strips(names, body, world, rest_length, x):
 
 def _pieces(body, world, rest_length):
     """Share a body's elements out: each time the nodes (K,) of a few, those elements and their surroundings alone."""
-    springs, faces, tets, chambers, guards = body.springs, body.faces, body.tets, body.chambers, body.guards
-    sizes = [len(springs.nodes), len(faces.nodes), *(len(part.nodes) for part in (tets, guards) if part is not None)]
+    springs, faces, tets, compartments, barriers = body.springs, body.faces, body.tets, body.compartments, body.barriers
+    sizes = [len(springs.nodes), len(faces.nodes), *(len(part.nodes) for part in (tets, barriers) if part is not None)]
     anchored = 0 if world.anchors is None else world.anchors.node.size
-    gassed = 0 if chambers is None else chambers.gas.size
+    gassed = 0 if compartments is None else compartments.gas.size
     count = -(-max(1, anchored, gassed, *sizes) // PIECE)
 
     def share(size, p):
@@ -68,8 +68,8 @@ def _pieces(body, world, rest_length):
         return part._replace(**{name: value[which] for name, value in part._asdict().items() if np.ndim(value)})
 
     for p in range(count):
-        some = [cut(part, p) for part in (springs, faces)] + [part and cut(part, p) for part in (tets, guards)]
-        gas, pull = chambers and _some_chambers(chambers, share(gassed, p)), world.anchors
+        some = [cut(part, p) for part in (springs, faces)] + [part and cut(part, p) for part in (tets, barriers)]
+        gas, pull = compartments and _some_compartments(compartments, share(gassed, p)), world.anchors
         if pull is not None:
             pull = type(pull)(*(value[share(anchored, p)] for value in pull))
         named = [part.nodes for part in some if part is not None]
@@ -81,16 +81,16 @@ def _pieces(body, world, rest_length):
         parts = [part and part._replace(nodes=local[part.nodes]) for part in some]
         piece = body._replace(
             position=body.position[nodes], mass=body.mass[nodes], inverse_mass=body.inverse_mass[nodes],
-            springs=parts[0], faces=parts[1], tets=parts[2], guards=parts[3],
-            chambers=gas and gas._replace(faces=local[gas.faces]),
+            springs=parts[0], faces=parts[1], tets=parts[2], barriers=parts[3],
+            compartments=gas and gas._replace(faces=local[gas.faces]),
         )  # fmt: skip
         around = world._replace(anchors=pull and pull._replace(node=local[pull.node]))
         yield nodes, piece, around, rest_length[share(len(springs.nodes), p)]
 
 
-def _some_chambers(chambers, which: slice):
-    first = chambers.first[which.start : which.stop + 1]
-    return chambers._replace(
-        faces=chambers.faces[first[0] : first[-1]], first=first - first[0], gas=chambers.gas[which],
-        ambient=chambers.ambient[which],
+def _some_compartments(compartments, which: slice):
+    first = compartments.first[which.start : which.stop + 1]
+    return compartments._replace(
+        faces=compartments.faces[first[0] : first[-1]], first=first - first[0], gas=compartments.gas[which],
+        ambient=compartments.ambient[which],
     )  # fmt: skip

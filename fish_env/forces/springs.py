@@ -86,7 +86,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add the pull of the springs if every node moved by y, by the stiffness that was kept."""
+    """Add the pull of the springs if every node moved by y, by the stiffness that was stored."""
     nodes = body.springs.nodes
     for e in range(nodes.shape[0]):
         i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])

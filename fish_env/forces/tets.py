@@ -98,7 +98,7 @@ def keep(tets, t, h, weight, cache):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add the pull of the tetrahedra if every node moved by y, by the stiffness that was kept."""
+    """Add the pull of the tetrahedra if every node moved by y, by the stiffness that was stored."""
     tets, factor, kept = body.tets, control.stiffness[0], cache.h
     for t in range(tets.volume.size):
         h = kept[3 * t], kept[3 * t + 1], kept[3 * t + 2]

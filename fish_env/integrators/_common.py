@@ -48,7 +48,7 @@ def move_rest_lengths(control, elapsed):
 @kernel
 def zero_fixed(body, a):
     """Set the vectors a (N,) to zero along fixed degrees of freedom."""
-    values, fixed = floats(a), body.held
+    values, fixed = floats(a), body.fixed
     for m in range(fixed.shape[0]):
         for lane in range(values.shape[2]):
             values[INDEX(fixed[m, 0]), INDEX(fixed[m, 1]), lane] = 0.0
@@ -73,7 +73,7 @@ def eliminate(body, a):
 
     In their place stands the equation that the unknown is its right-hand side, so the matrix keeps its shape.
     """
-    first, start, fixed, values, none = body.profile.first, body.profile.start, body.held, floats(a), zero(a)
+    first, start, fixed, values, none = body.profile.first, body.profile.start, body.fixed, floats(a), zero(a)
     for m in range(fixed.shape[0]):
         i, k = fixed[m, 0], fixed[m, 1]
         for row in range(i, first.size):

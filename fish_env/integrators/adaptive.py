@@ -57,7 +57,11 @@ def allowed_error(body, tolerance) -> np.ndarray:
     Without springs, it is the speed that moves it by its size in a period of its fastest vibration, over 2 pi.
     """
     size = np.ptp(body.position, axis=0).max()
-    rate = body.springs.stiffness.mean() / body.mass.sum() if body.springs.stiffness.size else body.elastic_rate
+    rate = (
+        body.springs.stiffness.mean() / body.mass.sum()
+        if body.springs.stiffness.size
+        else body.max_stiffness_eigenvalue
+    )
     scale = np.repeat([size, size * np.sqrt(rate)], 3 * body.mass.size)
     return np.maximum(tolerance * scale, np.finfo(float).tiny)
 
@@ -118,7 +122,7 @@ def move(body, evaluator, state, control, b, duration, method, tolerance) -> int
     if method == "Radau":
         options = {"jac": motion.jacobian}
     else:  # DOP853 ends at 6 / frequency anyway; a first trial step far beyond overflows before it is rejected
-        options = {"max_step": 6.0 / max(np.sqrt(body.elastic_rate), 6.0 / duration)}
+        options = {"max_step": 6.0 / max(np.sqrt(body.max_stiffness_eigenvalue), 6.0 / duration)}
     try:
         with np.errstate(all="ignore"):
             found = solve_ivp(motion.slope, (0.0, duration), y, method=method, rtol=tolerance,

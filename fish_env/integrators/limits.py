@@ -1,6 +1,7 @@
 """Step-size limits of each family of methods, by linear theory about rest: what a default step is taken from.
 
-A body's fastest vibration has the frequency w, w^2 = `elastic_rate`, and the relaxation time s, s w^2 = `viscous_rate`.
+A body's fastest vibration has the frequency w, w^2 = `max_stiffness_eigenvalue`, and the relaxation time s,
+s w^2 = `max_damping_eigenvalue`.
 Where `benchmarks/stability/survey.py` measures longer stable steps, these limits stay on the safe side.
 """
 
@@ -14,7 +15,7 @@ from fish_env.world import World
 
 def leapfrog(body: Body) -> float:
     """Of symplectic Euler, s: (sqrt((w s)^2 + 4) - w s) / w. Tu's method has the same; most others are stable there."""
-    elastic, viscous = body.elastic_rate, body.viscous_rate
+    elastic, viscous = body.max_stiffness_eigenvalue, body.max_damping_eigenvalue
     if elastic == 0.0:
         return 2.0 / viscous if viscous > 0.0 else math.inf
     return (math.sqrt(viscous**2 + 4.0 * elastic) - viscous) / elastic
@@ -35,9 +36,9 @@ def explicit_euler(body: Body) -> float:
 
 def midpoint(body: Body) -> float:
     """Of the midpoint method, s: a step h feeds a vibration (h w)^4 / 4 and damping takes h s w^2."""
-    if body.elastic_rate == 0.0:
+    if body.max_stiffness_eigenvalue == 0.0:
         return leapfrog(body)
-    return min((4.0 * relaxation(body) / body.elastic_rate) ** (1 / 3), leapfrog(body))
+    return min((4.0 * relaxation(body) / body.max_stiffness_eigenvalue) ** (1 / 3), leapfrog(body))
 
 
 def everything(body: Body, world: World) -> str:

@@ -53,7 +53,7 @@ def eliminate(body, v, work):
 @kernel
 def restore_fixed(body, v, u):
     """Give the new velocities u along fixed degrees of freedom the values that they have in v."""
-    was, become, fixed = floats(v), floats(u), body.held
+    was, become, fixed = floats(v), floats(u), body.fixed
     for m in range(fixed.shape[0]):
         i, k = INDEX(fixed[m, 0]), INDEX(fixed[m, 1])
         for lane in range(was.shape[2]):

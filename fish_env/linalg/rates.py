@@ -33,7 +33,7 @@ def assemble(elements, size):
 
 
 def highest(elements, root) -> float:
-    """Highest eigenvalue of W K W: K the sum of the elements, W the diagonal `root` (N,3), zero where held."""
+    """Highest eigenvalue of W K W: K the sum of the elements, W the diagonal `root` (N,3), zero where fixed."""
     matrix, weight = assemble(elements, root.size), root.ravel()
     if isinstance(matrix, np.ndarray):
         return max(0.0, float(np.linalg.eigvalsh(matrix * np.outer(weight, weight))[-1]))

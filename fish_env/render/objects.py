@@ -9,7 +9,7 @@ import numpy as np
 import pygame
 
 from fish_env.bodies.objects import OBJECTS, Layered
-from fish_env.render.jelly import Painter
+from fish_env.render.elastic_object import Painter
 from fish_env.tank import Tank
 
 FRAME = 1 / 60  # s
@@ -60,7 +60,7 @@ class Viewer:
         flat = away - np.outer(away @ self.painter.view.axes[2], self.painter.view.axes[2])
         return int(front[np.argmin((flat**2).sum(axis=1))])
 
-    def hold(self, node: int, pixel) -> None:
+    def fix(self, node: int, pixel) -> None:
         """Pull a node towards a pixel, at the depth where the node is."""
         depth = float(self.tank.position[0, node] @ self.painter.view.axes[2])
         point = self.painter.place(pixel, depth)

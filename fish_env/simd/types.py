@@ -1,4 +1,4 @@
-"""The numba types of numbers, masks and 3-vectors, and how each is held in registers and in memory.
+"""The numba types of numbers, masks and 3-vectors, and their layout in registers and in memory.
 
 A *kind* says how many fish a kernel works on at once, and in which precision. `lanes` is "xyz" for one fish whose
 3-vectors fill a SIMD register with their coordinates, or W for W fish side by side, a coordinate of all of them in a
@@ -70,7 +70,7 @@ def floats_in(w) -> int:
 
 
 def number_llvm(w, bits):
-    """How a number is held in registers."""
+    """The layout of a number in registers."""
     return scalar(bits) if floats_in(w) == 1 else ir.VectorType(scalar(bits), floats_in(w))
 
 
@@ -87,7 +87,7 @@ def mask_type(w):
 
 
 def vector_llvm(w, bits):
-    """How a 3-vector is held in registers: one register of x, y, z and an unused number, or one a coordinate."""
+    """The layout of a 3-vector in registers: one register of x, y, z and an unused number, or one a coordinate."""
     return ir.VectorType(scalar(bits), 4) if w == XYZ else ir.ArrayType(number_llvm(w, bits), 3)
 
 
@@ -135,7 +135,7 @@ def _cast(context, builder, kind, target, value):
     return whole(builder, parts_of(builder, value, kind, target), target)
 
 
-def spread(builder, value, count, bits):
+def broadcast(builder, value, count, bits):
     """A scalar in each of `count` lanes, or dual; an integer or a number of another precision is converted first."""
     if isinstance(value.type, ir.IntType):
         value = builder.sitofp(value, ir.DoubleType())
@@ -163,7 +163,7 @@ def parts_of(builder, value, kind, target):
             return [value]
         parts = [builder.extract_value(value, k) for k in range(3)]
         if kind.w == 1 and kind.bits != target.bits:
-            parts = [spread(builder, part, 1, target.bits) for part in parts]
+            parts = [broadcast(builder, part, 1, target.bits) for part in parts]
         if target.w == XYZ:
             register = ir.Constant(vector_llvm(XYZ, target.bits), ir.Undefined)
             for k in range(3):
@@ -171,13 +171,13 @@ def parts_of(builder, value, kind, target):
             return [register]
         if kind.w == target.w:
             return parts
-        return [spread(builder, part, target.w, target.bits) for part in parts]
+        return [broadcast(builder, part, target.w, target.bits) for part in parts]
     several = isinstance(target, Vec3) and target.w != XYZ
     if isinstance(kind, Num) and kind.w != 1:
         one = value
     else:
         lanes = 4 if isinstance(target, Vec3) and target.w == XYZ else target.w
-        one = spread(builder, value, lanes, target.bits)
+        one = broadcast(builder, value, lanes, target.bits)
     return [one] * (3 if several else 1)
 
 

@@ -1,4 +1,4 @@
-"""What a fish is asked to do: the Task protocol and the TASKS table. Only a task has opinions."""
+"""What a fish is asked to do: the Task protocol and the TASKS table. Only tasks define goals and rewards."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -48,7 +48,7 @@ class Task(Protocol):
         ...
 
     def prepare(self, tank: Tank, interval: float) -> None:
-        """Make the arrays for the fish of a tank, decisions `interval` seconds apart."""
+        """Make the arrays for the fish of a tank, environment steps of `interval` seconds."""
         ...
 
     def start(self, tank: Tank, i: int, generator: np.random.Generator, options: Mapping[str, float]) -> None:

@@ -1,4 +1,4 @@
-"""What a motion costs the body: the largest strain of its units, and the work its muscles do."""
+"""What a motion costs the body: the largest strain of its springs, and the work its muscles do."""
 
 from typing import NamedTuple
 
@@ -9,19 +9,19 @@ from fish_env.forces.control import STIFFNESS
 from fish_env.simd import dot, sqrt
 
 
-class Load(NamedTuple):
-    """Strain and work of B fish since their start, and what the next decision needs of the last."""
+class Effort(NamedTuple):
+    """Strain and work of B fish since their start, and what the next environment step needs of the last."""
 
-    strain: np.ndarray  # (B,) the largest |length / natural length - 1| of any unit at a decision
+    strain: np.ndarray  # (B,) the largest |length / natural length - 1| of any spring after an environment step
     work: np.ndarray  # (B,) J, put in by shortening the muscles' rest lengths under tension
-    tension: np.ndarray  # (B,K) N, of each fibre at the last decision
+    tension: np.ndarray  # (B,K) N, of each fibre after the last environment step
     rest: np.ndarray  # (B,K) m, its rest length then
 
 
-def make_load(tank) -> Load:
+def make_effort(tank) -> Effort:
     """Nothing yet, for relaxed fish of a tank."""
     b, k = tank.num_fish, tank.fish.fibres.size
-    return Load(np.zeros(b), np.zeros(b), np.zeros((b, k)), np.tile(tank.fibre_length, (b, 1)))
+    return Effort(np.zeros(b), np.zeros(b), np.zeros((b, k)), np.tile(tank.fibre_length, (b, 1)))
 
 
 @kernel

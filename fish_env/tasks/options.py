@@ -1,4 +1,4 @@
-"""What may be asked of a task: numbers with their range, refused at the door if they lie outside."""
+"""What may be asked of a task: numbers with their range; a number outside is an error at once."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

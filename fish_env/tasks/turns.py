@@ -14,7 +14,7 @@ from fish_env.pose import FORWARD
 from fish_env.simd import Kind, Pack, Vectors, vec3
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.measures import make_load, measure_load
+from fish_env.tasks.measures import make_effort, measure_load
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.rewards import wrapped
 from fish_env.tasks.start import level, place
@@ -24,7 +24,7 @@ OVERSHOOT_WEIGHT = 10.0  # body lengths a second, the price of having turned a r
 COMPLETE = 0.9  # part of a turn after which it counts as made
 LEAST_TURN = math.radians(1.0)  # a smaller turn has no radius
 SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
-MEAN_TIME = 0.26  # s, about a beat: headings are averaged over the whole decisions nearest to it
+MEAN_TIME = 0.26  # s, about a beat: headings are averaged over the whole environment steps nearest to it
 PATIENCE = 3.0  # s: a turn whose predecessor is never as far along as it should be is commanded then
 
 ANGLE = Option(math.radians(10.0), math.pi, "a commanded turn, rad")
@@ -45,18 +45,18 @@ class Course(NamedTuple):
     yaw: np.ndarray  # (B,) where the fish points, rad
     facing: np.ndarray  # (B,) the same, counted on beyond pi
     origin: np.ndarray  # (B,) facing at the last command
-    history: np.ndarray  # (B,2W-1) facing at the last decisions, W of them a beat
-    decisions: np.ndarray  # (B,) since the start
+    history: np.ndarray  # (B,2W-1) facing after the last environment steps, W of them a beat
+    steps: np.ndarray  # (B,) since the start
 
 
 class Record(NamedTuple):
-    """How the last commanded turn went; NaN until known."""
+    """How the last commanded turn went; NaN until measured."""
 
     latency: np.ndarray  # (B,) s from command to 90 % of the turn
-    overshoot: np.ndarray  # (B,) rad beyond the commanded heading, the sway taken out
+    overshoot: np.ndarray  # (B,) rad beyond the commanded heading, the oscillation with the tail beat removed
     path: np.ndarray  # (B,) m swum from command to 90 % of the turn
     radius: np.ndarray  # (B,) m, path over angle turned by then
-    rate: np.ndarray  # (B,) rad/s, the fastest turning between two decisions since the first command
+    rate: np.ndarray  # (B,) rad/s, the fastest turning within an environment step since the first command
     before: np.ndarray  # (B,) m/s at the first command
     after: np.ndarray  # (B,) m/s at 90 % of the last turn
 
@@ -67,7 +67,7 @@ def make_records(kind, shapes):
 
 
 @kernel
-def follow(pose, task, b):
+def track_commands(pose, task, b):
     """Measure where fish b points, and command its next turn if it is due."""
     course, record, interval = task.course, task.record, task.interval
     window = course.history.shape[1]
@@ -76,8 +76,8 @@ def follow(pose, task, b):
     turn = wrapped(yaw - course.yaw[b])
     course.yaw[b] = yaw
     course.facing[b] += turn
-    course.history[b, course.decisions[b] % window] = course.facing[b]
-    course.decisions[b] += 1
+    course.history[b, course.steps[b] % window] = course.facing[b]
+    course.steps[b] += 1
     course.since[b] += interval
     turned, wanted, stage = course.facing[b] - course.origin[b], 0.0, course.stage[b]
     if stage > 0:
@@ -116,7 +116,7 @@ def follow(pose, task, b):
 @kernel
 def mean_facing(course, b):
     """Where fish b pointed on average over the last beat or so, rad, counted on beyond pi."""
-    window, now = course.history.shape[1], course.decisions[b]
+    window, now = course.history.shape[1], course.steps[b]
     kept = min(now, (window + 1) // 2)
     total = 0.0
     for k in range(1, kept + 1):  # environment steps ago
@@ -131,7 +131,7 @@ def steady_facing(course, b):
     Nobody beats at exactly this rate: of an oscillation at 3.3 to 4.6 Hz up to a sixth is left by one average, 3 % by
     two (of environment steps of 20 ms, at which everything is measured).
     """
-    window, now = course.history.shape[1], course.decisions[b]
+    window, now = course.history.shape[1], course.steps[b]
     total = weights = 0.0
     for k in range(1, min(now, window) + 1):
         weight = (window + 1) // 2 - abs(k - 1 - window // 2)
@@ -170,7 +170,7 @@ def score(tank, pose, task, b, terms):
     if task.overshoot_weight > 0.0:
         terms[3, b] = too_far(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (45)
     measure_load(tank, task.load, b)
-    follow(pose, task, b)
+    track_commands(pose, task, b)
     task.before[b] = pose.centre[b]
     angle = task.course.heading[b]
     task.heading[b] = vec3(math.cos(angle), math.sin(angle), 0.0)
@@ -192,14 +192,14 @@ class CommandedTurns(CompiledTask, ABC):
 
     def prepare(self, tank, interval):
         """Make the arrays for the fish of a tank."""
-        beat = max(1, round(MEAN_TIME / interval))  # decisions: 13 of 20 ms, 6 of 40 ms
+        beat = max(1, round(MEAN_TIME / interval))  # environment steps: 13 of 20 ms, 6 of 40 ms
         b, k, w = tank.num_fish, self.most_turns, 2 * beat - 1
         self.interval, self.beat = interval, beat * interval - 1e-9
         self.course = make_records(
             Course, [(b, k), (b, k), (b, k), [b], [b], (b,), (b,), (b,), (b,), (b,), (b, w), [b]]
         )
         self.record = make_records(Record, [(b,)] * 7)
-        self.load = make_load(tank)
+        self.load = make_effort(tank)
         self._before, self._start, self._heading = (np.zeros((b, 3)) for _ in range(3))
         self.pack = Pack("turns", **self.fields())
 

@@ -1,4 +1,4 @@
-"""Reference implementations of the tetrahedra, of the gas in chambers, and of the guards."""
+"""Reference implementations of the tetrahedra, of the gas in compartments, and of the barriers."""
 
 import numpy as np
 
@@ -74,10 +74,10 @@ def triangles(face):
     return [((p, q, r), 0.5), ((p, r, s), 0.5), ((p, q, s), 0.5), ((q, r, s), 0.5)]
 
 
-def gas_volume(chambers, c, x):
-    """Volume of a chamber, or area of a ring, and its gradient (N,3): signed simplices from the middle of the nodes."""
+def gas_volume(compartments, c, x):
+    """Volume of a compartment, or area of a ring, and its gradient (N,3): signed simplices from the nodes' middle."""
     volume, slope, x = 0.0, np.zeros_like(x), x - x.mean(axis=0)
-    for face in chambers.faces[chambers.first[c] : chambers.first[c + 1]]:
+    for face in compartments.faces[compartments.first[c] : compartments.first[c + 1]]:
         if face[2] < 0:
             p, q = face[:2]
             volume += np.linalg.det(x[[p, q], :2]) / 2
@@ -91,24 +91,26 @@ def gas_volume(chambers, c, x):
     return volume, slope
 
 
-def gas_force(chambers, x):
+def gas_force(compartments, x):
     """Pressure nRT/V less that outside, times the volume's gradient, (N,3)."""
     force = np.zeros_like(x)
-    for c, gas in enumerate(chambers.gas):
-        volume, slope = gas_volume(chambers, c, x)
-        force += (gas / volume - chambers.ambient[c]) * slope
+    for c, gas in enumerate(compartments.gas):
+        volume, slope = gas_volume(compartments, c, x)
+        force += (gas / volume - compartments.ambient[c]) * slope
     return force
 
 
-def gas_energy(chambers, x):
+def gas_energy(compartments, x):
     """Energy of gas at constant temperature, and of what it displaces."""
-    volumes = [gas_volume(chambers, c, x)[0] for c in range(chambers.gas.size)]
-    return sum(p * v - gas * np.log(v) for gas, p, v in zip(chambers.gas, chambers.ambient, volumes, strict=True))
+    volumes = [gas_volume(compartments, c, x)[0] for c in range(compartments.gas.size)]
+    return sum(
+        p * v - gas * np.log(v) for gas, p, v in zip(compartments.gas, compartments.ambient, volumes, strict=True)
+    )
 
 
-def guard_shares(guards, x):
-    """Of every guard: number, nodes, volume over that at rest, and its gradient at each of the nodes."""
-    for k, (p, q, r, i) in enumerate(guards.nodes):
+def barrier_shares(barriers, x):
+    """Of every barrier: number, nodes, volume over that at rest, and its gradient at each of the nodes."""
+    for k, (p, q, r, i) in enumerate(barriers.nodes):
         if r < 0:
             a, b = x[p, :2] - x[i, :2], x[q, :2] - x[i, :2]
             outer = np.array([[b[1], -b[0], 0.0], [-a[1], a[0], 0.0]]) / 2
@@ -117,21 +119,21 @@ def guard_shares(guards, x):
             a, b, c = x[[p, q, r]] - x[i]
             outer = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)]) / 6
             nodes, volume = (p, q, r, i), np.linalg.det([a, b, c]) / 6
-        yield k, nodes, volume / guards.volume[k], np.vstack([outer, -outer.sum(axis=0)]) / guards.volume[k]
+        yield k, nodes, volume / barriers.volume[k], np.vstack([outer, -outer.sum(axis=0)]) / barriers.volume[k]
 
 
-def guard_force(guards, x):
+def barrier_force(barriers, x):
     """Force of the barriers -(s - s0)^2 ln(s / s0), s0 = 0.6, on every node, (N,3)."""
     force = np.zeros_like(x)
-    for k, nodes, s, slope in guard_shares(guards, x):
+    for k, nodes, s, slope in barrier_shares(barriers, x):
         if s < 0.6:
             push = 2 * (s - 0.6) * np.log(s / 0.6) + (s - 0.6) ** 2 / s
             for node, direction in zip(nodes, slope, strict=True):
-                force[node] += guards.energy[k] * push * direction
+                force[node] += barriers.energy[k] * push * direction
     return force
 
 
-def guard_energy(guards, x):
+def barrier_energy(barriers, x):
     """Energy of the barriers."""
-    shares = [s for _, _, s, _ in guard_shares(guards, x)]
-    return -sum(e * (s - 0.6) ** 2 * np.log(s / 0.6) for e, s in zip(guards.energy, shares, strict=True) if s < 0.6)
+    shares = [s for _, _, s, _ in barrier_shares(barriers, x)]
+    return -sum(e * (s - 0.6) ** 2 * np.log(s / 0.6) for e, s in zip(barriers.energy, shares, strict=True) if s < 0.6)

@@ -60,8 +60,8 @@ def filtered_matrix(body, world, rest_length, h, least, x, factor=1.0):
                 part = block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
                 matrix[p, :, q] += weight(1.0, body.tets.relaxation_time[t]) * part
     matrix = matrix.reshape(x.size, x.size)
-    for c, gas in enumerate(body.chambers.gas) if body.chambers is not None else ():
-        volume, slope = gas_volume(body.chambers, c, x)
+    for c, gas in enumerate(body.compartments.gas) if body.compartments is not None else ():
+        volume, slope = gas_volume(body.compartments, c, x)
         matrix += factor * h**2 * gas / volume**2 * np.outer(slope, slope)
     return matrix
 

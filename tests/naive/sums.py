@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from naive.elements import gas_force, gas_volume, guard_force, tet_blocks, tet_force
+from naive.elements import barrier_force, gas_force, gas_volume, tet_blocks, tet_force
 from naive.springs_and_water import area_vector, shares, spring_force, water_force
 from naive.surroundings import anchor_force, anchors_of, with_reaction
 
@@ -12,10 +12,10 @@ def other_force(body, world, x, v):
     force = water_force(body.faces, world, x, v)
     if body.tets is not None:
         force += tet_force(body, x, v)
-    if body.chambers is not None:
-        force += gas_force(body.chambers, x)
-    if body.guards is not None:
-        force += guard_force(body.guards, x)
+    if body.compartments is not None:
+        force += gas_force(body.compartments, x)
+    if body.barriers is not None:
+        force += barrier_force(body.barriers, x)
     if world.gravity is not None:
         force += body.mass[:, None] * world.gravity - world.viscosity * v
     return force
@@ -101,14 +101,14 @@ def stiffness_matrix(body, kind="stiffness"):
             for b, q in enumerate(nodes):
                 matrix[p, :, q] += factor * block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
     matrix = matrix.reshape(3 * n, 3 * n)
-    for c, gas in enumerate(body.chambers.gas) if body.chambers is not None and kind == "stiffness" else ():
-        volume, slope = gas_volume(body.chambers, c, x)
+    for c, gas in enumerate(body.compartments.gas) if body.compartments is not None and kind == "stiffness" else ():
+        volume, slope = gas_volume(body.compartments, c, x)
         matrix += gas / volume**2 * np.outer(slope, slope)
     return matrix
 
 
 def highest_rate(body, matrix):
-    """Highest eigenvalue of M^-1 times a symmetric matrix (3N,3N), held degrees of freedom left out."""
+    """Highest eigenvalue of M^-1 times a symmetric matrix (3N,3N), fixed degrees of freedom left out."""
     weight = np.sqrt(body.inverse_mass.ravel())
     return np.linalg.eigvalsh(matrix * np.outer(weight, weight))[-1]
 

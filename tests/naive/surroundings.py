@@ -79,7 +79,7 @@ def anchors_of(world, x):
 
 
 def anchor_rates(body, world):
-    """Stiffness and damping over mass of the node that anchors hold fastest."""
+    """Stiffness and damping over mass of the node with the stiffest anchors."""
     stiffness, damping = np.zeros(len(body.mass)), np.zeros(len(body.mass))
     if world.anchors is not None:
         np.add.at(stiffness, world.anchors.node, world.anchors.stiffness)

@@ -20,14 +20,14 @@ FAILURE = ESCAPED
 
 def present(body, world) -> bool:
     """Whether the body has barriers."""
-    return body.guards is not None
+    return body.barriers is not None
 
 
 @kernel
-def corners(guards, k, x):
+def corners(barriers, k, x):
     """Outer corners of barrier k as seen from its inner node; an edge counts as a face of which one is 3 m above it."""
-    inner, third = x[INDEX(guards.nodes[k, 3])], guards.nodes[k, 2]
-    d, e = x[INDEX(guards.nodes[k, 0])] - inner, x[INDEX(guards.nodes[k, 1])] - inner
+    inner, third = x[INDEX(barriers.nodes[k, 3])], barriers.nodes[k, 2]
+    d, e = x[INDEX(barriers.nodes[k, 0])] - inner, x[INDEX(barriers.nodes[k, 1])] - inner
     if third < 0:
         f = 0.0 * d + vec3(0.0, 0.0, 3.0)
     else:
@@ -36,10 +36,10 @@ def corners(guards, k, x):
 
 
 @kernel
-def relative_volume(guards, k, x):
+def relative_volume(barriers, k, x):
     """Relative volume of barrier k, and its gradients at the outer corners, 1/m."""
-    d, e, f = corners(guards, k, x)
-    scale = 1.0 / (6.0 * guards.volume[k])
+    d, e, f = corners(barriers, k, x)
+    scale = 1.0 / (6.0 * barriers.volume[k])
     p = scale * cross(e, f)
     return dot(d, p), p, scale * cross(f, d), scale * cross(d, e)
 
@@ -56,37 +56,37 @@ def barrier(s):
 
 @kernel
 def add_force(body, world, control, x, v, f, cache):
-    """Add the force of every barrier. Those that act in no fish of a block are passed over: a logarithm is dear."""
-    guards, factor = body.guards, control.stiffness[0]
-    for k in range(guards.energy.size):
-        s, p, q, r = relative_volume(guards, k, x)
+    """Add the force of every barrier. Those that act in no fish of a block are skipped: logarithms are expensive."""
+    barriers, factor = body.barriers, control.stiffness[0]
+    for k in range(barriers.energy.size):
+        s, p, q, r = relative_volume(barriers, k, x)
         if not any_lane(s < NEAR):
             continue
-        push, third = (-guards.energy[k] * factor) * barrier(s)[1], guards.nodes[k, 2]
+        push, third = (-barriers.energy[k] * factor) * barrier(s)[1], barriers.nodes[k, 2]
         p, q, r = push * p, push * q, push * r
         total = p + q
         if third >= 0:
             f[INDEX(third)] += r
             total = total + r
-        f[INDEX(guards.nodes[k, 0])] += p
-        f[INDEX(guards.nodes[k, 1])] += q
-        f[INDEX(guards.nodes[k, 3])] -= total
+        f[INDEX(barriers.nodes[k, 0])] += p
+        f[INDEX(barriers.nodes[k, 1])] += q
+        f[INDEX(barriers.nodes[k, 3])] -= total
 
 
 @kernel
 def energy(body, world, control, x, v, f, cache):
     """Energy of all barriers, J; infinite beyond one."""
-    guards, total = body.guards, zero(control.stiffness)
-    for k in range(guards.energy.size):
-        s = relative_volume(guards, k, x)[0]
-        total += select(s > 0.0, guards.energy[k] * barrier(s)[0], np.inf)
+    barriers, total = body.barriers, zero(control.stiffness)
+    for k in range(barriers.energy.size):
+        s = relative_volume(barriers, k, x)[0]
+        total += select(s > 0.0, barriers.energy[k] * barrier(s)[0], np.inf)
     return control.stiffness[0] * total
 
 
 @kernel
 def failed(body, world, control, x, v, f, cache):
     """Where an inner node has left its place behind the outer faces."""
-    guards, escaped = body.guards, nowhere(x)
-    for k in range(guards.energy.size):
-        escaped = escaped | (relative_volume(guards, k, x)[0] <= 0.0)
+    barriers, escaped = body.barriers, nowhere(x)
+    for k in range(barriers.energy.size):
+        escaped = escaped | (relative_volume(barriers, k, x)[0] <= 0.0)
     return escaped

@@ -11,9 +11,9 @@ from fish_env import Tank
 from fish_env._jit import njit
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import make_body
-from fish_env.elements import make_chambers
+from fish_env.elements import make_compartments
 from fish_env.failures import ESCAPED, FAILURES, NON_FINITE, STRETCH_LIMIT, TORN
-from fish_env.forces import guards
+from fish_env.forces import barriers
 from fish_env.simd import Kind, Pack
 from fish_env.volume import add_volume, volume_of
 from fish_env.world import VACUUM
@@ -60,29 +60,30 @@ def test_volume_far_from_the_origin():
         close(found[1], near[1], 1e-14)
 
 
-@pytest.mark.parametrize("name", ["two layers", "rings", "chamber"])
+@pytest.mark.parametrize("name", ["two layers", "rings", "compartment"])
 def test_volume_equals_its_reference(name):
     """Volume, or area of a ring, and gradient are those of signed simplices; at rest the pressure is what was asked."""
     body = small_bodies.BODIES[name]
     x, _ = small_bodies.bent(name, np.random.default_rng(8))
-    for c in range(body.chambers.gas.size):
-        faces = body.chambers.faces[body.chambers.first[c] : body.chambers.first[c + 1]]
-        wanted, slope = naive.gas_volume(body.chambers, c, x)
+    for c in range(body.compartments.gas.size):
+        faces = body.compartments.faces[body.compartments.first[c] : body.compartments.first[c + 1]]
+        wanted, slope = naive.gas_volume(body.compartments, c, x)
         found, gradient = compiled_volume(faces, x)
         assert found == pytest.approx(wanted, rel=1e-12)
         close(gradient, slope)
     if name == "two layers":
         volumes = [
-            volume_of(part, body.position)[0] for part in np.split(body.chambers.faces, body.chambers.first[1:-1])
+            volume_of(part, body.position)[0]
+            for part in np.split(body.compartments.faces, body.compartments.first[1:-1])
         ]
-        np.testing.assert_allclose(body.chambers.gas / volumes, [500.0, 450.0], rtol=1e-14)
+        np.testing.assert_allclose(body.compartments.gas / volumes, [500.0, 450.0], rtol=1e-14)
 
 
 def test_closed_compartments_push_all_round():
     """A sphere's gas pushes outward everywhere, with pressure times area; twice as wide, it has an eighth of it."""
     points, faces = small_bodies.subdivided(2)
     body = make_body(
-        points, np.ones(len(points)), [], [], [], [], [], chambers=make_chambers(points, [faces], 7.0, 2.0)
+        points, np.ones(len(points)), [], [], [], [], [], compartments=make_compartments(points, [faces], 7.0, 2.0)
     )
     f, g = (force("pressure", body, VACUUM, x, 0 * x) for x in (points, 2 * points))
     areas = [naive.area_vector(points[face]) for face in faces]
@@ -98,14 +99,14 @@ def test_closed_compartments_push_all_round():
 def test_barrier():
     """A barrier does nothing while far, then pushes apart, ever harder; force and stiffness begin without a jump."""
     s = np.linspace(1e-6, 0.4, 4000)
-    energy, first, second = np.array([guards.barrier(value) for value in s]).T
-    near = s < guards.NEAR
+    energy, first, second = np.array([barriers.barrier(value) for value in s]).T
+    near = s < barriers.NEAR
     assert not np.any([energy[~near], first[~near], second[~near]])
     assert np.all(energy[near] > 0) and np.all(first[near] < 0) and np.all(second[near] > 0)
-    below = guards.barrier(guards.NEAR - 1e-9)
+    below = barriers.barrier(barriers.NEAR - 1e-9)
     assert 0 < below[0] < 1e-25 and -1e-16 < below[1] < 0 and below[2] < 1e-7
-    assert guards.barrier(1e-12)[1] < -1e10
-    assert not np.any(guards.barrier(0.0)) and not np.any(guards.barrier(-1.0))
+    assert barriers.barrier(1e-12)[1] < -1e10
+    assert not np.any(barriers.barrier(0.0)) and not np.any(barriers.barrier(-1.0))
 
 
 def test_beyond_a_barrier():
@@ -113,15 +114,16 @@ def test_beyond_a_barrier():
     out, empty, still = ALL.position.copy(), ALL.position.copy(), np.zeros((20, 3))
     out[8, 0] -= 0.04
     empty[8:16] = empty[8:16].mean(axis=0) - 1e-3 * (empty[8:16] - empty[8:16].mean(axis=0))  # turned inside out
-    barriers = Block(("guards",), ALL, VACUUM).set(out, still)
+    barriers = Block(("barriers",), ALL, VACUUM).set(out, still)
     assert np.isfinite(barriers.add("add_force")).all() and barriers.number("energy") == np.inf
-    beyond = [k for k, _, s, _ in naive.guard_shares(ALL.guards, out) if s <= 0]
-    kept = np.setdiff1d(np.arange(len(ALL.guards.energy)), beyond)
-    rest = ALL.guards._replace(**{name: part[kept] for name, part in ALL.guards._asdict().items()})
-    close(barriers.add("add_force"), naive.guard_force(rest, out))
+    beyond = [k for k, _, s, _ in naive.barrier_shares(ALL.barriers, out) if s <= 0]
+    kept = np.setdiff1d(np.arange(len(ALL.barriers.energy)), beyond)
+    rest = ALL.barriers._replace(**{name: part[kept] for name, part in ALL.barriers._asdict().items()})
+    close(barriers.add("add_force"), naive.barrier_force(rest, out))
     gas = Block(("pressure",), ALL, VACUUM).set(empty, still)
-    pressed = make_body(ALL.position, ALL.mass, [], [], [], [], [], chambers=ALL.chambers._replace(
-        first=ALL.chambers.first[1:], gas=ALL.chambers.gas[1:], ambient=ALL.chambers.ambient[1:]))  # fmt: skip
+    pressed = make_body(ALL.position, ALL.mass, [], [], [], [], [], compartments=ALL.compartments._replace(
+        first=ALL.compartments.first[1:], gas=ALL.compartments.gas[1:],
+        ambient=ALL.compartments.ambient[1:]))  # fmt: skip
     close(gas.add("add_force"), force("pressure", pressed, VACUUM, empty, still))  # that of the other compartment
     assert [part.number("failed") for part in (barriers, gas)] == [ESCAPED, ESCAPED]
 
@@ -145,7 +147,7 @@ def test_failures_of_the_elements():
     assert Block(("pressure",), ALL, VACUUM).set(empty, 0 * empty).number("failed") == ESCAPED == failure(ALL, empty)
     out[8, 0] -= 0.04
     assert Block(("pressure",), ALL, VACUUM).set(out, 0 * out).number("failed") == 0
-    assert Block(("guards",), ALL, VACUUM).set(out, 0 * out).number("failed") == ESCAPED == failure(ALL, out)
+    assert Block(("barriers",), ALL, VACUUM).set(out, 0 * out).number("failed") == ESCAPED == failure(ALL, out)
 
 
 @pytest.mark.parametrize("others", [(1.0, 1.0), (0.05, 0.05), (2.9, 2.9), (-2.9, 0.3), (2.9, -0.01)])
