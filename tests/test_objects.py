@@ -319,7 +319,7 @@ def test_viewer(name, monkeypatch):
     pygame.event.clear()
     pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONDOWN, button=1, pos=tuple(pixel)))
     run(viewer, 1)
-    held, point = viewer.held
+    held, point = viewer.dragged
     assert np.linalg.norm(thing.body.position[held] - thing.body.position[node]) < 0.05
     pygame.display.init()
     pygame.display.set_mode((320, 240))
@@ -327,9 +327,9 @@ def test_viewer(name, monkeypatch):
         pygame.event.Event(pygame.MOUSEMOTION, pos=(pixel[0] + 40, pixel[1]), rel=(40, 0), buttons=(1, 0, 0))
     )
     run(viewer, 15)
-    assert viewer.held[1][0] > point[0] and viewer.tank.position[0, held, 0] > thing.body.position[held, 0] + 0.01
+    assert viewer.dragged[1][0] > point[0] and viewer.tank.position[0, held, 0] > thing.body.position[held, 0] + 0.01
     viewer.handle(pygame.event.Event(pygame.MOUSEBUTTONUP, button=1, pos=(0, 0)))
-    assert viewer.held is None and viewer.tank.world.anchors is None and viewer.tank.alive[0]
+    assert viewer.dragged is None and viewer.tank.world.anchors is None and viewer.tank.alive[0]
     viewer.handle(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_r))
     np.testing.assert_array_equal(viewer.tank.position[0], thing.body.position)
     viewer.handle(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_ESCAPE))

@@ -33,7 +33,7 @@ class Viewer:
         self.steps = round(FRAME / self.tank.dt)
         gravity = np.zeros(3) if thing.water.gravity is None else thing.water.gravity
         self.stiffness = thing.body.mass.sum() * np.linalg.norm(gravity) / (PULL * thing.length)
-        self.held: tuple[int, np.ndarray] | None = None
+        self.dragged: tuple[int, np.ndarray] | None = None
         """The node that the mouse holds, and where the mouse is, (3,) m."""
         self.open = True
 
@@ -45,9 +45,9 @@ class Viewer:
             self.let_go()
             self.tank.reset()
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
-            self.hold(self.nearest(event.pos), event.pos)
-        elif event.type == pygame.MOUSEMOTION and self.held is not None:
-            self.hold(self.held[0], event.pos)
+            self.drag(self.nearest(event.pos), event.pos)
+        elif event.type == pygame.MOUSEMOTION and self.dragged is not None:
+            self.drag(self.dragged[0], event.pos)
         elif event.type == pygame.MOUSEBUTTONUP and event.button == 1:
             self.let_go()
 
@@ -60,18 +60,18 @@ class Viewer:
         flat = away - np.outer(away @ self.painter.view.axes[2], self.painter.view.axes[2])
         return int(front[np.argmin((flat**2).sum(axis=1))])
 
-    def fix(self, node: int, pixel) -> None:
+    def drag(self, node: int, pixel) -> None:
         """Pull a node towards a pixel, at the depth where the node is."""
         depth = float(self.tank.position[0, node] @ self.painter.view.axes[2])
         point = self.painter.place(pixel, depth)
         damping = DAMPING * self.stiffness
         self.tank.grab(node, point, self.stiffness, damping, SLACK * self.thing.length)
-        self.held = node, point
+        self.dragged = node, point
 
     def let_go(self) -> None:
         """Release what the mouse holds."""
         self.tank.release()
-        self.held = None
+        self.dragged = None
 
     def advance(self) -> None:
         """A sixtieth of a second of physics; an object that fails starts again."""
@@ -83,7 +83,7 @@ class Viewer:
 
     def surface(self) -> pygame.Surface:
         """The picture now, a new surface."""
-        return self.painter.surface(self.tank.position[0], self.held)
+        return self.painter.surface(self.tank.position[0], self.dragged)
 
 
 def run(viewer: Viewer, frames: int | None = None) -> None:
