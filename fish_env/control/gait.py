@@ -9,7 +9,7 @@ import numpy as np
 from fish_env.bodies import Fish
 
 GAIT_FILE = Path(__file__).parent / "gait.json"
-"""The gait of the default fish, written with its provenance by `benchmarks/calibrate.py`."""
+"""The gait of the default fish, written with its provenance by `benchmarks/calibration/gait_search.py`."""
 
 
 @dataclass(frozen=True)
