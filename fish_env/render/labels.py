@@ -17,7 +17,7 @@ def write(picture: pygame.Surface, frame: Frame) -> None:
     left, top = NUMBERS.topleft
     for words, size, x, y in (
         (f"{frame.speed:.2f}", 38, 10, 8),
-        ("lengths/s", 19, 68, 19),
+        ("BL/s", 19, 68, 19),
         (f"{frame.time:.2f}", 26, 10, 46),
         ("s", 19, 68, 50),
     ):
