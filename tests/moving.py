@@ -36,10 +36,21 @@ FINER = {
     "leapfrog_chebyshev": 4,
 }
 """By how much steps are shortened for a method, so that its error is in the straight part of its slope."""
+REPRESENTATIVE = ("leapfrog_chebyshev", "semi_implicit", "rk4", "rosenbrock", "dop853")
+"""One method of each family of kernels. The others differ from one of them by numbers of a table, take as long to
+compile again, and are tried by `pytest -m slow`; every run tries what tells them apart (`test_integrators.py`)."""
+
+
+def tiered(names):
+    """Methods, those that are not representative marked as slow."""
+    return [pytest.param(name, marks=() if name in REPRESENTATIVE else pytest.mark.slow) for name in names]
+
+
 each_body = pytest.mark.parametrize("body", naive.TU)
-each_method = pytest.mark.parametrize("name", INTEGRATORS)
-each_fixed = pytest.mark.parametrize("name", FIXED_STEP)
-each_adaptive = pytest.mark.parametrize("name", ADAPTIVE)
+each_method = pytest.mark.parametrize("name", tiered(INTEGRATORS))
+each_fixed = pytest.mark.parametrize("name", tiered(FIXED_STEP))
+each_adaptive = pytest.mark.parametrize("name", tiered(ADAPTIVE))
+all_fixed = pytest.mark.parametrize("name", FIXED_STEP)
 
 
 def driven(thing, h):

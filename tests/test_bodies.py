@@ -3,6 +3,7 @@
 import naive
 import numpy as np
 import pytest
+from moving import tiered
 
 from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
 from fish_env.body import make_body
@@ -63,7 +64,7 @@ def test_grouping(name):
 
 
 @each_body
-@pytest.mark.parametrize("method", INTEGRATORS)
+@pytest.mark.parametrize("method", tiered(INTEGRATORS))
 def test_muscles_bend_towards_their_side(name, method):
     """In water, contracting all muscles of the left side bends head and tail to the left, and so for the right."""
     fish = make_fish(name)
@@ -77,7 +78,7 @@ def test_muscles_bend_towards_their_side(name, method):
     assert bend[0] > 1e-3 * fish.length and bend[1] < -1e-3 * fish.length
 
 
-@pytest.mark.parametrize("method", INTEGRATORS)
+@pytest.mark.parametrize("method", tiered(INTEGRATORS))
 def test_motion_scales_with_length(method):
     """Fish of 0.2 and 0.3 m under the same commands move alike, in body lengths and seconds."""
     short, long = make_fish(length=0.2), make_fish(length=0.3)

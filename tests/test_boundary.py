@@ -6,6 +6,7 @@ import naive
 import numpy as np
 import pytest
 import small_bodies
+from moving import ADAPTIVE, each_method
 
 from benchmarks.accuracy import boundary
 from fish_env import INTEGRATORS, Tank, make_fish
@@ -16,10 +17,6 @@ from fish_env.tank_options import own_step
 from fish_env.world import VACUUM, World, make_anchors, make_world
 
 FISH = make_fish()
-ADAPTIVE = [name for name, record in INTEGRATORS.items() if record.kind == "adaptive"]
-FIXED_STEP = [name for name in INTEGRATORS if name not in ADAPTIVE]
-each_method = pytest.mark.parametrize("name", INTEGRATORS)
-each_fixed = pytest.mark.parametrize("name", FIXED_STEP)
 each_task = pytest.mark.parametrize("task", boundary.TASKS)
 
 
@@ -46,18 +43,8 @@ def fixed_two_layers(whole):
     return body if whole else fix(fix(body, [17, 5], "z"), [3], "xy")
 
 
-QUICK = ("leapfrog_chebyshev", "linearly_implicit", "rk4")
-"""Methods that are tried on a body of all kinds of elements at once in every run; the others take long to compile."""
-
-
-@pytest.mark.parametrize(
-    ("name", "what"),
-    [
-        pytest.param(name, what, marks=pytest.mark.slow if what == "two layers" and name not in QUICK else ())
-        for what in ("two layers", "fish", "fish in a plane")
-        for name in INTEGRATORS
-    ],
-)
+@each_method
+@pytest.mark.parametrize("what", ["two layers", "fish", "fish in a plane"])
 def test_motion_equals_the_reduced_system(name, what):
     """Steps with fixed nodes, some of them moving, are those of the dense system without them, to 1e-12."""
     rng, slanted = np.random.default_rng(1), name != "semi_implicit"

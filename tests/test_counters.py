@@ -11,8 +11,10 @@ from moving import (
     SOLVING,
     STABILISED,
     each_body,
+    each_fixed,
     each_method,
     tank_of,
+    tiered,
     world_of,
 )
 
@@ -26,7 +28,7 @@ from fish_env.world import VACUUM
 STILL = np.zeros((23, 3))
 
 
-@pytest.mark.parametrize("name", SOLVING)
+@pytest.mark.parametrize("name", tiered(SOLVING))
 @each_body
 def test_non_positive_pivots_are_counted(name, body):
     """A strongly compressed fish and a large step make the matrix indefinite: one pivot a negative eigenvalue.
@@ -63,7 +65,7 @@ def test_a_swimming_fish_meets_no_bad_pivot(name):
     assert tank.alive.all() and not tank.counters["non_positive_pivots"].any()
 
 
-@pytest.mark.parametrize("name", FIXED_STEP)
+@each_fixed
 def test_counters(name):
     """Every fish's counters grow by the record's numbers a step, call after call; a failed fish's stand still."""
     fish, record = FISH["mass_spring"], INTEGRATORS[name]

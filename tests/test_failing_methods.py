@@ -16,6 +16,7 @@ from moving import (
     each_method,
     run_into_failure,
     tank_of,
+    tiered,
     world_of,
 )
 
@@ -61,7 +62,7 @@ def test_non_finite(name, body):
     np.testing.assert_array_equal(tank.velocity[0], v)
 
 
-@pytest.mark.parametrize("name", EXPLICIT + SEMI_IMPLICIT)
+@pytest.mark.parametrize("name", tiered(EXPLICIT + SEMI_IMPLICIT))
 @each_body
 def test_too_large_a_step(name, body):
     """Many steps far above the stable one blow the fish up: it fails with a reason, explicit methods as non-finite."""
@@ -164,7 +165,7 @@ def test_no_steps(name):
     assert not tank.velocity.any() and tank.time[0] == 7.0
 
 
-@pytest.mark.parametrize("name", SOLVING)
+@pytest.mark.parametrize("name", tiered(SOLVING))
 def test_a_state_that_is_not_finite(name):
     """A state that is handed over with a number that is none fails as that, whatever becomes of the solve."""
     fish = FISH["mass_spring"]

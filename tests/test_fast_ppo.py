@@ -211,7 +211,7 @@ def test_what_learns_is_said():
     assert how_it_learns(start("sb3")) == "Learning with Stable-Baselines3's own code."
 
 
-@pytest.mark.parametrize("hidden", [(16,), (16, 24, 8)])
+@pytest.mark.parametrize("hidden", [pytest.param((16,), marks=pytest.mark.slow), (16, 24, 8)])
 def test_other_layers(hidden):
     """One hidden layer, and three of different widths, learn the same too."""
     slow, fast = run("sb3", hidden=hidden, updates=1), run("compiled", hidden=hidden, updates=1)

@@ -137,7 +137,7 @@ def test_elastic_force_is_minus_gradient_of_energy(name):
 @pytest.mark.parametrize("part", ["springs", "water", "total"])
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("name", naive.TU)
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_derivatives(part, law, name, seed):
     """The exact derivatives are the differences of the textbook forces, of units and water alone and of both."""
     fish, rng = FISH[name], np.random.default_rng(seed)

@@ -10,19 +10,21 @@ from moving import (
     EXPLICIT,
     FINER,
     FISH,
+    FIXED_STEP,
     KINDS,
     LINEARLY_IMPLICIT,
     MATRIX,
     SOLVING,
     STABILISED,
     advance,
+    all_fixed,
     each_body,
     each_fixed,
-    each_method,
     random_motion,
     scene,
     slope_of,
     tank_of,
+    tiered,
     world_of,
 )
 
@@ -49,7 +51,7 @@ def test_every_method_has_a_reference():
     assert set(MATRIX) == set(LINEARLY_IMPLICIT)
 
 
-@each_method
+@pytest.mark.parametrize("name", [*FIXED_STEP, *tiered(ADAPTIVE)])
 @pytest.mark.parametrize("medium", ["vacuum", "water"])
 @settings(max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1), body=st.sampled_from(list(naive.TU)))
@@ -73,7 +75,7 @@ def test_step_equals_its_reference(name, medium, seed, body):
     np.testing.assert_allclose(moved[1], wanted[1], rtol=0, atol=allowed[1])
 
 
-@each_fixed
+@all_fixed
 @each_body
 def test_steps_equal_their_reference(name, body):
     """Eight steps in one call equal eight textbook steps: each takes the rest lengths of its own time."""
@@ -111,7 +113,7 @@ def test_calls_add_up(name):
 # Accuracy
 
 
-@each_fixed
+@all_fixed
 @pytest.mark.parametrize(
     ("body", "medium", "steps"),
     [

@@ -21,7 +21,7 @@ FISH = {name: make_fish(name) for name in BODIES}
 COUNT = 18  # two full blocks of eight and two that are left over, or one of sixteen
 QUICK = "mass_spring"
 BODIES_TO_TRY = [pytest.param(name, marks=[] if name == QUICK else pytest.mark.slow) for name in BODIES]
-FEW = ("leapfrog_chebyshev", "semi_implicit", "linearly_implicit")
+FEW = ("leapfrog_chebyshev", "semi_implicit")
 SINGLE = [pytest.param(name, marks=[] if name in FEW else pytest.mark.slow) for name in FIXED_STEP]
 LANES = [8, *(pytest.param(lanes, marks=pytest.mark.slow) for lanes in (1, 4, 16))]
 

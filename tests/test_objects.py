@@ -113,7 +113,7 @@ def test_correction_rounds_the_ball():
 
 
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("name", ["string", "ring"])
+@pytest.mark.parametrize("name", [pytest.param("string", marks=pytest.mark.slow), "ring"])
 def test_scene(name, scene):
     """Energy grows by rounding only beyond the hand's work, no node is further behind a wall than a step's travel."""
     row = watched(OBJECTS[name].make(), SCENES[scene])

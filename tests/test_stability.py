@@ -15,7 +15,11 @@ LONGEST = 10 * FISH.control_interval
 OMEGA = np.sqrt(FISH.body.max_stiffness_eigenvalue)
 THETA = FISH.body.springs.damping[0] / FISH.body.springs.stiffness[0]
 CASES = cases.stored()
-each_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+each_case = pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, marks=() if case["body"] in naive.TU else pytest.mark.slow) for case in CASES.values()],
+    ids=CASES,
+)
 
 
 # Linear theory
@@ -95,6 +99,7 @@ def test_margin_of_the_default_step():
     assert margins.margins(kinds=("bang-bang",), stiffness=(1.0,), save=False)
 
 
+@pytest.mark.slow
 def test_margin_can_be_missed():
     """Symplectic Euler is stable at its linear limit's nine tenths, so it has no margin of two there."""
     assert not margins.margins("symplectic_euler", 10, kinds=("gait",), stiffness=(1.0,), save=False)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from moving import each_method
 
 from fish_env import INTEGRATORS, Tank, World, make_fish, make_water
 from fish_env.integrators import adaptive
@@ -18,7 +19,6 @@ FISH = make_fish()
 WATER = make_water()
 PAUSE = FISH.control_interval
 MANY = 33  # enough for two threads
-each_method = pytest.mark.parametrize("name", INTEGRATORS)
 
 
 def same(state, other, which=slice(None)):
