@@ -11,6 +11,7 @@ import numpy as np
 from fish_env.control import FIRST_SEED, Controller, Sequencer, evaluate, scripted
 from fish_env.control.sequencer import Caution, aim_past
 from fish_env.envs import FishVectorEnv
+from fish_env.tasks.avoid import AvoidTask
 
 ROOMS, SPEEDS = (0.1, 0.25, 0.35, 0.5, 0.8), (1.0, 1.8, 2.4)
 BENDS = (0.1, 0.2, 0.3, 0.5)  # s
@@ -18,6 +19,8 @@ BENDS = (0.1, 0.2, 0.3, 0.5)  # s
 
 def cautious(env: FishVectorEnv, room: float, speed: float) -> Controller:
     """The motor controllers that keep `room` body lengths off and assume a speed, body lengths per second."""
+    if not isinstance(env.task, AvoidTask):
+        raise ValueError(f"the task is {type(env.task).__name__}; give an environment of an AvoidTask")
     controller: Sequencer = scripted(env)
     controller.aim = partial(aim_past, layout=env.layout, caution=Caution(env.task.radius, room, speed))
     return controller

@@ -3,13 +3,14 @@
 from pathlib import Path
 from typing import Any
 
+from gymnasium.spaces import flatdim
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.config import TrainConfig
 from agents.fast_ppo import FastPPO
 from agents.layers import Tanh
-from agents.synergy import Synergies, both, synergies
+from agents.synergy import Synergies, batch_of, both, synergies
 from fish_env.control import Policy, equivariant
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
 from fish_env.envs.sb3 import make_sb3_vec_env
@@ -29,7 +30,7 @@ def make_model(
     config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None, learner: str = "compiled"
 ) -> PPO:
     """A fresh PPO learner; `learner` is a key of `LEARNERS`."""
-    fish = env.unwrapped.fish
+    fish = batch_of(env)
     options = equivariant_options(fish)
     if not config.symmetric:
         del options["reflection"]
@@ -55,7 +56,8 @@ def make_model(
         seed=seed,
         device="cpu",
     )
-    model.threads = config.env_options.get("threads")  # as many as the fish are shared out over
+    if isinstance(model, FastPPO):
+        model.threads = config.env_options.get("threads")  # as many as the fish are shared out over
     return model
 
 
@@ -79,21 +81,20 @@ def start_from(model: PPO, other: PPO) -> None:
         ValueError: if the observations of their tasks differ, or their networks do.
     """
     mine, given = model.policy.state_dict(), other.policy.state_dict()
-    fish = model.get_env().unwrapped.fish.tank.fish
-    here, there = (both(fish, learner.action_space.shape[0]) for learner in (model, other))
+    fish = batch_of(model.get_env()).tank.fish
+    here, there = (both(fish, flatdim(learner.action_space)) for learner in (model, other))
     for name, value in mine.items():
         if name.endswith(".swap"):  # how this learner's actions are mirrored
             continue
         theirs = given.get(name)
-        same = theirs is not None and value.shape == theirs.shape
-        per_action = name == "log_std" or name.startswith("action_net")
-        if not same and not (per_action and theirs is not None and value.shape[1:] == theirs.shape[1:]):
+        first = 1 if name == "log_std" or name.startswith("action_net") else 0  # of these, a row for each action
+        if theirs is None or value.shape[first:] != theirs.shape[first:]:
             found = None if theirs is None else tuple(theirs.shape)
             raise ValueError(
                 f"{name} is {tuple(value.shape)} here and {found} in the run to start from; start from a run of the "
                 "same task, with the same hidden layers and the same kind of policy"
             )
-        if same:
+        if value.shape == theirs.shape:
             value.copy_(theirs)
         else:
             if name != "log_std":
@@ -104,4 +105,4 @@ def start_from(model: PPO, other: PPO) -> None:
 
 def export_policy(model: PPO, about: dict[str, Any]) -> Policy:
     """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
-    return equivariant.export_policy(model.policy, about, synergies(model.get_env().unwrapped.fish))
+    return equivariant.export_policy(model.policy, about, synergies(batch_of(model.get_env())))

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from stable_baselines3.common.utils import explained_variance
 
 from agents import kernels
@@ -29,6 +30,8 @@ class FastPPO(PPO):
     """
 
     threads: int | None = None
+    clip_range: Schedule  # Stable-Baselines3 makes schedules of the numbers it is given
+    clip_range_vf: Schedule | None
 
     @property
     def why_slow(self) -> str | None:
@@ -107,20 +110,25 @@ class Acting:
     def __init__(self, networks: Networks):
         self.networks, self.log_std = networks, networks.policy.log_std
 
-    def forward(self, obs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Actions drawn (B,A), values (B,1), log-probabilities of the actions (B,)."""
+    def forward(
+        self, obs: torch.Tensor, deterministic: bool = False
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Actions (B,A), drawn or their mean, values (B,1), log-probabilities of the actions (B,)."""
         mean, values = self.networks.act(obs.numpy())
-        noise = torch.from_numpy(np.empty(mean.shape, mean.dtype)).normal_().numpy()  # the numbers that SB3 draws
+        noise = np.zeros(mean.shape, mean.dtype)
+        if not deterministic:
+            torch.from_numpy(noise).normal_()  # the numbers that SB3 draws
         actions = mean + noise * np.exp(self.log_std)
         if not np.isfinite(actions).all():
             raise ValueError(
                 "the policy's actions are not finite: the training has diverged; resume from an earlier checkpoint"
             )
         log_probs = -0.5 * (noise * noise).sum(1) - (self.log_std + HALF_LOG_TWO_PI).sum()
-        return tuple(map(torch.from_numpy, (actions, values[:, None], log_probs)))
+        return torch.from_numpy(actions), torch.from_numpy(values[:, None]), torch.from_numpy(log_probs)
 
-    def predict_values(self, obs: torch.Tensor) -> torch.Tensor:
+    def predict_values(self, obs: PyTorchObs) -> torch.Tensor:
         """Values (B,1)."""
+        assert isinstance(obs, torch.Tensor)  # a fish sees one array, not several by name
         return torch.from_numpy(self.networks.act(obs.numpy())[1][:, None])
 
 

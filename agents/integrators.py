@@ -33,7 +33,7 @@ def settings(fish) -> list[tuple[str, float, float | None]]:
     from fish_env.tank_options import own_step
 
     own = fish.control_interval / fish.time_step
-    found = [("rk4", fish.control_interval / (FINER * own), None)]
+    found: list[tuple[str, float, float | None]] = [("rk4", fish.control_interval / (FINER * own), None)]
     for record in INTEGRATORS.values():
         if record.kind == "adaptive":
             continue  # adaptive methods choose their own step, and take a hundred times as long
@@ -50,7 +50,7 @@ def replay(path: Path, how: tuple[str, float, float | None], episodes: int) -> t
     _, policy, env = opened(path, episodes, integrator=integrator, dt=dt, refine=refine)
     results, track = [{}] * env.num_envs, []
     for ended, done, infos in run_episodes(policy_controller(policy, env), env):
-        for i in np.flatnonzero(ended):
+        for i in np.flatnonzero(ended).tolist():
             results[i] = episode_scores(infos["final_info"], i)
         track.append(np.where(done[:, None], np.nan, places(env)))
     return gathered(results), np.array(track)
@@ -140,7 +140,7 @@ def draw(rows: list[dict], path: Path) -> None:
     tasks = list(dict.fromkeys(row["task"] for row in rows))
     figure, grid = plt.subplots(2, -(-len(tasks) // 2), figsize=(10, 6), layout="constrained", squeeze=False)
     names = list(dict.fromkeys(row["integrator"] for row in rows))
-    colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False))
+    colours = dict(zip(names, plt.color_sequences["tab10"], strict=False))
     for axes, task in zip(grid.flat, tasks, strict=False):
         for name in names:
             points = [(r["dt_ms"], max(abs(r["return_change"]), 1e-4)) for r in rows

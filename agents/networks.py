@@ -1,5 +1,7 @@
 """A policy of torch as the kernels take it: arrays that are torch's own parameters, images, and scratch memory."""
 
+from functools import reduce
+
 import numpy as np
 from stable_baselines3.common.distributions import DiagGaussianDistribution
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -28,6 +30,11 @@ def unsupported(policy) -> str | None:
     return None
 
 
+def linear_layers(hidden: nn.Sequential, last: nn.Module) -> list[nn.Linear]:
+    """The layers with parameters of a network, in order; what is between them is tanh."""
+    return [layer for layer in (*hidden, last) if isinstance(layer, nn.Linear)]
+
+
 class Networks:
     """The networks of a policy that is not `unsupported`. What torch changes in its parameters is changed here too.
 
@@ -38,22 +45,19 @@ class Networks:
     """
 
     def __init__(self, policy: ActorCriticPolicy):
-        extractor, scaler, symmetric = (
-            policy.mlp_extractor,
-            policy.features_extractor,
-            type(policy) is EquivariantPolicy,
-        )
-        last = policy.action_net.linear if symmetric else policy.action_net
-        chains = [*extractor.policy_net[::2], last], [*extractor.value_net[::2], policy.value_net]
+        extractor, scaler = policy.mlp_extractor, policy.features_extractor
+        assert isinstance(scaler, ScaledObservation)  # any other is `unsupported`
+        last = policy.action_net.linear if isinstance(policy, EquivariantPolicy) else policy.action_net
+        chains = linear_layers(extractor.policy_net, last), linear_layers(extractor.value_net, policy.value_net)
         numbers = [p for chain in chains for layer in chain for p in (layer.weight, layer.bias)]
         self.parameters, self._depth = [policy.log_std, *numbers], len(chains[0])
         self.policy = self.named([parameter.detach().numpy() for parameter in self.parameters])
         self.dtype = self.policy.log_std.dtype
         place, swap = ([np.arange(tensor.numel())] for tensor in (scaler.scale, policy.log_std))
         sign = [np.ones(place[0].size)]
-        if symmetric:
-            place.append(extractor.place.numpy())
-            sign.append(extractor.sign.numpy())
+        if isinstance(policy, EquivariantPolicy):
+            place.append(policy.mlp_extractor.place.numpy())
+            sign.append(policy.mlp_extractor.sign.numpy())
             swap.append(policy.action_net.swap.numpy())
         place, factor = np.stack(place), np.stack(sign) / scaler.scale.numpy()[place]
         offset = scaler.offset.numpy()[place]
@@ -94,7 +98,8 @@ class Networks:
             given = tuple(np.empty((len(seen), bias.size), self.dtype) for bias in network.biases)
             kernels.forward(seen, weights, network.biases, given)
             last.append(given[-1].reshape(len(obs), len(swap), -1))
-        return sum(last[0][:, m, there] for m, there in enumerate(swap)) / len(swap), last[1][:, :, 0].mean(1)
+        mean = reduce(np.add, (last[0][:, m, there] for m, there in enumerate(swap))) / len(swap)
+        return mean, last[1][:, :, 0].mean(1)
 
     def zeros(self) -> tuple[np.ndarray, Policy]:
         """A flat array of zeros, and its parts by name in the shapes of the parameters."""

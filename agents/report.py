@@ -147,7 +147,9 @@ def record_video(config: TrainConfig, policy: Policy, path: Path, seconds: float
     for _, done, _ in run_episodes(policy_controller(policy, env), env):
         if done.any() or env.tank.time[0] > seconds:
             break
-        frames.append(env.render()[0])
+        pictures = env.render()
+        assert pictures is not None  # as they are with this render_mode
+        frames.append(pictures[0])
     write_video(frames, env.metadata["render_fps"] / 2, path)
     env.close()
 

@@ -7,12 +7,29 @@ The difference allows what pairs alone cannot do, roll and pitch.
 import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs
+
+from fish_env.bodies import Fish
+from fish_env.envs import FishVectorEnv
+from fish_env.envs.sb3 import FishVecEnv
 
 APART = 0.4  # weight of the difference, beside what both have in common
 WIDE = 3.0  # a learner's actions are not clipped to [-1, 1]: those of the muscles are, after they are combined
 
 
-def synergies(env) -> np.ndarray:
+def batch_of(env: VecEnv | None) -> FishVectorEnv:
+    """The batch of fish under the wrappers of a `VecEnv`.
+
+    Raises:
+        ValueError: if there is no environment, or none of fish.
+    """
+    bare = None if env is None else env.unwrapped
+    if not isinstance(bare, FishVecEnv):
+        raise ValueError(f"the environment is {bare!r}; give one that make_sb3_vec_env returned")
+    return bare.fish
+
+
+def synergies(env: FishVectorEnv) -> np.ndarray:
     """The matrix (A,A) from a learner's actions to those of a `FishVectorEnv`.
 
     The action at the place of the upper muscle of a pair moves both, that of the lower one sets their difference. In an
@@ -27,14 +44,14 @@ def synergies(env) -> np.ndarray:
     return matrix
 
 
-def pairs(fish) -> np.ndarray:
+def pairs(fish: Fish) -> np.ndarray:
     """The upper and the lower muscle of each pair, (P,2), in the order of the environment's pairs."""
     group = fish.grouping("pairs")
     found = (np.flatnonzero(group == pair) for pair in range(group.max() + 1))
     return np.array([muscles[np.argsort(-fish.heights[muscles])] for muscles in found])
 
 
-def both(fish, size: int) -> np.ndarray:
+def both(fish: Fish, size: int) -> np.ndarray:
     """Which of a learner's actions, `size` of them, moves both muscles of each pair, (P,)."""
     upper = pairs(fish)[:, 0]
     return np.arange(size) if size == upper.size else upper
@@ -44,7 +61,7 @@ class Synergies(VecEnvWrapper):
     """Turns a learner's actions into those of the muscles of the environment."""
 
     def __init__(self, venv: VecEnv):
-        self.matrix = synergies(venv.unwrapped.fish).T.astype(np.float32)
+        self.matrix = synergies(batch_of(venv)).T.astype(np.float32)
         size = len(self.matrix)
         super().__init__(venv, action_space=gym.spaces.Box(-WIDE, WIDE, (size,), dtype=np.float32))
 
@@ -56,6 +73,6 @@ class Synergies(VecEnvWrapper):
         """What the environment returns."""
         return self.venv.step_wait()
 
-    def reset(self) -> np.ndarray:
+    def reset(self) -> VecEnvObs:
         """Begin new episodes."""
         return self.venv.reset()

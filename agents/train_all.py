@@ -33,6 +33,11 @@ class Job:
     process: subprocess.Popen | None = None
 
     @property
+    def running(self) -> bool:
+        """Whether it was started here and has not ended."""
+        return self.process is not None and self.process.poll() is None
+
+    @property
     def finished(self) -> bool:
         return (self.folder / "results.json").exists()
 
@@ -130,7 +135,7 @@ def run(waiting: list[Job], work: list[Job], jobs: int | None) -> list[Job]:
         try:
             while waiting or any(slots):
                 for k, job in enumerate(slots):
-                    if job is not None and job.process.poll() is not None:
+                    if job is not None and not job.running:
                         failed += [] if job.finished else [job]
                         slots[k] = None
                     if slots[k] is None and waiting:
@@ -160,8 +165,9 @@ def interruptible():
 
 def stop(jobs: list[Job]) -> None:
     """Let the runs that are under way save their models and end."""
-    for job in jobs:
-        if job.process.poll() is None:
-            job.process.send_signal(signal.SIGINT)
-    for job in jobs:
-        job.process.wait()
+    processes = [job.process for job in jobs if job.process is not None]
+    for process in processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    for process in processes:
+        process.wait()

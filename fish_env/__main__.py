@@ -78,12 +78,12 @@ def chosen_policy(arguments: argparse.Namespace) -> Policy:
     Raises:
         ValueError: if it names none, or a file for another environment than that of the task.
     """
-    if arguments.task is None and arguments.policy is None:
+    shipped = None if arguments.task is None else load_policy(shipped_policy(arguments.task))
+    if arguments.policy is not None:
+        return load_policy(arguments.policy, None if shipped is None else shipped.about["env_id"])
+    if shipped is None:
         raise ValueError(f"give one of {', '.join(shipped_policies())}, or --policy FILE")
-    if arguments.policy is None:
-        return load_policy(shipped_policy(arguments.task))
-    env_id = None if arguments.task is None else load_policy(shipped_policy(arguments.task)).about["env_id"]
-    return load_policy(arguments.policy, env_id)
+    return shipped
 
 
 def evaluate_policy(arguments: argparse.Namespace) -> None:

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import Generic
 
 import numpy as np
 
-from fish_env.bodies.fish import ElasticObject
+from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
 from fish_env.checks import finite_array, fits_memory, positive_array
 from fish_env.engine import Engine
@@ -29,7 +30,7 @@ from fish_env.world import VACUUM, World, make_anchors
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
 
-class Tank:
+class Tank(Generic[Elastic]):
     """B fish of one kind, each alone in the same water, advanced together by one integrator.
 
     Args:
@@ -37,8 +38,7 @@ class Tank:
         num_fish: B, at least 1.
         integrator: a key of `INTEGRATORS`; None takes the fish's own.
         dt: integrator step, s; None takes the fish's `time_step` for its own integrator, and for another the longest
-            that divides the control interval and is at most half of the method's
-            largest stable step at rest (`own_step`).
+            that divides the control interval and is at most half the largest stable step at rest (`own_step`).
         water: `make_water(...)`, or None for vacuum.
         threads: over how many threads the fish are shared out; None takes the processors this process may use.
             Results do not depend on it.
@@ -54,7 +54,7 @@ class Tank:
             lanes or refine that is not offered.
     """
 
-    def __init__(self, fish: ElasticObject, num_fish=1, integrator: str | None = None, dt: float | None = None,
+    def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
                  water: World | None = None, threads: int | None = None, dtype: str = "float64",
                  lanes: str | int | None = None, refine: float | None = None):  # fmt: skip
         self.fish, self.world = fish, VACUUM if water is None else water

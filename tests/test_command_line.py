@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -78,6 +79,14 @@ def test_play(ending, tmp_path, capsys):
     assert video.stat().st_size > 3_000
     printed = capsys.readouterr().out
     assert "episode 0: seconds 0.06, speed" in printed and "episode 1: " in printed
+
+
+def test_a_policy_of_another_environment_is_not_played(tmp_path):
+    """A policy whose file names an environment without a fish is refused."""
+    pytest.importorskip("moviepy")
+    policy = replace(load_policy(shipped_policy("swim")), about={"env_id": "CartPole-v1"})
+    with pytest.raises(ValueError, match="the policy is for CartPole-v1, which is not an environment of fish"):
+        play(policy, video=tmp_path / "pole.gif")
 
 
 def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):

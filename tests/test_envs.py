@@ -435,6 +435,8 @@ def test_options_that_would_change_nothing_are_refused():
         gym.make("FishEnv/Swim-v0", autoreset_mode="Disabled")
     with pytest.raises(ValueError, match="autoreset_mode cannot be chosen"):
         make_sb3_vec_env("FishEnv/Swim-v0", num_envs=2, autoreset_mode="Disabled")
+    with pytest.raises(ValueError, match="'CartPole-v1' is a CartPoleVectorEnv; give an environment whose batches"):
+        make_sb3_vec_env("CartPole-v1", num_envs=2)
     env = make_sb3_vec_env("FishEnv/Swim-v0", num_envs=2, seed=0, max_episode_steps=2, info_every_step=True)
     env.reset()
     infos = [env.step(np.zeros((2, 12)))[3][1] for _ in range(2)]

@@ -99,7 +99,7 @@ def logged(model):
 @pytest.mark.parametrize("dtype", TOLERANCE)
 @pytest.mark.parametrize(("task", "symmetric"), POLICIES)
 def test_acting_is_the_same(task, symmetric, dtype):
-    """Actions for the same noise, values and log-probabilities are those of torch."""
+    """Actions for the same noise, their means, values and log-probabilities are those of torch."""
     _, fast = pair(task, symmetric, dtype)
     obs = torch.as_tensor(fill(fast).observations.reshape(-1, fast.observation_space.shape[0])[:70])
     found = []
@@ -108,6 +108,8 @@ def test_acting_is_the_same(task, symmetric, dtype):
         with torch.no_grad():
             actions, values, log_probs = policy.forward(obs)
             found.append({"actions": actions, "values": values, "log_probs": log_probs})
+            mean, _, likeliest = policy.forward(obs, deterministic=True)
+            found[-1] |= {"mean": mean, "log_probs of the mean": likeliest}
             found[-1] |= {"alone": policy.predict_values(obs), "noise": torch.rand(3)}  # as many numbers were drawn
     ours, theirs = ({name: value.numpy() for name, value in each.items()} for each in found)
     assert ours["actions"].dtype == theirs["actions"].dtype and np.ptp(ours["values"]) > 0.1

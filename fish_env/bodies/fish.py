@@ -1,7 +1,7 @@
 """The records a body builder returns: a `Body` with what a tank needs to move it, and what an animal adds to that."""
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -60,6 +60,10 @@ class ElasticObject:
     def flat(self) -> bool:
         """Whether it moves in the xy plane only."""
         return not self.body.inverse_mass[:, 2].any()
+
+
+Elastic = TypeVar("Elastic", bound=ElasticObject, covariant=True)
+"""What a tank holds: `Tank[Fish]` is a tank of fish."""
 
 
 class Landmarks(NamedTuple):

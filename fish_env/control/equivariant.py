@@ -54,6 +54,9 @@ def equivariant_options(env: FishVectorEnv) -> dict[str, Any]:
 class ScaledObservation(BaseFeaturesExtractor):
     """(obs - offset) / scale with fixed numbers (`Layout.scaling`): there are no running statistics to save."""
 
+    offset: torch.Tensor
+    scale: torch.Tensor
+
     def __init__(self, observation_space, offset: np.ndarray, scale: np.ndarray):
         super().__init__(observation_space, offset.size)
         self.register_buffer("offset", torch.as_tensor(offset, dtype=torch.float32))
@@ -66,6 +69,9 @@ class ScaledObservation(BaseFeaturesExtractor):
 
 class EquivariantExtractor(MlpExtractor):
     """Hidden layers applied to an observation and to its mirror image; the value is the same for both."""
+
+    place: torch.Tensor
+    sign: torch.Tensor
 
     def __init__(self, place, sign, **options):
         super().__init__(**options)
@@ -93,13 +99,16 @@ class EquivariantExtractor(MlpExtractor):
         """
         return [network[1:](self._first(features, network[0]).unflatten(1, (2, -1))) for network in networks]
 
-    def _first(self, features: torch.Tensor, layer: nn.Linear) -> torch.Tensor:
+    def _first(self, features: torch.Tensor, layer: nn.Module) -> torch.Tensor:
+        assert isinstance(layer, nn.Linear)  # so `MlpExtractor` begins every network that has layers
         weight = torch.cat([layer.weight, layer.weight[:, self.place] * self.sign])
         return nn.functional.linear(features, weight, layer.bias.repeat(2))
 
 
 class EquivariantActions(nn.Module):
     """Mean of the action for the observation and of the mirrored action for its mirror image."""
+
+    swap: torch.Tensor
 
     def __init__(self, size: int, swap: np.ndarray):
         super().__init__()
@@ -121,6 +130,9 @@ class EquivariantPolicy(ActorCriticPolicy):
         options: those of `ActorCriticPolicy`.
     """
 
+    mlp_extractor: EquivariantExtractor
+    action_net: EquivariantActions
+
     def __init__(self, *arguments, reflection: Reflection, **options):
         self.reflection = Reflection(*reflection)
         super().__init__(*arguments, **options)
@@ -136,7 +148,8 @@ class EquivariantPolicy(ActorCriticPolicy):
         super()._build(lr_schedule)
         self.action_net = EquivariantActions(self.mlp_extractor.latent_dim_pi // 2, self.reflection.swap)
         self.init_weights(self.action_net.linear, gain=0.01)  # as Stable-Baselines3 does: small actions at first
-        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+        settings: dict[str, Any] = {"lr": lr_schedule(1), **self.optimizer_kwargs}
+        self.optimizer = self.optimizer_class(self.parameters(), **settings)
 
     def _get_constructor_parameters(self):
         return super()._get_constructor_parameters() | {"reflection": self.reflection}
@@ -162,8 +175,8 @@ def export_policy(policy: ActorCriticPolicy, about: Mapping[str, Any], combine: 
     if isinstance(scaler, ScaledObservation):  # its numbers are folded into the first layer
         weights[0] /= scaler.scale.double().numpy()[:, None]
         biases[0] -= scaler.offset.double().numpy() @ weights[0]
-    as_float = [tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases)]
-    return Policy(*as_float, about)
+    weights, biases = (tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases))
+    return Policy(weights, biases, about)
 
 
 def _check_export(policy: ActorCriticPolicy) -> None:
@@ -178,10 +191,12 @@ def _check_export(policy: ActorCriticPolicy) -> None:
 
 def plain_layers(policy: ActorCriticPolicy) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Weights (inputs, outputs) and biases of the actor as ordinary layers; an equivariant one's are twice as wide."""
-    extractor, actions = policy.mlp_extractor, policy.action_net
-    pairs = [numbers(layer) for layer in extractor.policy_net if isinstance(layer, nn.Linear)]
+    pairs = [numbers(layer) for layer in policy.mlp_extractor.policy_net if isinstance(layer, nn.Linear)]
     if not isinstance(policy, EquivariantPolicy):
-        return tuple(map(list, zip(*pairs, numbers(actions), strict=True)))
+        assert isinstance(policy.action_net, nn.Linear)  # the mean of a Gaussian
+        pairs.append(numbers(policy.action_net))
+        return [weight for weight, _ in pairs], [bias for _, bias in pairs]
+    extractor, actions = policy.mlp_extractor, policy.action_net
     place, sign = extractor.place.numpy(), extractor.sign.double().numpy()
     first = pairs[0][0]
     mirrored = np.empty_like(first)

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from fish_env.control.gait import Gait
 from fish_env.control.policy import Policy
 from fish_env.envs import FishVectorEnv
+from fish_env.envs.vector import make_batch
 
 FIRST_SEED = 1_000_000  # far from the seeds of training, which count up from --seed
 EPISODES = 100
@@ -63,8 +63,8 @@ def evaluation_options(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def make_eval_env(env_id: str, num_envs: int, options: dict[str, Any]) -> FishVectorEnv:
-    """A batch in which each fish runs one episode."""
-    return gym.make_vec(env_id, num_envs, autoreset_mode="SameStep", **options).unwrapped
+    """A batch in which each fish runs one episode; raises what `make_batch` does."""
+    return make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
 
 
 def make_policy_env(policy: Policy, num_envs: int = EPISODES, **changes) -> FishVectorEnv:
@@ -88,9 +88,10 @@ def run_episodes(
     """
     obs, infos = env.reset(seed=first_seed, options=options)
     done, time = np.zeros(env.num_envs, dtype=bool), 0.0
+    actions = (env.num_envs, *env.single_action_space.shape)
     yield done.copy(), done.copy(), infos
     while not done.all():
-        action = np.broadcast_to(controller(obs, time), env.action_space.shape)
+        action = np.broadcast_to(controller(obs, time), actions)
         obs, _, terminated, truncated, infos = env.step(action)
         time += env.control_interval
         ended = (terminated | truncated) & ~done
@@ -104,7 +105,7 @@ def evaluate(
     """Scores of one episode of every fish of the batch, begun with these seeds and reset options."""
     results: list[dict[str, float]] = [{}] * env.num_envs
     for ended, _, infos in run_episodes(controller, env, first_seed, options):
-        for i in np.flatnonzero(ended):
+        for i in np.flatnonzero(ended).tolist():
             results[i] = episode_scores(infos["final_info"], i)
     return gathered(results)
 
@@ -124,7 +125,7 @@ def episode_scores(infos: dict[str, Any], i: int) -> dict[str, float]:
     return {name: float(value) for name, value in scores.items()}
 
 
-def means(scores: Scores) -> dict[str, float]:
+def means(scores: Scores) -> dict[str, float | None]:
     """Mean of every score over the episodes in which it is finite; None if there are none."""
     finite = {name: values[np.isfinite(values)] for name, values in scores.items()}
     found = {name: round(float(values.mean()), 4) if values.size else None for name, values in finite.items()}

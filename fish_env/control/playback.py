@@ -14,6 +14,7 @@ from gymnasium.error import DependencyNotInstalled
 from fish_env.control.evaluation import evaluation_options, policy_controller
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.policy import Policy
+from fish_env.envs import FishEnv
 
 VIDEOS = (".mp4", ".gif")
 SLOWER = 2  # times slower than life: a tail beats faster than the eye follows
@@ -42,15 +43,15 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
     elif not has_display():
         raise ValueError("there is no display to open a window on; write a video instead, to a .mp4 or .gif file")
     frames: list[np.ndarray] = []
-    with _environment(policy, "human" if video is None else "rgb_array", changes) as env:
+    with _environment(policy, "human" if video is None else "rgb_array", changes) as (env, bare):
         try:
             for episode in range(episodes):
-                for picture in _episode(policy, env, seed + episode):
+                for picture in _episode(policy, env, bare, seed + episode):
                     frames += [] if picture is None else [picture]
-                print(f"episode {episode}: {summary(env.unwrapped.episode_info())}")
+                print(f"episode {episode}: {summary(bare.episode_info())}")
         except (KeyboardInterrupt, WindowClosed):
             print("stopped")
-    if frames:
+    if frames and video is not None:
         write_video(frames, env.metadata["render_fps"] / SLOWER, video)
         print(f"written to {video}, at half speed")
 
@@ -62,26 +63,30 @@ def has_display() -> bool:
 
 
 @contextmanager
-def _environment(policy: Policy, mode: str, changes: dict[str, Any]) -> Iterator[gym.Env]:
+def _environment(policy: Policy, mode: str, changes: dict[str, Any]) -> Iterator[tuple[gym.Env, FishEnv]]:
+    """The environment of a policy, in its wrappers and without them."""
     options = evaluation_options(policy.about.get("env_options", {}))
     options |= {name: value for name, value in changes.items() if value is not None}
     env = gym.make(policy.about["env_id"], render_mode=mode, **options)
     try:
-        yield env
+        bare = env.unwrapped
+        if not isinstance(bare, FishEnv):
+            raise ValueError(f"the policy is for {policy.about['env_id']}, which is not an environment of fish")
+        yield env, bare
     finally:
         env.close()
 
 
-def _episode(policy: Policy, env: gym.Env, seed: int) -> Iterator[np.ndarray | None]:
+def _episode(policy: Policy, env: gym.Env, bare: FishEnv, seed: int) -> Iterator[np.ndarray | None]:
     """The picture after every environment step; None where a window shows it."""
-    controller = policy_controller(policy, env.unwrapped.fish)
+    controller = policy_controller(policy, bare.fish)
     obs, _ = env.reset(seed=seed)
     over, time = False, 0.0
     while not over:
         obs, _, terminated, truncated, _ = env.step(controller(obs[None], time)[0])
-        time += env.unwrapped.fish.control_interval
+        time += bare.fish.control_interval
         over = terminated or truncated
-        yield None if env.render_mode == "human" else env.render()
+        yield None if bare.render_mode == "human" else bare.render()
 
 
 def summary(info: dict[str, Any]) -> str:

@@ -51,11 +51,11 @@ class Policy:
 
     def save(self, path: str | Path) -> None:
         """Write the policy, whole or not at all; nothing in the file is pickled."""
-        arrays = {f"weight{k}": weight for k, weight in enumerate(self.weights)}
-        arrays |= {f"bias{k}": bias for k, bias in enumerate(self.biases)}
-        about = json.dumps(dict(self.about))
+        parts: dict[str, Any] = {"format": FORMAT, "layout": self.layout_version, "about": json.dumps(dict(self.about))}
+        parts |= {f"weight{k}": weight for k, weight in enumerate(self.weights)}
+        parts |= {f"bias{k}": bias for k, bias in enumerate(self.biases)}
         with replacing(Path(path)) as partial:
-            np.savez(partial, format=FORMAT, layout=self.layout_version, about=about, **arrays)
+            np.savez(partial, **parts)
 
 
 def shipped_policies() -> dict[str, Path]:

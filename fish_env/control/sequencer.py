@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.bodies import Fish
 from fish_env.control.motor import MotorTables, glide_mc, load_tables, scaled_turns, spread, swim_mc, turn_mc
 from fish_env.envs import FishVectorEnv, Layout
 from fish_env.tasks.avoid import AvoidTask
@@ -68,7 +67,7 @@ class Sequencer:
     """
 
     def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
-        fish: Fish = env.tank.fish
+        fish = env.tank.fish
         self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
         self.muscle = env.first_muscle_of_group
         self.can_pitch = self.muscle.size == fish.num_muscles  # pairs contract above and below together

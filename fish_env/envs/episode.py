@@ -1,6 +1,6 @@
 """An episode of every fish of a batch: the one implementation, which every environment calls."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -18,6 +18,7 @@ from fish_env.simd import Kind, Pack, Vectors
 from fish_env.tank import Tank
 from fish_env.tank_options import whole_steps
 from fish_env.tasks import TASKS
+from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import checked_options
 from fish_env.world import World, make_water
 
@@ -29,6 +30,10 @@ class Episodes:
     """
 
     tasks = TASKS
+    single_observation_space: gym.spaces.Box
+    single_action_space: gym.spaces.Box
+    _see: Callable[..., Any]
+    _step: Callable[..., bool] | None
 
     def __init__(
         self,
@@ -86,7 +91,8 @@ class Episodes:
         self._arrays = arrays
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
-        self._reward, self._terminated, self._truncated = map(arrays.get, ("reward", "terminated", "truncated"))
+        self._reward = arrays["reward"]
+        self._terminated, self._truncated = arrays["terminated"], arrays["truncated"]
         self._limit[:] = max_episode_steps or np.iinfo(np.int64).max
         self._vectors = np.zeros((self.num_envs, len(self.task.directions), 3))
         self._pose = make_pose(self.num_envs)
@@ -96,8 +102,9 @@ class Episodes:
     def _compile(self) -> None:
         """Describe the arrays to kernels, and choose the compiled calls."""
         tank, engine = self.tank, self.tank._engine
-        self._kernels = getattr(self.task, "kernels", None)
-        fields = {} if self._kernels is None else {"task": self.task.pack}
+        task = self.task if isinstance(self.task, CompiledTask) and self.task.kernels is not None else None
+        self._kernels = None if task is None else task.kernels
+        fields = {} if task is None else {"task": task.pack}
         fields |= {
             "tank": tank.pack,
             "pose": packed_pose(self._pose),
@@ -122,13 +129,10 @@ class Episodes:
     def restart(self, mask: np.ndarray, seeds: Sequence[int | None] | None = None, options: Mapping | None = None):
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
         options = checked_options({} if options is None else options, self.reset_options)
-        which = np.flatnonzero(mask)
-        for i in which:
-            if (seeds is not None and seeds[i] is not None) or self._generators[i] is None:
-                self._generators[i], self._seeds[i] = np_random(None if seeds is None else seeds[i])
+        which = np.flatnonzero(mask).tolist()
+        generators = [self._generator(i, None if seeds is None else seeds[i]) for i in which]
         self.tank.reset(mask)
-        for i in which:
-            generator = self._generators[i]
+        for i, generator in zip(which, generators, strict=True):
             drawn = draw(self.variation, generator) | options
             vary(self.tank, i, drawn)
             self.task.start(self.tank, i, generator, drawn)
@@ -138,6 +142,14 @@ class Episodes:
         self._begun[mask] = True
         self._started = self._begun.all()
         self._look(mask)
+
+    def _generator(self, i: int, seed: int | None) -> np.random.Generator:
+        """The generator of fish i: its own, or a new one if a seed is given or it has none yet."""
+        generator = self._generators[i]
+        if generator is None or seed is not None:
+            generator, self._seeds[i] = np_random(seed)
+            self._generators[i] = generator
+        return generator
 
     def advance(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One control interval: reward (B,) float64, terminated (B,), truncated (B,), as copies; then `observe`."""
@@ -160,26 +172,27 @@ class Episodes:
 
     def _move(self) -> bool:
         """Command, move, measure, reward and observe the fish; False, and nothing has moved, for a bad action."""
-        if self._step is None:
+        engine, step = self.tank._engine, self._step
+        if engine is None or step is None:
             if not acceptable(self._env):
                 return False
             self.tank.drive(self._contraction, self._substeps)
             self._see(self._env, 0, self.num_envs, True)
         elif self.tank._chunks == 1:
-            self.tank._engine.sort()
-            if not self._move_chunk(0, 0, self.num_envs):
+            engine.sort()
+            if not self._move_chunk(0, 0, self.num_envs, step):
                 return False
         else:
             if not acceptable(self._env):
                 return False
-            self.tank.share_out(self._move_chunk)
+            self.tank.share_out(self._move_chunk, step)
         if self._kernels is None:
             self._judge()
         return True
 
-    def _move_chunk(self, chunk: int, first: int, last: int) -> bool:
+    def _move_chunk(self, chunk: int, first: int, last: int, step: Callable[..., bool]) -> bool:
         """The fish between two places in the order in which they are moved, in the memory of one thread."""
-        return self._step(self._envs[chunk].address, first, last, self._substeps, self.control_interval)
+        return step(self._envs[chunk].address, first, last, self._substeps, self.control_interval)
 
     def _judge(self) -> None:
         """Reward by a task that is written in Python, and observe."""

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-import gymnasium as gym
+from fish_env.envs.vector import make_batch
 
 if TYPE_CHECKING:
     from fish_env.envs.sb3 import VecEnv
@@ -23,15 +23,14 @@ def make_sb3_vec_env(
 
     Raises:
         gymnasium.error.Error: for an id that is not registered.
-        ValueError: for an option that is not allowed.
+        ValueError: for an option that is not allowed, or an environment that is not one of fish.
         ImportError: without Stable-Baselines3, saying how to install it.
     """
     from fish_env.envs.sb3 import FishVecEnv, VecMonitor
 
     if "autoreset_mode" in options:
         raise ValueError("autoreset_mode cannot be chosen: in a VecEnv, a new episode begins in the step that ends one")
-    batch = gym.make_vec(id, num_envs, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **options)
-    env: VecEnv = FishVecEnv(batch.unwrapped, staggered)
+    env: VecEnv = FishVecEnv(make_batch(id, num_envs, **options), staggered)
     if monitor:
         env = VecMonitor(env)
     env.seed(seed)

@@ -49,7 +49,7 @@ class FishVecEnv(VecEnv):
         every = self.fish.info_every_step
         infos: list[dict[str, Any]] = [self.fish.step_info(i) if every else {} for i in range(self.num_envs)]
         if done.any():
-            for i in np.flatnonzero(done):
+            for i in np.flatnonzero(done).tolist():
                 infos[i] |= self.fish.episode_info(i)
                 infos[i]["terminal_observation"] = obs[i].copy()
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i])

@@ -5,8 +5,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from fish_env.bodies import Fish
 from fish_env.envs.layout import Layout
 from fish_env.envs.vector import FishVectorEnv
+from fish_env.tank import Tank
 
 
 class FishEnv(gym.Env):
@@ -28,7 +30,7 @@ class FishEnv(gym.Env):
         self.action_space = self.fish.single_action_space
 
     @property
-    def tank(self):
+    def tank(self) -> Tank[Fish]:
         """The physics: a `Tank` with one fish."""
         return self.fish.tank
 

@@ -25,7 +25,16 @@ def make_see(kernels):
     It measures the fish queue.order[first:last], rewards them if they have stepped, and fills their observations.
     Without a task it only measures.
     """
-    look, score = kernels or (None, None)
+    if kernels is None:
+
+        @part
+        def see(env, first, last, stepped):
+            for p in range(first, last):
+                measure(env.tank, env.pose, INDEX(env.order[p]))
+
+        return see
+
+    look, score = kernels
 
     @kernel
     def judge(env, b):
@@ -44,25 +53,16 @@ def make_see(kernels):
         episode.terminated[b] = over
         episode.truncated[b] = not over and episode.elapsed[b] >= episode.limit[b]
 
-    if kernels is None:
-
-        @part
-        def see(env, first, last, stepped):
-            for p in range(first, last):
-                measure(env.tank, env.pose, INDEX(env.order[p]))
-
-    else:
-
-        @part
-        def see(env, first, last, stepped):
-            episode = env.episode
-            for p in range(first, last):
-                b = INDEX(env.order[p])
-                measure(env.tank, env.pose, b)
-                if stepped:
-                    judge(env, b)
-                look(env.tank, env.pose, env.task, b, episode.vectors)
-                observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
+    @part
+    def see(env, first, last, stepped):
+        episode = env.episode
+        for p in range(first, last):
+            b = INDEX(env.order[p])
+            measure(env.tank, env.pose, b)
+            if stepped:
+                judge(env, b)
+            look(env.tank, env.pose, env.task, b, episode.vectors)
+            observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
 
     return see
 

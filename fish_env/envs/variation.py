@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from fish_env.bodies import Fish
 from fish_env.tank import Tank
 from fish_env.tasks.options import Option
 from fish_env.tasks.start import POSE_OPTIONS
@@ -43,7 +44,7 @@ def draw(variation: Mapping[str, tuple[float, float]], generator: np.random.Gene
     return drawn
 
 
-def vary(tank: Tank, i: int, values: Mapping[str, float]) -> None:
+def vary(tank: Tank[Fish], i: int, values: Mapping[str, float]) -> None:
     """Give fish i of the tank the body and the water of these values; what is not named is as it was made."""
     factors = {name: values[name] for name in ("stiffness", "mass", "drag") if name in values}
     heading, speed = values.get("current_heading", 0.0), values.get("current", 0.0) * tank.fish.length

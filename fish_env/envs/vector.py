@@ -115,7 +115,7 @@ class FishVectorEnv(Episodes, VectorEnv):
             terminated[restarting] = truncated[restarting] = False
         self._over = terminated | truncated
         if self.info_every_step:
-            for i in np.flatnonzero(~restarting):
+            for i in np.flatnonzero(~restarting).tolist():
                 infos = self._add_info(infos, self.step_info(i), i)
         obs = self.observe()
         if self._over.any():
@@ -128,7 +128,7 @@ class FishVectorEnv(Episodes, VectorEnv):
         return obs, reward, terminated, truncated, infos
 
     def _end_episodes(self, infos, obs):
-        for i in np.flatnonzero(self._over):
+        for i in np.flatnonzero(self._over).tolist():
             info = self.episode_info(i)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 info = {"final_obs": obs[i].copy(), "final_info": info}
@@ -157,8 +157,8 @@ class FishVectorEnv(Episodes, VectorEnv):
         self.tank.close()
 
     @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:
-        """One random generator a fish."""
+    def np_random(self) -> tuple[np.random.Generator | None, ...]:
+        """One random generator a fish; None before its first episode."""
         return tuple(self._generators)
 
     @property
@@ -168,3 +168,17 @@ class FishVectorEnv(Episodes, VectorEnv):
 
     def __getstate__(self):
         return super().__getstate__() | {"_renderer": None}
+
+
+def make_batch(id: str, num_envs: int, **options) -> FishVectorEnv:
+    """A registered batch of fish without wrappers: `gym.make_vec`, which may make anything, and a check.
+
+    Raises:
+        gymnasium.error.Error: for an id that is not registered, or has no batch of its own.
+        ValueError: for an option that is not allowed, or an environment that is not one of fish.
+    """
+    batch = gym.make_vec(id, num_envs, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **options).unwrapped
+    if not isinstance(batch, FishVectorEnv):
+        batch.close()
+        raise ValueError(f"{id!r} is a {type(batch).__name__}; give an environment whose batches are a FishVectorEnv")
+    return batch

@@ -6,6 +6,7 @@ not by the compiled code: hold on to it while a kernel runs.
 """
 
 import hashlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import llvmlite.ir as ir
@@ -177,7 +178,7 @@ class PackAttributes(AttributeTemplate):
         return kind.places[name][0] if name in kind.places else None
 
 
-def pack_at(kind: PackType):
+def pack_at(kind: PackType) -> Callable[[int], Any]:
     """A function for kernels that takes the address of a pack of this type, a whole number, and returns the pack.
 
     Numba looks up the type of every argument that is neither a number nor an array, which takes a microsecond.

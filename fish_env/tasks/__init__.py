@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from fish_env.bodies import Fish
 from fish_env.pose import Pose
 from fish_env.tank import Tank
 from fish_env.tasks.avoid import AvoidTask
@@ -47,27 +48,27 @@ class Task(Protocol):
         """Keys that `reset(options=...)` accepts, with their ranges and meaning; an attribute."""
         ...
 
-    def prepare(self, tank: Tank, interval: float) -> None:
+    def prepare(self, tank: Tank[Fish], interval: float) -> None:
         """Make the arrays for the fish of a tank, environment steps of `interval` seconds."""
         ...
 
-    def start(self, tank: Tank, i: int, generator: np.random.Generator, options: Mapping[str, float]) -> None:
+    def start(self, tank: Tank[Fish], i: int, generator: np.random.Generator, options: Mapping[str, float]) -> None:
         """Begin an episode for fish i, freshly reset."""
         ...
 
-    def vectors(self, tank: Tank, pose: Pose) -> np.ndarray:
+    def vectors(self, tank: Tank[Fish], pose: Pose) -> np.ndarray:
         """World vectors (B, directions, 3) that tell each fish what is asked; it sees them in its own frame."""
         ...
 
-    def reward(self, tank: Tank, pose: Pose) -> dict[str, np.ndarray]:
+    def reward(self, tank: Tank[Fish], pose: Pose) -> dict[str, np.ndarray]:
         """Named terms (B,) of the reward for the last control interval; the reward is their sum."""
         ...
 
-    def done(self, tank: Tank, pose: Pose) -> np.ndarray:
+    def done(self, tank: Tank[Fish], pose: Pose) -> np.ndarray:
         """(B,) True where the task itself ends the episode."""
         ...
 
-    def metrics(self, tank: Tank, i: int, seconds: float) -> dict[str, Any]:
+    def metrics(self, tank: Tank[Fish], i: int, seconds: float) -> dict[str, Any]:
         """What an episode of `seconds` achieved, for the `info` of its last step."""
         ...
 
