@@ -272,7 +272,7 @@ def test_work_of_one_muscle():
         "tank", position=Vectors(x, Kind(1)), rest_length=rest, variation=np.array([NOMINAL]), fibres=np.array([0]),
         spring_nodes=np.array([[0, 1]]), spring_length=np.array([1.0]), spring_stiffness=np.array([10.0]),
     )  # fmt: skip
-    load = measures.Load(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.ones((1, 1)))
+    load = measures.Effort(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.ones((1, 1)))
     for length in np.linspace(1.0, 0.5, 11):
         rest[0, 0] = length
         measures.measure_load(tank, Pack("load", **load._asdict()), 0)  # as Python
