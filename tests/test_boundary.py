@@ -6,7 +6,7 @@ import naive
 import numpy as np
 import pytest
 import small_bodies
-from moving import ADAPTIVE, each_method
+from moving import ADAPTIVE, each_method, without_walls
 
 from benchmarks.accuracy import boundary
 from fish_env import INTEGRATORS, Tank, make_fish
@@ -50,7 +50,7 @@ def test_motion_equals_the_reduced_system(name, what):
     rng, slanted = np.random.default_rng(1), name != "semi_implicit"
     if what == "two layers":
         body = fixed_two_layers(whole=not slanted)
-        world = small_bodies.world_with_all(body)
+        world = without_walls(name, small_bodies.world_with_all(body))
         x, v = small_bodies.shaken(body, rng)
     else:
         body = fix(FISH.body, range(23), "z") if what == "fish in a plane" else fix(FISH.body, [0, 7, 20])

@@ -8,7 +8,7 @@ import pytest
 import small_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from moving import ADAPTIVE, each_adaptive, each_fixed, each_method, slope_of, tank_of
+from moving import ADAPTIVE, each_adaptive, each_fixed, each_method, slope_of, tank_of, without_walls
 from moving import advance as advance_body
 from scipy.integrate import solve_ivp
 from small_bodies import ALL, BODIES, bent, close
@@ -24,11 +24,6 @@ from fish_env.world import VACUUM, make_world
 def advance(name, world, x, v, rest, rate, h, n, body=ALL):
     """Motion of one body after n steps, (x, v)."""
     return advance_body(name, body, world, x, v, rest, rate, h, n)
-
-
-def without_walls(name, world):
-    """The same world, without walls for a method that refuses them."""
-    return world._replace(planes=None) if name in ADAPTIVE else world
 
 
 @each_method
