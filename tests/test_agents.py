@@ -202,27 +202,27 @@ def test_a_folder_takes_one_run(tmp_path, monkeypatch):
 
 
 def test_interquartile_mean_and_interval(monkeypatch):
-    """The interquartile mean is scipy's trimmed mean where a quarter is whole; the interval mostly holds the truth."""
+    """The interquartile mean is scipy's trimmed mean where a quarter is whole; its interval mostly has the true one."""
     monkeypatch.setattr(results, "RESAMPLES", 400)
     rng = np.random.default_rng(0)
     values = rng.normal(size=12)
     assert results.interquartile_mean(values) == pytest.approx(stats.trim_mean(values, 0.25))
     assert results.interquartile_mean(np.array([1.0, 2.0, np.nan])) == pytest.approx(1.5)
-    held = 0
+    inside = 0
     for _ in range(40):
         levels = rng.normal(3.0, 0.5, 10)
         scores = [{"return": rng.normal(level, 1.0, 50)} for level in levels]
         value, low, high = results.interval(scores, "return", rng)
         assert low < value < high
-        held += low < 3.0 < high
-    assert held >= 32
-    held = 0
+        inside += low < 3.0 < high
+    assert inside >= 32
+    inside = 0
     for _ in range(40):  # all seeds play the same episodes, some of which are hard for all
         hard, levels = rng.normal(0.0, 1.0, 50), rng.normal(3.0, 0.1, 5)
         scores = [{"return": level + hard + rng.normal(0.0, 0.3, 50)} for level in levels]
         _, low, high = results.interval(scores, "return", rng)
-        held += low < 3.0 < high
-    assert held >= 34
+        inside += low < 3.0 < high
+    assert inside >= 34
 
 
 def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):

@@ -20,8 +20,6 @@ from pages import FENCE, PAGES, ROOT, blocks
 IN_ORDER = re.compile(r"blocks\s+(?:of|on)\s+this\s+page\s+run\s+in\s+order", re.IGNORECASE)
 """What a page says whose Python blocks build on one another."""
 ELSEWHERE = {"docs/extending.md": "tests/test_extending.py runs its blocks, some of which are files"}
-LONG: dict[str, str] = {}
-"""Python blocks that would take minutes, by "page:line" of their first line, with the reason."""
 NOT_CODE = {"", "math", "text", "mermaid", "bibtex"}
 SHELL = ("sh", "bash", "shell", "console")
 OTHER_PROGRAMS = {
@@ -76,7 +74,6 @@ def test_every_block_is_checked():
     fences = sum(len(re.findall(r"^ *```", page.read_text(), re.MULTILINE)) for page in PAGES)
     assert fences == 2 * len(BLOCKS)  # none is left open or overlooked
     assert set(ELSEWHERE) <= {block.page for block in BLOCKS}
-    assert set(LONG) <= set(map(str, BLOCKS))
 
 
 def execute(block, scope):
@@ -102,8 +99,6 @@ def test_blocks_run(program, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     scope = {"__name__": "block"}
     for block in PROGRAMS[program]:
-        if str(block) in LONG:
-            pytest.skip(LONG[str(block)])
         execute(block, scope)
 
 

@@ -69,7 +69,7 @@ def test_public_names_only(name, source):
 
 
 def test_train_ppo(tmp_path):
-    """It trains, saves what a user needs to go on with, evaluates, and says how well the fish swims."""
+    """It trains, saves what a user needs to resume, evaluates, and says how well the fish swims."""
     pytest.importorskip("stable_baselines3")
     said = run(
         tmp_path, EXAMPLES / "train_ppo.py", "--timesteps", 512, "--num-envs", 16, "--evaluations", 3, "--folder", "out"

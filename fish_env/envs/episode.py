@@ -17,7 +17,7 @@ from fish_env.pose import make_pose, packed_pose
 from fish_env.simd import Kind, Pack, Vectors
 from fish_env.tank import Tank
 from fish_env.tank_options import whole_steps
-from fish_env.tasks import TASKS
+from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import checked_options
 from fish_env.world import World, make_water
@@ -54,11 +54,8 @@ class Episodes:
         refine: float | None = None,
         **task_options,
     ):
-        if not isinstance(task, str) or task not in self.tasks:
-            raise ValueError(f"unknown task {task!r}; choose from {', '.join(map(repr, self.tasks))}")
-        whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
-        if max_episode_steps is not None and not (whole and max_episode_steps >= 1):
-            raise ValueError(f"max_episode_steps is {max_episode_steps!r}; give a whole number, at least 1, or None")
+        self.task = self._make_task(task, task_options)
+        _check_steps(max_episode_steps)
         fish = body if isinstance(body, Fish) else make_fish(body)
         water = fish.water if water is None else water
         if not isinstance(water, World):
@@ -66,10 +63,6 @@ class Episodes:
         self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
         self.control_interval = float(fish.control_interval if control_interval is None else control_interval)
         self._substeps = whole_steps(self.control_interval, self.tank.dt, "control_interval")
-        try:
-            self.task = self.tasks[task](**task_options)
-        except TypeError as error:
-            raise ValueError(f"unknown option of the environment or of task {task!r}: {error}") from error
         self.task.prepare(self.tank, self.control_interval)
         self.variation = checked_variation({} if variation is None else variation)
         self.reset_options = {**self.task.reset_options, **VARIATIONS}
@@ -98,6 +91,15 @@ class Episodes:
         self._pose = make_pose(self.num_envs)
         self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
         self._compile()
+
+    def _make_task(self, task, options) -> Task:
+        """The task of a name with its options, or ValueError."""
+        if not isinstance(task, str) or task not in self.tasks:
+            raise ValueError(f"unknown task {task!r}; choose from {', '.join(map(repr, self.tasks))}")
+        try:
+            return self.tasks[task](**options)
+        except TypeError as error:
+            raise ValueError(f"unknown option of the environment or of task {task!r}: {error}") from error
 
     def _compile(self) -> None:
         """Describe the arrays to kernels, and choose the compiled calls."""
@@ -262,6 +264,13 @@ class Episodes:
     def _measure(self) -> None:
         """Bring poses and observations up to date with positions that were changed from outside."""
         self._look()
+
+
+def _check_steps(max_episode_steps) -> None:
+    """Raise ValueError unless it is None or a whole number, at least 1."""
+    whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
+    if max_episode_steps is not None and not (whole and max_episode_steps >= 1):
+        raise ValueError(f"max_episode_steps is {max_episode_steps!r}; give a whole number, at least 1, or None")
 
 
 def _water(keywords) -> World:
