@@ -41,15 +41,17 @@ REPRESENTATIVE = ("leapfrog_chebyshev", "semi_implicit", "rk4", "rosenbrock", "d
 compile again, and are tried by `pytest -m slow`; every run tries what tells them apart (`test_integrators.py`)."""
 
 
-def tiered(names):
-    """Methods, those that are not representative marked as slow."""
-    return [pytest.param(name, marks=() if name in REPRESENTATIVE else pytest.mark.slow) for name in names]
+def tiered(names, quick=REPRESENTATIVE):
+    """Parameters of a test, methods for example, those that are not among the quick ones marked as slow."""
+    return [pytest.param(name, marks=() if name in quick else pytest.mark.slow) for name in names]
 
 
 each_body = pytest.mark.parametrize("body", naive.TU)
 each_method = pytest.mark.parametrize("name", tiered(INTEGRATORS))
 each_fixed = pytest.mark.parametrize("name", tiered(FIXED_STEP))
 each_adaptive = pytest.mark.parametrize("name", tiered(ADAPTIVE))
+two_methods = pytest.mark.parametrize("name", tiered(INTEGRATORS, ("leapfrog_chebyshev", "dop853")))
+"""For what does not depend on the method: the default one, and one without an engine."""
 all_fixed = pytest.mark.parametrize("name", FIXED_STEP)
 
 

@@ -43,8 +43,21 @@ def fixed_two_layers(whole):
     return body if whole else fix(fix(body, [17, 5], "z"), [3], "xy")
 
 
-@each_method
-@pytest.mark.parametrize("what", ["two layers", "fish", "fish in a plane"])
+QUICK = {
+    "leapfrog_chebyshev": "two layers", "rk4": "fish", "semi_implicit": "fish in a plane", "rosenbrock": "fish",
+    "dop853": "fish in a plane",
+}  # fmt: skip
+"""What a representative method moves in every run; the other pairs are slow."""
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        pytest.param(name, what, marks=() if QUICK.get(name) == what else pytest.mark.slow)
+        for name in INTEGRATORS
+        for what in ("two layers", "fish", "fish in a plane")
+    ],
+)
 def test_motion_equals_the_reduced_system(name, what):
     """Steps with fixed nodes, some of them moving, are those of the dense system without them, to 1e-12."""
     rng, slanted = np.random.default_rng(1), name != "semi_implicit"

@@ -11,7 +11,6 @@ from moving import (
     SOLVING,
     STABILISED,
     each_body,
-    each_fixed,
     each_method,
     tank_of,
     tiered,
@@ -65,7 +64,7 @@ def test_a_swimming_fish_meets_no_bad_pivot(name):
     assert tank.alive.all() and not tank.counters["non_positive_pivots"].any()
 
 
-@each_fixed
+@pytest.mark.parametrize("name", tiered(FIXED_STEP, ("leapfrog_chebyshev", "rosenbrock")))
 def test_counters(name):
     """Every fish's counters grow by the record's numbers a step, call after call; a failed fish's stand still."""
     fish, record = FISH["mass_spring"], INTEGRATORS[name]

@@ -9,6 +9,7 @@ import small_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernels import Block, energy, force
+from moving import tiered
 from naive.leapfrog import filtered_matrix
 from small_bodies import ALL, BODIES, bent, close
 
@@ -84,7 +85,7 @@ def test_force_is_minus_gradient_of_energy(name, part):
     close(force_of(part, body, x, v), -slope, 1e-8)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", tiered(BODIES, ("two layers",)))
 def test_total_and_its_derivatives(name):
     """All forces in a world with everything are the sum of the references, cached or not; so are the derivatives."""
     body, rng = BODIES[name], np.random.default_rng(3)

@@ -5,6 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from moving import tiered
 
 from benchmarks.accuracy import beam_bending, beam_vibration, block_recovery
 from benchmarks.common import beam
@@ -154,7 +155,7 @@ def test_decay_of_the_first_mode():
     assert beam_vibration.rates_of(places, 500)[1] == pytest.approx(0.5 * 0.01 * (2 * np.pi) ** 2, rel=1e-3)
 
 
-@pytest.mark.parametrize("method", block_recovery.STEPS)
+@pytest.mark.parametrize("method", tiered(block_recovery.STEPS, ("leapfrog_chebyshev",)))
 def test_drag_of_the_air_only_slows(method):
     """One step on small motions about rest of a strongly damped body in thick air has no eigenvalue beyond 1."""
     body, lowest = block_recovery.damped_block((12, 2, 2))

@@ -9,6 +9,7 @@ import naive
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from moving import tiered
 
 from benchmarks.calibration.bodies import compliance_off
 from benchmarks.calibration.structural_match import drag_power, first_bending, measures, swing
@@ -23,10 +24,12 @@ FOUR = ("mass_spring", "planar", "two_layer", "tetrahedral")
 FISH = {name: make_fish(name) for name in FOUR}
 QUICK = ("leapfrog_chebyshev",)
 each_body = pytest.mark.parametrize("name", FOUR)
+two_bodies = pytest.mark.parametrize("name", tiered(FOUR, ("planar", "mass_spring")))
+"""For what the elements of the other bodies, and worlds without water, are compiled for once more."""
 each_pair = pytest.mark.parametrize(
     ("name", "method"),
     [
-        pytest.param(name, method, marks=() if method in QUICK else pytest.mark.slow)
+        pytest.param(name, method, marks=() if method in QUICK and name == "planar" else pytest.mark.slow)
         for name in FOUR
         for method, record in INTEGRATORS.items()
         if record.kind != "adaptive" and not (method == "explicit_euler" and name != "planar")
@@ -109,7 +112,7 @@ def upright_water(fish, x, v):
     return total
 
 
-@each_body
+@two_bodies
 def test_derivatives(name):
     """The exact derivatives are the differences of the forces."""
     fish = FISH[name]
@@ -168,7 +171,7 @@ def test_tasks_run(name, method, task):
     env.close()
 
 
-@each_body
+@two_bodies
 def test_linear_momentum(name):
     """In vacuum the centre of mass of a shaken fish moves straight."""
     fish = FISH[name]
@@ -214,7 +217,7 @@ def test_mirrored_commands_mirror_the_path(name):
     assert np.abs(tanks[0].position[0] - image).max() > 1e-2 * fish.length
 
 
-@each_body
+@two_bodies
 def test_spaces_are_the_same(name):
     """Observations and actions have the shape and, at the start, nearly the numbers of the default fish."""
     env, default = (gym.make("FishEnv/Swim-v0", body=body) for body in (name, "mass_spring"))

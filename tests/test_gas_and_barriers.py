@@ -161,7 +161,7 @@ def test_torn_by_the_largest_stretch(others):
             assert (failure(body, x) == TORN) == torn
 
 
-@pytest.mark.parametrize("lanes", ["xyz", 4])
+@pytest.mark.parametrize("lanes", [pytest.param("xyz", marks=pytest.mark.slow), 4])
 def test_a_squeezed_out_node_is_an_escape(lanes):
     """A node thrown through the outer layer, and gas pressed out, fail as "escaped", not as "non-finite"."""
     thing = ElasticObject(name="layers", body=ALL, length=0.1, time_step=1e-3, control_interval=0.02)

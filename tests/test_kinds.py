@@ -80,6 +80,7 @@ def everything(name, kind) -> dict[str, np.ndarray]:
     return {key: value for _, function in CHOSEN[name] for key, value in results(name, function, kind).items()}
 
 
+NAMES = tuple(forces.FORCES)
 CHOSEN = {name: [pair for pair in FUNCTIONS if pair[0] == name] for name in forces.FORCES}
 
 
@@ -89,8 +90,16 @@ def alone(name):
     return everything(name, Kind(1))
 
 
-@pytest.mark.parametrize("lanes", ["xyz", 8, *(pytest.param(lanes, marks=pytest.mark.slow) for lanes in (4, 16))])
-@pytest.mark.parametrize("name", forces.FORCES)
+def tiered(kinds, chosen):
+    """Every force in every kind; slow, but for the kind that `chosen` names for the force of a number."""
+    return [
+        pytest.param(name, lanes, marks=() if chosen(k) == lanes else pytest.mark.slow)
+        for k, name in enumerate(NAMES)
+        for lanes in kinds
+    ]
+
+
+@pytest.mark.parametrize(("name", "lanes"), tiered(("xyz", 4, 8, 16), lambda k: ("xyz", 8)[k % 2]))
 def test_same_bits_in_every_kind(name, lanes):
     """What a fish gets does not depend on the lanes it is worked out in, nor on the fish beside it, to the last bit."""
     found, wanted = everything(name, Kind(lanes)), alone(name)
@@ -100,8 +109,7 @@ def test_same_bits_in_every_kind(name, lanes):
         assert np.any(value), key
 
 
-@pytest.mark.parametrize("lanes", [pytest.param("xyz", marks=pytest.mark.slow), 16])
-@pytest.mark.parametrize("name", forces.FORCES)
+@pytest.mark.parametrize(("name", "lanes"), tiered(("xyz", 16), lambda k: 16 if k % 3 == 0 else None))
 def test_single_precision(name, lanes):
     """In float32 everything is what it is in float64, to single precision; of the fish that have not failed."""
     found, wanted = everything(name, Kind(lanes, "float32")), alone(name)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import soft_floor
+from moving import tiered
 from scipy.sparse import issparse
 from soft_floor import Floor
 
@@ -18,7 +19,7 @@ FISH = 8
 SPEEDS = -np.linspace(0.5, 1.0, FISH)
 FLOOR = Floor(height=0.0, stiffness=50.0)
 MASS = 0.02
-QUICK = ("leapfrog_chebyshev", "rosenbrock", "radau")
+QUICK = ("leapfrog_chebyshev", "radau")
 """Methods that are tried in every run; the others take long to compile."""
 
 
@@ -48,9 +49,7 @@ def thrown(name, lanes, steps):
     return tank.position[:, 1, 2].copy(), tank.velocity[:, 1, 2].copy()
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in INTEGRATORS]
-)
+@pytest.mark.parametrize("name", tiered(INTEGRATORS, QUICK))
 def test_every_method(name):
     """A pair on the floor swings back as on a spring, whatever moves it; the same bits one by one and in lanes."""
     time, steps = 0.02, 2000

@@ -3,6 +3,7 @@
 import naive
 import numpy as np
 import pytest
+from moving import tiered
 
 from benchmarks.common.problems import scaled
 from benchmarks.stability import attack, attack_search, cases, linear, margins, mistreatment, runs
@@ -56,7 +57,7 @@ def test_limit_of_rk4_undamped():
     assert np.isclose(linear.linear_limit("rk4", body, LONGEST), np.sqrt(8.0) / OMEGA, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", [n for n in runs.FIXED if INTEGRATORS[n].kind != "explicit"])
+@pytest.mark.parametrize("name", tiered(n for n in runs.FIXED if INTEGRATORS[n].kind != "explicit"))
 def test_no_linear_limit(name):
     """A method that solves for, or filters, the whole stiffness bears any step on a hundredfold stiff body at rest."""
     body = scaled(FISH, stiffness=100.0).body
@@ -171,7 +172,7 @@ def test_attack_of_a_flat_fish():
     assert again.failure[0] == kept[0]["failure"] and stretch[0] == pytest.approx(kept[0]["stretch"], rel=1e-12)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", tiered(BODIES, (FISH.name, "planar")))
 def test_an_attack_from_beginning_to_end(name, monkeypatch):
     """Every family and every search, with few fish and short sequences; a trial writes nothing."""
     monkeypatch.setattr(mistreatment, "INTERVALS", 12)

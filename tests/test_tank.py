@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from moving import each_method
+from moving import each_method, two_methods
 
 from fish_env import INTEGRATORS, Tank, World, make_fish, make_water
 from fish_env.integrators import adaptive
@@ -199,7 +199,7 @@ def test_set_state_refuses(kind):
 # Live state
 
 
-@each_method
+@two_methods
 def test_views_are_live(name):
     """What is written to position, velocity and rest_length swims next, and the same arrays show what happens."""
     fish = make_fish("published")

@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from moving import tiered
 
 from benchmarks.accuracy import refinement
 from benchmarks.accuracy.rejected_methods import REJECTED_METHODS, survey
@@ -13,7 +14,7 @@ from benchmarks.common.tables import RESULTS
 from fish_env import INTEGRATORS, Tank, make_fish
 
 TURN, FISH = problems.problems()["turn"], make_fish()
-QUICK = ("semi_implicit_leapfrog", "rest_matrix", "step_doubling")
+QUICK = ("semi_implicit_leapfrog",)
 AT = 16  # steps a control interval
 
 
@@ -30,10 +31,7 @@ def published(name):
     return next(row for row in rows if (row["scene"], row["method"], row["substeps"]) == ("turn", name, str(AT)))
 
 
-EACH = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in REJECTED_METHODS]
-
-
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize("name", tiered(REJECTED_METHODS, QUICK))
 def test_rejected_methods(name, truth):
     """Every method has the error and the cost that were published; it leaves the package's list alone."""
     found, before = survey.measure(TURN, name, AT, truth), dict(INTEGRATORS)

@@ -6,7 +6,7 @@ solves with LAPACK, whose threads get in each other's way on a busy machine: OPE
 Legend: x, v positions and velocities of one body; f forces; y both, flattened.
 """
 
-from functools import partial
+from functools import cache, partial
 from numbers import Real
 
 import numpy as np
@@ -36,8 +36,8 @@ class Motion:
         """dy/dt, (6N,)."""
         self.evaluations += 1
         rest_length, x, v = self.at(t, y)
-        acceleration = self.evaluator.force(rest_length, x, v) * self.inverse_mass
-        if not np.isfinite(acceleration).all() or self.evaluations > MOST_EVALUATIONS:
+        acceleration = finite(self.evaluator.force(rest_length, x, v) * self.inverse_mass)
+        if self.evaluations > MOST_EVALUATIONS:
             raise FloatingPointError
         return np.concatenate([v.ravel(), acceleration.ravel()])
 
@@ -45,10 +45,32 @@ class Motion:
         """Its derivative with respect to y, (6N,6N)."""
         stiffness, damping = self.evaluator.jacobian(*self.at(t, y))
         inverse = self.inverse_mass.reshape(-1, 1)
-        matrix = np.block([[0.0 * stiffness, np.eye(inverse.size)], [-stiffness * inverse, -damping * inverse]])
-        if not np.isfinite(matrix).all():
-            raise FloatingPointError
-        return matrix
+        return finite(np.block([[0.0 * stiffness, np.eye(inverse.size)], [-stiffness * inverse, -damping * inverse]]))
+
+
+@cache
+def make_radau():
+    """Scipy's Radau, with FloatingPointError where a system or its right-hand side is not finite, near overflow.
+
+    Scipy says so by a ValueError, which may mean anything else as well.
+    """
+    from scipy.integrate import Radau
+
+    class Finite(Radau):
+        def __init__(self, *args, **options):
+            super().__init__(*args, **options)
+            factorise, solve = self.lu, self.solve_lu
+            self.lu = lambda matrix: factorise(finite(matrix))
+            self.solve_lu = lambda factors, load: solve(factors, finite(load))
+
+    return Finite
+
+
+def finite(array):
+    """The array; FloatingPointError if not all of it is finite."""
+    if not np.isfinite(array).all():
+        raise FloatingPointError
+    return array
 
 
 def allowed_error(body, tolerance) -> np.ndarray:
@@ -120,16 +142,14 @@ def move(body, evaluator, state, control, b, duration, method, tolerance) -> int
     if not np.isfinite(y).all():
         return NON_FINITE
     if method == "Radau":
-        options = {"jac": motion.jacobian}
-    else:  # DOP853 ends at 6 / frequency anyway; a first trial step far beyond overflows before it is rejected
-        options = {"max_step": 6.0 / max(np.sqrt(body.max_stiffness_eigenvalue), 6.0 / duration)}
+        solver, options = make_radau(), {"jac": motion.jacobian}
+    else:  # it ends at 6 / frequency anyway; a first trial step far beyond overflows before it is rejected
+        solver, options = method, {"max_step": 6.0 / max(np.sqrt(body.max_stiffness_eigenvalue), 6.0 / duration)}
     try:
         with np.errstate(all="ignore"):
-            found = solve_ivp(motion.slope, (0.0, duration), y, method=method, rtol=tolerance,
+            found = solve_ivp(motion.slope, (0.0, duration), y, method=solver, rtol=tolerance,
                               atol=allowed_error(body, tolerance), **options)  # fmt: skip
-    except (FloatingPointError, ValueError) as error:
-        if isinstance(error, ValueError) and "infs or NaNs" not in str(error):
-            raise  # but not of scipy's matrix, which a Jacobian near overflow makes infinite
+    except FloatingPointError:
         return NO_CONVERGENCE
     finally:
         state.counters[b, FORCES] += motion.evaluations

@@ -16,7 +16,6 @@ from numba.core import cgutils
 from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
-from numba.np.arrayobj import populate_array
 
 from fish_env.simd.kinds import Kind, Numbers, Vectors
 
@@ -217,15 +216,28 @@ def _pack_getattr(context, builder, kind, pointer, name):
 
 
 def array_at(context, builder, kind, word, shape):
-    """The array of a type at an address (one word), C-contiguous, owned by nobody."""
+    """The array of a type at an address (one word), C-contiguous, owned by nobody.
+
+    Put together field by field: numba's own `populate_array` takes three times as long, a tenth of all compilation.
+    """
     if kind.dtype not in SIZES:
         SIZES[kind.dtype] = context.get_abi_sizeof(context.get_data_type(kind.dtype))
-    item = SIZES[kind.dtype]
-    strides, step = [], ir.Constant(WORD, item)
+    item = ir.Constant(WORD, SIZES[kind.dtype])
+    strides, step = [], item
     for length in reversed(shape):
         strides.insert(0, step)
         step = builder.mul(step, length)
-    array = context.make_array(kind)(context, builder)
-    data = builder.inttoptr(word, array.data.type)
-    populate_array(array, data=data, shape=shape, strides=strides, itemsize=ir.Constant(WORD, item), meminfo=None)
-    return array._getvalue()
+    model = context.data_model_manager[kind]
+    layout = model.get_value_type()
+    array = ir.Constant(layout, None)  # what owns the memory stays null
+    count = shape[0]
+    for length in shape[1:]:
+        count = builder.mul(count, length, flags=["nsw"])
+    data = builder.inttoptr(word, layout.elements[model.get_field_position("data")])
+    for name, value in (("nitems", count), ("itemsize", item), ("data", data)):
+        array = builder.insert_value(array, value, model.get_field_position(name))
+    for name, values in (("shape", shape), ("strides", strides)):
+        place = model.get_field_position(name)
+        for axis, value in enumerate(values):
+            array = builder.insert_value(array, value, [place, axis])
+    return array
