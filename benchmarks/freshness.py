@@ -21,7 +21,7 @@ from benchmarks.definitions import Code
 FOLDERS = ("fish_env", "agents", "benchmarks", "examples", "train.py")
 IGNORED = (
     "agents.records", "agents.results:read_rows", "benchmarks.provenance", "benchmarks.common.tables",
-    "fish_env._jit:Progress",
+    "fish_env._jit:Progress", "fish_env._progress",
 )  # fmt: skip
 """What writes numbers down and tells the user what is going on; the names of former layouts stay here."""
 CURRENT, STALE, UNKNOWN, MISSING = "current", "older than the code", "cannot be told", "missing"

@@ -11,7 +11,6 @@ import hashlib
 import os
 import sys
 import tempfile
-import time
 import warnings
 from functools import cache
 from pathlib import Path
@@ -20,7 +19,6 @@ from types import CodeType, FunctionType, ModuleType
 import numba
 import numpy as np
 from numba import _dynfunc
-from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
@@ -29,9 +27,13 @@ from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
 from numba.core.untyped_passes import InlineClosureLikes
 
+from fish_env._progress import begin_progress, end_progress
+
 # No fastmath at all: nothing is reordered or contracted, so that a fish has the same bits alone and in any lane, and
 # the failure check sees a NaN.
-OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False, "_nrt": False}
+OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False}
+PART = OPTIONS | {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Of a part of a kernel: it makes no arrays, so nothing counts references to them, and Python does not call it."""
 INDEX = np.uint64  # kernels index with unsigned numbers: numba then has no negative ones to test for
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
@@ -78,55 +80,6 @@ def cache_folder() -> str | None:
 
 
 _FOLDER = cache_folder()
-
-
-class Progress(event.Listener):
-    """Says on the standard error that kernels are compiled, and how far that is: a first use should not look dead.
-
-    In a terminal a line that is kept up to date; elsewhere one line, once it has taken PATIENCE seconds.
-    FISH_ENV_QUIET=1 turns it off.
-    """
-
-    def __init__(self):
-        self.since, self.count, self.said = time.perf_counter(), 0, False
-
-    def on_start(self, event):
-        """Nothing: a kernel is counted when it is done."""
-
-    def on_end(self, event):
-        """Count a kernel, and say so."""
-        self.count += 1
-        elapsed, terminal = time.perf_counter() - self.since, sys.stderr.isatty()
-        if elapsed > PATIENCE and (terminal or not self.said):
-            self.said = True
-            done = f"{self.count} done, {elapsed:.0f} s"
-            text = f"fish_env compiles its kernels, once for each kind of fish and task: {done}"
-            sys.stderr.write(f"\r{text} " if terminal else f"{text} ...\n")
-            sys.stderr.flush()
-
-    def close(self):
-        """End the line of a terminal."""
-        if self.said and sys.stderr.isatty():
-            sys.stderr.write("\n")
-
-
-PATIENCE = 1.0  # s
-_progress: list[Progress] = []
-
-
-def begin_progress() -> None:
-    """Listen to the compiler, unless that is done already."""
-    if not _progress and not os.environ.get("FISH_ENV_QUIET"):
-        _progress.append(Progress())
-        event.register("numba:compile", _progress[0])
-
-
-def end_progress() -> None:
-    """Stop listening."""
-    if _progress:
-        listener = _progress.pop()
-        event.unregister("numba:compile", listener)
-        listener.close()
 
 
 class KeyedFiles(IndexDataCacheFile):
@@ -302,9 +255,7 @@ class Part(CPUDispatcher):
 
 def part(function, **options):
     """Compile a part of kernels, without the wrappers that Python would call it by: a quarter of the time."""
-    compiled = numba.njit(
-        **OPTIONS, **options, no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=PartCompiler
-    )(named(function))
+    compiled = numba.njit(**PART, **options, pipeline_class=PartCompiler)(named(function))
     if isinstance(compiled, CPUDispatcher):
         compiled.__class__ = Part
     return compiled

@@ -126,7 +126,7 @@ def test_closures_are_cached(package, tmp_path):
 
 def test_compiling_is_announced(package, tmp_path):
     """A first use says on the standard error that it compiles; a second one, and a quiet one, say nothing."""
-    script = "import fish_env._jit as j; j.PATIENCE = 0.0; " + SCRIPT.strip().replace("\n", "\n")
+    script = "import fish_env._progress as j; j.PATIENCE = 0.0; " + SCRIPT.strip().replace("\n", "\n")
     script = script.replace("import fish_env\n", "\nimport fish_env\n", 1)
     environment = os.environ | {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment.pop("NUMBA_CACHE_DIR", None)
