@@ -8,6 +8,7 @@ Legend: x, v positions and velocities of one body; f forces; y both, flattened.
 
 from functools import cache, partial
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class Motion:
 
 
 @cache
-def make_radau():
+def make_radau() -> Any:  # scipy takes a class, though its annotations say a name
     """Scipy's Radau, with FloatingPointError where a system or its right-hand side is not finite, near overflow.
 
     Scipy says so by a ValueError, which may mean anything else as well.
