@@ -3,6 +3,7 @@
 python train.py swim                                 train, then report (tasks: see below)
 python train.py swim --resume runs/swim/<time>       resume a run that was stopped
 python train.py swim --body two_layer                train on another body (planar, mass_spring, two_layer, tetrahedral)
+python train.py swim --integrator semi_implicit      train with another integrator (and, with --dt, another step)
 python train.py swim --body tetrahedral --start-from runs/swim/<time>   start from a policy trained on another
 python train.py all                                  train every task with all its seeds; can be stopped and resumed
 python train.py evaluate runs/swim/<time>/policy.npz evaluate policies on the fixed seeds
@@ -34,6 +35,8 @@ def parse() -> argparse.Namespace:
         command.add_argument("--num-envs", type=int, help=f"fish trained side by side (default {config.num_envs})")
         command.add_argument("--resume", type=Path, help="folder of a run to resume")
         command.add_argument("--body", help="train on this body (default mass_spring)")
+        command.add_argument("--integrator", help="move the fish by this method (default the body's own)")
+        command.add_argument("--dt", type=float, help="by steps of so many s (default those of the method)")
         command.add_argument("--start-from", type=Path, help="folder of a trained run to start from")
         command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are saved (default runs)")
         command.add_argument("--folder", type=Path, help="save the run in this folder")
@@ -94,8 +97,9 @@ def run(arguments: argparse.Namespace) -> None:
         train(
             Request(
                 arguments.command, arguments.seed, arguments.runs, arguments.folder, arguments.resume,
-                arguments.start_from, arguments.body, arguments.learner, not arguments.no_pictures,
-                {"timesteps": arguments.timesteps, "num_envs": arguments.num_envs},
+                arguments.start_from, arguments.body, learner=arguments.learner, integrator=arguments.integrator,
+                dt=arguments.dt, pictures=not arguments.no_pictures,
+                changes={"timesteps": arguments.timesteps, "num_envs": arguments.num_envs},
             )
         )  # fmt: skip
 

@@ -23,6 +23,7 @@ from agents.records import provenance
 from agents.report import report
 from fish_env import BODIES, make_fish
 from fish_env.control.files import writable_folder, write_text
+from fish_env.tank_options import check_scene, method_for, whole_steps
 
 try:
     import fcntl
@@ -65,6 +66,10 @@ class Request:
     timesteps are those of a new run."""
     body: str | None = None
     """A key of `fish_env.BODIES` to train on; None takes the task's."""
+    integrator: str | None = None
+    """A key of `fish_env.INTEGRATORS` to train with; None takes the body's own."""
+    dt: float | None = None
+    """Its step, s; None takes the one it has on that body by itself."""
     learner: str = "compiled"
     """A key of `agents.build.LEARNERS`; both train the same policy, and a run may change from one to the other."""
     pictures: bool = True
@@ -123,12 +128,14 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
         config, seed = replace(CONFIGS[task], **changes), request.seed
         if request.body is not None:
             config = on_body(config, request.body)
+        config = moved_by(config, request.integrator, request.dt)
         if request.start is not None:
             _saved_run(Path(request.start), task, "start from")
     else:
-        if request.body is not None or request.start is not None:
+        if any(each is not None for each in (request.body, request.integrator, request.dt, request.start)):
             raise ValueError(
-                "a run that is resumed has its body and its starting point already; leave --body and --start-from out"
+                "a run that is resumed has its body, its integrator and its starting point already; leave --body, "
+                "--integrator, --dt and --start-from out"
             )
         config, seed = replace(settings_of(resumed["config"]), **changes), resumed["seed"]
     for name, value, least in (("timesteps", config.timesteps, 1), ("num_envs", config.num_envs, 1), ("seed", seed, 0)):
@@ -209,6 +216,24 @@ def on_body(config: TrainConfig, body: str) -> TrainConfig:
     return replace(config, env_options=config.env_options | {"body": body} | flat)
 
 
+def moved_by(config: TrainConfig, integrator: str | None, dt: float | None) -> TrainConfig:
+    """The settings of a task with another integrator, another step, or both.
+
+    Raises:
+        ValueError: for an unknown integrator or a step that is not allowed, of the body and the control interval that
+            the settings name.
+    """
+    chosen = {name: value for name, value in (("integrator", integrator), ("dt", dt)) if value is not None}
+    if not chosen:
+        return config
+    config = replace(config, env_options=config.env_options | chosen)
+    fish = make_fish(config.env_options.get("body", "mass_spring"))
+    record, step, _ = method_for(fish, integrator, dt, None)
+    check_scene(fish, fish.water, record)
+    whole_steps(config.env_options.get("control_interval", fish.control_interval), step, "the control interval")
+    return config
+
+
 def _saved_run(folder: Path, task: str, purpose: str) -> dict:
     """The content of config.json of the run of a task in a folder."""
     if not (folder / "model.zip").is_file() or not (folder / "config.json").is_file():
@@ -227,8 +252,9 @@ def _write_config(folder: Path, request: Request, config: TrainConfig, resumed: 
     command = (
         f"python train.py {request.task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}"
     )
-    if "body" in config.env_options:
-        command += f" --body {config.env_options['body']}"
+    for name in ("body", "integrator", "dt"):
+        if name in config.env_options:
+            command += f" --{name} {config.env_options[name]}"
     start = resumed.get("start") if resumed else request.start and str(request.start)
     if start:
         command += f" --start-from {start}"

@@ -101,7 +101,7 @@ def own_step(fish: ElasticObject, integrator: Integrator) -> float:
             f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped; "
             f"choose from {others}"
         )
-    return fish.control_interval / max(1, math.ceil(2.0 * fish.control_interval / limit))
+    return fish.control_interval / max(1, math.ceil(fish.control_interval / (integrator.share * limit)))
 
 
 def available_processors() -> int:

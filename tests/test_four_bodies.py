@@ -276,6 +276,17 @@ def test_a_flat_fish_stays_flat():
         gym.make("FishEnv/Target-v0", body="planar", dimensions=3)
 
 
+def test_square_waves_break_no_two_layers():
+    """Left against right at 5 Hz, from side to side at once, for two seconds: the inner layer stays inside."""
+    env = gym.make("FishEnv/Swim-v0", body="two_layer")
+    env.reset(seed=0)
+    for k in range(100):
+        action = FISH["two_layer"].sides * np.sign(np.sin(0.2 * np.pi * (k + 0.5)))
+        _, _, terminated, _, info = env.step(action.astype(np.float32))
+        assert not terminated, info
+    env.close()
+
+
 def test_harsh_commands_break_no_body():
     """Random square waves on every muscle for two seconds leave every fish sound, its inner layer inside."""
     for name in FOUR:

@@ -97,35 +97,59 @@ def test_closed_compartments_push_all_round():
 
 
 def test_barrier():
-    """A barrier does nothing while far, then pushes apart, ever harder; force and stiffness begin without a jump."""
-    s = np.linspace(1e-6, 0.4, 4000)
+    """A barrier does nothing while far, then pushes apart, ever harder; nothing jumps, and its stiffness is bounded."""
+    s = np.linspace(-0.5, 0.9, 14001)
     energy, first, second = np.array([barriers.barrier(value) for value in s]).T
     near = s < barriers.NEAR
     assert not np.any([energy[~near], first[~near], second[~near]])
     assert np.all(energy[near] > 0) and np.all(first[near] < 0) and np.all(second[near] > 0)
     below = barriers.barrier(barriers.NEAR - 1e-9)
     assert 0 < below[0] < 1e-25 and -1e-16 < below[1] < 0 and below[2] < 1e-7
-    assert barriers.barrier(1e-12)[1] < -1e10
-    assert not np.any(barriers.barrier(0.0)) and not np.any(barriers.barrier(-1.0))
+    assert second.max() == barriers.barrier(barriers.STEEP)[2] == barriers.barrier(-1.0)[2]
+    inside = (np.abs(s - barriers.STEEP) > 1e-3) & (np.abs(s - barriers.NEAR) > 1e-3)
+    middle = (energy[2:] - energy[:-2]) / (s[2] - s[0])
+    np.testing.assert_allclose(middle, first[1:-1], rtol=0, atol=1e-6)
+    middle = (first[2:] - first[:-2]) / (s[2] - s[0])
+    np.testing.assert_allclose(middle[inside[1:-1]], second[1:-1][inside[1:-1]], rtol=0, atol=1e-5)
+    for part in barriers.STEEP + np.array([-1e-7, 1e-7]):
+        np.testing.assert_allclose(barriers.barrier(part), barriers.barrier(barriers.STEEP), rtol=1e-5)
+    np.testing.assert_allclose([energy, first, second], np.transpose([naive.barrier_law(value) for value in s]),
+                               rtol=1e-12, atol=1e-15)  # fmt: skip
 
 
 def test_beyond_a_barrier():
-    """Where a node has got out, or gas has no volume left, nothing pushes, the energy is infinite, and it is told."""
+    """Where a node has got out it is pushed back and told of; where gas has no volume left, it does nothing."""
     out, empty, still = ALL.position.copy(), ALL.position.copy(), np.zeros((20, 3))
     out[8, 0] -= 0.04
     empty[8:16] = empty[8:16].mean(axis=0) - 1e-3 * (empty[8:16] - empty[8:16].mean(axis=0))  # turned inside out
-    barriers = Block(("barriers",), ALL, VACUUM).set(out, still)
-    assert np.isfinite(barriers.add("add_force")).all() and barriers.number("energy") == np.inf
-    beyond = [k for k, _, s, _ in naive.barrier_shares(ALL.barriers, out) if s <= 0]
-    kept = np.setdiff1d(np.arange(len(ALL.barriers.energy)), beyond)
-    rest = ALL.barriers._replace(**{name: part[kept] for name, part in ALL.barriers._asdict().items()})
-    close(barriers.add("add_force"), naive.barrier_force(rest, out))
+    beyond = Block(("barriers",), ALL, VACUUM).set(out, still)
+    assert any(s <= 0 for _, _, s, _ in naive.barrier_shares(ALL.barriers, out))
+    close(beyond.add("add_force"), naive.barrier_force(ALL.barriers, out))
+    assert beyond.number("energy") == pytest.approx(naive.barrier_energy(ALL.barriers, out), rel=1e-12)
+    assert beyond.add("add_force")[8, 0] > 0.0  # back to where it came from
     gas = Block(("pressure",), ALL, VACUUM).set(empty, still)
     pressed = make_body(ALL.position, ALL.mass, [], [], [], [], [], compartments=ALL.compartments._replace(
         first=ALL.compartments.first[1:], gas=ALL.compartments.gas[1:],
         ambient=ALL.compartments.ambient[1:]))  # fmt: skip
     close(gas.add("add_force"), force("pressure", pressed, VACUUM, empty, still))  # that of the other compartment
-    assert [part.number("failed") for part in (barriers, gas)] == [ESCAPED, ESCAPED]
+    assert [part.number("failed") for part in (beyond, gas)] == [ESCAPED, ESCAPED]
+
+
+@pytest.mark.parametrize("name", ["two layers", "rings"])
+def test_bound_of_the_barriers(name):
+    """The rate that a step is chosen for is that of all barriers at work together, their volumes as at rest."""
+    body = small_bodies.BODIES[name]
+    matrix = naive.barrier_stiffness(body.barriers, body.position)
+    assert not matrix.any()  # none is at work at rest
+    slopes = [(k, nodes, slope) for k, nodes, _, slope in naive.barrier_shares(body.barriers, body.position)]
+    root, most = np.sqrt(body.inverse_mass), naive.barrier_law(0.0)[2]
+    matrix = np.zeros((len(root), 3, len(root), 3))
+    for k, nodes, slope in slopes:
+        for p, first in zip(nodes, slope, strict=True):
+            for q, second in zip(nodes, slope, strict=True):
+                matrix[p, :, q] += most * body.barriers.energy[k] * np.outer(root[p] * first, root[q] * second)
+    highest = np.linalg.eigvalsh(matrix.reshape(root.size, root.size))[-1]
+    assert barriers.bounds(body, VACUUM) == (pytest.approx(highest, rel=1e-12), 0.0)
 
 
 # Failures

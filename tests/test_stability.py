@@ -6,7 +6,7 @@ import pytest
 from moving import tiered
 
 from benchmarks.common.problems import scaled
-from benchmarks.stability import attack, attack_search, cases, linear, margins, mistreatment, runs
+from benchmarks.stability import attack, attack_search, cases, commands, linear, margins, mistreatment, runs
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.failures import FAILURES, STRETCH_LIMIT, TORN
@@ -197,6 +197,27 @@ class Silent:
 
     def update(self, count):
         """Nothing."""
+
+
+def test_commands_break_no_fish(monkeypatch):
+    """Two layers bear what the survey of commands gives them: every kind of command moves them, and none breaks one."""
+    monkeypatch.setattr(mistreatment, "INTERVALS", 100)
+    rows = commands.measure("two_layer", 25)
+    assert [row["family"] for row in rows] == list(mistreatment.GOALS) and sum(row["fish"] for row in rows) == 25
+    for row in rows:
+        assert row["failures"] == 0 and row["reasons"] == "" and 1.0 < row["worst_stretch"] < STRETCH_LIMIT, row
+
+
+def test_oscillating_commands():
+    """Goals cross from side to side at 1 to 12 Hz; half of them are all or nothing, half of them are the same along."""
+    goals = mistreatment.oscillating_goals(FISH, 200, np.random.default_rng(1)) / mistreatment.LEVELS
+    left, right = (goals[..., FISH.sides == side] for side in (1, -1))
+    crossings = (np.diff(np.sign(left - right)[..., 0], axis=0) != 0).sum(axis=0) / (2 * 500 * FISH.control_interval)
+    assert 0.9 < crossings.min() < 1.5 and 11.0 < crossings.max() < 12.1
+    steady = np.ptp(left, axis=2).max(axis=0) < 1e-9
+    harsh = [len(np.unique(goals[:, b])) <= 4 for b in range(200)]
+    assert 60 < steady.sum() < 140 and 60 < np.sum(harsh) < 140
+    np.testing.assert_allclose(left + right[..., [1, 0, 3, 2, 5, 4]], 1.0, rtol=0, atol=1.5 / mistreatment.LEVELS)
 
 
 def test_a_failure_leaves_its_neighbours_alone():

@@ -26,7 +26,7 @@ class Family:
 
 def families() -> list[Family]:
     """Every way of mistreating a fish."""
-    found = [Family(kind, 0.25, kind) for kind in ("random", "bang-bang")]
+    found = [Family(kind, 0.2, kind) for kind in GOALS]
     found += [Family(f"{start}, {kind}", 0.025, kind, start) for start in STARTS if start != "rest"
               for kind in ("random", "bang-bang")]  # fmt: skip
     factors = [(0.5, 1.0), (1.5, 1.0), (1.0, 0.5), (1.0, 1.5), (0.5, 1.5), (1.5, 0.5), (0.5, 0.5), (1.5, 1.5)]
@@ -119,4 +119,15 @@ def bang_bang_goals(fish, count, generator):
     return (LEVELS * (turns % 1.0 < 0.5)).astype(np.uint8)
 
 
-GOALS = {"random": random_goals, "bang-bang": bang_bang_goals}
+def oscillating_goals(fish, count, generator):
+    """Left against right at 1 to 12 Hz, in step or as a wave that travels along the fish: a sine, or all or nothing."""
+    frequency, begin = generator.uniform(1.0, 12.0, count), generator.uniform(0.0, 1.0, count)
+    strength, lag = generator.uniform(0.5, 1.0, count), generator.uniform(-0.5, 0.5, count)
+    lag[generator.random(count) < 0.5] = 0.0
+    turns = np.arange(INTERVALS)[:, None] * fish.control_interval * frequency + begin
+    wave = np.sin(2 * np.pi * (turns[..., None] - lag[:, None] * fish.segments))
+    wave = np.where(generator.random((count, 1)) < 0.5, np.sign(wave), wave)
+    return np.rint(LEVELS * 0.5 * (1.0 + strength[:, None] * fish.sides * wave)).astype(np.uint8)
+
+
+GOALS = {"random": random_goals, "bang-bang": bang_bang_goals, "oscillating": oscillating_goals}

@@ -24,7 +24,7 @@ REACH = 0.1  # how far the inner skin reaches into the head and into the tail fi
 
 def make_two_layer(
     bending=None, pull=None, shear=None, inner_size=0.5, inner_stiffness=0.3, inner_mass=0.5, pressure=1000.0,
-    gap_pressure=1000.0, barrier_energy=1e-4, **parameters,
+    gap_pressure=1000.0, barrier_energy=3e-3, **parameters,
 ) -> Fish:  # fmt: skip
     """The pressurised fish: 46 nodes, 239 springs, two compartments.
 
@@ -67,7 +67,7 @@ def make_two_layer(
         segments=segments,
         contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
         contraction_time=float(p.contraction_time),
-        time_step=float(p.time_step) / 4,  # for the barriers, which stiffen without bound
+        time_step=float(p.time_step) / 4,  # half of what barriers bear under oscillating commands
         control_interval=float(p.control_interval),
         water=make_water(tu.WATER_DENSITY, p.drag_coefficient),
         nose=tu.NOSE,

@@ -1,26 +1,52 @@
 """Barriers that keep the inner layer inside the outer one (Song 2009, ch. 4.6.2; the barrier of Li et al. 2020).
 
 A barrier acts once the tetrahedron (on a ring, the triangle) between an outer face and an inner node has less than NEAR
-of its volume at rest: its energy rises without bound as that goes to nothing, with two continuous derivatives. Beyond,
-where there is no way back, it pushes nowhere, and `failed` says so.
+of its volume at rest: its energy rises as a logarithm, with two continuous derivatives, and below STEEP as the parabola
+that goes on from there. So its stiffness is bounded, and a step can be chosen for it; a logarithm to the end would stop
+a node in any case, but only with steps that nobody takes. It pushes on beyond zero, which a call must not end at:
+`failed` says so.
 
 Legend: k barrier; s its relative volume, that over the volume at rest; d, e, f the corners of the outer face seen from
-the inner node.
+the inner node; slope gradients of s at the three corners of the face, at 3 k.
 """
 
 import numpy as np
 
 from fish_env._jit import INDEX, kernel
 from fish_env.failures import ESCAPED
-from fish_env.simd import any_lane, cross, dot, fma, log, nowhere, select, vec3, zero
+from fish_env.forces.plan import FACTOR, H
+from fish_env.linalg import rates
+from fish_env.simd import Pack, any_lane, cross, dot, fma, log, nowhere, select, sqrt, vec3, zero
 
-NEAR = 0.6  # of the volume at rest, below which a barrier acts
+NEAR, STEEP = 0.6, 0.3  # of the volume at rest, below which a barrier acts, and below which its energy is a parabola
 FAILURE = ESCAPED
 
 
 def present(body, world) -> bool:
     """Whether the body has barriers."""
     return body.barriers is not None
+
+
+def make_cache(body, world, kind) -> Pack:
+    """Gradients (3K,), times the root of what weighs them in `add_tangent`, and which barriers (K,) are at work."""
+    count = len(body.barriers.energy)
+    return Pack("barriers", slope=kind.vectors(3 * count), active=np.zeros(count, dtype=np.int64))
+
+
+def bounds(body, world) -> tuple[float, float]:
+    """How stiff the barriers are at most, all of them at work, over the masses, 1/s2; they damp nothing."""
+    barriers = body.barriers
+    inner, corners = barriers.nodes[:, 3], [body.position[barriers.nodes[:, k]] for k in range(2)]
+    d, e = (corner - body.position[inner] for corner in corners)
+    flat = barriers.nodes[:, 2] < 0
+    f = np.where(flat[:, None], [0.0, 0.0, 3.0], body.position[barriers.nodes[:, 2]] - body.position[inner])
+    slopes = np.stack([np.cross(e, f), np.cross(f, d), np.cross(d, e)], axis=1) / (6.0 * barriers.volume[:, None, None])
+    slopes[flat, 2] = 0.0
+    slopes = np.concatenate([slopes, -slopes.sum(axis=1, keepdims=True)], axis=1).reshape(len(inner), 12)
+    nodes = np.where(barriers.nodes < 0, barriers.nodes[:, 3:], barriers.nodes)
+    most = barriers.energy * barrier(STEEP)[2]
+    blocks = most[:, None, None] * slopes[:, :, None] * slopes[:, None, :]
+    return rates.highest([(nodes, blocks)], np.sqrt(body.inverse_mass)), 0.0
 
 
 @kernel
@@ -46,12 +72,29 @@ def relative_volume(barriers, k, x):
 
 @kernel
 def barrier(s):
-    """Energy of a barrier over its scale, its first and its second derivative with respect to s; zero where s <= 0."""
-    s = select((s > 0.0) & (s < NEAR), s, NEAR)
-    gap, logarithm = s - NEAR, log(s / NEAR)
-    part = gap / s
+    """Energy of a barrier over its scale, its first and its second derivative with respect to s."""
+    s = select(s < NEAR, s, NEAR)
+    t = select(s > STEEP, s, STEEP)
+    gap, logarithm, beyond = t - NEAR, log(t / NEAR), s - t
+    part = gap / t
     energy = -(gap * gap) * logarithm  # (56)
-    return energy, -gap * fma(2.0, logarithm, part), fma(part, part, -fma(4.0, part, 2.0 * logarithm))
+    first = -gap * fma(2.0, logarithm, part)
+    second = fma(part, part, -fma(4.0, part, 2.0 * logarithm))
+    return fma(beyond, fma(0.5 * beyond, second, first), energy), fma(beyond, second, first), second
+
+
+@kernel
+def push_apart(barriers, k, f, push, p, q, r):
+    """Add the force of barrier k, `push` times the gradients of its s, to the nodes."""
+    third = barriers.nodes[k, 2]
+    p, q, r = push * p, push * q, push * r
+    total = p + q
+    if third >= 0:
+        f[INDEX(third)] += r
+        total = total + r
+    f[INDEX(barriers.nodes[k, 0])] += p
+    f[INDEX(barriers.nodes[k, 1])] += q
+    f[INDEX(barriers.nodes[k, 3])] -= total
 
 
 @kernel
@@ -60,26 +103,49 @@ def add_force(body, world, control, x, v, f, cache):
     barriers, factor = body.barriers, control.stiffness[0]
     for k in range(barriers.energy.size):
         s, p, q, r = relative_volume(barriers, k, x)
-        if not any_lane(s < NEAR):
+        if any_lane(s < NEAR):
+            push_apart(barriers, k, f, (-barriers.energy[k] * factor) * barrier(s)[1], p, q, r)
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step."""
+    barriers, factor, slope = body.barriers, control.stiffness[0], cache.slope
+    step = control.plans[control.row[0], H]
+    weight = control.plans[control.row[0], FACTOR] * step * step
+    for k in range(barriers.energy.size):
+        s, p, q, r = relative_volume(barriers, k, x)
+        cache.active[k] = 0
+        if any_lane(s < NEAR):
+            scale = barriers.energy[k] * factor
+            _, first, second = barrier(s)
+            push_apart(barriers, k, f, -scale * first, p, q, r)
+            root = sqrt(weight * scale * second)
+            cache.active[k] = 1 if weight > 0.0 else 0
+            slope[INDEX(3 * k)], slope[INDEX(3 * k + 1)], slope[INDEX(3 * k + 2)] = root * p, root * q, root * r
+
+
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add what the barriers at work push back if every node moved by y: their stiffness along the gradients of s."""
+    barriers, slope = body.barriers, cache.slope
+    for k in range(barriers.energy.size):
+        if cache.active[k] == 0:
             continue
-        push, third = (-barriers.energy[k] * factor) * barrier(s)[1], barriers.nodes[k, 2]
-        p, q, r = push * p, push * q, push * r
-        total = p + q
+        p, q, r = slope[INDEX(3 * k)], slope[INDEX(3 * k + 1)], slope[INDEX(3 * k + 2)]
+        inner, third = y[INDEX(barriers.nodes[k, 3])], barriers.nodes[k, 2]
+        change = dot(p, y[INDEX(barriers.nodes[k, 0])] - inner) + dot(q, y[INDEX(barriers.nodes[k, 1])] - inner)
         if third >= 0:
-            f[INDEX(third)] += r
-            total = total + r
-        f[INDEX(barriers.nodes[k, 0])] += p
-        f[INDEX(barriers.nodes[k, 1])] += q
-        f[INDEX(barriers.nodes[k, 3])] -= total
+            change += dot(r, y[INDEX(third)] - inner)
+        push_apart(barriers, k, f, -change, p, q, r)  # (57)
 
 
 @kernel
 def energy(body, world, control, x, v, f, cache):
-    """Energy of all barriers, J; infinite beyond one."""
+    """Energy of all barriers, J."""
     barriers, total = body.barriers, zero(control.stiffness)
     for k in range(barriers.energy.size):
-        s = relative_volume(barriers, k, x)[0]
-        total += select(s > 0.0, barriers.energy[k] * barrier(s)[0], np.inf)
+        total += barriers.energy[k] * barrier(relative_volume(barriers, k, x)[0])[0]
     return control.stiffness[0] * total
 
 

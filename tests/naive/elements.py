@@ -122,18 +122,36 @@ def barrier_shares(barriers, x):
         yield k, nodes, volume / barriers.volume[k], np.vstack([outer, -outer.sum(axis=0)]) / barriers.volume[k]
 
 
+def barrier_law(s):
+    """Energy -(s - s0)^2 ln(s / s0), s0 = 0.6, with its first and second derivative; below 0.3 its Taylor parabola."""
+    if s >= 0.6:
+        return 0.0, 0.0, 0.0
+    t = max(s, 0.3)
+    energy = -((t - 0.6) ** 2) * np.log(t / 0.6)
+    first = -2 * (t - 0.6) * np.log(t / 0.6) - (t - 0.6) ** 2 / t
+    second = -2 * np.log(t / 0.6) - 4 * (t - 0.6) / t + ((t - 0.6) / t) ** 2
+    return energy + (s - t) * first + (s - t) ** 2 * second / 2, first + (s - t) * second, second
+
+
 def barrier_force(barriers, x):
-    """Force of the barriers -(s - s0)^2 ln(s / s0), s0 = 0.6, on every node, (N,3)."""
+    """Force of the barriers on every node, (N,3)."""
     force = np.zeros_like(x)
     for k, nodes, s, slope in barrier_shares(barriers, x):
-        if s < 0.6:
-            push = 2 * (s - 0.6) * np.log(s / 0.6) + (s - 0.6) ** 2 / s
-            for node, direction in zip(nodes, slope, strict=True):
-                force[node] += barriers.energy[k] * push * direction
+        for node, direction in zip(nodes, slope, strict=True):
+            force[node] -= barriers.energy[k] * barrier_law(s)[1] * direction
     return force
 
 
 def barrier_energy(barriers, x):
     """Energy of the barriers."""
-    shares = [s for _, _, s, _ in barrier_shares(barriers, x)]
-    return -sum(e * (s - 0.6) ** 2 * np.log(s / 0.6) for e, s in zip(barriers.energy, shares, strict=True) if s < 0.6)
+    return sum(barriers.energy[k] * barrier_law(s)[0] for k, _, s, _ in barrier_shares(barriers, x))
+
+
+def barrier_stiffness(barriers, x):
+    """What resists where a barrier is at work, its second derivative along the gradient of s, (3N,3N) N/m."""
+    matrix = np.zeros((len(x), 3, len(x), 3))
+    for k, nodes, s, slope in barrier_shares(barriers, x):
+        for p, first in zip(nodes, slope, strict=True):
+            for q, second in zip(nodes, slope, strict=True):
+                matrix[p, :, q] += barriers.energy[k] * barrier_law(s)[2] * np.outer(first, second)
+    return matrix.reshape(x.size, x.size)

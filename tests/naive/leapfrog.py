@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from naive.elements import gas_volume, tet_blocks
+from naive.elements import barrier_stiffness, gas_volume, tet_blocks
 from naive.springs_and_water import area_vector, face_force, shares
 from naive.sums import highest_rate, stiffness_matrix, total_force
 from naive.surroundings import anchor_rates, anchors_of, borne
@@ -37,7 +37,8 @@ def water_change(body, world, duration, x, v, ahead):
 def filtered_matrix(body, world, rest_length, h, least, x, factor=1.0):
     """What the leapfrog filters by, (3N,3N) kg: factor (h^2 K + 2 h D) of each element, frozen, at least `least` h D.
 
-    A unit's strain across is taken to be at least -0.1, an anchor's at least zero; gas counts by its compression.
+    A unit's strain across is taken to be at least -0.1, an anchor's at least zero; gas counts by its compression,
+    a barrier by its stiffness along the gradient of its volume.
     """
 
     def weight(stiffness, damping):
@@ -63,6 +64,8 @@ def filtered_matrix(body, world, rest_length, h, least, x, factor=1.0):
     for c, gas in enumerate(body.compartments.gas) if body.compartments is not None else ():
         volume, slope = gas_volume(body.compartments, c, x)
         matrix += factor * h**2 * gas / volume**2 * np.outer(slope, slope)
+    if body.barriers is not None:
+        matrix += factor * h**2 * barrier_stiffness(body.barriers, x)
     return matrix
 
 
