@@ -60,7 +60,7 @@ def parse() -> argparse.Namespace:
     command.add_argument("policy", type=Path)
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--episodes", type=int, default=3)
-    command.add_argument("--video", type=Path, help="write an .mp4 or .gif file instead of opening a window")
+    command.add_argument("--video", type=Path, help="write an .mp4, .webp or .gif file instead of opening a window")
     return parser.parse_args()
 
 

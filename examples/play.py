@@ -24,7 +24,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first episode (default 0)")
     parser.add_argument("--episodes", type=int, default=2, help="default 2")
     parser.add_argument("--steps", type=int, help="end every episode after so many environment steps")
-    parser.add_argument("--video", help="an .mp4 or .gif to write instead of opening a window")
+    parser.add_argument("--video", help="an .mp4, .webp or .gif to write instead of opening a window")
     args = parser.parse_args()
 
     policy = load_policy(shipped_policy(args.policy) if args.policy in shipped_policies() else args.policy)

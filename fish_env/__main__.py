@@ -1,7 +1,7 @@
 """The command line of the package: what there is, and trained policies to watch and to evaluate.
 
 python -m fish_env                      list environments, bodies, integrators and the policies that are shipped
-python -m fish_env play turn            watch a shipped policy in a window (or --to FILE.mp4, --to FILE.gif)
+python -m fish_env play turn            watch a shipped policy in a window (or --to FILE.mp4, .webp, .gif)
 python -m fish_env evaluate turn        evaluate a shipped policy on fixed seeds
 python -m fish_env versions             name the versions of what it runs with
 """
@@ -39,7 +39,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         command.add_argument("--body", help="on another body than the one it was trained with")
         command.add_argument("--integrator", help="under another integrator than the one it was trained with")
         if name == "play":
-            command.add_argument("--to", type=Path, help="write an .mp4 or .gif file instead of opening a window")
+            command.add_argument("--to", type=Path, help="write an .mp4, .webp or .gif file, no window")
             command.add_argument("--seed", type=int, default=0, help="of the first episode (default 0)")
             command.add_argument("--episodes", type=int, default=1, help="how many (default 1)")
         else:

@@ -69,7 +69,7 @@ def test_evaluate(tmp_path, capsys):
     assert report.measure([shipped_policy("swim")], episodes=2)[shipped_policy("swim")] == wanted
 
 
-@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+@pytest.mark.parametrize("ending", [".gif", ".webp", ".mp4"])
 def test_play(ending, tmp_path, capsys):
     """A shipped policy is played into a file, on another body too, and its metrics are printed."""
     pytest.importorskip("moviepy")
@@ -112,7 +112,7 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
         (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),
         (["evaluate", "swim", "--body", "eel"], "unknown body 'eel'"),
         (["evaluate", "swim", "--episodes", "0"], "--episodes is 0"),
-        (["play", "swim", "--to", "swim.avi"], "give a name that ends in .mp4 or .gif"),
+        (["play", "swim", "--to", "swim.avi"], "give a name that ends in .mp4 or .webp or .gif"),
         (["evaluate", "swim", "--to", "pyproject.toml/x.json"], "no file can be written in the folder"),
         (["evaluate", "turn", "--policy", str(shipped_policy("swim"))], "was trained for FishEnv/Swim-v0, not"),
     ],
@@ -128,7 +128,7 @@ def test_mistakes(arguments, message, capsys, monkeypatch):
 def test_missing_extras(tmp_path):
     """Without pygame or moviepy, and without a display, it says what to install or to do, without a traceback."""
     code = "import sys; sys.modules[{0!r}] = None; from fish_env.__main__ import main; sys.exit(main({1!r}))"
-    video = str(tmp_path / "swim.gif")
+    video = str(tmp_path / "swim.mp4")
     for missing in ("pygame", "moviepy"):
         done = run("-c", code.format(missing, ["play", "swim", "--to", video]))
         assert done.returncode == 2 and 'pip install "fish_env[render]"' in done.stderr

@@ -192,18 +192,35 @@ def test_files_are_tried_before_anything_is_computed(tmp_path):
     assert taken.read_text() == "content" and not list((tmp_path / "new").iterdir())
 
 
-@pytest.mark.parametrize("ending", [".mp4", ".gif"])
+@pytest.mark.parametrize("ending", [".mp4", ".webp", ".gif"])
 def test_videos_are_written_whole(ending, tmp_path, monkeypatch):
     """A video replaces the one that was there only when it is complete."""
-    moviepy = pytest.importorskip("moviepy")
+    moviepy, pictures = pytest.importorskip("moviepy"), pytest.importorskip("PIL.Image")
     frames = list(np.random.default_rng(0).integers(0, 255, (5, 32, 32, 3), dtype=np.uint8))
     path = tmp_path / f"video{ending}"
     path.write_bytes(b"before")
     with monkeypatch.context() as patch:
-        for name in ("write_gif", "write_videofile"):
-            patch.setattr(moviepy.ImageSequenceClip, name, lambda *a, **k: 1 / 0)
+        patch.setattr(moviepy.ImageSequenceClip, "write_videofile", lambda *a, **k: 1 / 0)
+        patch.setattr(pictures.Image, "save", lambda *a, **k: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             write_video(frames, 25, path)
     assert path.read_bytes() == b"before"
     write_video(frames, 25, path)
     assert path.stat().st_size > 500 and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("ending", [".webp", ".gif"])
+def test_moving_pictures_are_small(ending, tmp_path):
+    """Half the size of the frames, all of them, for as long as they take, without end; what stands still is free."""
+    pictures = pytest.importorskip("PIL.Image")
+    frames = [np.full((120, 200, 3), 200, dtype=np.uint8) for _ in range(40)]
+    for k, frame in enumerate(frames):
+        frame[40:80, 4 * k : 4 * k + 40] = (20, 90, 180)
+    write_video(frames, 25, tmp_path / f"x{ending}")
+    with pictures.open(tmp_path / f"x{ending}") as found:
+        assert (found.size, found.n_frames, found.info["loop"]) == ((100, 60), 40, 0)
+        found.seek(3)
+        found.load()
+        assert found.info["duration"] == 40
+        assert np.abs(np.asarray(found.convert("RGB"))[30, 10].astype(int) - (20, 90, 180)).max() < 30
+    assert (tmp_path / f"x{ending}").stat().st_size < 20_000

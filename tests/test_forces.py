@@ -134,8 +134,9 @@ def test_elastic_force_is_minus_gradient_of_energy(name):
 # Derivatives
 
 
-@pytest.mark.parametrize("part", ["springs", "water", "total"])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("part", "law"), [("springs", LAWS[0]), *(("water", law) for law in LAWS), *(("total", law) for law in LAWS)]
+)
 @pytest.mark.parametrize("name", naive.TU)
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_derivatives(part, law, name, seed):

@@ -1,5 +1,6 @@
 """Watch a policy: in a window, or as a video where there is no display."""
 
+import importlib
 import os
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,8 @@ from fish_env.control.files import replacing, writable_file
 from fish_env.control.policy import Policy
 from fish_env.envs import FishEnv
 
-VIDEOS = (".mp4", ".gif")
+VIDEOS = (".mp4", ".webp", ".gif")
+COLOURS = 128  # of a .gif
 SLOWER = 2  # times slower than life: a tail beats faster than the eye follows
 
 
@@ -27,7 +29,7 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
         policy: as `load_policy` reads it.
         seed: of the first episode; the next ones count up from it.
         episodes: how many.
-        video: an .mp4 or .gif file to write instead of opening a window.
+        video: an .mp4, .webp or .gif file to write instead of opening a window.
         changes: keywords of the environment that replace those of the training, such as `body`; None is ignored.
 
     Raises:
@@ -39,9 +41,9 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
 
     if video is not None:
         video = writable_file(video, VIDEOS)
-        load_moviepy()
+        load_writer(video)
     elif not has_display():
-        raise ValueError("there is no display to open a window on; write a video instead, to a .mp4 or .gif file")
+        raise ValueError("there is no display to open a window on; write a video, to an .mp4, .webp or .gif file")
     frames: list[np.ndarray] = []
     with _environment(policy, "human" if video is None else "rgb_array", changes) as (env, bare):
         try:
@@ -96,29 +98,40 @@ def summary(info: dict[str, Any]) -> str:
     return said + (f"; ended by {info['failure']}" if "failure" in info else "")
 
 
-def load_moviepy():
-    """The module that writes videos.
+def load_writer(path: Path):
+    """The module that writes videos of this ending: Pillow moving pictures, moviepy the rest.
 
     Raises:
         gymnasium.error.DependencyNotInstalled: without it.
     """
     try:
-        import moviepy
+        return importlib.import_module("moviepy" if path.suffix.lower() == ".mp4" else "PIL.Image")
     except ImportError as error:
-        raise DependencyNotInstalled('writing a video needs moviepy: pip install "fish_env[render]"') from error
-    return moviepy
+        raise DependencyNotInstalled(
+            'writing a video needs moviepy and Pillow: pip install "fish_env[render]"'
+        ) from error
 
 
 def write_video(frames: list[np.ndarray], fps: float, path: str | Path) -> None:
-    """Write (H,W,3) uint8 frames as an .mp4 or .gif, whole or not at all.
+    """Write (H,W,3) uint8 frames as an .mp4, or at half their size as an animated .webp or .gif: whole or not at all.
 
     Raises:
         ValueError: for another ending, or a folder that cannot be written to.
-        gymnasium.error.DependencyNotInstalled: without moviepy.
+        gymnasium.error.DependencyNotInstalled: without moviepy, or Pillow.
     """
-    clip = load_moviepy().ImageSequenceClip(list(frames), fps=fps)
-    with replacing(writable_file(path, VIDEOS)) as partial:
-        if partial.suffix.lower() == ".gif":
-            clip.write_gif(str(partial), fps=fps, logger=None)
-        else:
+    path = writable_file(path, VIDEOS)
+    writer = load_writer(path)
+    with replacing(path) as partial:
+        if path.suffix.lower() == ".mp4":
+            clip = writer.ImageSequenceClip(list(frames), fps=fps)
             clip.write_videofile(str(partial), logger=None, audio=False)
+            return
+        pictures = [writer.fromarray(frame).reduce(2) for frame in frames]
+        if path.suffix.lower() == ".gif":
+            palette = pictures[0].quantize(COLOURS, method=writer.Quantize.MAXCOVERAGE)  # rare colours, muscles, too
+            pictures = [
+                picture.quantize(palette=palette, dither=writer.Dither.NONE) for picture in pictures
+            ]  # what stands still is free
+        pictures[0].save(
+            partial, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0, quality=60
+        )

@@ -137,7 +137,7 @@ def add_tangent(body, world, control, x, y, f, cache):
         change = dot(p, y[INDEX(barriers.nodes[k, 0])] - inner) + dot(q, y[INDEX(barriers.nodes[k, 1])] - inner)
         if third >= 0:
             change += dot(r, y[INDEX(third)] - inner)
-        push_apart(barriers, k, f, -change, p, q, r)  # (57)
+        push_apart(barriers, k, f, -change, p, q, r)  # (62)
 
 
 @kernel
