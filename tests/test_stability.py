@@ -180,7 +180,7 @@ def test_an_attack_from_beginning_to_end(name, monkeypatch):
     monkeypatch.setattr(attack_search, "SEARCHED", 8)
     monkeypatch.setattr(attack, "write_csv", lambda *_: pytest.fail("a trial is not published"))
     monkeypatch.setattr(attack, "store", lambda *_: pytest.fail("cases of a trial are not stored"))
-    rows = attack.attack((name,), fish=60 if name == FISH.name else 60 * attack.OTHERS, evaluations=1)
+    rows = attack.attack((name,), fish=100 if name == FISH.name else 100 * attack.OTHERS, evaluations=1)
     assert [row["family"] for row in rows[:-4]] == [family.name for family in mistreatment.families()]
     assert all(row["family"].startswith("search for ") for row in rows[-4:])
     for row in rows:
