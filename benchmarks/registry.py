@@ -184,6 +184,10 @@ FIDELITY = (
         ("benchmarks.bodies.fidelity:costs", "benchmarks.bodies.fidelity:every_fish"), data=(BODIES, MOTOR),
         one_core=True,
     ),
+    Result(
+        "bodies.inertia", "mass, centre and moments of inertia of every body beside those of the outline's continuum",
+        "-m benchmarks.bodies.inertia", 0.1, csv("inertia"), ("benchmarks.bodies.inertia:measure",), data=(BODIES,),
+    ),
 )  # fmt: skip
 
 OBJECTS = (
