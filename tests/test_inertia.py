@@ -35,7 +35,7 @@ def test_the_continuum_is_that_of_tetrahedra(cells):
 
 
 def test_bodies_have_the_mass_and_the_centre_of_the_outline():
-    """Every body floats: its mass is that of the water it displaces, and its centre lies where that of the water does."""
+    """Every body floats: it has the mass of the water that it displaces, and the centre of that water to 1 %."""
     wanted = inertia.continuum(PARAMETERS)
     for name, options in inertia.BODIES:
         found = inertia.found(make_fish(name, **options))
