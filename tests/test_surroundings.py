@@ -89,6 +89,7 @@ def test_anchor_at_its_point():
 def test_bounds_of_anchors():
     """The node with the stiffest anchors sets the rates, stiffness and damping each."""
     world = small_bodies.world_with_all(ALL)
-    (bound,) = forces.bounds(ALL, world)
+    bound = forces.FORCES["anchors"].bounds(ALL, world)
+    assert forces.bounds(ALL, world) == [forces.FORCES["barriers"].bounds(ALL, world), bound]
     assert bound == pytest.approx(naive.leapfrog.anchor_rates(ALL, world), rel=1e-14)
     assert forces.bounds(ALL, VACUUM) == []
