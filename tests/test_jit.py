@@ -200,8 +200,9 @@ def home_missing():
     raise RuntimeError("Could not determine home directory.")
 
 
-def test_parts_are_never_loaded():
+def test_parts_are_never_loaded(tmp_path, monkeypatch):
     """What is loaded first under a name serves all callers: a part, which is not optimised by itself, must not be."""
+    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))  # or the caller would come from disk, and without its part
 
     @part
     def seventh(a):
