@@ -115,13 +115,13 @@ STABILITY = (
     ),
     Result(
         "stability.commands", "fish that fail in 10 s of random, bang-bang and oscillating commands, of every body",
-        "-m benchmarks.stability.commands", 15, csv("commands"),
+        "-m benchmarks.stability.commands", 20, csv("commands"),
         ("benchmarks.stability.commands:measure", "benchmarks.stability.mistreatment:GOALS"), data=(BODIES,),
     ),
     Result(
         "stability.attack", "failures of every body under random, bang-bang, oscillating and searched commands; also "
         "tests/worst/",
-        "-m benchmarks.stability.attack", 25, csv("attack"),
+        "-m benchmarks.stability.attack", 10, csv("attack"),
         ("benchmarks.stability.attack:mistreat", "benchmarks.stability.attack_search:search",
          "benchmarks.stability.mistreatment:families"), data=(BODIES,),
     ),

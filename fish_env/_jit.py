@@ -166,7 +166,7 @@ def named(function):
 
 
 class Kernel(CPUDispatcher):
-    """A kernel that Python calls. The garbage collector waits while it is compiled, which costs a seventh less."""
+    """A kernel that Python calls. The garbage collector, which would find nothing, waits while it is compiled."""
 
     def compile(self, sig):
         collecting = gc.isenabled()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.bodies import inertia
-from fish_env import make_fish
+from benchmarks.bodies.fidelity import every_fish
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.mesh import grid, lumped_mass
 
@@ -37,8 +37,8 @@ def test_the_continuum_is_that_of_tetrahedra(cells):
 def test_bodies_have_the_mass_and_the_centre_of_the_outline():
     """Every body floats: it has the mass of the water that it displaces, and the centre of that water to 1 %."""
     wanted = inertia.continuum(PARAMETERS)
-    for name, options in inertia.BODIES:
-        found = inertia.found(make_fish(name, **options))
+    for name, fish in every_fish().items():
+        found = inertia.found(fish)
         assert found["mass"] == pytest.approx(wanted["mass"], rel=1e-9), name
         assert found["centre"] == pytest.approx(wanted["centre"], rel=0.01), name
 
@@ -46,7 +46,7 @@ def test_bodies_have_the_mass_and_the_centre_of_the_outline():
 def test_rows():
     """Every body in every quantity that matters to it, beside the continuum."""
     rows = inertia.measure()
-    assert len(rows) == 2 * 3 + 5 * 5 and {row["body"] for row in rows} == {name for name, _ in inertia.BODIES}
+    assert len(rows) == 2 * 3 + 5 * 5 and {(row["body"], row["level"]) for row in rows} == set(every_fish())
     for row in rows:
         ratio = float(row["value"]) / float(row["continuum"])
         assert 100 * (ratio - 1) == pytest.approx(float(row["off_percent"]), abs=0.06)

@@ -11,16 +11,12 @@ import argparse
 
 import numpy as np
 
+from benchmarks.bodies.fidelity import every_fish
 from benchmarks.common.tables import write_csv
-from fish_env import make_fish
 from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu
 
 COMMAND = "python -m benchmarks.bodies.inertia"
-BODIES = (
-    ("planar", {"level": 1}), ("planar", {"level": 2}), ("mass_spring", {}), ("two_layer", {}),
-    ("tetrahedral", {"level": 1}), ("tetrahedral", {"level": 2}), ("tetrahedral", {"level": 3}),
-)  # fmt: skip
 UNITS = {"mass": "kg", "centre": "BL", "yaw": "kg m2", "pitch": "kg m2", "roll": "kg m2"}
 """What is compared: the mass, the distance of its centre from the nose, and moments of inertia about the centre."""
 DEGREE = 6  # points of Gauss' rule: exact for polynomials of degree 11
@@ -57,13 +53,12 @@ def _named(mass, centre, squares) -> dict[str, float]:
 def measure() -> list[dict]:
     """A row for each body and quantity."""
     wanted, rows = continuum(tu.MassSpringParameters(**tu.calibrated())), []
-    for name, options in BODIES:
-        fish = make_fish(name, **options)
+    for (name, level), fish in every_fish().items():
         for quantity, value in found(fish).items():
             if fish.flat and quantity in ("pitch", "roll"):
                 continue
             rows.append({
-                "body": name, "level": options.get("level", ""), "nodes": fish.body.mass.size, "quantity": quantity,
+                "body": name, "level": level, "nodes": fish.body.mass.size, "quantity": quantity,
                 "unit": UNITS[quantity], "value": f"{value:.5g}", "continuum": f"{wanted[quantity]:.5g}",
                 "off_percent": f"{100 * (value / wanted[quantity] - 1):.1f}",
             })  # fmt: skip

@@ -1,12 +1,13 @@
 """Try to make every body fail, as a user's agent might.
 
-    python -m benchmarks.stability.attack               every body (6 min); exit 1 if the default method fails
+    python -m benchmarks.stability.attack               every body (10 min); exit 1 if the default method fails
     python -m benchmarks.stability.attack --body planar --fish 100 --evaluations 50     a trial: nothing is written
 
-Thousands of fish at the defaults are driven at random and bang-bang, at their own natural frequencies, from perturbed,
-fast, crumpled and inverted starts, softer and stiffer, lighter and heavier; then a search (CMA-ES) looks for the
-actions that stretch them most. A fish that fails is run again from its start with RK4 at an eighth of the step: if that
-fails too, the cause is what was done to the fish, not the method. The worst cases are stored in tests/worst/.
+Thousands of fish at the defaults are driven at random, bang-bang at their own natural frequencies, and left against
+right, from perturbed, fast, crumpled and inverted starts, softer and stiffer, lighter and heavier; then a search
+(CMA-ES) looks for the actions that stretch them most. A fish that fails is run again from its start with RK4 at an
+eighth of the step: if that fails too, the cause is what was done to the fish, not the method. The worst cases are
+stored in tests/worst/.
 """
 
 import argparse
