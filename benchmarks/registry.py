@@ -14,6 +14,7 @@ GAIT = "fish_env/control/gait.json"
 MOTOR = "fish_env/control/motor_controllers.json"
 POLICIES = "fish_env/control/pretrained/*/policy.npz"
 DEFAULT = "fish_env/bodies/mass_spring.json"
+FINEST = "fish_env/bodies/tetrahedral.json"
 BATCH = "fish_env.envs.vector:FishVectorEnv"
 SINGLE = "fish_env.envs.single:FishEnv"
 LEARNED = ("swim", "turn", "left_after_right", "target", "target_3d", "avoid")
@@ -220,29 +221,40 @@ CALIBRATION = (
         data=(DEFAULT, GAIT),
     ),
     Result(
-        "calibration.trout", "the default fish beside a real trout",
-        "-m benchmarks.calibration.trout", 0.5, csv("trout", "trout.svg"), ("benchmarks.calibration.trout:measured",),
+        "calibration.living_fish", "every body beside a living trout: speed, sweep and the sway of the midline",
+        "-m benchmarks.calibration.living_fish --check", 3, csv("living_fish", "living_fish.svg"),
+        ("benchmarks.calibration.living_fish:check",), data=(BODIES,),
     ),
     Result(
-        "calibration.structural_match", "stiffness, frequencies and muscles of every body beside the default one's",
-        "-m benchmarks.calibration.bodies --check", 1, csv("alike"), ("benchmarks.calibration.bodies:check",),
-        data=(BODIES,),
+        "calibration.fit_tests", "the fitted bodies on seeds and families of commands that they were not fitted to",
+        "-m benchmarks.calibration.fit --test", 8, csv("fit_tests"), ("benchmarks.calibration.fit:tested",),
+        data=(BODIES, MOTOR),
     ),
     Result(
-        "calibration.search", "parameters of the default body, and its gait",
-        "-m benchmarks.calibration.search", 8, (DEFAULT,), ("benchmarks.calibration.search:cost",), data=(),
-        by_name=True,
+        "calibration.fits", "how far fits from five seeds are from the finest body",
+        "-m benchmarks.calibration.fit --spread", 60, csv("fits"),
+        ("benchmarks.calibration.fit:tested", "benchmarks.calibration.fit:search"), data=(BODIES, MOTOR),
+    ),
+    Result(
+        "calibration.finest", "material of the finest body, and three gaits, calibrated to living fish",
+        "-m benchmarks.calibration.living_fish", 8, (FINEST,), ("benchmarks.calibration.living_fish:cost_at",),
+        data=(), by_name=True,
+    ),
+    Result(
+        "calibration.commands", "what the motor controllers command in each task, to which bodies are fitted",
+        "-m benchmarks.calibration.commands", 1, ("benchmarks/calibration/task_commands.npz",),
+        ("benchmarks.calibration.commands:main",), data=(DEFAULT, MOTOR), by_name=True,
+    ),
+    Result(
+        "calibration.fit", "parameters of the other bodies, fitted in motion to the finest one",
+        "-m benchmarks.calibration.fit", 20,
+        tuple(f"fish_env/bodies/{name}.json" for name in ("mass_spring", "planar", "two_layer")),
+        ("benchmarks.calibration.fit:search",), data=(FINEST, "benchmarks/calibration/task_commands.npz"), by_name=True,
     ),
     Result(
         "calibration.gait_search", "the best open-loop gait",
         "-m benchmarks.calibration.gait_search", 2, (GAIT,), ("benchmarks.calibration.gait_search:write_gait", BATCH),
         by_name=True,
-    ),
-    Result(
-        "calibration.bodies", "parameters of the other bodies, fitted to the default one",
-        "-m benchmarks.calibration.bodies", 10,
-        tuple(f"fish_env/bodies/{name}.json" for name in ("planar", "two_layer", "tetrahedral")),
-        ("benchmarks.calibration.bodies:fit",), by_name=True,
     ),
     Result(
         "calibration.motor_controllers", "tables of the motor controllers",

@@ -13,107 +13,26 @@ the level below says how much it still changes.
 import argparse
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.bodies.motion import errors, play, record
 from benchmarks.common.charts import pyplot, save
-from benchmarks.common.poses import pose_of
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import IMAGES, read_table, write_csv
 from fish_env import TASKS, Tank, make_fish
 from fish_env.bodies import Fish
-from fish_env.control import scripted
-from fish_env.envs import FishVectorEnv
-from fish_env.volume import volume_of
 
 BODIES = (
     ("planar", {"level": 1}), ("planar", {"level": 2}), ("mass_spring", {}), ("two_layer", {}),
     ("tetrahedral", {"level": 1}), ("tetrahedral", {"level": 2}), ("tetrahedral", {"level": 3}),
 )  # fmt: skip
 FINEST = ("tetrahedral", 3)
-SECONDS, SEEDS, FIRST_SEED = 3.0, 3, 5_000
-SETTLED = 1.0  # s at the start that no mean is taken over
+SEEDS, FIRST_SEED = 3, 5_000
 BATCH, REPEATS = 64, 9  # fish timed together, as in learning, and timings whose median is taken
 IN_A_ROW = 5  # control intervals timed together
 TOLERANCES = (0.05, 0.1, 0.2, 0.5)
-
-
-class Motion(NamedTuple):
-    """What a body made of a scene: S seeds, K control intervals."""
-
-    centre: np.ndarray  # (S,K,3) body lengths, of the centre of mass; relative to the start
-    yaw: np.ndarray  # (S,K) rad, unwrapped, since the start
-    tail: np.ndarray  # (S,K) body lengths, of the tail tip from the line of best fit, sideways
-    volume: np.ndarray  # (S,K) inside the surface of the landmarks, over that at rest
-    failure: list[str]
-
-
-def record(task: str, seeds: int) -> np.ndarray:
-    """Contractions (S,K,M) of the default fish's muscles under the motor controllers, a scene for each seed."""
-    env = FishVectorEnv(seeds, task=task, max_episode_steps=10_000)
-    control = scripted(env)
-    obs, _ = env.reset(seed=FIRST_SEED)
-    steps, found = round(SECONDS / env.control_interval), []
-    for k in range(steps):
-        obs, *_ = env.step(control(obs, k * env.control_interval))
-        found.append(env._contraction.copy())
-    env.close()
-    return np.array(found).transpose(1, 0, 2)
-
-
-def play(fish: Fish, contractions: np.ndarray, dt=None) -> Motion:
-    """Play contractions (S,K,M), a control interval each, to fish of one kind that start at rest, heading along x."""
-    seeds, steps, _ = contractions.shape
-    tank = Tank(fish, seeds, dt=dt, water=fish.water)
-    substeps, faces = round(fish.control_interval / tank.dt), fish.landmarks.faces
-    natural = volume_of(faces, fish.points(fish.body.position))[0]
-    centre, yaw, tail, volume = [], [], [], []
-    for k in range(steps):
-        tank.drive(contractions[:, k], substeps)
-        pose = pose_of(tank)
-        centre.append(pose.centre / fish.length)
-        yaw.append(np.arctan2(pose.axes[:, 0, 1], pose.axes[:, 0, 0]))
-        tips = tank.position[:, fish.tail].mean(axis=1) - pose.centre
-        tail.append((tips * pose.axes[:, 1]).sum(axis=1) / fish.length)
-        volume.append([volume_of(faces, points)[0] / natural for points in fish.points(tank.position)])
-    tank.close()
-    start = fish.body.mass @ fish.body.position / fish.body.mass.sum() / fish.length
-    return Motion(
-        np.array(centre).transpose(1, 0, 2) - start, np.unwrap(np.array(yaw).T), np.array(tail).T, np.array(volume).T,
-        tank.failure.tolist(),
-    )  # fmt: skip
-
-
-def errors(found: Motion, finest: Motion, interval: float) -> dict[str, np.ndarray]:
-    """How far a motion is from the finest body's, (S,) of each quantity, 1 being all of it.
-
-    speed: mean after SETTLED seconds. turn: heading over time, over the largest turn of the finest body, at least a
-    quarter turn. path: distance between the centres, over the way swum, both meant over time. sweep: standard deviation
-    of the tail tip. volume: largest change, absolute. all: root mean square of the first four. "finest" may be any
-    motion.
-    """
-    late = slice(round(SETTLED / interval), None)
-
-    def speed(m):
-        step = np.linalg.norm(np.diff(m.centre[:, late], axis=1), axis=2) / interval
-        return step.mean(axis=1)
-
-    apart = np.linalg.norm(found.centre - finest.centre, axis=2)
-    way = np.linalg.norm(np.diff(finest.centre, axis=1), axis=2).cumsum(axis=1)
-    turned = np.maximum(np.abs(finest.yaw).max(axis=1), np.pi / 2)
-    sweep, wanted = found.tail[:, late].std(axis=1), finest.tail[:, late].std(axis=1)
-    change = [np.abs(m.volume - 1.0).max(axis=1) for m in (found, finest)]
-    off = {
-        "speed": np.abs(speed(found) / speed(finest) - 1.0),
-        "turn": np.abs(found.yaw - finest.yaw).mean(axis=1) / turned,
-        "path": apart[:, 1:].mean(axis=1) / way.mean(axis=1),
-        "sweep": np.abs(sweep / wanted - 1.0),
-        "volume": np.abs(change[0] - change[1]),
-    }
-    four = [off[name] ** 2 for name in ("speed", "turn", "path", "sweep")]
-    return off | {"all": np.sqrt(np.mean(four, axis=0))}
 
 
 def costs_of(fish: dict, contractions: np.ndarray) -> dict:
@@ -140,7 +59,7 @@ def costs_of(fish: dict, contractions: np.ndarray) -> dict:
 
 def costs(fish: dict) -> list[dict]:
     """What each body costs beside the default one."""
-    cost = costs_of(fish, record("swim", 2))
+    cost = costs_of(fish, record("swim", 2, FIRST_SEED))
     return [
         {
             "body": key[0], "level": key[1], "nodes": one.body.mass.size, "cost_s_per_s": f"{cost[key]:.4g}",
@@ -160,7 +79,7 @@ def every_fish() -> dict[tuple, Fish]:
 def run(seeds: int) -> list[dict]:
     """Every body in a scene of every task, a row for each quantity."""
     fish = every_fish()
-    scenes = {task: record(task, seeds) for task in TASKS}
+    scenes = {task: record(task, seeds, FIRST_SEED) for task in TASKS}
     cost = costs_of(fish, scenes["swim"])
     rows = []
     with tqdm(total=len(scenes) * len(fish), unit="motion") as bar:
@@ -168,7 +87,7 @@ def run(seeds: int) -> list[dict]:
             motions = {}
             for key in sorted(fish, key=lambda key: -cost[key]):
                 bar.set_postfix_str(f"{task}, {key[0]} {key[1]}")
-                motions[key] = play(fish[key], contractions)
+                motions[key] = play(fish[key], contractions, volumes=True)
                 bar.update()
             for key, motion in motions.items():
                 valid = [not text for text in motion.failure]

@@ -6,14 +6,12 @@ All by linear theory at rest, of a free fish in vacuum, on the landmarks that al
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.sparse import csr_array
 
 from fish_env import Tank
 from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu
 from fish_env.forces import rest_matrices
-from fish_env.forces.evaluate import Evaluator
 from fish_env.linalg import rates
 from fish_env.world import VACUUM
 
@@ -152,18 +150,3 @@ def swing(fish: Fish, sweep: float, seconds: float = 0.6) -> float:
     tail = np.array(tail)
     down = np.flatnonzero((tail[:-1] > 0) & (tail[1:] <= 0))
     return float(1.0 / np.diff((down + tail[down] / (tail[down] - tail[down + 1])) * tank.dt).mean())
-
-
-def drag_power(fish: Fish, default: Fish) -> float:
-    """Power, W, that the water takes when the tail tips sweep at 1 m/s in the default fish's first bending mode.
-
-    Cross-sections move as a whole and turn with the line that runs smoothly through the stations of that mode.
-    """
-    moved = first_bending(default)[1][:, 1]
-    sets = stations(default)[::-1]
-    place = [default.body.position[nodes, 0].mean() for nodes in sets]
-    sweep = [moved[nodes].mean() for nodes in sets]
-    line, x = CubicSpline(place, sweep), fish.body.position
-    velocity = np.stack([-x[:, 1] * line(x[:, 0], 1), line(x[:, 0]), np.zeros(len(x))], axis=1)
-    force = Evaluator(fish.body, fish.water, ("water",)).force(fish.body.springs.rest_length, x, velocity)
-    return -float((force * velocity).sum())

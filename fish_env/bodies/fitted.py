@@ -1,4 +1,4 @@
-"""What `benchmarks/calibration/bodies.py` fitted for a body, and levels of detail."""
+"""What `benchmarks/calibration/fit.py` fitted for a body, and levels of detail."""
 
 import json
 from numbers import Integral

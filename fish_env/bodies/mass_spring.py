@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from fish_env.bodies.fish import Fish
+from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, shared_by_layers
 from fish_env.body import make_body
 from fish_env.checks import finite_array, positive_array
 from fish_env.world import make_water
 
 CALIBRATED_FILE = Path(__file__).with_suffix(".json")
-WATER_DENSITY = 1000.0  # kg/m3; the fish displaces its own mass of it
 REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this length
 
 NOSE, TAIL = 0, (21, 22)
@@ -107,13 +107,15 @@ class MassSpringParameters:
     relaxation_time: float
     """Damping over stiffness k/c of every spring, s."""
     mass_factor: tuple[float, ...]
-    """Factor on the mass of each layer, nose to tail tips, before the total is set to that of the displaced water."""
+    """Factor on the mass of each layer, nose to tail tips, before masses get the mass, centre and inertia they have."""
     contracted: tuple[float, float, float]
     """Rest length at full contraction over natural length, for the three muscle segments."""
     drag_coefficient: float
     """Of the water the fish is made for: of a face moving along its normal."""
     contraction_time: float
-    """Shortest time from natural length to full contraction, s."""
+    """Shortest time from natural length to full contraction, s, where there is no activation time."""
+    activation_time: tuple[float, float]
+    """Time constants of activation and of deactivation, s (Thelen 2003); (0, 0) for a limited rate."""
     time_step: float
     """Step of the default integrator, s."""
     control_interval: float
@@ -135,6 +137,7 @@ class MassSpringParameters:
         ):
             positive_array(getattr(self, name), (), name)
         positive_array(self.relaxation_time, (), "relaxation_time", zero=True)
+        positive_array(self.activation_time, (2,), "activation_time", zero=True)
         stations = np.array([0.0, *self.layer_position, 1.0])
         if np.any(np.diff(stations) <= 0):
             raise ValueError(f"layer_position is {self.layer_position}; give increasing numbers between 0 and 1")
@@ -159,35 +162,29 @@ def shape(parameters: MassSpringParameters) -> np.ndarray:
 
 
 def masses(parameters: MassSpringParameters) -> np.ndarray:
-    """Node masses (23,) kg that add up to the mass of the displaced water (neutral buoyancy).
+    """Node masses (23,) kg with the mass, the centre and the yaw inertia of the outline (`fish_env/bodies/masses.py`).
 
-    Each section's volume goes half to the layer before it and half to the one behind, equally to their nodes; then
-    `mass_factor` shifts mass along the body and the total is restored.
+    Pitch and roll inertia are larger than the outline's: all 23 nodes lie on it, above and below the axis.
     """
-    station = np.array([0.0, *parameters.layer_position, 1.0])
-    depth = np.array([0.0, *parameters.half_depth, parameters.tail_half_span])
-    width = np.array([0.0, *parameters.half_width, 0.0])
-    a, b = width[:-1], width[1:]
-    c, d = depth[:-1], depth[1:]
-    volume = 4 / 6 * np.diff(station) * (2 * a * c + a * d + b * c + 2 * b * d)  # of a section with straight edges
-    total = WATER_DENSITY * volume.sum() * parameters.length**3
-    layer = np.zeros(7)
-    layer[:-1] += volume / 2
-    layer[1:] += volume / 2
-    layer *= parameters.mass_factor
     mass = np.empty(23)
-    for nodes, share in zip(LAYERS, layer / layer.sum(), strict=True):
-        mass[nodes] = total * share / len(nodes)
-    return mass
+    for nodes, share in zip(LAYERS, shared_by_layers(parameters) * parameters.mass_factor, strict=True):
+        mass[nodes] = share / len(nodes)
+    return matched(mass, shape(parameters), continuum(parameters), solid=False)
 
 
-def checked_parameters(body: str, parameters: dict) -> MassSpringParameters:
-    """The calibrated parameters with some replaced, or ValueError, which names the body, for one there is not."""
+def checked_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
+    """The calibrated parameters with some replaced, or ValueError, which names the body, for one there is not.
+
+    Args:
+        body: its name.
+        parameters: what a user gave.
+        own: what replaces the default fish's parameters in this body, unless a user gave them.
+    """
     allowed = [field.name for field in fields(MassSpringParameters)]
     for name in parameters:
         if name not in allowed:
             raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
-    return MassSpringParameters(**(calibrated() | parameters))
+    return MassSpringParameters(**(calibrated() | (own or {}) | parameters))
 
 
 def make_mass_spring(**parameters) -> Fish:
@@ -207,7 +204,7 @@ def make_mass_spring(**parameters) -> Fish:
     fish = _fish(
         "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval
     )
-    return replace(fish, refine=REFINE)
+    return replace(fish, refine=REFINE, activation_time=tuple(p.activation_time))
 
 
 def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.0275) -> Fish:

@@ -13,10 +13,11 @@ import numpy as np
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
 from fish_env.bodies.fitted import checked_level, fitted
+from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, shared_by_layers
 from fish_env.body import fix, make_body
 from fish_env.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": ()}
+SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": ()}
 MOST = 2  # pieces a section: finer lattices fold where a muscle contracts
 
 
@@ -36,7 +37,7 @@ class Outline(NamedTuple):
         return [(0, 0), *((k, k + 1) for k in range(1, last, 2)), (last, last)]
 
 
-def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> Fish:
+def make_planar(level=1, bending=None, pull=None, shear=None, drag=None, **parameters) -> Fish:
     """The flat fish: each section of the default one in `level` pieces, 12 nodes with one, 24 with two.
 
     Args:
@@ -44,6 +45,7 @@ def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> F
         bending: factors on the stiffness of the sections behind the head, (5,); None: as fitted.
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
         shear: factor on the stiffness of the diagonals; None: as fitted.
+        drag: factor on the drag coefficient; None: as fitted.
         parameters: fields of `MassSpringParameters`.
 
     Raises:
@@ -51,7 +53,8 @@ def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> F
     """
     level = checked_level(level, MOST)
     p = tu.checked_parameters("planar", parameters)
-    bending, pull, shear = fitted("planar", level, SHAPES, bending=bending, pull=pull, shear=shear)
+    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag}
+    bending, pull, shear, drag = fitted("planar", level, SHAPES, **given)
     outline = rows(p, level)
     chord, diagonal, across, active = projected(p)
     chord[1:] *= bending
@@ -63,7 +66,14 @@ def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> F
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     faces, height = surface(outline)
     body = make_body(
-        position, masses(p, outline), pairs, stiffness, p.relaxation_time * stiffness, natural, faces, depth=height
+        position,
+        masses(p, outline),
+        pairs,
+        stiffness,
+        p.relaxation_time * stiffness,
+        natural,
+        faces,
+        depth=height,
     )
     fibres = np.flatnonzero(np.isin(piece // 2 // outline.pieces, (1, 2, 3)) & (piece >= 0))
     segment, right = piece[fibres] // 2 // outline.pieces - 1, piece[fibres] % 2
@@ -83,10 +93,11 @@ def make_planar(level=1, bending=None, pull=None, shear=None, **parameters) -> F
         segments=segments,
         contracted=1.0 - ((1.0 - np.array(p.contracted)) * pull * active[1:4])[segments],
         contraction_time=float(p.contraction_time),
+        activation_time=tuple(p.activation_time),
         time_step=float(p.time_step) / (1.0 if level == 1 else 2.0),
         refine=tu.REFINE,
         control_interval=float(p.control_interval),
-        water=make_water(tu.WATER_DENSITY, p.drag_coefficient),
+        water=make_water(WATER_DENSITY, float(drag) * p.drag_coefficient),
         nose=0,
         tail=np.array([len(position) - 1] * 2),
         left=left,
@@ -115,17 +126,17 @@ def shape(outline) -> np.ndarray:
 
 
 def masses(p, outline) -> np.ndarray:
-    """Node masses (N,) kg: those of the default fish's layers, each spread over the rows around it."""
-    total = tu.masses(p)
+    """Node masses (N,) kg with the mass, the centre and the yaw inertia of the default fish's outline."""
+    share = shared_by_layers(p) * p.mass_factor
     known = p.length * np.array([0.0, *p.layer_position, 1.0])
     row = np.zeros(len(outline.along))
-    for layer, nodes in enumerate(tu.LAYERS):
+    for layer in range(7):
         near = np.interp(outline.along, known, np.eye(7)[layer])  # a tent about the layer
-        row += total[nodes].sum() * near / near.sum()
+        row += share[layer] * near / near.sum()
     mass = np.empty(2 * len(row) - 2)
     for nodes, value in zip(outline.nodes, row, strict=True):
         mass[list(nodes)] = value / len(set(nodes))
-    return mass
+    return matched(mass, shape(outline), continuum(p), solid=False)
 
 
 def projected(p):

@@ -12,19 +12,20 @@ import numpy as np
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
 from fish_env.bodies.fitted import fitted
+from fish_env.bodies.masses import WATER_DENSITY, continuum, matched
 from fish_env.bodies.skins import Skin, edges_of, layered
 from fish_env.body import Body, make_body
 from fish_env.checks import positive_array
 from fish_env.elements import make_barriers, make_compartments
 from fish_env.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": ()}
+SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": ()}
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
 
 
 def make_two_layer(
-    bending=None, pull=None, shear=None, inner_size=0.5, inner_stiffness=0.3, inner_mass=0.5, pressure=1000.0,
-    gap_pressure=1000.0, barrier_energy=3e-3, **parameters,
+    bending=None, pull=None, shear=None, drag=None, inner_size=0.5, inner_stiffness=0.3, inner_mass=0.87,
+    pressure=1000.0, gap_pressure=1000.0, barrier_energy=3e-3, **parameters,
 ) -> Fish:  # fmt: skip
     """The pressurised fish: 46 nodes, 239 springs, two compartments.
 
@@ -32,9 +33,10 @@ def make_two_layer(
         bending: factors on the springs along the flanks of the sections behind the head, (5,); None: as fitted.
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
         shear: factor on the braces and on the shear springs from layer to layer; None: as fitted.
+        drag: factor on the drag coefficient; None: as fitted.
         inner_size: of the inner skin over the outer one, between 0 and 1.
         inner_stiffness: of the inner skin's springs over the outer ones', positive.
-        inner_mass: the inner skin's part of the mass, between 0 and 1.
+        inner_mass: the inner skin's part of the mass, between 0 and 1, before `matched` gives the masses their inertia.
         pressure: of the gas in the inner skin at rest, and of what surrounds it, for a fish of 0.2 m, Pa.
         gap_pressure: the same between the skins, Pa.
         barrier_energy: scale of the barrier that keeps the inner skin inside the outer one, J.
@@ -48,7 +50,8 @@ def make_two_layer(
         if not 0.0 < float(positive_array(value, (), name)) < 1.0:
             raise ValueError(f"{name} is {value!r}; give a number between 0 and 1")
     inner_stiffness = float(positive_array(inner_stiffness, (), "inner_stiffness"))
-    bending, pull, shear = fitted("two_layer", 1, SHAPES, bending=bending, pull=pull, shear=shear)
+    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag}
+    bending, pull, shear, drag = fitted("two_layer", 1, SHAPES, **given)
     topology, classes, sections, faces = tu.topology()
     skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
     body = two_skins(
@@ -67,9 +70,10 @@ def make_two_layer(
         segments=segments,
         contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
         contraction_time=float(p.contraction_time),
+        activation_time=tuple(p.activation_time),
         time_step=float(p.time_step) / 4,  # half of what barriers bear under oscillating commands
         control_interval=float(p.control_interval),
-        water=make_water(tu.WATER_DENSITY, p.drag_coefficient),
+        water=make_water(WATER_DENSITY, float(drag) * p.drag_coefficient),
         nose=tu.NOSE,
         tail=np.array(tu.TAIL),
         left=tu.LEFT,
@@ -84,8 +88,10 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy) -
 
     `material`: factors on the bending and the shear stiffness, and the inner skin's stiffness over the outer one's.
     """
-    faces, mass, scale = skin.faces, tu.masses(p), p.length / tu.REFERENCE_LENGTH
-    position = np.concatenate([skin.place, inner])
+    faces, scale = skin.faces, p.length / tu.REFERENCE_LENGTH
+    position, mass = np.concatenate([skin.place, inner]), tu.masses(p)
+    mass = np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass])
+    mass = matched(mass, position, continuum(p), solid=True)
     pairs, kinds = layered(skin)
     quads = faces[faces[:, 2] != faces[:, 3]]
     braces = np.concatenate([quads[:, [0, 2]], quads[:, [1, 3]]])
@@ -96,7 +102,7 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy) -
     pressures = scale**2 * positive_array(pressures, (2,), "pressures (Pa)")
     triangles, nodes = corners_of(faces)
     return make_body(
-        position, np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass]), pairs, stiffness,
+        position, mass, pairs, stiffness,
         p.relaxation_time * stiffness, natural, faces,
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**5 * barrier_energy),

@@ -1,0 +1,131 @@
+"""Commands under which bodies are compared in motion: families of contractions, each drawn from a seed.
+
+A family makes contractions (S,K,12), a control interval each, in which the upper muscle of a side contracts as the
+lower one does. What the motor controllers command in each task is recorded once, on the fish of its day, into
+`task_commands.npz`: a fit that read the controllers as they are would change them, and then itself.
+
+python -m benchmarks.calibration.commands     records task_commands.npz again
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.bodies.motion import SECONDS, record
+from fish_env import TASKS, make_fish
+from fish_env.bodies import Fish
+from fish_env.control import Gait
+
+FILE = Path(__file__).with_name("task_commands.npz")
+FIRST_SEED, SEEDS = 7_000, 3  # of the recorded scenes of each task
+
+
+def _pairs(fish: Fish, drawn) -> np.ndarray:
+    """Contractions (S,K,M) of the muscles, of those (S,K,6) of segments and sides."""
+    return np.clip(drawn, 0.0, 1.0)[:, :, fish.grouping("pairs")]
+
+
+def _held(generator, intervals, longest, draw) -> np.ndarray:
+    """(K,6) values, each held for a random time of 1 to `longest` control intervals."""
+    found = np.empty((intervals, 6))
+    for column in found.T:
+        k = 0
+        while k < intervals:
+            pause = int(generator.integers(1, longest + 1))
+            column[k : k + pause] = draw(generator)
+            k += pause
+    return found
+
+
+def gaits(fish, generator, times):
+    """Sinusoidal gaits of any frequency from 1 to 4.5 Hz, amplitudes and lags."""
+    lag = np.cumsum([0.0, *generator.uniform(0.0, 2.5, 2)])
+    gait = Gait(generator.uniform(1.0, 4.5), tuple(generator.uniform(0.2, 1.0, 3)), tuple(lag))
+    return gait.contraction(fish, times)
+
+
+def held(fish, generator, times):
+    """Each side of each segment holds a random contraction for up to 0.6 s."""
+    return _pairs(fish, _held(generator, len(times), 30, lambda g: g.uniform())[None])[0]
+
+
+def bang_bang(fish, generator, times):
+    """Each side of each segment is relaxed or contracted fully, for up to 0.3 s."""
+    return _pairs(fish, _held(generator, len(times), 15, lambda g: g.choice([0.0, 1.0]))[None])[0]
+
+
+def reversals(fish, generator, times):
+    """One side of the whole fish contracts, then the other, each for 0.1 to 0.5 s, in part or fully."""
+    strength = generator.uniform(0.3, 1.0, 3)
+    side, found, k = generator.choice([-1, 1]), np.zeros((len(times), 6)), 0
+    while k < len(times):
+        pause = int(generator.integers(5, 26))
+        found[k : k + pause, (0 if side > 0 else 1) :: 2] = strength
+        side, k = -side, k + pause
+    return _pairs(fish, found[None])[0]
+
+
+def square(fish, generator, times):
+    """Left and right in turn at 1 to 6 Hz, the segments after one another."""
+    frequency, lag = generator.uniform(1.0, 6.0), np.cumsum([0.0, *generator.uniform(0.0, 0.35, 2)])
+    wave = np.sin(2 * np.pi * (frequency * times[:, None] - lag)) >= 0.0
+    strength = generator.uniform(0.3, 1.0)
+    return _pairs(fish, strength * np.stack([wave, ~wave], axis=2).reshape(1, len(times), 6))[0]
+
+
+def chirp(fish, generator, times):
+    """A gait whose frequency rises from 1 to 4.5 Hz, or falls."""
+    lag = np.cumsum([0.0, *generator.uniform(0.0, 2.0, 2)])
+    low, high = generator.permutation([1.0, 4.5])
+    angle = 2 * np.pi * (low * times + 0.5 * (high - low) * times**2 / times[-1])[:, None] - lag
+    wave = np.stack([np.sin(angle), -np.sin(angle)], axis=2).reshape(1, len(times), 6)
+    return _pairs(fish, 0.5 * generator.uniform(0.4, 1.0) * (1.0 + wave))[0]
+
+
+def wandering(fish, generator, times):
+    """Each side of each segment follows an Ornstein-Uhlenbeck process of 0.15 s, within its limits."""
+    found, now = np.empty((1, len(times), 6)), generator.uniform(0.0, 1.0, 6)
+    keep = np.exp(-(times[1] - times[0]) / 0.15)
+    for k in range(len(times)):
+        now = 0.4 + keep * (now - 0.4) + 0.4 * np.sqrt(1.0 - keep**2) * generator.standard_normal(6)
+        found[0, k] = now
+    return _pairs(fish, found)[0]
+
+
+def bends(fish, generator, times):
+    """A bend to one side, held, released, and a gait afterwards, as in a turn from rest."""
+    hold = int(generator.integers(5, 40))
+    found = gaits(fish, generator, times) * (np.arange(len(times)) >= hold)[:, None]
+    strength = generator.uniform(0.2, 1.0, 3)[fish.segments] * (fish.sides == generator.choice([-1, 1]))
+    return np.where((np.arange(len(times)) < hold)[:, None], strength, found)
+
+
+TRAINING = {"gaits": gaits, "held": held, "bang-bang": bang_bang, "reversals": reversals}
+"""Families that bodies are fitted to."""
+UNSEEN = {"square": square, "chirp": chirp, "wandering": wandering, "bends": bends}
+"""Families that they are only tested on."""
+
+
+def drawn(family, seed: int, count: int) -> np.ndarray:
+    """`count` scenes of a family, (S,K,12)."""
+    fish = make_fish("tetrahedral")
+    times = fish.control_interval * np.arange(1, round(SECONDS / fish.control_interval) + 1)
+    return np.stack([family(fish, np.random.default_rng([seed, k]), times) for k in range(count)])
+
+
+def training_scenes(seed: int, each: int) -> np.ndarray:
+    """What bodies are fitted to: the recorded commands of the tasks, and `each` scenes of every family of TRAINING."""
+    parts = [np.load(FILE)["contraction"].astype(float)]
+    parts += [drawn(family, seed + k, each) for k, family in enumerate(TRAINING.values())]
+    return np.concatenate(parts)
+
+
+def main() -> None:
+    """Record what the motor controllers command."""
+    found = np.concatenate([record(task, SEEDS, FIRST_SEED) for task in TASKS])
+    np.savez_compressed(FILE, contraction=found.astype(np.float32))
+    print(FILE, found.shape, FILE.stat().st_size)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,243 @@
+"""Calibrate the finest body to living fish (CMA-ES), and put every body beside them.
+
+python -m benchmarks.calibration.living_fish              writes fish_env/bodies/tetrahedral.json (half an hour)
+python -m benchmarks.calibration.living_fish --check      results/living_fish.csv and results/living_fish.svg (minutes)
+
+Searched are the material of the body of tetrahedra (at level 2; the material is the same at every level) and three
+gaits, at the frequencies and speeds of a trout of 19.6 cm (Drucker & Lauder): tail sweep and speed, the sway of the
+midline (the carangiform envelope of Videler & Hess 1984, scaled to the trout's sweep), the nose's sway over the tail's,
+the Strouhal number, and the wave's phase. The other bodies swim the same gaits.
+"""
+
+import argparse
+import json
+import multiprocessing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+import fish_env.bodies
+from benchmarks.calibration.midline import Midline, swim_midlines
+from benchmarks.common.charts import pyplot, save
+from benchmarks.common.tables import RESULTS, provenance, write_csv
+from fish_env import make_fish
+from fish_env.bodies import Fish
+from fish_env.bodies import mass_spring as tu
+from fish_env.control import Gait
+
+COMMAND = "python -m benchmarks.calibration.living_fish"
+FILE = Path(fish_env.bodies.__file__).parent / "tetrahedral.json"
+LEVEL, SECONDS, BEATS = 2, 2.4, 2
+POPULATION, GENERATIONS, SIGMA = 20, 20, 0.04
+
+
+@dataclass(frozen=True)
+class Trout:
+    """One row of a study of the median fins of a 19.6 cm rainbow trout (J. Exp. Biol., after Drucker & Lauder)."""
+
+    speed: float  # body lengths/s
+    frequency: float  # Hz
+    sweep: float  # body lengths
+
+
+TROUT_LENGTH = 0.196  # m
+TROUT = tuple(Trout(u, f, cm / 19.6) for u, f, cm in ((0.5, 2.48, 1.80), (1.0, 3.18, 2.55), (2.0, 4.23, 2.85)))
+STATION = np.array([0.0, *tu.calibrated()["layer_position"], 1.0])
+"""Of the midline, body lengths from the nose."""
+ENVELOPE = (0.02 - 0.0825 * STATION + 0.1625 * STATION**2) / 0.1
+"""Half the sway of each station over the tail tip's (Videler & Hess 1984)."""
+WAVELENGTH = 1.0  # body lengths, of the trunk's wave
+START: dict = {
+    "parameters": {
+        "stiffness": [1.0, 400.0, 187.4],
+        "taper": [1.0, 1.476, 1.381, 1.094, 0.9828, 0.374],
+        "contracted": [0.7528, 0.7837, 0.7014],
+        "relaxation_time": 0.003312,
+        "drag_coefficient": 1.0,
+    },
+    "young": [68420.0, 25560.0, 4072.0, 40420.0, 14970.0, 49690.0],
+    "gaits": [
+        {"frequency": 2.48, "amplitude": [0.287, 0.2199, 0.3662], "lag": [0.0, 1.98, 2.991]},
+        {"frequency": 3.18, "amplitude": [0.5234, 0.3081, 0.7406], "lag": [0.0, 1.534, 3.107]},
+        {"frequency": 4.23, "amplitude": [0.2652, 0.3634, 0.8439], "lag": [0.0, 1.116, 2.626]},
+    ],
+}
+"""Where the search begins: what an earlier one ended with, which began with a body fitted to a search of 23 nodes."""
+
+
+def gaits_of(record: dict) -> list[Gait]:
+    """The three gaits of a record of the search."""
+    return [Gait(row["frequency"], tuple(row["amplitude"]), tuple(row["lag"])) for row in record["gaits"]]
+
+
+def living_gaits() -> list[Gait]:
+    """The gaits with which the finest body swims like the trout."""
+    return gaits_of(json.loads(FILE.read_text()))
+
+
+def beyond(value, limit):
+    """How far a value is above a limit."""
+    return np.maximum(value - limit, 0.0)
+
+
+def cost(midlines: list[Midline]) -> float:
+    """What the search minimises: what is beyond the bars counts, and a little of what is within them."""
+    total = 0.0
+    for found, real in zip(midlines, TROUT, strict=True):
+        if found.failure or not np.isfinite(found.sweep):
+            return 1e3
+        for ratio in (max(found.speed, 0.02) / real.speed, max(found.sweep, 0.005) / real.sweep):
+            off = abs(np.log(ratio))
+            total += 60.0 * beyond(off, 0.05) ** 2 + 2.0 * off**2
+        off = np.abs(found.amplitude[:6] - 0.5 * real.sweep * ENVELOPE[:6])
+        total += 3000.0 * (beyond(off, 0.011) ** 2).sum() + 40.0 * (off**2).sum()
+        total += 40.0 * (beyond(found.nose, 0.155) ** 2 + beyond(0.10, found.nose) ** 2)
+        total += 10.0 * beyond(found.strouhal, 0.38) ** 2 + 2.0 * beyond(found.wobble, 0.1)
+        lag = (1.0 - STATION[3:6]) / WAVELENGTH + found.phase[3:6]
+        total += 0.5 * (lag**2).sum()
+    return float(total)
+
+
+def decoded(point) -> dict:
+    """The record of a point of the search: factors' logarithms on START, and differences of the lags."""
+    values, used = {}, 0
+
+    def take(count):
+        nonlocal used
+        used += count
+        return np.asarray(point[used - count : used])
+
+    p, rounded = START["parameters"], lambda v: [float(f"{x:.4g}") for x in np.ravel(v)]
+    section = np.exp(take(6))
+    values["stiffness"] = rounded([p["stiffness"][0], p["stiffness"][1], p["stiffness"][2] * section[0]])
+    taper = np.array(p["taper"][1:]) * section[1:] / np.array([1.0, 1.0, 1.0, section[0], section[0]])
+    values["taper"] = [1.0, *rounded(taper)]
+    values["contracted"] = rounded(np.clip(1.0 - (1.0 - np.array(p["contracted"])) * np.exp(take(3)), 0.6, 0.95))
+    values["relaxation_time"] = rounded(p["relaxation_time"] * np.exp(take(1)))[0]
+    values["drag_coefficient"] = p["drag_coefficient"]  # not searched: it scales thrust as it scales drag
+    young = rounded(np.array(START["young"]) * np.exp(take(6)))
+    gaits = []
+    for row in START["gaits"]:
+        amplitude = np.clip(np.array(row["amplitude"]) * np.exp(take(3)), 0.0, 1.0)
+        lag = np.array([0.0, *(np.array(row["lag"][1:]) + 2.0 * take(2))])
+        gaits.append({"frequency": row["frequency"], "amplitude": rounded(amplitude), "lag": rounded(lag)})
+    return {"parameters": values, "young": young, "gaits": gaits}
+
+
+SIZE = 6 + 3 + 1 + 6 + 15
+
+
+def swum(record: dict, level=LEVEL, seconds=SECONDS) -> list[Midline]:
+    """The three gaits on the body of a record."""
+    fish = make_fish("tetrahedral", level=level, young=record["young"], **record["parameters"])
+    return swim_midlines(fish, gaits_of(record), [row.speed for row in TROUT], seconds, BEATS)
+
+
+def cost_at(point) -> float:
+    """The cost at a point of the search."""
+    strong = 0.0
+    try:
+        record = decoded(point)
+        strong = beyond(max(record["gaits"][2]["amplitude"]), 0.8) ** 2
+        return cost(swum(record)) + 5.0 * strong + 0.02 * float(np.sum(np.square(point)))
+    except ValueError:
+        return 2e3
+
+
+def calibrate(generations: int, seed: int) -> None:
+    """Search, and write the best."""
+    import cma
+
+    options = {"seed": seed, "popsize": POPULATION, "verbose": -9, "maxiter": generations}
+    strategy, best = cma.CMAEvolutionStrategy(np.zeros(SIZE), SIGMA, options), (np.inf, np.zeros(SIZE))
+    with multiprocessing.get_context("spawn").Pool() as pool, tqdm(total=generations, mininterval=10) as bar:
+        while not strategy.stop():
+            points = strategy.ask()
+            costs = pool.map(cost_at, points, chunksize=1)
+            strategy.tell(points, costs)
+            k = int(np.argmin(costs))
+            if costs[k] < best[0]:
+                best = costs[k], points[k]
+            bar.update()
+            bar.set_postfix(cost=f"{best[0]:.4f}")
+    about = provenance(COMMAND) | {"cost": best[0], "evaluations": POPULATION * generations, "seed": seed}
+    FILE.write_text(json.dumps({"provenance": about} | decoded(best[1]), indent=2) + "\n")
+
+
+def rows_of(name: str, level, fish: Fish, found: list[Midline]) -> list[dict]:
+    """A row for each of the trout's speeds."""
+    rows = []
+    for one, real in zip(found, TROUT, strict=True):
+        wanted = 0.5 * real.sweep * ENVELOPE
+        rows.append({
+            "body": name, "level": level, "frequency_hz": real.frequency,
+            "speed_trout": real.speed, "speed": round(one.speed, 3),
+            "speed_off_percent": round(100 * (one.speed / real.speed - 1), 1),
+            "sweep_trout": round(real.sweep, 4), "sweep": round(one.sweep, 4),
+            "sweep_off_percent": round(100 * (one.sweep / real.sweep - 1), 1),
+            "nose_over_tail": round(one.nose, 3), "strouhal_trout": round(real.frequency * real.sweep / real.speed, 3),
+            "strouhal": round(one.strouhal, 3), "stride_trout": round(real.speed / real.frequency, 3),
+            "stride": round(one.stride, 3),
+            "envelope_off": round(float(np.abs(one.amplitude - wanted).max()), 4),
+            **{f"amplitude_{k}": round(float(a), 4) for k, a in enumerate(one.amplitude)},
+            **{f"amplitude_{k}_wanted": round(float(a), 4) for k, a in enumerate(wanted)},
+            **{f"phase_{k}": round(float(a), 3) for k, a in enumerate(one.phase)},
+            "failure": one.failure,
+        })  # fmt: skip
+    return rows
+
+
+SHOWN = ("speed", "speed_off_percent", "sweep", "sweep_off_percent", "nose_over_tail", "strouhal", "envelope_off")
+BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", 1), ("two_layer", ""))
+
+
+def check() -> list[dict]:
+    """Every body with the gaits of the finest one."""
+    rows = []
+    for name, level in BODIES:
+        fish = make_fish(name, length=TROUT_LENGTH, **({"level": level} if level else {}))
+        found = swim_midlines(fish, living_gaits(), [row.speed for row in TROUT], 5.0, 4)
+        rows += rows_of(name, level, fish, found)
+        for row in rows[-3:]:
+            text = " ".join(f"{key} {row[key]}" for key in SHOWN)
+            print(f"{name} {level}, {row['frequency_hz']} Hz: {text}", flush=True)
+    return rows
+
+
+def draw(rows) -> None:
+    """The envelope of the midline at the three speeds, bodies beside the living fish."""
+    plt = pyplot()
+    figure, panels = plt.subplots(1, 3, figsize=(11, 3.4), sharey=True, layout="constrained")
+    looks = {("tetrahedral", 3): "s-", ("mass_spring", ""): "o--", ("planar", 1): "v:", ("two_layer", ""): "^-."}
+    for k, (panel, real) in enumerate(zip(panels, TROUT, strict=True)):
+        wanted = 0.5 * real.sweep * ENVELOPE
+        panel.fill_between(STATION, beyond(wanted - 0.02, 0.0), wanted + 0.02, color="0.9", label="living fish, ± 0.02")
+        panel.plot(STATION, wanted, color="0.3")
+        for (name, level), look in looks.items():
+            row = [r for r in rows if (r["body"], r["level"]) == (name, level)][k]
+            panel.plot(STATION, [row[f"amplitude_{i}"] for i in range(7)], look, ms=4, label=f"{name} {level}".strip())
+        panel.set(title=f"{real.speed:g} BL/s, {real.frequency:g} Hz", xlabel="from the nose, BL")
+    panels[0].set(ylabel="half the sway, BL", ylim=(0, None))
+    panels[0].legend(frameon=False, fontsize=8)
+    save(figure, RESULTS / "living_fish.svg")
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="only measure what is shipped")
+    parser.add_argument("--generations", type=int, default=GENERATIONS, help=f"of {POPULATION} bodies")
+    parser.add_argument("--seed", type=int, default=1, help="of the search")
+    chosen = parser.parse_args()
+    if not chosen.check:
+        calibrate(chosen.generations, chosen.seed)
+        return
+    rows = check()
+    print(write_csv("living_fish.csv", rows, f"{COMMAND} --check"))
+    draw(rows)
+
+
+if __name__ == "__main__":
+    main()

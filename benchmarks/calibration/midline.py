@@ -1,0 +1,107 @@
+"""Swim gaits side by side and measure what is measured of living fish: speed, and the sway along the midline.
+
+Stations are the middles of the default fish's seven layers, nose to tail tips, by the landmarks that all bodies share.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fish_env.bodies import Fish
+from fish_env.bodies import mass_spring as tu
+from fish_env.control import Gait
+from fish_env.tank import Tank
+
+INTERVAL = 0.01  # s between two commands, and between two samples
+
+
+@dataclass(frozen=True)
+class Midline:
+    """What a gait achieved over its last beats."""
+
+    frequency: float
+    """Hz."""
+    speed: float
+    """Of the centre of mass along its path, body lengths/s; negative backwards."""
+    amplitude: np.ndarray
+    """(7,) half the peak-to-peak sway of each station across the path, body lengths."""
+    phase: np.ndarray
+    """(7,) lag of each station's sway behind the tail tip's, beats: negative ahead of it."""
+    wobble: float
+    """Largest sway of the tail's upper tip against the lower one, over the sweep: a fish that rolls shows it."""
+    failure: str
+
+    @property
+    def sweep(self) -> float:
+        """Peak to peak of the tail tip, body lengths."""
+        return 2.0 * float(self.amplitude[-1])
+
+    @property
+    def nose(self) -> float:
+        """Sway of the nose over that of the tail tip."""
+        return float(self.amplitude[0] / self.amplitude[-1])
+
+    @property
+    def strouhal(self) -> float:
+        """Frequency times sweep over speed."""
+        return self.frequency * self.sweep / abs(self.speed) if self.speed else np.inf
+
+    @property
+    def stride(self) -> float:
+        """Body lengths a beat."""
+        return self.speed / self.frequency
+
+
+def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: int) -> list[Midline]:
+    """Swim gaits side by side for some seconds, from speeds `start` (G,) in body lengths/s; measure the last beats."""
+    tank = Tank(fish, len(gaits), water=fish.water, threads=1)
+    steps = round(INTERVAL / tank.dt)
+    if abs(steps * tank.dt - INTERVAL) > 1e-9:
+        steps = int(np.ceil(INTERVAL / tank.dt))
+        tank = Tank(fish, len(gaits), dt=INTERVAL / steps, water=fish.water, threads=1, refine=fish.refine)
+    tank.velocity[:, :, 0] += np.asarray(start)[:, None] * fish.length
+    count = round(seconds / INTERVAL)
+    times = INTERVAL * np.arange(1, count + 1)
+    contraction = np.stack([gait.contraction(fish, times) for gait in gaits], axis=1)
+    stations, tips, centre = [], [], []
+    mass = fish.body.mass / fish.body.mass.sum()
+    layer = np.zeros((7, 23))
+    for k, nodes in enumerate(tu.LAYERS):
+        layer[k, nodes] = 1.0 / len(nodes)
+    keep = count - int(np.ceil((beats + 1) / min(g.frequency for g in gaits) / INTERVAL))
+    for k in range(count):
+        tank.drive(contraction[k], steps)
+        if not tank.alive.any():
+            break
+        if k >= keep:
+            points = fish.points(tank.position)
+            stations.append(np.einsum("ln,bnk->blk", layer, points))
+            tips.append(points[:, tu.TAIL[0]] - points[:, tu.TAIL[1]])
+            centre.append(mass @ tank.position)
+    found = []
+    for i, gait in enumerate(gaits):
+        if not tank.alive[i] or not centre:
+            found.append(Midline(gait.frequency, 0.0, np.full(7, np.inf), np.zeros(7), np.inf, str(tank.failure[i])))
+            continue
+        last = round(beats / gait.frequency / INTERVAL) + 1
+        found.append(_measured(fish, gait, *(np.array(rows)[-last:, i] for rows in (stations, tips, centre))))
+    return found
+
+
+def _measured(fish, gait, stations, tips, centre) -> Midline:
+    """The midline of one fish, of samples (S,7,3), (S,3) and (S,3) m over a whole number of beats."""
+    path = centre[-1] - centre[0]
+    along = path * (1.0, 1.0, 0.0) / np.linalg.norm(path[:2])
+    across = np.cross([0.0, 0.0, 1.0], along)
+    time = INTERVAL * (len(centre) - 1)
+    sway = (stations - centre[0]) @ across / fish.length
+    angle = 2 * np.pi * gait.frequency * INTERVAL * np.arange(len(sway))
+    basis = np.stack([np.ones_like(angle), angle, angle**2, np.cos(angle), np.sin(angle)], axis=1)
+    fit, *_ = np.linalg.lstsq(basis, sway, rcond=None)
+    swung = sway - basis[:, :3] @ fit[:3]
+    wave = fit[3] - 1j * fit[4]
+    phase = -np.angle(wave / wave[-1]) / (2 * np.pi)
+    forward = np.sign(path @ (stations[-1, 0] - stations[-1, -1]))
+    wobble = np.ptp(tips @ across / fish.length) / np.ptp(swung[:, -1])
+    speed = forward * np.linalg.norm(path[:2]) / time / fish.length
+    return Midline(gait.frequency, float(speed), 0.5 * np.ptp(swung, axis=0), phase, float(wobble), "")

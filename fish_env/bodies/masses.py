@@ -1,0 +1,121 @@
+"""Node masses that move a body as the continuum inside its outline moves: same mass, centre and moments of inertia.
+
+The outline is lofted: between two stations half width and half depth are straight, and a cross-section is a rectangle.
+Its integrals are exact by Gauss' rule, since they are polynomials of low degree between the stations. Masses lumped by
+shape functions have the continuum's mass and centre, but too much inertia, since the nodes lie on the outside of what
+they stand for. `matched` changes them as little as it can.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+WATER_DENSITY = 1000.0  # kg/m3; the fish displaces its own mass of it
+MOST_STEPS, TOLERANCE = 60, 1e-12  # of Newton's method, and of what is left over the total
+LARGEST = 20.0  # logarithm of a factor on a mass
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact for polynomials of degree 11
+
+
+class Moments(NamedTuple):
+    """Of a body whose plane of symmetry is the xz plane, and whose x axis is its axis."""
+
+    mass: float
+    """kg."""
+    centre: float
+    """x of the centre of mass, m."""
+    squares: np.ndarray
+    """(3,) sums of mass times the square of each coordinate's distance from the centre, kg m2."""
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """Roll, pitch and yaw inertia about the centre, (3,) kg m2."""
+        return self.squares.sum() - self.squares
+
+
+def outline(p) -> np.ndarray:
+    """x, half width and half depth, (3,7) m, of the stations of the fish with these parameters, from the nose on."""
+    return p.length * np.array([
+        [0.0, *(-np.array(p.layer_position)), -1.0],
+        [0.0, *p.half_width, 0.0],
+        [0.0, *p.half_depth, p.tail_half_span],
+    ])  # fmt: skip
+
+
+def _points(p):
+    """Mass (6,6) kg, x, half width and half depth (6,6) m of the Gauss points of six sections, and their shares."""
+    x, width, depth = outline(p)
+    share = 0.5 * (1.0 + POINTS)
+    x, width, depth = (row[:-1, None] + share * np.diff(row)[:, None] for row in (x, width, depth))
+    step = 0.5 * WEIGHTS * np.abs(np.diff(outline(p)[0]))[:, None]
+    return WATER_DENSITY * 4.0 * width * depth * step, x, width, depth, share
+
+
+def continuum(p) -> Moments:
+    """The moments of the outline of a fish of these parameters, filled with matter of the density of water."""
+    mass, x, width, depth, _ = _points(p)
+    total = mass.sum()
+    centre = (mass * x).sum() / total
+    squares = [(mass * part).sum() for part in ((x - centre) ** 2, width**2 / 3.0, depth**2 / 3.0)]
+    return Moments(float(total), float(centre), np.array(squares))
+
+
+def moments(mass, position) -> Moments:
+    """The moments of node masses (N,) kg at positions (N,3) m."""
+    total = mass.sum()
+    centre = mass @ position / total
+    return Moments(float(total), float(centre[0]), mass @ (position - centre) ** 2)
+
+
+def shared_by_layers(p) -> np.ndarray:
+    """Masses of the seven layers, (7,) kg: every section's matter, by linear shape functions along the body."""
+    mass, *_, share = _points(p)
+    layer = np.zeros(7)
+    layer[:-1] += (mass * (1.0 - share)).sum(axis=1)
+    layer[1:] += (mass * share).sum(axis=1)
+    return layer
+
+
+def matched(mass, position, wanted: Moments, solid: bool) -> np.ndarray:
+    """Masses (N,) kg with the mass, the centre and the inertia of `wanted`.
+
+    Each mass is multiplied by the exponential of a polynomial of second degree in its position: of all masses with
+    these moments they are the nearest to those given, in relative entropy, and they are positive.
+
+    Args:
+        mass: (N,) kg, positive, to start from.
+        position: (N,3) m, symmetrical about the xz plane.
+        wanted: what the masses are to have.
+        solid: True for all three moments of inertia; False for yaw alone, which is what a body whose nodes all lie on
+            its outline can have.
+
+    Raises:
+        ValueError: if no masses at these positions have the inertia of the outline.
+    """
+    x, y, z = (position - (wanted.centre, 0.0, 0.0)).T
+    along, across, upward = wanted.squares
+    sums = [(np.ones_like(x), wanted.mass), (x, 0.0)]
+    sums += [(x**2, along), (y**2, across), (z**2, upward)] if solid else [(x**2 + y**2, along + across)]
+    rows = np.array([row / np.abs(row).max() for row, _ in sums])
+    goal = np.array([value / np.abs(row).max() for row, value in sums]) / wanted.mass
+    share = mass / wanted.mass
+    factors = np.zeros(len(rows))
+
+    def potential(factors):  # convex; its gradient is what is missing of the moments
+        return (share * np.exp(factors @ rows)).sum() - factors @ goal
+
+    for _ in range(MOST_STEPS):
+        if np.abs(factors @ rows).max() > LARGEST:
+            break
+        now = share * np.exp(factors @ rows)
+        off = rows @ now - goal
+        if np.abs(off).max() < TOLERANCE:
+            return now * wanted.mass
+        step = np.linalg.solve((rows * now) @ rows.T, off)
+        part = 1.0
+        while potential(factors - part * step) > potential(factors) and part > 1e-6:
+            part *= 0.5
+        factors = factors - part * step
+    raise ValueError(
+        "no masses of these nodes have the inertia of the outline; give an outline that changes less in depth and "
+        "width from layer to layer, with its layers nearer to evenly spaced"
+    )
