@@ -25,7 +25,7 @@ from fish_env import TASKS, Tank, make_fish
 from fish_env.bodies import Fish
 
 BODIES = (
-    ("planar", {"level": 1}), ("planar", {"level": 2}), ("mass_spring", {}), ("two_layer", {}),
+    ("planar", {}), ("mass_spring", {}), ("two_layer", {}),
     ("tetrahedral", {"level": 1}), ("tetrahedral", {"level": 2}), ("tetrahedral", {"level": 3}),
 )  # fmt: skip
 FINEST = ("tetrahedral", 3)
@@ -137,7 +137,7 @@ def chart(rows: list[dict]) -> Path:
             x, y = 1e3 * float(row["cost_s_per_s"]), 100 * float(row["error"])
             bars = [[y - 100 * float(row["low"])], [100 * float(row["high"]) - y]]
             ax.errorbar(x, y, bars, fmt="o", color=colours[row["body"]], capsize=3)
-            place = {"planar 1": (-14, -15), "tetrahedral 2": (-58, 8)}.get(label(row), (6, 4))
+            place = {"planar": (-14, -15), "tetrahedral 2": (-58, 8)}.get(label(row), (6, 4))
             ax.annotate(label(row), (x, y), xytext=place, textcoords="offset points", fontsize=8)
         for tolerance in TOLERANCES:
             ax.axhline(100 * tolerance, color="0.85", lw=0.8, zorder=0)

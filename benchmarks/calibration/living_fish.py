@@ -29,6 +29,7 @@ from fish_env.control import Gait
 
 COMMAND = "python -m benchmarks.calibration.living_fish"
 FILE = Path(fish_env.bodies.__file__).parent / "tetrahedral.json"
+PAGE = Path(__file__).parents[2] / "docs" / "validation.md"
 LEVEL, SECONDS, BEATS = 2, 2.4, 2
 POPULATION, GENERATIONS, SIGMA = 20, 20, 0.04
 
@@ -190,7 +191,7 @@ def rows_of(name: str, level, fish: Fish, found: list[Midline]) -> list[dict]:
 
 
 SHOWN = ("speed", "speed_off_percent", "sweep", "sweep_off_percent", "nose_over_tail", "strouhal", "envelope_off")
-BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", 1), ("two_layer", ""))
+BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", ""), ("two_layer", ""))
 
 
 def check() -> list[dict]:
@@ -206,11 +207,42 @@ def check() -> list[dict]:
     return rows
 
 
+def table(rows) -> str:
+    """The table of the page: what is beside the trout, and how far from it."""
+    lines = [
+        "| body | beats, Hz | speed, BL/s | off, % | tail sweep, BL | off, % | nose over tail | Strouhal | stride, BL "
+        "| midline off, BL |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for real in TROUT:
+        strouhal, stride = real.frequency * real.sweep / real.speed, real.speed / real.frequency
+        lines.append(
+            f"| trout | {real.frequency} | {real.speed} | | {real.sweep:.3f} | | 0.10 to 0.14 | {strouhal:.2f} "
+            f"| {stride:.2f} | |"
+        )
+    for row in rows:
+        name = f"`{row['body']}`" + (f", level {row['level']}" if row["body"] == "tetrahedral" else "")
+        lines.append(
+            f"| {name} | {row['frequency_hz']} | {row['speed']:.2f} | {row['speed_off_percent']:+.0f} "
+            f"| {row['sweep']:.3f} | {row['sweep_off_percent']:+.0f} | {row['nose_over_tail']:.2f} "
+            f"| {row['strouhal']:.2f} | {row['stride']:.2f} | {row['envelope_off']:.3f} |"
+        )
+    return "\n".join(lines)
+
+
+def fill_page(rows) -> None:
+    """Put the table between the marks of the page."""
+    text = PAGE.read_text()
+    before, rest = text.split("<!-- living -->\n", 1)
+    after = rest.split("<!-- end -->", 1)[1]
+    PAGE.write_text(f"{before}<!-- living -->\n\n{table(rows)}\n\n<!-- end -->{after}")
+
+
 def draw(rows) -> None:
     """The envelope of the midline at the three speeds, bodies beside the living fish."""
     plt = pyplot()
     figure, panels = plt.subplots(1, 3, figsize=(11, 3.4), sharey=True, layout="constrained")
-    looks = {("tetrahedral", 3): "s-", ("mass_spring", ""): "o--", ("planar", 1): "v:", ("two_layer", ""): "^-."}
+    looks = {("tetrahedral", 3): "s-", ("mass_spring", ""): "o--", ("planar", ""): "v:", ("two_layer", ""): "^-."}
     for k, (panel, real) in enumerate(zip(panels, TROUT, strict=True)):
         wanted = 0.5 * real.sweep * ENVELOPE
         panel.fill_between(STATION, beyond(wanted - 0.02, 0.0), wanted + 0.02, color="0.9", label="living fish, ± 0.02")
@@ -237,6 +269,7 @@ def main() -> None:
     rows = check()
     print(write_csv("living_fish.csv", rows, f"{COMMAND} --check"))
     draw(rows)
+    fill_page(rows)
 
 
 if __name__ == "__main__":

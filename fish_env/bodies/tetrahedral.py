@@ -8,13 +8,13 @@ calibrated it to living fish.
 """
 
 import json
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
-from fish_env.bodies.fitted import checked_level
 from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline
 from fish_env.bodies.mesh import RULES, grid, lumped_mass
 from fish_env.body import make_body
@@ -41,7 +41,9 @@ def make_tetrahedral(level=1, young=None, poisson=POISSON, corotational=True, lu
     Raises:
         ValueError: for another level, an unknown parameter or a value that is not allowed.
     """
-    level = checked_level(level, MOST)
+    if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= int(level) <= MOST):
+        raise ValueError(f"level is {level!r}; give a whole number from 1 to {MOST}")
+    level = int(level)
     own = json.loads(Path(__file__).with_suffix(".json").read_text())
     p = tu.checked_parameters("tetrahedral", parameters, own["parameters"])
     young = positive_array(own["young"] if young is None else young, (6,), "young")

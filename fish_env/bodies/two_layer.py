@@ -4,7 +4,7 @@ The outer skin is the default fish's surface, the inner one a smaller copy of it
 of each, radius and shear springs between them; twelve outer ones are muscles. The outer skin is braced across its
 quadrilaterals, without which a body so much longer than it is wide would shear like a lattice. The gas has the pressure
 of the water around while the fish is at rest, so that it resists a change of volume and nothing else.
-`benchmarks/calibration/bodies.py` fits the stiffness to the default fish.
+`benchmarks/calibration/fit.py` fits stiffness, muscles and drag to the finest body's motion.
 """
 
 import numpy as np
@@ -51,7 +51,7 @@ def make_two_layer(
             raise ValueError(f"{name} is {value!r}; give a number between 0 and 1")
     inner_stiffness = float(positive_array(inner_stiffness, (), "inner_stiffness"))
     given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag}
-    bending, pull, shear, drag = fitted("two_layer", 1, SHAPES, **given)
+    bending, pull, shear, drag = fitted("two_layer", SHAPES, **given)
     topology, classes, sections, faces = tu.topology()
     skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
     body = two_skins(
