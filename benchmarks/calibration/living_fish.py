@@ -50,8 +50,8 @@ STATION = np.array([0.0, *tu.calibrated()["layer_position"], 1.0])
 ENVELOPE = (0.02 - 0.0825 * STATION + 0.1625 * STATION**2) / 0.1
 """Half the sway of each station over the tail tip's (Videler & Hess 1984)."""
 LEAST = (0.84, 0.85, 0.76)
-"""Least contracted lengths: fish that contract farther buckle in the abrupt manoeuvre, one way or the other, and magnify
-a disturbance a millionfold (`benchmarks.common.problems.magnified`)."""
+"""Least contracted lengths of the three segments: a fish of 23 nodes that contracts farther buckles in the abrupt
+manoeuvre, and magnifies a disturbance a millionfold (`benchmarks.common.problems.magnified`)."""
 WAVELENGTH = 1.0  # body lengths, of the trunk's wave
 START: dict = {
     "parameters": {
