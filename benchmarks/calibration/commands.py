@@ -7,6 +7,7 @@ lower one does. What the motor controllers command in each task is recorded once
 python -m benchmarks.calibration.commands     records task_commands.npz again
 """
 
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -122,6 +123,7 @@ def training_scenes(seed: int, each: int) -> np.ndarray:
 
 def main() -> None:
     """Record what the motor controllers command."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     found = np.concatenate([record(task, SEEDS, FIRST_SEED) for task in TASKS])
     np.savez_compressed(FILE, contraction=found.astype(np.float32))
     print(FILE, found.shape, FILE.stat().st_size)
