@@ -156,7 +156,8 @@ def described(tank) -> Pack:
         clock=state.t, failure=state.failure, counters=state.counters,
         rest_length=control.rest_length, rate=control.rate, variation=tank.variation, effort=tank.effort,
         rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
-        contraction_time=float(fish.contraction_time), muscles=fish.muscles, natural=tank.natural, span=tank.span,
+        contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
+        muscles=fish.muscles, natural=tank.natural, span=tank.span,
         fibres=fibres, drives=drives, fibre_natural=natural, fibre_span=span,
         spring_nodes=springs.nodes, spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **fields,
     )  # fmt: skip

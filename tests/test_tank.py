@@ -292,6 +292,25 @@ def test_rest_lengths_are_rate_limited(body):
     assert tank.alive.all()
 
 
+def test_activation_is_first_order():
+    """The contraction is the solution of da/dt = (u - a) / T, T one time for rising and one for falling."""
+    rise, fall = 0.015, 0.05
+    fish = make_fish(activation_time=(rise, fall))
+    tank, contraction = Tank(fish, 2, water=WATER), np.zeros((2, 12))
+    for command in np.random.default_rng(7).uniform(0, 1, (4, 2, 12)):
+        tank.drive(command, round(fish.control_interval / tank.dt))
+        steps = 20_000  # of Heun's method, by another way
+        h, before = fish.control_interval / steps, contraction.copy()
+        for _ in range(steps):
+            slope = (command - contraction) / np.where(command > contraction, rise, fall)
+            ahead = contraction + h * slope
+            contraction = contraction + 0.5 * h * (slope + (command - ahead) / np.where(command > ahead, rise, fall))
+        np.testing.assert_allclose(tank.contraction, contraction, rtol=0, atol=1e-9)
+        most = 1.0 - np.exp(-fish.control_interval / rise)
+        np.testing.assert_allclose(tank.effort, ((contraction - before) ** 2).mean(axis=1) / most**2, rtol=1e-7)
+    assert tank.alive.all()
+
+
 def test_ends_of_the_range():
     """-1 is the natural length and 1 full contraction, the fraction `contracted` of it, of each muscle."""
     tank = Tank(FISH, 2)

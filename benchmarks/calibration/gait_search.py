@@ -37,7 +37,8 @@ def write_gait(amplitude, lag, command, generations=60) -> None:
 
     def slowness(point):
         found = gait(point)
-        speed = evaluate(gait_controller(found, env), env, GAIT_SEED).own_speed.mean()
+        scores = evaluate(gait_controller(found, env), env, GAIT_SEED)
+        speed = np.hypot(scores["speed"], scores["sideways"]).mean()
         outside = float(np.sum((point[:4] - np.clip(point[:4], 0, 1)) ** 2))
         measured = bars(swim(fish, found, fish.water))
         missed = sum(max(0.0, low - value) + max(0.0, value - high) for value, low, high in measured)

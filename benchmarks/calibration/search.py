@@ -77,6 +77,7 @@ def parameters(values: dict[str, float]) -> dict:
         "taper": row("taper", 6, first=1),
         "mass_factor": row("mass_factor", 7, first=5),
         "contraction_time": 0.07,
+        "activation_time": (0.0, 0.0),
         "time_step": 0.02 / 6,
         "control_interval": 0.02,
     }

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from fish_env.body import Body
+from fish_env.checks import positive_array
 from fish_env.world import VACUUM, World
 
 NOTHING = np.zeros(0, dtype=np.int64)
@@ -35,7 +36,10 @@ class ElasticObject:
     contracted: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(M,) rest length at full contraction, as a fraction of the natural length."""
     contraction_time: float = 1.0
-    """Shortest time from natural length to full contraction, s."""
+    """Shortest time from natural length to full contraction, s, where there is no activation time."""
+    activation_time: tuple[float, float] = (0.0, 0.0)
+    """Time constants of activation and of deactivation, s, of a contraction that follows its command as a first-order
+    system; (0, 0): one that follows at the rate that `contraction_time` allows."""
     fibres: np.ndarray = GIVEN_LATER
     """(K,) all springs that the muscles drive; None: one each."""
     drives: np.ndarray = GIVEN_LATER
@@ -46,6 +50,11 @@ class ElasticObject:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} is {value!r}; give a positive, finite number")
+        rise, fall = positive_array(self.activation_time, (2,), "activation_time (s)", zero=True)
+        if (rise == 0.0) != (fall == 0.0):
+            raise ValueError(
+                f"activation_time is {self.activation_time}; give two positive times, or (0, 0) for a limited rate"
+            )
         if np.any(self.contracted <= 0) or np.any(self.contracted >= 1):
             raise ValueError(f"contracted is {self.contracted}; give fractions between 0 and 1")
         if self.fibres is None:

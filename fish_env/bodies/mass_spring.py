@@ -113,7 +113,9 @@ class MassSpringParameters:
     drag_coefficient: float
     """Of the water the fish is made for: of a face moving along its normal."""
     contraction_time: float
-    """Shortest time from natural length to full contraction, s."""
+    """Shortest time from natural length to full contraction, s, where there is no activation time."""
+    activation_time: tuple[float, float]
+    """Time constants of activation and of deactivation, s (Thelen 2003); (0, 0) for a limited rate."""
     time_step: float
     """Step of the default integrator, s."""
     control_interval: float
@@ -135,6 +137,7 @@ class MassSpringParameters:
         ):
             positive_array(getattr(self, name), (), name)
         positive_array(self.relaxation_time, (), "relaxation_time", zero=True)
+        positive_array(self.activation_time, (2,), "activation_time", zero=True)
         stations = np.array([0.0, *self.layer_position, 1.0])
         if np.any(np.diff(stations) <= 0):
             raise ValueError(f"layer_position is {self.layer_position}; give increasing numbers between 0 and 1")
@@ -207,7 +210,7 @@ def make_mass_spring(**parameters) -> Fish:
     fish = _fish(
         "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval
     )
-    return replace(fish, refine=REFINE)
+    return replace(fish, refine=REFINE, activation_time=tuple(p.activation_time))
 
 
 def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.0275) -> Fish:

@@ -29,7 +29,8 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
     """A policy in an environment whose control interval may be shorter than the one it was trained with.
 
     In between, the commanded rest lengths change linearly towards the policy's last action, as they do within one
-    interval of the environment that it was trained in: the motion is the same, only observed more often.
+    interval of the environment that it was trained in: the motion is the same, only observed more often. Muscles with
+    first-order activation are told the action itself, and end where one long interval would have ended.
 
     Raises:
         ValueError: if the policy's interval is not a whole multiple of the environment's, or the policy does not fit
@@ -44,13 +45,15 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             f"give a control_interval of which {interval:g} s is a whole multiple"
         )
     muscles = env.layout["rest length"].start + env.first_muscle_of_group
-    goal = np.zeros(0)
+    goal, first_order = np.zeros(0), env.tank.fish.activation_time[0] > 0.0
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:
         nonlocal goal
         since = round(time / env.control_interval) % every
         if since == 0:
             goal = policy(obs)
+        if first_order:
+            return goal
         present = obs[:, muscles]  # rest lengths are observed on the scale of actions
         return present + (goal - present) / (every - since)
 
