@@ -318,6 +318,10 @@ LEARNING = (
         ("benchmarks.learning.transfer:shipped_rows", BATCH), data=(BODIES, POLICIES, MOTOR),
     ),
     Result(
+        "learning.muscles", "muscles at a limited rate beside first-order activation: swimming, reversals, transfer",
+        "-m benchmarks.learning.muscles", 10, csv("muscles"), ("benchmarks.learning.muscles:run", BATCH),
+    ),
+    Result(
         "learning.turning", "radius and rate of turns beside those of living fish",
         "-m benchmarks.learning.turning", 1, csv("turning"),
         ("benchmarks.learning.turning:bend", "benchmarks.learning.turning:turn_of",

@@ -121,6 +121,8 @@ def test_motion_scales_with_length(method):
         ({"relaxation_time": -1e-3}, "relaxation_time is -0.001 .*; give zero or positive"),
         ({"contracted": (0.7, 0.7, 1.0)}, "contracted is .*; give fractions below 1"),
         ({"contraction_time": 0}, "contraction_time is 0.0 .*; give positive"),
+        ({"activation_time": (0.01, -1.0)}, r"activation_time is -1.0 at \(1,\); give zero or positive"),
+        ({"activation_time": (0.01, 0.0)}, "activation_time is .*; give two positive times, or"),
         ({"time_step": -1}, "time_step is -1.0"),
         ({"control_interval": float("nan")}, "control_interval is nan"),
         ({"body": "published", "contracted": (0.7, 0.7)}, r"contracted has shape \(2,\)"),

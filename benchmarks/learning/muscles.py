@@ -25,7 +25,7 @@ from fish_env.control import evaluate, evaluation_options, make_eval_env, policy
 COMMAND = "python -m benchmarks.learning.muscles"
 MUSCLES = {"limited rate": (0.0, 0.0), "first order": (0.015, 0.05)}
 """Time constants of activation and deactivation, s (Thelen 2003); zeros: 0.07 s from natural to full contraction."""
-STEPS = {"swim": 600_000, "left_after_right": 800_000}
+STEPS = {"swim": 400_000, "left_after_right": 500_000}
 SOURCES = {"mass_spring": 1.0, "tetrahedral": 0.4}
 """Bodies that are trained on, and what part of STEPS for."""
 TARGETS = {"mass_spring": 40, "planar": 40, "two_layer": 24, "tetrahedral": 24}

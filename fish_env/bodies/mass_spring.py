@@ -137,7 +137,8 @@ class MassSpringParameters:
         ):
             positive_array(getattr(self, name), (), name)
         positive_array(self.relaxation_time, (), "relaxation_time", zero=True)
-        positive_array(self.activation_time, (2,), "activation_time", zero=True)
+        rise, fall = positive_array(self.activation_time, (2,), "activation_time", zero=True)
+        object.__setattr__(self, "activation_time", (float(rise), float(fall)))  # a list, as it comes from JSON
         stations = np.array([0.0, *self.layer_position, 1.0])
         if np.any(np.diff(stations) <= 0):
             raise ValueError(f"layer_position is {self.layer_position}; give increasing numbers between 0 and 1")
@@ -204,7 +205,7 @@ def make_mass_spring(**parameters) -> Fish:
     fish = _fish(
         "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval
     )
-    return replace(fish, refine=REFINE, activation_time=tuple(p.activation_time))
+    return replace(fish, refine=REFINE, activation_time=p.activation_time)
 
 
 def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.0275) -> Fish:

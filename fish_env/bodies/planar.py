@@ -66,7 +66,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, **parameters) ->
         segments=segments,
         contracted=1.0 - ((1.0 - np.array(p.contracted)) * pull * active[1:4])[segments],
         contraction_time=float(p.contraction_time),
-        activation_time=tuple(p.activation_time),
+        activation_time=p.activation_time,
         time_step=float(p.time_step),
         refine=tu.REFINE,
         control_interval=float(p.control_interval),

@@ -70,7 +70,7 @@ def make_tetrahedral(level=1, young=None, poisson=POISSON, corotational=True, lu
         segments=segments,
         contracted=np.array(p.contracted)[segments],
         contraction_time=float(p.contraction_time),
-        activation_time=tuple(p.activation_time),
+        activation_time=p.activation_time,
         time_step=float(p.time_step) / (4.0 if level > 2 else 2.0),  # small elements stiffen when muscles contract
         control_interval=float(p.control_interval),
         water=make_water(WATER_DENSITY, p.drag_coefficient),
@@ -113,7 +113,7 @@ def softening(mesh, section, poisson) -> np.ndarray:
     A linear tetrahedron that is bent is sheared as well, and is too stiff by what that takes: the more, the longer it
     is along the body and the thinner the body. The factor is the energy of pure bending, by the exact integral, over
     that of the same displacements of the nodes, between which elements are linear. It tends to 1 as the mesh is refined
-    (docs/physics.md, eq. 64).
+    (docs/physics.md, eq. 65).
     """
     tets = make_tets(mesh.position, mesh.tets, 1.0, poisson)
     x, y, z = mesh.position.T

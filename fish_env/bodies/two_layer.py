@@ -70,7 +70,7 @@ def make_two_layer(
         segments=segments,
         contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
         contraction_time=float(p.contraction_time),
-        activation_time=tuple(p.activation_time),
+        activation_time=p.activation_time,
         time_step=float(p.time_step) / 4,  # half of what barriers bear under oscillating commands
         control_interval=float(p.control_interval),
         water=make_water(WATER_DENSITY, float(drag) * p.drag_coefficient),
