@@ -319,7 +319,7 @@ LEARNING = (
     ),
     Result(
         "learning.muscles", "muscles at a limited rate beside first-order activation: swimming, reversals, transfer",
-        "-m benchmarks.learning.muscles", 10, csv("muscles"), ("benchmarks.learning.muscles:run", BATCH),
+        "-m benchmarks.learning.muscles", 7, csv("muscles"), ("benchmarks.learning.muscles:run", BATCH),
     ),
     Result(
         "learning.turning", "radius and rate of turns beside those of living fish",

@@ -152,6 +152,27 @@ def test_a_policy_for_another_environment_is_an_error():
         policy_controller(policy, make_eval_env("FishEnv/Avoid-v0", 1, {}))
 
 
+@pytest.mark.parametrize("times", [(0.0, 0.0), (0.015, 0.05)], ids=["limited rate", "first order"])
+def test_a_policy_of_a_longer_interval(policy, times):
+    """Told in two intervals what it was trained to say in one, muscles end where the long interval would have ended."""
+    fish, interval = fish_env.make_fish(activation_time=times), 0.04
+    slower = replace(policy, about=policy.about | {"env_options": {"control_interval": interval}})
+    env = make_eval_env("FishEnv/Swim-v0", 4, {"body": fish, "muscle_groups": "pairs"})
+    obs, _ = env.reset(seed=0)
+    control, start = policy_controller(slower, env), env.tank.contraction.copy()
+    goal = 0.5 * (np.clip(policy(obs), -1.0, 1.0) + 1.0)[:, fish.grouping("pairs")]
+    for k in range(2):
+        obs, *_ = env.step(np.clip(control(obs, k * env.control_interval), -1.0, 1.0))
+    if times[0]:
+        part = 1.0 - np.exp(-interval / np.where(goal > start, *times))
+        wanted = start + part * (goal - start)
+    else:
+        limit = interval / fish.contraction_time
+        wanted = start + np.clip(goal - start, -limit, limit)
+    np.testing.assert_allclose(env.tank.contraction, wanted, rtol=0, atol=1e-6)  # actions are of single precision
+    assert np.ptp(wanted - start) > 0.1
+
+
 def test_policy_needs_only_numpy():
     """A policy file can be run, and the controllers imported, without torch, Stable-Baselines3 or pygame."""
     code = """import sys; from fish_env.control import load_policy, shipped_policy; import gymnasium as gym
