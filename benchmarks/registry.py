@@ -231,11 +231,6 @@ CALIBRATION = (
         data=(BODIES, MOTOR),
     ),
     Result(
-        "calibration.fits", "how far fits from five seeds are from the finest body",
-        "-m benchmarks.calibration.fit --spread", 60, csv("fits"),
-        ("benchmarks.calibration.fit:tested", "benchmarks.calibration.fit:search"), data=(BODIES, MOTOR),
-    ),
-    Result(
         "calibration.finest", "material of the finest body, and three gaits, calibrated to living fish",
         "-m benchmarks.calibration.living_fish", 8, (FINEST,), ("benchmarks.calibration.living_fish:cost_at",),
         data=(), by_name=True,

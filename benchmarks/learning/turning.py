@@ -34,6 +34,8 @@ LIVING = [
     {"who": "dogfish, slow starts (Domenici et al. 2004)", "radius_L": "", "turning_rate": 434},
     {"who": "dogfish, fast starts (Domenici et al. 2004)", "radius_L": "", "turning_rate": 1023},
     {"who": "Pacific bluefin tuna, best (Downs et al. 2023)", "radius_L": 0.38, "turning_rate": 302},
+    {"who": "seven species, largest, fast starts (Webb 1978)", "acceleration": "22.7 to 39.5"},
+    {"who": "trout, largest, fast starts (Harper & Blake 1990)", "acceleration": 59.7},
 ]
 
 
@@ -54,12 +56,14 @@ def bend(cruising: bool) -> dict:
     turned = np.abs(np.unwrap(yaws) - yaws[0])
     end = np.argmax(turned >= 0.9 * turned.max())  # (43), of all that it turns before it springs back
     moved = np.linalg.norm(np.diff(path[: end + 1], axis=0), axis=1).sum()
+    acceleration = np.linalg.norm(np.diff(path, n=2, axis=0), axis=1) / fish.control_interval**2
     how = "cruising" if cruising else "from rest"
     return {
         "who": f"all muscles of one side for {BEND * fish.control_interval:g} s, {how}",
         "turned": round(float(np.degrees(turned.max()))),
         "radius_L": round(float(moved / turned[end] / fish.length), 3),
         "turning_rate": round(float(np.degrees(np.abs(np.diff(turned)).max() / fish.control_interval))),
+        "acceleration": round(float(acceleration.max()), 1),  # m/s2, mean of two control intervals
     }
 
 
@@ -90,7 +94,7 @@ def turning() -> None:
         turn_of("PPO", policy, env),
         *LIVING,
     ]
-    columns = ("who", "turned", "radius_L", "best_radius_L", "turning_rate", "best_turning_rate")
+    columns = ("who", "turned", "radius_L", "best_radius_L", "turning_rate", "best_turning_rate", "acceleration")
     rows = [{name: row.get(name, "") for name in columns} for row in rows]
     for row in rows:
         print(row)
