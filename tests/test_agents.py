@@ -73,7 +73,7 @@ def test_a_slower_policy_moves_the_same_in_shorter_steps(groups):
     model = make_model(config, make_env(config, 2, seed=0), seed=0)
     with torch.no_grad():
         for parameter in model.policy.parameters():
-            parameter.add_(0.4 * torch.randn_like(parameter))
+            parameter.add_(0.6 * torch.randn_like(parameter))
     policy = export_policy(model, {"env_options": options})
     slow, fast = (make_eval_env(config.env_id, 2, chosen) for chosen in (options, evaluation_options(options)))
     places = []

@@ -19,7 +19,7 @@ def test_stages_grow_with_the_step(name, body):
     At 2 and 3 times the stable step of symplectic Euler: the fish, shaken in vacuum, loses its energy.
     """
     fish = FISH[body]
-    x, v = naive.random_state(fish, np.random.default_rng(3), displacement=0.002, speed=0.1)
+    x, v = naive.random_state(fish, np.random.default_rng(3), displacement=0.001, speed=0.1)
     limit, stages = limits.leapfrog(fish.body), []
     for factor in (0.1, 2.0, 3.0):
         tank, n = tank_of(name, fish, VACUUM, x, v, factor * limit), 400

@@ -49,15 +49,15 @@ def test_a_rejected_method_moves_one_lane():
 
 
 def test_meter():
-    """Steps are counted with those that were thrown away: two force evaluations each, whatever their length."""
-    tank = Tank(FISH, 16, water=FISH.water, refine=0.05)
+    """Steps are counted with those that were thrown away: two or three force evaluations each, by their length."""
+    tank = Tank(FISH, 16, water=FISH.water, refine=0.03)
     meter, steps = refinement.Meter(tank), problems.steps_of(FISH)
     for action in actions(FISH, "random")[:20]:
         tank.swim(action, FISH.control_interval)
         meter.read(steps)
     row = meter.row()
     assert 0.1 < row["intervals_refined"] < 1.0 and row["steps_taken"] > 1.2 * steps
-    assert row["forces_per_interval"] == pytest.approx(2.0 * row["steps_taken"], rel=1e-4)
+    assert 2.0 * row["steps_taken"] < row["forces_per_interval"] < 3.0 * row["steps_taken"]
 
 
 def test_a_row_of_refinement(truth):

@@ -39,11 +39,11 @@ class Habits:
     """Change of the error between two environment steps that only a new command can cause, rad."""
     lead: float = 0.12
     """How far ahead the turning of a fish that must break off a turn is extrapolated, s."""
-    trim: float = 0.4
+    trim: float = 2.5
     """Contraction, per rad of mean error, added to one side of the anterior segments while swimming."""
-    most_trim: float = 0.4
+    most_trim: float = 2.5
     """Largest such contraction."""
-    strokes: float = 1.0
+    strokes: float = 0.3
     """Least part of swimming's strokes that goes on in a turn: 0 leaves it to the table, 1 keeps up the speed."""
     beat: float = 0.26
     """Time over which the error is averaged, s: about a beat."""
@@ -227,10 +227,10 @@ def aim_past(obs: np.ndarray, layout: Layout, caution: Caution) -> Aim:
 
 
 HABITS = {
-    SwimTask: Habits(),
+    SwimTask: Habits(trim=0.8),
     CommandedTurns: Habits(),
-    TargetTask: Habits(strokes=0.0, trim=0.6, pitch=2.0),  # a tight turn is worth more than speed
-    AvoidTask: Habits(strokes=0.6, trim=0.6),
+    TargetTask: Habits(pitch=2.0),
+    AvoidTask: Habits(),
 }
 """The best settings for each task, tried by hand on episodes that are neither those of training nor of evaluation."""
 
