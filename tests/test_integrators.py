@@ -103,7 +103,7 @@ def test_calls_add_up(name):
         often.advance(1)
     if name in STABILISED:
         np.testing.assert_allclose(once.position, often.position, rtol=0, atol=1e-14 * np.abs(x).max())
-        np.testing.assert_allclose(once.velocity, often.velocity, rtol=0, atol=1e-13 * np.abs(v).max())
+        np.testing.assert_allclose(once.velocity, often.velocity, rtol=0, atol=1e-13 * np.abs(once.velocity).max())
     else:
         np.testing.assert_array_equal(once.position, often.position)
         np.testing.assert_array_equal(once.velocity, often.velocity)
