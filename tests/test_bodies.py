@@ -115,7 +115,10 @@ def test_motion_scales_with_length(method):
         ({"half_width": (0.1, 0.1, -0.1, 0.1, 0.1)}, r"half_width is -0.1 at \(2,\); give positive"),
         ({"stiffness": (1.0, 0.0, 1.0)}, r"stiffness is 0.0 at \(1,\); give positive"),
         ({"taper": (1, 1, 1, 1, 1, float("nan"))}, r"taper is nan at \(5,\)"),
-        ({"layer_position": (0.01, 0.02, 0.03, 0.04, 0.05)}, "no masses of these nodes have the inertia of the outline"),
+        (
+            {"layer_position": (0.01, 0.02, 0.03, 0.04, 0.05)},
+            "no masses of these nodes have the inertia of the outline",
+        ),
         ({"relaxation_time": -1e-3}, "relaxation_time is -0.001 .*; give zero or positive"),
         ({"contracted": (0.7, 0.7, 1.0)}, "contracted is .*; give fractions below 1"),
         ({"contraction_time": 0}, "contraction_time is 0.0 .*; give positive"),

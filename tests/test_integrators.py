@@ -125,8 +125,8 @@ def test_calls_add_up(name):
 def test_order(name, body, medium, steps):
     """The error falls with the method's order: in vacuum, in water, and at steps near the limit of the stiffest spring.
 
-    The step times the highest frequency is 1/4 to 1/16, and in the stiff scene 2/3 to 1/3, where explicit methods end at
-    2: its fast vibrations are not resolved, but hardly excited either. The first-order methods whose error is in the
+    The step times the highest frequency is 1/4 to 1/16, and in the stiff scene 2/3 to 1/3, where explicit methods end
+    at 2: its fast vibrations are not resolved, but hardly excited either. The first-order methods whose error is in the
     damping take steps a fraction of that (`FINER`): the amplitude's error grows as exp(h), so that it is straight in h
     only where the step is short against each vibration's own relaxation. So does the leapfrog, whose filter holds back
     the damping differently above a step of six relaxation times: its error has two slopes of second order and a bend.

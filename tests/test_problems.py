@@ -69,7 +69,7 @@ def test_the_manoeuvre_is_predictable(truth):
 
 
 def test_few_steps_do(truth):
-    """The default method needs five steps a control interval for that; Tu's is off by three times as much with sixteen."""
+    """Five steps a control interval do for that by default; Tu's method is off by three times as much with sixteen."""
     path, _ = problems.run(TURN, "leapfrog_chebyshev", 5)
     assert problems.distance(TURN.fish, path, truth) <= work_precision.ACCURATE
     path, tank = problems.run(TURN, "semi_implicit", 16)

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.bodies.motion import errors, play, record
 from benchmarks.common.charts import pyplot, save
+from benchmarks.common.motion import errors, play, record
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import IMAGES, read_table, write_csv
 from fish_env import TASKS, Tank, make_fish

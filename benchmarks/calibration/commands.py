@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.bodies.motion import SECONDS, record
+from benchmarks.common.motion import SECONDS, record
 from fish_env import TASKS, make_fish
 from fish_env.bodies import Fish
 from fish_env.control import Gait

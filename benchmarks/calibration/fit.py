@@ -21,8 +21,8 @@ import numpy as np
 from tqdm import tqdm
 
 import fish_env.bodies
-from benchmarks.bodies.motion import Motion, errors, play, record
 from benchmarks.calibration.commands import TRAINING, UNSEEN, drawn, training_scenes
+from benchmarks.common.motion import Motion, errors, play, record
 from benchmarks.common.problems import DISTURBANCE, left_after_right
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import provenance, write_csv
