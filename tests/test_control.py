@@ -114,7 +114,7 @@ BARS = {
     "swim": {"speed": 1.9},
     "turn": {"success": 0.98},
     "left_after_right": {"success": 0.95},
-    "target": {"targets": 8.5},
+    "target": {"targets": 6.5},
     "target_3d": {"success": 0.8},
     "avoid": {"avoided": 0.95},
 }
