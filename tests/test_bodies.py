@@ -114,6 +114,7 @@ def test_motion_scales_with_length(method):
         ({"half_depth": (0.1,) * 4}, r"half_depth has shape \(4,\); give shape \(5,\)"),
         ({"half_width": (0.1, 0.1, -0.1, 0.1, 0.1)}, r"half_width is -0.1 at \(2,\); give positive"),
         ({"stiffness": (1.0, 0.0, 1.0)}, r"stiffness is 0.0 at \(1,\); give positive"),
+        ({"mass_factor": (1, 1, 1, 1, 1, 1, -1)}, r"mass_factor is -1.0 at \(6,\); give positive"),
         ({"taper": (1, 1, 1, 1, 1, float("nan"))}, r"taper is nan at \(5,\)"),
         (
             {"layer_position": (0.01, 0.02, 0.03, 0.04, 0.05)},

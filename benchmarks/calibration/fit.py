@@ -87,7 +87,7 @@ def finest_motion(contractions: np.ndarray) -> Motion:
         motion = [np.concatenate([np.asarray(one[k]) for one in found]) for k in range(5)]
         failed = [f"scene {k}: {reason}" for k, reason in enumerate(motion[4]) if reason]
         if failed:
-            raise RuntimeError(f"the reference failed in {'; '.join(failed)}; leave these scenes out or correct the body")
+            raise RuntimeError(f"the reference failed in {'; '.join(failed)}; leave them out or correct the body")
         np.savez(path, **dict(zip(Motion._fields[:4], motion[:4], strict=True)))
     kept = np.load(path)
     return Motion(*(kept[name] for name in Motion._fields[:4]), [""] * len(contractions))
