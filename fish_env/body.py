@@ -34,6 +34,7 @@ class Faces(NamedTuple):
 
     nodes: np.ndarray  # (F,4) counter-clockwise seen from outside
     share: np.ndarray  # (F,4) part of the face's force each corner carries; rows sum to 1
+    drag: np.ndarray  # (F,) factor on the push of the water, which is felt at one point of the face
     depth: np.ndarray  # (F,) m along z; zero for the face of a solid body
     upright: bool = False  # whether any face is
 
@@ -81,7 +82,8 @@ COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivot
 FORCES, FACTORISATIONS, SOLVES, PIVOTS, REFINEMENTS = range(5)
 
 
-def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, depth=None, tets: Tets | None = None,
+def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, share=None,
+              drag=None, depth=None, tets: Tets | None = None,
               compartments: Compartments | None = None, barriers: Barriers | None = None) -> Body:  # fmt: skip
     """Check the parts of a body and put them together, with the skyline computed once.
 
@@ -93,6 +95,9 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
         damping: k, (E,) N s/m, zero or positive.
         rest_length: natural lengths, (E,) m, positive.
         faces: surface, (F,4); a triangle gives its third node twice.
+        share: where on its faces the water is felt, as the part that each corner has in it, (F,4), rows of sum 1; None:
+            in their middle.
+        drag: factor on the push on each face, (F,), positive; None: 1.
         depth: height of the upright faces of a flat body, (F,) m; None if there are none.
         tets: of `make_tets`, for these positions, or None.
         compartments: of `make_compartments`, or None.
@@ -132,11 +137,15 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
         positive_array(rest_length, (count,), "rest_length (m)"),
         ldlt.entries(shape, pairs),
     )
-    share = np.where(corners[:, 2:3] == corners[:, 3:4], [[1 / 3, 1 / 3, 1 / 6, 1 / 6]], 0.25)
+    middle = np.where(corners[:, 2:3] == corners[:, 3:4], [[1 / 3, 1 / 3, 1 / 6, 1 / 6]], 0.25)
+    share = positive_array(middle if share is None else share, corners.shape, "share", zero=True)
+    for k in np.flatnonzero(np.abs(share.sum(axis=1) - 1.0) > 1e-9):
+        raise ValueError(f"the shares of the corners of face {k} add up to {share[k].sum():g}; give parts of 1")
+    drag = positive_array(np.ones(len(corners)) if drag is None else drag, (len(corners),), "drag")
     body = Body(
         position, mass, np.repeat(1.0 / mass[:, None], 3, axis=1), np.zeros((0, 2), np.int64), springs,
-        Faces(corners, np.ascontiguousarray(share), depth, bool(depth.any())), tets, compartments, barriers, 0.0, 0.0,
-        shape,
+        Faces(corners, np.ascontiguousarray(share), drag, depth, bool(depth.any())), tets, compartments, barriers,
+        0.0, 0.0, shape,
     )  # fmt: skip
     return with_rates(body)
 

@@ -6,6 +6,7 @@ import pytest
 from moving import tiered
 
 from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
+from fish_env.bodies import mass_spring as tu
 from fish_env.body import make_body
 from fish_env.tank_options import own_step
 
@@ -165,6 +166,27 @@ GOOD = {
 }
 
 
+@pytest.mark.parametrize("body", ["mass_spring", "planar", "two_layer"])
+def test_where_the_water_is_felt(body):
+    """A flank feels the water as far along its section as `water_place` says, its other sides level with it."""
+    place = (0.6, 0.2, 0.3, 0.4, 0.7, 0.8)
+    own = {} if body == "mass_spring" else {"drag": np.ones(6)}
+    fish = make_fish(body, water_place=place, water_drag=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), **own)
+    plain = make_fish(body, water_place=place, water_drag=np.ones(6), **own)
+    stations = -np.array([0.0, *tu.calibrated()["layer_position"], 1.0]) * fish.length
+    faces = fish.body.faces
+    point = np.einsum("fc,fck->fk", faces.share, fish.body.position[faces.nodes])
+    section = np.searchsorted(-stations, -point[:, 0]) - 1
+    flank = np.abs(fish.body.position[faces.nodes, 1].sum(axis=1)) > 1e-9
+    wanted = stations[:-1] + np.array(place) * np.diff(stations)
+    assert set(section[flank]) == set(range(6))
+    np.testing.assert_allclose(point[flank, 0], wanted[section[flank]], rtol=1e-12)
+    np.testing.assert_allclose(faces.drag, plain.body.faces.drag * (section + 1.0), rtol=1e-12)
+    assert fish.water.quadratic == plain.water.quadratic
+    with pytest.raises(ValueError, match=r"water_place is .*; give fractions below 1"):
+        make_fish(body, water_place=(0.5, 0.5, 0.5, 0.5, 0.5, 1.0))
+
+
 def test_make_body():
     """A body keeps what it was given, as copies, and the corners of its triangle share its force in thirds."""
     mass = np.array(GOOD["mass"])
@@ -196,6 +218,10 @@ def test_make_body():
         ("pairs", [(0, 1), (1, -1)], "springs name node -1, which is missing"),
         ("pairs", [(0, 1.0), (1, 2)], r"springs have shape \(2, 2\) and type float64; give whole numbers \(K, 2\)"),
         ("pairs", [(0, 1, 2)], r"springs have shape \(1, 3\)"),
+        ("share", [[0.5, 0.5, 0.5, -0.5]], r"share is -0.5 at \(0, 3\); give zero or positive"),
+        ("share", [[0.5, 0.5, 0.5, 0.0]], "the shares of the corners of face 0 add up to 1.5; give parts of 1"),
+        ("share", [0.25] * 4, r"share has shape \(4,\); give shape \(1, 4\)"),
+        ("drag", [0.0], r"drag is 0.0 at \(0,\); give positive"),
         ("stiffness", [1.0, -1.0], r"stiffness \(N/m\) is -1.0 at \(1,\); give zero or positive"),
         ("stiffness", [1.0], r"stiffness \(N/m\) has shape \(1,\); give shape \(2,\)"),
         ("damping", [0.0, np.nan], r"damping \(N s/m\) is nan at \(1,\)"),

@@ -96,10 +96,9 @@ def test_force_equals_its_reference(name):
 def upright_water(fish, x, v):
     """Force of the water (N,3) on upright faces, taken as ordinary ones between raised copies of the nodes."""
     total, faces = np.zeros_like(x), fish.body.faces
-    for corners, depth in zip(faces.nodes, faces.depth, strict=True):
-        share = naive.shares(corners)
+    for corners, share, factor, depth in zip(faces.nodes, faces.share, faces.drag, faces.depth, strict=True):
         raised = x[corners] + np.array([0, 0, depth, depth])[:, None] * (0, 0, 1)
-        push = naive.face_force(np.arange(4), share, fish.water, raised, v[corners])
+        push = factor * naive.face_force(np.arange(4), share, fish.water, raised, v[corners])
         for node, part in zip(corners, share, strict=True):
             total[node] += part * push
     return total

@@ -143,9 +143,9 @@ def test_surface_faces_outward(fish):
         assert area[1:] @ middle[1:] > 0, f"face {face} looks inward"
 
 
-def test_shares(fish):
+def test_shares():
     """The corners of a face carry all of its force: quarters, or thirds for the three nodes of a triangle."""
-    body = fish.body
+    body = make_fish("published").body
     np.testing.assert_allclose(body.faces.share, [naive.shares(face) for face in body.faces.nodes], rtol=1e-15)
     for face, share in zip(body.faces.nodes, body.faces.share, strict=True):
         carried = [share[face == node].sum() for node in naive.polygon(face)]

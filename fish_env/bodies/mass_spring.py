@@ -108,6 +108,10 @@ class MassSpringParameters:
     """Damping over stiffness k/c of every spring, s."""
     mass_factor: tuple[float, ...]
     """Factor on the mass of each layer, nose to tail tips, before masses get the mass, centre and inertia they have."""
+    water_place: tuple[float, ...]
+    """Where along the head, the sections between layers and the tail fin the water is felt, from 0 to 1 backward."""
+    water_drag: tuple[float, ...]
+    """Factor on the drag of the head, the four sections between layers, and the tail fin."""
     contracted: tuple[float, float, float]
     """Rest length at full contraction over natural length, for the three muscle segments."""
     drag_coefficient: float
@@ -124,7 +128,7 @@ class MassSpringParameters:
     def __post_init__(self):
         for name, size in (
             ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
-            ("mass_factor", 7), ("contracted", 3),
+            ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6),
         ):  # fmt: skip
             positive_array(getattr(self, name), (size,), name)
         for name in (
@@ -142,6 +146,8 @@ class MassSpringParameters:
         stations = np.array([0.0, *self.layer_position, 1.0])
         if np.any(np.diff(stations) <= 0):
             raise ValueError(f"layer_position is {self.layer_position}; give increasing numbers between 0 and 1")
+        if np.any(np.array(self.water_place) >= 1):
+            raise ValueError(f"water_place is {self.water_place}; give fractions below 1")
         if np.any(np.array(self.contracted) >= 1):
             raise ValueError(f"contracted is {self.contracted}; give fractions below 1")
 
@@ -173,6 +179,33 @@ def masses(parameters: MassSpringParameters) -> np.ndarray:
     return matched(mass, shape(parameters), continuum(parameters), solid=False)
 
 
+def felt(p: MassSpringParameters, factor=1.0) -> dict[str, np.ndarray]:
+    """Where the water is felt on the faces of `topology`, (24,4), and the factor on its drag, (24,).
+
+    A section bends and rotates, and one point of a face sees neither: where it lies and how much it counts are fitted.
+    The two faces that close the tail fin above and below are felt in their middle.
+    """
+    *_, faces = topology()
+    layer = np.repeat(np.arange(7), [len(nodes) for nodes in LAYERS])[faces]
+    section = layer.min(axis=1)
+    place = np.array(p.water_place)[section]
+    place[20:22] = 1 / 3
+    return {"share": shares(faces, layer > section[:, None], place), "drag": (factor * np.array(p.water_drag))[section]}
+
+
+def shares(faces, behind, place) -> np.ndarray:
+    """The part (F,4) that each corner has in a point of a face, from 0 between its front corners to 1 between the rear.
+
+    Args:
+        faces: (F,4) nodes; a triangle's third is given twice.
+        behind: (F,4) which corners are the rear ones.
+        place: (F,) of the point.
+    """
+    twice = np.where(faces[:, 2:3] == faces[:, 3:4], [[1.0, 1.0, 0.5, 0.5]], 1.0)
+    ends = [weight / weight.sum(axis=1, keepdims=True) for weight in (twice * ~behind, twice * behind)]
+    return (1.0 - place)[:, None] * ends[0] + place[:, None] * ends[1]
+
+
 def checked_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
     """The calibrated parameters with some replaced, or ValueError, which names the body, for one there is not.
 
@@ -200,7 +233,7 @@ def make_mass_spring(**parameters) -> Fish:
     taper = np.exp(np.interp(sections, np.arange(6), np.log(p.taper)))
     stiffness = np.array(p.stiffness)[classes] * taper * (p.length / REFERENCE_LENGTH) ** 3
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
-    body = make_body(position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces)
+    body = make_body(position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces, **felt(p))
     water = make_water(WATER_DENSITY, p.drag_coefficient)
     fish = _fish(
         "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval

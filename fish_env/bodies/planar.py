@@ -16,7 +16,7 @@ from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline, s
 from fish_env.body import fix, make_body
 from fish_env.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": ()}
+SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,)}
 
 
 NODES = [(0, 0), *((k, k + 1) for k in range(1, 11, 2)), (11, 11)]
@@ -30,7 +30,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, **parameters) ->
         bending: factors on the stiffness of the sections behind the head, (5,); None: as fitted.
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
         shear: factor on the stiffness of the diagonals; None: as fitted.
-        drag: factor on the drag coefficient; None: as fitted.
+        drag: factors on the drag of the six sections, (6,); None: as fitted.
         parameters: fields of `MassSpringParameters`.
 
     Raises:
@@ -46,8 +46,13 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, **parameters) ->
     position = shape(p)
     pairs, stiffness, section = lattice(chord, diagonal, across)
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
-    faces, height = surface(p)
-    body = make_body(position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces, depth=height)
+    faces, section_of, height = surface(p)
+    layer = np.repeat(np.arange(7), [len(set(nodes)) for nodes in NODES])[faces]
+    share = tu.shares(faces, layer > section_of[:, None], np.array(p.water_place)[section_of])
+    body = make_body(
+        position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces,
+        share=share, drag=(drag * p.water_drag)[section_of], depth=height,
+    )  # fmt: skip
     fibres = np.flatnonzero(np.isin(section // 2, (1, 2, 3)) & (section >= 0))
     segment, right = section[fibres] // 2 - 1, section[fibres] % 2
     drives = 4 * segment[:, None] + np.where(right[:, None], (1, 2), (0, 3))  # upper and lower muscle of the side
@@ -70,7 +75,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, **parameters) ->
         time_step=float(p.time_step),
         refine=tu.REFINE,
         control_interval=float(p.control_interval),
-        water=make_water(WATER_DENSITY, float(drag) * p.drag_coefficient),
+        water=make_water(WATER_DENSITY, p.drag_coefficient),
         nose=0,
         tail=np.array([len(position) - 1] * 2),
         left=left,
@@ -147,8 +152,11 @@ def lattice(chord, diagonal, across):
 
 
 def surface(p):
-    """Upright faces (F,4) and their depths (F,) m: the flanks; the slopes that face forward, above and below."""
-    faces, height, depth = [], [], outline(p)[2]
+    """Upright faces (F,4), the section each is in (F,) and their depths (F,) m.
+
+    The faces are the flanks, and the slopes that face forward, above and below.
+    """
+    faces, section, height, depth = [], [], [], outline(p)[2]
     for k, ((a, b), (c, d)) in enumerate(pairwise(NODES)):
         front, back = depth[k], depth[k + 1]
         if a == b:  # the nose: third node twice, so that the face's force is shared as a triangle's
@@ -160,7 +168,8 @@ def surface(p):
         if back > front:  # they face forward; those that face back are hardly ever pushed
             faces += [(b, a, c, d)] * 2
             height += [back - front] * 2
-    return np.array(faces), np.array(height)
+        section += [k] * (len(faces) - len(section))
+    return np.array(faces), np.array(section), np.array(height)
 
 
 def landmarks(p) -> Landmarks:

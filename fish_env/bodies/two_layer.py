@@ -19,7 +19,7 @@ from fish_env.checks import positive_array
 from fish_env.elements import make_barriers, make_compartments
 from fish_env.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": ()}
+SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,)}
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
 
 
@@ -33,7 +33,7 @@ def make_two_layer(
         bending: factors on the springs along the flanks of the sections behind the head, (5,); None: as fitted.
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
         shear: factor on the braces and on the shear springs from layer to layer; None: as fitted.
-        drag: factor on the drag coefficient; None: as fitted.
+        drag: factors on the drag of the six sections, (6,); None: as fitted.
         inner_size: of the inner skin over the outer one, between 0 and 1.
         inner_stiffness: of the inner skin's springs over the outer ones', positive.
         inner_mass: the inner skin's part of the mass, between 0 and 1, before `matched` gives the masses their inertia.
@@ -56,7 +56,7 @@ def make_two_layer(
     skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
     body = two_skins(
         p, skin, inner_shape(p, inner_size), inner_mass, (bending, shear, inner_stiffness), (pressure, gap_pressure),
-        barrier_energy,
+        barrier_energy, drag,
     )  # fmt: skip
     edge = {frozenset(pair): e for e, pair in enumerate(skin.edges.tolist())}
     ends, mirror = topology[classes == tu.MUSCLE], tu.mirrored()
@@ -73,7 +73,7 @@ def make_two_layer(
         activation_time=p.activation_time,
         time_step=float(p.time_step) / 4,  # half of what barriers bear under oscillating commands
         control_interval=float(p.control_interval),
-        water=make_water(WATER_DENSITY, float(drag) * p.drag_coefficient),
+        water=make_water(WATER_DENSITY, p.drag_coefficient),
         nose=tu.NOSE,
         tail=np.array(tu.TAIL),
         left=tu.LEFT,
@@ -83,10 +83,11 @@ def make_two_layer(
     )
 
 
-def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy) -> Body:
+def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, drag) -> Body:
     """The body: nodes 0 to 22 the outer skin, 23 to 45 the inner one at `inner` (23,3) m, two compartments, barriers.
 
     `material`: factors on the bending and the shear stiffness, and the inner skin's stiffness over the outer one's.
+    `drag`: factors on the drag of the six sections.
     """
     faces, scale = skin.faces, p.length / tu.REFERENCE_LENGTH
     position, mass = np.concatenate([skin.place, inner]), tu.masses(p)
@@ -103,7 +104,7 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy) -
     triangles, nodes = corners_of(faces)
     return make_body(
         position, mass, pairs, stiffness,
-        p.relaxation_time * stiffness, natural, faces,
+        p.relaxation_time * stiffness, natural, faces, **tu.felt(p, drag),
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**5 * barrier_energy),
     )  # fmt: skip

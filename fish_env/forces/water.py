@@ -19,7 +19,7 @@ def present(body, world) -> bool:
 
 
 def make_cache(body, world, kind) -> Pack:
-    """Each face's normal, area and push, and its mobility (F,)."""
+    """Each face's normal, area times factor, push, and its mobility (F,)."""
     count = len(body.faces.nodes)
     return Pack("water", normal=kind.vectors(count), area=kind.numbers(count), push=kind.numbers(count),
                 mobility=kind.scalars(mobility(body)))  # fmt: skip
@@ -83,10 +83,10 @@ def laws(world, control):
 
 @kernel
 def push_on(body, linear, quadratic, current, x, v, k):
-    """Normal of face k, its area, and the push along the normal; no suction on a face that moves inward."""
+    """Normal of face k, its area times its factor, and the push along the normal; none on a face that moves inward."""
     a, w = area_vector(body, x, k), velocity(body, current, v, k)
-    area = sqrt(dot(a, a))
-    n = (1.0 / area) * a
+    size = sqrt(dot(a, a))
+    n, area = (1.0 / size) * a, body.faces.drag[k] * size
     outward, speed = dot(n, w), sqrt(dot(w, w))
     return n, area, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
 

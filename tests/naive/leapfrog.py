@@ -3,16 +3,16 @@
 import numpy as np
 
 from naive.elements import barrier_stiffness, gas_volume, tet_blocks
-from naive.springs_and_water import area_vector, face_force, shares
+from naive.springs_and_water import area_vector, face_force
 from naive.sums import highest_rate, stiffness_matrix, total_force
 from naive.surroundings import anchor_rates, anchors_of, borne
 
 
-def face_mobility(body, duration, corners):
+def face_mobility(body, duration, corners, share):
     """Velocity that a face gains from a force of 1 N while half the faces around each corner feel the same."""
     gained = 0.0
-    for node, part in zip(corners, shares(corners), strict=True):
-        carried = sum(shares(other) @ (other == node) for other in body.faces.nodes)
+    for node, part in zip(corners, share, strict=True):
+        carried = sum(parts @ (other == node) for other, parts in zip(body.faces.nodes, body.faces.share, strict=True))
         gained += 0.5 * duration * part * carried * body.inverse_mass[node].max()
     return gained
 
@@ -20,15 +20,15 @@ def face_mobility(body, duration, corners):
 def water_change(body, world, duration, x, v, ahead):
     """Change of the water's force (N,3) when v becomes `ahead`, each face's drag on itself taken implicitly."""
     force = np.zeros_like(x)
-    for corners in body.faces.nodes:
-        share, area = shares(corners), area_vector(x[corners])
+    for corners, share, factor in zip(body.faces.nodes, body.faces.share, body.faces.drag, strict=True):
+        area = area_vector(x[corners])
         size = np.linalg.norm(area)
-        change = face_force(corners, share, world, x, ahead) - face_force(corners, share, world, x, v)
+        change = factor * (face_force(corners, share, world, x, ahead) - face_force(corners, share, world, x, v))
         velocity = share @ ahead[corners] - world[2]
         outward, speed = np.dot(velocity, area) / size, np.linalg.norm(velocity)
         if outward > 0:
-            slope = size * (world[0] + world[1] * (speed + outward**2 / speed))
-            change /= 1.0 + face_mobility(body, duration, corners) * slope
+            slope = factor * size * (world[0] + world[1] * (speed + outward**2 / speed))
+            change /= 1.0 + face_mobility(body, duration, corners, share) * slope
         for node, part in zip(corners, share, strict=True):
             force[node] += part * change
     return force

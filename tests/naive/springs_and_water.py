@@ -51,9 +51,8 @@ def face_force(corners, share, world, x, v):
 def water_force(faces, world, x, v):
     """Force of the water on every node, (N,3)."""
     force = np.zeros_like(x)
-    for corners in faces.nodes:
-        share = shares(corners)
-        push = face_force(corners, share, world, x, v)
+    for corners, share, factor in zip(faces.nodes, faces.share, faces.drag, strict=True):
+        push = factor * face_force(corners, share, world, x, v)
         for node, part in zip(corners, share, strict=True):
             force[node] += part * push
     return force

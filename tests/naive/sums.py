@@ -3,7 +3,7 @@
 import numpy as np
 
 from naive.elements import barrier_force, gas_force, gas_volume, tet_blocks, tet_force
-from naive.springs_and_water import area_vector, shares, spring_force, water_force
+from naive.springs_and_water import area_vector, spring_force, water_force
 from naive.surroundings import anchor_force, anchors_of, with_reaction
 
 
@@ -62,13 +62,14 @@ def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False
         for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
             stiffness[p, :, q] += sign * (c * along + eta * (np.eye(3) - along))
             damping[p, :, q] += sign * k * along
-    for corners in body.faces.nodes if wet else ():
-        share, area = shares(corners), area_vector(x[corners])
+    faces = zip(body.faces.nodes, body.faces.share, body.faces.drag, strict=True)
+    for corners, share, factor in faces if wet else ():
+        area = area_vector(x[corners])
         size = np.linalg.norm(area)
         velocity = share @ v[corners] - world[2]
         outward, speed = np.dot(velocity, area) / size, np.linalg.norm(velocity)
         if outward > 0:
-            drag = size * (world[0] + world[1] * (speed + outward**2 / speed))
+            drag = factor * size * (world[0] + world[1] * (speed + outward**2 / speed))
             for p, part_p in zip(corners, share, strict=True):
                 for q, part_q in zip(corners, share, strict=True):
                     damping[p, :, q] += part_p * part_q * drag * np.outer(area, area) / size**2
