@@ -179,7 +179,7 @@ def masses(parameters: MassSpringParameters) -> np.ndarray:
     return matched(mass, shape(parameters), continuum(parameters), solid=False)
 
 
-def felt(p: MassSpringParameters, factor=1.0) -> dict[str, np.ndarray]:
+def felt(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
     """Where the water is felt on the faces of `topology`, (24,4), and the factor on its drag, (24,).
 
     A section bends and rotates, and one point of a face sees neither: where it lies and how much it counts are fitted.
@@ -190,7 +190,7 @@ def felt(p: MassSpringParameters, factor=1.0) -> dict[str, np.ndarray]:
     section = layer.min(axis=1)
     place = np.array(p.water_place)[section]
     place[20:22] = 1 / 3
-    return {"share": shares(faces, layer > section[:, None], place), "drag": (factor * np.array(p.water_drag))[section]}
+    return shares(faces, layer > section[:, None], place), (factor * np.array(p.water_drag))[section]
 
 
 def shares(faces, behind, place) -> np.ndarray:
@@ -233,7 +233,10 @@ def make_mass_spring(**parameters) -> Fish:
     taper = np.exp(np.interp(sections, np.arange(6), np.log(p.taper)))
     stiffness = np.array(p.stiffness)[classes] * taper * (p.length / REFERENCE_LENGTH) ** 3
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
-    body = make_body(position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces, **felt(p))
+    share, drag = felt(p)
+    body = make_body(
+        position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces, share=share, drag=drag
+    )
     water = make_water(WATER_DENSITY, p.drag_coefficient)
     fish = _fish(
         "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval

@@ -102,9 +102,10 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
     gap = np.concatenate([faces, reversed_faces(faces) + 23])
     pressures = scale**2 * positive_array(pressures, (2,), "pressures (Pa)")
     triangles, nodes = corners_of(faces)
+    share, drag = tu.felt(p, drag)
     return make_body(
         position, mass, pairs, stiffness,
-        p.relaxation_time * stiffness, natural, faces, **tu.felt(p, drag),
+        p.relaxation_time * stiffness, natural, faces, share=share, drag=drag,
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**5 * barrier_energy),
     )  # fmt: skip
