@@ -6,6 +6,7 @@ python train.py swim --body two_layer                train on another body (plan
 python train.py swim --integrator semi_implicit      train with another integrator (and, with --dt, another step)
 python train.py swim --body tetrahedral --start-from runs/swim/<time>   start from a policy trained on another
 python train.py all                                  train every task with all its seeds; can be stopped and resumed
+python train.py all --integrator semi_implicit       the same with another integrator, three seeds a task
 python train.py evaluate runs/swim/<time>/policy.npz evaluate policies on the fixed seeds
 python train.py compare runs/swim/<time>/policy.npz  the same, beside the controllers without learning
 python train.py compare --integrators                replay the shipped policies with every integrator
@@ -45,9 +46,11 @@ def parse() -> argparse.Namespace:
                              "Stable-Baselines3's own code, which trains the same policy in more time")  # fmt: skip
         command.add_argument("--torch-threads", type=int, default=1, help="more is often slower (default 1)")
     command = commands.add_parser("all", help="train every task with all its seeds, and publish the results")
-    command.add_argument("--runs", type=Path, default=Path("runs/all"), help="where runs are saved (default runs/all)")
+    command.add_argument("--runs", type=Path, help="where runs are saved (default runs/all)")
     command.add_argument("--tasks", nargs="+", help="only these")
     command.add_argument("--jobs", type=int, help="runs side by side (default one on each processor)")
+    command.add_argument("--integrator", help="with this method, three seeds a task, in runs/all_<integrator>")
+    command.add_argument("--dt", type=float, help="by steps of so many s (default those of the method)")
     command = commands.add_parser("evaluate", help="evaluate policies on fixed seeds")
     command.add_argument("policies", type=Path, nargs="+")
     command.add_argument("--integrator", help="under another integrator than the one it was trained with")
@@ -83,11 +86,18 @@ def run(arguments: argparse.Namespace) -> None:
 
         play(load_policy(arguments.policy), arguments.seed, arguments.episodes, arguments.video)
     elif arguments.command == "all":
-        from agents.results import publish
+        from agents.results import publish, publish_method
         from agents.train_all import train_all
 
-        train_all(arguments.runs, arguments.tasks, arguments.jobs)
-        publish(arguments.runs, arguments.tasks)
+        integrator = arguments.integrator
+        runs = arguments.runs or Path("runs", f"all_{integrator}" if integrator else "all")
+        if arguments.dt is not None and integrator is None:
+            raise ValueError("--dt goes with --integrator: name the method whose step it is")
+        train_all(runs, arguments.tasks, arguments.jobs, integrator, arguments.dt)
+        if integrator is None:
+            publish(runs, arguments.tasks)
+        else:
+            publish_method(runs, integrator, arguments.tasks)
     else:
         import torch
 

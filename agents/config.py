@@ -1,8 +1,11 @@
 """What each task is trained with: one typed record for each, saved with every run."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+from fish_env import make_fish
+from fish_env.tank_options import check_scene, method_for, whole_steps
 
 
 @dataclass(frozen=True)
@@ -127,3 +130,21 @@ RESULTS: dict[str, Result] = {
         {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
     ),
 }  # fmt: skip
+
+
+def moved_by(config: TrainConfig, integrator: str | None, dt: float | None) -> TrainConfig:
+    """The settings of a task with another integrator, another step, or both.
+
+    Raises:
+        ValueError: for an unknown integrator or a step that is not allowed, of the body and the control interval that
+            the settings name.
+    """
+    chosen = {name: value for name, value in (("integrator", integrator), ("dt", dt)) if value is not None}
+    if not chosen:
+        return config
+    config = replace(config, env_options=config.env_options | chosen)
+    fish = make_fish(config.env_options.get("body", "mass_spring"))
+    record, step, _ = method_for(fish, integrator, dt, None)
+    check_scene(fish, fish.water, record)
+    whole_steps(config.env_options.get("control_interval", fish.control_interval), step, "the control interval")
+    return config

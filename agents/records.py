@@ -15,7 +15,7 @@ ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
 CODE = ("fish_env", "agents", "benchmarks", "train.py", "constraints.txt", "pyproject.toml")
 """What results depend on: a commit is called dirty if something of it is not committed."""
-WRITTEN = (":!benchmarks/results", ":!*/pretrained/*", ":!fish_env/control/*.json")
+WRITTEN = (":!benchmarks/results", ":!*/pretrained/*", ":!fish_env/control/*.json", ":!fish_env/bodies/*.json")
 """What commands write, which makes no commit dirty."""
 
 

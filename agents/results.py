@@ -114,6 +114,50 @@ def publish_task(task: str, runs: list[Path]) -> None:
     print(f"\n{task}\n{table_of(method_rows)}")
 
 
+def publish_method(root: Path, integrator: str, tasks=None) -> None:
+    """Measure what was trained with another integrator, moved by it and by the default one, beside the default.
+
+    It writes learning/trained_with_<integrator>.csv and fills in its table on the page of results; nothing is shipped.
+
+    Raises:
+        FileNotFoundError: if no seed of a task is finished.
+        ValueError: if a folder that the results go to cannot be written to.
+    """
+    for folder in (LEARNING, PAGE.parent):
+        writable_folder(folder)
+    rows, generator = [], np.random.default_rng(0)
+    for task in CONFIGS if tasks is None else tasks:
+        result = RESULTS[task]
+        runs = sorted(path.parent for path in (root / task).glob("seed_*/results.json"))
+        if not runs:
+            raise FileNotFoundError(f"no run of {task} in {root} is finished; resume with the command that began it")
+        settings = json.loads((runs[0] / "config.json").read_text())["config"]["env_options"]
+        policies = [load_policy(run / "policy.npz", CONFIGS[task].env_id) for run in runs]
+        for moved, options in ((integrator, settings), ("the default", CONFIGS[task].env_options)):
+            env = make_eval_env(CONFIGS[task].env_id, EPISODES, evaluation_options(options))
+            found = [evaluate(policy_controller(policy, env), env) for policy in policies]
+            for metric in dict.fromkeys((*result.headline, "return", "failed")):
+                value, low, high = interval(found, metric, generator)
+                rows.append({"task": task, "moved_by": moved, "dt": settings.get("dt", ""), "metric": metric,
+                             "value": rounded(value), "low": rounded(low), "high": rounded(high), "seeds": len(runs),
+                             "episodes": EPISODES})  # fmt: skip
+                print(rows[-1], flush=True)
+    write_csv(f"learning/trained_with_{integrator}.csv", rows, f"{COMMAND} --integrator {integrator}")
+    write_text(PAGE, filled(PAGE.read_text()))
+
+
+def method_table(rows: list[dict], integrator: str) -> str:
+    """Policies trained with another integrator beside those of the default one, as Markdown."""
+    heads = ("Task", "Metric", "trained with the default", f"with `{integrator}`", "the same, moved by the default")
+    lines = [f"| {' | '.join(heads)} |", "|---|---|---|---|---|"]
+    for task, metric in dict.fromkeys((row["task"], row["metric"]) for row in rows):
+        cells = [row for row in read_rows(LEARNING / f"{task}_methods.csv")
+                 if (row["condition"], row["method"], row["metric"]) == ("", "PPO", metric)]  # fmt: skip
+        cells += [row for row in rows if (row["task"], row["metric"]) == (task, metric)]
+        lines.append(f"| {task} | {UNITS[metric][0]} | {' | '.join(cell(row) for row in cells)} |")
+    return "\n".join(lines) + "\n"
+
+
 def seed_mean(scores: Scores, metric: str) -> float:
     """Mean of a metric over a seed's episodes in which it is finite; time per target over all targets together."""
     if metric == "time_per_target":
@@ -209,6 +253,10 @@ def filled(page: str) -> str:
     """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, filled in from the CSV files."""
 
     def table(match: re.Match) -> str:
+        other = LEARNING / f"{match[1]}.csv"
+        if match[1].startswith("trained_with_") and other.exists():
+            rows = method_table(read_rows(other), match[1].removeprefix("trained_with_"))
+            return f"<!-- {match[1]} -->\n\n{rows}\n<!-- end -->"
         path = LEARNING / f"{match[1]}_methods.csv"
         return f"<!-- {match[1]} -->\n\n{table_of(read_rows(path))}\n<!-- end -->" if path.exists() else match[0]
 

@@ -17,13 +17,12 @@ from stable_baselines3.common.callbacks import CallbackList
 
 from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
 from agents.callbacks import Checkpoint, LearningCurve, Progress, save_model
-from agents.config import CONFIGS, RESULTS, TrainConfig, settings_of
+from agents.config import CONFIGS, RESULTS, TrainConfig, moved_by, settings_of
 from agents.fast_ppo import FastPPO
 from agents.records import provenance
 from agents.report import report
 from fish_env import BODIES, make_fish
 from fish_env.control.files import writable_folder, write_text
-from fish_env.tank_options import check_scene, method_for, whole_steps
 
 try:
     import fcntl
@@ -214,24 +213,6 @@ def on_body(config: TrainConfig, body: str) -> TrainConfig:
         raise ValueError(f"unknown body {body!r}; choose from {', '.join(BODIES)}")
     flat = {"muscle_groups": "pairs"} if make_fish(body).flat else {}
     return replace(config, env_options=config.env_options | {"body": body} | flat)
-
-
-def moved_by(config: TrainConfig, integrator: str | None, dt: float | None) -> TrainConfig:
-    """The settings of a task with another integrator, another step, or both.
-
-    Raises:
-        ValueError: for an unknown integrator or a step that is not allowed, of the body and the control interval that
-            the settings name.
-    """
-    chosen = {name: value for name, value in (("integrator", integrator), ("dt", dt)) if value is not None}
-    if not chosen:
-        return config
-    config = replace(config, env_options=config.env_options | chosen)
-    fish = make_fish(config.env_options.get("body", "mass_spring"))
-    record, step, _ = method_for(fish, integrator, dt, None)
-    check_scene(fish, fish.water, record)
-    whole_steps(config.env_options.get("control_interval", fish.control_interval), step, "the control interval")
-    return config
 
 
 def _saved_run(folder: Path, task: str, purpose: str) -> dict:

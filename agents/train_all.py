@@ -16,10 +16,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.config import CONFIGS, RESULTS, settings_of
+from agents.config import CONFIGS, RESULTS, TrainConfig, moved_by, settings_of
 from fish_env.control.files import writable_folder
 
 POLL = 2.0  # s between two looks at the runs
+FEWER = 3  # seeds of each task with another integrator than the default one
 SCRIPT = Path(__file__).parent.parent / "train.py"
 
 
@@ -30,6 +31,7 @@ class Job:
     task: str
     seed: int
     folder: Path
+    config: TrainConfig
     process: subprocess.Popen | None = None
 
     @property
@@ -45,7 +47,7 @@ class Job:
     def steps(self) -> int:
         """Environment steps so far."""
         if self.finished:
-            return CONFIGS[self.task].timesteps
+            return self.config.timesteps
         try:
             with (self.folder / "curve.csv").open() as file:
                 return int(list(csv.DictReader(file))[-1]["timesteps"])
@@ -55,12 +57,13 @@ class Job:
     def check(self) -> None:
         """ValueError if what is in the folder was trained with other settings than the task has now."""
         path = self.folder / "config.json"
-        if path.exists() and settings_of(json.loads(path.read_text())["config"]) != CONFIGS[self.task]:
+        if path.exists() and settings_of(json.loads(path.read_text())["config"]) != self.config:
             raise ValueError(f"{self.folder} was trained with other settings; move it away, or give other --runs")
 
     def command(self) -> list[str]:
         """The command that begins the run, or resumes it from its last checkpoint."""
-        how = "--resume" if (self.folder / "model.zip").exists() else "--folder"
+        begun, options = (self.folder / "model.zip").exists(), self.config.env_options
+        changed = () if begun else ("integrator", "dt")
         return [
             sys.executable,
             str(SCRIPT),
@@ -68,7 +71,8 @@ class Job:
             "--seed",
             str(self.seed),
             "--no-pictures",
-            how,
+            *(word for name in changed if name in options for word in (f"--{name}", str(options[name]))),
+            "--resume" if begun else "--folder",
             str(self.folder),
         ]
 
@@ -87,7 +91,13 @@ class Job:
             )
 
 
-def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None) -> list[Path]:
+def train_all(
+    root: Path = Path("runs/all"),
+    tasks=None,
+    jobs: int | None = None,
+    integrator: str | None = None,
+    dt: float | None = None,
+) -> list[Path]:
     """Train the runs that are not finished; returns the folders of all runs.
 
     Args:
@@ -95,10 +105,12 @@ def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None
             is resumed from its last checkpoint.
         tasks: keys of `CONFIGS`; None for all.
         jobs: runs side by side; None for one on each processor.
+        integrator: a key of `fish_env.INTEGRATORS` to train with, FEWER seeds; None for the fish's own.
+        dt: its step, s; None for the one that it has by itself.
 
     Raises:
-        ValueError: for an unknown task, fewer than one job, a run with other settings than its task has now, or a
-            folder that cannot be written to.
+        ValueError: for an unknown task, integrator or step, fewer than one job, a run with other settings than its
+            task has now, or a folder that cannot be written to.
         RuntimeError: on Windows; and when all others are done, if runs have failed: their logs are named.
     """
     tasks = list(dict.fromkeys(CONFIGS if tasks is None else tasks))
@@ -109,12 +121,14 @@ def train_all(root: Path = Path("runs/all"), tasks=None, jobs: int | None = None
         raise ValueError(f"jobs is {jobs}; give a whole number, at least 1")
     if os.name == "nt":
         raise RuntimeError("train.py all is for Linux and macOS; train the tasks one by one here")
-    most = max(RESULTS[task].seeds for task in tasks)
+    configs = {task: moved_by(CONFIGS[task], integrator, dt) for task in tasks}
+    limit = FEWER if integrator or dt else max(RESULTS[task].seeds for task in tasks)
+    seeds = {task: min(limit, RESULTS[task].seeds) for task in tasks}
     work = [  # the first seed of every task before the second of any: a run that is stopped has something of each
-        Job(task, seed, root / task / f"seed_{seed}")
-        for seed in range(most)
+        Job(task, seed, root / task / f"seed_{seed}", configs[task])
+        for seed in range(max(seeds.values()))
         for task in tasks
-        if seed < RESULTS[task].seeds
+        if seed < seeds[task]
     ]
     writable_folder(root)
     for job in work:
@@ -130,7 +144,7 @@ def run(waiting: list[Job], work: list[Job], jobs: int | None) -> list[Job]:
     """Run those that wait, as many side by side as asked; returns those that failed."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None] * (os.cpu_count() or 1)
     slots: list[Job | None] = [None] * (jobs or len(processors))
-    total, done, failed = sum(CONFIGS[job.task].timesteps for job in work), sum(job.steps for job in work), []
+    total, done, failed = sum(job.config.timesteps for job in work), sum(job.steps for job in work), []
     with interruptible(), tqdm(total=total, initial=done, unit=" steps", unit_scale=True, desc="all tasks") as bar:
         try:
             while waiting or any(slots):

@@ -1,6 +1,7 @@
 """Training, its files and its commands: a run can be trusted, and an unusable request is an error that says why."""
 
 import json
+import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -169,7 +170,7 @@ def test_training_everything_can_be_stopped_and_resumed(tmp_path, monkeypatch):
     (folders[1] / "results.json").unlink()
     train_all.train_all(tmp_path, ["swim"], jobs=1)
     assert started[2:] == [(1, True)] and (folders[0] / "policy.npz").read_bytes() == before
-    job = train_all.Job("swim", 0, folders[0])
+    job = train_all.Job("swim", 0, folders[0], train_all.CONFIGS["swim"])
     assert job.command()[-2:] == ["--resume", str(folders[0])] and Path(job.command()[1]) == ROOT / "train.py"
     (folders[1] / "results.json").unlink()
     monkeypatch.setattr(train_all.Job, "start", lambda self, processor: setattr(self, "process", ended()))
@@ -180,6 +181,52 @@ def test_training_everything_can_be_stopped_and_resumed(tmp_path, monkeypatch):
         train_all.train_all(tmp_path, ["swim"])
     with pytest.raises(ValueError, match="jobs is 0"):
         train_all.train_all(tmp_path, ["swim"], jobs=0)
+
+
+def test_another_integrator_for_all(tmp_path, monkeypatch):
+    """With another integrator, every task has at most three seeds; each run is told method and step, or resumed."""
+    started = []
+
+    def start(self, processor):
+        started.append(self.command())
+        self.folder.mkdir(parents=True)
+        (self.folder / "results.json").write_text("{}")
+        self.process = subprocess.Popen(["true"])
+
+    monkeypatch.setattr(train_all.Job, "start", start)
+    train_all.train_all(tmp_path, ["swim", "turn"], 1, "semi_implicit", 0.001)
+    assert [(words[2], words[4]) for words in started] == [(t, str(k)) for k in range(3) for t in ("swim", "turn")]
+    for words in started:
+        assert words[words.index("--integrator") + 1] == "semi_implicit" and words[words.index("--dt") + 1] == "0.001"
+    job = train_all.Job("swim", 0, tmp_path / "swim/seed_0", CONFIGS["swim"])
+    (job.folder / "model.zip").touch()
+    assert "--integrator" not in job.command() and job.command()[-2] == "--resume"
+    with pytest.raises(ValueError, match="unknown integrator 'euler'"):
+        train_all.train_all(tmp_path, ["swim"], 1, "euler")
+
+
+def test_another_integrator_is_published(tmp_path, monkeypatch):
+    """What was trained with another integrator is measured under it and under the default, in a table of its own."""
+    runs, page = tmp_path / "runs", tmp_path / "results.md"
+    folder = train("swim", folder=runs / "swim/seed_0", pictures=False, integrator="semi_implicit", dt=0.002)
+    assert json.loads((folder / "config.json").read_text())["config"]["env_options"]["integrator"] == "semi_implicit"
+    monkeypatch.setattr(results, "EPISODES", 3)
+    monkeypatch.setattr(results, "RESAMPLES", 20)
+    monkeypatch.setattr(results, "LEARNING", tmp_path / "learning")
+    monkeypatch.setattr(records, "RESULTS", tmp_path)
+    monkeypatch.setattr(results, "PAGE", page)
+    page.write_text("before\n<!-- trained_with_semi_implicit -->\n<!-- end -->\nafter\n")
+    (tmp_path / "learning").mkdir()
+    shutil.copy(ROOT / "benchmarks/results/learning/swim_methods.csv", tmp_path / "learning")
+    results.publish_method(runs, "semi_implicit", ["swim"])
+    rows = records.read_rows(tmp_path / "learning/trained_with_semi_implicit.csv")
+    assert [row["moved_by"] for row in rows] == ["semi_implicit"] * 3 + ["the default"] * 3
+    assert {row["dt"] for row in rows} == {"0.002"} and {row["seeds"] for row in rows} == {"1"}
+    text = page.read_text()
+    assert text.startswith("before") and text.endswith("after\n") and text.count("| swim | speed, BL/s |") == 1
+    assert len([line for line in text.splitlines() if line.startswith("| swim") and line.count("|") == 6]) == 3
+    with pytest.raises(FileNotFoundError, match="no run of turn"):
+        results.publish_method(runs, "semi_implicit", ["turn"])
 
 
 def test_a_folder_takes_one_run(tmp_path, monkeypatch):

@@ -1,6 +1,6 @@
 """What coarse faces do to a fish whose solid is fine: the distance to the finest body with the water on other faces.
 
-python -m benchmarks.bodies.coarse_water     table and results/coarse_water.csv (minutes)
+python -m benchmarks.calibration.coarse_water     table and results/coarse_water.csv (minutes)
 
 The solid is that of tetrahedra at level 2. The water acts on its own faces; on the 24 faces between the landmarks,
 which are the default fish's, in the middle of each; or at two points of each, so placed that mean and variance of the
@@ -19,7 +19,7 @@ from benchmarks.common.tables import write_csv
 from fish_env import TASKS, make_fish
 from fish_env.bodies import Fish
 
-COMMAND = "python -m benchmarks.bodies.coarse_water"
+COMMAND = "python -m benchmarks.calibration.coarse_water"
 SHORTER = 5  # times shorter steps, where the water pushes a few light nodes
 
 
