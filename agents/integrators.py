@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from agents.records import RESULTS, pyplot, write_csv
 from agents.report import opened
-from agents.results import rounded
+from agents.statistics import rounded
 from fish_env import INTEGRATORS
 from fish_env.control import Scores, policy_controller, run_episodes, shipped_policies
 from fish_env.control.evaluation import episode_scores, gathered

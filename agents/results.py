@@ -16,6 +16,7 @@ from agents.config import CONFIGS, RESULTS
 from agents.records import RESULTS as TABLES
 from agents.records import pyplot, read_rows, write_csv
 from agents.report import baselines
+from agents.statistics import interquartile_mean, interval, rounded, seed_mean
 from fish_env.control import (
     EPISODES,
     Scores,
@@ -29,7 +30,6 @@ from fish_env.control.files import replacing, writable_folder, write_text
 from fish_env.control.policy import PRETRAINED
 
 COMMAND = "python train.py all"
-RESAMPLES = 2000
 CURVE_POINTS = 60
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
 LEARNING = TABLES / "learning"
@@ -158,42 +158,6 @@ def method_table(rows: list[dict], integrator: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def seed_mean(scores: Scores, metric: str) -> float:
-    """Mean of a metric over a seed's episodes in which it is finite; time per target over all targets together."""
-    if metric == "time_per_target":
-        return float(scores["seconds"].sum() / scores["targets"].sum()) if scores["targets"].sum() else np.nan
-    values = scores[metric]
-    return float(values[np.isfinite(values)].mean()) if np.isfinite(values).any() else np.nan
-
-
-def interquartile_mean(values: np.ndarray) -> float:
-    """Mean of the middle half; values on the edges count in part."""
-    values = np.sort(values[np.isfinite(values)])
-    if not values.size:
-        return np.nan
-    edges = np.linspace(0.0, 1.0, values.size + 1)
-    weight = np.clip(np.minimum(edges[1:], 0.75) - np.maximum(edges[:-1], 0.25), 0.0, None)
-    return float(weight @ values / weight.sum())
-
-
-def interval(scores: list[Scores], metric: str, generator: np.random.Generator) -> tuple[float, float, float]:
-    """Interquartile mean over seeds of their means, and its 95 % bootstrap interval.
-
-    Each resample draws seeds with replacement, and episodes, the same for all seeds, since all seeds were evaluated on
-    the same ones. A method without seeds only draws episodes.
-    """
-    needed = [{name: s[name] for name in {metric, "seconds", "targets"} & s.keys()} for s in scores]
-    count, found = len(scores[0]["return"]), np.empty(RESAMPLES)
-    for k in range(RESAMPLES):
-        means, pick = [], generator.integers(count, size=count)
-        for s in generator.integers(len(needed), size=len(needed)):
-            means.append(seed_mean({name: values[pick] for name, values in needed[s].items()}, metric))
-        found[k] = interquartile_mean(np.array(means))
-    found = found[np.isfinite(found)]
-    low, high = np.quantile(found, [0.025, 0.975]) if found.size else (np.nan, np.nan)
-    return interquartile_mean(np.array([seed_mean(s, metric) for s in needed])), float(low), float(high)
-
-
 def seed_row(run: Path, condition: str, scores: Scores) -> dict:
     """One seed under one condition: the cost of its training and the mean of every metric."""
     config = json.loads((run / "config.json").read_text())
@@ -301,8 +265,3 @@ def cell(row: dict, intervals: bool = True) -> str:
     _, factor, digits = UNITS[row["metric"]]
     value, low, high = (f"{factor * float(row[name]):.{digits}f}" for name in ("value", "low", "high"))
     return value if low == value == high or not intervals else f"{value} ({low} to {high})"
-
-
-def rounded(value: float) -> float | str:
-    """Four digits after the point, or nothing for what is not finite."""
-    return round(float(value), 4) if np.isfinite(value) else ""

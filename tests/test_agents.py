@@ -15,7 +15,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 import fish_env
-from agents import integrators, records, report, results, train_all
+from agents import integrators, records, report, results, statistics, train_all
 from agents import train as training
 from agents.build import Tanh, export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, settings_of
@@ -211,7 +211,7 @@ def test_another_integrator_is_published(tmp_path, monkeypatch):
     folder = train("swim", folder=runs / "swim/seed_0", pictures=False, integrator="semi_implicit", dt=0.002)
     assert json.loads((folder / "config.json").read_text())["config"]["env_options"]["integrator"] == "semi_implicit"
     monkeypatch.setattr(results, "EPISODES", 3)
-    monkeypatch.setattr(results, "RESAMPLES", 20)
+    monkeypatch.setattr(statistics, "RESAMPLES", 20)
     monkeypatch.setattr(results, "LEARNING", tmp_path / "learning")
     monkeypatch.setattr(records, "RESULTS", tmp_path)
     monkeypatch.setattr(results, "PAGE", page)
@@ -250,16 +250,16 @@ def test_a_folder_takes_one_run(tmp_path, monkeypatch):
 
 def test_interquartile_mean_and_interval(monkeypatch):
     """The interquartile mean is scipy's trimmed mean where a quarter is whole; its interval mostly has the true one."""
-    monkeypatch.setattr(results, "RESAMPLES", 400)
+    monkeypatch.setattr(statistics, "RESAMPLES", 400)
     rng = np.random.default_rng(0)
     values = rng.normal(size=12)
-    assert results.interquartile_mean(values) == pytest.approx(stats.trim_mean(values, 0.25))
-    assert results.interquartile_mean(np.array([1.0, 2.0, np.nan])) == pytest.approx(1.5)
+    assert statistics.interquartile_mean(values) == pytest.approx(stats.trim_mean(values, 0.25))
+    assert statistics.interquartile_mean(np.array([1.0, 2.0, np.nan])) == pytest.approx(1.5)
     inside = 0
     for _ in range(40):
         levels = rng.normal(3.0, 0.5, 10)
         scores = [{"return": rng.normal(level, 1.0, 50)} for level in levels]
-        value, low, high = results.interval(scores, "return", rng)
+        value, low, high = statistics.interval(scores, "return", rng)
         assert low < value < high
         inside += low < 3.0 < high
     assert inside >= 32
@@ -267,7 +267,7 @@ def test_interquartile_mean_and_interval(monkeypatch):
     for _ in range(40):  # all seeds play the same episodes, some of which are hard for all
         hard, levels = rng.normal(0.0, 1.0, 50), rng.normal(3.0, 0.1, 5)
         scores = [{"return": level + hard + rng.normal(0.0, 0.3, 50)} for level in levels]
-        _, low, high = results.interval(scores, "return", rng)
+        _, low, high = statistics.interval(scores, "return", rng)
         inside += low < 3.0 < high
     assert inside >= 34
 
@@ -278,7 +278,7 @@ def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
     monkeypatch.setattr(records, "RESULTS", tmp_path)
     monkeypatch.setattr(results, "PRETRAINED", tmp_path / "pretrained")
     monkeypatch.setattr(results, "EPISODES", 4)
-    monkeypatch.setattr(results, "RESAMPLES", 20)
+    monkeypatch.setattr(statistics, "RESAMPLES", 20)
     monkeypatch.setattr(results, "RESULTS", {"swim": replace(RESULTS["swim"], seeds=2)})
     page = tmp_path / "results.md"
     page.write_text("before <!-- swim --> old <!-- end --> after")

@@ -49,7 +49,7 @@ def test_a_rejected_method_moves_one_lane():
 
 
 def test_meter():
-    """Steps are counted with those that were thrown away: two or three force evaluations each, by their length."""
+    """Steps are counted with those that were thrown away: two force evaluations each, whatever their length."""
     tank = Tank(FISH, 16, water=FISH.water, refine=0.03)
     meter, steps = refinement.Meter(tank), problems.steps_of(FISH)
     for action in actions(FISH, "random")[:20]:
@@ -57,15 +57,15 @@ def test_meter():
         meter.read(steps)
     row = meter.row()
     assert 0.1 < row["intervals_refined"] < 1.0 and row["steps_taken"] > 1.2 * steps
-    assert 2.0 * row["steps_taken"] < row["forces_per_interval"] < 3.0 * row["steps_taken"]
+    assert row["forces_per_interval"] == pytest.approx(2.0 * row["steps_taken"], rel=1e-4)
 
 
 def test_a_row_of_refinement(truth):
-    """In float32 the default misses its bar by less than a tenth; steps of a whole interval tear it unrefined."""
+    """In float32 the default is as it is in float64, to its bar; steps of a whole interval tear it unrefined."""
     steps = problems.steps_of(FISH)
     double, _ = problems.run(TURN, FISH.integrator, steps, refine=FISH.refine)
     row = refinement.measure(TURN, steps, FISH.refine, double, dtype="float32")
-    assert 0.0 < row["error"] <= 1.1 * refinement.SINGLE and row["against"] == "float64"
+    assert 0.0 < row["error"] <= refinement.SINGLE and row["against"] == "float64"
     assert refinement.measure(TURN, 1, np.inf, truth)["error"] == np.inf
     assert refinement.measure(TURN, 1, FISH.refine, truth)["error"] < np.inf
 

@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.config import CONFIGS, RESULTS
-from agents.results import interval, rounded
+from agents.statistics import interval, rounded
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import RESULTS as FILES
 from benchmarks.common.tables import read_rows, write_csv

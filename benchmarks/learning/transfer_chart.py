@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from agents.config import RESULTS
-from agents.results import UNITS, rounded
+from agents.results import UNITS
+from agents.statistics import rounded
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.tables import IMAGES
 from benchmarks.learning.transfer_runs import BODIES, FINEST, SHORT, VALIDATION_LEVEL
