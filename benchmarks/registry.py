@@ -231,6 +231,11 @@ CALIBRATION = (
         data=(BODIES, MOTOR),
     ),
     Result(
+        "calibration.coarse_water", "a fine solid with the water on coarse faces, beside the finest body",
+        "-m benchmarks.calibration.coarse_water", 3, csv("coarse_water"),
+        ("benchmarks.calibration.coarse_water:variants",), data=(FINEST, "benchmarks/calibration/task_commands.npz"),
+    ),
+    Result(
         "calibration.finest", "material of the finest body, and three gaits, calibrated to living fish",
         "-m benchmarks.calibration.living_fish", 8, (FINEST,), ("benchmarks.calibration.living_fish:cost_at",),
         data=(), by_name=True,
