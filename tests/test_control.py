@@ -111,10 +111,10 @@ def test_evaluation_is_repeatable():
 
 
 BARS = {
-    "swim": {"speed": 1.9},
+    "swim": {"speed": 2.3},
     "turn": {"success": 0.98},
     "left_after_right": {"success": 0.95},
-    "target": {"targets": 6.5},
+    "target": {"targets": 8.5},
     "target_3d": {"success": 0.8},
     "avoid": {"avoided": 0.95},
 }
