@@ -64,7 +64,7 @@ def draw(runs: dict[str, dict], path: Path) -> None:
         heading.plot(run["time"], run["command"], color=colour, lw=1, ls="--")
         strain.plot(run["time"], 100 * run["strain"], color=colour, lw=1)
     above.set(aspect="equal", xlabel="body lengths", title=f"from above, {DRAWN} s, the body every 0.1 s", yticks=[])
-    above.legend(frameon=False, loc="lower right")
+    above.legend(frameon=False, loc="lower left")
     heading.set(xlabel="time, s", ylabel="heading, degrees", title="heading; dashed: what is commanded")
     strain.set(xlabel="time, s", ylabel="largest strain, %")
     save(figure, path)
