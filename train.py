@@ -29,7 +29,7 @@ def parse() -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     for task, config in CONFIGS.items():
         command = commands.add_parser(task, help=f"train {config.env_id}")
-        command.add_argument("--seed", type=int, default=0, help="of the learner (default 0)")
+        command.add_argument("--seed", type=int, help="of the learner (default 0)")
         command.add_argument(
             "--timesteps", type=int, help=f"environment steps to train for (default {config.timesteps:,})"
         )
@@ -123,11 +123,12 @@ def main() -> int:
 
     try:
         run(arguments)
-    except (ValueError, FileNotFoundError, RuntimeError, DependencyNotInstalled) as error:
+    except (ValueError, OSError, RuntimeError, MemoryError, DependencyNotInstalled) as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("\nStopped.", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        if type(stop) is KeyboardInterrupt:  # else it was said already what was saved
+            print("\nStopped.", file=sys.stderr)
         if arguments.command == "all":
             print(f"Resume: python train.py {' '.join(sys.argv[1:])}", file=sys.stderr)
         return 130

@@ -1,6 +1,8 @@
 """What happens beside the learning: a progress bar, the learning curve, and a checkpoint to resume from."""
 
+import os
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +38,7 @@ class Progress(BaseCallback):
 class LearningCurve(BaseCallback):
     """Appends (timesteps, seconds, episodes, score, return) of the episodes ended since the last row to a CSV file.
 
-    All their metrics go to TensorBoard.
+    All their metrics go to TensorBoard. Rows that cannot be written, on a full disk for example, are written later.
 
     Args:
         path: the file.
@@ -49,7 +51,7 @@ class LearningCurve(BaseCallback):
         self.path, self.score, self.min_episodes = path, score, min_episodes
 
     def _on_training_start(self) -> None:
-        self._begin, self._infos = time.perf_counter(), []
+        self._begin, self._infos, self._rows = time.perf_counter(), [], ""
         lines = self.path.read_text().splitlines() if self.path.exists() else []
         rows = [
             line for line in lines[1:] if int(line.split(",")[0]) <= self.num_timesteps
@@ -79,13 +81,17 @@ class LearningCurve(BaseCallback):
             if finite:
                 self.logger.record(f"episode/{name}", float(np.mean(finite)))
         score = np.mean([info[self.score] for info in self._infos])
-        with self.path.open("a") as file:
-            file.write(f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}\n")
+        self._rows += f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}\n"
         self._infos = []
+        with going_on(self.path):
+            write_text(self.path, self.path.read_text() + self._rows)
+            self._rows = ""
 
 
 class Checkpoint(BaseCallback):
     """Saves the model every so many seconds, replacing the last one only when the new one is complete.
+
+    Training goes on if that fails, on a full disk for example, and the next one is tried as long after it.
 
     Attributes:
         trained_steps: environment steps that the model has been trained on.
@@ -104,8 +110,37 @@ class Checkpoint(BaseCallback):
     def _on_rollout_start(self) -> None:
         self.trained_steps = self.num_timesteps
         if time.perf_counter() - self._last > self.seconds:
-            save_model(self.model, self.path)
+            with going_on(self.path):
+                save_model(self.model, self.path)
             self._last = time.perf_counter()
+
+
+class EndsWith(BaseCallback):
+    """Stops the training, as Ctrl-C does, when the program that started it is gone: `train.py all`, if it was killed.
+
+    Args:
+        starter: the number of its process.
+    """
+
+    def __init__(self, starter: int):
+        super().__init__()
+        self.starter = starter
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if os.getppid() != self.starter:
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def going_on(path: Path):
+    """A context in which a file that cannot be written is reported, and does not end the training."""
+    try:
+        yield
+    except OSError as error:
+        tqdm.write(f"Warning: {path} could not be written ({error.strerror or error}); the training goes on without.")
 
 
 def save_model(model, path: Path) -> None:

@@ -9,18 +9,21 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
+from zipfile import BadZipFile
 
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
 from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
-from agents.callbacks import Checkpoint, LearningCurve, Progress, save_model
+from agents.callbacks import Checkpoint, EndsWith, LearningCurve, Progress, save_model
 from agents.config import CONFIGS, RESULTS, TrainConfig, moved_by, settings_of
 from agents.fast_ppo import FastPPO
 from agents.records import provenance
 from agents.report import report
+from agents.train_all import PARENT
 from fish_env import BODIES, make_fish
 from fish_env.control.files import writable_folder, write_text
 
@@ -52,8 +55,8 @@ class Request:
 
     task: str
     """A key of `CONFIGS`."""
-    seed: int = 0
-    """Of the learner; fish i starts from seed + i."""
+    seed: int | None = None
+    """Of the learner; fish i starts from seed + i. None is 0, or the seed of the run that is resumed."""
     root: Path = Path("runs")
     """Where the folder of the run is made."""
     folder: Path | None = None
@@ -77,6 +80,10 @@ class Request:
     """Fields of `TrainConfig` to use instead of the task's; None is ignored."""
 
 
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C, after everything was saved."""
+
+
 def train(request: Request) -> Path:
     """Train, evaluate and report; returns the folder of the run.
 
@@ -86,7 +93,8 @@ def train(request: Request) -> Path:
         ValueError: for an unknown task, body or learner, a setting that is not allowed, a run to start from that does
             not fit, a folder that holds a run already, or one that cannot be written to.
         FileNotFoundError: if there is nothing to resume or to start from.
-        RuntimeError: if another program is training in the folder.
+        RuntimeError: if another program is training in the folder, or if the trained model cannot be saved.
+        Stopped: after Ctrl-C, when the model is saved and it was said how to resume.
     """
     task, resumed = request.task, None
     if request.learner not in LEARNERS:
@@ -96,26 +104,39 @@ def train(request: Request) -> Path:
     config, seed = _settings(request, resumed)
     folder = _folder(request)
     with locked(folder):
-        _write_config(folder, request, config, resumed)
         env = make_env(config, config.num_envs, seed)
-        model = _model(request, config, env, folder)
+        model = _model(request, config, seed, env, folder)
+        _write_config(folder, request, config, seed, resumed)
         print(how_it_learns(model))
         finished = learn(model, config, folder, RESULTS[task].score)
         env.close()
-        save_model(model, folder / "model.zip")
-        about = {"task": task, "env_id": config.env_id, "env_options": config.env_options}
-        export_policy(model, about).save(folder / "policy.npz")
+        _save(model, folder, {"task": task, "env_id": config.env_id, "env_options": config.env_options})
         if not finished:
             print(f"\nStopped after {model.num_timesteps:,} environment steps; the model is saved in {folder}.")
             print(f"Resume:   python train.py {task} --resume {folder}")
             print(f"Watch it: python train.py play {folder / 'policy.npz'}")
-            return folder
+            raise Stopped
         try:
             report(folder, task, config, seed, request.pictures)
         except KeyboardInterrupt:
             print(f"\nStopped while evaluating. The model is saved; evaluate it with: "
                   f"python train.py {task} --resume {folder}")  # fmt: skip
+            raise Stopped from None
     return folder
+
+
+def _save(model: PPO, folder: Path, about: dict) -> None:
+    """Save the model and its policy, each whole or not at all; RuntimeError if the disk does not take them."""
+    try:
+        save_model(model, folder / "model.zip")
+        export_policy(model, about).save(folder / "policy.npz")
+    except OSError as error:
+        saved = (folder / "model.zip").exists()
+        advice = "resume: the last checkpoint is unharmed" if saved else "train again: no checkpoint was saved either"
+        raise RuntimeError(
+            f"the model after {model.num_timesteps:,} environment steps could not be saved in {folder} "
+            f"({error.strerror or error}); make room there and {advice}"
+        ) from error
 
 
 def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]:
@@ -124,7 +145,7 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
     if resumed is None:
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
-        config, seed = replace(CONFIGS[task], **changes), request.seed
+        config, seed = replace(CONFIGS[task], **changes), request.seed or 0
         if request.body is not None:
             config = on_body(config, request.body)
         config = moved_by(config, request.integrator, request.dt)
@@ -137,6 +158,8 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
                 "--integrator, --dt and --start-from out"
             )
         config, seed = replace(settings_of(resumed["config"]), **changes), resumed["seed"]
+        if request.seed not in (None, seed):
+            raise ValueError(f"the run was begun with --seed {seed}, not {request.seed}; leave --seed out to resume it")
     for name, value, least in (("timesteps", config.timesteps, 1), ("num_envs", config.num_envs, 1), ("seed", seed, 0)):
         if value < least:
             raise ValueError(f"{name} is {value}; give a whole number, at least {least}")
@@ -155,11 +178,20 @@ def _folder(request: Request) -> Path:
     return writable_folder(request.folder)
 
 
-def _model(request: Request, config: TrainConfig, env, folder: Path) -> PPO:
+def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path) -> PPO:
     """The learner: a fresh one, one that starts from another run, or that of the run to resume."""
     if request.resume is not None:
-        return LEARNERS[request.learner].load(folder / "model.zip", env, device="cpu")
-    model = make_model(config, env, request.seed, folder / "tensorboard", request.learner)
+        try:
+            model = LEARNERS[request.learner].load(folder / "model.zip", env, device="cpu")
+        except (AssertionError, BadZipFile, EOFError, KeyError, OSError, UnpicklingError, ValueError) as error:
+            raise ValueError(f"{folder / 'model.zip'} cannot be read ({error}); train again") from error
+        if request.changes.get("timesteps") and model.num_timesteps > config.timesteps:
+            raise ValueError(
+                f"{folder} was trained for {model.num_timesteps:,} environment steps already; give --timesteps of at "
+                "least as many"
+            )
+        return model
+    model = make_model(config, env, seed, folder / "tensorboard", request.learner)
     if request.start is not None:
         start_from(model, PPO.load(Path(request.start) / "model.zip", device="cpu"))
     return model
@@ -191,12 +223,14 @@ def locked(folder: Path):
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C stopped it first."""
     checkpoint = Checkpoint(folder / "model.zip")
-    callbacks = CallbackList([Progress(), LearningCurve(folder / "curve.csv", score), checkpoint])
+    callbacks = [Progress(), LearningCurve(folder / "curve.csv", score), checkpoint]
+    if os.environ.get(PARENT, "").isdigit():
+        callbacks.append(EndsWith(int(os.environ[PARENT])))
     left = config.timesteps - model.num_timesteps
     if left <= 0:
         return True
     try:
-        model.learn(left, callbacks, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
+        model.learn(left, CallbackList(callbacks), reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
     except KeyboardInterrupt:
         model.num_timesteps = checkpoint.trained_steps  # steps since then have not been trained on
         return False
@@ -225,9 +259,9 @@ def _saved_run(folder: Path, task: str, purpose: str) -> dict:
     return saved
 
 
-def _write_config(folder: Path, request: Request, config: TrainConfig, resumed: dict | None) -> None:
+def _write_config(folder: Path, request: Request, config: TrainConfig, seed: int, resumed: dict | None) -> None:
     """Write config.json: task, seed, settings, command, commit and versions, with those of the run that is resumed."""
-    commit, seed = provenance("")["commit"], request.seed if resumed is None else resumed["seed"]
+    commit = provenance("")["commit"]
     if resumed is not None and commit not in resumed["commit"].split(", "):
         commit = f"{resumed['commit']}, {commit}"
     command = (

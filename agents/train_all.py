@@ -20,6 +20,8 @@ from agents.config import CONFIGS, RESULTS, TrainConfig, moved_by, settings_of
 from fish_env.control.files import writable_folder
 
 POLL = 2.0  # s between two looks at the runs
+PARENT = "FISH_ENV_TRAIN_ALL"
+"""The environment variable by which runs know whose they are: they end when this program is gone."""
 FEWER = 3  # seeds of each task with another integrator than the default one
 SCRIPT = Path(__file__).parent.parent / "train.py"
 
@@ -87,8 +89,9 @@ class Job:
 
         with (self.folder / "log.txt").open("a") as log:  # in a session of its own: Ctrl-C reaches it once, from here
             self.process = subprocess.Popen(
-                self.command(), stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True
-            )
+                self.command(), stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True,
+                env=os.environ | {PARENT: str(os.getpid())},
+            )  # fmt: skip
 
 
 def train_all(

@@ -1,8 +1,11 @@
 """Training, its files and its commands: a run can be trusted, and an unusable request is an error that says why."""
 
+import errno
 import json
+import os
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +18,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 import fish_env
-from agents import integrators, records, report, results, statistics, train_all
+from agents import callbacks, integrators, records, report, results, statistics, train_all
 from agents import train as training
 from agents.build import Tanh, export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, settings_of
@@ -27,7 +30,7 @@ ROOT = Path(__file__).parent.parent
 SHORT = {"timesteps": 1024, "num_envs": 8}
 
 
-def train(task, seed=0, changes=SHORT, **options):
+def train(task, seed=None, changes=SHORT, **options):
     """A run with these changed settings."""
     return training.train(training.Request(task, seed, changes=changes, **options))
 
@@ -137,12 +140,34 @@ def test_ctrl_c_saves_the_model_and_resume_continues(tmp_path, monkeypatch, caps
 
     with monkeypatch.context() as patch:
         patch.setattr(training.Progress, "_on_rollout_end", press)
-        folder = train("swim", root=tmp_path)
-    printed = capsys.readouterr().out
+        with pytest.raises(training.Stopped):
+            train("swim", folder=tmp_path / "run")
+    folder, printed = tmp_path / "run", capsys.readouterr().out
     assert f"--resume {folder}" in printed and load_policy(folder / "policy.npz")
     assert train("swim", resume=folder, changes={}) == folder
     model = training.PPO.load(folder / "model.zip", device="cpu")
     assert model.num_timesteps == 1024
+
+
+def test_a_run_whose_starter_is_gone_stops_and_is_saved(tmp_path):
+    """A run of `train.py all` ends when that program was killed: saved, resumable, with the exit status of Ctrl-C."""
+    command = [
+        sys.executable,
+        str(ROOT / "train.py"),
+        "swim",
+        "--timesteps",
+        "8192",
+        "--num-envs",
+        "8",
+        "--no-pictures",
+    ]
+    folder = tmp_path / "run"
+    environment = os.environ | {train_all.PARENT: "1"}  # another program than the one that starts it here
+    done = subprocess.run([*command, "--folder", folder], env=environment, capture_output=True, text=True)
+    assert done.returncode == 130 and f"--resume {folder}" in done.stdout and "Traceback" not in done.stderr
+    assert 0 <= training.PPO.load(folder / "model.zip", device="cpu").num_timesteps < 8192
+    with pytest.raises(ValueError, match="begun with --seed 0, not 3"):
+        train("swim", 3, resume=folder)
 
 
 def test_training_everything_can_be_stopped_and_resumed(tmp_path, monkeypatch):
@@ -339,11 +364,46 @@ def test_a_failed_run_leaves_the_saved_model(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(training.FastPPO, "save", fail)
-        with pytest.raises(OSError, match="no space left"):
+        with pytest.raises(RuntimeError, match=r"could not be saved in .*no space left.*make room there and resume"):
             train("swim", resume=folder, changes={"timesteps": 2048})
     assert {name: (folder / name).read_bytes() for name in before} == before
     assert not list(folder.glob(".*"))
     assert train("swim", resume=folder, changes={"timesteps": 2048}) == folder
+
+
+def test_a_full_disk_does_not_end_the_training(tmp_path, monkeypatch, capsys):
+    """Checkpoints and rows of the curve that cannot be written are reported; the rows are written when they can be."""
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
+    replace_file, calls = os.replace, []
+
+    def full_at_first(source, target):
+        calls.append(Path(target).name)
+        if 2 < len(calls) < 6:  # the configuration and the head of the curve are the first two
+            raise OSError(errno.ENOSPC, "No space left on device")
+        replace_file(source, target)
+
+    monkeypatch.setattr(os, "replace", full_at_first)
+    monkeypatch.setattr(callbacks.LearningCurve.__init__, "__defaults__", (1,))
+    folder = train("swim", folder=tmp_path / "run", changes={"timesteps": 4096, "num_envs": 8})
+    assert {"model.zip", "curve.csv"} <= set(calls[2:5])
+    assert capsys.readouterr().out.count("could not be written (No space left on device)") == 3
+    steps = [int(row["timesteps"]) for row in results.read_rows(folder / "curve.csv")]
+    assert steps == sorted(set(steps)) and len(steps) > 3
+
+
+def test_a_broken_or_longer_run_is_not_resumed(tmp_path, monkeypatch):
+    """Half a model and fewer steps than the run has are errors, and what was counted and set before stays."""
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    folder = train("swim", folder=tmp_path / "run")
+    before = (folder / "config.json").read_bytes()
+    with pytest.raises(ValueError, match="trained for 1,024 environment steps already"):
+        train("swim", resume=folder, changes={"timesteps": 512})
+    whole = (folder / "model.zip").read_bytes()
+    (folder / "model.zip").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match=r"model.zip cannot be read"):
+        train("swim", resume=folder, changes={"timesteps": 2048})
+    assert (folder / "config.json").read_bytes() == before
 
 
 def test_short_training_learns(tmp_path, monkeypatch):
