@@ -3,6 +3,7 @@
 python -m fish_env                      list environments, bodies, integrators and the policies that are shipped
 python -m fish_env play turn            watch a shipped policy in a window (or --to FILE.mp4, .webp, .gif)
 python -m fish_env evaluate turn        evaluate a shipped policy on fixed seeds
+python -m fish_env replay FILE.npz       simulate a recorded episode again and compare bit for bit
 python -m fish_env versions             name the versions of what it runs with
 """
 
@@ -21,6 +22,7 @@ from fish_env.control.evaluation import EPISODES, FIRST_SEED, evaluate, make_pol
 from fish_env.control.files import writable_file, write_text
 from fish_env.control.playback import play
 from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
+from fish_env.control.replaying import replay
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
 
@@ -32,6 +34,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     )
     commands = parser.add_subparsers(dest="command")
     commands.add_parser("versions", help="name the versions of Python and of the packages it runs with")
+    command = commands.add_parser("replay", help="simulate a recorded episode again and compare bit for bit")
+    command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
     for name, text in (("play", "watch a trained policy"), ("evaluate", "evaluate a trained policy on fixed seeds")):
         command = commands.add_parser(name, help=text)
         command.add_argument("task", nargs="?", help=f"which shipped policy: {', '.join(shipped_policies())}")
@@ -118,8 +122,8 @@ def print_versions() -> None:
         print(f"{name:20}{text}")
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Run a command."""
+def run(arguments: argparse.Namespace) -> int:
+    """Run a command; the exit status, 1 for a replay that differs."""
     if arguments.command in ("play", "evaluate") and arguments.episodes < 1:
         raise ValueError(f"--episodes is {arguments.episodes}; give a whole number, at least 1")
     if arguments.command is None:
@@ -128,22 +132,26 @@ def run(arguments: argparse.Namespace) -> None:
         print_versions()
     elif arguments.command == "evaluate":
         evaluate_policy(arguments)
+    elif arguments.command == "replay":
+        found = replay(arguments.recording)
+        print(found)
+        return 0 if found.same else 1
     else:
         play(chosen_policy(arguments), arguments.seed, arguments.episodes, arguments.to,
              body=arguments.body, integrator=arguments.integrator)  # fmt: skip
+    return 0
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; errors that a user can correct are printed without a traceback."""
     try:
-        run(parse(arguments))
+        return run(parse(arguments))
     except (ValueError, FileNotFoundError, RuntimeError, gym.error.Error) as error:
         print(f"fish_env: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nStopped.", file=sys.stderr)
         return 130
-    return 0
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@
 - `Gait`, `best_gait`: the open-loop gait; `Sequencer`, `scripted`: Tu's motor controllers (Tu 1996, ch. 5);
 - `evaluate`, `run_episodes`, `means`: episodes on fixed seeds, with `policy_controller`, `gait_controller`,
   `random_actions` or a controller of your own in the batch that `make_eval_env` or `make_policy_env` makes;
+- `record`, `load_recording`, `replay`: an episode as a file, simulated again and compared bit for bit;
 - `play`, `write_video`: in a window or as a video, with the extra [render].
 
 `fish_env.control.equivariant`, a policy for Stable-Baselines3 that is equivariant under the left-right reflection,
@@ -28,6 +29,8 @@ from fish_env.control.gait import Gait, best_gait
 from fish_env.control.motor import MotorTables, load_tables
 from fish_env.control.playback import play, write_video
 from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
+from fish_env.control.recording import Recording, load_recording
+from fish_env.control.replaying import Replay, record, replay
 from fish_env.control.sequencer import Habits, Sequencer, random_actions, scripted
 
 __all__ = [
@@ -38,6 +41,8 @@ __all__ = [
     "Habits",
     "MotorTables",
     "Policy",
+    "Recording",
+    "Replay",
     "Scores",
     "Sequencer",
     "best_gait",
@@ -45,6 +50,7 @@ __all__ = [
     "evaluation_options",
     "gait_controller",
     "load_policy",
+    "load_recording",
     "load_tables",
     "make_eval_env",
     "make_policy_env",
@@ -52,6 +58,8 @@ __all__ = [
     "play",
     "policy_controller",
     "random_actions",
+    "record",
+    "replay",
     "run_episodes",
     "scripted",
     "shipped_policies",

@@ -1,0 +1,232 @@
+"""Record an episode, and replay it: simulate it again from its seed and its actions and compare bit for bit."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from fish_env.checks import finite_array
+from fish_env.control.evaluation import Controller, policy_controller
+from fish_env.control.policy import Policy
+from fish_env.control.recording import Recording, env_of, load_recording, plain, versions
+from fish_env.envs import FishEnv
+
+STATES = ("position", "velocity", "rest_length", "time", "failure", "counters", "directions", "spheres")
+RESULTS = ("reward", "terms", "terminated")
+
+
+class Replay(NamedTuple):
+    """What a replay found. As a truth value it is ambiguous: ask for `same`."""
+
+    same: bool
+    """Whether every state, reward and term has the same bits."""
+    steps: int
+    """How many environment steps were simulated and compared."""
+    message: str
+    """One sentence: that all is the same, or where it first differs, and which versions differ."""
+
+    def __str__(self) -> str:
+        return self.message
+
+
+def record(
+    env: gym.Env,
+    controller: Policy | Controller | np.ndarray,
+    seed: int = 0,
+    options: Mapping[str, float] | None = None,
+    steps: int | None = None,
+) -> Recording:
+    """Run one episode and keep all of it.
+
+    Args:
+        env: of `gym.make`, without wrappers of your own; it is reset first. Its keywords must be plain: numbers, text,
+            lists and dicts.
+        controller: a policy; a function of observations (1,D) and the time, s, that gives actions (1,A) or (A,); or an
+            array of actions (T,A), of which as many are taken as the episode has steps.
+        seed: of the reset.
+        options: of the reset.
+        steps: environment steps after which to stop; None for the time limit of the environment.
+
+    Raises:
+        ValueError: for an environment that is not one fish, or was not made by `gym.make` with plain keywords, and for
+            a seed, options or actions that are not allowed.
+    """
+    bare, id, keywords = _described(env)
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise ValueError(f"seed is {seed!r}; give a whole number, zero or more: a recording must be repeatable")
+    wanted: dict[str, Any] = {} if options is None else plain(options, "options")
+    act, limit = _controller(controller, bare, steps, env.spec)
+    episode = Episode(bare, int(seed), wanted)
+    while limit is None or len(episode.actions) < limit:
+        if episode.step(np.asarray(act(episode.observation[None], episode.seconds), dtype=np.float64)):
+            break
+    about = {
+        "env_id": id,
+        "env_options": keywords,
+        "seed": int(seed),
+        "options": wanted,
+        "control_interval": bare.fish.control_interval,
+        "length": float(bare.tank.fish.length),
+        "term_names": list(bare.fish._names),
+        "versions": versions(),
+    }
+    return episode.recording(about)
+
+
+def replay(recording: Recording | str | Path) -> Replay:
+    """Simulate a recorded episode again, and compare every state and reward with the recorded ones, bit for bit.
+
+    It stops at the first difference. Other versions of the packages, or another machine, may give other bits; the
+    message then names them.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: for a file that is no recording, or an episode that this version cannot begin.
+    """
+    found = recording if isinstance(recording, Recording) else load_recording(recording)
+    env = env_of(found.about)
+    try:
+        bare, _, _ = _described(env)
+        episode = Episode(bare, found.about["seed"], found.about["options"])
+        difference = _first_difference(found, episode)
+    finally:
+        env.close()
+    steps, seconds = len(episode.actions), len(episode.actions) * found.about["control_interval"]
+    if difference is None:
+        return Replay(True, steps, f"the same bits in all of {steps} environment steps ({seconds:.2f} s)")
+    return Replay(False, steps, f"it differs first after environment step {steps} ({seconds:.2f} s), in {difference}"
+                  + _other_versions(found))  # fmt: skip
+
+
+class Episode:
+    """An episode of one fish, with all of its states so far."""
+
+    def __init__(self, bare: FishEnv, seed: int, options: Mapping[str, float]):
+        self._bare = bare
+        self.observation, _ = bare.reset(seed=seed, options=dict(options))
+        self.actions: list[np.ndarray] = []
+        self.states = [self._state()]
+        self.results: list[dict[str, Any]] = []
+
+    @property
+    def seconds(self) -> float:
+        return len(self.actions) * self._bare.fish.control_interval
+
+    def step(self, action: np.ndarray) -> bool:
+        """Take one environment step; whether the episode is over."""
+        action = action[0] if action.ndim == 2 and len(action) == 1 else action
+        self.observation, reward, terminated, truncated, _ = self._bare.step(action)
+        self.actions.append(action.copy())
+        self.states.append(self._state())
+        terms = self._bare.fish._arrays["terms"][:, 0].copy()
+        self.results.append({"reward": reward, "terms": terms, "terminated": terminated})
+        return terminated or truncated
+
+    def _state(self) -> dict[str, Any]:
+        fish, state = self._bare.fish, self._bare.tank.get_state()
+        spheres = getattr(fish.task, "spheres", None)
+        return {
+            "position": state["x"][0],
+            "velocity": state["v"][0],
+            "rest_length": state["rest_length"][0],
+            "time": state["t"][0],
+            "failure": state["failure"][0],
+            "counters": state["counters"][0],
+            "directions": fish._vectors[0].copy(),
+            "spheres": np.zeros((0, 4)) if spheres is None else np.array(spheres(0), dtype=float),
+        }
+
+    def recording(self, about: dict[str, Any]) -> Recording:
+        """All of it, as a recording."""
+        count = max(len(state["spheres"]) for state in self.states)
+        for state in self.states:
+            state["spheres"] = padded(state["spheres"], count)
+        states = {name: np.array([state[name] for state in self.states]) for name in STATES}
+        fish = self._bare.fish
+        action = np.array(self.actions).reshape(-1, *fish.single_action_space.shape)
+        terms = np.array([result["terms"] for result in self.results]).reshape(-1, len(fish._names))
+        reward = np.array([result["reward"] for result in self.results], dtype=np.float64)
+        terminated = np.array([result["terminated"] for result in self.results], dtype=bool)
+        variation = self._bare.tank.variation[0].copy()
+        return Recording(about=about, action=action, variation=variation, terms=terms, reward=reward,
+                         terminated=terminated, **states)  # fmt: skip
+
+
+def padded(spheres: np.ndarray, count: int) -> np.ndarray:
+    """Spheres (S,4) as (count,4), with radii of zero where there is none."""
+    return np.concatenate([spheres, np.zeros((max(0, count - len(spheres)), 4))])
+
+
+def _described(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
+    """The bare environment, its id and its keywords, or ValueError."""
+    bare = env.unwrapped
+    if not isinstance(bare, FishEnv):
+        raise ValueError(f"the environment is a {type(bare).__name__}; give one fish: gym.make('FishEnv/Swim-v0')")
+    if env.spec is None or env.spec.additional_wrappers:
+        raise ValueError("the environment was not made by gym.make alone; give it without wrappers of your own")
+    keywords = {name: value for name, value in env.spec.kwargs.items() if name != "render_mode"}
+    return bare, env.spec.id, plain(keywords, "the environment's keywords")
+
+
+def _controller(
+    given: Policy | Controller | np.ndarray, bare: FishEnv, steps: int | None, spec: Any
+) -> tuple[Callable[[np.ndarray, float], np.ndarray], int | None]:
+    """What gives the actions, and after how many environment steps to stop."""
+    limit = spec.max_episode_steps if steps is None else steps
+    if limit is not None and (not isinstance(limit, int | np.integer) or isinstance(limit, bool) or limit < 1):
+        raise ValueError(f"steps is {limit!r}; give a whole number, at least 1, or None")
+    limit = None if limit is None else int(limit)
+    if isinstance(given, Policy):
+        return policy_controller(given, bare.fish), limit
+    if callable(given):
+        if limit is None:
+            raise ValueError("the environment has no time limit; give steps")
+        return given, limit
+    width = bare.fish.single_action_space.shape
+    rows = finite_array(given, (len(given) if np.ndim(given) else 0, *width), "actions")
+    queue = iter(rows)
+    return lambda obs, time: next(queue), len(rows) if limit is None else min(limit, len(rows))
+
+
+def _first_difference(found: Recording, episode: Episode) -> str | None:
+    """Where the episode, simulated along the recorded actions, first differs; None if it does not."""
+    for step in range(found.steps + 1):
+        if step:
+            episode.step(found.action[step - 1])
+            for name in RESULTS:
+                said = _compared(name, getattr(found, name)[step - 1], episode.results[-1][name])
+                if said:
+                    return said
+        for name in STATES:
+            now = episode.states[-1][name]
+            recorded = getattr(found, name)[step]
+            now = padded(now, len(recorded)) if name == "spheres" else now
+            said = _compared(name, recorded, now)
+            if said:
+                return said
+        if not step and (said := _compared("variation", found.variation, episode._bare.tank.variation[0])):
+            return said
+    return None
+
+
+def _compared(name: str, recorded: Any, now: Any) -> str | None:
+    """How two arrays of numbers differ in their bits, naming the first place; None if they do not."""
+    recorded, now = np.atleast_1d(recorded), np.atleast_1d(now)
+    if recorded.shape != now.shape:
+        return f"{name}: its shape was {recorded.shape} and is {now.shape}"
+    other = recorded != now
+    if recorded.dtype == np.float64:  # zeros of both signs are equal, but not in their bits
+        other = np.ascontiguousarray(recorded).view(np.int64) != np.ascontiguousarray(now).view(np.int64)
+    if not other.any():
+        return None
+    place = tuple(np.argwhere(other)[0].tolist())
+    return f"{name}{list(place)}: {recorded[place]!r} was recorded, and it is {now[place]!r}"
+
+
+def _other_versions(found: Recording) -> str:
+    """Which versions differ from those that recorded, in words."""
+    now, then = versions(), found.about["versions"]
+    other = [f"{name} {then.get(name)} then, {now.get(name)} now" for name in now if then.get(name) != now[name]]
+    return f"; other versions: {'; '.join(other)}" if other else "; the versions are the same"
