@@ -9,6 +9,7 @@ import contextlib
 import gc
 import hashlib
 import os
+import pickle
 import sys
 import tempfile
 import warnings
@@ -35,6 +36,7 @@ OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False}
 PART = OPTIONS | {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Of a part of a kernel: it makes no arrays, so nothing counts references to them, and Python does not call it."""
 INDEX = np.uint64  # kernels index with unsigned numbers: numba then has no negative ones to test for
+CHECKSUM = 32  # bytes
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
@@ -54,10 +56,12 @@ def cache_folder() -> str | None:
     or ~/.cache, else a private one among the temporary files.
     """
     user = next((os.environ[name] for name in CACHE_VARIABLES if os.environ.get(name)), None)
-    private = Path(tempfile.gettempdir()) / f"cache-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
-    bases = [private]
+    bases, private = [], None
     with contextlib.suppress(RuntimeError):  # there is no home folder
-        bases.insert(0, Path(user) if user else Path.home() / ".cache")
+        bases.append(Path(user) if user else Path.home() / ".cache")
+    with contextlib.suppress(FileNotFoundError):  # nor one for temporary files
+        private = Path(tempfile.gettempdir()) / f"cache-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+        bases.append(private)
     for base in bases:
         folder = base / "fish_env" / f"{source_hash()}-py{sys.version_info.major}{sys.version_info.minor}"
         try:
@@ -71,8 +75,8 @@ def cache_folder() -> str | None:
         except OSError:
             continue
     warnings.warn(
-        f"fish_env cannot write to {' or '.join(map(str, bases))}, so kernels are compiled again in every process "
-        "(about 15 s); set NUMBA_CACHE_DIR to a writable folder",
+        f"fish_env cannot write to {' or '.join(map(str, bases)) or 'any folder'}, so kernels are compiled again in "
+        "every process (about 15 s); set NUMBA_CACHE_DIR to a writable folder",
         RuntimeWarning,
         stacklevel=2,
     )
@@ -87,6 +91,8 @@ class KeyedFiles(IndexDataCacheFile):
 
     Numba numbers them by an index that it reads and writes without a lock: of two processes that compile two closures
     of one function, one may then be given the other's code.
+
+    A file begins with a checksum; one that is damaged or cannot be read counts as missing.
     """
 
     def save(self, key, data):
@@ -95,9 +101,18 @@ class KeyedFiles(IndexDataCacheFile):
 
     def load(self, key):
         """What was stored, or None."""
-        with contextlib.suppress(FileNotFoundError):
+        with contextlib.suppress(OSError):
             return self._load_data(self._name(key))
         return None
+
+    def _dump(self, obj):
+        data = super()._dump(obj)
+        return hashlib.sha256(data).digest() + data
+
+    def _load_data(self, name):
+        content = Path(self._data_path(name)).read_bytes()
+        digest, data = content[:CHECKSUM], content[CHECKSUM:]
+        return pickle.loads(data) if hashlib.sha256(data).digest() == digest else None
 
     def _name(self, key) -> str:
         text = "\n".join(map(str, (numba.__version__, *key)))
@@ -122,11 +137,25 @@ class SourceCache(FunctionCache):
     def save_overload(self, sig, data):
         """Store what was compiled."""
         end_progress()
-        super().save_overload(sig, data)
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            unstored(self._cache_file._cache_path, error.strerror or str(error))
 
     def _index_key(self, sig, codegen):
         digest = hashlib.sha256(b"".join(code_of(self._py_func, set())))
         return sig, codegen.magic_tuple(), digest.hexdigest()
+
+
+@cache
+def unstored(folder: str, reason: str) -> None:
+    """Say, once a process, that a compiled kernel stays in memory only."""
+    warnings.warn(
+        f"fish_env cannot store compiled kernels in {folder} ({reason}): they are compiled again in every process; "
+        "make room there, or set NUMBA_CACHE_DIR to another folder",
+        RuntimeWarning,
+        stacklevel=2,
+    )
 
 
 def code_of(value, seen: set) -> list[bytes]:

@@ -1,5 +1,6 @@
 """The kernel cache: an edit anywhere opens a new folder, so that a stale kernel cannot be found."""
 
+import errno
 import os
 import shutil
 import subprocess
@@ -198,6 +199,61 @@ def test_no_home(nowhere, tmp_path, monkeypatch):
 def home_missing():
     """What pathlib does where no home directory is known."""
     raise RuntimeError("Could not determine home directory.")
+
+
+def test_no_temporary_folder(tmp_path, monkeypatch):
+    """Without any folder for temporary files, the user's own is taken all the same."""
+
+    def missing():
+        raise FileNotFoundError("No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "gettempdir", missing)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert _jit.cache_folder().startswith(str(tmp_path))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "below"))
+    (tmp_path / "file").touch()
+    with pytest.warns(RuntimeWarning, match="cannot write to .*below"):
+        assert _jit.cache_folder() is None
+
+
+@pytest.mark.parametrize("damage", ["half", "a bit", "empty"])
+def test_damaged_files_are_compiled_again(tmp_path, monkeypatch, damage):
+    """A file of the cache that was cut short or changed counts as missing, and is replaced by a good one."""
+    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
+
+    def made():
+        def thrice(a):
+            return 3.0 * a
+
+        return njit(thrice)
+
+    assert made()(2.0) == 6.0
+    (path,) = tmp_path.rglob("*.nbc")
+    good = path.read_bytes()
+    changed = bytearray(good)
+    changed[len(good) // 2] ^= 1
+    path.write_bytes({"half": good[: len(good) // 2], "a bit": bytes(changed), "empty": b""}[damage])
+    again = made()
+    assert again(2.0) == 6.0 and not sum(again.stats.cache_hits.values())
+    assert path.read_bytes()[: _jit.CHECKSUM] != b"" and path.stat().st_size > len(good) // 2
+    last = made()
+    assert last(2.0) == 6.0 and sum(last.stats.cache_hits.values()) == 1
+
+
+def test_a_full_disk_costs_time_only(tmp_path, monkeypatch):
+    """Kernels that cannot be stored stay in memory, and one warning names the folder."""
+    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
+    _jit.unstored.cache_clear()
+
+    def full(source, target):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.warns(
+        RuntimeWarning, match="cannot store compiled kernels in .*No space left.*another folder"
+    ) as found:
+        assert [njit(lambda a, k=k: k * a)(1.0) for k in (4.0, 5.0)] == [4.0, 5.0]
+    assert len(found) == 1 and not list(tmp_path.rglob("*.nbc*"))
 
 
 def test_parts_are_never_loaded(tmp_path, monkeypatch):
