@@ -1,5 +1,6 @@
 """Input validation: arrays of the right shape, finite, positive, naming nodes that exist."""
 
+import copy
 import os
 
 import numpy as np
@@ -53,3 +54,11 @@ def fits_memory(count: int, each: int, what: str) -> None:
             f"{what} is {count}, which takes {count * each / 2**30:.3g} GiB; this machine has "
             f"{memory / 2**30:.3g} GiB: give at most {memory // (2 * each)}"
         )
+
+
+def own(state: dict, sample: np.ndarray) -> dict:
+    """What was in a pickle, copied if its arrays, of which `sample` is one, lie in memory that is only lent.
+
+    An object store, such as that of Ray, gives out arrays that must not be written to.
+    """
+    return state if sample.flags.writeable else copy.deepcopy(state)

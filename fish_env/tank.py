@@ -1,7 +1,6 @@
 """Tank: B fish of one kind in water, or B other elastic objects. The one stateful simulation class."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Generic
 
@@ -9,7 +8,7 @@ import numpy as np
 
 from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
-from fish_env.checks import finite_array, fits_memory, positive_array
+from fish_env.checks import finite_array, fits_memory, own, positive_array
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
 from fish_env.muscles import command_all
@@ -25,6 +24,7 @@ from fish_env.tank_options import (
     varied,
     whole_steps,
 )
+from fish_env.threads import Threads
 from fish_env.world import VACUUM, World, make_anchors
 
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
@@ -86,7 +86,7 @@ class Tank(Generic[Elastic]):
         self.variation = np.tile(NOMINAL, (b, 1))
         """(B,6) what sets each fish and its water apart from the rest (`vary`); read only."""
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
-        self._pool = None
+        self._threads = Threads(self.threads)
         self._compile()
 
     def _compile(self) -> None:
@@ -95,10 +95,10 @@ class Tank(Generic[Elastic]):
         self._engine = None if self.integrator.method is None else Engine(self)
 
     def __getstate__(self):
-        return self.__dict__ | {"_pool": None, "pack": None, "_engine": None}
+        return self.__dict__ | {"pack": None, "_engine": None}
 
     def __setstate__(self, state):
-        self.__dict__ |= state
+        self.__dict__ |= own(state, state["variation"])
         self._compile()
 
     @property
@@ -250,12 +250,8 @@ class Tank(Generic[Elastic]):
         if self._chunks == 1:
             work(0, 0, self.num_fish, *args)
             return
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads)
         edges = np.linspace(0, self.num_fish, self._chunks + 1).astype(int).tolist()
-        jobs = [(i, first, last, *args) for i, (first, last) in enumerate(pairwise(edges))]
-        for job in [self._pool.submit(work, *job) for job in jobs]:
-            job.result()
+        self._threads.run(work, [(i, first, last, *args) for i, (first, last) in enumerate(pairwise(edges))])
 
     def _rows(self, lo: int, hi: int) -> tuple[State, Control]:
         return State(*(array[lo:hi] for array in self.state)), Control(*(array[lo:hi] for array in self.control))
@@ -272,9 +268,7 @@ class Tank(Generic[Elastic]):
 
     def close(self) -> None:
         """End the threads; they start again when needed."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        self._threads.close()
 
     @property
     def fibre_length(self) -> np.ndarray:

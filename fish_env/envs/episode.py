@@ -9,7 +9,7 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.checks import finite_array
+from fish_env.checks import finite_array, own
 from fish_env.envs.layout import Layout
 from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
@@ -125,7 +125,7 @@ class Episodes:
         return self.__dict__ | {"_env": None, "_envs": None, "_see": None, "_step": None}
 
     def __setstate__(self, state):
-        self.__dict__ |= state
+        self.__dict__ |= own(state, state["_vectors"])
         self._compile()
 
     def restart(self, mask: np.ndarray, seeds: Sequence[int | None] | None = None, options: Mapping | None = None):
