@@ -10,7 +10,7 @@ python train.py all --integrator semi_implicit       the same with another integ
 python train.py evaluate runs/swim/<time>/policy.npz evaluate policies on the fixed seeds
 python train.py compare runs/swim/<time>/policy.npz  the same, beside the controllers without learning
 python train.py compare --integrators                replay the shipped policies with every integrator
-python train.py play runs/swim/<time>/policy.npz     watch it in a window (or --video FILE.mp4)
+python train.py play runs/swim/<time>/policy.npz     watch it in a window (or --save FILE.html, .mp4)
 """
 
 import argparse
@@ -63,7 +63,8 @@ def parse() -> argparse.Namespace:
     command.add_argument("policy", type=Path)
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--episodes", type=int, default=3)
-    command.add_argument("--video", type=Path, help="write an .mp4, .webp or .gif file instead of opening a window")
+    command.add_argument("--save", "--video", type=Path, dest="video", help="write a file instead of opening a window: "
+                         "an .html page in 3-D, an .mp4, .webp or .gif video, or an .npz recording")  # fmt: skip
     return parser.parse_args()
 
 

@@ -1,7 +1,7 @@
 """The command line of the package: what there is, and trained policies to watch and to evaluate.
 
 python -m fish_env                      list environments, bodies, integrators and the policies that are shipped
-python -m fish_env play turn            watch a shipped policy in a window (or --to FILE.mp4, .webp, .gif)
+python -m fish_env play turn            watch a shipped policy in a window (or --save FILE.html, .mp4, .webp, .gif)
 python -m fish_env evaluate turn        evaluate a shipped policy on fixed seeds
 python -m fish_env replay FILE.npz       simulate a recorded episode again and compare bit for bit
 python -m fish_env versions             name the versions of what it runs with
@@ -20,11 +20,15 @@ import gymnasium as gym
 import fish_env
 from fish_env.control.evaluation import EPISODES, FIRST_SEED, evaluate, make_policy_env, means, policy_controller
 from fish_env.control.files import writable_file, write_text
+from fish_env.control.film import write_film
 from fish_env.control.playback import play
 from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
+from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
+
+FILES = "an .html page that turns in 3-D, an .mp4, .webp or .gif video, or an .npz recording"
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -36,6 +40,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     commands.add_parser("versions", help="name the versions of Python and of the packages it runs with")
     command = commands.add_parser("replay", help="simulate a recorded episode again and compare bit for bit")
     command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
+    command.add_argument("--save", type=Path, help="show it too: a page or a video")
     for name, text in (("play", "watch a trained policy"), ("evaluate", "evaluate a trained policy on fixed seeds")):
         command = commands.add_parser(name, help=text)
         command.add_argument("task", nargs="?", help=f"which shipped policy: {', '.join(shipped_policies())}")
@@ -43,7 +48,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         command.add_argument("--body", help="on another body than the one it was trained with")
         command.add_argument("--integrator", help="under another integrator than the one it was trained with")
         if name == "play":
-            command.add_argument("--to", type=Path, help="write an .mp4, .webp or .gif file, no window")
+            command.add_argument("--save", "--to", type=Path, dest="to", help=f"write a file, no window: {FILES}")
             command.add_argument("--seed", type=int, default=0, help="of the first episode (default 0)")
             command.add_argument("--episodes", type=int, default=1, help="how many (default 1)")
         else:
@@ -107,6 +112,16 @@ def evaluate_policy(arguments: argparse.Namespace) -> None:
         write_text(arguments.to, json.dumps(record, indent=2) + "\n")
 
 
+def replay_file(path: Path, save: Path | None) -> int:
+    """Print what a replay finds, and write a film if asked; 1 for a replay that differs."""
+    recording = load_recording(path)
+    found = replay(recording)
+    print(found)
+    if save is not None:
+        print(f"written to {write_film(recording, save)}")
+    return 0 if found.same else 1
+
+
 def installed(package: str) -> str:
     """The version of a package, or that it is not installed."""
     try:
@@ -133,9 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.command == "evaluate":
         evaluate_policy(arguments)
     elif arguments.command == "replay":
-        found = replay(arguments.recording)
-        print(found)
-        return 0 if found.same else 1
+        return replay_file(arguments.recording, arguments.save)
     else:
         play(chosen_policy(arguments), arguments.seed, arguments.episodes, arguments.to,
              body=arguments.body, integrator=arguments.integrator)  # fmt: skip

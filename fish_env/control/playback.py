@@ -1,6 +1,5 @@
-"""Watch a policy: in a window, or as a video where there is no display."""
+"""Watch a policy: in a window, as a video or a page, or keep an episode as a recording."""
 
-import importlib
 import os
 import sys
 from collections.abc import Iterator
@@ -10,40 +9,44 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 
 from fish_env.control.evaluation import evaluation_options, policy_controller
-from fish_env.control.files import replacing, writable_file
+from fish_env.control.files import writable_file
+from fish_env.control.film import PAGE, write_film
 from fish_env.control.policy import Policy
+from fish_env.control.recording import ENDING, Recording
+from fish_env.control.replaying import record
+from fish_env.control.video import SLOWER, VIDEOS, load_writer, write_video
 from fish_env.envs import FishEnv
-
-VIDEOS = (".mp4", ".webp", ".gif")
-COLOURS = 128  # of a .gif
-SLOWER = 2  # times slower than life: a tail beats faster than the eye follows
 
 
 def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | None = None, **changes) -> None:
-    """Play episodes of a policy, in a window or into one video file, and print how each went.
+    """Play episodes of a policy, in a window or into one file, and print how each went.
 
     Args:
         policy: as `load_policy` reads it.
         seed: of the first episode; the next ones count up from it.
         episodes: how many.
-        video: an .mp4, .webp or .gif file to write instead of opening a window.
+        video: a file to write instead of opening a window: an .mp4, .webp or .gif video; an .html page that turns in
+            3-D; or an .npz recording of one episode.
         changes: keywords of the environment that replace those of the training, such as `body`; None is ignored.
 
     Raises:
-        ValueError: if there is no display and no video was asked for, the video cannot be written, or a keyword is not
-            allowed.
+        ValueError: if there is no display and no file was asked for, the file cannot be written, a keyword is not
+            allowed, or an .npz file was asked for with several episodes.
         gymnasium.error.DependencyNotInstalled: without pygame, or without moviepy for a video.
     """
     from fish_env.render import WindowClosed  # pygame is loaded only when something is drawn
 
     if video is not None:
-        video = writable_file(video, VIDEOS)
+        video = writable_file(video, (*VIDEOS, PAGE, ENDING))
+        if video.suffix.lower() in (PAGE, ENDING):
+            return _keep(policy, seed, episodes, video, changes)
         load_writer(video)
     elif not has_display():
-        raise ValueError("there is no display to open a window on; write a video, to an .mp4, .webp or .gif file")
+        raise ValueError(
+            "there is no display to open a window on; write a file: an .mp4, .webp or .gif video, or an .html page"
+        )
     frames: list[np.ndarray] = []
     with _environment(policy, "human" if video is None else "rgb_array", changes) as (env, bare):
         try:
@@ -58,6 +61,24 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
         print(f"written to {video}, at half speed")
 
 
+def _keep(policy: Policy, seed: int, episodes: int, path: Path, changes: dict[str, Any]) -> None:
+    """Record episodes, and write them as a page, or the one as a recording."""
+    page = path.suffix.lower() == PAGE
+    if not page and episodes != 1:
+        raise ValueError(f"an {ENDING} file holds one episode, not {episodes}; ask for one, or for an {PAGE} page")
+    found: list[Recording] = []
+    with _environment(policy, None, changes) as (env, bare):
+        try:
+            for episode in range(episodes):
+                found.append(record(env, policy, seed + episode))
+                print(f"episode {episode}: {summary(bare.episode_info())}")
+        except KeyboardInterrupt:
+            print("stopped")
+    if found:
+        written = write_film(found, path) if page else found[0].save(path)
+        print(f"written to {written}")
+
+
 def has_display() -> bool:
     """Whether a window can be opened, as far as that can be known without trying."""
     display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
@@ -65,7 +86,7 @@ def has_display() -> bool:
 
 
 @contextmanager
-def _environment(policy: Policy, mode: str, changes: dict[str, Any]) -> Iterator[tuple[gym.Env, FishEnv]]:
+def _environment(policy: Policy, mode: str | None, changes: dict[str, Any]) -> Iterator[tuple[gym.Env, FishEnv]]:
     """The environment of a policy, in its wrappers and without them."""
     options = evaluation_options(policy.about.get("env_options", {}))
     options |= {name: value for name, value in changes.items() if value is not None}
@@ -96,42 +117,3 @@ def summary(info: dict[str, Any]) -> str:
     numbers = {name: float(value) for name, value in info.items() if name not in ("terms", "failure")}
     said = ", ".join(f"{name} {value:.2f}" for name, value in numbers.items() if np.isfinite(value))
     return said + (f"; ended by {info['failure']}" if "failure" in info else "")
-
-
-def load_writer(path: Path):
-    """The module that writes videos of this ending: Pillow moving pictures, moviepy the rest.
-
-    Raises:
-        gymnasium.error.DependencyNotInstalled: without it.
-    """
-    try:
-        return importlib.import_module("moviepy" if path.suffix.lower() == ".mp4" else "PIL.Image")
-    except ImportError as error:
-        raise DependencyNotInstalled(
-            'writing a video needs moviepy and Pillow: pip install "fish_env[render]"'
-        ) from error
-
-
-def write_video(frames: list[np.ndarray], fps: float, path: str | Path) -> None:
-    """Write (H,W,3) uint8 frames as an .mp4, or at half their size as an animated .webp or .gif: whole or not at all.
-
-    Raises:
-        ValueError: for another ending, or a folder that cannot be written to.
-        gymnasium.error.DependencyNotInstalled: without moviepy, or Pillow.
-    """
-    path = writable_file(path, VIDEOS)
-    writer = load_writer(path)
-    with replacing(path) as partial:
-        if path.suffix.lower() == ".mp4":
-            clip = writer.ImageSequenceClip(list(frames), fps=fps)
-            clip.write_videofile(str(partial), logger=None, audio=False)
-            return
-        pictures = [writer.fromarray(frame).reduce(2) for frame in frames]
-        if path.suffix.lower() == ".gif":
-            palette = pictures[0].quantize(COLOURS, method=writer.Quantize.MAXCOVERAGE)  # rare colours, muscles, too
-            pictures = [
-                picture.quantize(palette=palette, dither=writer.Dither.NONE) for picture in pictures
-            ]  # what stands still is free
-        pictures[0].save(
-            partial, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0, quality=60
-        )

@@ -26,11 +26,15 @@ class Frame(NamedTuple):
     touchable: bool = False  # whether the spheres are targets, to be touched, or obstacles
 
 
+def task_name(task) -> str:
+    """The name of a task: its key in TASKS, or of what class it is."""
+    return next((name for name, kind in TASKS.items() if type(task) is kind), type(task).__name__)
+
+
 def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
     """The frame of fish i of a `FishVectorEnv`; path is (K,3) m, or None for only the place it is at."""
     tank, pose = env.tank, env._pose
     fish = tank.fish
-    name = next((name for name, task in TASKS.items() if type(env.task) is task), type(env.task).__name__)
     spheres = getattr(env.task, "spheres", None)
     return Frame(
         position=fish.points(tank.position[i]),
@@ -45,7 +49,7 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
         time=float(tank.time[i]),
         speed=float(np.linalg.norm(pose.velocity[i]) / fish.length),
         caption=str(tank.failure[i]).partition(":")[0],
-        task=name,
+        task=task_name(env.task),
         spheres=np.zeros((0, 4)) if spheres is None else spheres(i),
         touchable=getattr(env.task, "touchable", False),
     )

@@ -1,0 +1,204 @@
+"""Recorded episodes as a film: a video, or one HTML page that turns in 3-D and needs neither network nor server.
+
+The page holds the landmarks of every state in 16 bits a coordinate and the skin as weights of landmarks. A renderer in
+plain JavaScript and WebGL draws them (film.js, film_player.js).
+"""
+
+import base64
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fish_env.control.files import replacing, writable_file
+from fish_env.control.recording import Recording, env_of
+from fish_env.control.video import SLOWER, VIDEOS, load_writer, write_video
+from fish_env.envs import FishEnv
+from fish_env.failures import FAILURES
+
+PAGE = ".html"
+HERE = Path(__file__).parent
+SCRIPTS = ("film.js", "film_player.js")
+LARGEST = 3_000_000  # bytes of a page
+STATES = 10_000  # of all episodes together: a page with more leaves out every second, third ... one
+STEPS = 65535  # of a number in 16 bits
+
+
+class Reel(NamedTuple):
+    """What is shown of one episode of T states. L landmarks, M muscles, S spheres."""
+
+    title: str
+    interval: float  # s between two states
+    time: np.ndarray  # (T,) s
+    points: np.ndarray  # (T,L,3) landmarks, m
+    centre: np.ndarray  # (T,3) centre of mass, m
+    speed: np.ndarray  # (T,) of the centre of mass, body lengths per second
+    contraction: np.ndarray  # (T,M) 0 natural, 1 full
+    command: np.ndarray  # (T,3) where the fish is told to go, of any length
+    spheres: np.ndarray  # (T,S,4) centres, m, and radii, body lengths
+    gained: np.ndarray  # (T,) sum of the rewards so far
+    note: str  # why the physics failed, if it did
+
+
+class Cast(NamedTuple):
+    """What all episodes of a film share."""
+
+    fish: Any
+    touchable: bool  # whether spheres are targets, or obstacles
+    task: str
+
+
+def write_film(recordings: Recording | Sequence[Recording], path: str | Path) -> Path:
+    """Write recorded episodes of one environment as an .html page, or as an .mp4, .webp or .gif video at half speed.
+
+    Raises:
+        ValueError: for no recording, recordings of several environments, another ending, a page of more than 3 MB, or a
+            folder that cannot be written to.
+        gymnasium.error.DependencyNotInstalled: without pygame, or moviepy or Pillow for a video.
+    """
+    path = writable_file(path, (PAGE, *VIDEOS))
+    found = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    made_of = [(one.about["env_id"], one.about["env_options"]) for one in found]
+    if not found or any(one != made_of[0] for one in made_of):
+        raise ValueError(f"there are {len(found)} recordings; give at least one, all of one environment and keywords")
+    if path.suffix.lower() != PAGE:
+        load_writer(path)
+    cast = _cast(found[0])
+    reels = [_reel(one, cast.fish) for one in found]
+    if path.suffix.lower() == PAGE:
+        text = page(cast, reels)
+        if len(text) > LARGEST:
+            raise ValueError(f"the page would have {len(text):,} bytes, more than {LARGEST:,}; give fewer episodes")
+        with replacing(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    else:
+        pictures = [picture for reel in reels for picture in _pictures(cast, reel)]
+        write_video(pictures, 1.0 / (SLOWER * reels[0].interval), path)
+    return path
+
+
+def _cast(recording: Recording) -> Cast:
+    from fish_env.render.frame import task_name  # pygame is loaded only when something is drawn
+
+    env = env_of(recording.about)
+    bare = env.unwrapped
+    assert isinstance(bare, FishEnv)  # `record` and the checks of a file allow no other
+    task = bare.fish.task
+    env.close()
+    return Cast(bare.tank.fish, bool(getattr(task, "touchable", False)), task_name(task))
+
+
+def _reel(recording: Recording, fish: Any) -> Reel:
+    """What is shown of a recording of this fish."""
+    mass = fish.body.mass / fish.body.mass.sum()
+    natural = fish.body.springs.rest_length[fish.muscles]
+    shortened = (natural - recording.rest_length[:, fish.muscles]) / ((1.0 - fish.contracted) * natural)
+    failure = FAILURES[int(recording.failure[-1])]
+    return Reel(
+        title=f"seed {recording.about['seed']}",
+        interval=recording.about["control_interval"],
+        time=recording.time,
+        points=fish.points(recording.position),
+        centre=np.einsum("n,tnk->tk", mass, recording.position),
+        speed=np.linalg.norm(np.einsum("n,tnk->tk", mass, recording.velocity), axis=1) / fish.length,
+        contraction=np.clip(shortened, 0.0, 1.0),
+        command=recording.directions[:, 0] if recording.directions.shape[1] else np.zeros((recording.steps + 1, 3)),
+        spheres=recording.spheres,
+        gained=np.concatenate([[0.0], np.cumsum(recording.reward)]),
+        note=failure.partition(":")[0],
+    )
+
+
+def _pictures(cast: Cast, reel: Reel):
+    """Every state as a picture (H,W,3) uint8."""
+    from fish_env.render import Frame, draw
+
+    fish = cast.fish
+    for t in range(1, len(reel.points)):
+        spheres = reel.spheres[t]
+        yield draw(Frame(
+            position=reel.points[t], rest=fish.points(fish.body.position), faces=fish.landmarks.faces,
+            muscles=fish.landmarks.muscles, contraction=reel.contraction[t], length=fish.length,
+            path=reel.centre[: t + 1], commands=reel.command[t : t + 1], time=float(reel.time[t]),
+            speed=float(reel.speed[t]), caption=reel.note if t + 1 == len(reel.points) else "", task=cast.task,
+            spheres=spheres[spheres[:, 3] > 0.0], touchable=cast.touchable,
+        ))  # fmt: skip
+
+
+def page(cast: Cast, reels: Sequence[Reel]) -> str:
+    """The page as text: the template with the renderer and the data put in."""
+    every = -(-sum(len(reel.points) for reel in reels) // STATES)
+    rest = cast.fish.points(cast.fish.body.position)
+    data = {
+        "task": cast.task,
+        "length": float(cast.fish.length),
+        "touchable": cast.touchable,
+        "nose": int(rest[:, 0].argmax()),
+        "tail": int(rest[:, 0].argmin()),
+        "skin": _skin(cast.fish),
+        "reels": [_packed_reel(reel, every) for reel in reels],
+    }
+    text = (HERE / "film.html").read_text(encoding="utf-8")
+    script = "".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    parts = {"/*SCRIPT*/": script, "/*DATA*/": json.dumps(data).replace("</", "<\\/")}  # no end of the script within it
+    for place, part in parts.items():
+        text = text.replace(place, part)
+    return text
+
+
+def _skin(fish: Any) -> dict[str, Any]:
+    """The skin as weights of landmarks, its quadrilaterals, colours, and what each muscle colours."""
+    from fish_env.render.skin import skin_of
+
+    skin = skin_of(fish.points(fish.body.position), fish.landmarks.faces, fish.landmarks.muscles)
+    count = np.zeros(len(skin.weights))
+    colour, influence = np.zeros((len(count), 3)), np.zeros((len(count), skin.influence.shape[1]))
+    for corner in skin.quads.T:  # of a point: the mean over the quadrilaterals that meet there
+        np.add.at(count, corner, 1.0)
+        np.add.at(colour, corner, skin.colour)
+        np.add.at(influence, corner, skin.influence)
+    share = 1.0 / np.maximum(count, 1.0)[:, None]
+    return {
+        "weights": packed(np.concatenate([skin.weights, skin.eyes])),
+        "quads": _base64(skin.quads.astype("<u2")),
+        "colour": _base64(np.clip(colour * share, 0, 255).astype(np.uint8)),
+        "influence": _base64(np.clip(255 * influence * share, 0, 255).round().astype(np.uint8)),
+        "muscles": skin.influence.shape[1],
+    }
+
+
+def _packed_reel(reel: Reel, every: int) -> dict[str, Any]:
+    """Every so many-th state of an episode, as JSON."""
+    size = np.linalg.norm(reel.command, axis=1, keepdims=True)
+    return {
+        "title": reel.title,
+        "note": reel.note,
+        "interval": every * reel.interval,
+        "states": len(reel.points[::every]),
+        "points": packed(reel.points[::every]),
+        "centre": packed(reel.centre[::every]),
+        "speed": packed(reel.speed[::every, None]),
+        "gained": packed(reel.gained[::every, None]),
+        "contraction": _base64((255 * reel.contraction[::every]).round().astype(np.uint8)),
+        "command": packed((reel.command / np.maximum(size, 1e-300))[::every]),
+        "spheres": packed(reel.spheres[::every]),
+        "sphereCount": reel.spheres.shape[1],
+    }
+
+
+def packed(array: np.ndarray) -> dict[str, Any]:
+    """Numbers (..., K) in 16 bits, from the lowest to the highest of each of the K columns.
+
+    The error is at most half of `step`: of 10 m of water it is 0.08 mm.
+    """
+    columns = np.asarray(array, dtype=np.float64).reshape(-1, array.shape[-1])
+    low = columns.min(axis=0) if len(columns) else np.zeros(columns.shape[1])
+    step = (columns.max(axis=0) - low if len(columns) else low) / STEPS
+    whole = np.round((columns - low) / np.where(step > 0.0, step, 1.0)).astype("<u2")
+    return {"low": low.tolist(), "step": step.tolist(), "data": _base64(whole)}
+
+
+def _base64(array: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()
