@@ -123,7 +123,10 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
     depth = positive_array(np.zeros(len(corners)) if depth is None else depth, (len(corners),), "depth (m)", zero=True)
     if not depth.any():
         check_outward(position, corners)
-    for name, part in (("tets", tets), ("compartments", compartments), ("barriers", barriers)):
+    for name, part, kind in (("tets", tets, Tets), ("compartments", compartments, Compartments),
+                             ("barriers", barriers, Barriers)):  # fmt: skip
+        if not isinstance(part, kind | None):
+            raise ValueError(f"{name} is a {type(part).__name__}; give what make_{name} returns, or None")
         highest = 0 if part is None else getattr(part, "faces" if name == "compartments" else "nodes").max(initial=0)
         if highest >= n:
             raise ValueError(f"{name} name node {highest}, which is missing; nodes are numbered 0 to {n - 1}")

@@ -9,8 +9,10 @@ import numpy as np
 def finite_array(value, shape, name) -> np.ndarray:
     """`value` as a new float64 array of the given shape, or ValueError saying what it is and what it should be."""
     try:
+        if np.asarray(value).dtype.kind in "SU":  # numpy would read numbers out of them
+            raise TypeError("text")
         array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} is {value!r}; give finite numbers of shape {shape}") from error
     if array.shape != tuple(shape):
         raise ValueError(f"{name} has shape {array.shape}; give shape {tuple(shape)}")

@@ -17,7 +17,10 @@ from fish_env.tank_options import (
     bytes_of,
     check_counts,
     check_scene,
+    checked_command,
     checked_state,
+    checked_steps,
+    chosen_nodes,
     described,
     kind_for,
     method_for,
@@ -171,9 +174,7 @@ class Tank(Generic[Elastic]):
 
     def advance(self, steps: int) -> None:
         """Take `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
-        if not (isinstance(steps, int | np.integer) and steps >= 0):
-            raise ValueError(f"steps is {steps!r}; give a whole number, zero or more")
-        self._run(int(steps))
+        self._run(checked_steps(steps))
 
     def swim(self, action, duration: float) -> None:
         """Move the muscles' rest lengths towards a command at a limited rate, and advance.
@@ -201,17 +202,21 @@ class Tank(Generic[Elastic]):
         self.drive(0.5 * (action + 1.0), steps)
 
     def drive(self, contraction: np.ndarray, steps: int) -> None:
-        """`swim` without the checks: contraction (B,M) in [0, 1], steps of dt."""
-        self.command(contraction, steps * self.dt)
+        """`swim` for contractions (B,M) in [0, 1], for at least one step of dt; ValueError as there."""
+        self.command(contraction, checked_steps(steps) * self.dt)
         self._run(steps)
 
     def command(self, contraction: np.ndarray, duration: float) -> None:
-        """Set the muscles' rest lengths out for a contraction (B,M) in [0, 1] within `duration` s, without moving."""
-        command_all(self.pack, np.ascontiguousarray(contraction, dtype=np.float64), duration)
+        """Set the muscles' rest lengths out for a contraction (B,M) in [0, 1] within `duration` s, without moving.
+
+        Raises:
+            ValueError: for contractions of another shape or outside [0, 1], or a duration that is not positive.
+        """
+        command_all(self.pack, *checked_command(contraction, duration, (self.num_fish, self.fish.num_muscles)))
 
     def nearest(self, point, nodes=None, i=0) -> int:
-        """The node of body i nearest to a point (3,) m: of `nodes`, their numbers, or of all."""
-        which = np.arange(self.state.x.shape[1]) if nodes is None else np.asarray(nodes)
+        """The node of body i nearest to a point (3,) m: of `nodes`, their numbers, or of all; ValueError if missing."""
+        which = chosen_nodes(nodes, i, self.state.x.shape)
         away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
         return int(which[np.argmin((away**2).sum(axis=1))])
 

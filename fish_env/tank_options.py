@@ -10,10 +10,13 @@ from fish_env.bodies.fish import ElasticObject, Fish
 from fish_env.body import FAILURES, Body, scaled
 from fish_env.checks import finite_array, positive_array
 from fish_env.integrators import INTEGRATORS, Integrator
+from fish_env.integrity import check_fish, check_numbers
 from fish_env.simd import LANES, SUPPORTED, Kind, Pack, Vectors
 from fish_env.world import VACUUM, World
 
 REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
+MOST_STEPS = 2**53  # of one call: more could not be told apart by their clock
+SHORTEST = 1e-12  # s: beside an episode, a shorter step is lost in the rounding of its clock
 FISH_FOR_LANES = 3  # fewer than this are faster one by one
 
 
@@ -35,8 +38,11 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
     if np.isfinite(float(refine)) and integrator not in REFINED:
         raise ValueError(f"{integrator!r} cannot refine its steps; give refine=inf, or choose from {REFINED}")
     dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
-    if not (isinstance(dt, Real) and np.isfinite(float(dt)) and float(dt) > 0):
-        raise ValueError(f"dt is {dt!r}; give a positive number of seconds (this fish's own is {fish.time_step})")
+    if not (isinstance(dt, Real) and np.isfinite(float(dt)) and float(dt) >= SHORTEST):
+        raise ValueError(
+            f"dt is {dt!r}; give a positive number of seconds, at least {SHORTEST:g} (this fish's own is "
+            f"{fish.time_step})"
+        )
     return INTEGRATORS[integrator], float(dt), float(refine)
 
 
@@ -48,15 +54,58 @@ def check_counts(**counts) -> None:
 
 
 def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator) -> None:
-    """Raise ValueError if `water` is no world, fixes a node that the body lacks, or the method cannot move the body."""
+    """Raise ValueError if parts of fish or world do not fit together, or if the method cannot move the body there."""
+    check_fish(fish)
     if not isinstance(water, World | None):
         raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...), or None for vacuum")
     world, nodes = VACUUM if water is None else water, fish.body.mass.size
-    if world.anchors is not None and world.anchors.node.max(initial=-1) >= nodes:
-        raise ValueError(f"an anchor holds node {world.anchors.node.max()}; the body's are numbered 0 to {nodes - 1}")
+    finite_array(world.current, (3,), "current of the water (m/s)")
+    if world.gravity is not None:
+        finite_array(world.gravity, (3,), "gravity of the water (m/s2)")
+    if world.planes is not None:
+        finite_array(world.planes, (len(world.planes), 5), "planes of the water")
+    if world.anchors is not None:
+        check_anchors(world.anchors, nodes)
     reason = integrator.refuses(fish.body, world)
     if reason:
         raise ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
+
+
+def check_anchors(anchors, nodes: int) -> None:
+    """Raise ValueError unless the parts of the anchors fit together, and hold nodes that there are."""
+    count = len(anchors.node)
+    check_numbers("anchors", anchors.node, (count,), nodes)
+    for name, tail in (("point", (3,)), ("velocity", (3,)), ("stiffness", ()), ("damping", ()), ("rest_length", ())):
+        finite_array(getattr(anchors, name), (count, *tail), f"{name} of the anchors")
+
+
+def checked_steps(steps) -> int:
+    """A number of steps of one call, or ValueError."""
+    if not (isinstance(steps, int | np.integer) and 0 <= steps <= MOST_STEPS):
+        raise ValueError(f"steps is {steps!r}; give a whole number from 0 to {MOST_STEPS}")
+    return int(steps)
+
+
+def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.ndarray, float]:
+    """Contractions (B,M) and the time for them, s, or ValueError for what is not allowed."""
+    if not (isinstance(duration, Real) and 0.0 < float(duration) < math.inf):
+        raise ValueError(f"duration is {duration!r}; give a positive number of seconds")
+    found = np.ascontiguousarray(contraction, dtype=np.float64)
+    if found.shape != shape or not (found.size == 0 or 0.0 <= found.min() <= found.max() <= 1.0):
+        found = finite_array(contraction, shape, "contraction")
+        raise ValueError(f"contraction is from {found.min():g} to {found.max():g}; give numbers from 0 to 1")
+    return found, float(duration)
+
+
+def chosen_nodes(nodes, i, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers of nodes of body i, or of all for None; ValueError if there are none, or one or the body is missing."""
+    bodies, count, _ = shape
+    check_numbers("i", i, (), bodies)
+    which = np.arange(count) if nodes is None else np.asarray(nodes)
+    if not which.size:
+        raise ValueError("nodes is empty; give the numbers of some nodes, or None for all")
+    check_numbers("nodes", which, (None,), count)
+    return which
 
 
 def bytes_of(body: Body) -> int:
@@ -149,6 +198,7 @@ def described(tank) -> Pack:
             "line": fish.line, "left": fish.left, "right": fish.right, "nose": fish.nose,
             "node": fish.landmarks.node, "height": fish.landmarks.height,
         }  # fmt: skip
+        fields = {name: np.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
     fibres, drives, natural, span = tank._fibres
     return Pack(
         "tank",
@@ -157,7 +207,8 @@ def described(tank) -> Pack:
         rest_length=control.rest_length, rate=control.rate, variation=tank.variation, effort=tank.effort,
         rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
         contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
-        muscles=fish.muscles, natural=tank.natural, span=tank.span,
-        fibres=fibres, drives=drives, fibre_natural=natural, fibre_span=span,
-        spring_nodes=springs.nodes, spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **fields,
+        muscles=np.array(fish.muscles), natural=tank.natural, span=tank.span,
+        fibres=np.array(fibres), drives=np.array(drives), fibre_natural=natural, fibre_span=span,
+        spring_nodes=np.array(springs.nodes), spring_stiffness=springs.stiffness, spring_length=springs.rest_length,
+        **fields,
     )  # fmt: skip

@@ -1,5 +1,6 @@
 """What surrounds the bodies of a tank: water, gravity, walls, and what pulls at single nodes."""
 
+from collections.abc import Sequence
 from numbers import Real
 from typing import NamedTuple
 
@@ -78,6 +79,8 @@ def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World =
         ValueError: naming the part, what it holds, and what is allowed.
     """
     rows = []
+    if not isinstance(planes, Sequence | np.ndarray):
+        raise ValueError(f"planes is {planes!r}; give a list of (normal (3,), offset in m, restitution)")
     for i, plane in enumerate(planes):
         try:
             normal, offset, restitution = plane

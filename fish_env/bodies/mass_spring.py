@@ -130,17 +130,14 @@ class MassSpringParameters:
             ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
             ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6),
         ):  # fmt: skip
-            positive_array(getattr(self, name), (size,), name)
+            values = positive_array(getattr(self, name), (size,), name)
+            object.__setattr__(self, name, tuple(values.tolist()))
         for name in (
-            "length",
-            "tail_half_span",
-            "drag_coefficient",
-            "contraction_time",
-            "time_step",
-            "control_interval",
-        ):
-            positive_array(getattr(self, name), (), name)
-        positive_array(self.relaxation_time, (), "relaxation_time", zero=True)
+            "length", "tail_half_span", "drag_coefficient", "contraction_time", "time_step", "control_interval",
+            "relaxation_time",
+        ):  # fmt: skip
+            value = positive_array(getattr(self, name), (), name, zero=name == "relaxation_time")
+            object.__setattr__(self, name, float(value))
         rise, fall = positive_array(self.activation_time, (2,), "activation_time", zero=True)
         object.__setattr__(self, "activation_time", (float(rise), float(fall)))  # a list, as it comes from JSON
         stations = np.array([0.0, *self.layer_position, 1.0])

@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,7 +103,10 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
         layers = sum(name.startswith("weight") for name in held)
         weights = tuple(held.pop(f"weight{k}") for k in range(layers))
         biases = tuple(held.pop(f"bias{k}") for k in range(layers))
-    except (ValueError, KeyError, EOFError, OSError, TypeError, zipfile.BadZipFile, AttributeError) as error:
+        if not isinstance(about, dict):
+            raise TypeError(f"about is {about!r}, not a dictionary")
+    except (ValueError, KeyError, EOFError, OSError, TypeError, AttributeError, MemoryError, NotImplementedError,
+            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
         raise ValueError(
             f"{path} is not a policy file, or is damaged or pickled ({error}); give a policy.npz that train.py wrote"
         ) from error
@@ -129,6 +133,8 @@ def _check_layout(path: Path, layout: int) -> None:
 def _check_layers(path: Path, weights: tuple[np.ndarray, ...], biases: tuple[np.ndarray, ...]) -> None:
     width = weights[0].shape[0] if weights and weights[0].ndim == 2 else None
     for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        if weight.dtype.kind != "f" or bias.dtype.kind != "f":
+            raise ValueError(f"{path}: layer {k} is of {weight.dtype} and {bias.dtype}; give floating-point numbers")
         if weight.ndim != 2 or bias.shape != weight.shape[1:] or weight.shape[0] != width:
             raise ValueError(f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}, which do not fit together")
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):

@@ -86,8 +86,8 @@ def packed(record, kind: Kind) -> Pack:
     """A named tuple of arrays and numbers as kernels of a kind read it; what is None is left out.
 
     Floats become numbers of the kind's precision; the fields that the record's class names in VECTORS, (3,) or (n,3),
-    become vectors, the same for every fish. Whole numbers and truth values stay what they are. What is in a dictionary
-    stands beside the other fields.
+    become vectors, the same for every fish. Whole numbers and truth values stay what they are. Arrays are copied. What
+    is in a dictionary stands beside the other fields.
     """
     fields = {}
     for name, value in record._asdict().items():
@@ -99,7 +99,7 @@ def packed(record, kind: Kind) -> Pack:
             vectors = name in getattr(record, "VECTORS", ())
             fields[name] = kind.rows(np.atleast_2d(value)) if vectors else kind.scalars(value)
         elif isinstance(value, np.ndarray):
-            fields[name] = np.ascontiguousarray(value)
+            fields[name] = np.array(value, order="C")
         elif value is not None:
             fields[name] = float(value) if isinstance(value, float | np.floating) else value
     return Pack(type(record).__name__, **fields)

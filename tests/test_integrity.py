@@ -1,0 +1,201 @@
+"""What kernels are given is checked first: node numbers that do not exist never reach them, and memory stays whole."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fish_env import Tank, make_fish
+from fish_env.bodies.objects import make_ring
+from fish_env.body import make_body
+from fish_env.control import load_policy, shipped_policy
+from fish_env.statics import equilibrium
+from fish_env.world import make_anchors, make_world
+
+FISH = make_fish()
+SOLID = make_fish("tetrahedral")
+RING = make_ring()
+
+
+def with_part(fish, part, **changes):
+    """A fish with fields of a part of its body changed by hand."""
+    return replace(fish, body=fish.body._replace(**{part: getattr(fish.body, part)._replace(**changes)}))
+
+
+def raised(array, by=1000):
+    """A copy of whole numbers, its last element larger."""
+    array = np.array(array)
+    array.reshape(-1)[-1] += by
+    return array
+
+
+CHANGED = {
+    "springs": (lambda: with_part(FISH, "springs", nodes=raised(FISH.body.springs.nodes)), "springs.nodes names 10"),
+    "negative": (
+        lambda: with_part(FISH, "springs", nodes=raised(FISH.body.springs.nodes, -99)),
+        "springs.nodes names -",
+    ),
+    "another spring": (
+        lambda: with_part(FISH, "springs", nodes=FISH.body.springs.nodes[::-1].copy()),
+        "springs.entry does not name",
+    ),
+    "stiffness": (lambda: with_part(FISH, "springs", stiffness=np.ones(3)), "stiffness of springs has shape"),
+    "entry": (lambda: with_part(FISH, "springs", entry=raised(FISH.body.springs.entry)), "springs.entry does not"),
+    "faces": (lambda: with_part(FISH, "faces", nodes=raised(FISH.body.faces.nodes)), "faces.nodes names"),
+    "tetrahedra": (lambda: with_part(SOLID, "tets", nodes=raised(SOLID.body.tets.nodes)), "tets.nodes names"),
+    "gas": (lambda: with_part(RING, "compartments", faces=raised(RING.body.compartments.faces)), "compartments.faces"),
+    "first": (lambda: with_part(RING, "compartments", first=np.array([0, 5, 7])), "compartments.first is"),
+    "barriers": (lambda: with_part(RING, "barriers", nodes=raised(RING.body.barriers.nodes)), "barriers.nodes names"),
+    "profile": (
+        lambda: replace(FISH, body=FISH.body._replace(profile=FISH.body.profile._replace(first=np.zeros(23, int)))),
+        "profile of the body is not that",
+    ),
+    "mass": (lambda: replace(FISH, body=FISH.body._replace(mass=np.ones(22))), "position of body has shape"),
+    "position": (
+        lambda: replace(FISH, body=FISH.body._replace(position=FISH.body.position * np.nan)),
+        "position of body",
+    ),
+    "muscles": (lambda: replace(FISH, muscles=raised(FISH.muscles)), "muscles names"),
+    "contracted": (lambda: replace(FISH, contracted=FISH.contracted[:3]), "contracted has shape"),
+    "fibres": (lambda: replace(FISH, fibres=raised(FISH.fibres), drives=FISH.drives), "fibres names"),
+    "drives": (lambda: replace(FISH, fibres=FISH.fibres, drives=raised(FISH.drives)), "drives names"),
+    "right": (lambda: replace(FISH, right=FISH.right[:-1]), "right has shape"),
+    "nose": (lambda: replace(FISH, nose=23), "nose names 23"),
+    "landmarks": (
+        lambda: replace(FISH, landmarks=FISH.landmarks._replace(node=raised(FISH.landmarks.node))),
+        "landmarks.node names",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_parts_that_do_not_fit_are_refused(name):
+    """A fish that was changed by hand is refused when a tank is made, with the part that is wrong."""
+    make, message = CHANGED[name]
+    with pytest.raises(ValueError, match=message):
+        Tank(make(), 2)
+
+
+def test_a_body_changed_in_place_is_refused_or_harmless():
+    """Changed before a tank is made, a body is refused; after it, the tank does not notice."""
+    fish = make_fish()
+    tank, same = Tank(fish, 2, water=fish.water), Tank(make_fish(), 2, water=fish.water)
+    fish.body.springs.nodes[:] = 10**9
+    fish.landmarks.node[:] = 10**9
+    fish.muscles[:] = 10**9
+    action = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 12))
+    for each in (tank, same):
+        each.swim(action, fish.control_interval)
+    np.testing.assert_array_equal(tank.position, same.position)
+    with pytest.raises(ValueError, match=r"springs.nodes names 10+, which is missing; give numbers from 0 to 22"):
+        Tank(fish, 1)
+    with pytest.raises(ValueError, match=r"springs.nodes names"):
+        equilibrium(fish.body)
+
+
+@pytest.mark.parametrize("change", [{"node": np.array([-1])}, {"node": np.array([23])}, {"stiffness": np.ones(2)},
+                                    {"point": np.array([[np.inf, 0.0, 0.0]])}])  # fmt: skip
+def test_anchors_that_do_not_fit_are_refused(change):
+    """Anchors that were changed by hand hold no node that is missing."""
+    anchors = make_anchors([0], [(0.0, 0.0, 0.0)], 1.0)._replace(**change)
+    with pytest.raises(ValueError, match="anchors"):
+        Tank(FISH, 1, water=FISH.water._replace(anchors=anchors))
+
+
+@pytest.mark.parametrize(
+    ("contraction", "duration", "message"),
+    [
+        (np.zeros((5, 12)), 0.02, r"has shape \(5, 12\); give shape \(2, 12\)"),
+        (np.zeros((2, 3)), 0.02, r"has shape \(2, 3\)"),
+        (np.zeros(12), 0.02, r"has shape \(12,\)"),
+        (np.full((2, 12), np.nan), 0.02, "contraction is nan"),
+        (np.full((2, 12), 1.5), 0.02, "contraction is from 1.5 to 1.5; give numbers from 0 to 1"),
+        (np.zeros((2, 12)), -1.0, "duration is -1.0; give a positive"),
+        (np.zeros((2, 12)), np.nan, "duration is nan; give a positive"),
+    ],
+)
+def test_commands_that_do_not_fit_are_refused(contraction, duration, message):
+    """Commands of another shape, that are not finite or out of range change nothing."""
+    tank = Tank(FISH, 2)
+    before = tank.get_state()
+    with pytest.raises(ValueError, match=message):
+        tank.command(contraction, duration)
+    if duration > 0:
+        with pytest.raises(ValueError, match=message):
+            tank.drive(contraction, 6)
+    for name, array in tank.get_state().items():
+        np.testing.assert_array_equal(array, before[name])
+    assert not tank.control.rate.any()
+
+
+@pytest.mark.parametrize("steps", [-1, 1.5, 2**64, "3", None])
+def test_steps_that_are_none_are_refused(steps):
+    """A number of steps is a whole one that fits the clock."""
+    for call in (lambda tank: tank.advance(steps), lambda tank: tank.drive(np.zeros((1, 12)), steps)):
+        with pytest.raises(ValueError, match=r"steps is .*; give a whole number from 0"):
+            call(Tank(FISH, 1))
+
+
+def test_nearest_takes_nodes_that_there_are():
+    """`nearest` names the node that is missing."""
+    tank = Tank(FISH, 2)
+    assert tank.nearest(FISH.body.position[4], [3, 4, 5], 1) == 4
+    for nodes, i, message in (([99], 0, "names 99"), ([-1], 0, "names -1"), ([], 0, "empty"), (None, 2, "i names 2")):
+        with pytest.raises(ValueError, match=message):
+            tank.nearest((0.0, 0.0, 0.0), nodes, i)
+
+
+def test_odd_numbers_are_numbers_or_refused():
+    """Fractions and decimals are numbers; text, complex numbers and steps below the clock's rounding are not."""
+    from decimal import Decimal
+    from fractions import Fraction
+
+    for length in (Fraction(1, 5), Decimal("0.2")):
+        assert make_fish(length=length).body.position.tobytes() == make_fish(length=0.2).body.position.tobytes()
+    for bad in ("0.3", 0.3 + 0j, None):
+        with pytest.raises(ValueError, match="length is"):
+            make_fish(length=bad)
+    with pytest.raises(ValueError, match="dt is 5e-324; give a positive number of seconds, at least 1e-12"):
+        Tank(FISH, 1, dt=5e-324)
+    with pytest.raises(ValueError, match="planes is 3"):
+        make_world(planes=3)
+    b = FISH.body
+    with pytest.raises(ValueError, match="tets is a int; give what make_tets returns"):
+        make_body(b.position, b.mass, b.springs.nodes, b.springs.stiffness, b.springs.damping, b.springs.rest_length,
+                  b.faces.nodes, tets=3)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "message"),
+    [
+        ("about", np.array("null"), "about is None"),
+        ("about", np.array("[]"), "not a dictionary"),
+        ("about", np.array(3.0), "not a dictionary"),
+        ("weight0", np.array([["a"]]), "give floating-point numbers"),
+        ("weight0", np.zeros((156, 64), complex), "give floating-point numbers"),
+        ("weight0", np.zeros((156, 64), int), "give floating-point numbers"),
+        ("bias1", np.zeros((3, 3), np.float32), "do not fit together"),
+    ],
+)
+def test_odd_policy_files_are_refused(tmp_path, part, value, message):
+    """A policy file with parts of another type is an error that names the file."""
+    with np.load(shipped_policy("swim")) as file:
+        held = dict(file) | {part: value}
+    np.savez(tmp_path / "policy.npz", **held)
+    with pytest.raises(ValueError, match=rf"policy.npz.*{message}"):
+        load_policy(tmp_path / "policy.npz")
+
+
+def test_an_array_is_no_policy(tmp_path):
+    """A renamed array, and a file whose header promises more memory than there is, are errors that name the file."""
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    (tmp_path / "array.npy").rename(tmp_path / "policy.npz")
+    with pytest.raises(ValueError, match="is not a policy file"):
+        load_policy(tmp_path / "policy.npz")
+    with np.load(shipped_policy("swim")) as file:
+        np.savez(tmp_path / "huge.npz", **dict(file))
+    data = (tmp_path / "huge.npz").read_bytes()
+    shape = b"(156, 32)" if b"(156, 32)" in data else data[data.index(b"'shape': (") + 9 :].split(b")")[0] + b")"
+    (tmp_path / "huge.npz").write_bytes(data.replace(shape, b"(" + b"9" * (len(shape) - 3) + b",)", 1))
+    with pytest.raises(ValueError, match="is not a policy file"):
+        load_policy(tmp_path / "huge.npz")
