@@ -10,6 +10,7 @@ python train.py all --integrator semi_implicit       the same with another integ
 python train.py evaluate runs/swim/<time>/policy.npz evaluate policies on the fixed seeds
 python train.py compare runs/swim/<time>/policy.npz  the same, beside the controllers without learning
 python train.py compare --integrators                replay the shipped policies with every integrator
+python train.py report runs/swim/<time>              one HTML page of a run, or of several beside each other
 python train.py play runs/swim/<time>/policy.npz     watch it in a window (or --save FILE.html, .mp4)
 """
 
@@ -59,6 +60,10 @@ def parse() -> argparse.Namespace:
     command = commands.add_parser("compare", help="evaluate policies beside the controllers without learning")
     command.add_argument("policies", type=Path, nargs="*", help="default: those that are shipped")
     command.add_argument("--integrators", action="store_true", help="under every integrator, RK4 as the reference")
+    command = commands.add_parser("report", help="write an HTML page of a run, or of several beside each other")
+    command.add_argument("folders", type=Path, nargs="+", help="of runs; seeds are put together")
+    command.add_argument("--save", type=Path, help="the page (default report.html in the folder of all)")
+    command.add_argument("--episodes", type=int, default=100, help="that each policy is measured in (default 100)")
     command = commands.add_parser("play", help="watch a policy")
     command.add_argument("policy", type=Path)
     command.add_argument("--seed", type=int, default=0)
@@ -82,6 +87,10 @@ def run(arguments: argparse.Namespace) -> None:
         from agents.report import compare
 
         compare(arguments.policies)
+    elif arguments.command == "report":
+        from agents.run_report import write_report
+
+        print(f"written to {write_report(arguments.folders, arguments.save, arguments.episodes)}")
     elif arguments.command == "play":
         from fish_env.control import load_policy, play
 

@@ -60,23 +60,33 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
     """
     path = writable_file(path, (PAGE, *VIDEOS))
     found = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    made_of = [(one.about["env_id"], one.about["env_options"]) for one in found]
-    if not found or any(one != made_of[0] for one in made_of):
-        raise ValueError(f"there are {len(found)} recordings; give at least one, all of one environment and keywords")
-    if path.suffix.lower() != PAGE:
-        load_writer(path)
-    cast = _cast(found[0])
-    reels = [_reel(one, cast.fish) for one in found]
     if path.suffix.lower() == PAGE:
-        text = page(cast, reels)
-        if len(text) > LARGEST:
-            raise ValueError(f"the page would have {len(text):,} bytes, more than {LARGEST:,}; give fewer episodes")
+        text = film_text(found)
         with replacing(path) as partial:
             partial.write_text(text, encoding="utf-8")
     else:
+        load_writer(path)
+        cast, reels = _shown(found)
         pictures = [picture for reel in reels for picture in _pictures(cast, reel)]
         write_video(pictures, 1.0 / (SLOWER * reels[0].interval), path)
     return path
+
+
+def film_text(recordings: Sequence[Recording]) -> str:
+    """The page of `write_film` as text, with the same errors."""
+    text = page(*_shown(recordings))
+    if len(text) > LARGEST:
+        raise ValueError(f"the page would have {len(text):,} bytes, more than {LARGEST:,}; give fewer episodes")
+    return text
+
+
+def _shown(recordings: Sequence[Recording]) -> tuple[Cast, list[Reel]]:
+    """What is shown of recordings, or ValueError unless they are of one environment."""
+    made_of = [(one.about["env_id"], one.about["env_options"]) for one in recordings]
+    if not made_of or any(one != made_of[0] for one in made_of):
+        raise ValueError(f"there are {len(made_of)} recordings; give at least one, all of one environment and keywords")
+    cast = _cast(recordings[0])
+    return cast, [_reel(one, cast.fish) for one in recordings]
 
 
 def _cast(recording: Recording) -> Cast:

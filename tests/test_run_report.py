@@ -1,0 +1,202 @@
+"""Reports of training runs: what they measure is right, and the pages hold it and stand alone."""
+
+import json
+import re
+import shutil
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("matplotlib")
+
+from agents import report, run_charts, run_measures, run_report
+from agents import train as training
+from agents.statistics import interquartile_mean
+from fish_env.control import evaluate, make_policy_env, policy_controller, record
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two tiny runs that differ in their seeds, and one that says it was trained otherwise."""
+    torch.set_num_threads(1)
+    root = tmp_path_factory.mktemp("runs")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "EPISODES", 2)
+        for seed in (0, 1):
+            changes = {"timesteps": 1024, "num_envs": 8}
+            training.train(training.Request("swim", seed, folder=root / f"seed{seed}", pictures=False, changes=changes))
+    shutil.copytree(root / "seed1", root / "other")
+    saved = json.loads((root / "other" / "config.json").read_text())
+    saved["config"]["learning_rate"] = 5e-4
+    (root / "other" / "config.json").write_text(json.dumps(saved))
+    for name, gain in (("seed0", 1.0), ("seed1", 1.5), ("other", 3.0)):  # too short to have written much of a curve
+        rows = [f"{1000 * k},{k},10,{gain * k},{2 * gain * k}" for k in range(1, 6)]
+        (root / name / "curve.csv").write_text("\n".join(["timesteps,seconds,episodes,score,return", *rows, ""]))
+    return root
+
+
+def sections(text):
+    """The text of a page by its headings."""
+    parts = re.split(r"<h2>(.*?)</h2>", text)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def test_page_of_a_run(runs):
+    """One run: settings, metrics, curve, failures, terms, path, heading, gait, tail and film; nothing is loaded."""
+    path = run_report.write_report([runs / "seed0"], episodes=3)
+    assert path == runs / "seed0" / "report.html"
+    text = path.read_text()
+    found = sections(text)
+    assert list(found) == ["swim: results", "Learning curves", "Failures", "Reward terms", "Path", "Heading", "Gait",
+                           "Tail sweep", "Film"]  # fmt: skip
+    for name in ("Learning curves", "Reward terms", "Path", "Heading", "Gait", "Tail sweep"):
+        assert "<svg" in found[name], name
+    assert "python train.py swim --seed 0 --timesteps 1024 --num-envs 8" in text and "<td>learning_rate</td>" in text
+    assert "seed 0: none of 3 episodes" in found["Failures"]
+    assert "srcdoc=" in found["Film"] and "film_player" not in found["Film"]
+    for loaded in ("http", 'src="', "@import", "<link"):
+        assert loaded not in text, loaded
+    assert len(text) < 3_000_000
+    policy = run_measures.read_run(runs / "seed0").policy
+    env = make_policy_env(policy, 3)
+    speed = evaluate(policy_controller(policy, env), env)["speed"].mean()
+    assert f"<td>speed</td><td class=number>{speed:.3f} (" in found["swim: results"]
+
+
+def test_page_of_several_runs(runs, tmp_path):
+    """Seeds are put together, other settings are named, and every chart shows both groups."""
+    path = run_report.write_report([runs / name for name in ("seed0", "other", "seed1", "seed0")], episodes=2)
+    assert path == runs / "report.html"
+    text = path.read_text()
+    found = sections(text)
+    assert "3 training runs" in text and "<iframe" not in text
+    assert found["swim: the runs"].count("<tr>") == 4 and "<td>learning_rate 0.001</td>" in found["swim: the runs"]
+    assert "learning_rate 0.001 (2 seeds)" in found["swim: results"]
+    for name in ("Learning curves", "Reward terms", "Path", "Heading", "Gait", "Tail sweep"):
+        assert "learning_rate 0.0005" in found[name] and "learning_rate 0.001" in found[name], name
+    assert run_report.write_report([runs / "seed0", runs / "seed1"], tmp_path / "new" / "two.html", 2).exists()
+    assert "all seeds (2 seeds)" in (tmp_path / "new" / "two.html").read_text()
+
+
+def test_no_run(runs, tmp_path):
+    """A folder that is no run, and one whose files are damaged, are refused with the reason; no page is written."""
+    bad = tmp_path / "bad"
+
+    def refused(message, folders=(bad,), **options):
+        with pytest.raises(ValueError, match=message):
+            run_report.write_report(folders, tmp_path / "page.html", **{"episodes": 2} | options)
+
+    refused("bad is no training run: it is not a folder")
+    bad.mkdir()
+    refused("bad is no training run: it holds no config.json, curve.csv, policy.npz; give a folder that")
+    for name in ("config.json", "policy.npz", "curve.csv"):
+        shutil.copy(runs / "seed0" / name, bad)
+    good = (bad / "config.json").read_text()
+    for text, message in (("{", "config.json or curve.csv cannot be read"), ("[]", "cannot be read"),
+                          (good.replace('"task": "swim"', '"task": "fly"'), "a run of task 'fly'"),
+                          (good.replace("Swim-v0", "Turn-v0"), "was trained for FishEnv/Swim-v0")):  # fmt: skip
+        (bad / "config.json").write_text(text)
+        refused(message)
+    (bad / "config.json").write_text(good)
+    (bad / "curve.csv").write_text("timesteps,seconds\n1,2\n")
+    refused("cannot be read")
+    (bad / "curve.csv").write_text("timesteps,seconds,episodes,score,return\n")
+    assert run_report.write_report([bad], tmp_path / "empty.html", 2).exists()  # interrupted before the first row
+    refused("--episodes is 0", episodes=0)
+    refused("there is no folder", [])
+    with pytest.raises(ValueError, match=r"give a name that ends in .html"):
+        run_report.write_report([bad], tmp_path / "page.pdf", 2)
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_too_many_groups(runs, monkeypatch):
+    """More groups than colours are refused instead of being left out."""
+    monkeypatch.setattr(run_charts, "COLOURS", run_charts.COLOURS[:1])
+    with pytest.raises(ValueError, match="2 different settings; compare at most 1"):
+        run_report.write_report([runs / "seed0", runs / "other"], episodes=2)
+
+
+def test_terms_add_up_to_the_return(runs):
+    """The sums of the reward terms of every episode are its return; failures are counted by their reason."""
+    run = run_measures.read_run(runs / "seed0")
+    found = run_measures.measured_episodes(run, 3)
+    np.testing.assert_allclose(sum(found.terms.values()), found.scores["return"], rtol=1e-12)
+    assert not found.failures and len(found.scores["return"]) == 3
+    both = run_charts.pooled([found, found])
+    assert len(both.scores["speed"]) == 6 and all(len(values) == 6 for values in both.terms.values())
+
+
+def test_spectrum_of_a_sine():
+    """Whole periods of a sine wave have one line, of its amplitude; the peak is found between the samples as well."""
+    time = 0.02 * np.arange(250)
+    frequency, amplitude = run_measures.spectrum(0.3 + 0.07 * np.sin(2 * np.pi * 4.0 * time + 1.0), 0.02)
+    assert frequency[20] == pytest.approx(4.0) and amplitude[20] == pytest.approx(0.07, rel=1e-12)
+    assert amplitude[:18].max() < 1e-12 and amplitude[23:].max() < 1e-12
+    still = motion_with_tail(time, 0.07 * np.sin(2 * np.pi * 4.13 * time))
+    beat = run_measures.tail_beat(still, 0.02)
+    assert beat[0] == pytest.approx(4.13, abs=0.005) and beat[1] == pytest.approx(0.07, rel=0.02)
+
+
+def motion_with_tail(time, tail):
+    """A motion of which only the tail matters."""
+    rest = np.zeros((len(time), 2))
+    return run_measures.Motion(time, rest, time, time, rest, tail, np.zeros((0, 3)), rest)
+
+
+def test_motion_of_a_stiff_fish():
+    """A stiff fish that is carried about has the path, the heading and the tail that it was given."""
+    env = gym.make("FishEnv/Swim-v0")
+    fish = env.unwrapped.tank.fish
+    one = record(env, np.zeros((40, 12)), 1)
+    angle = np.linspace(0.2, 0.2 + 1.5 * np.pi, 41)  # past half a turn
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.zeros((41, 3, 3))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, -sin, sin, cos, 1.0
+    centre = np.column_stack([np.linspace(0, 1, 41), np.linspace(0, -2, 41) ** 2, np.zeros(41)]) * fish.length
+    rest = fish.body.position - fish.body.mass @ fish.body.position / fish.body.mass.sum()
+    bent = rest.copy()
+    bent[fish.tail, 1] += 0.1 * fish.length
+    bent_axis = np.arctan2(*(fish.line @ bent)[1::-1])
+    bent_centre = fish.body.mass @ bent / fish.body.mass.sum()
+    one.position[:] = np.einsum("tij,nj->tni", turn, bent) + centre[:, None]
+    one.directions[:, 0] = (0.0, 1.0, 0.0)
+    found = run_measures.motion(one, fish)
+    middle = (np.einsum("tij,j->ti", turn, bent_centre) + centre)[:, :2] / fish.length
+    moved = middle - middle[0]
+    np.testing.assert_allclose(found.path, np.column_stack([moved[:, 1], -moved[:, 0]]), atol=1e-12)  # +x is +y
+    np.testing.assert_allclose(found.heading, angle + bent_axis - np.pi / 2, atol=1e-12)
+    np.testing.assert_allclose(found.command, 0.0, atol=1e-12)
+    axis = np.array([-np.sin(bent_axis), np.cos(bent_axis)])
+    offset = ((bent[fish.tail].mean(axis=0) - bent_centre)[:2] @ axis) / fish.length
+    np.testing.assert_allclose(found.tail, offset, atol=1e-12)
+    assert offset > 0.05
+    order, names = run_report.muscle_rows(fish)
+    assert sorted(order) == list(range(12)) and names[0] == "Lu 1" and names[-1] == "Rl 3"
+    assert (fish.sides[order[:6]] > 0).all()
+
+
+def test_interval_of_curves():
+    """The middle is the interquartile mean of every point; equal seeds have no width, and others bracket the middle."""
+    curves = np.random.default_rng(0).normal(size=(5, 7))
+    middle, low, high = run_charts.curve_interval(curves)
+    np.testing.assert_allclose(middle, [interquartile_mean(column) for column in curves.T], rtol=1e-12)
+    assert (low <= middle).all() and (middle <= high).all() and (low < high).all()
+    assert (low >= curves.min(axis=0)).all() and (high <= curves.max(axis=0)).all()
+    middle, low, high = run_charts.curve_interval(np.repeat(curves[:1], 3, axis=0))
+    np.testing.assert_allclose([low, high], [middle, middle], rtol=1e-12)
+
+
+def test_command(runs, monkeypatch, capsys, tmp_path):
+    """`train.py report` writes the page and says where; a folder that is no run is answered in one line."""
+    train = pytest.importorskip("train")
+    page = tmp_path / "page.html"
+    arguments = ["train.py", "report", str(runs / "seed0"), "--episodes", "2", "--save", str(page)]
+    monkeypatch.setattr("sys.argv", arguments)
+    assert train.main() == 0 and page.exists()
+    assert f"written to {page}" in capsys.readouterr().out
+    monkeypatch.setattr("sys.argv", ["train.py", "report", str(tmp_path)])
+    assert train.main() == 2
+    assert "is no training run: it holds no config.json" in capsys.readouterr().err
