@@ -353,6 +353,11 @@ LEARNING = (
         "-m benchmarks.learning.pictures --videos", 2, tuple(f"docs/videos/{task}.mp4" for task in LEARNED),
         ("benchmarks.learning.pictures:play", BATCH), data=(DEFAULT, POLICIES),
     ),
+    Result(
+        "learning.film", "episodes of the shipped policy of LeftAfterRight as a page that turns in 3-D",
+        "-m benchmarks.learning.pictures --film", 0.5, ("docs/videos/left_after_right.html",),
+        ("benchmarks.learning.pictures:film", BATCH), data=(DEFAULT, POLICIES),
+    ),
 )  # fmt: skip
 
 REGISTRY = {

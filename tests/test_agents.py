@@ -22,6 +22,7 @@ from agents import callbacks, integrators, records, report, results, statistics,
 from agents import train as training
 from agents.build import Tanh, export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, settings_of
+from agents.run_measures import read_run
 from agents.synergy import synergies
 from fish_env.control import evaluate, evaluation_options, load_policy, make_eval_env, policy_controller, shipped_policy
 from fish_env.control.equivariant import reflection_of
@@ -114,6 +115,8 @@ def test_run_leaves_everything_behind(tmp_path, capsys):
     assert list((folder / "tensorboard").rglob("events.*"))
     record = json.loads((folder / "config.json").read_text())
     assert record["seed"] == 3 and record["config"]["timesteps"] == 1024 and record["versions"]["torch"]
+    read = read_run(folder)  # what a report asks of a run
+    assert read.task == "swim" and read.seed == 3 and read.curve["timesteps"][-1] == 1024
     printed = capsys.readouterr().out
     assert f"python train.py play {folder / 'policy.npz'}" in printed
     assert "best open-loop gait" in printed and "untrained policy" in printed

@@ -3,36 +3,31 @@
 import json
 import re
 import shutil
+from dataclasses import asdict, replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
 pytest.importorskip("matplotlib")
 
-from agents import report, run_charts, run_measures, run_report
-from agents import train as training
+from agents import run_charts, run_measures, run_report
+from agents.config import CONFIGS
 from agents.statistics import interquartile_mean
-from fish_env.control import evaluate, make_policy_env, policy_controller, record
+from fish_env.control import evaluate, make_policy_env, policy_controller, record, shipped_policy
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """Two tiny runs that differ in their seeds, and one that says it was trained otherwise."""
-    torch.set_num_threads(1)
+    """The files that a report reads, of two runs that differ in their seeds and of one with another learning rate."""
     root = tmp_path_factory.mktemp("runs")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, "EPISODES", 2)
-        for seed in (0, 1):
-            changes = {"timesteps": 1024, "num_envs": 8}
-            training.train(training.Request("swim", seed, folder=root / f"seed{seed}", pictures=False, changes=changes))
-    shutil.copytree(root / "seed1", root / "other")
-    saved = json.loads((root / "other" / "config.json").read_text())
-    saved["config"]["learning_rate"] = 5e-4
-    (root / "other" / "config.json").write_text(json.dumps(saved))
-    for name, gain in (("seed0", 1.0), ("seed1", 1.5), ("other", 3.0)):  # too short to have written much of a curve
+    for name, seed, rate, gain in (("seed0", 0, 1e-3, 1.0), ("seed1", 1, 1e-3, 1.5), ("other", 1, 5e-4, 3.0)):
+        (root / name).mkdir()
+        config = replace(CONFIGS["swim"], timesteps=5000, learning_rate=rate)
+        command = f"python train.py swim --seed {seed} --timesteps 5000"
+        saved = {"task": "swim", "seed": seed, "config": asdict(config), "command": command, "start": None}
+        (root / name / "config.json").write_text(json.dumps(saved))
+        shutil.copy(shipped_policy("swim"), root / name)
         rows = [f"{1000 * k},{k},10,{gain * k},{2 * gain * k}" for k in range(1, 6)]
         (root / name / "curve.csv").write_text("\n".join(["timesteps,seconds,episodes,score,return", *rows, ""]))
     return root
@@ -54,7 +49,7 @@ def test_page_of_a_run(runs):
                            "Tail sweep", "Film"]  # fmt: skip
     for name in ("Learning curves", "Reward terms", "Path", "Heading", "Gait", "Tail sweep"):
         assert "<svg" in found[name], name
-    assert "python train.py swim --seed 0 --timesteps 1024 --num-envs 8" in text and "<td>learning_rate</td>" in text
+    assert "python train.py swim --seed 0 --timesteps 5000" in text and "<td>learning_rate</td>" in text
     assert "seed 0: none of 3 episodes" in found["Failures"]
     assert "srcdoc=" in found["Film"] and "film_player" not in found["Film"]
     for loaded in ("http", 'src="', "@import", "<link"):

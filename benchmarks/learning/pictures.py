@@ -2,10 +2,12 @@
 
 python -m benchmarks.learning.pictures            writes docs/images/swim.png
 python -m benchmarks.learning.pictures --videos   writes docs/videos/<task>.mp4
+python -m benchmarks.learning.pictures --film     writes docs/videos/left_after_right.html
 """
 
 import argparse
 
+import gymnasium as gym
 import numpy as np
 
 from agents.config import CONFIGS
@@ -15,7 +17,9 @@ from fish_env.control import (
     load_policy,
     make_eval_env,
     policy_controller,
+    record,
     run_episodes,
+    write_film,
     write_video,
 )
 from fish_env.control.policy import PRETRAINED
@@ -67,11 +71,24 @@ def videos() -> None:
         print(f"{folder / task}.mp4: {(folder / f'{task}.mp4').stat().st_size // 1000} kB")
 
 
+def film(task: str = "left_after_right", episodes: int = 3) -> None:
+    """A page with episodes of the shipped policy, in 3-D."""
+    policy = load_policy(PRETRAINED / task / "policy.npz")
+    env = gym.make(policy.about["env_id"], **evaluation_options(policy.about["env_options"]))
+    path = write_film(
+        [record(env, policy, seed) for seed in range(episodes)], ROOT / "docs" / "videos" / f"{task}.html"
+    )
+    env.close()
+    print(f"{path}: {path.stat().st_size // 1000} kB")
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--videos", action="store_true", help="the videos instead")
-    videos() if parser.parse_args().videos else picture()
+    parser.add_argument("--film", action="store_true", help="the page that turns in 3-D instead")
+    arguments = parser.parse_args()
+    videos() if arguments.videos else film() if arguments.film else picture()
 
 
 if __name__ == "__main__":
