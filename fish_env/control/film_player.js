@@ -70,6 +70,7 @@ function show() {
 
 function choose(reel) {  // an episode, from its beginning
   Object.assign(film, { reel, time: 0 });
+  $("reel").value = reel;
   $("scrub").max = reels[reel].states - 1;
   $("task").textContent = `${title}, ${reels[reel].title}`;
   look("start");
