@@ -41,7 +41,7 @@ def main() -> None:
             over = terminated or truncated
             if args.video:
                 frames.append(env.render())
-        found = env.get_wrapper_attr("episode_info")()  # complete at any time; `info` is, at the registered time limit
+        found = env.get_wrapper_attr("episode_info")()  # at any time; the last step of an episode has it in `info`
         numbers = {name: round(value, 2) for name, value in found.items() if isinstance(value, int | float)}
         print(f"episode {episode}: {numbers}")
     if args.video:

@@ -31,6 +31,60 @@ def test_ids():
     assert set(IDS) == {f"FishEnv/{task.title().replace('_', '')}-v0" for task in fish_env.TASKS} | {"FishEnv/Stub-v0"}
 
 
+@pytest.mark.parametrize("limit", [3, 7, -1])
+def test_info_comes_with_another_time_limit(limit, monkeypatch):
+    """The summary is in the `info` of the step that `max_episode_steps` truncates, and of no other."""
+    monkeypatch.setattr(gym.spec("FishEnv/Stub-v0"), "max_episode_steps", 5)
+    env = gym.make("FishEnv/Stub-v0", max_episode_steps=limit)
+    for _ in range(2):
+        env.reset(seed=0)
+        steps = [env.step(env.action_space.sample()) for _ in range(8 if limit < 0 else limit)]
+        assert [bool(info) for *_, info in steps] == [truncated for *_, truncated, _ in steps]
+        assert steps[-1][3] == (limit > 0)
+    assert limit < 0 or steps[-1][4]["seconds"] == pytest.approx(0.02 * limit)
+    longer = gym.wrappers.TimeLimit(gym.make("FishEnv/Stub-v0", max_episode_steps=4), 6)
+    longer.reset(seed=0)
+    assert [bool(longer.step(env.action_space.sample())[4]) for _ in range(4)] == [False, False, False, True]
+    inside = gym.make_vec("FishEnv/Stub-v0", 2, vectorization_mode="sync", max_episode_steps=3)
+    inside.reset(seed=0)
+    assert ["terms" in inside.step(inside.action_space.sample())[4] for _ in range(3)] == [False, False, True]
+
+
+def test_threads_of_one_fish():
+    """`gym.make` takes `threads` as `gym.make_vec` does, checks it, and refuses a number of fish."""
+    assert gym.make("FishEnv/Swim-v0", threads=2).unwrapped.tank.threads == 2
+    assert gym.make("FishEnv/Swim-v0").unwrapped.tank.threads == 1
+    with pytest.raises(ValueError, match="threads is 0"):
+        gym.make("FishEnv/Swim-v0", threads=0)
+    with pytest.raises(ValueError, match=r"num_envs is for batches \(gym.make_vec\)"):
+        gym.make("FishEnv/Swim-v0", num_envs=2)
+
+
+@pytest.mark.parametrize("error", [TypeError, ValueError])
+def test_unknown_keywords_are_unknown_to_others_too(error):
+    """An unknown keyword is Python's TypeError in words and kind, which libraries that try keywords look for."""
+    with pytest.raises(error, match="unexpected keyword argument 'frameskip'"):
+        gym.make("FishEnv/Swim-v0", frameskip=1)
+    with pytest.raises(error, match="unexpected keyword argument 'frameskip'"):
+        FishVectorEnv(2, frameskip=1)
+
+
+def test_refused_environments_are_closed_in_silence():
+    """An environment whose options were refused may be closed, as some versions of Gymnasium do when it is deleted."""
+    made = []
+
+    class Remembered(FishVectorEnv):
+        def __init__(self, **options):
+            made.append(self)
+            super().__init__(**options)
+
+    for options in ({"body": "whale"}, {"render_mode": "x"}, {"autoreset_mode": "x"}):
+        with pytest.raises(ValueError, match="unknown"):
+            Remembered(**options)
+        made[-1].close()
+    assert len(made) == 3
+
+
 @pytest.mark.parametrize("id", IDS)
 @pytest.mark.parametrize("groups", ["muscles", "pairs"])
 def test_checkers(id, groups, monkeypatch):

@@ -23,6 +23,14 @@ from fish_env.tasks.options import checked_options
 from fish_env.world import World, make_water
 
 
+class UnknownOptionError(ValueError, TypeError):
+    """A keyword that neither the environment nor its task has.
+
+    A ValueError, as for every option that is not allowed, and a TypeError, as Python raises for an unknown keyword:
+    other libraries try keywords and go on without those that are refused in this way.
+    """
+
+
 class Episodes:
     """B fish, each in water of its own and in an episode of its own, stepped by one compiled call.
 
@@ -99,7 +107,7 @@ class Episodes:
         try:
             return self.tasks[task](**options)
         except TypeError as error:
-            raise ValueError(f"unknown option of the environment or of task {task!r}: {error}") from error
+            raise UnknownOptionError(f"unknown option of the environment or of task {task!r}: {error}") from error
 
     def _compile(self) -> None:
         """Describe the arrays to kernels, and choose the compiled calls."""

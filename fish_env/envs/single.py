@@ -1,9 +1,11 @@
 """FishEnv: one fish, the Gymnasium `Env`. It is the vector environment with one fish in it."""
 
+import sys
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.wrappers import TimeLimit
 
 from fish_env.bodies import Fish
 from fish_env.envs.layout import Layout
@@ -23,7 +25,10 @@ class FishEnv(gym.Env):
     def __init__(self, render_mode: str | None = None, **options):
         if "autoreset_mode" in options:
             raise ValueError("autoreset_mode is for batches (gym.make_vec); one fish waits for reset")
-        self.fish = self.vector_class(1, render_mode=render_mode, threads=1, **options)
+        if "num_envs" in options:
+            raise ValueError("num_envs is for batches (gym.make_vec); gym.make makes one fish")
+        options.setdefault("threads", 1)
+        self.fish = self.vector_class(1, render_mode=render_mode, **options)
         self.render_mode = render_mode
         self.metadata = self.metadata | {"render_fps": self.fish.metadata["render_fps"]}
         self.observation_space = self.fish.single_observation_space
@@ -42,8 +47,7 @@ class FishEnv(gym.Env):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """Begin an episode. `options` are keys of `env.unwrapped.fish.reset_options`."""
         super().reset(seed=seed)
-        registered = gym.registry.get(self.spec.id) if self.spec is not None else None
-        self._limit = None if registered is None else registered.max_episode_steps
+        self._limit = time_limit(self)
         self.fish._generators[0] = self.np_random
         self.fish.restart(np.ones(1, dtype=bool), None, options)
         if self.render_mode == "human":
@@ -65,8 +69,7 @@ class FishEnv(gym.Env):
     def episode_info(self) -> dict[str, Any]:
         """What the episode has come to so far: reward terms, the task's metrics, seconds, the failure if any.
 
-        The last step of an episode has it in `info`. An environment cannot see a time limit other than the registered
-        one (`gym.make(id, max_episode_steps=...)` wraps it from outside): ask here then.
+        The last step of an episode has it in `info`, also under a `TimeLimit` through which the environment was reset.
         """
         return self.fish.episode_info(0)
 
@@ -78,3 +81,19 @@ class FishEnv(gym.Env):
     def close(self):
         """Close the window."""
         self.fish.close()
+
+
+def time_limit(env: gym.Env) -> int | None:
+    """After how many steps a `TimeLimit` truncates the episode that is being begun; None if there is none.
+
+    Gymnasium does not tell an environment what is wrapped round it, so the wrapper is looked for among the callers of
+    its `reset`; of several, the shortest counts.
+    """
+    limits, frame = [], sys._getframe(1)
+    while frame is not None:
+        if frame.f_code.co_name == "reset" and frame.f_code.co_varnames[:1] == ("self",):
+            caller = frame.f_locals["self"]
+            if isinstance(caller, TimeLimit) and caller.unwrapped is env:
+                limits.append(caller._max_episode_steps)
+        frame = frame.f_back
+    return min(limits, default=None)

@@ -43,6 +43,7 @@ class FishVectorEnv(Episodes, VectorEnv):
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    _renderer = None
 
     def __init__(
         self,
@@ -68,7 +69,6 @@ class FishVectorEnv(Episodes, VectorEnv):
             "render_fps": round(1 / self.control_interval),
         }
         self._over = np.zeros(self.num_envs, dtype=bool)
-        self._renderer = None
 
     def restart(self, mask, seeds=None, options=None) -> None:
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
@@ -154,7 +154,8 @@ class FishVectorEnv(Episodes, VectorEnv):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-        self.tank.close()
+        if "tank" in self.__dict__:  # not in an environment whose options were refused
+            self.tank.close()
 
     @property
     def np_random(self) -> tuple[np.random.Generator | None, ...]:
