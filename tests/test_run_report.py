@@ -195,3 +195,27 @@ def test_command(runs, monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("sys.argv", ["train.py", "report", str(tmp_path)])
     assert train.main() == 2
     assert "is no training run: it holds no config.json" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_in_a_browser(runs, tmp_path):
+    """Headless Chromium without network: no message on the console, charts of the page's width, and the film plays."""
+    api = pytest.importorskip("playwright.sync_api", reason="pip install playwright, and install chromium")
+    browser_path = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser_path is None:
+        pytest.skip("there is no chromium")
+    path = run_report.write_report([runs / "seed0"], tmp_path / "page.html", 2)
+    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
+        page = browser.new_context(offline=True, viewport={"width": 1000, "height": 800}).new_page()
+        said = []
+        page.on("console", lambda message: said.append(message.text))
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(path.as_uri())
+        widths = page.eval_on_selector_all("svg", "found => found.map(one => one.getBoundingClientRect().width)")
+        assert len(widths) == 7 and min(widths) > 900
+        film = page.frames[1]
+        film.wait_for_function("film.drawn > 2 && film.time > 0.02")
+        assert not said
+        browser.close()
