@@ -156,7 +156,7 @@ def test_whole_multiples_are_accepted(steps, dt):
 @pytest.mark.parametrize("steps", [-1, 1.0, "3", None])
 def test_advance_refuses(steps):
     """Steps are whole and not negative."""
-    with pytest.raises(ValueError, match=r"steps is .*; give a whole number, from 0 to"):
+    with pytest.raises(ValueError, match=r"steps is .*; give a whole number from 0 to"):
         Tank(FISH).advance(steps)
 
 
