@@ -318,6 +318,12 @@ LEARNING = (
         ("benchmarks.learning.transfer:shipped_rows", BATCH), data=(BODIES, POLICIES, MOTOR),
     ),
     Result(
+        "learning.optimal_control", "the fastest stroke of a whole episode by optimal control, beside gait and policy",
+        "-m benchmarks.learning.optimal_control", 45, csv("optimal_control"),
+        ("benchmarks.learning.optimal_control:Episode", "benchmarks.learning.optimal_control:starts"),
+        data=(DEFAULT, GAIT, POLICIES),
+    ),
+    Result(
         "learning.muscles", "muscles at a limited rate beside first-order activation: swimming, reversals, transfer",
         "-m benchmarks.learning.muscles", 7, csv("muscles"), ("benchmarks.learning.muscles:run", BATCH),
     ),
