@@ -180,6 +180,11 @@ FIDELITY = (
         ("benchmarks.bodies.fidelity:run",), data=(BODIES, MOTOR),
     ),
     Result(
+        "bodies.convergence", "levels of refinement of the finest body against level 4, in a scene of every task",
+        "-m benchmarks.bodies.convergence", 30, csv("convergence"), ("benchmarks.bodies.convergence:run",),
+        data=(FINEST, MOTOR),
+    ),
+    Result(
         "bodies.costs", "cost of every body beside the default one",
         "-m benchmarks.bodies.fidelity --cost", 2, csv("body_costs"),
         ("benchmarks.bodies.fidelity:costs", "benchmarks.bodies.fidelity:every_fish"), data=(BODIES, MOTOR),
@@ -316,6 +321,12 @@ LEARNING = (
         "learning.transfer_shipped", "the shipped policies and the motor controllers on every body",
         "-m benchmarks.learning.transfer --shipped", 15, csv("transfer"),
         ("benchmarks.learning.transfer:shipped_rows", BATCH), data=(BODIES, POLICIES, MOTOR),
+    ),
+    Result(
+        "learning.optimal_control", "the fastest stroke of a whole episode by optimal control, beside gait and policy",
+        "-m benchmarks.learning.optimal_control", 40, csv("optimal_control"),
+        ("benchmarks.learning.optimal_control:Episode", "benchmarks.learning.optimal_control:starts"),
+        data=(DEFAULT, GAIT, POLICIES),
     ),
     Result(
         "learning.muscles", "muscles at a limited rate beside first-order activation: swimming, reversals, transfer",
