@@ -3,8 +3,8 @@
 python -m benchmarks.bodies.convergence              results/convergence.csv (half an hour on one core)
 python -m benchmarks.bodies.convergence --seeds 1    fewer scenes a task
 
-The scenes and the distances are those of `benchmarks.bodies.fidelity`. One material serves all levels. Level 4, of 1,873
-nodes, is used nowhere else: it says what the finest body of all other measurements, level 3, still lacks.
+The scenes and the distances are those of `benchmarks.bodies.fidelity`. One material serves all levels. Level 4, of
+1,873 nodes, is used nowhere else: it says what the finest body of all other measurements, level 3, still lacks.
 """
 
 import argparse

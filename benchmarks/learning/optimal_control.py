@@ -3,9 +3,10 @@
     python -m benchmarks.learning.optimal_control     writes results/optimal_control.csv (half an hour on a core)
 
 The command of every segment's sides, for every 20 ms of the 5 s of an episode of Swim-v0 from rest, is a variable of
-its own, as a policy may set it: no stroke is repeated and no waveform is assumed. L-BFGS-B maximises the distance from start to end, with
-gradients by forward differences of one batch of fish. It begins with what the trained policy commands, and with the
-gait; what it ends with is a local optimum, which no longer improves.
+its own, as a policy may set it: no stroke is repeated and no waveform is assumed. L-BFGS-B maximises the distance from
+start to end, with gradients by forward differences of one batch of fish, until it no longer improves. It begins with
+what the trained policy commands, with the gait, and with random commands; from the best that it found it begins again
+several times, every command disturbed.
 """
 
 import argparse
@@ -20,7 +21,8 @@ from fish_env.control import best_gait, load_policy, make_policy_env, policy_con
 
 COMMAND = "python -m benchmarks.learning.optimal_control"
 SECONDS = 5.0  # of an episode
-DIFFERENCE = 1e-4  # of a command, by which the gradient is taken
+DIFFERENCE = 1e-3  # of a command, by which the gradient is taken
+DISTURBED = 0.15  # standard deviation of a disturbance of the commands, all of it being 1
 
 
 class Episode:
@@ -79,29 +81,40 @@ def starts() -> dict[str, np.ndarray]:
     return {"trained policy": of_pairs(np.array(commanded)), "gait": of_pairs(best_gait().contraction(fish, times))}
 
 
+def climb(episode: Episode, commands: np.ndarray, iterations: int, name: str) -> tuple[dict, np.ndarray]:
+    """A row with what L-BFGS-B makes of commands (P,6), and what they have become."""
+    before = float(episode.speeds(commands[None])[0])
+    with tqdm(total=iterations, desc=name, mininterval=10) as bar:
+        found = minimize(
+            episode.slowness, commands.ravel(), jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * episode.size,
+            options={"maxiter": iterations, "maxfun": 10**6, "ftol": 1e-6},
+            callback=lambda intermediate_result: (
+                bar.update(), bar.set_postfix(speed=f"{-intermediate_result.fun:.3f}")
+            ),
+        )  # fmt: skip
+    row = {
+        "begun_with": name, "speed_before": f"{before:.4g}", "speed": f"{-found.fun:.4g}", "iterations": found.nit,
+        "evaluations": found.nfev, "message": str(found.message),
+    }  # fmt: skip
+    print(row, flush=True)
+    return row, found.x.reshape(commands.shape)
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--iterations", type=int, default=300)
+    parser.add_argument("--iterations", type=int, default=150, help="at most, of each search (150)")
+    parser.add_argument("--again", type=int, default=5, help="searches from the best one's commands, disturbed (5)")
     parser.add_argument("--threads", type=int, default=1)
     chosen = parser.parse_args()
-    episode, rows = Episode(chosen.threads), []
-    for name, commands in starts().items():
-        before = float(episode.speeds(commands[None])[0])
-        with tqdm(total=chosen.iterations, desc=name, mininterval=10) as bar:
-            found = minimize(
-                episode.slowness, commands.ravel(), jac=True, method="L-BFGS-B",
-                bounds=[(0.0, 1.0)] * episode.size, options={"maxiter": chosen.iterations, "maxfun": 10**6},
-                callback=lambda intermediate_result: (
-                    bar.update(), bar.set_postfix(speed=f"{-intermediate_result.fun:.3f}")
-                ),
-            )  # fmt: skip
-        rows.append({
-            "begun_with": name, "speed_before": f"{before:.4g}", "speed": f"{-found.fun:.4g}",
-            "iterations": found.nit, "evaluations": found.nfev, "message": str(found.message),
-        })  # fmt: skip
-        print(rows[-1], flush=True)
-    print(write_csv("optimal_control.csv", rows, COMMAND))
+    episode, random = Episode(chosen.threads), np.random.default_rng(0)
+    begun = starts() | {"random commands": random.uniform(size=(episode.periods, 6))}
+    found = [climb(episode, commands, chosen.iterations, name) for name, commands in begun.items()]
+    for k in range(chosen.again):
+        best = max(found, key=lambda each: float(each[0]["speed"]))[1]
+        disturbed = np.clip(best + DISTURBED * random.standard_normal(best.shape), 0.0, 1.0)
+        found.append(climb(episode, disturbed, chosen.iterations, f"the best, disturbed ({k + 1})"))
+    print(write_csv("optimal_control.csv", [row for row, _ in found], COMMAND))
 
 
 if __name__ == "__main__":
