@@ -4,6 +4,7 @@ python -m fish_env                      list environments, bodies, integrators a
 python -m fish_env play turn            watch a shipped policy in a window (or --save FILE.html, .mp4, .webp, .gif)
 python -m fish_env evaluate turn        evaluate a shipped policy on fixed seeds
 python -m fish_env replay FILE.npz       simulate a recorded episode again and compare bit for bit
+python -m fish_env lab                  open the laboratory in the browser: look at soft bodies, pull and change them
 python -m fish_env versions             name the versions of what it runs with
 """
 
@@ -25,6 +26,7 @@ from fish_env.control.playback import play
 from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
 from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
+from fish_env.lab import LOOPBACK, serve
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
 
@@ -37,6 +39,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         prog="python -m fish_env", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     commands = parser.add_subparsers(dest="command")
+    laboratory = commands.add_parser("lab", help="open the laboratory in the browser, on this machine only")
+    laboratory.add_argument("--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK})")
+    laboratory.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
     commands.add_parser("versions", help="name the versions of Python and of the packages it runs with")
     command = commands.add_parser("replay", help="simulate a recorded episode again and compare bit for bit")
     command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
@@ -145,6 +150,8 @@ def run(arguments: argparse.Namespace) -> int:
         list_all()
     elif arguments.command == "versions":
         print_versions()
+    elif arguments.command == "lab":
+        serve(arguments.host, arguments.port)
     elif arguments.command == "evaluate":
         evaluate_policy(arguments)
     elif arguments.command == "replay":

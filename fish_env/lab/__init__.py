@@ -1,0 +1,41 @@
+"""The laboratory in the browser, `python -m fish_env lab`: look at soft bodies, pull and change them, compare methods.
+
+- `bench`: what is chosen, objects side by side, the hand that drags, measurements, failures with their reason. It knows
+  nothing of a browser, and checks all that it is asked for; `specimen`, `settings`, `hand`, `geometry` and `colours`
+  are its parts;
+- `drawing`, `panel`, `session`, `server`: the page, by viser (the extra [lab]); each browser has a session of its own.
+
+viser is imported only in `drawing`, `panel`, `session` and `server`, and those are loaded only by `serve`.
+"""
+
+import sys
+
+__all__ = ["LOOPBACK", "serve"]
+
+LOOPBACK = "127.0.0.1"
+
+
+def serve(host: str = LOOPBACK, port: int = 8080) -> None:
+    """Open the laboratory on this machine until it is interrupted.
+
+    Args:
+        host: address to listen at. Any other than this machine's own is warned of: whoever reaches it can use the page.
+        port: TCP port, 1024 to 65535; the next free one is taken if it is in use.
+
+    Raises:
+        ValueError: for a port out of range or an address that cannot be listened at.
+        RuntimeError: without viser.
+    """
+    if not (isinstance(port, int) and 1024 <= port <= 65535):
+        raise ValueError(f"port is {port!r}; give a whole number from 1024 to 65535")
+    try:
+        import viser  # noqa: F401
+    except ImportError as error:
+        raise RuntimeError('the laboratory needs viser: pip install "fish_env[lab]"') from error
+    from fish_env.lab.server import Laboratory
+
+    if host not in (LOOPBACK, "localhost", "::1"):
+        print(f"WARNING: the laboratory listens at {host}; every machine that reaches it can use it.", file=sys.stderr)
+    laboratory = Laboratory(host, port)
+    print(f"The laboratory is open: http://{host}:{laboratory.port}  (Ctrl+C ends it)", flush=True)
+    laboratory.wait()

@@ -1,0 +1,280 @@
+"""The bench: up to three objects side by side, pulled by a hand, measured, and started again when one fails.
+
+It knows nothing of the page; whatever the page asks for is checked here.
+"""
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from itertools import chain
+
+import numpy as np
+
+from fish_env.bodies import Fish
+from fish_env.integrators import INTEGRATORS
+from fish_env.lab.hand import Hand
+from fish_env.lab.settings import BODY, SETTINGS, WALLS, checked_point, checked_setting, chosen
+from fish_env.lab.specimen import Entry, Readings, Specimen, make_thing, room_size
+
+MOST = 3  # objects side by side
+LARGEST = 1100  # nodes of an object that is moved as it is looked at
+FINEST = 24  # of a whole number that an object is made with
+KEPT = 400  # readings
+BETWEEN = 0.05  # s of the simulation between two readings
+TRIAL = 0.02  # s of processor time for the measurement of a cost
+STEPS = 16  # whose cost is measured at once
+FAR = 100.0  # lengths of the object: a point of the page further away is not accepted
+
+
+class Bench:
+    """Objects that are looked at and touched, all under the same conditions.
+
+    Args:
+        entries: what stands side by side, one to three.
+
+    Raises:
+        ValueError: for what is not allowed.
+    """
+
+    def __init__(self, entries: Sequence[Entry] = (Entry("uniform sphere"),)):
+        self.same_cost, self.strength = False, 1.0
+        self.hand: Hand | None = None
+        self.messages: deque[str] = deque(maxlen=20)
+        """What a user is to be told: which method failed, and why."""
+        self.choose(entries)
+
+    def choose(self, entries: Sequence[Entry], same_cost: bool | None = None) -> None:
+        """Put other objects on the bench, at rest, with the numbers that they are made with.
+
+        Raises:
+            ValueError: for what is not allowed; the bench is then as before.
+        """
+        if not 1 <= len(entries) <= MOST:
+            raise ValueError(f"{len(entries)} objects; give 1 to {MOST}")
+        same_cost = self.same_cost if same_cost is None else bool(same_cost)
+        thing = make_thing(checked_entry(entries[0]))
+        numbers = {name: setting.default for name, setting in SETTINGS.items()}
+        gravity = thing.water.gravity
+        numbers["gravity"] = 0.0 if gravity is None else round(float(np.linalg.norm(gravity)), 6)
+        specimens = [Specimen(checked_entry(entry), numbers, "own", 1.0) for entry in entries]
+        self.specimens, self.numbers, self.walls, self.same_cost = specimens, numbers, "own", same_cost
+        self.hand, self.clock = None, 0.0
+        self._set_steps()
+        self._clear()
+
+    @property
+    def reach(self) -> float:
+        """How far a point of the page may be from the origin, m."""
+        return FAR * max(specimen.thing.length for specimen in self.specimens)
+
+    @property
+    def spacing(self) -> float:
+        """How far objects that stand side by side are shown from each other, m."""
+        return 2.2 * max(room_size(specimen.thing) for specimen in self.specimens)
+
+    def set(self, name, value) -> None:
+        """Change a number while the objects move; ValueError, and nothing has changed, for one that is not allowed."""
+        numbers = self.numbers | {name: checked_setting(name, value)}
+        self._all(lambda specimen: specimen.change(numbers=numbers))
+        self.numbers = numbers
+        if name in BODY or name == "step":
+            self._set_steps()
+
+    def set_walls(self, walls) -> None:
+        """Choose the walls, one of WALLS."""
+        walls = chosen(walls, WALLS, "walls")
+        self._all(lambda specimen: specimen.change(walls=walls))
+        self.walls = walls
+
+    def set_strength(self, value) -> None:
+        """Strength of the hand, a factor from 0.1 to 20."""
+        if not (isinstance(value, int | float) and 0.1 <= value <= 20.0):
+            raise ValueError(f"strength of the hand is {value!r}; give a number from 0.1 to 20")
+        self.strength = float(value)
+
+    def swim(self, swimming) -> None:
+        """Let fish beat their tails by the open-loop gait, or not."""
+        for specimen in self.specimens:
+            specimen.swimming = bool(swimming)
+
+    def grab(self, number: int, point) -> int:
+        """Take hold of the node of an object nearest to a point (3,) m; returns the node."""
+        specimen = self._specimen(number)
+        node = specimen.tank.nearest(checked_point(point, self.reach))
+        self.let_go()
+        self.hand = Hand(number, node, specimen.position[node])
+        return node
+
+    def drag(self, point) -> None:
+        """The pointer that drags is now at a point (3,) m."""
+        if self.hand is not None:
+            self.hand.aim(checked_point(point, self.reach))
+
+    def let_go(self) -> None:
+        """End a drag."""
+        if self.hand is not None:
+            for specimen in self.specimens:
+                specimen.let_go()
+        self.hand = None
+
+    def fix(self, number: int, point) -> int:
+        """Fix the node of an object nearest to a point, or release it, in all objects that have it; returns it."""
+        specimen = self._specimen(number)
+        node = specimen.tank.nearest(checked_point(point, self.reach))
+        self.let_go()
+        for each in self._alike(number):
+            each.toggle(node)
+        return node
+
+    def release_all(self) -> None:
+        """Release every fixed node."""
+        self.let_go()
+        self._all(lambda specimen: specimen.change(fixed=[]))
+
+    def reset(self, velocity=(0.0, 0.0, 0.0)) -> None:
+        """Start again at rest, or with a velocity (3,) m/s."""
+        velocity = checked_point(velocity, 1e6)
+        self.let_go()
+        for specimen in self.specimens:
+            specimen.reset(velocity)
+        self.clock = 0.0
+        self._clear()
+
+    def throw(self) -> None:
+        """Start again with a velocity obliquely upward, five lengths of the object a second."""
+        thing = self.specimens[0].thing
+        up = -np.asarray(getattr(thing, "down", (0.0, 0.0, -1.0)))
+        along = np.array([1.0, 0.0, 0.0])
+        self.reset(thing.length * (5.0 * along + 8.0 * up * (abs(up @ along) < 0.5)))
+
+    def advance(self, seconds: float) -> None:
+        """Move on by a part of a second; what fails is named, and all start again."""
+        self.clock += seconds
+        if self.hand is not None:
+            self.hand.advance(seconds)
+            for specimen in self._alike(self.hand.specimen):
+                specimen.pull(self.hand, self.strength)
+        for specimen in self.specimens:
+            specimen.advance(self.clock)
+        failed = [specimen for specimen in self.specimens if not specimen.tank.alive[0]]
+        if failed:
+            self.messages.extend(self.explain(specimen) for specimen in failed)
+            self.reset()
+        elif self.clock >= self._measured + BETWEEN:
+            self.measure()
+
+    def explain(self, specimen: Specimen) -> str:
+        """Why an object failed, in one sentence."""
+        tank = specimen.tank
+        limit = tank.integrator.limit(tank.fish.body)
+        about = f"the largest step that is stable at rest is {1e3 * limit:.3g} ms" if np.isfinite(limit) else ""
+        if tank.integrator.kind not in ("explicit", "semi-implicit"):
+            about = f"a {tank.integrator.kind} method of order {tank.integrator.order}"
+        return (
+            f"{tank.integrator.name} failed on the {specimen.thing.name} after {specimen.time:.2f} s: "
+            f"{tank.failure[0]} (step {1e3 * tank.dt:.3g} ms; {about}). All objects start again."
+        )
+
+    def measure(self) -> None:
+        """Record the readings of every object, and how far the others are from the first."""
+        self._measured = self.clock
+        self.history.append([specimen.readings() for specimen in self.specimens])
+        self.distances.append([self.distance(k) for k in range(1, len(self.specimens))])
+
+    def distance(self, number: int) -> float:
+        """How far an object is from the first one, in its lengths.
+
+        It is the root mean square over landmarks of two fish, over the nodes of two objects with as many, or else the
+        distance between the centres of mass.
+        """
+        first, other = self.specimens[0], self._specimen(number)
+        if isinstance(first.thing, Fish) and isinstance(other.thing, Fish):
+            a, b = first.thing.points(first.position), other.thing.points(other.position)
+        elif len(first.position) == len(other.position):
+            a, b = first.position, other.position
+        else:
+            a, b = ((each.tank.fish.body.mass @ each.position)[None] for each in (first, other))
+            a, b = a / first.tank.fish.body.mass.sum(), b / other.tank.fish.body.mass.sum()
+        return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean())) / first.thing.length
+
+    def readings(self) -> list[Readings]:
+        """The newest readings, one for each object."""
+        if not self.history:
+            self.measure()
+        return self.history[-1]
+
+    def _specimen(self, number) -> Specimen:
+        if not (isinstance(number, int | np.integer) and 0 <= number < len(self.specimens)):
+            raise ValueError(f"object is {number!r}; give a whole number from 0 to {len(self.specimens) - 1}")
+        return self.specimens[number]
+
+    def _alike(self, number: int) -> list[Specimen]:
+        """The object and those with as many nodes: what is done to a node of one is done to that of all."""
+        nodes = len(self.specimens[number].position)
+        return [specimen for specimen in self.specimens if len(specimen.position) == nodes]
+
+    def _all(self, change) -> None:
+        """Change every object, or none if one of them cannot be changed."""
+        self.let_go()
+        before = [
+            (specimen, specimen.numbers, specimen.walls, specimen.step, specimen.fixed) for specimen in self.specimens
+        ]
+        try:
+            for specimen in self.specimens:
+                change(specimen)
+        except ValueError:
+            for specimen, numbers, walls, step, fixed in before:
+                specimen.change(numbers, walls, step, fixed)
+            raise
+
+    def _set_steps(self) -> None:
+        """Give every object its step: the method's own times the setting, or one that costs as much as the first's."""
+        steps = [self.numbers["step"]] * len(self.specimens)
+        self._all(lambda specimen: specimen.change(step=self.numbers["step"]))
+        if not self.same_cost or len(self.specimens) == 1:
+            return
+        costs = [cost_of_step(specimen) for specimen in self.specimens]
+        budget = costs[0] / self.specimens[0].tank.dt
+        steps = [cost / budget / specimen.own_step() for cost, specimen in zip(costs, self.specimens, strict=True)]
+        for specimen, step in list(zip(self.specimens, steps, strict=True))[1:]:
+            specimen.change(step=step)
+
+    def _clear(self) -> None:
+        self.history: deque[list[Readings]] = deque(maxlen=KEPT)
+        self.distances: deque[list[float]] = deque(maxlen=KEPT)
+        self._measured = -np.inf
+
+    def series(self, name: str) -> list[np.ndarray]:
+        """The readings of a name over time, one row for each object, and first their times, s."""
+        rows = list(self.history)
+        times = np.array([row[0].time for row in rows])
+        return [times, *(np.array([getattr(row[k], name) for row in rows]) for k in range(len(self.specimens)))]
+
+
+def cost_of_step(specimen: Specimen) -> float:
+    """Processor time of a step of an object's method, s, on a copy at rest."""
+    copy = Specimen(specimen.entry, specimen.numbers, specimen.walls, specimen.step)
+    copy.tank.advance(STEPS)  # compiled, or read from the disk
+    found: list[float] = []
+    while len(found) < 5 or (sum(found) < TRIAL and len(found) < 1000):
+        copy.tank.reset()
+        begin = time.process_time()
+        copy.tank.advance(STEPS)
+        found.append(time.process_time() - begin)
+    return max(min(found), 1e-9) / STEPS
+
+
+def checked_entry(entry: Entry) -> Entry:
+    """An entry whose names exist and whose numbers are in their range, or ValueError."""
+    if entry.integrator:
+        chosen(entry.integrator, INTEGRATORS, "integrator")
+    for name, value in entry.level:
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value <= FINEST:
+            raise ValueError(f"{name} is {value!r}; give a whole number from 0 to {FINEST}")
+    thing = make_thing(entry)
+    if thing.body.mass.size > LARGEST:
+        raise ValueError(
+            f"{entry.thing} would have {thing.body.mass.size} nodes; the laboratory moves at most {LARGEST}: give "
+            f"smaller numbers than {', '.join(f'{name} {value}' for name, value in chain(entry.level))}"
+        )
+    return entry

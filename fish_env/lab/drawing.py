@@ -1,0 +1,288 @@
+"""The scene: skins, muscles coloured by activation, springs and tetrahedra by strain, forces, walls, the hand.
+
+Everything is drawn in lengths of the first object, so that a metre of a scene is never visible to the camera.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fish_env.bodies import Fish
+from fish_env.lab import colours
+from fish_env.lab.geometry import boundary
+from fish_env.lab.specimen import Specimen, down_of, room_size
+
+if TYPE_CHECKING:
+    from fish_env.lab.session import Session
+
+BINS = 10  # shades of the strain of tetrahedra
+STRAIN = 0.3  # strain at the ends of the colour scale
+ARROWS = 150  # forces that are drawn: the largest
+NODES = 0.018  # radius of a drawn node, lengths
+FEW = 60  # nodes up to which they are drawn unless told otherwise
+UPRIGHT = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
+VIEWS = ("skin", "springs", "nodes", "forces")
+
+
+def flat_points(points: np.ndarray) -> np.ndarray:
+    """As 32-bit numbers; what is not finite, of a body that is about to be reset, lies at the origin."""
+    return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
+
+
+def upright(thing) -> bool:
+    """Whether an object falls within the xy plane, which is then shown upright."""
+    return abs(float(getattr(thing, "down", (0, 0, -1))[2])) < 0.5
+
+
+class Drawing:
+    """What the browser shows of a bench.
+
+    Args:
+        session: whose bench it is.
+    """
+
+    def __init__(self, session: "Session"):
+        self.session, self.scene = session, session.client.scene
+        self.shown = dict.fromkeys(VIEWS, True) | {"forces": False}
+        self.scale = 1.0
+        self._handles: dict[tuple[int, str], Any] = {}
+        self._room: list[Any] = []
+        self._tets: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def offset(self, number: int) -> np.ndarray:
+        """Where object `number` is shown beyond where it is, (3,) m: side by side along x."""
+        bench = self.session.bench
+        return np.array([(number - 0.5 * (len(bench.specimens) - 1)) * bench.spacing, 0.0, 0.0])
+
+    def turn(self, number: int) -> np.ndarray:
+        """The rotation (3,3) with which an object is shown: what moves in the xy plane stands upright."""
+        return UPRIGHT if upright(self.session.bench.specimens[number].thing) else np.eye(3)
+
+    def place(self, number: int, point) -> np.ndarray:
+        """The point of an object's own space, (3,) m, that a point of the scene shows."""
+        return np.asarray(point, dtype=float) @ self.turn(number) / self.scale - self.offset(number)
+
+    def build(self) -> None:
+        """Draw the objects that are now on the bench, and look at them."""
+        self.clear()
+        bench = self.session.bench
+        self.scale = 1.0 / bench.specimens[0].thing.length
+        for number, specimen in enumerate(bench.specimens):
+            self._add(number, specimen)
+        self.build_room()
+        self.look()
+        self.update()
+
+    def clear(self) -> None:
+        """Take everything away."""
+        for handle in [*self._handles.values(), *self._room]:
+            handle.remove()
+        self._handles, self._room, self._tets = {}, [], {}
+
+    def look(self) -> None:
+        """Turn the camera to the objects: from the front, and those in a plane from above it."""
+        bench, camera = self.session.bench, self.session.client.camera
+        thing = bench.specimens[0].thing
+        flat = upright(thing)
+        width = (len(bench.specimens) - 1) * bench.spacing * self.scale
+        far = 0.55 * width + 2.2 * room_size(thing) * self.scale
+        camera.position = (0.0, -far, 0.01) if flat else (0.0, -0.88 * far, 0.47 * far)
+        camera.look_at = (0.0, 0.0, 0.0)
+
+    def _add(self, number: int, specimen: Specimen) -> None:
+        """Draw one object for the first time."""
+        thing, x = specimen.thing, self._scaled(number, specimen.position)
+        count = len(x)
+        tint = colours.SPECIMENS[number] if len(self.session.bench.specimens) > 1 else colours.SKY
+        if thing.body.tets is not None and not isinstance(thing, Fish):
+            self._tets[number] = boundary(thing.body.tets.nodes)
+            for k in range(BINS):
+                shade = colours.along(colours.VIRIDIS, [k / (BINS - 1)])[0]
+                self._mesh(number, f"element {k}", x, np.zeros((1, 3), int), shade, None, flat=True)
+        else:
+            for k, surface in enumerate(specimen.surfaces):
+                points = self._scaled(number, surface.points(specimen.position))
+                inside = k > 0
+                opacity = None if inside else 0.35 if len(specimen.surfaces) > 1 else 0.55
+                self._mesh(number, f"skin {k}", points, surface.triangles, colours.ORANGE if inside else tint, opacity)
+        ends = thing.body.springs.nodes
+        muscles = set(thing.fibres.tolist())
+        self._lines(number, "springs", len(ends) - len(muscles), 0.007)
+        self._lines(number, "muscles", len(muscles), 0.022)
+        radius = NODES * (1.0 if count <= FEW else 0.5)
+        balls = self._balls(number, "nodes", count, radius, tint)
+        balls.visible = self.shown["nodes"]
+        self._lines(number, "hand", 1, 0.012)
+        self._handles[number, "forces"] = self.scene.add_arrows(
+            f"/{number}/forces", np.zeros((min(ARROWS, count), 2, 3)), colours.PURPLE,
+            shaft_radius=0.006, head_radius=0.016, head_length=0.035, visible=self.shown["forces"],
+        )  # fmt: skip
+
+    def _mesh(self, number, name, points, triangles, colour, opacity, flat=False) -> None:
+        red, green, blue = map(int, colour)
+        handle = self.scene.add_mesh_simple(
+            f"/{number}/{name}", points, np.asarray(triangles), color=(red, green, blue), opacity=opacity,
+            flat_shading=flat, side="double",
+        )  # fmt: skip
+        self._draggable(number, handle)
+        self._handles[number, name] = handle
+
+    def _lines(self, number, name, count, thickness) -> None:
+        if count:
+            self._handles[number, name] = self.scene.add_line_segments(
+                f"/{number}/{name}", np.zeros((count, 2, 3)), np.zeros((count, 2, 3), np.uint8), thickness=thickness
+            )
+
+    def _balls(self, number, name, count, radius, colour) -> Any:
+        """Small spheres, one a node, that can be dragged."""
+        points, triangles = octahedron(radius)
+        handle = self.scene.add_batched_meshes_simple(
+            f"/{number}/{name}", points, triangles, np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)), np.zeros((count, 3)),
+            batched_colors=np.tile(np.array(colour, np.uint8), (count, 1)), lod="off", flat_shading=False,
+        )  # fmt: skip
+        self._draggable(number, handle)
+        self._handles[number, name] = handle
+        return handle
+
+    def _draggable(self, number: int, handle: Any) -> None:
+        """Let the mouse drag, or in another mode click, this part of an object."""
+        session = self.session
+
+        async def drag(event) -> None:
+            begin, end = tuple(event.start_position), tuple(event.end_position)
+            if event.phase == "start":
+                session.ask(lambda: session.panel.press(number, begin))
+            if event.phase == "end":
+                session.ask(session.bench.let_go)
+            else:
+                session.ask(lambda: session.panel.drag(number, end))
+
+        handle.on_drag("left")(drag)
+
+    def build_room(self) -> None:
+        """Draw the walls of every object: faint sheets."""
+        for handle in self._room:
+            handle.remove()
+        self._room = []
+        for number, specimen in enumerate(self.session.bench.specimens):
+            planes = specimen.tank.world.planes
+            size = room_size(specimen.thing) * self.scale
+            turn = self.turn(number)
+            depth = 0.4 if upright(specimen.thing) else size
+            for k, plane in enumerate([] if planes is None else planes):
+                half = np.where(np.abs(plane[:3]) > 0.5, 0.01, (size, size, depth))
+                ground = np.dot(plane[:3], down_of(specimen.thing)) < -0.5
+                self._room.append(
+                    self.scene.add_box(
+                        f"/{number}/wall {k}",
+                        dimensions=tuple(np.abs(2.0 * half @ turn.T)),
+                        color=colours.GREY,
+                        opacity=0.5 if ground else 0.12,
+                        cast_shadow=False,
+                        position=tuple(
+                            (self.scale * (plane[3] * plane[:3] + self.offset(number)) - half * plane[:3]) @ turn.T
+                        ),
+                    )
+                )
+
+    def show(self, view: str, visible: bool) -> None:
+        """Show or hide one of VIEWS."""
+        self.shown[view] = bool(visible)
+        for (_, name), handle in self._handles.items():
+            if (
+                name == view
+                or (view == "springs" and name == "muscles")
+                or (view == "skin" and name[:4] in ("skin", "elem"))
+            ):
+                handle.visible = bool(visible)
+
+    def _scaled(self, number, points) -> np.ndarray:
+        return flat_points((points + self.offset(number)) @ self.turn(number).T * self.scale)
+
+    def update(self) -> None:
+        """Draw where everything is now."""
+        for number, specimen in enumerate(self.session.bench.specimens):
+            self._update(number, specimen)
+
+    def _update(self, number: int, specimen: Specimen) -> None:
+        handles, x = self._handles, self._scaled(number, specimen.position)
+        springs, tets = specimen.strains()
+        if self.shown["skin"]:
+            for k, surface in enumerate(specimen.surfaces):
+                if (number, f"skin {k}") in handles:
+                    handles[number, f"skin {k}"].vertices = self._scaled(number, surface.points(specimen.position))
+            if number in self._tets:
+                self._update_elements(number, x, tets)
+        if self.shown["springs"]:
+            self._update_springs(number, specimen, x, springs)
+        if self.shown["nodes"]:
+            handles[number, "nodes"].batched_positions = x
+        if self.shown["forces"]:
+            self._update_forces(number, specimen, x)
+        self._update_hand(number, specimen, x)
+
+    def _update_elements(self, number, x, strain) -> None:
+        """Sort the sides of the tetrahedra into shades of their strain."""
+        triangles, owner = self._tets[number]
+        shade = np.minimum((np.abs(strain[owner]) / STRAIN * BINS).astype(int), BINS - 1)
+        for k in range(BINS):
+            found = triangles[shade == k]
+            handle = self._handles[number, f"element {k}"]
+            handle.vertices = x
+            handle.faces = (found if len(found) else np.zeros((1, 3), int)).astype(np.uint32)
+
+    def _update_springs(self, number, specimen, x, strain) -> None:
+        thing, ends = specimen.thing, specimen.thing.body.springs.nodes
+        driven = np.unique(thing.fibres)
+        others = np.setdiff1d(np.arange(len(ends)), driven)
+        if (number, "springs") in self._handles:
+            handle = self._handles[number, "springs"]
+            handle.points = x[ends[others]]
+            colour = colours.along(colours.DIVERGING, 0.5 + 0.5 * strain[others] / STRAIN)
+            handle.colors = np.repeat(colour[:, None], 2, axis=1)
+        if (number, "muscles") in self._handles:
+            handle = self._handles[number, "muscles"]
+            handle.points = x[ends[driven]]
+            colour = colours.along(colours.MUSCLE, activation(specimen, driven))
+            handle.colors = np.repeat(colour[:, None], 2, axis=1)
+
+    def _update_forces(self, number, specimen, x) -> None:
+        force = specimen.forces()
+        size = np.linalg.norm(force, axis=1)
+        largest = np.argsort(size)[-min(ARROWS, len(x)) :]
+        ends = x[largest] + 0.35 * (force[largest] @ self.turn(number).T) / max(float(size.max()), 1e-12)
+        self._handles[number, "forces"].points = flat_points(np.stack([x[largest], ends], axis=1))
+
+    def _update_hand(self, number, specimen, x) -> None:
+        hand, handle = self.session.bench.hand, self._handles[number, "hand"]
+        held = hand is not None and len(specimen.position) > hand.node
+        if hand is not None:
+            held = held and len(specimen.position) == len(self.session.bench.specimens[hand.specimen].position)
+        handle.visible = bool(held)
+        if hand is not None and held:
+            handle.points = np.stack([x[hand.node], self._scaled(number, hand.point[None])[0]])[None]
+
+
+def activation(specimen: Specimen, fibres: np.ndarray) -> np.ndarray:
+    """How far the muscles' fibres (K,) are contracted, (K,): 0 natural, 1 full."""
+    tank = specimen.tank
+    natural, span = np.zeros(tank.rest_length.shape[1]), np.ones(tank.rest_length.shape[1])
+    natural[tank._fibres[0]], span[tank._fibres[0]] = tank._fibres[2], tank._fibres[3]
+    return (natural - tank.rest_length[0])[fibres] / span[fibres]
+
+
+def octahedron(radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """A ball of few triangles: an octahedron, each side divided in four and blown up."""
+    points = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+    corners = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
+    places, triangles = [np.array(point, float) for point in points], []
+    for a, b, c in corners:
+        first = len(places)
+        places += [
+            0.5**0.5 * (places[a] + places[b]),
+            0.5**0.5 * (places[b] + places[c]),
+            0.5**0.5 * (places[c] + places[a]),
+        ]
+        p, q, r = first, first + 1, first + 2
+        triangles += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
+    return radius * np.array(places, np.float32), np.array(triangles, np.uint32)

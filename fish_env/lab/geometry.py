@@ -1,0 +1,114 @@
+"""What is drawn and measured of an object: its surface as triangles, volumes and strains. numpy only.
+
+Legend: F faces, each a quadrilateral or a triangle with its third node twice; T tetrahedra; E springs.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fish_env.bodies import Fish
+from fish_env.bodies.fish import ElasticObject
+
+SIDES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])
+"""The four sides of a tetrahedron, outward."""
+
+
+class Surface(NamedTuple):
+    """Triangles between the points that a matrix of an object's nodes gives."""
+
+    triangles: np.ndarray  # (K,3) indices of points
+    nodes: np.ndarray  # (P,) the node each point lies on
+    height: np.ndarray  # (P,) m above that node: zero, but for a flat fish
+    closed: bool  # whether it encloses a volume
+
+    def points(self, x) -> np.ndarray:
+        """Where the points are, (P,3) m, of nodes at x (N,3) m."""
+        return x[self.nodes] + self.height[:, None] * (0.0, 0.0, 1.0)
+
+
+def triangulated(faces: np.ndarray) -> np.ndarray:
+    """Two triangles for each quadrilateral (F,4), one for each triangle: (K,3)."""
+    halves = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    proper = (halves[:, 0] != halves[:, 1]) & (halves[:, 1] != halves[:, 2]) & (halves[:, 0] != halves[:, 2])
+    return halves[proper]
+
+
+def boundary(tets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The sides (K,3) of tetrahedra (T,4) that only one of them has, outward, and whose each is, (K,)."""
+    sides = tets[:, SIDES].reshape(-1, 3)
+    _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+    outside = np.sort(first[count == 1])
+    return sides[outside], outside // 4
+
+
+def surfaces(thing: ElasticObject) -> list[Surface]:
+    """The outer surface of an object and, if there is one, an inner one; empty for a string."""
+    every = np.arange(thing.body.mass.size)
+    nothing = np.zeros(every.size)
+    if isinstance(thing, Fish):
+        marks = thing.landmarks
+        return [Surface(triangulated(marks.faces), marks.node, marks.height, True)]
+    if thing.body.tets is not None:
+        return [Surface(boundary(thing.body.tets.nodes)[0], every, nothing, True)]
+    layered: Any = thing
+    skin = getattr(layered, "skin", np.zeros((0, 4), np.int64))
+    if not len(skin):
+        return []
+    if skin.shape[1] == 4:
+        outer = triangulated(skin)
+        inner = [layered.inner[outer]] if len(layered.inner) else []
+        return [Surface(each, every, nothing, True) for each in (outer, *inner)]
+    return flat_surfaces(layered, skin, every, nothing)
+
+
+def flat_surfaces(thing, edges, every, nothing) -> list[Surface]:
+    """The band between the two rings of a flat object, and the disc within the inner one, as a fan."""
+    a, b = edges[:, 0], edges[:, 1]
+    if not len(thing.inner):
+        return [Surface(fan(a), every, nothing, False)]
+    i, j = thing.inner[a], thing.inner[b]
+    band = np.concatenate([np.stack([a, b, j], axis=1), np.stack([a, j, i], axis=1)])
+    return [Surface(band, every, nothing, False), Surface(fan(i), every, nothing, False)]
+
+
+def fan(ring: np.ndarray) -> np.ndarray:
+    """Triangles (K-2,3) from the first node of a ring (K,) to all its edges."""
+    return np.stack([np.full(len(ring) - 2, ring[0]), ring[1:-1], ring[2:]], axis=1)
+
+
+def signed_volume(triangles: np.ndarray, points: np.ndarray) -> float:
+    """Volume inside closed triangles (K,3) between points (P,3) m, m3, by Gauss' theorem."""
+    a, b, c = (points[triangles[:, k]] - points[triangles[0, 0]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def ring_area(edges: np.ndarray, x: np.ndarray) -> float:
+    """Area inside the closed ring of edges (F,2) in the xy plane, m2."""
+    p, q = x[edges[:, 0]], x[edges[:, 1]]
+    return 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
+
+
+def enclosed(thing: ElasticObject, outside: list[Surface], x: np.ndarray) -> float:
+    """Volume of the tetrahedra or inside the outer surface, m3; of a ring its area, m2; NaN for a string."""
+    if thing.body.tets is not None:
+        a, b, c, d = (x[thing.body.tets.nodes[:, k]] for k in range(4))
+        return float(np.einsum("ij,ij->", np.cross(b - a, c - a), d - a)) / 6.0
+    if not outside:
+        return np.nan
+    if not outside[0].closed:
+        return ring_area(thing.skin, x)  # type: ignore[attr-defined]
+    return signed_volume(outside[0].triangles, outside[0].points(x))
+
+
+def spring_strain(springs, rest_length, x) -> np.ndarray:
+    """Change of every spring's length over its present natural length, (E,)."""
+    way = x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]]
+    return np.sqrt(np.einsum("ij,ij->i", way, way)) / rest_length - 1.0
+
+
+def tet_strain(tets, x) -> np.ndarray:
+    """The largest principal strain of every tetrahedron by magnitude, (T,): a principal stretch less 1."""
+    gradient = np.einsum("tak,tal->tkl", x[tets.nodes], tets.gradient)
+    stretch = np.sqrt(np.maximum(np.linalg.eigvalsh(gradient.transpose(0, 2, 1) @ gradient), 0.0)) - 1.0
+    return stretch[np.arange(len(stretch)), np.abs(stretch).argmax(axis=1)]

@@ -1,0 +1,278 @@
+"""The controls of the page, in tabs. What they hand over is checked by the bench, like any other input."""
+
+import inspect
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import viser.uplot
+
+from fish_env.bodies import BODIES
+from fish_env.bodies.objects import OBJECTS
+from fish_env.integrators import INTEGRATORS
+from fish_env.lab import colours
+from fish_env.lab.settings import SETTINGS, WALLS
+from fish_env.lab.specimen import Entry
+
+if TYPE_CHECKING:
+    from fish_env.lab.session import Session
+
+OWN, NOTHING = "own", "nothing"
+PLOTS = {"energy": "energy (J)", "volume": "volume over rest", "strain": "largest strain"}
+EVERY = 0.2  # s between two drawings of the plots
+
+
+def level_of(name: str) -> dict[str, int]:
+    """The whole numbers that an object is made with, and their defaults."""
+    table: dict[str, Any] = {**BODIES, **OBJECTS}
+    parameters = inspect.signature(table[name].make).parameters.values()
+    return {each.name: each.default for each in parameters if type(each.default) is int}
+
+
+class Panel:
+    """All controls of one browser.
+
+    Args:
+        session: what they act on.
+    """
+
+    def __init__(self, session: "Session"):
+        self.session, self.gui = session, session.client.gui
+        self.mouse, self._drawn = "drag", 0.0
+        self._numbers: dict[str, Any] = {}
+        self._levels: list[Any] = []
+        self._plots: dict[str, Any] = {}
+        self.status = self.gui.add_markdown("")
+        tabs = self.gui.add_tab_group()
+        with tabs.add_tab("Object"):
+            self._object()
+        with tabs.add_tab("Change"):
+            self._change()
+        with tabs.add_tab("Compare"):
+            self._compare()
+        with tabs.add_tab("View"):
+            self._view()
+        with self.gui.add_folder("Measured"):
+            self._measured()
+        self._keys()
+        self.refresh()
+
+    def _when(self, handle, action) -> Any:
+        """Have `action(value)` done in the simulation's thread when the user changes a control."""
+
+        async def changed(event) -> None:
+            if event.client_id is not None:  # else the program has set it
+                value = event.target.value
+                self.session.ask(lambda: action(value))
+
+        handle.on_update(changed)
+        return handle
+
+    def _button(self, label: str, action, hint: str | None = None) -> Any:
+        """A button that has `action()` done in the simulation's thread."""
+        handle = self.gui.add_button(label, hint=hint)
+
+        async def pressed(event) -> None:
+            self.session.ask(action)
+
+        handle.on_click(pressed)
+        return handle
+
+    def _object(self) -> None:
+        session, bench = self.session, self.session.bench
+        self.thing = self._when(
+            self.gui.add_dropdown("object", [*OBJECTS, *BODIES], initial_value=bench.specimens[0].entry.thing),
+            lambda value: self.choose(Entry(value)),
+        )
+        self.levels = self.gui.add_folder("made with", expand_by_default=False)
+        self.integrator = self._when(
+            self.gui.add_dropdown("integrator", [OWN, *INTEGRATORS]), lambda value: self.choose(self.entry())
+        )
+        self._when(
+            self.gui.add_dropdown("mouse", ["drag", "fix or release"], hint="what pressing a node does"), self.set_mouse
+        )
+        self._when(self.gui.add_slider("strength of hand", 0.2, 10.0, 0.2, 1.0), bench.set_strength)
+        self._button("Drop: start again (R)", self.restart)
+        self._button("Throw (T)", bench.throw)
+        self._button("Release fixed nodes", bench.release_all)
+        self.pause = self._when(self.gui.add_checkbox("pause (space)", False), self.set_paused)
+        self._button("One step (N)", self.one_step)
+        self._when(self.gui.add_slider("speed", 0.02, 2.0, 0.02, 1.0, hint="over real time"), self.set_speed)
+        self.gait = self._when(self.gui.add_checkbox("fish swim by the gait", False), session.bench.swim)
+
+    def _change(self) -> None:
+        for name, setting in SETTINGS.items():
+            step = 0.01 if setting.high <= 5.0 else 0.1
+            self._numbers[name] = self._when(
+                self.gui.add_slider(
+                    setting.label, setting.low, setting.high, step, setting.default, hint=setting.meaning
+                ),
+                lambda value, name=name: self.session.bench.set(name, value),
+            )
+        self.walls = self._when(self.gui.add_dropdown("walls", list(WALLS)), self.set_walls)
+
+    def _compare(self) -> None:
+        self.gui.add_markdown("The same object by other methods, or other objects, under the same conditions.")
+        self.others = []
+        for rank in ("second", "third"):
+            thing = self.gui.add_dropdown(f"{rank} object", [NOTHING, *OBJECTS, *BODIES])
+            method = self.gui.add_dropdown(f"{rank} integrator", [OWN, *INTEGRATORS])
+            self.others.append((thing, method))
+            for handle in (thing, method):
+                self._when(handle, lambda value: self.choose(self.entry()))
+        self.same_cost = self._when(
+            self.gui.add_checkbox("same cost", False, hint="steps such that a second costs as much of the processor"),
+            lambda value: self.choose(self.entry()),
+        )
+        self.distance = self._plot("distance from the first (lengths)", 2, colours.SPECIMENS[1:])
+        self.steps = self.gui.add_markdown("")
+
+    def _view(self) -> None:
+        drawing = self.session.drawing
+        for view, shown in drawing.shown.items():
+            self._when(self.gui.add_checkbox(view, shown), lambda value, view=view: drawing.show(view, value))
+        self._button("Look again", drawing.look)
+        self.gui.add_markdown(
+            "Springs: blue shortened, orange stretched (30 % at the ends). Muscles: grey relaxed, red contracted. "
+            "Tetrahedra: dark at rest, yellow at 30 % strain."
+        )
+
+    def _measured(self) -> None:
+        for name, label in PLOTS.items():
+            self._plots[name] = self._plot(label, 3, colours.SPECIMENS)
+
+    def _plot(self, label, count, palette) -> Any:
+        series: list[dict[str, Any]] = [{"label": "t (s)"}] + [
+            {"label": str(k + 1), "stroke": colours.hexadecimal(colour), "width": 2, "points": {"show": False}}
+            for k, colour in enumerate(palette[:count])
+        ]
+        return self.gui.add_uplot(
+            tuple(np.zeros(1) for _ in range(count + 1)), tuple(viser.uplot.Series(**each) for each in series),
+            title=label, scales={"x": viser.uplot.Scale(time=False)}, height=150,
+            legend=viser.uplot.Legend(show=False),
+        )  # fmt: skip
+
+    def _keys(self) -> None:
+        actions = {
+            "R": ("Start again", self.restart), "T": ("Throw", self.session.bench.throw),
+            "N": ("One step", self.one_step),
+            "space": ("Pause", lambda: self.set_paused(not self.session.paused)),
+        }  # fmt: skip
+        for key, (label, action) in actions.items():
+            command: Any = self.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
+
+            async def triggered(event, action=action) -> None:
+                self.session.ask(action)
+
+            command.on_trigger(triggered)
+
+    def entry(self) -> Entry:
+        """The first object as the controls say."""
+        level = tuple((handle.label, int(handle.value)) for handle in self._levels)
+        method = self.integrator.value
+        return Entry(self.thing.value, "" if method == OWN else method, level)
+
+    def choose(self, entry: Entry) -> None:
+        """Put the chosen objects on the bench."""
+        entries = [entry]
+        for thing, method in self.others:
+            if thing.value != NOTHING:
+                level = entry.level if thing.value == entry.thing else ()
+                entries.append(Entry(thing.value, "" if method.value == OWN else method.value, level))
+        self.status.content = "Compiling, or reading compiled code ..."
+        self.session.client.flush()
+        self.session.bench.choose(entries, bool(self.same_cost.value))
+        self.session.rebuild()
+
+    def restart(self) -> None:
+        """Put everything back to rest."""
+        self.session.bench.reset()
+
+    def one_step(self) -> None:
+        """Pause, and take one step."""
+        self.set_paused(True)
+        self.session.step()
+
+    def set_paused(self, value) -> None:
+        """Stop the time, or let it go on."""
+        self.session.paused = self.pause.value = bool(value)
+
+    def set_speed(self, value) -> None:
+        """Time of the simulation over real time."""
+        if not 0.01 <= float(value) <= 2.0:
+            raise ValueError(f"speed is {value!r}; give a number from 0.01 to 2")
+        self.session.speed = float(value)
+
+    def set_mouse(self, value) -> None:
+        """What the mouse does."""
+        self.mouse = "drag" if value == "drag" else "fix"
+
+    def set_walls(self, value) -> None:
+        """Choose the walls, and draw them."""
+        self.session.bench.set_walls(value)
+        self.session.drawing.build_room()
+
+    def press(self, number: int, point) -> None:
+        """The mouse begins to drag at a point of the scene."""
+        place = self.session.drawing.place(number, point)
+        if self.mouse == "fix":
+            self.session.bench.fix(number, place)
+        else:
+            self.session.bench.grab(number, place)
+
+    def drag(self, number: int, point) -> None:
+        """The mouse drags to a point of the scene."""
+        if self.session.bench.hand is not None:
+            self.session.bench.drag(self.session.drawing.place(number, point))
+
+    def refresh(self) -> None:
+        """Show what is now on the bench in all controls."""
+        bench = self.session.bench
+        first = bench.specimens[0].entry
+        self.thing.value, self.integrator.value = first.thing, first.integrator or OWN
+        for k, (thing, method) in enumerate(self.others, 1):
+            entry = bench.specimens[k].entry if k < len(bench.specimens) else None
+            thing.value = NOTHING if entry is None else entry.thing
+            if entry is not None:
+                method.value = entry.integrator or OWN
+        for name, handle in self._numbers.items():
+            handle.value = bench.numbers[name]
+        self.walls.value, self.same_cost.value = bench.walls, bench.same_cost
+        self.gait.disabled = not any(specimen.is_fish for specimen in bench.specimens)
+        self.gait.value = bench.specimens[0].swimming
+        self._refresh_levels(first)
+        about = [f"{s.thing.name}: {s.tank.integrator.name}, step {1e3 * s.tank.dt:.3g} ms" for s in bench.specimens]
+        self.steps.content = "\n".join(f"{k + 1}. {each}" for k, each in enumerate(about))
+
+    def _refresh_levels(self, entry: Entry) -> None:
+        """The whole numbers that the first object is made with."""
+        for handle in self._levels:
+            handle.remove()
+        self._levels = []
+        with self.levels:
+            for name, default in level_of(entry.thing).items():
+                value = dict(entry.level).get(name, default)
+                handle = self.gui.add_number(name, value, min=0, max=24, step=1)
+                self._levels.append(self._when(handle, lambda value: self.choose(self.entry())))
+
+    def update(self, now: float) -> None:
+        """Draw the plots, now and then; `now` is the time, s."""
+        if now < self._drawn + EVERY:
+            return
+        bench, rate = self.session.bench, self.session.frames / max(now - self._drawn, 1e-3)
+        self._drawn, self.session.frames = now, 0
+        for name, handle in self._plots.items():
+            times, *rows = bench.series(name)
+            if len(times) > 1:
+                handle.data = padded(times, rows, 3)
+        if len(bench.specimens) > 1 and len(bench.distances) > 1:
+            rows = list(np.array(list(bench.distances)).T)
+            self.distance.data = padded(bench.series("energy")[0], rows, 2)
+        names = ", ".join(f"**{s.thing.name}** by {s.tank.integrator.name}" for s in bench.specimens)
+        nodes = sum(len(s.position) for s in bench.specimens)
+        self.status.content = f"{names}: {nodes} nodes, {bench.clock:.1f} s, {rate:.0f} pictures a second"
+
+
+def padded(times, rows, count) -> tuple[np.ndarray, ...]:
+    """Times and `count` rows of the same length, NaN where there are fewer."""
+    rows = [np.nan_to_num(row, nan=np.nan, posinf=np.nan, neginf=np.nan) for row in rows]
+    return (times, *rows, *(np.full(len(times), np.nan) for _ in range(count - len(rows))))

@@ -1,0 +1,74 @@
+"""The page's server: one session for each browser, on this machine only unless another address is given."""
+
+import threading
+
+import viser
+
+from fish_env.lab.session import Session
+
+MOST = 8  # sessions at once: each takes a thread
+
+
+class PrivateServer(viser.ViserServer):
+    """viser's server without its public tunnel, which any page could otherwise ask for."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Refuse."""
+        return None
+
+
+class Laboratory:
+    """A server that gives every browser a session of its own, and ends it when the browser leaves.
+
+    Args:
+        host: address to listen at.
+        port: TCP port; the next free one is taken if it is in use.
+
+    Raises:
+        ValueError: if the address cannot be listened at.
+    """
+
+    def __init__(self, host: str, port: int):
+        self.sessions: dict[int, Session] = {}
+        self._closed = threading.Event()
+        try:
+            self.server = PrivateServer(host=host, port=port, label="fish_env laboratory", verbose=False)
+        except OSError as error:
+            raise ValueError(
+                f"cannot listen at {host}, port {port} ({error}); give an address of this machine"
+            ) from error
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        self.server.on_client_connect(self._enter)
+        self.server.on_client_disconnect(self._leave)
+
+    @property
+    def port(self) -> int:
+        """The port that it listens at."""
+        return self.server.get_port()
+
+    async def _enter(self, client: viser.ClientHandle) -> None:
+        if len(self.sessions) >= MOST:
+            client.add_notification("The laboratory is full", f"{MOST} pages are open already.", color="red")
+            return
+        session = Session(client)
+        self.sessions[client.client_id] = session
+        session.start()
+
+    async def _leave(self, client: viser.ClientHandle) -> None:
+        session = self.sessions.pop(client.client_id, None)
+        if session is not None:
+            session.close()
+
+    def wait(self) -> None:
+        """Wait until it is interrupted; then close all sessions."""
+        try:
+            self._closed.wait()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End all sessions and the server."""
+        self._closed.set()
+        for session in self.sessions.values():
+            session.close()
+        self.server.stop()

@@ -1,0 +1,221 @@
+"""One object in the laboratory: its tank, made again when a number changes, and what is done to it and measured."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fish_env.bodies import BODIES, Fish
+from fish_env.bodies.fish import ElasticObject
+from fish_env.bodies.objects import OBJECTS
+from fish_env.body import Body, fix, scaled, with_rates
+from fish_env.control.gait import best_gait
+from fish_env.forces.evaluate import Evaluator
+from fish_env.integrators import INTEGRATORS
+from fish_env.lab.geometry import Surface, enclosed, spring_strain, surfaces, tet_strain
+from fish_env.lab.hand import Hand
+from fish_env.tank import Tank
+from fish_env.tank_options import own_step
+from fish_env.world import World, make_world
+
+PULL = 0.4  # drag spring: its pull, over the object's weight on Earth, at a distance of the object's length
+DAMPING = 0.05  # s, damping of the drag spring over its stiffness
+ROOM = 1.5  # half the width of a closed room, in lengths of an object that has no walls of its own
+
+
+class Entry(NamedTuple):
+    """What is put into the laboratory."""
+
+    thing: str  # a key of BODIES or OBJECTS
+    integrator: str = ""  # a key of INTEGRATORS; "" for the object's own
+    level: tuple[tuple[str, int], ...] = ()  # whole numbers that it is made with, such as ("level", 2)
+
+
+class Readings(NamedTuple):
+    """What is measured of an object at one time; NaN where there is nothing to measure."""
+
+    time: float  # s
+    energy: float  # of motion and of all that stores any, J
+    volume: float  # over that at rest
+    strain: float  # largest of a spring or tetrahedron
+
+
+def make_thing(entry: Entry) -> ElasticObject:
+    """The object of an entry; ValueError for a name or a number that is not allowed."""
+    table: dict[str, Any] = {**BODIES, **OBJECTS}
+    if entry.thing not in table:
+        raise ValueError(f"unknown object {entry.thing!r}; choose from {', '.join(map(repr, table))}")
+    return table[entry.thing].make(**dict(entry.level))
+
+
+def changed_body(thing: ElasticObject, numbers: dict[str, float], fixed: list[int]) -> Body:
+    """The body of an object with the numbers of the settings, and nodes fixed."""
+    body = scaled(thing.body, numbers["stiffness"], numbers["damping"], numbers["density"])
+    gas, inner = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64))
+    if gas is not None and numbers["pressure"] != 1.0:
+        factor = numbers["pressure"]
+        body = body._replace(compartments=gas._replace(gas=gas.gas * factor, ambient=gas.ambient * factor))
+    if len(inner) and numbers["inner_density"] != 1.0:
+        mass, inverse = body.mass.copy(), body.inverse_mass.copy()
+        mass[inner] *= numbers["inner_density"]
+        inverse[inner] /= numbers["inner_density"]
+        body = body._replace(mass=mass, inverse_mass=inverse)
+    if fixed:
+        return fix(body, fixed)
+    return with_rates(body) if numbers["pressure"] != 1.0 or numbers["inner_density"] != 1.0 else body
+
+
+def down_of(thing: ElasticObject) -> np.ndarray:
+    """Where gravity pulls an object, a unit vector (3,)."""
+    return np.asarray(getattr(thing, "down", (0.0, 0.0, -1.0)), dtype=float)
+
+
+def room_size(thing: ElasticObject) -> float:
+    """How far the walls of an object are from the origin, m."""
+    planes = thing.water.planes
+    return ROOM * thing.length if planes is None else float(-planes[:, 3].min())
+
+
+def changed_world(thing: ElasticObject, numbers: dict[str, float], walls: str) -> World:
+    """The world of an object with the numbers of the settings and the walls that are chosen."""
+    own, size = thing.water, room_size(thing)
+    planes = [] if own.planes is None else [(row[:3], row[3], numbers["restitution"]) for row in own.planes]
+    if walls == "none":
+        planes = []
+    elif walls == "closed room":
+        axes = np.eye(3)[: 2 if thing.flat else 3]
+        planes = [(side * axis, -size, numbers["restitution"]) for axis in axes for side in (1.0, -1.0)]
+    current = thing.length * np.array([numbers["current_x"], numbers["current_y"], 0.0])
+    water = own._replace(
+        linear=own.linear * numbers["water"], quadratic=own.quadratic * numbers["water"], current=own.current + current
+    )
+    return make_world(numbers["gravity"] * down_of(thing), planes, own.viscosity, water)
+
+
+class Specimen:
+    """An object that moves, with what is done to it.
+
+    Args:
+        entry: what it is.
+        numbers: of all SETTINGS.
+        walls: one of WALLS.
+        step: the integrator's step over its own.
+
+    Raises:
+        ValueError: for a name or a number that is not allowed, or a method that cannot move the object there.
+    """
+
+    def __init__(self, entry: Entry, numbers: dict[str, float], walls: str, step: float):
+        self.entry, self.thing, self.fixed = entry, make_thing(entry), []
+        self.surfaces: list[Surface] = surfaces(self.thing)
+        self.rest_volume = enclosed(self.thing, self.surfaces, self.thing.body.position)
+        self.swimming, self._gait = False, best_gait()
+        self.numbers, self.walls, self.step = numbers, walls, step
+        self._make(numbers, walls, step, [])
+
+    @property
+    def is_fish(self) -> bool:
+        return isinstance(self.thing, Fish)
+
+    @property
+    def position(self) -> np.ndarray:
+        """Node positions, (N,3) m."""
+        return self.tank.position[0]
+
+    @property
+    def time(self) -> float:
+        """Its clock, s."""
+        return float(self.tank.time[0])
+
+    def _make(self, numbers, walls, step, fixed) -> None:
+        """Make the tank; nothing is changed if that cannot be done."""
+        body = changed_body(self.thing, numbers, fixed)
+        thing = replace(self.thing, body=body)
+        world = changed_world(self.thing, numbers, walls)
+        name = self.entry.integrator or None
+        own = step == 1.0 and name in (None, thing.integrator)
+        tank = Tank(thing, integrator=name, dt=None if own else step * self.own_step(thing), water=world, threads=1)
+        self.tank: Tank[Any] = tank
+        self.numbers, self.walls, self.step, self.fixed = numbers, walls, step, fixed
+        self._evaluator: Evaluator | None = None
+
+    def own_step(self, thing: ElasticObject | None = None) -> float:
+        """The step of its method if none is given, s."""
+        chosen: ElasticObject = self.tank.fish if thing is None else thing
+        return own_step(chosen, INTEGRATORS[self.entry.integrator or chosen.integrator])
+
+    def change(self, numbers=None, walls=None, step=None, fixed=None) -> None:
+        """Go on in the same motion with other numbers; ValueError, and nothing is changed, if that is not possible."""
+        old = self.tank
+        self._make(
+            self.numbers if numbers is None else numbers, self.walls if walls is None else walls,
+            self.step if step is None else step, self.fixed if fixed is None else list(fixed),
+        )  # fmt: skip
+        for new, kept in zip(self.tank.state, old.state, strict=True):
+            new[...] = kept
+        self.tank.rest_length[...] = old.rest_length
+        self.tank.velocity[0, self.fixed] = 0.0
+
+    def toggle(self, node: int) -> None:
+        """Fix a node where it is, or let go of one that is fixed."""
+        self.change(fixed=sorted(set(self.fixed) ^ {node}))
+
+    def reset(self, velocity=(0.0, 0.0, 0.0)) -> None:
+        """Put it back to rest at the middle of its room, or give all nodes a velocity (3,) m/s there."""
+        self.tank.reset()
+        self.tank.velocity[0] = np.where(self.tank.fish.body.inverse_mass > 0.0, velocity, 0.0)
+
+    def pull(self, hand: Hand, strength: float, damping: float = DAMPING) -> None:
+        """Let a hand pull at its node, or take the node along if that is fixed."""
+        if hand.node in self.fixed:
+            self.tank.velocity[0, hand.node] = hand.velocity
+            return
+        mass = float(self.tank.fish.body.mass.sum())
+        stiffness = strength * mass * 9.81 / (PULL * self.thing.length)
+        held, engine = self.tank.world.anchors, self.tank._engine
+        if held is None or engine is None or (held.node[0], held.stiffness[0]) != (hand.node, stiffness):
+            self.tank.grab(hand.node, hand.point, stiffness, damping * stiffness)
+            return
+        for block in engine.blocks:  # the drag spring moves; a new engine would take longer than the motion
+            block.world.anchors.point.memory.reshape(1, -1)[0, :3] = hand.point
+            block.world.anchors.velocity.memory.reshape(1, -1)[0, :3] = hand.velocity
+
+    def let_go(self) -> None:
+        """End the pull."""
+        self.tank.velocity[0, self.fixed] = 0.0
+        if self.tank.world.anchors is not None:
+            self.tank.release()
+
+    def advance(self, until: float) -> None:
+        """Move on by whole steps to a time, s, or to just before it."""
+        steps = int((until - self.time) / self.tank.dt + 1e-6)
+        if steps < 1 or not self.tank.alive[0]:
+            return
+        if self.swimming and isinstance(self.thing, Fish):
+            then = self.time + steps * self.tank.dt
+            self.tank.command(self._gait.contraction(self.thing, np.array([then])), steps * self.tank.dt)
+        self.tank.advance(steps)
+
+    def strains(self) -> tuple[np.ndarray, np.ndarray]:
+        """Strain of every spring (E,) and of every tetrahedron (T,)."""
+        body, x = self.tank.fish.body, self.position
+        tets = np.zeros(0) if body.tets is None else tet_strain(body.tets, x)
+        return spring_strain(body.springs, self.tank.rest_length[0], x), tets
+
+    def forces(self) -> np.ndarray:
+        """The force on every node, (N,3) N."""
+        return self._evaluate().force(self.tank.rest_length[0], self.position, self.tank.velocity[0])
+
+    def readings(self) -> Readings:
+        """What is measured now."""
+        state = (self.tank.rest_length[0], self.position, self.tank.velocity[0])
+        energy = sum(self._evaluate().energies(*state).values())
+        volume = enclosed(self.thing, self.surfaces, self.position) / self.rest_volume
+        strain = max((float(np.abs(each).max()) for each in self.strains() if each.size), default=np.nan)
+        return Readings(self.time, energy, volume, strain)
+
+    def _evaluate(self) -> Evaluator:
+        if self._evaluator is None:
+            world = self.tank.world._replace(anchors=None)  # the hand is outside of what is measured
+            self._evaluator = Evaluator(self.tank.fish.body, world)
+        return self._evaluator

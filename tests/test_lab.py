@@ -1,0 +1,236 @@
+"""The laboratory's bench, without a browser: what is chosen and changed, dragged, measured, and what fails."""
+
+import importlib.util
+import socket
+
+import numpy as np
+import pytest
+
+from fish_env.bodies.mesh import box
+from fish_env.elements import make_tets
+from fish_env.lab import serve
+from fish_env.lab.bench import Bench, checked_entry
+from fish_env.lab.geometry import boundary, enclosed, signed_volume, surfaces, tet_strain, triangulated
+from fish_env.lab.hand import Hand
+from fish_env.lab.settings import SETTINGS, checked_point
+from fish_env.lab.specimen import Entry
+from fish_env.volume import volume_of
+
+VISER = importlib.util.find_spec("viser") is not None
+
+
+@pytest.fixture(scope="module")
+def ring():
+    """A bench with a ring that no test changes for good."""
+    return Bench([Entry("ring")])
+
+
+def fallen(seconds=0.2) -> Bench:
+    """A bench with a ring that has fallen for so many seconds."""
+    bench = Bench([Entry("ring")])
+    for _ in range(round(seconds * 60)):
+        bench.advance(1 / 60)
+    return bench
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 5.1, -1.0, "1", True, None, [1.0]])
+def test_numbers_from_the_page_are_checked(ring, value):
+    """Numbers from the page are checked."""
+    before = ring.numbers["stiffness"], ring.specimens[0].tank
+    with pytest.raises(ValueError, match="give a number from"):
+        ring.set("stiffness", value)
+    assert (ring.numbers["stiffness"], ring.specimens[0].tank) == before
+
+
+def test_names_and_points_from_the_page_are_checked(ring):
+    """Names and points from the page are checked."""
+    tank = ring.specimens[0].tank
+    for wrong in (lambda: ring.set("__class__", 1.0), lambda: ring.choose([Entry("../ring")]),
+                  lambda: ring.choose([Entry("ring", "euler")]), lambda: ring.choose([]), lambda: ring.set_walls("x"),
+                  lambda: ring.choose([Entry("ring", "", (("nodes", 1000),))]), lambda: ring.grab(7, (0, 0, 0)),
+                  lambda: ring.grab(0, (np.nan, 0, 0)), lambda: ring.grab(0, "abc"), lambda: ring.set_strength(1e9),
+                  lambda: checked_point((1e9, 0, 0), 1.0)):  # fmt: skip
+        with pytest.raises(ValueError, match=r"choose from|give"):
+            wrong()
+    assert ring.specimens[0].tank is tank
+    with pytest.raises(ValueError, match="at most 1100"):
+        checked_entry(Entry("sphere", "", (("slices", 24), ("stacks", 24))))
+
+
+def test_a_change_goes_on_in_the_same_motion():
+    """A change goes on in the same motion."""
+    bench = fallen()
+    x, v = bench.specimens[0].tank.position.copy(), bench.specimens[0].tank.velocity.copy()
+    for name, value in (("stiffness", 2.0), ("damping", 0.5), ("pressure", 0.5), ("density", 2.0),
+                        ("inner_density", 2.0), ("gravity", 1.0), ("restitution", 0.0)):  # fmt: skip
+        bench.set(name, value)
+        tank = bench.specimens[0].tank
+        assert np.array_equal(tank.position, x) and np.array_equal(tank.velocity, v)
+    body, own = tank.fish.body, bench.specimens[0].thing.body
+    assert np.allclose(body.springs.stiffness, 2.0 * own.springs.stiffness)
+    assert np.allclose(body.springs.damping, 0.5 * own.springs.damping)
+    assert np.allclose(body.compartments.gas, own.compartments.gas)  # stiffness doubles it, pressure halves it
+    assert body.mass[:12] == pytest.approx(2.0 * own.mass[:12]) and body.mass[12:] == pytest.approx(4.0 * own.mass[12:])
+    assert np.linalg.norm(tank.world.gravity) == pytest.approx(1.0)
+    assert set(tank.world.planes[:, 4]) == {0.0}
+
+
+def test_walls_are_chosen(ring):
+    """Walls are chosen."""
+    ring.set_walls("closed room")
+    assert len(ring.specimens[0].tank.world.planes) == 4  # of a flat object
+    ring.set_walls("none")
+    assert ring.specimens[0].tank.world.planes is None
+    ring.set_walls("own")
+    assert len(ring.specimens[0].tank.world.planes) == 3
+
+
+def test_free_fall_is_that_of_gravity():
+    """Free fall is that of gravity."""
+    bench = fallen(0.2)
+    tank = bench.specimens[0].tank
+    centre = tank.fish.body.mass @ tank.position[0] / tank.fish.body.mass.sum()
+    assert centre[1] == pytest.approx(-0.5 * 9.81 * tank.time[0] ** 2, rel=1e-9)
+    energies = bench.series("energy")[1]
+    assert np.ptp(energies) < 1e-3 * np.abs(energies).max()  # motion and height exchange it; the ring hardly deforms
+
+
+def test_a_drag_brings_the_node_to_the_pointer():
+    """A drag brings the node to the pointer."""
+    bench = Bench([Entry("ring")])
+    bench.set("gravity", 0.0)
+    start = bench.specimens[0].position[3].copy()
+    assert bench.grab(0, start) == 3
+    goal = np.add(start, (0.0, 0.03, 0.0))
+    for _ in range(120):
+        bench.drag(goal)
+        bench.advance(1 / 60)
+    assert np.linalg.norm(bench.specimens[0].position[3] - goal) < 0.002
+    bench.let_go()
+    assert bench.hand is None and bench.specimens[0].tank.world.anchors is None
+
+
+def test_a_fixed_node_stays_and_moves_with_the_hand():
+    """A fixed node stays and moves with the hand."""
+    bench = Bench([Entry("ring")])
+    place = bench.specimens[0].position[0].copy()
+    node = bench.fix(0, place)
+    for _ in range(10):
+        bench.advance(1 / 60)
+    assert np.array_equal(bench.specimens[0].position[node], place)
+    bench.grab(0, place)
+    bench.drag(np.add(place, (0.01, 0.01, 0.0)))
+    for _ in range(12):
+        bench.advance(1 / 60)
+    assert bench.specimens[0].position[node] == pytest.approx(np.add(place, (0.01, 0.01, 0.0)), abs=1e-3)
+    bench.release_all()
+    assert bench.specimens[0].fixed == []
+
+
+def test_the_hand_moves_evenly_and_arrives():
+    """The hand moves evenly and arrives."""
+    hand = Hand(0, 0, (0.0, 0.0, 0.0))
+    hand.aim((1.0, 0.0, 0.0))
+    steps = []
+    for _ in range(5):
+        before = hand.point[0]
+        hand.advance(0.02)
+        steps.append(hand.point[0] - before)
+        assert hand.velocity[0] == pytest.approx(steps[-1] / 0.02)
+    assert steps == pytest.approx([0.2] * 5) and hand.point[0] == pytest.approx(1.0)
+    hand.advance(0.02)
+    assert hand.velocity[0] == 0.0
+
+
+def test_a_method_that_fails_is_named_and_starts_again():
+    """A method that fails is named and starts again."""
+    bench = Bench([Entry("ring", "explicit_euler")])
+    bench.set("step", 50.0)
+    bench.throw()
+    for _ in range(120):
+        bench.advance(1 / 30)
+        if bench.messages:
+            break
+    assert "explicit_euler failed on the ring" in bench.messages[0] and "step" in bench.messages[0]
+    assert bench.specimens[0].tank.alive.all() and bench.clock == 0.0
+
+
+def test_side_by_side_is_compared():
+    """Side by side is compared."""
+    bench = Bench([Entry("ring"), Entry("ring"), Entry("ring", "semi_implicit")])
+    for _ in range(12):
+        bench.advance(1 / 60)
+    assert bench.distance(1) == 0.0 and 0.0 < bench.distance(2) < 0.5
+    assert np.shape(list(bench.distances)) == (len(bench.history), 2)
+
+
+def test_the_same_cost_gives_a_costly_method_longer_steps():
+    """The same cost gives a costly method longer steps."""
+    bench = Bench()
+    bench.choose([Entry("ring", "symplectic_euler"), Entry("ring", "rk4")], same_cost=True)
+    cheap, costly = (specimen.tank.dt for specimen in bench.specimens)
+    assert costly > 1.5 * cheap
+
+
+def test_volumes_are_those_of_the_gas():
+    """Volumes are those of the gas."""
+    for name in ("sphere", "uniform sphere"):
+        thing = Bench([Entry(name)]).specimens[0].thing
+        want, _ = volume_of(thing.skin, thing.body.position)
+        assert enclosed(thing, surfaces(thing), thing.body.position) == pytest.approx(want, rel=0.02)  # bilinear faces
+
+
+def test_the_boundary_of_tetrahedra_encloses_them():
+    """The boundary of tetrahedra encloses them."""
+    place, nodes = box((2.0, 1.0, 1.0), (2, 2, 2))
+    triangles, owner = boundary(nodes)
+    assert signed_volume(triangles, place) == pytest.approx(2.0, rel=1e-12)
+    assert len(owner) == len(triangles) == 6 * 4 * 2
+
+
+def test_the_strain_of_a_tetrahedron_is_its_largest_principal_one():
+    """The strain of a tetrahedron is its largest principal one."""
+    place, nodes = box((1.0, 1.0, 1.0), (1, 1, 1))
+    tets = make_tets(place, nodes, 1e5, 0.3)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    assert tet_strain(tets, place @ turn.T) == pytest.approx(0.0, abs=1e-12)
+    assert tet_strain(tets, (place * (1.1, 0.7, 1.0)) @ turn.T) == pytest.approx(-0.3, abs=1e-12)
+
+
+def test_triangles_of_faces():
+    """Triangles of faces."""
+    assert triangulated(np.array([(0, 1, 2, 3), (4, 5, 6, 6)])).tolist() == [[0, 1, 2], [4, 5, 6], [0, 2, 3]]
+
+
+def test_the_meaning_of_every_setting_is_stated():
+    """The meaning of every setting is stated."""
+    for setting in SETTINGS.values():
+        assert setting.low <= setting.default <= setting.high and setting.meaning
+
+
+def test_a_port_out_of_range_is_refused():
+    """A port out of range is refused."""
+    with pytest.raises(ValueError, match="1024 to 65535"):
+        serve(port=80)
+
+
+@pytest.mark.skipif(not VISER, reason="viser is not installed")
+def test_the_page_is_on_this_machine_only_and_has_no_tunnel(capsys):
+    """The page is on this machine only and has no tunnel."""
+    from fish_env.lab.server import Laboratory
+
+    laboratory = Laboratory("127.0.0.1", 18080)
+    try:
+        assert laboratory.server.get_host() == "127.0.0.1"
+        assert laboratory.server.request_share_url() is None
+        with socket.create_connection(("127.0.0.1", laboratory.port), timeout=10):
+            pass
+    finally:
+        laboratory.close()
+
+
+@pytest.mark.skipif(VISER, reason="viser is installed")
+def test_without_viser_the_extra_is_named():
+    """Without viser the extra is named."""
+    with pytest.raises(RuntimeError, match=r"fish_env\[lab\]"):
+        serve()
