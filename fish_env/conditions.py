@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env import forces
-from fish_env.body import Body, Control, State, chosen_axes, node_numbers, fix_where
+from fish_env.body import Body, Control, State, chosen_axes, fix_where, node_numbers
 from fish_env.checks import finite_array
 from fish_env.engine import Engine
 from fish_env.forces.evaluate import Evaluator
@@ -56,7 +56,7 @@ def make_penalty(body: Body, nodes, point, velocity=(0.0, 0.0, 0.0), multiple=PE
     stiffness = multiple * largest_entry(body)
     if not stiffness > 0.0:
         raise ValueError("the body has no stiffness for a penalty to be a multiple of; hold it by elimination")
-    damping = 2.0 * np.sqrt(stiffness * body.mass[nodes])
+    damping: Any = 2.0 * np.sqrt(stiffness * body.mass[nodes])
     return make_anchors(nodes, point, stiffness, damping, velocity=velocity)
 
 
@@ -229,10 +229,10 @@ class Conditioned:
         follows = same and alike(self.world.anchors, world.anchors)
         self.fish = self.fish if same else replace(self.fish, body=body)
         self.world, self._conditions = world, new
-        if self._engine is not None and follows:
-            self._engine.follow(world.anchors)
-        elif self._engine is not None:
+        if self._engine is not None and not follows:
             self._engine = Engine(self)
+        elif self._engine is not None and world.anchors is not None:
+            self._engine.follow(world.anchors)
         self._impose()
 
     def _too_stiff(self, body: Body, world: World) -> str:

@@ -263,9 +263,9 @@ class Engine:
             self.row[i] = self._rows[key]
             self._sorted = False
 
-    def follow(self, anchors: Anchors | None) -> None:
+    def follow(self, anchors: Anchors) -> None:
         """Let the anchors of the world, the same ones, be elsewhere, or move otherwise."""
-        for block in self.blocks if anchors is not None else ():
+        for block in self.blocks:
             kind = self.tank.kind
             block.world.anchors.set(point=kind.rows(anchors.point), velocity=kind.rows(anchors.velocity))
 
