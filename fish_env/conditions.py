@@ -262,9 +262,10 @@ class Conditioned:
         if self.world.anchors is not None and self.world.anchors.velocity.any():
             drag, penalties = (carried(part, duration) for part in (self._conditions.drag, self._conditions.penalties))
             self._conditions = self._conditions._replace(drag=drag, penalties=penalties)
-            self.world = self.world._replace(anchors=joined(drag, penalties))
-            if self._engine is not None:
-                self._engine.follow(self.world.anchors)
+            anchors = joined(drag, penalties)
+            self.world = self.world._replace(anchors=anchors)
+            if self._engine is not None and anchors is not None:
+                self._engine.follow(anchors)
 
 
 def carried(anchors: Anchors | None, duration: float) -> Anchors | None:
