@@ -80,8 +80,8 @@ def check_fish(fish) -> None:
     if not hasattr(fish, "landmarks"):
         return
     for name, array, shape, below, lowest in (
-        ("sides", fish.sides, (m,), 2, -1),
-        ("segments", fish.segments, (m,), m, 0),
+        ("sides", fish.sides, (None,), 2, -1),
+        ("segments", fish.segments, (None,), springs, 0),
         ("nose", fish.nose, (), nodes, 0),
         ("tail", fish.tail, (None,), nodes, 0),
         ("left", fish.left, (None,), nodes, 0),
@@ -93,6 +93,6 @@ def check_fish(fish) -> None:
     count = len(marks.node)
     check_numbers("landmarks.node", marks.node, (count,), nodes)
     check_numbers("landmarks.faces", marks.faces, (None, 4), count)
-    check_numbers("landmarks.muscles", marks.muscles, (m, 2), count)
+    check_numbers("landmarks.muscles", marks.muscles, (None, 2), count)
     check_numbers("landmarks.mirror", marks.mirror, (count,), count)
     _check_floats("landmarks", marks, count, {"height": (), "mass": ()})

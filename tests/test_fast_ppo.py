@@ -23,7 +23,7 @@ from fish_env._jit import njit
 
 pytestmark = pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")  # one is cut off
 
-TOLERANCE = {torch.float64: 1e-6, torch.float32: 3e-5}
+TOLERANCE = {torch.float64: 1e-6, torch.float32: 5e-5}  # Adam magnifies what processors round differently: 3.6e-5 seen
 """Relative to the largest number of an array."""
 FIELDS = ("values", "log_probs", "advantages", "returns", "rewards")
 POLICIES = [*((task, True) for task in CONFIGS), ("swim", False)]
