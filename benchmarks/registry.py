@@ -273,6 +273,11 @@ LEARNING = (
         ("agents.train:train", "agents.results:publish_task", BATCH), data=(DEFAULT, GAIT, MOTOR), by_name=True,
     ),
     Result(
+        "learning.semi_implicit", "every task trained with Tu's method, three seeds each, beside the default",
+        "train.py all --integrator semi_implicit --dt 0.001", 75, (f"{RESULTS}learning/trained_with_semi_implicit.csv",),
+        ("agents.results:publish_method", "agents.train:train", BATCH), data=(DEFAULT,), by_name=True,
+    ),
+    Result(
         "learning.integrators", "the shipped policies under every method and step",
         "train.py compare --integrators", 20,
         csv("integrators_policies", "integrators_default", "integrators_policies.svg"),
