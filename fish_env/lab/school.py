@@ -7,6 +7,7 @@ Legend: B fish. Angles are rad, positive to the left.
 
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -99,7 +100,7 @@ DRIVERS: dict[str, tuple[str, str]] = {
 def make_driver(name: str, num_fish: int) -> tuple[Waters, Controller]:
     """The environment and the controller of an entry of DRIVERS."""
     goal, task = DRIVERS[name]
-    options = {"patience": PATIENCE} if goal == "target" else {}
+    options: dict[str, Any] = {"patience": PATIENCE} if goal == "target" else {}
     waters = Waters(num_fish, task=goal, threads=1, autoreset_mode="Disabled", **options)
     if task:
         return waters, policy_controller(load_policy(shipped_policy(task)), waters)
