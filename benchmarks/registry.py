@@ -166,6 +166,12 @@ SPEED = (
          "benchmarks.speed.limits:bounds", "benchmarks.speed.limits:measured"), data=(DEFAULT, GAIT), one_core=True,
     ),
     Result(
+        "speed.cluster", "sampling and learning with one and more runners of Ray RLlib (needs the extra [cluster])",
+        "-m benchmarks.speed.cluster", 1, csv("cluster"),
+        ("benchmarks.speed.cluster:measure", "fish_env.envs.rllib:FishEnvRunner", BATCH),
+        data=(DEFAULT, "examples/train_rllib.py"),
+    ),
+    Result(
         "speed.peers", "other simulators on the same springs, other environments (needs the extra [peers])",
         "-m benchmarks.speed.peers", 5, csv("speed/peers.csv"),
         ("benchmarks.speed.peers:spring_rows", "benchmarks.speed.environments:singles",
@@ -200,6 +206,16 @@ OBJECTS = (
         ("benchmarks.objects.survey:scenes", "benchmarks.objects.shapes:estimates",
          "benchmarks.objects.shapes:roundness", "benchmarks.objects.methods:largest_stable",
          "benchmarks.objects.methods:sweep"), data=(),
+    ),
+    Result(
+        "objects.argument", "objects of one layer and of two on a floor, by the pressure of their gas",
+        "-m benchmarks.objects.argument", 2, csv("song_collapse", "song_collapse.svg"),
+        ("benchmarks.objects.argument:collapse",), data=(),
+    ),
+    Result(
+        "objects.inner", "the inner layer against the outer: natural frequencies beside simulated ones, an impact",
+        "-m benchmarks.objects.inner", 1, csv("song_inner", "song_inner_impact", "song_inner.svg"),
+        ("benchmarks.objects.inner:compared", "benchmarks.objects.inner:thrown"), data=(),
     ),
     Result(
         "objects.frames", "pictures a second of every elastic object, with drawing",

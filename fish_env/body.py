@@ -166,16 +166,31 @@ def fix(body: Body, nodes, axes: str = "xyz") -> Body:
     Raises:
         ValueError: for a missing node, an axis of another name, or if nothing were left to move.
     """
+    held = np.zeros(body.position.shape, dtype=bool)
+    held[np.ix_(node_numbers(body, nodes), chosen_axes(axes))] = True
+    return fix_where(body, held)
+
+
+def chosen_axes(axes) -> np.ndarray:
+    """(3,) which of "x", "y" and "z" a string names; ValueError for another."""
     if not (isinstance(axes, str) and axes and set(axes) <= set("xyz")):
         raise ValueError(f"axes are {axes!r}; give some of 'xyz'")
+    return np.array([axis in axes for axis in "xyz"])
+
+
+def node_numbers(body: Body, nodes) -> np.ndarray:
+    """Numbers (K,) of nodes that are given by them, or by a boolean mask (N,); ValueError for a missing one."""
     nodes = np.asarray(nodes)
     if nodes.dtype == bool:
         if nodes.shape != body.mass.shape:
             raise ValueError(f"the mask of nodes has shape {nodes.shape}; give {body.mass.shape}")
         nodes = np.flatnonzero(nodes)
-    nodes = node_array(nodes.reshape(-1, 1), 1, body.mass.size, "fixed nodes")[:, 0]
-    inverse = body.inverse_mass.copy()
-    inverse[np.ix_(nodes, np.array(["xyz".index(axis) for axis in axes]))] = 0.0
+    return node_array(nodes.reshape(-1, 1), 1, body.mass.size, "fixed nodes")[:, 0]
+
+
+def fix_where(body: Body, held: np.ndarray) -> Body:
+    """As `fix`: the body with the degrees of freedom of a boolean array (N,3) fixed, beside those that are."""
+    inverse = np.where(held, 0.0, body.inverse_mass)
     if not inverse.any():
         raise ValueError(f"all {len(inverse)} nodes would be fixed along every axis; leave one of them free")
     return with_rates(body._replace(inverse_mass=inverse, fixed=np.ascontiguousarray(np.argwhere(inverse == 0.0))))

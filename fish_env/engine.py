@@ -18,6 +18,7 @@ from fish_env.failures import NON_FINITE, UNTRUSTED_SOLVE
 from fish_env.forces.control import CURRENT, DRAG, MASS, STIFFNESS, make_control
 from fish_env.forces.plan import H
 from fish_env.simd import Kind, Pack, block_size, dot, floats, lane, nowhere, packed, select, zero
+from fish_env.world import Anchors
 
 MOST_KEYS = 10_000  # stiffnesses whose plans are remembered
 DEEPEST = 3  # times that steps are halved
@@ -261,6 +262,12 @@ class Engine:
         if self.row[i] != self._rows[key]:
             self.row[i] = self._rows[key]
             self._sorted = False
+
+    def follow(self, anchors: Anchors) -> None:
+        """Let the anchors of the world, the same ones, be elsewhere, or move otherwise."""
+        for block in self.blocks:
+            kind = self.tank.kind
+            block.world.anchors.set(point=kind.rows(anchors.point), velocity=kind.rows(anchors.velocity))
 
     def _tables(self):
         width = max(len(row) for row in self._plans)

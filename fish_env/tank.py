@@ -9,6 +9,7 @@ import numpy as np
 from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
 from fish_env.checks import finite_array, fits_memory, own, positive_array
+from fish_env.conditions import Conditioned, no_conditions
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
 from fish_env.muscles import command_all
@@ -20,7 +21,6 @@ from fish_env.tank_options import (
     checked_command,
     checked_state,
     checked_steps,
-    chosen_nodes,
     described,
     kind_for,
     method_for,
@@ -28,12 +28,12 @@ from fish_env.tank_options import (
     whole_steps,
 )
 from fish_env.threads import Threads
-from fish_env.world import VACUUM, World, make_anchors
+from fish_env.world import VACUUM, World
 
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
 
-class Tank(Generic[Elastic]):
+class Tank(Conditioned, Generic[Elastic]):
     """B fish of one kind, each alone in the same water, advanced together by one integrator.
 
     Args:
@@ -65,6 +65,7 @@ class Tank(Generic[Elastic]):
         check_counts(num_fish=num_fish, threads=1 if threads is None else threads)
         check_scene(fish, water, self.integrator)
         fits_memory(num_fish, bytes_of(fish.body), "num_fish")
+        self._own, self._conditions = fish.body, no_conditions(fish.body, self.world)
         self.num_fish, self.threads = int(num_fish), threads or available_processors()
         body, b = fish.body, self.num_fish
         self.kind = kind_for(b, dtype, lanes)
@@ -214,39 +215,16 @@ class Tank(Generic[Elastic]):
         """
         command_all(self.pack, *checked_command(contraction, duration, (self.num_fish, self.fish.num_muscles)))
 
-    def nearest(self, point, nodes=None, i=0) -> int:
-        """The node of body i nearest to a point (3,) m: of `nodes`, their numbers, or of all; ValueError if missing."""
-        which = chosen_nodes(nodes, i, self.state.x.shape)
-        away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
-        return int(which[np.argmin((away**2).sum(axis=1))])
-
-    def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0) -> None:
-        """Pull a node of every body by a drag spring to a point (3,) m, in place of any before (`make_anchors`).
-
-        Raises:
-            ValueError: for a missing node or a number that is not allowed.
-        """
-        if not (isinstance(node, int | np.integer) and 0 <= node < self.state.x.shape[1]):
-            raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
-        self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length))
-
-    def release(self) -> None:
-        """Let go of what `grab` holds."""
-        self._set_anchors(None)
-
-    def _set_anchors(self, anchors) -> None:
-        self.world = self.world._replace(anchors=anchors)
-        if self._engine is not None:
-            self._engine = Engine(self)
-
     def _run(self, steps: int) -> None:
+        self._impose()
         if self._engine is None:
             assert self.integrator.advance is not None  # a method without an engine moves bodies by itself
             for i in range(self.num_fish):
                 body, world = varied(self.fish.body, self.world, self.variation[i])
                 self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
-            return
-        self.share_out(self._engine.advance, steps)
+        else:
+            self.share_out(self._engine.advance, steps)
+        self._carry(steps * self.dt)
 
     def share_out(self, work: Callable, *args) -> None:
         """Call `work(chunk, first, last, *args)` for every chunk of the fish, in threads if there are several."""
@@ -262,7 +240,10 @@ class Tank(Generic[Elastic]):
         return State(*(array[lo:hi] for array in self.state)), Control(*(array[lo:hi] for array in self.control))
 
     def reset(self, mask=None) -> None:
-        """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero; `vary` stays."""
+        """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero.
+
+        What `vary`, `grab`, `fix` and `move` set stays, also where penalties and the drag spring pull to.
+        """
         which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
         if which.dtype != bool or which.shape != (self.num_fish,):
             raise ValueError(f"mask is {mask!r}; give a boolean array ({self.num_fish},), or None for all fish")
@@ -270,6 +251,7 @@ class Tank(Generic[Elastic]):
             array[which] = value
         self.control.rest_length[which] = self.fish.body.springs.rest_length
         self.effort[which] = 0.0
+        self._impose()
 
     def close(self) -> None:
         """End the threads; they start again when needed."""
@@ -286,7 +268,9 @@ class Tank(Generic[Elastic]):
         return {name: array.copy() for name, array in named.items()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Restore what `get_state` returned.
+        """Restore what `get_state` returned. What holds nodes (`grab`, `fix`, `move`) is no part of it, and stays.
+
+        Nodes held by elimination take the velocity that is prescribed now; penalties pull to where they do now.
 
         Raises:
             ValueError: if a part is missing, unknown, of another shape or not finite; nothing is changed then.
@@ -297,3 +281,4 @@ class Tank(Generic[Elastic]):
             array[...] = checked[name]
         for i, row in enumerate(checked["variation"]):
             self._set_variation(i, row)
+        self._impose()

@@ -68,7 +68,12 @@ def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator
         check_anchors(world.anchors, nodes)
     reason = integrator.refuses(fish.body, world)
     if reason:
-        raise ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
+        raise refused(fish, integrator, reason)
+
+
+def refused(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
+    """What to raise if a method cannot move a fish in its world."""
+    return ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
 
 
 def check_anchors(anchors, nodes: int) -> None:

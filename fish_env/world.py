@@ -15,8 +15,8 @@ class Anchors(NamedTuple):
     VECTORS = ("point", "velocity")
 
     node: np.ndarray  # (A,)
-    point: np.ndarray  # (A,3) m, where the far end is; it stays there during one call of `advance`
-    velocity: np.ndarray  # (A,3) m/s that the damping compares the node's with
+    point: np.ndarray  # (A,3) m, where the far end is when a call of `advance` begins
+    velocity: np.ndarray  # (A,3) m/s at which it moves, with which the damping compares the node's
     stiffness: np.ndarray  # (A,) N/m
     damping: np.ndarray  # (A,) N s/m along the spring; of an anchor without length, along all axes
     rest_length: np.ndarray  # (A,) m; zero pulls the node right to the point, by a force linear in its place
@@ -124,3 +124,10 @@ def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=
         each(damping, (a,), "damping (N s/m)", positive_array, zero=True),
         each(rest_length, (a,), "rest_length (m)", positive_array, zero=True),
     )
+
+
+def joined(one: Anchors | None, other: Anchors | None) -> Anchors | None:
+    """Both of them, as one."""
+    if one is None or other is None:
+        return other if one is None else one
+    return Anchors(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))

@@ -148,7 +148,7 @@ def exact(body, world, x, v, rest, rate, duration):
         p, q, r, s = np.moveaxis(positions[body.faces.nodes], 1, 0)
         through = np.einsum("fc,fck->fk", body.faces.share, velocities[body.faces.nodes]) - world.current
         outward.add(tuple(np.einsum("fk,fk->f", np.cross(r - p, s - q), through) > 0))
-        f = evaluator.force(rest + t * rate, positions, velocities)
+        f = evaluator.force(rest + t * rate, positions, velocities, t)
         return np.concatenate([y[size:], (f / body.mass[:, None]).ravel()])
 
     y0 = np.concatenate([x.ravel(), v.ravel()])

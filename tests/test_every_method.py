@@ -94,7 +94,7 @@ def smooth_motion():
 
     def slope(t, y):
         positions, velocities = y.reshape(2, -1, 3)
-        f = evaluator.force(rest + t * rate, positions, velocities)
+        f = evaluator.force(rest + t * rate, positions, velocities, t)
         through = np.einsum("fc,fck->fk", ALL.faces.share, velocities[ALL.faces.nodes]) - world.current
         areas = np.array([naive.area_vector(positions[face]) for face in ALL.faces.nodes])
         acting = tuple(k for k, _, s, _ in naive.barrier_shares(ALL.barriers, positions) if s < barriers.NEAR)

@@ -15,7 +15,7 @@ import fish_env
 from fish_env import control
 
 ROOT = Path(__file__).parent.parent
-PARTS = ("fish_env", "pyproject.toml", "README.md", "LICENSE")
+PARTS = ("fish_env", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "tests")
 BUILD = "import setuptools.build_meta as backend, sys; print(getattr(backend, 'build_' + sys.argv[1])(sys.argv[2]))"
 
 INSTALLED = """
@@ -90,6 +90,7 @@ def test_wheel_of_the_source_archive(tmp_path):
         copy(ROOT / name, source / name)
     archive = build("sdist", source, tmp_path / "sdist")
     with tarfile.open(archive) as file:
+        assert not [name for name in file.getnames() if "/tests/" in name]  # they need more than the archive holds
         file.extractall(tmp_path / "from_sdist", filter="data")
     (tree,) = (tmp_path / "from_sdist").iterdir()
     wheel = build("wheel", tree, tmp_path / "wheel")

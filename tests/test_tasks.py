@@ -213,6 +213,21 @@ def test_turning_too_far_costs(task, weight):
     assert last[0] == pytest.approx(-weight * 0.02 * 2 / np.pi * 0.2, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("task", "weight"), [("turn", turn.OVERSHOOT_WEIGHT), ("left_after_right", turns.OVERSHOOT_WEIGHT)]
+)
+def test_spinning_costs_no_more_than_half_a_turn(task, weight):
+    """A fish that spins round and round loses a bounded reward in every step."""
+    env = FishVectorEnv(1, task=task)
+    asked = {"turn": -0.8} if task == "turn" else {"first": 0.8, "side": -1, "dwell": 2.0}
+    env.reset(seed=0, options={"yaw": 0.5, "wait": 0.02} | asked)
+    paid = []
+    for k in range(60):
+        spun(env, [0.5 - 0.3 * k])
+        paid.append(decide(env)["overshoot"][0])
+    assert paid[-1] == min(paid) == pytest.approx(-2.0 * weight * 0.02, rel=1e-12)
+
+
 def test_a_turn_before_is_no_overshoot():
     """A turn back that ends exactly on its command costs nothing, although the mean is still over the turn before."""
     env = FishVectorEnv(1, task="left_after_right", severity=0.5)

@@ -183,7 +183,7 @@ class Episodes:
     def _move(self) -> bool:
         """Command, move, measure, reward and observe the fish; False, and nothing has moved, for a bad action."""
         engine, step = self.tank._engine, self._step
-        if engine is None or step is None:
+        if engine is None or step is None or self.tank.conditioned:  # what is prescribed is imposed by `Tank`
             if not acceptable(self._env):
                 return False
             self.tank.drive(self._contraction, self._substeps)

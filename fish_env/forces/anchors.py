@@ -35,10 +35,10 @@ def bounds(body, world) -> tuple[float, float]:
 
 
 @kernel
-def stretched(anchors, m, x, v):
+def stretched(anchors, m, elapsed, x, v):
     """Of anchor m: i, r, 1 / |r| or 0 where it points nowhere, its strain over its present length, its rate, 1/s."""
     i = INDEX(anchors.node[m])
-    r, u = anchors.point[m] - x[i], anchors.velocity[m] - v[i]
+    r, u = fma(elapsed, anchors.velocity[m], anchors.point[m]) - x[i], anchors.velocity[m] - v[i]
     square = dot(r, r)
     somewhere = square > 0.0
     inverse = select(somewhere, 1.0 / sqrt(square), 0.0)
@@ -47,10 +47,10 @@ def stretched(anchors, m, x, v):
 
 
 @kernel
-def add_one(anchors, m, light, x, v, f):
+def add_one(anchors, m, control, light, x, v, f):
     """Add the pull of one anchor; returns its r, 1 / |r| and strain."""
     c, k = anchors.stiffness[m], anchors.damping[m]
-    i, r, inverse, strain, fast = stretched(anchors, m, x, v)
+    i, r, inverse, strain, fast = stretched(anchors, m, control.elapsed[0], x, v)
     if anchors.rest_length[m] == 0.0:
         f[i] = fma(light, fma(k, anchors.velocity[m] - v[i], c * r), f[i])  # (58)
     else:
@@ -62,7 +62,7 @@ def add_one(anchors, m, light, x, v, f):
 def add_force(body, world, control, x, v, f, cache):
     """Add the pull of every anchor."""
     for m in range(world.anchors.node.size):
-        add_one(world.anchors, m, control.lightness[0], x, v, f)
+        add_one(world.anchors, m, control, control.lightness[0], x, v, f)
 
 
 @kernel
@@ -75,7 +75,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
     plans, row = control.plans, control.row[0]
     h, factor, least = plans[row, H], plans[row, FACTOR], plans[row, LEAST]
     for m in range(anchors.node.size):
-        r, inverse, taut = add_one(anchors, m, light, x, v, f)
+        r, inverse, taut = add_one(anchors, m, control, light, x, v, f)
         elastic, viscous = factor * h * h * anchors.stiffness[m], h * anchors.damping[m]
         along = light * max(elastic + 2.0 * factor * viscous, least * viscous)
         if anchors.rest_length[m] == 0.0:
@@ -106,7 +106,7 @@ def add_system(body, world, control, x, v, a, cache):
     """Add h D + h^2 K to the matrix a, as `springs.add_system`, and keep K for `add_tangent`: along r, or all axes."""
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):
-        i, r, inverse, _, _ = stretched(anchors, m, x, v)
+        i, r, inverse, _, _ = stretched(anchors, m, control.elapsed[0], x, v)
         c, k, place = light * anchors.stiffness[m], light * anchors.damping[m], 3 * body.profile.diagonal[i]
         both, none = h * fma(h, c, k), 0.0 * light
         if anchors.rest_length[m] == 0.0:
@@ -125,7 +125,7 @@ def add_lagged(body, world, control, x, v, system, cache):
     """
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):
-        i, r, _, strain, fast = stretched(anchors, m, x, v)
+        i, r, _, strain, fast = stretched(anchors, m, control.elapsed[0], x, v)
         place, c, k = INDEX(body.profile.diagonal[i]), light * anchors.stiffness[m], light * anchors.damping[m]
         if anchors.rest_length[m] == 0.0:
             system.load[i] += fma(k, anchors.velocity[m], c * r)
@@ -141,7 +141,8 @@ def energy(body, world, control, x, v, f, cache):
     """Elastic energy of all anchors, J."""
     anchors, total = world.anchors, zero(control.lightness)
     for m in range(anchors.node.size):
-        r = anchors.point[m] - x[INDEX(anchors.node[m])]
+        point = fma(control.elapsed[0], anchors.velocity[m], anchors.point[m])
+        r = point - x[INDEX(anchors.node[m])]
         stretch = sqrt(dot(r, r)) - anchors.rest_length[m]
         total = fma(0.5 * anchors.stiffness[m], stretch * stretch, total)
     return control.lightness[0] * total

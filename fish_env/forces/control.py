@@ -16,7 +16,8 @@ def make_control(body, kind: Kind, driven=(), plans=NO_PLAN, costs=None) -> Pack
     Fields, an element a fish in each lane: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs
     (D,) at the start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; current (1,) m/s;
     fastest (1,) 1/s, the largest relative change of a spring's length in a second so far; pivots and untrusted (1,),
-    what went wrong in solves. Of all fish: plans (P,K), row (1,) and costs (P,3) (`fish_env.forces.plan`).
+    what went wrong in solves. Of all fish: plans (P,K), row (1,) and costs (P,3) (`fish_env.forces.plan`); elapsed (1,)
+    s, the time since the start of the call at which forces are evaluated.
     """
     control = Pack(
         "control",
@@ -34,6 +35,7 @@ def make_control(body, kind: Kind, driven=(), plans=NO_PLAN, costs=None) -> Pack
         plans=plans,
         costs=np.zeros((len(plans), 3), dtype=np.int64) if costs is None else costs,
         row=np.zeros(1, dtype=np.int64),
+        elapsed=np.zeros(1),
     )
     control.rest_length.memory[:, : kind.width] = body.springs.rest_length[:, None]
     for name in ("stiffness", "drag", "lightness"):

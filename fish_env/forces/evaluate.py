@@ -113,25 +113,26 @@ class Evaluator:
         self._control.rest_length.memory[:, 0] = rest_length
         self._block.x.memory[:], self._block.v.memory[:] = x, v
 
-    def force(self, rest_length, x, v) -> np.ndarray:
-        """Force on every node, (N,3) N."""
+    def force(self, rest_length, x, v, elapsed=0.0) -> np.ndarray:
+        """Force on every node, (N,3) N, `elapsed` seconds after the points of moving anchors were where they are."""
         self._set(rest_length, x, v)
+        self._control.elapsed[0] = elapsed
         compiled(self.names, "add_force")(self._block)
         return self._block.f.memory.copy()
 
-    def jacobian(self, rest_length, x, v) -> tuple[np.ndarray, np.ndarray]:
+    def jacobian(self, rest_length, x, v, elapsed=0.0) -> tuple[np.ndarray, np.ndarray]:
         """Exact -df/dx (3N,3N) N/m and -df/dv (3N,3N) N s/m. The walls, whose force jumps, are left out."""
-        return self._derivatives(rest_length, x, v, range(x.size), x.size)
+        return self._derivatives(rest_length, x, v, range(x.size), x.size, elapsed)
 
     def stiffness(self, rest_length, x, v, columns: range | None = None) -> np.ndarray:
         """Exact -df/dx (3N,3N) N/m, as `jacobian`, or (3N,C) some of its columns, one after another."""
         return self._derivatives(rest_length, x, v, range(x.size) if columns is None else columns, 0)[0]
 
-    def _derivatives(self, rest_length, x, v, columns: range, damped: int):
+    def _derivatives(self, rest_length, x, v, columns: range, damped: int, elapsed=0.0):
         if self._dual is None:
             self._dual = make_dual(*self._around, self.names)
         dual, stiffness, damping = self._dual, np.zeros((x.size, len(columns))), np.zeros((x.size, damped))
-        dual.control.rest_length.memory[:, 0] = rest_length
+        dual.control.rest_length.memory[:, 0], dual.control.elapsed[0] = rest_length, elapsed
         dual.x.memory[:, :, 0], dual.v.memory[:, :, 0] = x, v
         compiled_jacobian(self.names)(self._block, dual, stiffness, damping, columns.start)
         return stiffness, damping

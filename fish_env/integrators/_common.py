@@ -39,7 +39,8 @@ def make_constrain(names: tuple[str, ...]):
 
 @kernel
 def move_rest_lengths(control, elapsed):
-    """Set the rest lengths of the driven springs to where they are `elapsed` seconds into the call."""
+    """Set the rest lengths of the driven springs to where they are `elapsed` seconds into the call; note the time."""
+    control.elapsed[0] = elapsed
     rest, start, rate, driven = control.rest_length, control.start, control.rate, control.driven
     for d in range(driven.size):
         rest[INDEX(driven[d])] = fma(elapsed, rate[d], start[d])  # (14)

@@ -37,14 +37,14 @@ class Motion:
         """dy/dt, (6N,)."""
         self.evaluations += 1
         rest_length, x, v = self.at(t, y)
-        acceleration = finite(self.evaluator.force(rest_length, x, v) * self.inverse_mass)
+        acceleration = finite(self.evaluator.force(rest_length, x, v, t) * self.inverse_mass)
         if self.evaluations > MOST_EVALUATIONS:
             raise FloatingPointError
         return np.concatenate([v.ravel(), acceleration.ravel()])
 
     def jacobian(self, t, y):
         """Its derivative with respect to y, (6N,6N)."""
-        stiffness, damping = self.evaluator.jacobian(*self.at(t, y))
+        stiffness, damping = self.evaluator.jacobian(*self.at(t, y), t)
         inverse = self.inverse_mass.reshape(-1, 1)
         return finite(np.block([[0.0 * stiffness, np.eye(inverse.size)], [-stiffness * inverse, -damping * inverse]]))
 

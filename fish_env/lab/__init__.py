@@ -3,9 +3,11 @@
 - `bench`: what is chosen, objects side by side, the hand that drags, measurements, failures with their reason. It knows
   nothing of a browser, and checks all that it is asked for; `specimen`, `settings`, `hand`, `geometry` and `colours`
   are its parts;
-- `drawing`, `panel`, `session`, `server`: the page, by viser (the extra [lab]); each browser has a session of its own.
+- `school`: fish that are steered while they swim, many at once; it knows nothing of a browser either;
+- `drawing`, `school_drawing`, `panel`, `steering`, `session`, `server`: the page, by viser (the extra [lab]); each
+  browser has a session of its own.
 
-viser is imported only in `drawing`, `panel`, `session` and `server`, and those are loaded only by `serve`.
+viser is imported only in these, and they are loaded only by `serve`.
 """
 
 import sys

@@ -63,6 +63,11 @@ class Bench:
         self._clear()
 
     @property
+    def nodes(self) -> int:
+        """Of all objects together."""
+        return sum(len(specimen.position) for specimen in self.specimens)
+
+    @property
     def reach(self) -> float:
         """How far a point of the page may be from the origin, m."""
         return FAR * max(specimen.thing.length for specimen in self.specimens)

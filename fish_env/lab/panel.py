@@ -12,6 +12,7 @@ from fish_env.integrators import INTEGRATORS
 from fish_env.lab import colours
 from fish_env.lab.settings import SETTINGS, WALLS
 from fish_env.lab.specimen import Entry
+from fish_env.lab.steering import Steering
 
 if TYPE_CHECKING:
     from fish_env.lab.session import Session
@@ -49,6 +50,8 @@ class Panel:
             self._change()
         with tabs.add_tab("Compare"):
             self._compare()
+        with tabs.add_tab("Steer"):
+            self.steering = Steering(self)
         with tabs.add_tab("View"):
             self._view()
         with self.gui.add_folder("Measured"):
@@ -56,7 +59,7 @@ class Panel:
         self._keys()
         self.refresh()
 
-    def _when(self, handle, action) -> Any:
+    def when(self, handle, action) -> Any:
         """Have `action(value)` done in the simulation's thread when the user changes a control."""
 
         async def changed(event) -> None:
@@ -67,7 +70,7 @@ class Panel:
         handle.on_update(changed)
         return handle
 
-    def _button(self, label: str, action, hint: str | None = None) -> Any:
+    def button(self, label: str, action, hint: str | None = None) -> Any:
         """A button that has `action()` done in the simulation's thread."""
         handle = self.gui.add_button(label, hint=hint)
 
@@ -79,36 +82,36 @@ class Panel:
 
     def _object(self) -> None:
         session, bench = self.session, self.session.bench
-        self.thing = self._when(
+        self.thing = self.when(
             self.gui.add_dropdown("object", [*OBJECTS, *BODIES], initial_value=bench.specimens[0].entry.thing),
             lambda value: self.choose(Entry(value)),
         )
         self.levels = self.gui.add_folder("made with", expand_by_default=False)
-        self.integrator = self._when(
+        self.integrator = self.when(
             self.gui.add_dropdown("integrator", [OWN, *INTEGRATORS]), lambda value: self.choose(self.entry())
         )
-        self._when(
+        self.when(
             self.gui.add_dropdown("mouse", ["drag", "fix or release"], hint="what pressing a node does"), self.set_mouse
         )
-        self._when(self.gui.add_slider("strength of hand", 0.2, 10.0, 0.2, 1.0), bench.set_strength)
-        self._button("Drop: start again (R)", self.restart)
-        self._button("Throw (T)", bench.throw)
-        self._button("Release fixed nodes", bench.release_all)
-        self.pause = self._when(self.gui.add_checkbox("pause (space)", False), self.set_paused)
-        self._button("One step (N)", self.one_step)
-        self._when(self.gui.add_slider("speed", 0.02, 2.0, 0.02, 1.0, hint="over real time"), self.set_speed)
-        self.gait = self._when(self.gui.add_checkbox("fish swim by the gait", False), session.bench.swim)
+        self.when(self.gui.add_slider("strength of hand", 0.2, 10.0, 0.2, 1.0), bench.set_strength)
+        self.button("Drop: start again (R)", self.restart)
+        self.button("Throw (T)", bench.throw)
+        self.button("Release fixed nodes", bench.release_all)
+        self.pause = self.when(self.gui.add_checkbox("pause (space)", False), self.set_paused)
+        self.button("One step (N)", self.one_step)
+        self.when(self.gui.add_slider("speed", 0.02, 2.0, 0.02, 1.0, hint="over real time"), self.set_speed)
+        self.gait = self.when(self.gui.add_checkbox("fish swim by the gait", False), session.bench.swim)
 
     def _change(self) -> None:
         for name, setting in SETTINGS.items():
             step = 0.01 if setting.high <= 5.0 else 0.1
-            self._numbers[name] = self._when(
+            self._numbers[name] = self.when(
                 self.gui.add_slider(
                     setting.label, setting.low, setting.high, step, setting.default, hint=setting.meaning
                 ),
                 lambda value, name=name: self.session.bench.set(name, value),
             )
-        self.walls = self._when(self.gui.add_dropdown("walls", list(WALLS)), self.set_walls)
+        self.walls = self.when(self.gui.add_dropdown("walls", list(WALLS)), self.set_walls)
 
     def _compare(self) -> None:
         self.gui.add_markdown("The same object by other methods, or other objects, under the same conditions.")
@@ -118,8 +121,8 @@ class Panel:
             method = self.gui.add_dropdown(f"{rank} integrator", [OWN, *INTEGRATORS])
             self.others.append((thing, method))
             for handle in (thing, method):
-                self._when(handle, lambda value: self.choose(self.entry()))
-        self.same_cost = self._when(
+                self.when(handle, lambda value: self.choose(self.entry()))
+        self.same_cost = self.when(
             self.gui.add_checkbox("same cost", False, hint="steps such that a second costs as much of the processor"),
             lambda value: self.choose(self.entry()),
         )
@@ -129,8 +132,8 @@ class Panel:
     def _view(self) -> None:
         drawing = self.session.drawing
         for view, shown in drawing.shown.items():
-            self._when(self.gui.add_checkbox(view, shown), lambda value, view=view: drawing.show(view, value))
-        self._button("Look again", drawing.look)
+            self.when(self.gui.add_checkbox(view, shown), lambda value, view=view: drawing.show(view, value))
+        self.button("Look again", self.session.look)
         self.gui.add_markdown(
             "Springs: blue shortened, orange stretched (30 % at the ends). Muscles: grey relaxed, red contracted. "
             "Tetrahedra: dark at rest, yellow at 30 % strain."
@@ -152,18 +155,19 @@ class Panel:
         )  # fmt: skip
 
     def _keys(self) -> None:
-        actions = {
-            "R": ("Start again", self.restart), "T": ("Throw", self.session.bench.throw),
-            "N": ("One step", self.one_step),
-            "space": ("Pause", lambda: self.set_paused(not self.session.paused)),
-        }  # fmt: skip
-        for key, (label, action) in actions.items():
-            command: Any = self.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
+        self.key("R", "Start again", self.restart)
+        self.key("T", "Throw", self.session.bench.throw)
+        self.key("N", "One step", self.one_step)
+        self.key("space", "Pause", lambda: self.set_paused(not self.session.paused))
 
-            async def triggered(event, action=action) -> None:
-                self.session.ask(action)
+    def key(self, hotkey, label: str, action) -> None:
+        """A key that has `action()` done in the simulation's thread."""
+        command: Any = self.gui.add_command(label, hotkey=hotkey)
 
-            command.on_trigger(triggered)
+        async def triggered(event) -> None:
+            self.session.ask(action)
+
+        command.on_trigger(triggered)
 
     def entry(self) -> Entry:
         """The first object as the controls say."""
@@ -178,14 +182,13 @@ class Panel:
             if thing.value != NOTHING:
                 level = entry.level if thing.value == entry.thing else ()
                 entries.append(Entry(thing.value, "" if method.value == OWN else method.value, level))
-        self.status.content = "Compiling, or reading compiled code ..."
-        self.session.client.flush()
+        self.session.wait("Compiling, or reading compiled code ...")
         self.session.bench.choose(entries, bool(self.same_cost.value))
-        self.session.rebuild()
+        self.session.show_bench()
 
     def restart(self) -> None:
         """Put everything back to rest."""
-        self.session.bench.reset()
+        (self.session.school or self.session.bench).reset()
 
     def one_step(self) -> None:
         """Pause, and take one step."""
@@ -209,7 +212,8 @@ class Panel:
     def set_walls(self, value) -> None:
         """Choose the walls, and draw them."""
         self.session.bench.set_walls(value)
-        self.session.drawing.build_room()
+        if self.session.school is None:
+            self.session.drawing.build_room()
 
     def press(self, number: int, point) -> None:
         """The mouse begins to drag at a point of the scene."""
@@ -228,6 +232,7 @@ class Panel:
         """Show what is now on the bench in all controls."""
         bench = self.session.bench
         first = bench.specimens[0].entry
+        self.steering.refresh()
         self.thing.value, self.integrator.value = first.thing, first.integrator or OWN
         for k, (thing, method) in enumerate(self.others, 1):
             entry = bench.specimens[k].entry if k < len(bench.specimens) else None
@@ -252,14 +257,18 @@ class Panel:
             for name, default in level_of(entry.thing).items():
                 value = dict(entry.level).get(name, default)
                 handle = self.gui.add_number(name, value, min=0, max=24, step=1)
-                self._levels.append(self._when(handle, lambda value: self.choose(self.entry())))
+                self._levels.append(self.when(handle, lambda value: self.choose(self.entry())))
 
     def update(self, now: float) -> None:
         """Draw the plots, now and then; `now` is the time, s."""
         if now < self._drawn + EVERY:
             return
-        bench, rate = self.session.bench, self.session.frames / max(now - self._drawn, 1e-3)
+        rate = f"{self.session.frames / max(now - self._drawn, 1e-3):.0f} pictures a second"
         self._drawn, self.session.frames = now, 0
+        if self.session.school is not None:
+            self.status.content = f"{self.steering.update()}, {rate}"
+            return
+        bench = self.session.bench
         for name, handle in self._plots.items():
             times, *rows = bench.series(name)
             if len(times) > 1:
@@ -268,8 +277,7 @@ class Panel:
             rows = list(np.array(list(bench.distances)).T)
             self.distance.data = padded(bench.series("energy")[0], rows, 2)
         names = ", ".join(f"**{s.thing.name}** by {s.tank.integrator.name}" for s in bench.specimens)
-        nodes = sum(len(s.position) for s in bench.specimens)
-        self.status.content = f"{names}: {nodes} nodes, {bench.clock:.1f} s, {rate:.0f} pictures a second"
+        self.status.content = f"{names}: {bench.nodes} nodes, {bench.clock:.1f} s, {rate}"
 
 
 def padded(times, rows, count) -> tuple[np.ndarray, ...]:

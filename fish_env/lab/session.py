@@ -14,12 +14,13 @@ import viser
 from fish_env.lab.bench import Bench
 from fish_env.lab.drawing import Drawing
 from fish_env.lab.panel import Panel
+from fish_env.lab.school import School
+from fish_env.lab.school_drawing import SchoolDrawing
 
 FAST, SLOW = 1 / 60, 1 / 30  # s between two pictures of few nodes, and of many
 MANY = 100  # nodes from which pictures come less often
 PAUSE = 0.002  # s that are always left to the event loop between two frames
 LATEST = 0.1  # s: what lies further behind real time is left out
-RESTORE = 0.4  # s after an arrow key steered: the view is turned back by what the key turned it
 
 
 class Session:
@@ -32,6 +33,8 @@ class Session:
     def __init__(self, client: viser.ClientHandle):
         self.client = client
         self.bench = Bench()
+        self.school: School | None = None
+        self.school_drawing: SchoolDrawing | None = None
         self.paused, self.speed, self.frames = False, 1.0, 0
         self._requests: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._closed = threading.Event()
@@ -58,14 +61,41 @@ class Session:
         """Show a message on the page."""
         self.client.add_notification(title, text, auto_close_seconds=10.0, color="orange")
 
-    def rebuild(self) -> None:
-        """Draw what is now on the bench from scratch."""
+    def wait(self, text: str) -> None:
+        """Say why the page will not answer for a while."""
+        self.panel.status.content = text
+        self.client.flush()
+
+    def show_bench(self) -> None:
+        """Draw what is now on the bench from scratch; nothing is steered any more."""
+        self._drop_school()
         self.drawing.build()
         self.panel.refresh()
 
+    def look(self) -> None:
+        """Turn the camera to what is shown."""
+        (self.school_drawing or self.drawing).look()
+
+    def show_school(self, school: School) -> None:
+        """Show fish that are steered, in place of the bench."""
+        self._drop_school()
+        self.bench.let_go()
+        self.drawing.clear()
+        self.school, self.school_drawing = school, SchoolDrawing(self, school)
+        self.panel.refresh()
+
+    def _drop_school(self) -> None:
+        if self.school is not None and self.school_drawing is not None:
+            self.school_drawing.clear()
+            self.school.close()
+        self.school = self.school_drawing = None
+
     def step(self) -> None:
-        """One integrator step of the first object while paused."""
-        self.bench.advance(self.bench.specimens[0].tank.dt)
+        """One integrator step of the first object while paused, or one environment step of what is steered."""
+        if self.school is not None:
+            self.school.advance(self.school.interval)
+        else:
+            self.bench.advance(self.bench.specimens[0].tank.dt)
 
     def _run(self) -> None:
         self.drawing = Drawing(self)
@@ -77,15 +107,18 @@ class Session:
             now = time.monotonic()
             elapsed, last = min(now - last, LATEST), now
             if not self.paused:
-                self.bench.advance(self.speed * elapsed)
+                (self.school or self.bench).advance(self.speed * elapsed)
             self._report()
             with self.client.atomic():
-                self.drawing.update()
+                if self.school_drawing is not None:
+                    self.school_drawing.update(elapsed)
+                else:
+                    self.drawing.update()
             self.panel.update(now)
             self.frames += 1
-            nodes = sum(len(specimen.position) for specimen in self.bench.specimens)
-            frame = FAST if nodes <= MANY else SLOW
+            frame = FAST if self.school or self.bench.nodes <= MANY else SLOW
             self._closed.wait(max(PAUSE, now + frame - time.monotonic()))
+        self._drop_school()
         self.bench.let_go()
 
     def _answer(self) -> None:
@@ -103,5 +136,6 @@ class Session:
 
     def _report(self) -> None:
         """Tell the user what failed."""
-        while self.bench.messages:
-            self.tell(self.bench.messages.popleft(), "A method failed")
+        messages = (self.school or self.bench).messages
+        while messages:
+            self.tell(messages.popleft(), "The simulation failed")

@@ -142,16 +142,17 @@ def steady_facing(course, b):
 
 @kernel
 def too_far(task, b):
-    """How far fish b has turned beyond its last command, on average over a beat, rad.
+    """How far fish b has turned beyond its last command, on average over a beat, rad, at most half a turn.
 
-    It is 0 before the turn is made, and for a beat after the command: the average is still over the turn before.
+    The bound bounds the reward of a fish that spins. The term is 0 before the turn is made, and for a beat after the
+    command: the average is still over the turn before.
     """
     course = task.course
     if course.stage[b] == 0 or course.since[b] < task.beat:
         return 0.0
     wanted = course.angle[b, course.stage[b] - 1]
     turned = (mean_facing(course, b) - course.origin[b]) * (1.0 if wanted > 0.0 else -1.0)
-    return max(turned - abs(wanted), 0.0)
+    return min(max(turned - abs(wanted), 0.0), math.pi)
 
 
 @kernel

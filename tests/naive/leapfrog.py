@@ -5,7 +5,7 @@ import numpy as np
 from naive.elements import barrier_stiffness, gas_volume, tet_blocks
 from naive.springs_and_water import area_vector, face_force
 from naive.sums import highest_rate, stiffness_matrix, total_force
-from naive.surroundings import anchor_rates, anchors_of, borne
+from naive.surroundings import anchor_rates, anchors_of, at, borne
 
 
 def face_mobility(body, duration, corners, share):
@@ -99,6 +99,7 @@ def leapfrog_chebyshev(body, world, rest, t, h, x, v):
         stages += 1
     _, _, coefficients = chebyshev_filter(stages, np.zeros((1, 1)))
     least = -0.5 / coefficients[1] if stages == 2 else 0.0  # two stages hold back half a step of damping or more
+    world = at(world, t + 0.5 * h)
     matrix = filtered_matrix(body, world, lengths, h, least, middle)
     filtering, _, _ = chebyshev_filter(stages, inverse[:, None] * matrix)
     acceleration = total_force(body, world, lengths, middle, v).ravel() * inverse

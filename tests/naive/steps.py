@@ -7,12 +7,12 @@ from scipy.integrate import solve_ivp
 
 from naive.leapfrog import leapfrog_chebyshev
 from naive.sums import highest_frequency, implicit_matrices, other_force, total_force
-from naive.surroundings import borne, bounce, with_reaction
+from naive.surroundings import at, borne, bounce, with_reaction
 
 
 def symplectic_euler(body, world, rest, t, h, x, v):
     """Velocity first, then position with the new velocity."""
-    v = v + h * total_force(body, world, rest(t), x, v) * body.inverse_mass
+    v = v + h * total_force(body, at(world, t), rest(t), x, v) * body.inverse_mass
     return x + h * v, v
 
 
@@ -20,7 +20,7 @@ def rk4(body, world, rest, t, h, x, v):
     """The classical Runge-Kutta method on y = (x, v), with the rest lengths of each stage's own time."""
 
     def slope(time, y):
-        return np.array([y[1], total_force(body, world, rest(time), y[0], y[1]) * body.inverse_mass])
+        return np.array([y[1], total_force(body, at(world, time), rest(time), y[0], y[1]) * body.inverse_mass])
 
     y = np.array([x, v])
     k1 = slope(t, y)
@@ -65,7 +65,7 @@ def tu_system(body, world, rest_length, h, x, v):
 
 def semi_implicit(body, world, rest, t, h, x, v):
     """Tu's semi-implicit Euler method, solved as a dense system of the free nodes, axis by axis."""
-    matrix, load = tu_system(body, world, rest(t), h, x, v)
+    matrix, load = tu_system(body, at(world, t), rest(t), h, x, v)
     before, v = v, v.copy()
     for axis in range(3):
         free = body.inverse_mass[:, axis] > 0
@@ -77,20 +77,20 @@ def semi_implicit(body, world, rest, t, h, x, v):
 
 def explicit_euler(body, world, rest, t, h, x, v):
     """Both with what they are at the start."""
-    return x + h * v, v + h * total_force(body, world, rest(t), x, v) * body.inverse_mass
+    return x + h * v, v + h * total_force(body, at(world, t), rest(t), x, v) * body.inverse_mass
 
 
 def midpoint(body, world, rest, t, h, x, v):
     """Slopes of the half step."""
     mx, mv = explicit_euler(body, world, rest, t, h / 2, x, v)
-    return x + h * mv, v + h * total_force(body, world, rest(t + h / 2), mx, mv) * body.inverse_mass
+    return x + h * mv, v + h * total_force(body, at(world, t + h / 2), rest(t + h / 2), mx, mv) * body.inverse_mass
 
 
 def linearly_implicit(body, world, rest, t, h, x, v, **which):
     """Linearly implicit Euler as Baraff & Witkin have it, dense in what is free, rest lengths of its end."""
-    stiffness, damping = implicit_matrices(body, world, rest(t + h), x, v, **which)
+    stiffness, damping = implicit_matrices(body, at(world, t + h), rest(t + h), x, v, **which)
     matrix = np.diag(np.repeat(body.mass, 3)) + h * damping + h**2 * stiffness
-    load = h * (total_force(body, world, rest(t + h), x, v).ravel() - h * stiffness @ v.ravel())
+    load = h * (total_force(body, at(world, t + h), rest(t + h), x, v).ravel() - h * stiffness @ v.ravel())
     free, change = body.inverse_mass.ravel() > 0, np.zeros(x.size)
     change[free] = np.linalg.solve(matrix[np.ix_(free, free)], load[free])
     v = v + h * borne(world.planes, x, v, h, change.reshape(x.shape) / h)
@@ -101,7 +101,7 @@ def rosenbrock(body, world, rest, t, h, x, v):
     """ROS2 on y = (x, v), as a dense system of order 6N, less those that are fixed."""
     gamma, size, mass = 1 - 1 / np.sqrt(2), x.size, np.repeat(body.mass, 3)
     moves = np.concatenate([np.ones(size, bool), body.inverse_mass.ravel() > 0])
-    stiffness, damping = implicit_matrices(body, world, rest(t), x, v)
+    stiffness, damping = implicit_matrices(body, at(world, t), rest(t), x, v)
     jacobian = np.zeros((2 * size, 2 * size))
     jacobian[:size, size:] = np.eye(size)
     jacobian[size:, :size] = -stiffness / mass[:, None]
@@ -117,7 +117,7 @@ def rosenbrock(body, world, rest, t, h, x, v):
 
     def slope(time, y):
         x, v = y.reshape(2, -1, 3)
-        return np.concatenate([v.ravel(), total_force(body, world, rest(time), x, v).ravel() / mass])
+        return np.concatenate([v.ravel(), total_force(body, at(world, time), rest(time), x, v).ravel() / mass])
 
     y = np.concatenate([x.ravel(), v.ravel()])
     k1 = solve(slope(t, y))
@@ -135,7 +135,7 @@ def accurate(body, world, rest, t, h, x, v):
 
     def slope(time, y):
         x, v = y.reshape(2, -1, 3)
-        force = total_force(body, world, rest(time), x, v)
+        force = total_force(body, at(world, time), rest(time), x, v)
         return np.concatenate([v.ravel(), (force * body.inverse_mass).ravel()])
 
     y = np.concatenate([x.ravel(), v.ravel()])

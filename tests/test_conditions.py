@@ -1,0 +1,130 @@
+"""Nodes of a tank that are fixed, moved and released while it runs, against what can be worked out by hand."""
+
+import numpy as np
+import pytest
+
+from fish_env import Tank, make_fish, make_world
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import fix, make_body
+from fish_env.conditions import make_penalty
+
+STIFFNESS, DAMPING, MASS, LENGTH, STEP = 50.0, 3.0, 0.1, 0.25, 1e-3
+
+
+def bar(nodes=5, method="leapfrog_chebyshev"):
+    """A bar of damped springs along x that moves along x only, one metre at most."""
+    position = np.zeros((nodes, 3))
+    position[:, 0] = LENGTH * np.arange(nodes)
+    pairs, count = np.stack([np.arange(nodes - 1), np.arange(1, nodes)], axis=1), nodes - 1
+    body = make_body(position, np.full(nodes, MASS), pairs, np.full(count, STIFFNESS), np.full(count, DAMPING),
+                     np.full(count, LENGTH), np.zeros((0, 4), int))  # fmt: skip
+    body = fix(body, range(nodes), "yz")
+    return ElasticObject(name="bar", body=body, length=1.0, time_step=STEP, control_interval=0.02, integrator=method)
+
+
+def settled(tank, seconds=20.0):
+    """Let the damping end all motion."""
+    tank.advance(round(seconds / STEP))
+    assert tank.alive.all(), tank.failure
+    assert np.abs(tank.velocity).max() < 1e-10
+
+
+@pytest.mark.parametrize("name", ["leapfrog_chebyshev", "linearly_implicit", "dop853"])
+def test_fixed_stays_to_the_bit(name):
+    """A node that is fixed in the middle of a motion stays where it is, others go on, and a release lets it go."""
+    fish = make_fish()
+    tank = Tank(fish, 2, name, 0.002, threads=1)
+    tank.velocity[:] = np.random.default_rng(1).normal(size=tank.velocity.shape) * 0.1
+    tank.advance(5)
+    before, clock = tank.position.copy(), tank.time.copy()
+    tank.fix([3, 7])
+    np.testing.assert_array_equal(tank.position, before)
+    tank.advance(10)
+    np.testing.assert_array_equal(tank.position[:, [3, 7]], before[:, [3, 7]])
+    assert (tank.time > clock).all() and np.abs(tank.position - before)[:, 10].min() > 0
+    tank.release([3, 7])
+    assert tank.fish is not None and not tank.fixed.any()
+    free = Tank(fish, 2, name, 0.002, threads=1)
+    free.set_state(tank.get_state())
+    for one in (tank, free):
+        one.advance(10)
+    np.testing.assert_array_equal(tank.position, free.position)
+
+
+@pytest.mark.parametrize("method", ["elimination", "penalty"])
+def test_prescribed_displacement_of_a_bar(method):
+    """Pulled by d at its end, a bar stretches evenly, and both ends bear k d / n, but for the penalty's error."""
+    tank, d, n = Tank(bar()), 0.1, 4
+    tank.fix([0])
+    tank.move([n], (d, 0, 0), "x" if method == "elimination" else "xyz", method)
+    tank.advance(1000)
+    tank.fix([n], method=method)
+    settled(tank)
+    force, tolerance = STIFFNESS / n * d, 1e-9 if method == "elimination" else 1e-3
+    np.testing.assert_allclose(tank.position[0, :, 0], (LENGTH + d / n) * np.arange(5), rtol=0, atol=tolerance * d)
+    found = tank.reactions()[0]
+    np.testing.assert_allclose(found[[0, 4], 0], [-force, force], rtol=tolerance)
+    np.testing.assert_allclose(found.sum(axis=0), 0.0, atol=1e-8 * force)
+
+
+def test_reactions_bear_the_weight():
+    """At rest under gravity the reactions add up to the weight, by elimination and by penalty."""
+    world = make_world((-9.81, 0.0, 0.0))
+    for method in ("elimination", "penalty"):
+        tank = Tank(bar(), water=world)
+        tank.fix([0], method=method)
+        settled(tank, 40.0)
+        np.testing.assert_allclose(tank.reactions().sum(axis=(0, 1)), [5 * MASS * 9.81, 0, 0], rtol=1e-8, atol=1e-12)
+
+
+def test_motion_at_constant_velocity():
+    """Moved at one end for long, the whole bar moves at that velocity and nothing is left to bear; to rounding."""
+    for method in ("elimination", "penalty"):
+        tank = Tank(bar())
+        tank.move([0], (0.3, 0, 0), method=method)
+        tank.advance(20_000)
+        np.testing.assert_allclose(tank.velocity[0, :, 0], 0.3, rtol=1e-9)
+        np.testing.assert_allclose(tank.position[0, 0, 0], 0.3 * 20.0, rtol=1e-9)
+        np.testing.assert_allclose(tank.reactions(), 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("bad", [
+    ({"nodes": [99]}, "missing"), ({"nodes": [0], "axes": "w"}, "axes"), ({"nodes": [0], "method": "glue"}, "method"),
+    ({"nodes": [0], "axes": "x", "method": "penalty"}, "all axes"), ({"nodes": range(5)}, "leave one"),
+])  # fmt: skip
+def test_refused(bad):
+    """What cannot be is refused, and nothing has changed."""
+    tank = Tank(bar())
+    before = tank.fixed
+    with pytest.raises(ValueError, match=bad[1]):
+        tank.fix(**bad[0])
+    np.testing.assert_array_equal(tank.fixed, before)
+
+
+def test_methods_that_cannot():
+    """Tu's method refuses some axes, an explicit one the penalty, and says why; a tank of unlike bodies refuses too."""
+    fish = make_fish()
+    with pytest.raises(ValueError, match="along some axes only"):
+        Tank(fish, integrator="semi_implicit").fix([3], "x")
+    with pytest.raises(ValueError, match="stable steps are shorter"):
+        Tank(fish, integrator="symplectic_euler").fix([3], method="penalty")
+    tank = Tank(fish, 2)
+    tank.position[1] += 0.1
+    with pytest.raises(ValueError, match="different places"):
+        tank.fix([3], method="penalty")
+
+
+def test_reset_and_states():
+    """Conditions stay through `reset` and `set_state`; a state replays bit for bit under the same ones."""
+    tank = Tank(make_fish())
+    tank.move([0], (0.1, 0, 0))
+    tank.advance(5)
+    state = tank.get_state()
+    tank.advance(5)
+    first = tank.position.copy()
+    tank.set_state(state)
+    tank.advance(5)
+    np.testing.assert_array_equal(tank.position, first)
+    tank.reset()
+    np.testing.assert_array_equal(tank.velocity[0, 0], [0.1, 0, 0])
+    assert tank.fixed[0].all() and make_penalty(tank.fish.body, [0], np.zeros(3)).stiffness[0] > 0
