@@ -215,6 +215,36 @@ def test_a_port_out_of_range_is_refused():
 
 
 @pytest.mark.skipif(not VISER, reason="viser is not installed")
+@pytest.mark.parametrize(("host", "warned"), [("127.0.0.1", False), ("localhost", False), ("0.0.0.0", True)])
+def test_another_address_than_this_machine_is_warned_of(host, warned, monkeypatch, capsys):
+    """Another address than this machine's own is warned of before the page opens there."""
+    from fish_env.lab import server
+
+    opened = []
+
+    class Opened:
+        port = 9000
+
+        def __init__(self, host, port):
+            opened.append((host, port))
+            assert ("WARNING" in capsys.readouterr().err) == warned
+
+        def wait(self):
+            pass
+
+    monkeypatch.setattr(server, "Laboratory", Opened)
+    serve(host, 9000)
+    assert opened == [(host, 9000)]
+
+
+def test_the_kernels_of_a_drag_are_warmed_without_a_change(ring):
+    """The kernels of a drag are warmed without a change of what is on the bench."""
+    before, tank = ring.specimens[0].position.copy(), ring.specimens[0].tank
+    ring.warm()
+    assert ring.specimens[0].tank is tank and ring.hand is None and np.array_equal(ring.specimens[0].position, before)
+
+
+@pytest.mark.skipif(not VISER, reason="viser is not installed")
 def test_the_page_is_on_this_machine_only_and_has_no_tunnel(capsys):
     """The page is on this machine only and has no tunnel."""
     from fish_env.lab.server import Laboratory

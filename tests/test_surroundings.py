@@ -10,7 +10,8 @@ from kernels import Block, energy, force
 from naive.surroundings import borne
 from small_bodies import ALL, close
 
-from fish_env import forces
+from fish_env import Tank, forces
+from fish_env.bodies.fish import ElasticObject
 from fish_env.body import fix, make_body
 from fish_env.forces.evaluate import Evaluator
 from fish_env.world import VACUUM, make_anchors, make_world
@@ -93,3 +94,18 @@ def test_bounds_of_anchors():
     assert inner == forces.FORCES["barriers"].bounds(ALL, world)
     assert bound == pytest.approx(naive.leapfrog.anchor_rates(ALL, world), rel=1e-14)
     assert forces.bounds(ALL, VACUUM) == [inner]
+
+
+@pytest.mark.parametrize("name", ["leapfrog_chebyshev", "linearly_implicit"])
+def test_slow_and_deep_contact(name):
+    """A slow node rests on a wall, no deeper than it falls in a step; one that begins behind a wall stays there."""
+    h, g = 1e-3, 9.81
+    body = make_body(np.array([[0.0, 0.0, 1e-9], [1.0, 0.0, 1e-3], [2.0, 0.0, -0.01]]), np.full(3, 0.1), *[[]] * 5)
+    thing = ElasticObject(name="beads", body=body, length=1.0, time_step=h, control_interval=0.02)
+    tank = Tank(thing, 1, name, h, water=make_world((0.0, 0.0, -g), [((0, 0, 1), 0.0, 0.5)]), threads=1)
+    tank.velocity[0, 2, 2] = -0.2
+    tank.advance(3000)
+    slow, dropped, deep = tank.position[0, :, 2]
+    assert -h * h * g * 1.001 < slow <= 0.0
+    assert -h * np.sqrt(2.0 * g * 1e-3) < dropped <= 0.0
+    assert deep == pytest.approx(-0.01, abs=2e-3) and np.abs(tank.velocity).max() < 1e-12

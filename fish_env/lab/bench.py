@@ -62,6 +62,13 @@ class Bench:
         self._set_steps()
         self._clear()
 
+    def warm(self) -> None:
+        """Have compiled, or read, what a drag needs, so that the first one does not wait."""
+        for specimen in self.specimens:
+            copy = Specimen(specimen.entry, specimen.numbers, specimen.walls, specimen.step)
+            copy.pull(Hand(0, 0, copy.position[0]), self.strength)
+            copy.tank.advance(1)
+
     @property
     def nodes(self) -> int:
         """Of all objects together."""

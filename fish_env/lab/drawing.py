@@ -85,7 +85,8 @@ class Drawing:
         thing = bench.specimens[0].thing
         flat = upright(thing)
         width = (len(bench.specimens) - 1) * bench.spacing * self.scale
-        far = 0.55 * width + 2.2 * room_size(thing) * self.scale
+        near = 1.7 if thing.water.planes is None else 2.2 * room_size(thing) * self.scale
+        far = 0.55 * width + near
         camera.position = (0.0, -far, 0.01) if flat else (0.0, -0.88 * far, 0.47 * far)
         camera.look_at = (0.0, 0.0, 0.0)
 

@@ -104,10 +104,9 @@ class Panel:
 
     def _change(self) -> None:
         for name, setting in SETTINGS.items():
-            step = 0.01 if setting.high <= 5.0 else 0.1
             self._numbers[name] = self.when(
                 self.gui.add_slider(
-                    setting.label, setting.low, setting.high, step, setting.default, hint=setting.meaning
+                    setting.label, setting.low, setting.high, 0.01, setting.default, hint=setting.meaning
                 ),
                 lambda value, name=name: self.session.bench.set(name, value),
             )
@@ -184,6 +183,7 @@ class Panel:
                 entries.append(Entry(thing.value, "" if method.value == OWN else method.value, level))
         self.session.wait("Compiling, or reading compiled code ...")
         self.session.bench.choose(entries, bool(self.same_cost.value))
+        self.session.bench.warm()
         self.session.show_bench()
 
     def restart(self) -> None:

@@ -4,6 +4,7 @@ import threading
 
 import viser
 
+from fish_env.lab.bench import Bench
 from fish_env.lab.session import Session
 
 MOST = 8  # sessions at once: each takes a thread
@@ -30,6 +31,7 @@ class Laboratory:
 
     def __init__(self, host: str, port: int):
         self.sessions: dict[int, Session] = {}
+        Bench().warm()  # of the first page; compiled here if it has never been
         self._closed = threading.Event()
         try:
             self.server = PrivateServer(host=host, port=port, label="fish_env laboratory", verbose=False)

@@ -25,6 +25,9 @@ if (!window.fishEnvArrows) {
 """Keeps the arrow keys, which steer, from turning the camera too: viser listens to hotkeys at the document's element,
 and to keys of the camera at the document, which comes after it."""
 
+UNFOCUS = "if (document.activeElement) document.activeElement.blur();"
+"""Ends typing in the list that has just been used: keys that are typed somewhere do not steer."""
+
 
 class Steering:
     """The controls of a school.
@@ -61,7 +64,7 @@ class Steering:
         panel.key("arrowleft", "Turn left", lambda: self.school.turn(TURN))
         panel.key("arrowright", "Turn right", lambda: self.school.turn(-TURN))
         panel.key("L", "Left after right", lambda: self.school.left_after_right())
-        self.gui._websock_interface.queue_message(RunJavascriptMessage(source=ARROWS))
+        self._run(ARROWS)
         self._listen()
 
     @property
@@ -78,6 +81,11 @@ class Steering:
             return
         self.session.wait("Compiling, or reading compiled code ...")
         self.session.show_school(School(self.driver.value, int(self.count.value)))
+        self._run(UNFOCUS)
+
+    def _run(self, script: str) -> None:
+        """Run one of the two scripts above in the browser."""
+        self.gui._websock_interface.queue_message(RunJavascriptMessage(source=script))
 
     def _listen(self) -> None:
         """Have clicks on the water put targets and obstacles."""

@@ -1,0 +1,262 @@
+"""The laboratory in a real browser without a window: Chromium by Playwright.
+
+    pip install -c constraints.txt -e ".[dev,browser]"
+    playwright install chromium          or: FISH_ENV_CHROMIUM=/usr/bin/chromium
+    pytest -m slow -n 0 tests/test_lab_browser.py
+
+Waiting is bounded by PATIENCE only: software rendering on a busy machine is slow, and no time is asserted.
+"""
+
+import os
+import shutil
+import time
+
+import numpy as np
+import pytest
+
+playwright = pytest.importorskip("playwright.sync_api", reason='needs pip install -e ".[browser]"')
+pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
+
+from fish_env.lab.server import Laboratory
+from fish_env.lab.settings import SETTINGS
+
+pytestmark = pytest.mark.slow
+PATIENCE = 180.0  # s
+SIZE = {"width": 760, "height": 460}
+CHROMIUM = os.environ.get("FISH_ENV_CHROMIUM") or shutil.which("chromium")
+PASSIVE = "Unable to preventDefault inside passive event listener"  # viser's page says so at the end of every drag
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+def until(condition):
+    """Wait until a condition holds, and return its value."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.05)
+    raise AssertionError("waited in vain")
+
+
+@pytest.fixture(scope="module")
+def laboratory():
+    """A laboratory at a port of its own."""
+    laboratory = Laboratory("127.0.0.1", 18200)
+    yield laboratory
+    laboratory.close()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, or a skip that names what to install."""
+    with playwright.sync_playwright() as running:
+        try:
+            chromium = running.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        except playwright.Error as error:
+            pytest.skip(f"no browser: playwright install chromium, or set FISH_ENV_CHROMIUM ({error})")
+        yield chromium
+        chromium.close()
+
+
+class Visitor:
+    """A page of the laboratory, and the session that belongs to it."""
+
+    def __init__(self, laboratory, browser):
+        before = set(laboratory.sessions)
+        self.page = browser.new_page(viewport=SIZE)
+        self.page.set_default_timeout(1e3 * PATIENCE)
+        self.errors = []
+        self.page.on("console", self.hear)
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.goto(f"http://127.0.0.1:{laboratory.port}")
+        self.page.get_by_text("pictures a second").wait_for()
+        (key,) = set(laboratory.sessions) - before
+        self.session = laboratory.sessions[key]
+        self.bench = self.session.bench
+
+    def hear(self, message):
+        """Keep what the console says of errors."""
+        if message.type == "error" and PASSIVE not in message.text:
+            self.errors.append(message.text)
+
+    def tab(self, name):
+        """Open a tab."""
+        self.page.get_by_role("tab", name=name).click()
+
+    def choose(self, label, option):
+        """Choose from a list."""
+        self.page.get_by_label(label, exact=True).click()
+        self.page.get_by_role("option", name=option, exact=True).click()
+
+    def fill(self, label, value):
+        """Type a number beside a slider."""
+        row = self.page.get_by_text(label, exact=True).locator("xpath=ancestor::*[.//input[@inputmode]][1]")
+        field = row.locator("input[inputmode]").first
+        field.fill(str(value))
+        field.press("Enter")
+
+    def press(self, name):
+        """Press a button."""
+        self.page.get_by_role("button", name=name).click()
+
+    def screen(self, point):
+        """Where a point of the scene is on the screen, pixels."""
+        camera = self.session.client.camera
+        eye, ahead = np.array(camera.position), np.array(camera.look_at) - np.array(camera.position)
+        ahead /= np.linalg.norm(ahead)
+        right = np.cross(ahead, (0.0, 0.0, 1.0))
+        right /= np.linalg.norm(right)
+        way = np.asarray(point) - eye
+        scale = 0.5 * SIZE["height"] / np.tan(0.5 * camera.fov) / (way @ ahead)
+        return 0.5 * SIZE["width"] + scale * (way @ right), 0.5 * SIZE["height"] - scale * (
+            way @ np.cross(right, ahead)
+        )
+
+    def hold(self):
+        """Press the mouse on the object, in the middle of what is seen of it, and take hold."""
+        middle = self.session.drawing._scaled(0, self.bench.specimens[0].position).mean(axis=0)
+        x, y = self.screen(middle)
+        mouse = self.page.mouse
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x, y - 8, steps=2)
+        until(lambda: self.bench.hand)
+        return x, y
+
+
+@pytest.fixture
+def visitor(laboratory, browser):
+    """A page that has just been opened."""
+    visitor = Visitor(laboratory, browser)
+    yield visitor
+    if not visitor.page.is_closed():
+        visitor.page.close()
+
+
+def test_the_page_loads_without_errors(visitor):
+    """The page loads without errors, and time passes."""
+    clock = visitor.bench.clock
+    until(lambda: visitor.bench.clock > clock + 0.5)
+    assert visitor.errors == []
+
+
+def test_a_drag_moves_the_node_towards_the_pointer(visitor):
+    """A drag moves the node towards the pointer."""
+    bench = visitor.bench
+    until(lambda: bench.clock > 1.0)
+    x, y = visitor.hold()
+    node = bench.hand.node
+    start = bench.specimens[0].position[node].copy()
+    visitor.page.mouse.move(x, y - 120, steps=6)
+    until(lambda: np.linalg.norm(bench.hand.point - start) > 0.2 * bench.specimens[0].thing.length)
+    aim = bench.hand._goal.copy()
+    gap = np.linalg.norm(start - aim)
+    until(lambda: np.linalg.norm(bench.specimens[0].position[node] - aim) < 0.5 * gap)
+    visitor.page.mouse.up()
+    until(lambda: bench.hand is None)
+    assert visitor.errors == []
+
+
+def test_every_number_changes_the_simulation(visitor):
+    """Every number of the tab Change changes the simulation."""
+    visitor.tab("Change")
+    for name, setting in SETTINGS.items():
+        before, tank = visitor.bench.numbers[name], visitor.bench.specimens[0].tank
+        value = round(0.3 * setting.low + 0.7 * setting.high, 1)
+        visitor.fill(setting.label, value)
+        until(lambda name=name, value=value: visitor.bench.numbers[name] == pytest.approx(value))
+        until(lambda tank=tank: visitor.bench.specimens[0].tank is not tank)
+        visitor.fill(setting.label, before)
+        until(lambda name=name, before=before: visitor.bench.numbers[name] == before)
+    visitor.choose("walls", "none")
+    until(lambda: visitor.bench.specimens[0].tank.world.planes is None)
+    assert visitor.errors == []
+
+
+def test_every_control_of_the_object_acts(visitor):
+    """Every control of the tab Object acts."""
+    bench, session = visitor.bench, visitor.session
+    visitor.choose("object", "ring")
+    until(lambda: bench.specimens[0].entry.thing == "ring")
+    visitor.choose("integrator", "semi_implicit")
+    until(lambda: bench.specimens[0].tank.integrator.name == "semi_implicit")
+    visitor.fill("speed", 0.5)
+    until(lambda: session.speed == 0.5)
+    visitor.fill("strength of hand", 3)
+    until(lambda: bench.strength == 3.0)
+    visitor.press("Throw")
+    until(lambda: bench.specimens[0].position[:, 0].mean() > 0.05 * bench.specimens[0].thing.length)
+    visitor.press("One step")
+    until(lambda: session.paused)
+    clock = bench.clock
+    visitor.press("One step")
+    until(lambda: bench.clock > clock)
+    assert bench.clock == pytest.approx(clock + bench.specimens[0].tank.dt)
+    visitor.press("Drop")
+    until(lambda: bench.clock == 0.0)
+    visitor.tab("Compare")
+    visitor.choose("second object", "ring")
+    until(lambda: len(bench.specimens) == 2)
+    assert visitor.errors == []
+
+
+def test_arrow_keys_turn_the_fish_by_the_commanded_angle(visitor):
+    """Arrow keys turn the fish by the commanded angle, and leave the camera where it is."""
+    visitor.tab("Steer")
+    visitor.choose("steered by", "policy turn")
+    school = until(lambda: visitor.session.school)
+    until(lambda: school.time > 1.0)
+    camera = np.array(visitor.session.client.camera.position)
+    for _ in range(2):
+        visitor.page.keyboard.press("ArrowLeft")
+    until(lambda: school.commanded[0] > 1.0)
+    assert np.degrees(school.commanded[0]) == pytest.approx(60.0)
+    then = school.time
+    until(lambda: school.time > then + 3.0)
+    assert np.degrees(school.heading[0]) == pytest.approx(60.0, abs=12.0)
+    visitor.page.keyboard.press("ArrowRight")
+    until(lambda: np.degrees(school.commanded[0]) == pytest.approx(30.0))
+    visitor.page.wait_for_timeout(500)
+    assert np.array(visitor.session.client.camera.position) == pytest.approx(camera)
+    assert visitor.errors == []
+
+
+def test_a_click_puts_a_target_on_the_water(visitor):
+    """A click puts a target on the water."""
+    visitor.tab("Steer")
+    visitor.choose("steered by", "policy target")
+    school = until(lambda: visitor.session.school)
+    until(lambda: school.time > 0.5)
+    before = school.targets().copy()
+    visitor.page.mouse.click(150, 300)
+    until(lambda: not np.array_equal(school.targets(), before))
+    assert school.targets()[0, 2] == pytest.approx(0.0, abs=1e-9)
+    assert visitor.errors == []
+
+
+def test_two_browsers_are_independent(visitor, laboratory, browser):
+    """Two browsers at once are independent."""
+    other = Visitor(laboratory, browser)
+    try:
+        other.press("One step")
+        until(lambda: other.session.paused)
+        clock, still = visitor.bench.clock, other.bench.clock
+        until(lambda: visitor.bench.clock > clock + 0.3)
+        assert not visitor.session.paused and other.bench.clock == still
+        assert visitor.errors == other.errors == []
+    finally:
+        other.page.close()
+
+
+def test_a_client_that_vanishes_in_mid_drag_does_no_harm(visitor, laboratory, browser):
+    """A client that vanishes in mid-drag does no harm: its thread ends, and the next one is served."""
+    visitor.hold()
+    visitor.page.close()
+    until(lambda: not visitor.session.alive)
+    assert visitor.session not in laboratory.sessions.values() and visitor.bench.hand is None
+    after = Visitor(laboratory, browser)
+    clock = after.bench.clock
+    until(lambda: after.bench.clock > clock + 0.2)
+    assert after.errors == []
+    after.page.close()
