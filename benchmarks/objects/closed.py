@@ -3,6 +3,8 @@
 python -m benchmarks.objects.closed     both tables (about 2 min)
 """
 
+import argparse
+
 import numpy as np
 
 from benchmarks.common.tables import RESULTS, write_csv
@@ -65,6 +67,7 @@ def fall(seed: int) -> dict:
 
 def main() -> None:
     """Write the tables. Methods that choose their own steps do not know walls, and are left out."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     names = [name for name, method in INTEGRATORS.items() if method.kind != "adaptive"]
     rows = [survey("ring", name) for name in names]
     rows += [survey(kind, "leapfrog_chebyshev") for kind in OBJECTS if kind in ("string", "sphere", "uniform sphere")]
