@@ -110,6 +110,18 @@ def test_a_drag_brings_the_node_to_the_pointer():
     assert bench.hand is None and bench.specimens[0].tank.world.anchors is None
 
 
+def test_the_drag_spring_goes_with_the_hand():
+    """The drag spring goes with the hand: from where it was, at its velocity."""
+    bench = Bench([Entry("ring")])
+    start = bench.specimens[0].position[3].copy()
+    bench.grab(0, start)
+    bench.drag(np.add(start, (0.01, 0.0, 0.0)))
+    bench.advance(1 / 60)
+    tank, hand = bench.specimens[0].tank, bench.hand
+    moved = tank.world.anchors.point[0] - start
+    assert moved == pytest.approx(hand.velocity * tank.time[0], rel=1e-9) and moved[0] > 0.0
+
+
 def test_a_fixed_node_stays_and_moves_with_the_hand():
     """A fixed node stays and moves with the hand."""
     bench = Bench([Entry("ring")])

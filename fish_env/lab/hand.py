@@ -18,6 +18,8 @@ class Hand:
     def __init__(self, specimen: int, node: int, point):
         self.specimen, self.node = specimen, node
         self.point = np.array(point, dtype=float)
+        self.start = self.point.copy()
+        """Where it was before it moved the last time, (3,) m."""
         self.velocity = np.zeros(3)
         self._goal, self._left, self._waited = self.point.copy(), 0.0, LONGEST
 
@@ -30,9 +32,9 @@ class Hand:
 
     def advance(self, seconds: float) -> None:
         """Move on; `velocity` is then the mean of that time, and zero once the pointer is reached."""
-        before = self.point.copy()
+        self.start = self.point.copy()
         part = min(seconds / self._left, 1.0) if self._left > 0.0 else 1.0
         self.point += part * (self._goal - self.point)
         self._left = max(self._left - seconds, 0.0)
         self._waited += seconds
-        self.velocity = (self.point - before) / seconds
+        self.velocity = (self.point - self.start) / seconds

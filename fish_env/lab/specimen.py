@@ -8,7 +8,7 @@ import numpy as np
 from fish_env.bodies import BODIES, Fish
 from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import OBJECTS
-from fish_env.body import Body, fix, scaled, with_rates
+from fish_env.body import Body, scaled, with_rates
 from fish_env.control.gait import best_gait
 from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators import INTEGRATORS
@@ -48,8 +48,8 @@ def make_thing(entry: Entry) -> ElasticObject:
     return table[entry.thing].make(**dict(entry.level))
 
 
-def changed_body(thing: ElasticObject, numbers: dict[str, float], fixed: list[int]) -> Body:
-    """The body of an object with the numbers of the settings, and nodes fixed."""
+def changed_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
+    """The body of an object with the numbers of the settings."""
     body = scaled(thing.body, numbers["stiffness"], numbers["damping"], numbers["density"])
     gas, inner = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64))
     if gas is not None and numbers["pressure"] != 1.0:
@@ -60,8 +60,6 @@ def changed_body(thing: ElasticObject, numbers: dict[str, float], fixed: list[in
         mass[inner] *= numbers["inner_density"]
         inverse[inner] /= numbers["inner_density"]
         body = body._replace(mass=mass, inverse_mass=inverse)
-    if fixed:
-        return fix(body, fixed)
     return with_rates(body) if numbers["pressure"] != 1.0 or numbers["inner_density"] != 1.0 else body
 
 
@@ -129,7 +127,7 @@ class Specimen:
 
     def _make(self, numbers, walls, step, fixed) -> None:
         """Make the tank; nothing is changed if that cannot be done."""
-        body = changed_body(self.thing, numbers, fixed)
+        body = changed_body(self.thing, numbers)
         thing = replace(self.thing, body=body)
         world = changed_world(self.thing, numbers, walls)
         name = self.entry.integrator or None
@@ -154,7 +152,8 @@ class Specimen:
         for new, kept in zip(self.tank.state, old.state, strict=True):
             new[...] = kept
         self.tank.rest_length[...] = old.rest_length
-        self.tank.velocity[0, self.fixed] = 0.0
+        if self.fixed:
+            self.tank.fix(self.fixed)
 
     def toggle(self, node: int) -> None:
         """Fix a node where it is, or let go of one that is fixed."""
@@ -168,21 +167,16 @@ class Specimen:
     def pull(self, hand: Hand, strength: float, damping: float = DAMPING) -> None:
         """Let a hand pull at its node, or take the node along if that is fixed."""
         if hand.node in self.fixed:
-            self.tank.velocity[0, hand.node] = hand.velocity
+            self.tank.move([hand.node], hand.velocity)
             return
         mass = float(self.tank.fish.body.mass.sum())
         stiffness = strength * mass * 9.81 / (PULL * self.thing.length)
-        held, engine = self.tank.world.anchors, self.tank._engine
-        if held is None or engine is None or (held.node[0], held.stiffness[0]) != (hand.node, stiffness):
-            self.tank.grab(hand.node, hand.point, stiffness, damping * stiffness)
-            return
-        for block in engine.blocks:  # the drag spring moves; a new engine would take longer than the motion
-            block.world.anchors.point.memory.reshape(1, -1)[0, :3] = hand.point
-            block.world.anchors.velocity.memory.reshape(1, -1)[0, :3] = hand.velocity
+        self.tank.grab(hand.node, hand.start, stiffness, damping * stiffness, velocity=hand.velocity)
 
     def let_go(self) -> None:
         """End the pull."""
-        self.tank.velocity[0, self.fixed] = 0.0
+        if self.fixed:
+            self.tank.fix(self.fixed)
         if self.tank.world.anchors is not None:
             self.tank.release()
 
