@@ -35,7 +35,6 @@ REFINED = (
     Entry("uniform sphere", "", (("level", 3),)),
     Entry("tetrahedral", "", (("level", 2),)),
     Entry("tetrahedral", "", (("level", 3),)),
-    Entry("tetrahedral", "", (("level", 4),)),
 )
 
 
