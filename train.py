@@ -50,6 +50,7 @@ def parse() -> argparse.Namespace:
     command.add_argument("--runs", type=Path, help="where runs are saved (default runs/all)")
     command.add_argument("--tasks", nargs="+", help="only these")
     command.add_argument("--jobs", type=int, help="runs side by side (default one on each processor)")
+    command.add_argument("--ray", metavar="ADDRESS", help="on a Ray cluster (local: one that is begun here)")
     command.add_argument("--integrator", help="with this method, three seeds a task, in runs/all_<integrator>")
     command.add_argument("--dt", type=float, help="by steps of so many s (default those of the method)")
     command = commands.add_parser("evaluate", help="evaluate policies on fixed seeds")
@@ -103,7 +104,7 @@ def run(arguments: argparse.Namespace) -> None:
         runs = arguments.runs or Path("runs", f"all_{integrator}" if integrator else "all")
         if arguments.dt is not None and integrator is None:
             raise ValueError("--dt goes with --integrator: name the method whose step it is")
-        train_all(runs, arguments.tasks, arguments.jobs, integrator, arguments.dt)
+        train_all(runs, arguments.tasks, arguments.jobs, integrator, arguments.dt, arguments.ray)
         if integrator is None:
             publish(runs, arguments.tasks)
         else:

@@ -17,11 +17,10 @@ from pathlib import Path
 from tqdm import tqdm
 
 from agents.config import CONFIGS, RESULTS, TrainConfig, moved_by, settings_of
+from agents.ray_jobs import PARENT, run_on_ray
 from fish_env.control.files import writable_folder
 
 POLL = 2.0  # s between two looks at the runs
-PARENT = "FISH_ENV_TRAIN_ALL"
-"""The environment variable by which runs know whose they are: they end when this program is gone."""
 FEWER = 3  # seeds of each task with another integrator than the default one
 SCRIPT = Path(__file__).parent.parent / "train.py"
 
@@ -100,6 +99,7 @@ def train_all(
     jobs: int | None = None,
     integrator: str | None = None,
     dt: float | None = None,
+    ray: str | None = None,
 ) -> list[Path]:
     """Train the runs that are not finished; returns the folders of all runs.
 
@@ -110,10 +110,11 @@ def train_all(
         jobs: runs side by side; None for one on each processor.
         integrator: a key of `fish_env.INTEGRATORS` to train with, FEWER seeds; None for the fish's own.
         dt: its step, s; None for the one that it has by itself.
+        ray: address of a Ray cluster to run them on, "local" for one that is begun here; None for this machine without.
 
     Raises:
         ValueError: for an unknown task, integrator or step, fewer than one job, a run with other settings than its
-            task has now, or a folder that cannot be written to.
+            task has now, a folder that cannot be written to, or no cluster at the address.
         RuntimeError: on Windows; and when all others are done, if runs have failed: their logs are named.
     """
     tasks = list(dict.fromkeys(CONFIGS if tasks is None else tasks))
@@ -136,7 +137,8 @@ def train_all(
     writable_folder(root)
     for job in work:
         job.check()
-    failed = run([job for job in work if not job.finished], work, jobs)
+    waiting = [job for job in work if not job.finished]
+    failed = run(waiting, work, jobs) if ray is None else run_on_ray(waiting, work, ray)
     if failed:
         logs = ", ".join(str(job.folder / "log.txt") for job in failed)
         raise RuntimeError(f"{len(failed)} of {len(work)} runs failed; see {logs}")

@@ -166,6 +166,12 @@ SPEED = (
          "benchmarks.speed.limits:bounds", "benchmarks.speed.limits:measured"), data=(DEFAULT, GAIT), one_core=True,
     ),
     Result(
+        "speed.cluster", "sampling and learning with one and more runners of Ray RLlib (needs the extra [cluster])",
+        "-m benchmarks.speed.cluster", 1, csv("cluster"),
+        ("benchmarks.speed.cluster:measure", "fish_env.envs.rllib:FishEnvRunner", BATCH),
+        data=(DEFAULT, "examples/train_rllib.py"),
+    ),
+    Result(
         "speed.peers", "other simulators on the same springs, other environments (needs the extra [peers])",
         "-m benchmarks.speed.peers", 5, csv("speed/peers.csv"),
         ("benchmarks.speed.peers:spring_rows", "benchmarks.speed.environments:singles",

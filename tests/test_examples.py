@@ -15,8 +15,8 @@ from pages import ROOT
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.rglob("*.py"))
 NOTEBOOK = json.loads((EXAMPLES / "quickstart.ipynb").read_text())
-QUICK = {"train_ppo.py", "play.py", "custom_task.py", "custom_body.py"}
-"""The scripts that a test below runs."""
+QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"}
+"""The scripts that a test below runs, and one that `test_rllib.py` does."""
 
 
 def run(folder, *words, **variables):
