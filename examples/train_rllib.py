@@ -1,7 +1,7 @@
-"""Train a fish with the PPO of Ray RLlib, on one machine or on many: one file, to be copied and changed.
+r"""Train a fish with the PPO of Ray RLlib, on one machine or on many: one file, to be copied and changed.
 
     python train_rllib.py                                      train Swim with two runners; some minutes
-    python train_rllib.py --env-id FishEnv/LeftAfterRight-v0 --steps 2000000 --horizon 2 \\
+    python train_rllib.py --env-id FishEnv/LeftAfterRight-v0 --steps 2000000 --horizon 2 \
         --env-options '{"muscle_groups": "pairs", "control_interval": 0.04, "max_episode_steps": 125}'
     python train_rllib.py --address auto --runners 64          on a cluster that `ray start` has begun
 

@@ -29,6 +29,7 @@ OTHER_PROGRAMS = {
     "mkdocs": "builds the site",
     "git": "needs a network",
     "cd": "a shell's own",
+    "ray": "starts a cluster",
 }
 OTHER_MODULES = {"rl_zoo3.train": "not installed here", "rl_zoo3.enjoy": "not installed here", "pip": "see `pip`"}
 
@@ -83,6 +84,8 @@ def execute(block, scope):
         return
     if re.search(r"stable_baselines3|sb3|\btorch\b", block.text):
         pytest.importorskip("stable_baselines3")
+    if re.search(r"\brllib\b", block.text):
+        pytest.importorskip("ray")
     if "render_mode" in block.text:
         pytest.importorskip("pygame")
     before = set(scope)
@@ -137,6 +140,8 @@ def test_command(block, words):
         return None
     assert program == "python", f"{block}: say in tests/test_blocks.py how {program} is checked"
     entry = rest[:2] if rest[0] == "-m" else rest[:1]
+    if "rllib" in entry[-1]:
+        pytest.importorskip("ray")
     if entry[-1] in OTHER_MODULES:
         return None
     arguments = rest[len(entry) :]

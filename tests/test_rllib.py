@@ -197,5 +197,5 @@ def test_runs_of_all_tasks_on_a_cluster(tmp_path):
 def test_no_cluster():
     """An address without a cluster is refused, with what may be given."""
     ray.shutdown()
-    with pytest.raises(ValueError, match="there is no Ray cluster at '127.0.0.1:1'"):
+    with pytest.raises(ValueError, match="there is no Ray cluster"):
         ray_jobs.check_ray("127.0.0.1:1")
