@@ -10,6 +10,7 @@ It needs: pip install "fish_env[cluster]". The folder that it writes holds RLlib
 """
 
 import argparse
+import gc
 import json
 import math
 import time
@@ -184,6 +185,7 @@ def main() -> None:
     (folder / "args.json").write_text(json.dumps(asdict(args), indent=2))
     ray.init(address=args.address or None, include_dashboard=False, logging_level="ERROR")
     algorithm = make_config(args).build_algo()
+    gc.freeze()  # the modules of Ray and torch stay: to look through them again and again takes as long as a rollout
     train(algorithm, args)
     algorithm.save_to_path(str(folder / "checkpoint"))
     policy = policy_of(algorithm, args)

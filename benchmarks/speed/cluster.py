@@ -8,7 +8,9 @@ to this process, as in training. It means something on a quiet machine only. Nee
 """
 
 import argparse
+import gc
 import importlib.util
+import os
 import pickle
 import sys
 import time
@@ -17,7 +19,7 @@ from statistics import median
 from benchmarks.common.tables import ROOT, write_csv
 
 COMMAND = "python -m benchmarks.speed.cluster"
-REPEATS = 15
+REPEATS = 31
 FISH, ROLLOUT = 128, 32
 
 
@@ -50,6 +52,7 @@ def measure(cores: int, repeats: int = REPEATS) -> list[dict]:
     ray.init(num_cpus=cores + 1, include_dashboard=False, logging_level="ERROR")
     algorithm = module.make_config(module.Args(runners=cores, fish=FISH, rollout=ROLLOUT)).build_algo()
     try:
+        gc.freeze()  # as the example
         for _ in range(2):
             algorithm.train()
         seconds: dict[int, list[float]] = {k: [] for k in range(1, cores + 1)}
@@ -93,8 +96,6 @@ def measure(cores: int, repeats: int = REPEATS) -> list[dict]:
 
 def main() -> None:
     """Measure, print, write."""
-    import os
-
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cores", type=int, default=len(os.sched_getaffinity(0)), help="most runners")
     rows = measure(parser.parse_args().cores)

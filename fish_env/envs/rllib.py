@@ -7,6 +7,7 @@ RLlib's episodes of them when it is over. Connectors between environment and mod
 not called: the module sees the observations as the fish have them, and its actions are clipped to the action space.
 """
 
+import gc
 import uuid
 from collections.abc import Iterator
 from time import perf_counter
@@ -70,6 +71,12 @@ class FishEnvRunner(SingleAgentEnvRunner):
             ) from error
         self.num_envs = self.env.num_envs
         self._needs_initial_reset = True
+
+    def make_module(self) -> None:
+        """Make the policy; in a process of its own, the garbage collector leaves alone what is there by then."""
+        super().make_module()
+        if self.worker_index:
+            gc.freeze()
 
     def _sample(
         self, *, num_timesteps=None, num_episodes=None, explore, random_actions=False, force_reset=False
