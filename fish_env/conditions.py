@@ -81,15 +81,19 @@ class Conditioned:
         away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
         return int(which[np.argmin((away**2).sum(axis=1))])
 
-    def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0) -> None:
+    def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> None:
         """Pull a node of every body by a drag spring to a point (3,) m, in place of any before (`make_anchors`).
+
+        The point moves on at `velocity` (3,) m/s, that of a hand, and the damping of the spring compares the node's
+        velocity with it. A hand that is given its velocity does its work along its way; one that is put elsewhere
+        before every call jumps, and stretches the spring at once.
 
         Raises:
             ValueError: for a missing node or a number that is not allowed.
         """
         if not (isinstance(node, int | np.integer) and 0 <= node < self.state.x.shape[1]):
             raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
-        self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length))
+        self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length, velocity))
 
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
         """Hold nodes of every body where they are, until `release`; the rest of the state stays as it is.

@@ -16,22 +16,20 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.common.charts import pyplot, save
-from benchmarks.common.systems import System
 from benchmarks.common.tables import IMAGES, read_table, write_csv
 from fish_env import Tank, make_fish
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import Body, fix, make_body
+from fish_env.conditions import PENALTY, largest_entry
 from fish_env.elements import make_tets
-from fish_env.forces import rest_matrices
-from fish_env.forces.evaluate import Evaluator
-from fish_env.linalg import rates
+from fish_env.prescribed import prescribed_displacement
 from fish_env.world import VACUUM, Anchors, make_anchors
 
 COMMAND = "python -m benchmarks.accuracy.boundary"
 CSV = "boundary.csv"
 CHART = IMAGES / "boundary.svg"
 PENALTIES = 10.0 ** np.arange(0, 15)
-TEXTBOOK = 1e4  # the multiple that textbooks recommend
+TEXTBOOK = PENALTY  # the multiple that textbooks recommend
 MOST = 1e5  # in time: beyond, the default method would need more stages than it is allowed
 BODIES = {"fish": ("fish of springs", "#0072B2", "o"), "bar": ("bar of tetrahedra", "#D55E00", "s")}
 
@@ -71,50 +69,26 @@ def bar_task(cells=(6, 2, 2), size=0.05) -> Task:
 TASKS = {"fish": fish_task, "bar": bar_task}
 
 
-def largest_entry(body: Body) -> float:
-    """Largest entry of the stiffness matrix at rest, N/m."""
-    return float(abs(rates.assemble(rest_matrices(body), body.position.size)).max())
-
-
-def static_displacement(body: Body, load, moved, pulling: Anchors | None = None) -> np.ndarray:
-    """Solve K u = f about rest for the displacement u (N,3) m, with the kernels that move bodies.
-
-    Args:
-        body: fixed somewhere, or the matrix is singular.
-        load: f, (N,3) N; what the anchors pull with is added to it.
-        moved: (N,3) m: displacement of the fixed degrees of freedom; of the others, zero.
-        pulling: anchors, or None.
-    """
-    springs, tets = body.springs, body.tets
-    stiff = body._replace(  # nothing but stiffness: without mass, damping and tension, the system of a step of 1 s
-        mass=0.0 * body.mass,
-        springs=springs._replace(damping=0.0 * springs.damping, rest_length=present_lengths(body)),
-        tets=tets and tets._replace(relaxation_time=0.0 * tets.relaxation_time),
-    )
-    world = VACUUM._replace(anchors=pulling)
-    system = System(stiff, world, 1.0)
-    system.assemble()
-    system.load[:] = load
-    system.add_pull(moved)
-    if pulling is not None:
-        system.load[:] += Evaluator(stiff, world, ("anchors",)).force(springs.rest_length, body.position, 0.0 * moved)
-    system.eliminate()
-    system.factor_solve()
-    return system.load + moved
-
-
 def present_lengths(body: Body) -> np.ndarray:
     """Lengths of the springs at rest, (E,) m: taken for the rest lengths, they leave no force at rest."""
     ends = body.position[body.springs.nodes]
     return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
 
 
+def tensionless(body: Body) -> Body:
+    """The body without forces at rest: its springs have the lengths that they have there."""
+    return body._replace(springs=body.springs._replace(rest_length=present_lengths(body)))
+
+
 def by_elimination(task: Task) -> np.ndarray:
-    """Displacement (N,3) of all nodes, those to be moved being fixed where they are to go."""
-    moved = np.zeros_like(task.body.position)
-    moved[task.nodes] = task.displacement
-    both = fix(task.body, np.union1d(task.body.fixed[:, 0], task.nodes))
-    return static_displacement(both, 0 * moved, moved)
+    """Displacement (N,3) m of all nodes, those to be moved being fixed where they are to go."""
+    return prescribed_displacement(tensionless(task.body), task.nodes, task.displacement)[0]
+
+
+def by_penalty(task: Task, multiple: float) -> np.ndarray:
+    """Displacement (N,3) m of all nodes, those to be moved being pulled by a penalty."""
+    body = tensionless(task.body)
+    return prescribed_displacement(body, task.nodes, task.displacement, method="penalty", multiple=multiple)[0]
 
 
 def penalty(task: Task, multiple: float) -> Anchors:
@@ -123,18 +97,16 @@ def penalty(task: Task, multiple: float) -> Anchors:
     return make_anchors(task.nodes, point, multiple * largest_entry(task.body))
 
 
-def by_penalty(task: Task, multiple: float) -> np.ndarray:
-    """Displacement (N,3) of all nodes, those to be moved being pulled by a penalty."""
-    still = np.zeros_like(task.body.position)
-    return static_displacement(task.body, still, still, penalty(task, multiple))
-
-
 def stages(task: Task, multiple: float) -> float:
-    """Force evaluations a step of the fish's default method needs, at the fish's own step; 0 takes the penalty away."""
+    """Force evaluations a step of the fish's default method needs, at the fish's own step; 0 takes the penalty away.
+
+    Its stiffness alone decides them, so the nodes are held where they are.
+    """
     fish = make_fish()
     thing = ElasticObject(name="fixed fish", body=task.body, length=fish.length, time_step=fish.time_step,
                           control_interval=fish.control_interval)  # fmt: skip
-    world = VACUUM._replace(anchors=penalty(task, multiple)) if multiple else VACUUM
+    anchors = penalty(task._replace(displacement=0.0 * task.displacement), multiple) if multiple else None
+    world = VACUUM._replace(anchors=anchors)
     tank = Tank(thing, 1, fish.integrator, water=world)
     tank.advance(10)
     assert tank.alive.all(), tank.failure
