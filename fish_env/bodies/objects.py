@@ -151,7 +151,9 @@ def whole(value, name: str, least: int, most: int | None = None) -> int:
     return int(value)
 
 
-def layered_object(name, skin: Skin, layers, standard: TwoLayers, materials: dict, down, factor=1.0) -> Layered:
+def layered_object(
+    name, skin: Skin, layers, standard: TwoLayers, materials: dict, down, factor: float | np.ndarray = 1.0
+) -> Layered:
     """The object of a skin, of one layer or two, in a room three radii from its middle to the walls."""
     layers = whole(layers, "layers", 1, 2)
     chosen = chosen_materials(standard, materials, layers)
