@@ -11,6 +11,7 @@ from fish_env.bodies.objects import Layered, room
 from fish_env.forces.evaluate import Evaluator
 
 FRAME = 1 / 60  # s between pictures; the mouse moves as often
+NUDGE = 1e-9  # of the object's length
 DRAG_SPRING = (60.0, 0.5, 0.05)  # N/m, N s/m, m
 GRAB, LET_GO, PULL = 0.5, 1.2, 0.5  # s, s; how far the mouse moves, m a second
 
@@ -49,11 +50,14 @@ class Moment(NamedTuple):
     hand: tuple[int, np.ndarray] | None  # the node at the end of the drag spring and where its other end is, (3,) m
 
 
-def stage(thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None) -> Tank:
-    """A tank with the object at the start of a scene."""
+def stage(thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None, seed=None) -> Tank:
+    """A tank with the object at the start of a scene; with a seed, each node is displaced by NUDGE at random."""
     size = thing.water.planes[0, 3] * -1.0
     tank = Tank(thing, integrator=integrator, dt=dt, water=room(thing.down, size, scene.restitution))
-    tank.velocity[0, :, 0] = scene.sideways * (thing.body.inverse_mass[:, 0] > 0)
+    free = thing.body.inverse_mass > 0
+    tank.velocity[0, :, 0] = scene.sideways * free[:, 0]
+    if seed is not None:
+        tank.position[0] += NUDGE * thing.length * free * np.random.default_rng(seed).normal(size=free.shape)
     return tank
 
 
@@ -70,13 +74,15 @@ class Energy:
         return sum(self.evaluator.energies(tank.rest_length[0], tank.position[0], tank.velocity[0]).values())
 
 
-def play(thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None) -> Iterator[Moment]:
+def play(
+    thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None, seed: int | None = None
+) -> Iterator[Moment]:
     """The scene, a step at a time; the drag spring moves between frames, and its work is the jump of its energy.
 
     Raises:
         ArithmeticError: if the object fails, with the reason.
     """
-    tank = stage(thing, scene, integrator, dt)
+    tank = stage(thing, scene, integrator, dt, seed)
     total = Energy(tank)
     each = round(FRAME / tank.dt)
     planes, work, travel, point, node = tank.world.planes, 0.0, 0.0, None, -1
@@ -127,10 +133,12 @@ def outside(thing: Layered, x) -> int:
     return int(np.sum(np.round(angle.sum(axis=1) / (4 * np.pi)) != 1))
 
 
-def watched(thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None) -> dict:
+def watched(
+    thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None, seed: int | None = None
+) -> dict:
     """The bars of a scene: energy gained beyond the drag spring's work, depth behind planes, escapes of inner nodes."""
     lowest, growth, depth, escapes, first, least = np.inf, 0.0, -np.inf, 0, None, np.inf
-    for k, now in enumerate(play(thing, scene, integrator, dt)):
+    for k, now in enumerate(play(thing, scene, integrator, dt, seed)):
         level = now.energy - now.work
         first = level if first is None else first
         lowest = min(lowest, level)

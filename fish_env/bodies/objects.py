@@ -48,15 +48,24 @@ SPHERE = TwoLayers(
 GLOBE = replace(SPHERE, stiffness=150.0, inner_stiffness=100.0, barrier_energy=0.3)  # few springs bear the pressure
 
 
-def room(down, size: float, restitution=0.5, gravity=GRAVITY) -> World:
+def room(down, size: float, restitution=0.5, gravity=GRAVITY, closed=False) -> World:
     """Gravity, m/s2, and walls at `size` m from the origin along x and along `down`, (3,): the room of an object.
+
+    Args:
+        down: unit vector along which gravity pulls.
+        size: from the origin to each wall, m.
+        restitution: the part of a node's normal speed that an impact leaves it, 0 to 1.
+        gravity: m/s2.
+        closed: whether walls stand on all six sides, floor and ceiling included, so that nothing can leave.
 
     Raises:
         ValueError: for a restitution outside 0 to 1, or a number that is not finite.
     """
     down = np.asarray(down, dtype=float)
-    along = {tuple(down), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)}
-    return make_world(gravity * down, [(-np.array(wall), -size, restitution) for wall in sorted(along)])
+    sides = {(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), tuple(down.tolist())}
+    if closed:
+        sides |= {tuple(side) for side in np.concatenate([np.eye(3), -np.eye(3)]).tolist()}
+    return make_world(gravity * down, [(-np.array(side), -size, restitution) for side in sorted(sides)])
 
 
 def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_time=0.002) -> Layered:

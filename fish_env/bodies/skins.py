@@ -49,6 +49,11 @@ def octasphere(level: int) -> Skin:
     """An octahedron whose triangles are divided in four `level` times, new nodes moved onto the sphere (ch. 3.5.2)."""
     place = [np.array(p, float) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
     faces = [(a, (a + 1) % 4, 4) for a in range(4)] + [((a + 1) % 4, a, 5) for a in range(4)]
+    return subdivided(place, faces, level)
+
+
+def subdivided(place: list, faces: list, level: int) -> Skin:
+    """Triangles (a, b, c), outward, divided in four `level` times at the middles of their edges, on the sphere."""
     for _ in range(level):
         middle: dict[tuple[int, int], int] = {}
         finer = []

@@ -1,0 +1,164 @@
+"""Song's three methods through impact and drag, what a step of each costs, and the forces of spheres (ch. 3.5.3, 5.3).
+
+python -m benchmarks.objects.impact           the tables and the chart (about 4 min)
+python -m benchmarks.objects.impact --draw    the chart again, from the tables
+"""
+
+import argparse
+import time
+from dataclasses import replace
+from statistics import median
+
+import numpy as np
+
+from benchmarks.common.charts import METHOD_STYLE, panels, save
+from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.objects.methods import METHODS, start
+from benchmarks.objects.scenes import FRAME, SCENES, outside, play
+from fish_env.bodies.objects import GRAVITY, OBJECTS, make_ring
+from fish_env.bodies.skins import Skin, evened, globe, octasphere, subdivided
+from fish_env.elements import make_compartments
+from fish_env.volume import volume_of
+
+COMMAND = "python -m benchmarks.objects.impact"
+PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # steps of a sixtieth of a second
+FINER = (64, 96, 128)  # those of explicit Euler besides
+FINE = 128
+DURATION = 1.3  # s
+SURVIVES = 0.01  # of the energy of the fall, by which that of a method that survives may grow
+REPEATS = 41
+
+
+def track(scene: str, name: str, parts: int) -> dict:
+    """The mean position after each picture (K,3) m, the failure, the growth of energy over the fall, and escapes."""
+    thing = make_ring()
+    height = -thing.water.planes[0, 3] - 0.5 * thing.length
+    path, failure, lowest, growth, escapes = [], "", np.inf, 0.0, 0
+    try:
+        for k, now in enumerate(play(thing, replace(SCENES[scene], seconds=DURATION), name, FRAME / parts), 1):
+            lowest = min(lowest, now.energy - now.work)
+            growth = max(growth, now.energy - now.work - lowest)
+            if k % parts == 0:
+                path.append(now.position[thing.outer].mean(axis=0))
+                escapes += outside(thing, now.position)
+    except ArithmeticError as error:
+        failure = str(error).split(": ", 1)[1]
+    growth /= thing.body.mass.sum() * GRAVITY * height
+    return {"path": np.array(path), "failure": failure, "growth": growth, "escapes": escapes}
+
+
+def passages(scene: str) -> list[dict]:
+    """Rows of every method and step through a scene of the ring: whether it survives, and how far its middle is off."""
+    exact, rows = track(scene, "rk4", FINE)["path"], []
+    for name in METHODS:
+        for parts in PARTS + FINER * (name == "explicit_euler"):
+            found = track(scene, name, parts)
+            survives = not found["failure"] and found["growth"] < SURVIVES and not found["escapes"]
+            off = np.linalg.norm(found["path"] - exact, axis=1).max() / 0.2 if survives else np.inf
+            rows.append({"scene": scene, "integrator": name, "step_ms": 1e3 * FRAME / parts, "survives": survives,
+                         "error": off, "growth": found["growth"], "escapes": found["escapes"],
+                         "failure": found["failure"]})  # fmt: skip
+    return rows
+
+
+def costs(kind: str, steps=400) -> list[dict]:
+    """Rows: what a step of Song's methods costs in free fall, us, by turns in one run, and over explicit Euler."""
+    thing, taken = OBJECTS[kind].make(), {name: [] for name in METHODS[:3]}
+    for _ in range(REPEATS):
+        for name, times in taken.items():
+            tank = start(thing, name, 1e-5)
+            tank.advance(1)
+            begin = time.perf_counter()
+            tank.advance(steps)
+            times.append(1e6 * (time.perf_counter() - begin) / steps)
+    ratios = {name: median(np.divide(times, taken["explicit_euler"])) for name, times in taken.items()}
+    return [{"object": kind, "integrator": name, "us_per_step": median(times), "over_euler": ratios[name]}
+            for name, times in taken.items()]  # fmt: skip
+
+
+def icosphere(level: int) -> Skin:
+    """An icosahedron divided in four `level` times: twelve nodes with 5 neighbours, all others with 6."""
+    golden = 0.5 * (1.0 + 5.0**0.5)
+    place = [np.array(p) for k in range(3) for p in
+             (np.roll((0.0, a, b * golden), k) for a in (-1.0, 1.0) for b in (-1.0, 1.0))]  # fmt: skip
+    near = [[j for j in range(12) if j != i and np.linalg.norm(place[i] - place[j]) < 2.1] for i in range(12)]
+    faces = [(i, j, k) for i in range(12) for j in near[i] for k in near[i] if i < j < k and k in near[j]]
+    faces = [face if np.linalg.det([place[n] for n in face]) > 0 else face[::-1] for face in faces]
+    return subdivided([point / np.linalg.norm(point) for point in place], faces, level)
+
+
+def force_error(kind: str, skin: Skin, factor=1.0) -> dict:
+    """A row: how unequal the forces on the nodes of a swollen sphere are, where a smooth sphere has equal ones.
+
+    Springs of one stiffness, times factor (E,), unstretched at the unit radius, are swollen by 1 %. The force on a
+    node, over its share of the faces, is compared with the mean one, along the radius: root mean square, and largest.
+    """
+    place, (a, b) = skin.place, skin.edges.T
+    load = volume_of(make_compartments(place, [skin.faces], 1.0).faces, place)[1]
+    share = np.sum(load * place, axis=1)
+    pull = 0.01 * np.broadcast_to(factor, len(a))[:, None] * (place[b] - place[a])
+    force = np.zeros_like(place)
+    np.add.at(force, a, pull)
+    np.add.at(force, b, -pull)
+    force /= share[:, None]
+    mean = -np.sum(share * np.sum(force * place, axis=1)) / share.sum()
+    off = np.linalg.norm(force + mean * place, axis=1) / mean
+    return {"kind": kind, "nodes": len(place), "springs": len(a), "rms": np.sqrt(np.sum(share * off**2) / share.sum()),
+            "largest": off.max(), "smallest_area_over_largest": share.min() / share.max()}  # fmt: skip
+
+
+def force_errors() -> list[dict]:
+    """Rows of spheres of circles of latitude, subdivided octahedra, with the correction and without, and icosahedra."""
+    rows = [force_error("circles of latitude", globe(n, 2 * n // 3)) for n in (6, 12, 24, 48)]
+    rows += [force_error("octahedron", octasphere(n)) for n in range(1, 5)]
+    rows += [force_error("octahedron, corrected", octasphere(n), evened(octasphere(n).edges)) for n in range(1, 5)]
+    return rows + [force_error("icosahedron", icosphere(n)) for n in range(1, 4)]
+
+
+def draw() -> None:
+    """Error of the middle of the ring through each scene, hollow marks where a method fails; forces of spheres."""
+    rows = read_table("song_impact.csv")
+    figure, axes = panels(4, (16, 4.4))
+    for panel, scene in zip(axes, SCENES, strict=False):
+        for name in METHODS:
+            colour, marker = METHOD_STYLE[name]
+            line = [row for row in rows if row["scene"] == scene and row["integrator"] == name]
+            good = [row for row in line if np.isfinite(row["error"])]
+            bad = [row["step_ms"] for row in line if not np.isfinite(row["error"])]
+            panel.loglog([row["step_ms"] for row in good], [row["error"] for row in good], color=colour, marker=marker,
+                         markersize=4.5, linewidth=1.1, label=name)  # fmt: skip
+            panel.plot(
+                bad,
+                [3.0 * 1.35 ** METHODS.index(name)] * len(bad),
+                linestyle="",
+                marker=marker,
+                color=colour,
+                fillstyle="none",
+            )
+        panel.set(title=f"ring, {scene}", xlabel="step, ms")
+    axes[0].set_ylabel("error of the middle, lengths (hollow: fails)")
+    axes[0].legend(frameon=False, fontsize=8, loc="lower right")
+    forces = read_table("song_forces.csv")
+    for kind, marker in zip(dict.fromkeys(row["kind"] for row in forces), "osvD", strict=True):
+        line = [row for row in forces if row["kind"] == kind]
+        axes[3].loglog([row["springs"] for row in line], [row["rms"] for row in line], marker=marker, label=kind)
+    axes[3].set(title="forces of a swollen sphere", xlabel="springs of the skin", ylabel="error, root mean square")
+    axes[3].legend(frameon=False, fontsize=8)
+    save(figure, RESULTS / "song_impact.svg")
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draw", action="store_true", help="the chart again, from the tables")
+    if not parser.parse_args().draw:
+        write_csv("song_forces.csv", force_errors(), COMMAND)
+        write_csv("song_costs.csv", [row for kind in OBJECTS if kind in ("string", "ring", "sphere", "uniform sphere")
+                                     for row in costs(kind)], COMMAND)  # fmt: skip
+        write_csv("song_impact.csv", [row for scene in SCENES for row in passages(scene)], COMMAND)
+    draw()
+    print(f"written to {RESULTS}/song_impact.csv, song_costs.csv, song_forces.csv and the chart beside them")
+
+
+if __name__ == "__main__":
+    main()
