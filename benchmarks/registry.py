@@ -218,6 +218,22 @@ OBJECTS = (
         ("benchmarks.objects.inner:compared", "benchmarks.objects.inner:thrown"), data=(),
     ),
     Result(
+        "objects.closed", "objects thrown in a closed room by every method; the energy of falls of rings that differ",
+        "-m benchmarks.objects.closed", 2, csv("song_room", "song_falls"),
+        ("benchmarks.objects.closed:survey", "benchmarks.objects.closed:fall"), data=(),
+    ),
+    Result(
+        "objects.impact", "Song's methods through impact and drag, what their steps cost, the forces of spheres",
+        "-m benchmarks.objects.impact", 4, csv("song_impact", "song_costs", "song_forces", "song_impact.svg"),
+        ("benchmarks.objects.impact:passages", "benchmarks.objects.impact:costs",
+         "benchmarks.objects.impact:force_errors"), data=(),
+    ),
+    Result(
+        "objects.parameters", "what each parameter of the ring does to a fall on the floor",
+        "-m benchmarks.objects.parameters", 0.5, csv("song_parameters", "song_parameters.svg"),
+        ("benchmarks.objects.parameters:fall",), data=(),
+    ),
+    Result(
         "objects.frames", "pictures a second of every elastic object, with drawing",
         "-m benchmarks.objects.survey --frames", 0.5, csv("song_frames"), ("benchmarks.objects.survey:frames",),
         data=(),

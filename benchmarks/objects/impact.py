@@ -1,6 +1,7 @@
 """Song's three methods through impact and drag, what a step of each costs, and the forces of spheres (ch. 3.5.3, 5.3).
 
 python -m benchmarks.objects.impact           the tables and the chart (about 4 min)
+python -m benchmarks.objects.impact --costs   what a step costs, alone
 python -m benchmarks.objects.impact --draw    the chart again, from the tables
 """
 
@@ -26,7 +27,7 @@ FINER = (64, 96, 128)  # those of explicit Euler besides
 FINE = 128
 DURATION = 1.3  # s
 SURVIVES = 0.01  # of the energy of the fall, by which that of a method that survives may grow
-REPEATS = 41
+REPEATS = 101
 
 
 def track(scene: str, name: str, parts: int) -> dict:
@@ -137,7 +138,7 @@ def draw() -> None:
             )
         panel.set(title=f"ring, {scene}", xlabel="step, ms")
     axes[0].set_ylabel("error of the middle, lengths (hollow: fails)")
-    axes[0].legend(frameon=False, fontsize=8, loc="lower right")
+    axes[0].legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 0.75))
     forces = read_table("song_forces.csv")
     for kind, marker in zip(dict.fromkeys(row["kind"] for row in forces), "osvD", strict=True):
         line = [row for row in forces if row["kind"] == kind]
@@ -151,10 +152,13 @@ def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draw", action="store_true", help="the chart again, from the tables")
-    if not parser.parse_args().draw:
+    parser.add_argument("--costs", action="store_true", help="what a step costs, alone")
+    chosen = parser.parse_args()
+    if chosen.costs or not chosen.draw:
+        rows = [row for kind in ("string", "ring", "sphere", "uniform sphere") for row in costs(kind)]
+        write_csv("song_costs.csv", rows, COMMAND)
+    if not (chosen.costs or chosen.draw):
         write_csv("song_forces.csv", force_errors(), COMMAND)
-        write_csv("song_costs.csv", [row for kind in OBJECTS if kind in ("string", "ring", "sphere", "uniform sphere")
-                                     for row in costs(kind)], COMMAND)  # fmt: skip
         write_csv("song_impact.csv", [row for scene in SCENES for row in passages(scene)], COMMAND)
     draw()
     print(f"written to {RESULTS}/song_impact.csv, song_costs.csv, song_forces.csv and the chart beside them")
