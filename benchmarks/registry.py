@@ -202,6 +202,11 @@ OBJECTS = (
          "benchmarks.objects.methods:sweep"), data=(),
     ),
     Result(
+        "objects.argument", "objects of one layer and of two on a floor, by the pressure of their gas",
+        "-m benchmarks.objects.argument", 2, csv("song_collapse", "song_collapse.svg"),
+        ("benchmarks.objects.argument:collapse",), data=(),
+    ),
+    Result(
         "objects.frames", "pictures a second of every elastic object, with drawing",
         "-m benchmarks.objects.survey --frames", 0.5, csv("song_frames"), ("benchmarks.objects.survey:frames",),
         data=(),

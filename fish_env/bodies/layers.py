@@ -10,6 +10,10 @@ from fish_env.body import Body, make_body
 from fish_env.elements import make_barriers, make_compartments
 
 NO_FACES = np.zeros((0, 4), np.int64)
+OPTIONAL = ("outer_relaxation_time", "inner_relaxation_time", "radius_relaxation_time", "shear_relaxation_time",
+            "density", "inner_density")  # fmt: skip
+BETWEEN = ("inner_", "gap_", "radius_", "shear_", "barrier_")
+"""What the names of materials begin with that one layer alone does not have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +37,19 @@ class TwoLayers:
     shear_stiffness: float
     """Of a shear spring, N/m."""
     relaxation_time: float = 0.002
-    """Damping over stiffness of every spring, s; may be zero."""
+    """Damping over stiffness of every spring whose kind has none of its own below, s; may be zero."""
+    outer_relaxation_time: float | None = None
+    """Of the structural springs of the outer layer, s; None takes `relaxation_time`, as for the next three."""
+    inner_relaxation_time: float | None = None
+    """Of the structural springs of the inner layer, s."""
+    radius_relaxation_time: float | None = None
+    """Of the radius springs, s."""
+    shear_relaxation_time: float | None = None
+    """Of the shear springs, left and right ones, s."""
+    density: float | None = None
+    """Of the outer layer, kg/m2 of its faces, of a ring kg/m, instead of `mass`: a node has its share of them."""
+    inner_density: float | None = None
+    """Of the inner layer, instead of `inner_mass`."""
     pressure: float
     """Of the gas in the inner layer at rest, Pa over that outside; zero for none."""
     gap_pressure: float
@@ -43,21 +59,90 @@ class TwoLayers:
 
     def __post_init__(self):
         for name, value in asdict(self).items():
-            zero = name in ("relaxation_time", "pressure", "gap_pressure")
-            number = float(value) if isinstance(value, Real) else np.nan
+            if value is None and name in OPTIONAL:
+                continue
+            zero = name in ("pressure", "gap_pressure") or name.endswith("relaxation_time")
+            number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else np.nan
             if not (np.isfinite(number) and (number > 0 or (zero and number == 0))):
-                raise ValueError(f"{name} is {value!r}; give a finite, positive number{' or zero' * zero}")
+                none = ", or None" * (name in OPTIONAL)
+                raise ValueError(f"{name} is {value!r}; give a finite, positive number{' or zero' * zero}{none}")
         if not self.inner_radius < self.radius:
             raise ValueError(f"inner_radius is {self.inner_radius} m; give less than the radius, {self.radius} m")
 
+    def damping_times(self) -> tuple[float, ...]:
+        """Damping over stiffness, s, of each kind of spring, in the order of `skins.KINDS`."""
+        own = (self.outer_relaxation_time, self.inner_relaxation_time, self.radius_relaxation_time,
+               self.shear_relaxation_time, self.shear_relaxation_time)  # fmt: skip
+        return tuple(self.relaxation_time if time is None else time for time in own)
 
-def chosen_materials(standard: TwoLayers, changes: dict) -> TwoLayers:
-    """The standard materials with some changed; ValueError for an unknown name or a value that is not allowed."""
+
+def chosen_materials(standard: TwoLayers, changes: dict, layers=2) -> TwoLayers:
+    """The standard materials with some changed, for one layer or two.
+
+    Raises:
+        ValueError: for an unknown name, a value that is not allowed, a mass beside a density of the same layer, or a
+            material of the inner layer, of its gas or of what joins it where there is one layer only.
+    """
     names = [field.name for field in fields(TwoLayers)]
     for name in changes:
         if name not in names:
             raise ValueError(f"unknown material {name!r}; choose from {', '.join(names)}")
+        if layers == 1 and name.startswith(BETWEEN):
+            raise ValueError(f"{name} is given for one layer, which has none; give layers=2, or leave it out")
+    for layer in ("", "inner_"):
+        if {layer + "mass", layer + "density"} <= changes.keys() and changes[layer + "density"] is not None:
+            raise ValueError(f"{layer}mass and {layer}density are both given; give one of them")
     return replace(standard, **changes)
+
+
+def node_masses(skin: Skin, radius: float, mass: float, density: float | None) -> np.ndarray:
+    """Masses (n,) kg of a layer: equal ones, or by the density kg/m2 (of a ring kg/m) of the faces around a node."""
+    n = len(skin.place)
+    if density is None:
+        return np.full(n, mass / n)
+    place = radius * skin.place
+    p, q = place[skin.faces[:, 0]], place[skin.faces[:, 1]]
+    if skin.faces.shape[1] == 2:
+        size, corners = np.linalg.norm(q - p, axis=1), [[0, 1]] * len(skin.faces)
+    else:
+        r, s = place[skin.faces[:, 2]], place[skin.faces[:, 3]]
+        size = 0.5 * (np.linalg.norm(np.cross(q - p, r - p), axis=1) + np.linalg.norm(np.cross(s - r, p - r), axis=1))
+        corners = [[0, 1, 2] if third == fourth else [0, 1, 2, 3] for third, fourth in skin.faces[:, 2:]]
+    found = np.zeros(n)
+    for face, which, area in zip(skin.faces, corners, size, strict=True):
+        found[face[which]] += density * area / len(which)
+    return found
+
+
+def shortened(length, pull, stiffness) -> np.ndarray:
+    """Natural lengths (E,) m of springs that pull with `pull` (E,) N at `length`.
+
+    Raises:
+        ValueError: if a spring would need a natural length that is not positive, with the stiffness that would do.
+    """
+    natural = length - pull / stiffness
+    if natural.min() <= 0:
+        worst = int(np.argmin(natural))
+        raise ValueError(
+            f"the pressure would stretch spring {worst} by more than its length; give a stiffness above "
+            f"{pull[worst] / length[worst]:.3g} N/m"
+        )
+    return natural
+
+
+def one_layer(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -> tuple[Body, dict[str, slice], Skin]:
+    """A body at rest of the outer skin alone, filled with gas: what two layers are compared with (ch. 1.5, 2.1)."""
+    position = chosen.radius * skin.place
+    stiffness = chosen.stiffness * factor * np.ones(len(skin.edges))
+    length = np.linalg.norm(position[skin.edges[:, 1]] - position[skin.edges[:, 0]], axis=1)
+    power = 1 if skin.faces.shape[1] == 2 else 2
+    length = shortened(length, chosen.pressure * chosen.radius**power * tensions(skin), stiffness)
+    gas = make_compartments(position, [skin.faces], chosen.pressure) if chosen.pressure else None
+    body = make_body(
+        position, node_masses(skin, chosen.radius, chosen.mass, chosen.density), skin.edges, stiffness,
+        stiffness * chosen.damping_times()[0], length, NO_FACES, compartments=gas,
+    )  # fmt: skip
+    return body, {"outer": slice(0, len(skin.edges))}, skin
 
 
 def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -> tuple[Body, dict[str, slice], Skin]:
@@ -77,13 +162,11 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) 
         chosen.gap_pressure * chosen.radius**power * pull,
         (chosen.pressure - chosen.gap_pressure) * chosen.inner_radius**power * pull,
     ])  # fmt: skip
-    length[: 2 * count] -= inward / stiffness[: 2 * count]
-    if length.min() <= 0:
-        worst = int(np.argmin(length))
-        raise ValueError(
-            f"the pressure would stretch spring {worst} by more than its length; give a stiffness above "
-            f"{stiffness[worst] * (1 - length.min() / (length.min() + inward[worst] / stiffness[worst])):.3g} N/m"
-        )
+    length[: 2 * count] = shortened(length[: 2 * count], inward, stiffness[: 2 * count])
+    counts = [which.stop - which.start for which in kinds.values()]
+    time = np.repeat(chosen.damping_times(), counts)
+    outer = node_masses(skin, chosen.radius, chosen.mass, chosen.density)
+    inner = node_masses(skin, chosen.inner_radius, chosen.inner_mass, chosen.inner_density)
     turned = skin.faces[:, ::-1] if flat else skin.faces[:, [0, 3, 2, 1]]
     turned = turned if flat else np.where(turned[:, 1:2] == turned[:, 2:3], turned[:, [0, 2, 3, 3]], turned)
     surfaces = [skin.faces + n, np.concatenate([skin.faces, turned + n])]
@@ -91,8 +174,7 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) 
     gas = make_compartments(position, [surface for surface, _ in filled], [p for _, p in filled]) if filled else None
     faces, nodes = watched(skin)
     body = make_body(
-        position, np.repeat([chosen.mass / n, chosen.inner_mass / n], n), pairs, stiffness,
-        stiffness * chosen.relaxation_time, length, NO_FACES, compartments=gas,
-        barriers=make_barriers(position, faces, nodes, chosen.barrier_energy),
+        position, np.concatenate([outer, inner]), pairs, stiffness, stiffness * time, length, NO_FACES,
+        compartments=gas, barriers=make_barriers(position, faces, nodes, chosen.barrier_energy),
     )  # fmt: skip
     return body, kinds, skin

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fish_env.bodies.fish import ElasticObject
-from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, two_layers
-from fish_env.bodies.skins import circle, evened, globe, octasphere
+from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, one_layer, two_layers
+from fish_env.bodies.skins import Skin, circle, evened, globe, octasphere
 from fish_env.body import fix, make_body
 from fish_env.checks import positive_array
 from fish_env.world import World, make_world
@@ -21,7 +21,7 @@ FINEST = 3  # level of a uniform sphere: 516 nodes; the gas joins every node to 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Layered(ElasticObject):
-    """An elastic object of two layers. A string has its free nodes for an outer layer, and no inner one."""
+    """An elastic object of two layers, or of one and no inner one. The free nodes of a string are its outer layer."""
 
     down: np.ndarray
     """(3,) where gravity pulls, a unit vector: -y for the ring, -z for a sphere, along the string."""
@@ -92,55 +92,53 @@ def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_tim
     )  # fmt: skip
 
 
-def make_ring(nodes=12, **materials) -> Layered:
+def make_ring(nodes=12, layers=2, **materials) -> Layered:
     """A ring of two layers in the xy plane: n nodes each, gas inside and between them (ch. 3.4).
 
     Args:
         nodes: of a layer, at least 3.
+        layers: 2, or 1 for the outer layer alone, filled with gas at `pressure`.
         materials: fields of `TwoLayers`; those not given are those of RING.
 
     Raises:
         ValueError: naming the argument, what it holds, and what is allowed.
     """
-    chosen = chosen_materials(RING, materials)
-    body, kinds, skin = two_layers(circle(whole(nodes, "nodes", 3)), chosen)
-    return finished("ring", fix(body, np.arange(len(body.mass)), "z"), kinds, skin, chosen, (0.0, -1.0, 0.0))
+    return layered_object("ring", circle(whole(nodes, "nodes", 3)), layers, RING, materials, (0.0, -1.0, 0.0))
 
 
-def make_sphere(slices=12, stacks=8, **materials) -> Layered:
+def make_sphere(slices=12, stacks=8, layers=2, **materials) -> Layered:
     """A sphere of two layers between circles of latitude, whose faces are smaller near the poles (ch. 3.5.1).
 
     Args:
         slices: around, at least 3.
         stacks: from pole to pole, at least 2.
+        layers: 2, or 1 for the outer layer alone, filled with gas at `pressure`.
         materials: fields of `TwoLayers`; those not given are those of GLOBE.
 
     Raises:
         ValueError: naming the argument, what it holds, and what is allowed.
     """
-    chosen = chosen_materials(GLOBE, materials)
-    body, kinds, skin = two_layers(globe(whole(slices, "slices", 3), whole(stacks, "stacks", 2)), chosen)
-    thing = finished("sphere", body, kinds, skin, chosen, (0.0, 0.0, -1.0))
+    skin = globe(whole(slices, "slices", 3), whole(stacks, "stacks", 2))
+    thing = layered_object("sphere", skin, layers, GLOBE, materials, (0.0, 0.0, -1.0))
     return replace(thing, time_step=1 / 3840)  # light nodes near the poles
 
 
-def make_uniform_sphere(level=2, correction=True, **materials) -> Layered:
+def make_uniform_sphere(level=2, correction=True, layers=2, **materials) -> Layered:
     """A sphere of two layers of triangles of nearly one size: an octahedron divided `level` times (ch. 3.5.2).
 
     Args:
         level: 0 to 3.
         correction: whether springs around the six nodes with 4 neighbours are stiffer (`skins.evened`), so that the
             ball stays round.
+        layers: 2, or 1 for the outer layer alone, filled with gas at `pressure`.
         materials: fields of `TwoLayers`; those not given are those of SPHERE.
 
     Raises:
         ValueError: naming the argument, what it holds, and what is allowed.
     """
-    chosen = chosen_materials(SPHERE, materials)
     skin = octasphere(whole(level, "level", 0, FINEST))
     factor = evened(skin.edges) if correction else np.ones(len(skin.edges))
-    body, kinds, skin = two_layers(skin, chosen, factor)
-    return finished("uniform sphere", body, kinds, skin, chosen, (0.0, 0.0, -1.0))
+    return layered_object("uniform sphere", skin, layers, SPHERE, materials, (0.0, 0.0, -1.0), factor)
 
 
 def whole(value, name: str, least: int, most: int | None = None) -> int:
@@ -153,13 +151,18 @@ def whole(value, name: str, least: int, most: int | None = None) -> int:
     return int(value)
 
 
-def finished(name, body, kinds, skin, chosen, down) -> Layered:
-    """The object of a body, in a room three radii from its middle to the walls."""
+def layered_object(name, skin: Skin, layers, standard: TwoLayers, materials: dict, down, factor=1.0) -> Layered:
+    """The object of a skin, of one layer or two, in a room three radii from its middle to the walls."""
+    layers = whole(layers, "layers", 1, 2)
+    chosen = chosen_materials(standard, materials, layers)
+    body, kinds, skin = (one_layer if layers == 1 else two_layers)(skin, chosen, factor)
     n = len(skin.place)
+    if skin.faces.shape[1] == 2:
+        body = fix(body, np.arange(len(body.mass)), "z")
     return Layered(
         name=name, body=body, length=2.0 * chosen.radius, water=room(down, 3.0 * chosen.radius), time_step=1 / 1920,
-        control_interval=1 / 60, down=np.array(down), outer=np.arange(n), inner=np.arange(n, 2 * n), skin=skin.faces,
-        kinds=kinds,
+        control_interval=1 / 60, down=np.array(down), outer=np.arange(n), inner=np.arange(n, layers * n),
+        skin=skin.faces, kinds=kinds,
     )  # fmt: skip
 
 
