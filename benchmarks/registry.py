@@ -207,6 +207,11 @@ OBJECTS = (
         ("benchmarks.objects.argument:collapse",), data=(),
     ),
     Result(
+        "objects.inner", "the inner layer against the outer: natural frequencies beside simulated ones, an impact",
+        "-m benchmarks.objects.inner", 1, csv("song_inner", "song_inner_impact", "song_inner.svg"),
+        ("benchmarks.objects.inner:compared", "benchmarks.objects.inner:thrown"), data=(),
+    ),
+    Result(
         "objects.frames", "pictures a second of every elastic object, with drawing",
         "-m benchmarks.objects.survey --frames", 0.5, csv("song_frames"), ("benchmarks.objects.survey:frames",),
         data=(),
