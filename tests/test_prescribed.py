@@ -121,7 +121,7 @@ def test_too_few_are_held(method):
 
 
 def test_a_hand_that_moves():
-    """Dragged at a steady velocity in one call or in many, a fish moves alike; its energy has no jumps at calls."""
+    """Dragged at a steady velocity in one call or in many, a fish moves alike."""
     fish, velocity, point = make_fish(), np.array([0.3, 0.1, 0.0]), None
     tanks = [Tank(fish, threads=1) for _ in range(2)]
     for tank in tanks:

@@ -251,7 +251,7 @@ def main() -> int:
         return 0 if bars(read_table(CSV)) else 1
     if not arguments.draw:
         rows, references = [], []
-        with tqdm(total=len(problems()) * len(LINES), each="sweep") as bar:
+        with tqdm(total=len(problems()) * len(LINES), unit="sweep") as bar:
             for problem in problems().values():
                 bar.set_postfix_str(f"{problem.name} reference")
                 reference_path, row = reference_of(problem)
