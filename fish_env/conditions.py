@@ -183,8 +183,8 @@ class Conditioned:
     def reactions(self) -> np.ndarray:
         """Force on every body that holds its fixed and moved nodes, (B,N,3) N; zero on all others.
 
-        By elimination, what all other forces leave to bear at the present positions and velocities; by penalty, the
-        pull of its springs. A wall that such a node touches bears nothing of it.
+        By elimination, what all other forces leave to balance at the present positions and velocities; by penalty, the
+        pull of its springs. A wall that such a node touches carries no part of it.
         """
         body, found = self.fish.body, np.zeros_like(self.state.x)
         world = self.world._replace(anchors=self._conditions.drag)

@@ -76,7 +76,7 @@ def test_penalty_beside_elimination(body):
 
 
 def test_statics_beside_a_tank_that_has_settled():
-    """A tank whose nodes were moved a little and kept there settles where the linear problem says, and bears it."""
+    """A tank whose nodes were moved a little and held settles where the linear problem says, with its reactions."""
     task = bar_task((3, 1, 1))
     tets = task.body.tets._replace(relaxation_time=np.full(len(task.body.tets.nodes), 0.02))
     body, by = task.body._replace(tets=tets), np.array([1e-5, 0.0, 0.0])
@@ -93,7 +93,7 @@ def test_statics_beside_a_tank_that_has_settled():
 
 
 def test_reactions_of_a_body_that_hangs():
-    """At the equilibrium of a large displacement, what holds the body bears its weight and nothing else."""
+    """At the equilibrium of a large displacement, what holds the body carries its weight and nothing else."""
     body = fix(block(), [0, 1, 2])
     world = make_world((0.0, 0.0, -9.81))
     found = reactions(body, equilibrium(body, world), world)
@@ -140,3 +140,27 @@ def test_a_hand_that_moves():
     assert np.abs(late.position - tanks[0].position).max() > 1e-6
     with pytest.raises(ValueError, match="velocity"):
         tanks[0].grab(4, point, 5.0, velocity=(0.0, np.inf, 0.0))
+
+
+def test_a_mass_that_a_hand_drags():
+    """Drawn from rest by a spring whose far end moves at v, a mass is at v t - (v / w) sin(w t); energies follow.
+
+    The energy of the mass and the spring is the work that the hand has done: its force times its way.
+    """
+    mass, stiffness, v, h, n = 0.1, 10.0, 0.3, 1e-3, 400
+    w, times = np.sqrt(stiffness / mass), h * np.arange(1, n + 1)
+    body = make_body(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.full(2, mass), *[[]] * 5)
+    tank = Tank(ElasticObject(name="beads", body=body, length=1.0, time_step=h, control_interval=0.02), 1, None, h)
+    tank.grab(0, np.zeros(3), stiffness, velocity=(v, 0.0, 0.0))
+    place, speed = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        tank.advance(1)
+        place[k], speed[k] = tank.position[0, 0, 0], tank.velocity[0, 0, 0]
+    near = (w * h) ** 2  # the method is of second order
+    np.testing.assert_allclose(place, v * times - v / w * np.sin(w * times), rtol=0, atol=near * v * times[-1])
+    np.testing.assert_allclose(speed, v - v * np.cos(w * times), rtol=0, atol=near * 2 * v)
+    stretch = v * times - place
+    energy = 0.5 * mass * speed**2 + 0.5 * stiffness * stretch**2
+    force = stiffness * np.concatenate([[0.0], stretch])
+    work = np.cumsum(0.5 * (force[1:] + force[:-1]) * v * h)
+    np.testing.assert_allclose(energy, work, rtol=0, atol=2 * near * energy.max())

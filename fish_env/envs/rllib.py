@@ -90,7 +90,7 @@ class FishEnvRunner(SingleAgentEnvRunner):
         return self._episodes(rollout)
 
     def _sample_episodes(self, num_episodes: int, explore: bool, random_actions: bool) -> list[SingleAgentEpisode]:
-        """Whole episodes, of fish that begin together; the runner begins anew afterwards."""
+        """Whole episodes, of fish that begin together; the runner begins again afterwards."""
         self._begin(staggered=False)
         found: list[SingleAgentEpisode] = []
         parts: list[SingleAgentEpisode] = []
