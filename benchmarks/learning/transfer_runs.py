@@ -22,7 +22,7 @@ from benchmarks.common.tables import provenance
 from fish_env import make_fish
 from fish_env.control import Scores, evaluate, evaluation_options, load_policy, make_eval_env, policy_controller
 
-TASKS = {"swim": 1_000_000, "left_after_right": 1_000_000}
+TASKS = {"swim": 1_000_000, "left_after_right": 2_000_000}
 """Environment steps of training."""
 SHORT = 98_304
 """Environment steps of fine-tuning: twelve updates."""
