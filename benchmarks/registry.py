@@ -160,6 +160,11 @@ SPEED = (
         ("benchmarks.speed.factorisation:slender", "benchmarks.speed.factorisation:measure"), data=(), one_core=True,
     ),
     Result(
+        "speed.constant_matrix", "what the constant matrix of linear elasticity saves a step",
+        "-m benchmarks.speed.constant_matrix", 1, csv("constant_matrix"),
+        ("benchmarks.speed.constant_matrix:measure",), data=(), one_core=True,
+    ),
+    Result(
         "speed.limits", "operations of a step against what the processor can do",
         "-m benchmarks.speed.limits", 2, csv("speed/limits.csv"),
         ("benchmarks.speed.limits:operations", "benchmarks.speed.limits:best_times",

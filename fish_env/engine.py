@@ -23,11 +23,12 @@ from fish_env.world import Anchors
 MOST_KEYS = 10_000  # stiffnesses whose plans are remembered
 DEEPEST = 3  # times that steps are halved
 COUNTED = 3  # force evaluations, factorisations and solves of a step
+FACTORISATIONS = 1  # which of them factors that are used again save
 
 
 def make_block(fish_count: int, body, world, kind: Kind, driven, plans, costs, method) -> Pack:
     """What one thread needs to move blocks of fish: their lanes, the forces' cache and the method's scratch."""
-    control = make_control(body, kind, driven, plans, costs)
+    control = make_control(body, kind, driven, plans, costs, forces.constant_system(body, world))
     n = len(body.mass)
     return Pack(
         "block",
@@ -70,6 +71,7 @@ def gather(tank, block, todo, p, q):
     control.fastest[0] = zero(control.fastest)
     control.pivots[0] = zero(control.pivots)
     control.untrusted[0] = zero(control.untrusted)
+    control.reused[0] = 0
 
 
 @kernel
@@ -152,6 +154,7 @@ def make_finish(names: tuple[str, ...]):
             b = INDEX(todo[p + m])
             for k in range(COUNTED):
                 tank.counters[b, k] += steps * control.costs[control.row[0], k]
+            tank.counters[b, FACTORISATIONS] -= control.reused[0]
             tank.counters[b, COUNTED] += int(lane(pivots, m))
             failing = lane(code, m) > 0.0
             if level < queue.deepest and (failing or lane(strain, m) > queue.tolerance):

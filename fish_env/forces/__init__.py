@@ -20,6 +20,8 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
 
 `present(body, world)` says whether there is anything to do: kernels are compiled without the forces that are not there.
 `make_cache(body, world, kind)` makes what the force keeps, a `Pack` that it is then handed as `cache`.
+`constant(body, world)` says whether what `add_system` adds and keeps is the same wherever the nodes are and however
+fast they move; a force that does not say so is taken not to be.
 `rest_matrices(body, elastic)` yields element matrices, (nodes (M,k), matrices (M,3k,3k)), of small motion about rest,
 and `bounds(body, world)` says how stiff and how damped the surroundings make a body, for the choice of a step.
 
@@ -94,6 +96,12 @@ def total(names: tuple[str, ...], function: str, *others: str):
 def any_has(names: tuple[str, ...], *functions: str) -> bool:
     """Whether any of the forces has any of these functions."""
     return any(hasattr(FORCES[name], function) for name in names for function in functions)
+
+
+def constant_system(body, world) -> bool:
+    """Whether h D + h^2 K of all forces that act is the same wherever the nodes are and however fast they move."""
+    implicit = [FORCES[name] for name in present(body, world) if hasattr(FORCES[name], "add_system")]
+    return all(hasattr(force, "constant") and force.constant(body, world) for force in implicit)
 
 
 def bounds(body, world) -> list[tuple[float, float]]:

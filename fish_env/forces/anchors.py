@@ -20,6 +20,11 @@ def present(body, world) -> bool:
     return world.anchors is not None
 
 
+def constant(body, world) -> bool:
+    """Whether all of them are without length: their stiffness is then the same along all axes, wherever the node is."""
+    return not world.anchors.rest_length.any()
+
+
 def make_cache(body, world, kind) -> Pack:
     """What `add_tangent` needs: r, stiffness along all axes, and that along the anchor beyond it over |r|^2."""
     count = len(world.anchors.node)

@@ -10,14 +10,15 @@ NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 NO_PLAN = np.zeros((1, 8))
 
 
-def make_control(body, kind: Kind, driven=(), plans=NO_PLAN, costs=None) -> Pack:
+def make_control(body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, constant=False) -> Pack:
     """The control of a block, of fish as they were made, at their natural lengths.
 
     Fields, an element a fish in each lane: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs
     (D,) at the start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; current (1,) m/s;
     fastest (1,) 1/s, the largest relative change of a spring's length in a second so far; pivots and untrusted (1,),
     what went wrong in solves. Of all fish: plans (P,K), row (1,) and costs (P,3) (`fish_env.forces.plan`); elapsed (1,)
-    s, the time since the start of the call at which forces are evaluated.
+    s, the time since the start of the call at which forces are evaluated; constant, whether the forces' system matrix
+    does not depend on the motion; reused (1,), steps of a call that took over the factors of the step before.
     """
     control = Pack(
         "control",
@@ -36,6 +37,8 @@ def make_control(body, kind: Kind, driven=(), plans=NO_PLAN, costs=None) -> Pack
         costs=np.zeros((len(plans), 3), dtype=np.int64) if costs is None else costs,
         row=np.zeros(1, dtype=np.int64),
         elapsed=np.zeros(1),
+        constant=bool(constant),
+        reused=np.zeros(1, dtype=np.int64),
     )
     control.rest_length.memory[:, : kind.width] = body.springs.rest_length[:, None]
     for name in ("stiffness", "drag", "lightness"):

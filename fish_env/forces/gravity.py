@@ -10,6 +10,11 @@ def present(body, world) -> bool:
     return world.gravity is not None
 
 
+def constant(body, world) -> bool:
+    """The drag of the air is linear in the velocities: what it adds to a matrix never changes."""
+    return True
+
+
 @kernel
 def add_force(body, world, control, x, v, f, cache):
     """Add the weight and the drag of the air on every node."""

@@ -33,6 +33,11 @@ def present(body, world) -> bool:
     return body.tets is not None
 
 
+def constant(body, world) -> bool:
+    """Whether the elements are those of linear elasticity, of which the stiffness does not depend on the motion."""
+    return not body.tets.rotating
+
+
 def make_cache(body, world, kind) -> Pack:
     """What `add_tangent` needs: turned gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch."""
     count = len(body.tets.nodes)

@@ -4,6 +4,10 @@ Linearly implicit Euler is that of one stage (Baraff & Witkin 1998), ROS2 that o
 order for any approximate Jacobian and L-stable. The whole stiffness and damping of forces with an `add_system` are
 implicit. Other forces are explicit, and so is the water, but for its damping in the variant WATER.
 
+Where the matrix does not depend on the motion, as that of linear elasticity, its factors are used again from step to
+step, from call to call and from fish to fish, until the step or a fish's factors on stiffness or mass are others; with
+other boundary conditions a tank makes its engine, and with it the scratch memory, anew.
+
 Legend: x, v positions and velocities of a block; h step, inner the part of it that is implicit; matrix the system
 matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration, then a, that of
 the step so far, as u is its speed; sx, sv where they lead; p the acceleration of the first stage; rate what positions
@@ -13,12 +17,14 @@ would move at; y the pull of the stiffness if the nodes moved at that rate for a
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from fish_env import forces
 from fish_env._jit import kernel
 from fish_env.forces.plan import INNER, H
 from fish_env.integrators import _common as common
 from fish_env.linalg import ldlt
-from fish_env.simd import fma, zero
+from fish_env.simd import floats, fma, zero
 
 GAMMA = 1.0 - math.sqrt(0.5)  # of ROS2: of the two values that make it L-stable, the smaller and more accurate one
 
@@ -44,7 +50,10 @@ class Rosenbrock:
 
     def make_work(self, body, kind):
         matrix, row = kind.vectors(3 * int(body.profile.start[-1])), kind.vectors(3 * len(body.mass))
-        return common.scratch(body, kind, "f", "y", "sx", "sv", "p", "rate", matrix=matrix, row=row)
+        return common.scratch(
+            body, kind, "f", "y", "sx", "sv", "p", "rate", matrix=matrix, row=row,
+            step=np.zeros(1), stiffness=kind.numbers(1), lightness=kind.numbers(1),
+        )  # fmt: skip
 
     def make_run(self, names):
         time, last = self.time, len(self.time) - 1
@@ -53,6 +62,7 @@ class Rosenbrock:
         implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
         add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
         add_damping = forces.total(names if self.wet else (), "add_damping")
+        steady = not (self.wet and forces.any_has(names, "add_damping"))
 
         @kernel
         def run(body, world, control, x, v, work, cache, n):
@@ -65,12 +75,15 @@ class Rosenbrock:
                     for i in range(x.size):
                         f[i] = zero(f)
                         y[i] = zero(y)
-                    if stage == 0:
+                    if stage == 0 and steady and holds(control, work, inner):
+                        control.reused[0] += 1
+                    elif stage == 0:
                         common.set_masses(body, matrix)
                         add_damping(body, world, control, x, v, matrix, cache)
                         add_system(body, world, control, x, v, matrix, cache)  # (30)
                         common.eliminate(body, matrix)
                         common.count_pivots(control, ldlt.factor(body.profile, matrix, work.row))
+                        remember(control, work, inner)
                     add_tangent(body, world, control, x, speed, y, cache)
                     add_force(body, world, control, px, pv, f, cache)
                     for i in range(x.size):
@@ -94,6 +107,27 @@ class Rosenbrock:
                 finish(body, world, control, x, v, f, cache)
 
         return run
+
+
+@kernel
+def holds(control, work, inner):
+    """Whether the factors in `work` are those of this step's matrix, for every fish of the block."""
+    stiffness, lightness, same = floats(work.stiffness), floats(work.lightness), control.constant
+    same = same and work.step[0] == inner
+    for lane in range(stiffness.shape[1]):
+        same = same and stiffness[0, lane] == floats(control.stiffness)[0, lane]
+        same = same and lightness[0, lane] == floats(control.lightness)[0, lane]
+    return same
+
+
+@kernel
+def remember(control, work, inner):
+    """Note what the factors in `work` were made for: nothing if a pivot of one fish is not to be trusted."""
+    untrusted = floats(control.untrusted)
+    work.step[0], work.stiffness[0], work.lightness[0] = inner, control.stiffness[0], control.lightness[0]
+    for lane in range(untrusted.shape[1]):
+        if untrusted[0, lane] > 0.0:
+            work.step[0] = 0.0
 
 
 EULER = Rosenbrock()

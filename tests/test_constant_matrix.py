@@ -1,0 +1,122 @@
+"""The system matrix of linear elasticity is factored once, and again when what it is made of changes, and only then."""
+
+import numpy as np
+import pytest
+from moving import tiered
+from small_bodies import block
+
+from benchmarks.common.beam import loose
+from benchmarks.speed.constant_matrix import refactoring
+from fish_env import Tank, make_water, make_world
+from fish_env.bodies.mesh import grid, lumped_mass
+from fish_env.body import fix, make_body
+from fish_env.elements import make_tets
+from fish_env.failures import FAILURES, UNTRUSTED_SOLVE
+from fish_env.world import make_anchors
+
+STEP = 0.002  # s
+AIR = make_world(gravity=(0.0, 0.0, -9.81), viscosity=1e-3)
+REUSING = ("linearly_implicit", "linearly_implicit_projected", "rosenbrock")
+
+
+def made(count=1, name="linearly_implicit", world=AIR, corotational=False, clamped=True, **options) -> Tank:
+    """Blocks of eight cells, their nodes displaced at random."""
+    body = block(corotational=corotational, cells=2)
+    body = fix(body, body.position[:, 0] == body.position[:, 0].min()) if clamped else body
+    tank = Tank(loose(body, STEP), count, name, STEP, world, **({"threads": 1} | options))
+    shift = np.random.default_rng(0).normal(scale=1e-3, size=tank.position[0].shape)
+    tank.position[:] += shift * (body.inverse_mass > 0)
+    return tank
+
+
+def factored(tank: Tank, steps: int) -> list[int]:
+    """How many factorisations each body was counted while it took so many steps."""
+    before = tank.counters["factorisations"].copy()
+    tank.advance(steps)
+    return (tank.counters["factorisations"] - before).tolist()
+
+
+@pytest.mark.parametrize("name", tiered(REUSING, ("linearly_implicit", "rosenbrock")))
+@pytest.mark.parametrize("options", [{}, {"count": 11}, {"count": 3, "dtype": "float32"}], ids=str)
+def test_same_bits_as_with_refactorisation(name, options):
+    """The factors that are used again give the trajectory of a new factorisation a step, bit for bit."""
+    tank, other = made(name=name, **options), refactoring(made(name=name, **options))
+    for _ in range(4):
+        tank.advance(10)
+        other.advance(10)
+    assert tank.alive.all() and np.ptp(tank.position - tank.fish.body.position) > 1e-3
+    assert tank.position.tobytes() == other.position.tobytes() and tank.velocity.tobytes() == other.velocity.tobytes()
+    assert tank.counters["factorisations"].sum() == min(tank.num_fish, tank.kind.width)  # those of the first block
+    assert (other.counters["factorisations"] == 40).all()
+    assert np.array_equal(tank.counters["solves"], other.counters["solves"])
+
+
+def test_factored_again_when_it_changes():
+    """Another stiffness, mass, boundary condition or penalty is a new matrix; positions and drag are none."""
+    tank = made()
+    assert factored(tank, 20) == [1]
+    assert factored(tank, 20) == [0]
+    tank.reset()
+    assert factored(tank, 5) == [0]
+    last = tank.position.shape[1] - 1
+    for change in (
+        lambda: tank.vary(0, stiffness=2.0), lambda: tank.vary(0, stiffness=2.0, mass=0.5), lambda: tank.vary(0),
+        lambda: tank.fix([last], "xy"), lambda: tank.move([last], (0.0, 0.0, 0.1)), lambda: tank.release([last]),
+        lambda: tank.fix([last], method="penalty"), lambda: tank.release([last]),
+        lambda: tank.grab(last, (0.3, 0.0, 0.0), 5.0, 0.1, 0.0),
+    ):  # fmt: skip
+        change()
+        assert factored(tank, 7) == [1]
+    tank.grab(last, (0.0, 0.3, 0.0), 5.0, 0.1, 0.0)  # the hand has moved, the spring is the same
+    assert factored(tank, 7) == [0]
+    tank.grab(last, (0.0, 0.3, 0.0), 5.0, 0.1, 0.05)  # a spring with a length turns, and its stiffness with it
+    assert factored(tank, 7) == [7]
+
+
+@pytest.mark.parametrize("change", [{"stiffness": 3.0}, {"mass": 0.4}, {"stiffness": 0.5, "mass": 0.5}], ids=str)
+def test_fish_that_differ_have_matrices_of_their_own(change):
+    """In a batch of bodies that differ, in lanes and alone in turn, each moves as it does by itself."""
+    batch = made(5, lanes=2)
+    for i in (1, 4):
+        batch.vary(i, **change)
+    batch.advance(15)
+    batch.advance(15)
+    for i in range(5):
+        alone = refactoring(made())
+        if i in (1, 4):
+            alone.vary(0, **change)
+        alone.advance(30)
+        assert batch.position[i].tobytes() == alone.position[0].tobytes()
+
+
+def test_what_is_not_constant():
+    """Corotational elements, and water that is taken implicitly, are factored a step."""
+    assert factored(made(corotational=True), 9) == [9]
+    mesh = grid(np.linspace(0.0, 0.2, 3), np.full(3, 0.05), np.full(3, 0.05), 2, 2)
+    tets = make_tets(mesh.position, mesh.tets, 2e4, 0.3, corotational=False)
+    mass = lumped_mass(mesh.position, mesh.tets, 1000.0)
+    wet = loose(make_body(mesh.position, mass, [], [], [], [], mesh.faces, tets=tets), STEP)
+    for name, wanted in (("linearly_implicit", 1), ("linearly_implicit_water", 9)):
+        assert factored(Tank(wet, 1, name, STEP, make_water(), threads=1), 9) == [wanted]
+
+
+def test_anchors_without_length_are_constant():
+    """A body on anchors without length has one matrix, and swings as it does with a new factorisation a step."""
+    nodes = [0, 1]
+    world = AIR._replace(anchors=make_anchors(nodes, np.zeros((2, 3)), 40.0, 0.1, 0.0))
+    tank, other = made(world=world, clamped=False), refactoring(made(world=world, clamped=False))
+    assert factored(tank, 30) == [1] and factored(other, 30) == [30]
+    assert tank.position.tobytes() == other.position.tobytes()
+
+
+def test_a_matrix_that_cannot_be_trusted_is_not_kept():
+    """A free body beside whose stiffness its mass is lost fails; afterwards it moves as if nothing had been."""
+    tank, other = made(clamped=False), made(clamped=False)
+    tank.vary(0, stiffness=1e25)
+    tank.advance(5)
+    assert tank.failure[0] == FAILURES[UNTRUSTED_SOLVE]
+    tank.vary(0)
+    tank.reset()
+    other.reset()
+    assert factored(tank, 5) == [1] and factored(other, 5) == [1]
+    assert tank.position.tobytes() == other.position.tobytes()
