@@ -31,6 +31,8 @@ OTHER_PROGRAMS = {
     "cd": "a shell's own",
     "ray": "starts a cluster",
 }
+OTHER_LIBRARIES = {"rllib": "ray", "cleanrl": "torch", "torchrl": "torchrl", "sbx": "sbx"}
+"""Libraries that the help of an example needs, by a word of its name."""
 OTHER_MODULES = {"rl_zoo3.train": "not installed here", "rl_zoo3.enjoy": "not installed here", "pip": "see `pip`"}
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
@@ -140,8 +142,9 @@ def test_command(block, words):
         return None
     assert program == "python", f"{block}: say in tests/test_blocks.py how {program} is checked"
     entry = rest[:2] if rest[0] == "-m" else rest[:1]
-    if "rllib" in entry[-1]:
-        pytest.importorskip("ray")
+    for word, module in OTHER_LIBRARIES.items():
+        if word in entry[-1]:
+            pytest.importorskip(module)
     if entry[-1] in OTHER_MODULES:
         return None
     arguments = rest[len(entry) :]

@@ -15,8 +15,9 @@ from pages import ROOT
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.rglob("*.py"))
 NOTEBOOK = json.loads((EXAMPLES / "quickstart.ipynb").read_text())
-QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"}
-"""The scripts that a test below runs, and one that `test_rllib.py` does."""
+LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
+QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"} | LEARNERS
+"""The scripts that a test below runs, one that `test_rllib.py` does, and those of `test_learners.py`."""
 
 
 def run(folder, *words, **variables):
