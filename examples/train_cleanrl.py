@@ -18,6 +18,7 @@ import math
 import time
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -25,7 +26,7 @@ import torch
 from torch import nn
 from torch.distributions import Normal
 
-import fish_env  # registers the environments
+import fish_env
 from fish_env.control import Policy, evaluate, make_eval_env, policy_controller
 
 
@@ -93,10 +94,13 @@ def layer(inputs: int, outputs: int, gain: float = math.sqrt(2.0)) -> nn.Linear:
 class Agent(nn.Module):
     """Actor and critic; observations are scaled by the fixed numbers of the layout."""
 
-    def __init__(self, envs: gym.vector.VectorEnv, args: Args):
+    offset: torch.Tensor
+    scale: torch.Tensor
+
+    def __init__(self, envs: fish_env.FishVectorEnv, args: Args):
         super().__init__()
-        inputs, outputs = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]  # type: ignore
-        offset, scale = envs.unwrapped.layout.scaling()  # type: ignore[attr-defined]
+        inputs, outputs = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
+        offset, scale = envs.layout.scaling()
         self.register_buffer("offset", torch.tensor(offset, dtype=torch.float32))
         self.register_buffer("scale", torch.tensor(scale, dtype=torch.float32))
         self.actor, self.critic = (
@@ -117,7 +121,7 @@ class Agent(nn.Module):
         biases = [part.bias.detach().double().numpy().copy() for part in linear]
         weights[0] /= self.scale.double().numpy()[:, None]  # the scaling becomes part of the first layer
         biases[0] -= self.offset.double().numpy() @ weights[0]
-        return Policy(tuple(np.float32(w) for w in weights), tuple(np.float32(b) for b in biases), about)
+        return Policy(tuple(w.astype(np.float32) for w in weights), tuple(b.astype(np.float32) for b in biases), about)
 
 
 def advantages(rewards, values, ends, following, args: Args, gamma: float) -> torch.Tensor:
@@ -136,12 +140,12 @@ def advantages(rewards, values, ends, following, args: Args, gamma: float) -> to
 class Collector:
     """Steps the fish and remembers what they saw, did and were paid."""
 
-    def __init__(self, envs: gym.vector.VectorEnv, agent: Agent, args: Args):
+    def __init__(self, envs: fish_env.FishVectorEnv, agent: Agent, args: Args):
         self.envs, self.agent, self.args = envs, agent, args
         obs, _ = envs.reset(seed=args.seed)
-        envs.unwrapped.stagger()  # type: ignore[attr-defined]  # the first episodes do not all end in the same step
+        envs.stagger()  # the first episodes do not all end in the same step
         self.obs = torch.from_numpy(obs)
-        self.gamma = math.exp(-envs.unwrapped.control_interval / args.horizon)  # type: ignore[attr-defined]
+        self.gamma = math.exp(-envs.control_interval / args.horizon)
         self.returns: list[float] = []
 
     @torch.no_grad()
@@ -158,7 +162,7 @@ class Collector:
                 last = torch.from_numpy(np.stack(list(infos["final_obs"][which])))
                 following[which] = self.agent(last)[1] * torch.from_numpy(~terminated[which])
                 terms = infos["final_info"]["terms"]
-                self.returns += sum(terms[name][which] for name in terms if not name.startswith("_")).tolist()
+                self.returns += np.sum([terms[name][which] for name in terms if name[0] != "_"], axis=0).tolist()
             parts = (self.obs, action, chance.log_prob(action).sum(-1), value, torch.from_numpy(reward).float(),
                      torch.from_numpy(terminated | truncated).float(), following)  # fmt: skip
             for store, part in zip(held, parts, strict=True):
@@ -190,8 +194,9 @@ def update(agent: Agent, optimiser: torch.optim.Optimizer, rollout: tuple[torch.
 def train(args: Args) -> Policy:
     """Train, and return the policy."""
     torch.manual_seed(args.seed)
-    options = {"muscle_groups": args.muscle_groups}
+    options: dict[str, Any] = {"muscle_groups": args.muscle_groups}
     envs = gym.make_vec(args.env_id, num_envs=args.num_envs, autoreset_mode="SameStep", **options)
+    assert isinstance(envs, fish_env.FishVectorEnv)  # it is not wrapped
     agent = Agent(envs, args)
     optimiser = torch.optim.Adam(agent.parameters(), lr=args.learning_rate, eps=1e-5)
     collector, begun = Collector(envs, agent, args), time.perf_counter()
