@@ -32,6 +32,22 @@ def test_variation_is_at_its_extremes():
     for name in drawn[0]:
         option = VARIATIONS[name]
         assert {corner[name] for corner in drawn} == {(option.low, option.low), (option.high, option.high)}
+    assert set(soak.extremes(np.random.default_rng(0), flat=True)) == set(drawn[0]) - {"pitch", "roll"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(soak.PASS)))
+def test_every_round(number, monkeypatch):
+    """Each combination can be driven; nothing that leaves it is not finite."""
+    monkeypatch.setattr(soak, "STEPS", 12)
+    name, found = soak.round_of(number, {}, fish=8)
+    assert name == " ".join(soak.PASS[number]) and found["fish_steps"] == 96 and found["not_finite"] == 0
+
+
+def test_a_flat_body_can_be_driven(short, monkeypatch):
+    """It stays in its plane, whatever the corner."""
+    monkeypatch.setattr(soak, "PASS", [("planar", "swim", "random")])
+    assert all(soak.round_of(number, {})[1]["not_finite"] == 0 for number in range(3))
 
 
 def stored(path):

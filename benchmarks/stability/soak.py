@@ -29,7 +29,7 @@ from benchmarks.common.tables import ROOT, write_csv
 from benchmarks.stability.attack_search import decoded
 from benchmarks.stability.cases import stored
 from benchmarks.stability.mistreatment import GOALS, LEVELS
-from fish_env import BODIES, TASKS
+from fish_env import BODIES, TASKS, make_fish
 from fish_env._jit import source_hash
 from fish_env.bodies import Fish
 from fish_env.control.files import write_text
@@ -47,10 +47,11 @@ FIXED = {"task": "swim", "body": "mass_spring"}  # whose speed is measured at th
 AIM = 100_000_000
 
 
-def extremes(generator: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """A corner of all that may vary; where a current flows to is left to chance."""
+def extremes(generator: np.random.Generator, flat: bool = False) -> dict[str, tuple[float, float]]:
+    """A corner of all that may vary; where a current flows to is left to chance, and a flat body stays in its plane."""
     ends = {name: (option.low, option.high)[generator.integers(2)] for name, option in VARIATIONS.items()}
-    return {name: (end, end) for name, end in ends.items() if name != "current_heading"}
+    left = {"current_heading", "pitch", "roll"} if flat else {"current_heading"}
+    return {name: (end, end) for name, end in ends.items() if name not in left}
 
 
 class Search:
@@ -127,7 +128,8 @@ def round_of(number: int, held: dict[str, list], fish: int | None = None) -> tup
     body, task, kind = PASS[number % len(PASS)]
     generator = np.random.default_rng([7, number])
     count = fish or FISH.get(body, USUAL)
-    env = FishVectorEnv(count, task=task, body=body, variation=extremes(generator), autoreset_mode="SameStep",
+    flat = not make_fish(body).body.inverse_mass[:, 2].any()
+    env = FishVectorEnv(count, task=task, body=body, variation=extremes(generator, flat), autoreset_mode="SameStep",
                         max_episode_steps=TASKS[task].episode_steps, threads=1)  # fmt: skip
     search = Search(held)
     goals, points = goals_of(kind, env.tank.fish, count, generator, search)
