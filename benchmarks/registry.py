@@ -88,6 +88,14 @@ ACCURACY = (
         ("benchmarks.accuracy.boundary:measure",),
     ),
     Result(
+        "accuracy.strain_measures", "linear, corotational and quadratic strain in rotation, extension, bending; costs",
+        "-m benchmarks.accuracy.strain_measures", 3,
+        csv("strain_rotation", "strain_extension", "strain_bending", "strain_costs")
+        + images("strain_measures.svg"),
+        ("benchmarks.accuracy.strain_measures:rotated", "benchmarks.accuracy.strain_measures:drawn",
+         "benchmarks.accuracy.strain_measures:bent", "benchmarks.accuracy.strain_measures:costs"), data=(),
+    ),
+    Result(
         "accuracy.finite_elements", "the finite-element body against beam theory; recovery, vibration",
         "-m benchmarks.accuracy.finite_elements", 5,
         csv(*(f"finite_elements_{name}" for name in ("beam", "bending", "shapes", "recovery", "vibration")))

@@ -11,6 +11,7 @@ import numpy as np
 from fish_env.checks import finite_array, node_array, positive_array
 from fish_env.volume import volume_of
 
+STRAINS = ("corotational", "linear", "green_lagrange")
 FLAT = 1e-9  # volume over that of a cube on the longest edge, below which an element counts as flat
 
 
@@ -24,6 +25,7 @@ class Tets(NamedTuple):
     dilation: np.ndarray  # (T,) Lame's lambda, Pa
     relaxation_time: np.ndarray  # (T,) damping over stiffness, s
     rotating: bool  # corotational; False is plain linear elasticity, which mistakes rotation for strain
+    quadratic: bool  # the strain of Green and Lagrange instead of either
 
 
 class Compartments(NamedTuple):
@@ -43,8 +45,8 @@ class Barriers(NamedTuple):
     energy: np.ndarray  # (K,) scale of the barrier, J
 
 
-def make_tets(position, nodes, young, poisson, relaxation_time=0.0, corotational=True) -> Tets:
-    """Tetrahedra (T,4) between nodes at rest at `position` (N,3) m (docs/physics.md, eq. 46-51).
+def make_tets(position, nodes, young, poisson, relaxation_time=0.0, strain="corotational") -> Tets:
+    """Tetrahedra (T,4) between nodes at rest at `position` (N,3) m (docs/physics.md, eq. 46-51 and 69-71).
 
     Args:
         position: (N,3) m.
@@ -52,11 +54,15 @@ def make_tets(position, nodes, young, poisson, relaxation_time=0.0, corotational
         young: Young's modulus, Pa, positive: one number or (T,).
         poisson: Poisson's ratio, above -1 and below 0.5: one number or (T,).
         relaxation_time: damping over stiffness, s, zero or positive: one number or (T,).
-        corotational: False for plain linear elasticity.
+        strain: what is taken for strain: "corotational", linear in a frame that turns with each element; "linear", in
+            a fixed frame, for small rotations; "green_lagrange", quadratic, whatever the rotation.
 
     Raises:
-        ValueError: naming the first element that is flat, inverted or repeated, or whose material is not allowed.
+        ValueError: naming the first element that is flat, inverted or repeated, or whose material is not allowed; for
+            an unknown measure of strain.
     """
+    if strain not in STRAINS:
+        raise ValueError(f"strain is {strain!r}; choose from {', '.join(map(repr, STRAINS))}")
     position = finite_array(position, (len(position), 3), "position (m)")
     nodes = node_array(nodes, 4, len(position), "tetrahedra")
     count = len(nodes)
@@ -79,7 +85,7 @@ def make_tets(position, nodes, young, poisson, relaxation_time=0.0, corotational
     gradient = np.ascontiguousarray(np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1))
     shear = 0.5 * young / (1.0 + poisson)
     dilation = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    return Tets(nodes, gradient, volume, shear, dilation, damped, bool(corotational))
+    return Tets(nodes, gradient, volume, shear, dilation, damped, strain == STRAINS[0], strain == STRAINS[2])
 
 
 def make_compartments(position, surfaces, pressure, ambient=0.0) -> Compartments:

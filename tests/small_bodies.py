@@ -26,13 +26,13 @@ def kuhn(corners):
     return np.array(found)
 
 
-def block(corotational=True, young=2e4, poisson=0.3, relaxation_time=2e-3, size=0.1, cells=2):
+def block(strain="corotational", young=2e4, poisson=0.3, relaxation_time=2e-3, size=0.1, cells=2):
     """A bar of cubes along x, six irregular tetrahedra each: 4 (cells + 1) nodes."""
     rng = np.random.default_rng(0)
     layers = np.array([[x, *yz] for x in range(cells + 1) for yz in product((0.0, 1.0), repeat=2)])
     position = size * (layers + 0.1 * rng.uniform(-1, 1, layers.shape))
     nodes = np.concatenate([kuhn(range(4 * c, 4 * c + 8)) for c in range(cells)])
-    tets = make_tets(position, nodes, young, poisson, relaxation_time, corotational)
+    tets = make_tets(position, nodes, young, poisson, relaxation_time, strain)
     mass = rng.uniform(0.05, 0.1, len(position))
     return make_body(position, mass, [], [], [], [], [], tets=tets)
 
@@ -177,7 +177,8 @@ BODIES = {
     name: completed(body)
     for name, body in {
         "block": block(),
-        "linear block": block(corotational=False),
+        "linear block": block("linear"),
+        "green block": block("green_lagrange"),
         "compartment": tetrahedral_compartment(),
         "two layers": two_layers(),
         "rings": rings(),

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from moving import tiered
 
-from benchmarks.accuracy import beam_bending, beam_vibration, block_recovery
+from benchmarks.accuracy import beam_bending, beam_vibration, block_recovery, strain_measures
 from benchmarks.common import beam
 from benchmarks.speed.factorisation import slender
 from fish_env import Tank, make_world, statics
 from fish_env.bodies.mesh import box, grid, lumped_mass
 from fish_env.body import fix
-from fish_env.elements import make_compartments
+from fish_env.elements import STRAINS, make_compartments
 from fish_env.forces.evaluate import Evaluator
 from fish_env.volume import volume_of
 
@@ -38,6 +38,10 @@ def stresses(body, x):
     """Of every element in its own frame, (T,3,3) Pa, by numpy."""
     f = np.einsum("tac,tad->tcd", x[body.tets.nodes], body.tets.gradient)
     turn = np.broadcast_to(np.eye(3), f.shape)
+    if body.tets.quadratic:
+        strain = 0.5 * (np.swapaxes(f, 1, 2) @ f - np.eye(3))
+        trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
+        return 2 * body.tets.shear[:, None, None] * strain + body.tets.dilation[:, None, None] * trace * np.eye(3)
     if body.tets.rotating:
         u, _, vt = np.linalg.svd(f)
         assert np.all(np.linalg.det(u @ vt) > 0)
@@ -48,15 +52,15 @@ def stresses(body, x):
     return 2 * body.tets.shear[:, None, None] * strain + body.tets.dilation[:, None, None] * trace * np.eye(3)
 
 
-@pytest.mark.parametrize("corotational", [False, True])
-def test_patch(corotational):
+@pytest.mark.parametrize("kind", STRAINS)
+def test_patch(kind):
     """A linear field on the boundary is found inside an irregular mesh, and the stress is the same everywhere.
 
-    For the corotational elements the strained body is turned by a large angle too.
+    For elements that may turn the strained body is turned by a large angle too.
     """
-    body, inner = irregular(corotational=corotational)
+    body, inner = irregular(strain=kind)
     strain = np.array([[0.02, 0.01, -0.015], [0.01, -0.03, 0.005], [-0.015, 0.005, 0.01]])
-    gradient = (TURN if corotational else np.eye(3)) @ (np.eye(3) + strain)
+    gradient = (np.eye(3) if kind == "linear" else TURN) @ (np.eye(3) + strain)
     wanted = body.position @ gradient.T + [0.3, -0.2, 0.1]
     start = np.where(inner[:, None], wanted + 0.003 * np.sin(np.arange(wanted.size)).reshape(-1, 3), wanted)
     x = statics.equilibrium(fix(body, ~inner), start=start, tolerance=1e-15)
@@ -64,6 +68,8 @@ def test_patch(corotational):
     np.testing.assert_allclose(x, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
     stress = stresses(body, x)
     young, shear = 2e5, 2e5 / 2.6
+    if kind == "green_lagrange":
+        strain = strain + 0.5 * strain @ strain
     expected = 2 * shear * strain + young * 0.3 / (1.3 * 0.4) * np.trace(strain) * np.eye(3)
     np.testing.assert_allclose(
         stress, np.broadcast_to(expected, stress.shape), rtol=0, atol=1e-12 * np.abs(expected).max()
@@ -73,13 +79,13 @@ def test_patch(corotational):
 def test_rigid_rotation_costs_nothing():
     """A turned body feels no force, to 1e-10 of stiffness times size; plain linear elasticity takes it amiss."""
     forces = {}
-    for corotational in (True, False):
-        body, _ = irregular(corotational=corotational)
+    for strain in STRAINS:
+        body, _ = irregular(strain=strain)
         f = Evaluator(body, make_world()).force(np.zeros(0), body.position @ TURN.T + 1.0, 0 * body.position)
         stiffness = np.abs(statics.tangent(body, make_world(), np.zeros(0), body.position).diagonal()).max()
-        forces[corotational] = np.abs(f).max() / (stiffness * 0.1)
-    assert forces[True] < 1e-10
-    assert forces[False] > 1e-2
+        forces[strain] = np.abs(f).max() / (stiffness * 0.1)
+    assert forces["corotational"] < 1e-10 and forces["green_lagrange"] < 1e-10
+    assert forces["linear"] > 1e-2
 
 
 def test_cantilever_converges():
@@ -108,7 +114,7 @@ def test_cantilever_converges():
 def test_large_bending():
     """Under a load that bends it through 80 degrees the corotational beam is an elastica and keeps its volume."""
     load = (2.0, 5.0, 10.0)
-    turned, fixed = (beam.cantilever(4, corotational=choice) for choice in (True, False))
+    turned, fixed = (beam.cantilever(4, strain=strain) for strain in STRAINS[:2])
     *_, (_, x) = beam_bending.bend(turned, load)
     *_, (_, y) = beam_bending.bend(fixed, load)
     assert abs(beam_bending.volume(turned, x) - 1) < 0.03
@@ -260,3 +266,54 @@ def test_meshes_that_cannot_be():
     ):  # fmt: skip
         with pytest.raises(ValueError, match=message):
             grid(*arguments)
+
+
+@pytest.mark.parametrize("strain", STRAINS)
+def test_bar_follows_the_law_of_its_material(strain):
+    """Drawn out and pressed, a bar pulls by E e, or by E (s^2 - 1) s / 2 of its stretch s with quadratic strain."""
+    for row in strain_measures.drawn(strain):
+        assert row["force"] == pytest.approx(row["law"], abs=1e-13)
+
+
+def test_quadratic_strain_gives_way_under_pressure_and_does_not_see_a_reflection():
+    """Its bar resists most at 1 / sqrt 3 of its length; inside out its block is at rest, where others push back."""
+    stretch = np.linspace(0.3, 0.9, 601)
+    hardest = stretch[np.argmin([strain_measures.law("green_lagrange", s) for s in stretch])]
+    assert hardest == pytest.approx(1 / np.sqrt(3), abs=1e-3)
+    forces = {}
+    for strain in STRAINS:
+        body, _ = irregular(strain=strain)
+        f = Evaluator(body, make_world()).force(np.zeros(0), body.position * [1, 1, -1], 0 * body.position)
+        forces[strain] = np.abs(f).max() / (2e5 * 0.1**2)
+    assert forces["green_lagrange"] < 1e-14 and min(forces["linear"], forces["corotational"]) > 1e-2
+
+
+def test_quadratic_strain_bends_as_the_elastica():
+    """Under a load that bends it through 80 degrees, its beam is where the corotational one is, to a hundredth."""
+    load = (2.0, 5.0, 10.0)
+    *_, (_, x) = beam_bending.bend(beam.cantilever(4, strain="corotational"), load)
+    body = beam.cantilever(4, strain="green_lagrange")
+    *_, (_, y) = beam_bending.bend(body, load)
+    assert np.linalg.norm(beam.tip(body, x) - beam.tip(body, y)) < 0.01 * beam.LENGTH
+    assert abs(beam_bending.volume(body, y) - 1) < 0.002
+
+
+@pytest.mark.parametrize("method", ["linearly_implicit_projected", "leapfrog_chebyshev"])
+def test_quadratic_strain_in_motion(method):
+    """A free block that spins fast and is stretched by it keeps its angular momentum, and its energy does not grow."""
+    position, nodes = box((0.1, 0.05, 0.05), (4, 2, 2))
+    body = beam.solid(position, nodes, 0.3, strain="green_lagrange", relaxation_time=0.002)
+    tank = Tank(beam.loose(body, 0.001), 1, method, 0.001, threads=1)
+    x = body.position - body.mass @ body.position / body.mass.sum()
+    tank.velocity[0] = np.cross([0.0, 0.0, 60.0], x)
+    evaluator, rest = Evaluator(body, tank.world), np.zeros(0)
+    spin, energy, longest = [], [], []
+    for _ in range(100):
+        spin.append((body.mass[:, None] * np.cross(tank.position[0], tank.velocity[0])).sum(axis=0)[2])
+        energy.append(sum(evaluator.energies(rest, tank.position[0], tank.velocity[0]).values()))
+        longest.append(np.linalg.norm(np.ptp(tank.position[0], axis=0)))
+        tank.advance(5)
+    assert tank.alive.all() and max(longest) > 1.05 * longest[0]
+    assert np.diff(energy).max() < 1e-3 * energy[0]
+    if method == "leapfrog_chebyshev":
+        np.testing.assert_allclose(spin, spin[0], rtol=2e-3)

@@ -21,7 +21,7 @@ def block(poisson=0.3, cells=2, linear=False):
     """A cube of tetrahedra, (cells+1)^3 nodes."""
     task = bar_task((cells, cells, cells), SIZE / cells)
     tets = task.body.tets
-    shape = make_tets(task.body.position, tets.nodes, YOUNG, poisson, corotational=not linear)
+    shape = make_tets(task.body.position, tets.nodes, YOUNG, poisson, strain="linear" if linear else "corotational")
     return make_body(task.body.position, task.body.mass, [], [], [], [], [], tets=shape)
 
 

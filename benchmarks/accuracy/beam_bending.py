@@ -6,6 +6,7 @@ from scipy.integrate import solve_bvp
 from benchmarks.common.beam import LENGTH, cantilever, first_frequency, rigidity, tip, tip_load, vertical
 from fish_env import statics
 from fish_env.body import Body
+from fish_env.elements import STRAINS
 
 REFINED = (2, 4, 8, 16, 32)
 BENDING = 8  # cells through the thickness of the beam that is bent far
@@ -67,7 +68,7 @@ def bend(body: Body, loads):
 def bending() -> tuple[list[dict], list[dict]]:
     """Tip and volume of the beam, corotational and linear, beside the elastica's tip; then the shapes at SHOWN."""
     rows, shapes = [], {}
-    turned, fixed = (cantilever(BENDING, corotational=choice) for choice in (True, False))
+    turned, fixed = (cantilever(BENDING, strain=strain) for strain in STRAINS[:2])
     for (load, x), (_, y) in zip(bend(turned, LOADS), bend(fixed, LOADS), strict=True):
         wanted = elastica(load)[-1]
         here, there = tip(turned, x) / LENGTH, tip(fixed, y) / LENGTH

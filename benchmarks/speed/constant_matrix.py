@@ -35,7 +35,7 @@ def refactoring(tank: Tank) -> Tank:
 def beam(cells) -> Body:
     """A clamped beam of so many cubic cells along, across and upward."""
     position, nodes = box(CELL * np.array(cells), cells)
-    body = solid(position, nodes, 0.3, relaxation_time=0.002, corotational=False)
+    body = solid(position, nodes, 0.3, relaxation_time=0.002, strain="linear")
     return fix(body, position[:, 0] == 0.0)
 
 

@@ -26,14 +26,16 @@ MOST = 4  # pieces a section
 POISSON = 0.4
 
 
-def make_tetrahedral(level=1, young=None, poisson=POISSON, corotational=True, lumping="matched", **parameters) -> Fish:
+def make_tetrahedral(
+    level=1, young=None, poisson=POISSON, strain="corotational", lumping="matched", **parameters
+) -> Fish:
     """The fish of tetrahedra: 49 nodes and 116 elements with level 1, some 8 times as many with every doubling.
 
     Args:
         level: 1 to 4. The material is the same at every level.
         young: Young's modulus of the solid of the six sections of a fish of 0.2 m, (6,) Pa; None: as calibrated.
         poisson: Poisson's ratio of the solid, above -1 and below 0.5.
-        corotational: False for plain linear elasticity, which swells when it turns.
+        strain: "corotational"; "linear", which swells when it turns; or "green_lagrange" (`make_tets`).
         lumping: "matched", masses with the inertia of the outline; "quarter" of each element's mass to its corners, or
             "uniform".
         parameters: fields of `MassSpringParameters`; those of this body's own material are in `tetrahedral.json`.
@@ -49,7 +51,7 @@ def make_tetrahedral(level=1, young=None, poisson=POISSON, corotational=True, lu
     young = positive_array(own["young"] if young is None else young, (6,), "young")
     mesh, section = meshed(p, level)
     modulus = (young * softening(mesh, section, poisson))[section] * (p.length / tu.REFERENCE_LENGTH) ** 2
-    tets = make_tets(mesh.position, mesh.tets, modulus, poisson, p.relaxation_time, corotational)
+    tets = make_tets(mesh.position, mesh.tets, modulus, poisson, p.relaxation_time, strain)
     marks = landmarks(mesh, level, tu.masses(p))
     pairs, stiffness, muscles = fibres(p, marks)
     natural = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)

@@ -39,7 +39,7 @@ them as `world.<name>`.
 from functools import cache
 from types import ModuleType
 
-from fish_env.forces import anchors, barriers, contact, gravity, pressure, springs, tets, water
+from fish_env.forces import anchors, barriers, contact, gravity, green_lagrange, pressure, springs, tets, water
 from fish_env.forces.compose import in_turn
 from fish_env.simd import Kind, Pack, select, zero
 
@@ -49,6 +49,7 @@ FORCES: dict[str, ModuleType] = {
         water,
         springs,
         tets,
+        green_lagrange,
         pressure,
         barriers,
         gravity,

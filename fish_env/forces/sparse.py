@@ -15,7 +15,7 @@ from fish_env.linalg import rates
 
 PIECE = 48  # elements a kind whose derivatives are worked out together
 STRIP = 240  # columns of the whole body's matrix that are worked out together: what is dense at any time
-SHARED = ("water", "springs", "tets", "pressure", "barriers", "gravity", "anchors", "contact")
+SHARED = ("water", "springs", "tets", "green_lagrange", "pressure", "barriers", "gravity", "anchors", "contact")
 """The forces whose elements `_pieces` shares out, and those that have no stiffness."""
 
 

@@ -29,8 +29,8 @@ FAILURE = TORN
 
 
 def present(body, world) -> bool:
-    """Whether the body has tetrahedra."""
-    return body.tets is not None
+    """Whether the body has tetrahedra of these measures of strain."""
+    return body.tets is not None and not body.tets.quadratic
 
 
 def constant(body, world) -> bool:
@@ -47,7 +47,7 @@ def make_cache(body, world, kind) -> Pack:
 
 
 def rest_matrices(body, elastic):
-    """Stiffness, N/m, or damping, N s/m, at rest: nodes (T,4) and matrices (T,12,12)."""
+    """Stiffness, N/m, or damping, N s/m, at rest, of any measure: nodes (T,4) and matrices (T,12,12)."""
     if body.tets is None:
         return
     tets, g = body.tets, body.tets.gradient

@@ -36,6 +36,11 @@ def tet_force(body, x, v):
     """Elastic and viscous force of every tetrahedron on its nodes, (N,3): stress of the strain and of its rate."""
     force = np.zeros_like(x)
     for t, nodes, gradient, volume, deformation, turn in tets_of(body, x):
+        if body.tets.quadratic:
+            stress = quadratic_stress(body.tets, t, deformation, v[nodes].T @ gradient)
+            for node, slope in zip(nodes, gradient, strict=True):
+                force[node] -= volume * deformation @ stress @ slope
+            continue
         rate = strain_of(turn, v[nodes].T @ gradient) + np.eye(3)
         strain = strain_of(turn, deformation) + body.tets.relaxation_time[t] * rate
         stress = 2 * body.tets.shear[t] * strain + body.tets.dilation[t] * np.trace(strain) * np.eye(3)
@@ -44,26 +49,61 @@ def tet_force(body, x, v):
     return force
 
 
+def green_lagrange(deformation):
+    """The strain (F^T F - 1) / 2."""
+    return 0.5 * (deformation.T @ deformation - np.eye(3))
+
+
+def quadratic_stress(tets, t, deformation, rate):
+    """Second stress of Piola and Kirchhoff of the strain and of its rate, given F and its rate."""
+    strain = green_lagrange(deformation)
+    strain = strain + tets.relaxation_time[t] * 0.5 * (deformation.T @ rate + rate.T @ deformation)
+    return 2 * tets.shear[t] * strain + tets.dilation[t] * np.trace(strain) * np.eye(3)
+
+
+def pulling(stress):
+    """A stress, lifted along all axes until Gershgorin's bound shows no pressure along any."""
+    off = np.abs(stress - np.diag(np.diag(stress))).sum(axis=1)
+    return stress + max(0.0, -(np.diag(stress) - off).min()) * np.eye(3)
+
+
 def tet_energy(body, x):
     """Elastic energy of all tetrahedra."""
     total = 0.0
     for t, _, _, volume, deformation, turn in tets_of(body, x):
-        strain = strain_of(turn, deformation)
+        strain = green_lagrange(deformation) if body.tets.quadratic else strain_of(turn, deformation)
         total += volume * body.tets.shear[t] * np.sum(strain**2)
         total += 0.5 * volume * body.tets.dilation[t] * np.trace(strain) ** 2
     return total
 
 
-def tet_blocks(body, x):
-    """Stiffness (12,12) of every tetrahedron, R B^T C B V R^T, with its number and nodes."""
-    for t, nodes, gradient, volume, _, turn in tets_of(body, x):
+def tet_blocks(body, x, v, projected=False):
+    """Stiffness of every tetrahedron, with its number and nodes: of the material and of the stress, (12,12) both.
+
+    Of small strain R B^T C B V R^T and nothing; of the quadratic one B^T C B V, with B the strain's derivative, and
+    what the stress resists rotation by, which may be `projected`.
+    """
+    for t, nodes, gradient, volume, deformation, turn in tets_of(body, x):
+        if body.tets.quadratic:
+            b = np.zeros((3, 3, 12))
+            for a, slope in enumerate(gradient):
+                for k in range(3):
+                    rate = np.outer(np.eye(3)[k], slope)
+                    b[:, :, 3 * a + k] = 0.5 * (deformation.T @ rate + rate.T @ deformation)
+            trace = np.trace(b)
+            block = 2 * body.tets.shear[t] * np.einsum("ijp,ijq->pq", b, b)
+            block += body.tets.dilation[t] * np.outer(trace, trace)
+            stress = quadratic_stress(body.tets, t, deformation, v[nodes].T @ gradient)
+            stress = pulling(stress) if projected else stress
+            yield t, nodes, volume * block, volume * np.kron(gradient @ stress @ gradient.T, np.eye(3))
+            continue
         b = np.zeros((6, 12))  # strains xx, yy, zz, and the engineer's xy, yz, zx, which are twice the tensor's
         for a, (gx, gy, gz) in enumerate(gradient):
             b[:, 3 * a : 3 * a + 3] = [[gx, 0, 0], [0, gy, 0], [0, 0, gz], [gy, gx, 0], [0, gz, gy], [gz, 0, gx]]
         c = np.diag(body.tets.shear[t] * np.array([2.0, 2, 2, 1, 1, 1]))
         c[:3, :3] += body.tets.dilation[t]
         turned = np.kron(np.eye(4), turn)
-        yield t, nodes, turned @ (volume * b.T @ c @ b) @ turned.T
+        yield t, nodes, turned @ (volume * b.T @ c @ b) @ turned.T, np.zeros((12, 12))
 
 
 def triangles(face):

@@ -55,11 +55,12 @@ def filtered_matrix(body, world, rest_length, h, least, x, factor=1.0):
             matrix[p, :, q] += sign * block
     for i, c, k, along, strain in anchors_of(world, x):
         matrix[i, :, i] += weight(c, k) * along + factor * h**2 * c * strain * (np.eye(3) - along)
-    for t, corners, block in tet_blocks(body, x) if body.tets is not None else ():
+    for t, corners, block, turning in tet_blocks(body, x, 0 * x, projected=True) if body.tets is not None else ():
         for a, p in enumerate(corners):
             for b, q in enumerate(corners):
-                part = block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
-                matrix[p, :, q] += weight(1.0, body.tets.relaxation_time[t]) * part
+                here = slice(3 * a, 3 * a + 3), slice(3 * b, 3 * b + 3)
+                matrix[p, :, q] += weight(1.0, body.tets.relaxation_time[t]) * block[here]
+                matrix[p, :, q] += factor * h**2 * turning[here]
     matrix = matrix.reshape(x.size, x.size)
     for c, gas in enumerate(body.compartments.gas) if body.compartments is not None else ():
         volume, slope = gas_volume(body.compartments, c, x)

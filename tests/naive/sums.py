@@ -73,11 +73,11 @@ def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False
             for p, part_p in zip(corners, share, strict=True):
                 for q, part_q in zip(corners, share, strict=True):
                     damping[p, :, q] += part_p * part_q * drag * np.outer(area, area) / size**2
-    for t, corners, block in tet_blocks(body, x) if body.tets is not None else ():
+    for t, corners, block, turning in tet_blocks(body, x, v, projected) if body.tets is not None else ():
         for a, p in enumerate(corners):
             for b, q in enumerate(corners):
                 part = block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
-                stiffness[p, :, q] += part
+                stiffness[p, :, q] += part + turning[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
                 damping[p, :, q] += body.tets.relaxation_time[t] * part
     for i, c, k, along, _ in anchors_of(world, x):
         stiffness[i, :, i] += c * along
@@ -96,7 +96,7 @@ def stiffness_matrix(body, kind="stiffness"):
         block = c * np.outer(direction, direction)
         for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
             matrix[p, :, q] += sign * block
-    for t, nodes, block in tet_blocks(body, x) if body.tets is not None else ():
+    for t, nodes, block, _ in tet_blocks(body, x, 0 * x) if body.tets is not None else ():
         factor = 1.0 if kind == "stiffness" else body.tets.relaxation_time[t]
         for a, p in enumerate(nodes):
             for b, q in enumerate(nodes):
