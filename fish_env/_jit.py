@@ -144,7 +144,7 @@ class SourceCache(FunctionCache):
 
     def _index_key(self, sig, codegen):
         digest = hashlib.sha256(b"".join(code_of(self._py_func, set())))
-        return sig, codegen.magic_tuple(), digest.hexdigest()
+        return sig, codegen.magic_tuple(), numba.config.BOUNDSCHECK, digest.hexdigest()
 
 
 @cache

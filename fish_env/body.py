@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fish_env import forces
-from fish_env.checks import finite_array, node_array, positive_array
+from fish_env.checks import finite_array, node_array, positive_array, representable
 from fish_env.elements import Barriers, Compartments, Tets, check_outward
 from fish_env.failures import FAILURES  # noqa: F401 - named here too, where the state that holds one is
 from fish_env.linalg import ldlt, rates
@@ -82,6 +82,7 @@ COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivot
 FORCES, FACTORISATIONS, SOLVES, PIVOTS, REFINEMENTS = range(5)
 
 
+@representable("the body")
 def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, share=None,
               drag=None, depth=None, tets: Tets | None = None,
               compartments: Compartments | None = None, barriers: Barriers | None = None) -> Body:  # fmt: skip
@@ -166,6 +167,8 @@ def fix(body: Body, nodes, axes: str = "xyz") -> Body:
     Raises:
         ValueError: for a missing node, an axis of another name, or if nothing were left to move.
     """
+    if not isinstance(body, Body):
+        raise ValueError(f"body is a {type(body).__name__}; give a Body, as make_body makes one")
     held = np.zeros(body.position.shape, dtype=bool)
     held[np.ix_(node_numbers(body, nodes), chosen_axes(axes))] = True
     return fix_where(body, held)

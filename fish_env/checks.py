@@ -1,18 +1,57 @@
 """Input validation: arrays of the right shape, finite, positive, naming nodes that exist."""
 
 import copy
+import math
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from numbers import Real
 
 import numpy as np
+
+
+def real(value) -> float:
+    """`value` as a float: nan if it is no real number, infinite if it is beyond the largest float."""
+    if not isinstance(value, Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:  # a whole number or a fraction
+        return math.inf
+
+
+@contextmanager
+def representable(what: str) -> Iterator[None]:
+    """A ValueError in place of products and quotients that no float holds, of numbers that are allowed one by one."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    except (OverflowError, FloatingPointError, ZeroDivisionError) as error:
+        raise ValueError(f"{what} follows from numbers that are too large or too small together: {error}") from error
+
+
+def as_floats(value) -> np.ndarray:
+    """`value` as a float64 array, itself if it is one.
+
+    Raises:
+        TypeError: for what numpy would read numbers out of: text, dates, complex numbers, what is under a mask.
+        ValueError: for rows of different lengths.
+        OverflowError: for a whole number beyond the largest float.
+    """
+    array = np.asarray(value)
+    masked = isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)
+    texts = array.dtype.kind == "O" and any(isinstance(each, str | bytes | complex) for each in array.flat)
+    if array.dtype.kind not in "biufO" or masked or texts:
+        raise TypeError(f"not real numbers but {array.dtype}{', some of them masked' * masked}")
+    with np.errstate(over="ignore"):  # of numbers of more precision; they become infinite
+        return array.astype(np.float64, copy=False)
 
 
 def finite_array(value, shape, name) -> np.ndarray:
     """`value` as a new float64 array of the given shape, or ValueError saying what it is and what it should be."""
     try:
-        if np.asarray(value).dtype.kind in "SU":  # numpy would read numbers out of them
-            raise TypeError("text")
-        array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
+        array = np.array(as_floats(value), order="C")
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ValueError(f"{name} is {value!r}; give finite numbers of shape {shape}") from error
     if array.shape != tuple(shape):
         raise ValueError(f"{name} has shape {array.shape}; give shape {tuple(shape)}")

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.checks import finite_array, node_array, positive_array
+from fish_env.checks import finite_array, node_array, positive_array, representable
 from fish_env.volume import volume_of
 
 STRAINS = ("corotational", "linear", "green_lagrange")
@@ -45,6 +45,7 @@ class Barriers(NamedTuple):
     energy: np.ndarray  # (K,) scale of the barrier, J
 
 
+@representable("a tetrahedron")
 def make_tets(position, nodes, young, poisson, relaxation_time=0.0, strain="corotational") -> Tets:
     """Tetrahedra (T,4) between nodes at rest at `position` (N,3) m (docs/physics.md, eq. 46-51 and 69-71).
 
@@ -88,6 +89,7 @@ def make_tets(position, nodes, young, poisson, relaxation_time=0.0, strain="coro
     return Tets(nodes, gradient, volume, shear, dilation, damped, strain == STRAINS[0], strain == STRAINS[2])
 
 
+@representable("a compartment")
 def make_compartments(position, surfaces, pressure, ambient=0.0) -> Compartments:
     """Compartments of gas inside closed surfaces, at the given pressure while the body is at rest.
 
@@ -122,6 +124,7 @@ def make_compartments(position, surfaces, pressure, ambient=0.0) -> Compartments
     return Compartments(faces, np.array(first, np.int64), pressure * volume, ambient)
 
 
+@representable("a barrier")
 def make_barriers(position, faces, inner, energy) -> Barriers:
     """Barriers of outer faces (K,3), or edges (K,2), against inner nodes (K,), which lie behind them at rest.
 

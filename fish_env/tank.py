@@ -8,7 +8,7 @@ import numpy as np
 
 from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
-from fish_env.checks import finite_array, fits_memory, own, positive_array
+from fish_env.checks import as_floats, finite_array, fits_memory, own
 from fish_env.conditions import Conditioned, no_conditions
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
@@ -21,6 +21,7 @@ from fish_env.tank_options import (
     checked_command,
     checked_state,
     checked_steps,
+    checked_variation,
     described,
     kind_for,
     method_for,
@@ -150,23 +151,17 @@ class Tank(Conditioned, Generic[Elastic]):
 
         Args:
             i: number of the fish, 0 to B - 1.
-            stiffness: factor on the stiffness and the damping of its springs.
-            mass: factor on its mass.
-            drag: factor on the force of the water.
+            stiffness: factor on the stiffness and the damping of its springs, 1e-9 to 1e9.
+            mass: factor on its mass, 1e-9 to 1e9.
+            drag: factor on the force of the water, 0 to 1e9.
             current: velocity of its water beyond that of the tank's, (3,) m/s.
 
         Raises:
-            ValueError: for a missing fish, a factor that is not positive (for drag: a negative one), or a current that
-                is not finite.
+            ValueError: for a missing fish, a factor out of range, or a current that is not finite.
         """
         if not (isinstance(i, int | np.integer) and 0 <= i < self.num_fish):
             raise ValueError(f"fish is {i!r}; give a whole number from 0 to {self.num_fish - 1}")
-        row = np.concatenate([
-            positive_array([stiffness, mass], (2,), "factors on stiffness and mass"),
-            positive_array([drag], (1,), "factor on drag", zero=True),
-            finite_array(current, (3,), "current (m/s)"),
-        ])  # fmt: skip
-        self._set_variation(int(i), row)
+        self._set_variation(int(i), checked_variation(stiffness, mass, drag, current))
 
     def _set_variation(self, i: int, row: np.ndarray) -> None:
         self.variation[i] = row
@@ -192,11 +187,15 @@ class Tank(Conditioned, Generic[Elastic]):
         """
         steps = whole_steps(duration, self.dt, "duration")
         wanted = (self.num_fish, self.fish.num_muscles)
-        action = np.asarray(action, dtype=np.float64)
-        if action.shape == wanted[1:]:
-            action = np.broadcast_to(action, wanted)
         if not self.fish.num_muscles:
             raise ValueError(f"{self.fish.name!r} has no muscles to command; use advance")
+        try:
+            action = as_floats(action)
+        except (TypeError, OverflowError, RecursionError):
+            finite_array(action, wanted, "action")  # says what is wrong
+            raise
+        if action.shape == wanted[1:]:
+            action = np.broadcast_to(action, wanted)
         if action.shape != wanted or not np.abs(action).max() <= 1.0:
             action = finite_array(action, wanted, "action")
             raise ValueError(f"action reaches {np.abs(action).max():g}; give values in [-1, 1] (clip them first)")

@@ -2,13 +2,13 @@
 
 import math
 import os
-from numbers import Real
+from collections.abc import Mapping
 
 import numpy as np
 
 from fish_env.bodies.fish import ElasticObject, Fish
 from fish_env.body import FAILURES, Body, scaled
-from fish_env.checks import finite_array, positive_array
+from fish_env.checks import finite_array, positive_array, real
 from fish_env.integrators import INTEGRATORS, Integrator
 from fish_env.integrity import check_fish, check_numbers
 from fish_env.simd import LANES, SUPPORTED, Kind, Pack, Vectors
@@ -17,6 +17,8 @@ from fish_env.world import VACUUM, World
 REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
 MOST_STEPS = 2**53  # of one call: more could not be told apart by their clock
 SHORTEST = 1e-12  # s: beside an episode, a shorter step is lost in the rounding of its clock
+LONGEST = 1e9  # s: the square of a step of any length must be a number
+FACTORS = (1e-9, 1e9)  # of `Tank.vary`: products with them must be numbers
 FISH_FOR_LANES = 3  # fewer than this are faster one by one
 
 
@@ -33,17 +35,17 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
         raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
     if refine is None:
         refine = fish.refine if dt is None and integrator == fish.integrator else np.inf
-    if not (isinstance(refine, Real) and float(refine) > 0):
+    if not real(refine) > 0:
         raise ValueError(f"refine is {refine!r}; give a positive number (this fish's own is {fish.refine}), or inf")
-    if np.isfinite(float(refine)) and integrator not in REFINED:
+    if np.isfinite(real(refine)) and integrator not in REFINED:
         raise ValueError(f"{integrator!r} cannot refine its steps; give refine=inf, or choose from {REFINED}")
     dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
-    if not (isinstance(dt, Real) and np.isfinite(float(dt)) and float(dt) >= SHORTEST):
+    if not SHORTEST <= real(dt) <= LONGEST:
         raise ValueError(
-            f"dt is {dt!r}; give a positive number of seconds, at least {SHORTEST:g} (this fish's own is "
-            f"{fish.time_step})"
+            f"dt is {dt!r}; give a positive number of seconds, at least {SHORTEST:g} and at most {LONGEST:g} (this "
+            f"fish's own is {fish.time_step})"
         )
-    return INTEGRATORS[integrator], float(dt), float(refine)
+    return INTEGRATORS[integrator], real(dt), real(refine)
 
 
 def check_counts(**counts) -> None:
@@ -93,13 +95,12 @@ def checked_steps(steps) -> int:
 
 def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.ndarray, float]:
     """Contractions (B,M) and the time for them, s, or ValueError for what is not allowed."""
-    if not (isinstance(duration, Real) and 0.0 < float(duration) < math.inf):
-        raise ValueError(f"duration is {duration!r}; give a positive number of seconds")
-    found = np.ascontiguousarray(contraction, dtype=np.float64)
-    if found.shape != shape or not (found.size == 0 or 0.0 <= found.min() <= found.max() <= 1.0):
-        found = finite_array(contraction, shape, "contraction")
+    if not SHORTEST <= real(duration) < math.inf:
+        raise ValueError(f"duration is {duration!r}; give a positive number of seconds, at least {SHORTEST:g}")
+    found = finite_array(contraction, shape, "contraction")  # of one layout: another would be compiled for
+    if found.size and not 0.0 <= found.min() <= found.max() <= 1.0:
         raise ValueError(f"contraction is from {found.min():g} to {found.max():g}; give numbers from 0 to 1")
-    return found, float(duration)
+    return found, real(duration)
 
 
 def chosen_nodes(nodes, i, shape: tuple[int, ...]) -> np.ndarray:
@@ -124,6 +125,13 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
     Raises:
         ValueError: for a precision or a number of lanes that is not offered.
     """
+    if isinstance(lanes, np.integer):
+        lanes = int(lanes)
+    if not isinstance(lanes, str | int | None) or not isinstance(dtype, str):
+        raise ValueError(
+            f"lanes is {lanes!r} and dtype {dtype!r}; choose from {', '.join(map(repr, LANES))} and from 'float64', "
+            "'float32'"
+        )
     if lanes is None:
         many = 16 if dtype == "float32" else 8
         lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
@@ -165,10 +173,13 @@ def available_processors() -> int:
 
 def whole_steps(duration: float, dt: float, name: str) -> int:
     """How many steps of dt make up the duration; ValueError unless it is a positive whole multiple."""
-    if not (isinstance(duration, Real) and np.isfinite(duration) and duration > 0):
+    seconds = real(duration)
+    if not 0.0 < seconds < math.inf:
         raise ValueError(f"{name} is {duration!r}; give a positive number of seconds")
-    steps = round(duration / dt)
-    if steps < 1 or abs(steps * dt - duration) > 1e-9 * duration:
+    if seconds / dt > MOST_STEPS:
+        raise ValueError(f"{name} is {duration!r} s; give at most {MOST_STEPS} steps of dt = {dt!r} s")
+    steps = round(seconds / dt)
+    if steps < 1 or abs(steps * dt - seconds) > 1e-9 * seconds:
         raise ValueError(f"{name} is {duration!r} s; give a whole multiple of dt = {dt!r} s")
     return steps
 
@@ -179,18 +190,32 @@ def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.nd
     Raises:
         ValueError: if a part is missing, unknown, of another shape, not finite or out of range.
     """
-    num_fish = len(target["failure"])
-    if set(state) != set(target):
-        raise ValueError(f"state holds {sorted(state)}; give {sorted(target)}, as get_state returns them")
+    if not isinstance(state, Mapping) or set(state) != set(target):
+        held = sorted(map(str, state)) if isinstance(state, Mapping) else repr(state)
+        raise ValueError(f"state holds {held}; give {sorted(target)}, as get_state returns them")
     checked = {name: finite_array(state[name], array.shape, name) for name, array in target.items()}
     positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
-    positive_array(checked["variation"][:, :2], (num_fish, 2), "factors on stiffness and mass")
-    positive_array(checked["variation"][:, 2], (num_fish,), "factor on drag", zero=True)
+    for row in checked["variation"]:
+        checked_variation(row[0], row[1], row[2], row[3:])
     if not np.isin(checked["failure"], range(len(FAILURES))).all():
         raise ValueError(f"failure is {checked['failure']}; give whole numbers from 0 to {len(FAILURES) - 1}")
-    if not (np.equal(np.floor(checked["counters"]), checked["counters"]) & (checked["counters"] >= 0)).all():
-        raise ValueError(f"counters are {checked['counters']}; give whole numbers, zero or more")
+    counters = checked["counters"]
+    if not (np.equal(np.floor(counters), counters) & (counters >= 0) & (counters <= MOST_STEPS)).all():
+        raise ValueError(f"counters are {counters}; give whole numbers, zero or more, at most {MOST_STEPS}")
     return checked
+
+
+def checked_variation(stiffness, mass, drag, current) -> np.ndarray:
+    """A row of `Tank.variation`, (6,), or ValueError for what is not allowed."""
+    row = np.concatenate([
+        positive_array([stiffness, mass], (2,), "factors on stiffness and mass"),
+        positive_array([drag], (1,), "factor on drag", zero=True),
+        finite_array(current, (3,), "current (m/s)"),
+    ])  # fmt: skip
+    low, high = FACTORS
+    if not (row[:2].min() >= low and row[:3].max() <= high):
+        raise ValueError(f"factors on stiffness, mass and drag are {row[:3]}; give numbers from {low:g} to {high:g}")
+    return row
 
 
 def described(tank) -> Pack:

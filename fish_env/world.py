@@ -1,12 +1,12 @@
 """What surrounds the bodies of a tank: water, gravity, walls, and what pulls at single nodes."""
 
+import math
 from collections.abc import Sequence
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.checks import finite_array, node_array, positive_array
+from fish_env.checks import finite_array, node_array, positive_array, real, representable
 
 
 class Anchors(NamedTuple):
@@ -53,15 +53,18 @@ def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0
     Raises:
         ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
     """
-    if law not in ("quadratic", "linear"):
+    if not isinstance(law, str) or law not in ("quadratic", "linear"):
         raise ValueError(f"unknown water law {law!r}; choose 'quadratic' or 'linear'")
     for name, value in (("density", density), ("drag_coefficient", drag_coefficient)):
-        if not (isinstance(value, Real) and np.isfinite(value) and value >= 0):
+        if not 0.0 <= real(value) < math.inf:
             raise ValueError(f"{name} is {value!r}; give a finite number, zero or positive")
     flow = finite_array(current, (3,), "current (m/s)")
     if law == "linear":
-        return World(float(drag_coefficient), 0.0, flow)
-    return World(0.0, 0.5 * float(density) * float(drag_coefficient), flow)
+        return World(real(drag_coefficient), 0.0, flow)
+    quadratic = 0.5 * real(density) * real(drag_coefficient)
+    if quadratic == math.inf:
+        raise ValueError(f"density {density!r} times drag_coefficient {drag_coefficient!r} is infinite; give less")
+    return World(0.0, quadratic, flow)
 
 
 def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:
@@ -79,6 +82,8 @@ def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World =
         ValueError: naming the part, what it holds, and what is allowed.
     """
     rows = []
+    if not isinstance(water, World):
+        raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...)")
     if not isinstance(planes, Sequence | np.ndarray):
         raise ValueError(f"planes is {planes!r}; give a list of (normal (3,), offset in m, restitution)")
     for i, plane in enumerate(planes):
@@ -87,13 +92,15 @@ def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World =
         except (TypeError, ValueError) as error:
             raise ValueError(f"plane {i} is {plane!r}; give (normal (3,), offset in m, restitution)") from error
         normal = finite_array(normal, (3,), f"normal of plane {i}")
-        if not np.linalg.norm(normal) > 0:
+        with representable(f"normal of plane {i}"):
+            size = np.linalg.norm(normal)
+        if not size > 0.0:
             raise ValueError(f"normal of plane {i} is {normal}; give a vector that is not null")
         offset = float(finite_array(offset, (), f"offset of plane {i} (m)"))
         restitution = float(finite_array(restitution, (), f"restitution of plane {i}"))
         if not 0.0 <= restitution <= 1.0:
             raise ValueError(f"restitution of plane {i} is {restitution}; give a number from 0 to 1")
-        rows.append([*(normal / np.linalg.norm(normal)), offset, restitution])
+        rows.append([*(normal / size), offset, restitution])
     return water._replace(
         gravity=finite_array(gravity, (3,), "gravity (m/s2)"),
         viscosity=float(positive_array(viscosity, (), "viscosity (N s/m)", zero=True)),

@@ -9,6 +9,7 @@ from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, 
 from fish_env.bodies.planar import make_planar
 from fish_env.bodies.tetrahedral import make_tetrahedral
 from fish_env.bodies.two_layer import make_two_layer
+from fish_env.checks import representable
 
 __all__ = ["BODIES", "BodyKind", "ElasticObject", "Fish", "Landmarks", "MassSpringParameters", "make_fish"]
 
@@ -54,4 +55,5 @@ def make_fish(body: str = "mass_spring", **parameters) -> Fish:
         for name in parameters:
             if name not in allowed:
                 raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
-    return make(**parameters)
+    with representable(f"the {body} fish"):
+        return make(**parameters)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from fish_env.body import Body
-from fish_env.checks import positive_array
+from fish_env.checks import positive_array, real
 from fish_env.world import VACUUM, World
 
 NOTHING = np.zeros(0, dtype=np.int64)
@@ -48,7 +48,7 @@ class ElasticObject:
     def __post_init__(self):
         for name in ("length", "contraction_time", "time_step", "control_interval"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if not 0.0 < real(value) < np.inf:
                 raise ValueError(f"{name} is {value!r}; give a positive, finite number")
         rise, fall = positive_array(self.activation_time, (2,), "activation_time (s)", zero=True)
         if (rise == 0.0) != (fall == 0.0):

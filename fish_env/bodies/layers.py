@@ -1,12 +1,12 @@
 """Materials of a body of two layers, and how they make it of a skin: springs, gas, barriers, all at rest."""
 
-from dataclasses import asdict, dataclass, fields, replace
-from numbers import Real
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from fish_env.bodies.skins import Skin, layered, tensions, watched
 from fish_env.body import Body, make_body
+from fish_env.checks import real
 from fish_env.elements import make_barriers, make_compartments
 
 NO_FACES = np.zeros((0, 4), np.int64)
@@ -58,11 +58,11 @@ class TwoLayers:
     """Scale of the barrier that keeps an inner node behind an outer face, J."""
 
     def __post_init__(self):
-        for name, value in asdict(self).items():
+        for name, value in vars(self).items():
             if value is None and name in OPTIONAL:
                 continue
             zero = name in ("pressure", "gap_pressure") or name.endswith("relaxation_time")
-            number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else np.nan
+            number = np.nan if isinstance(value, bool) else real(value)
             if not (np.isfinite(number) and (number > 0 or (zero and number == 0))):
                 none = ", or None" * (name in OPTIONAL)
                 raise ValueError(f"{name} is {value!r}; give a finite, positive number{' or zero' * zero}{none}")

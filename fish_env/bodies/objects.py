@@ -12,7 +12,7 @@ from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, one_layer, two_layers
 from fish_env.bodies.skins import Skin, circle, evened, globe, octasphere
 from fish_env.body import fix, make_body
-from fish_env.checks import positive_array
+from fish_env.checks import finite_array, positive_array, real, representable
 from fish_env.world import World, make_world
 
 GRAVITY = 9.81  # m/s2
@@ -61,13 +61,14 @@ def room(down, size: float, restitution=0.5, gravity=GRAVITY, closed=False) -> W
     Raises:
         ValueError: for a restitution outside 0 to 1, or a number that is not finite.
     """
-    down = np.asarray(down, dtype=float)
+    down, size, gravity = finite_array(down, (3,), "down"), real(size), real(gravity)
     sides = {(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), tuple(down.tolist())}
     if closed:
         sides |= {tuple(side) for side in np.concatenate([np.eye(3), -np.eye(3)]).tolist()}
     return make_world(gravity * down, [(-np.array(side), -size, restitution) for side in sorted(sides)])
 
 
+@representable("the string")
 def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_time=0.002) -> Layered:
     """A string along x, fixed at the origin, that moves along x only (ch. 3.3).
 
@@ -101,6 +102,7 @@ def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_tim
     )  # fmt: skip
 
 
+@representable("the ring")
 def make_ring(nodes=12, layers=2, **materials) -> Layered:
     """A ring of two layers in the xy plane: n nodes each, gas inside and between them (ch. 3.4).
 
@@ -115,6 +117,7 @@ def make_ring(nodes=12, layers=2, **materials) -> Layered:
     return layered_object("ring", circle(whole(nodes, "nodes", 3)), layers, RING, materials, (0.0, -1.0, 0.0))
 
 
+@representable("the sphere")
 def make_sphere(slices=12, stacks=8, layers=2, **materials) -> Layered:
     """A sphere of two layers between circles of latitude, whose faces are smaller near the poles (ch. 3.5.1).
 
@@ -132,6 +135,7 @@ def make_sphere(slices=12, stacks=8, layers=2, **materials) -> Layered:
     return replace(thing, time_step=1 / 3840)  # light nodes near the poles
 
 
+@representable("the sphere")
 def make_uniform_sphere(level=2, correction=True, layers=2, **materials) -> Layered:
     """A sphere of two layers of triangles of nearly one size: an octahedron divided `level` times (ch. 3.5.2).
 

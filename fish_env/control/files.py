@@ -2,9 +2,16 @@
 
 import os
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+DAMAGED = (
+    ValueError, TypeError, AttributeError, OSError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What numpy raises for files that are truncated, pickled, encrypted or something else."""
 
 
 def writable_folder(folder: str | Path) -> Path:

@@ -110,12 +110,19 @@ class MotorTables:
 
 
 def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
-    """The tables of the default fish."""
-    found = json.loads(path.read_text())
-    turns = [Turn(np.radians(row["angle"]), *(row[f.name] for f in fields(Turn)[1:])) for row in found["turns"]]
-    return MotorTables(
-        Table(turns), Table([Swim(**row) for row in found["swims"]]), found["front"], tuple(found["lag"])
-    )
+    """The tables of a file, by default those of the default fish.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it holds no tables of motor controllers.
+    """
+    try:
+        found = json.loads(path.read_text())
+        turns = [Turn(np.radians(row["angle"]), *(row[f.name] for f in fields(Turn)[1:])) for row in found["turns"]]
+        swims = [Swim(**row) for row in found["swims"]]
+        return MotorTables(Table(turns), Table(swims), found["front"], tuple(found["lag"]))
+    except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError) as error:
+        raise ValueError(f"{path} holds no tables of motor controllers: {error!r}") from error
 
 
 def swim_mc(tables: MotorTables, rows: np.ndarray, beats: np.ndarray) -> np.ndarray:

@@ -3,8 +3,6 @@
 import json
 import math
 import platform
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -16,7 +14,8 @@ import numpy as np
 
 import fish_env
 from fish_env._jit import source_hash
-from fish_env.control.files import replacing, writable_file
+from fish_env.control.files import DAMAGED, replacing, writable_file
+from fish_env.envs import FishEnv
 from fish_env.envs.layout import LAYOUT_VERSION
 
 FORMAT = 1
@@ -103,11 +102,6 @@ SHAPES: dict[str, tuple[Any, ...]] = {
 }
 """Shape of every array; letters stand for numbers that the arrays agree in."""
 
-DAMAGED = (
-    ValueError, TypeError, AttributeError, OSError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""What numpy raises for files that are truncated, pickled, encrypted or something else."""
-
 WHOLE, TRUTHS = ("failure", "counters"), ("terminated",)
 
 
@@ -155,7 +149,7 @@ def load_recording(path: str | Path) -> Recording:
     if not path.is_file():
         raise FileNotFoundError(f"there is no recording {path}; give a file that Recording.save wrote")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             held = {name: file[name] for name in file.files}
     except DAMAGED as error:
         raise ValueError(
@@ -219,11 +213,15 @@ def env_of(about: Mapping[str, Any]) -> gym.Env:
     """The environment that a recording was made in.
 
     Raises:
-        ValueError: if it is not registered, or refuses the keywords.
+        ValueError: if it is not registered, refuses the keywords, or is not one of fish.
     """
     try:
-        return gym.make(about["env_id"], disable_env_checker=True, **about["env_options"])
-    except (gym.error.Error, ValueError, TypeError) as error:
+        env = gym.make(about["env_id"], disable_env_checker=True, **about["env_options"])
+        if isinstance(env.unwrapped, FishEnv):
+            return env
+        env.close()
+        raise ValueError("it is not an environment of fish")
+    except (gym.error.Error, ValueError, TypeError, ImportError) as error:
         raise ValueError(
             f"the recording was made in {about['env_id']} with {about['env_options']}, which cannot be made here "
             f"({error}); import the package that registers it, or use the version of fish_env that recorded it"

@@ -16,10 +16,11 @@ from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.pose import make_pose, packed_pose
 from fish_env.simd import Kind, Pack, Vectors
 from fish_env.tank import Tank
-from fish_env.tank_options import whole_steps
+from fish_env.tank_options import MOST_STEPS, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import checked_options
+from fish_env.tasks.start import check_pose
 from fish_env.world import World, make_water
 
 
@@ -69,10 +70,12 @@ class Episodes:
         if not isinstance(water, World):
             water = _water(water)
         self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
-        self.control_interval = float(fish.control_interval if control_interval is None else control_interval)
-        self._substeps = whole_steps(self.control_interval, self.tank.dt, "control_interval")
+        interval = fish.control_interval if control_interval is None else control_interval
+        self._substeps = whole_steps(interval, self.tank.dt, "control_interval")
+        self.control_interval = float(interval)
         self.task.prepare(self.tank, self.control_interval)
         self.variation = checked_variation({} if variation is None else variation)
+        check_pose(fish, self.variation)
         self.reset_options = {**self.task.reset_options, **VARIATIONS}
         self.num_envs = self.tank.num_fish
         self.max_episode_steps = max_episode_steps
@@ -138,9 +141,9 @@ class Episodes:
 
     def restart(self, mask: np.ndarray, seeds: Sequence[int | None] | None = None, options: Mapping | None = None):
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
-        options = checked_options({} if options is None else options, self.reset_options)
+        options = self.checked_reset(options)
         which = np.flatnonzero(mask).tolist()
-        generators = [self._generator(i, None if seeds is None else seeds[i]) for i in which]
+        generators = self._generators_of(which, [None] * self.num_envs if seeds is None else seeds)
         self.tank.reset(mask)
         for i, generator in zip(which, generators, strict=True):
             drawn = draw(self.variation, generator) | options
@@ -153,13 +156,19 @@ class Episodes:
         self._started = self._begun.all()
         self._look(mask)
 
-    def _generator(self, i: int, seed: int | None) -> np.random.Generator:
-        """The generator of fish i: its own, or a new one if a seed is given or it has none yet."""
-        generator = self._generators[i]
-        if generator is None or seed is not None:
-            generator, self._seeds[i] = np_random(seed)
-            self._generators[i] = generator
-        return generator
+    def checked_reset(self, options: Mapping | None) -> dict[str, float]:
+        """The options of a reset as numbers; ValueError for what these fish cannot begin with."""
+        checked = checked_options({} if options is None else options, self.reset_options)
+        check_pose(self.tank.fish, checked)
+        return checked
+
+    def _generators_of(self, which: list[int], seeds: Sequence[int | None]) -> list[np.random.Generator]:
+        """The generators of these fish: their own, or new ones where a seed is given or there is none yet."""
+        new = {i: np_random(seeds[i]) for i in which if seeds[i] is not None or self._generators[i] is None}
+        for i, (generator, seed) in new.items():  # none of them if a seed is refused
+            self._generators[i], self._seeds[i] = generator, seed
+        found = (self._generators[i] for i in which)
+        return [generator for generator in found if generator is not None]
 
     def advance(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One control interval: reward (B,) float64, terminated (B,), truncated (B,), as copies; then `observe`."""
@@ -171,12 +180,9 @@ class Episodes:
         if not self._started:
             which = np.flatnonzero(~self._begun).tolist()
             raise gym.error.ResetNeeded(f"step was called before reset of the fish {which}; call env.reset() first")
-        if np.shape(action) != self._action_shape:
-            finite_array(action, self._action_shape, "action")  # says what is wrong
-        try:
-            self._action[...] = action
-        except (TypeError, ValueError):
-            finite_array(action, self._action_shape, "action")
+        if type(action) is not np.ndarray or action.shape != self._action_shape or action.dtype.kind not in "fiub":
+            action = finite_array(action, self._action_shape, "action")
+        self._action[...] = action
         if not self._move():
             finite_array(action, self._action_shape, "action")
 
@@ -277,8 +283,11 @@ class Episodes:
 def _check_steps(max_episode_steps) -> None:
     """Raise ValueError unless it is None or a whole number, at least 1."""
     whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
-    if max_episode_steps is not None and not (whole and max_episode_steps >= 1):
-        raise ValueError(f"max_episode_steps is {max_episode_steps!r}; give a whole number, at least 1, or None")
+    if max_episode_steps is not None and not (whole and 1 <= max_episode_steps <= MOST_STEPS):
+        raise ValueError(
+            f"max_episode_steps is {max_episode_steps!r}; give a whole number, at least 1 and at most {MOST_STEPS}, or "
+            "None"
+        )
 
 
 def _water(keywords) -> World:

@@ -164,9 +164,16 @@ def observation_layout(id: str, **options) -> Layout:
 
     Raises:
         gymnasium.error.Error: for an id that is not registered.
-        ValueError: for an option that is not allowed, or an environment of another package.
+        ValueError: for an option that is not allowed, an environment of another package, or an id that is no text or
+            names a module that there is not.
     """
-    env = gym.make(id, **options)
+    try:
+        env = gym.make(id, **options)
+    except (
+        AttributeError,
+        ImportError,
+    ) as error:  # Gymnasium's, for no text and for no such module
+        raise ValueError(f"id is {id!r}, which names no environment: {error}") from error
     try:
         layout = getattr(env.unwrapped, "layout", None)
     finally:

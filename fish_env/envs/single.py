@@ -45,7 +45,13 @@ class FishEnv(gym.Env):
         return self.fish.layout
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
-        """Begin an episode. `options` are keys of `env.unwrapped.fish.reset_options`."""
+        """Begin an episode. `options` are keys of `env.unwrapped.fish.reset_options`.
+
+        Raises:
+            ValueError: for an option that is unknown or out of range; nothing has changed then.
+            gymnasium.error.Error: for a seed that is no whole number, or negative; nothing has changed then.
+        """
+        self.fish.checked_reset(options)  # before the generator is another
         super().reset(seed=seed)
         self._limit = time_limit(self)
         self.fish._generators[0] = self.np_random

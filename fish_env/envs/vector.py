@@ -56,6 +56,8 @@ class FishVectorEnv(Episodes, VectorEnv):
     ):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"unknown render_mode {render_mode!r}; choose None, 'human' or 'rgb_array'")
+        if not isinstance(info_every_step, bool | np.bool_):
+            raise ValueError(f"info_every_step is {info_every_step!r}; give True or False")
         super().__init__(num_envs, **options)
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -81,11 +83,18 @@ class FishVectorEnv(Episodes, VectorEnv):
         """Begin new episodes: all of them, or those of `options["reset_mask"]`, (B,) bool.
 
         Other options are keys of `reset_options`. Seeds: one number s for s, s+1, ..., or one a fish.
+
+        Raises:
+            ValueError: for an option or a mask that is not allowed, or another number of seeds; nothing has changed
+                then.
+            gymnasium.error.Error: for a seed that is no whole number, or negative; nothing has changed then.
         """
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + i for i in range(self.num_envs)]
         if seed is not None and (not isinstance(seed, Sequence | np.ndarray) or len(seed) != self.num_envs):
             raise ValueError(f"seed is {seed!r}; give a whole number, or {self.num_envs}, one for each fish")
+        if seed is not None:
+            seed = [int(each) if isinstance(each, np.integer) else each for each in seed]  # else Gymnasium refuses it
         if not isinstance(options, Mapping | None):
             raise ValueError(f"options is {options!r}; give a dict with keys among {', '.join(self.reset_options)}")
         options = dict(options or {})
@@ -178,7 +187,14 @@ def make_batch(id: str, num_envs: int, **options) -> FishVectorEnv:
         gymnasium.error.Error: for an id that is not registered, or has no batch of its own.
         ValueError: for an option that is not allowed, or an environment that is not one of fish.
     """
-    batch = gym.make_vec(id, num_envs, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **options).unwrapped
+    mode = gym.VectorizeMode.VECTOR_ENTRY_POINT
+    try:
+        batch = gym.make_vec(id, num_envs, vectorization_mode=mode, **options).unwrapped
+    except (
+        AttributeError,
+        ImportError,
+    ) as error:  # Gymnasium's, for no text and for no such module
+        raise ValueError(f"id is {id!r}, which names no environment: {error}") from error
     if not isinstance(batch, FishVectorEnv):
         batch.close()
         raise ValueError(f"{id!r} is a {type(batch).__name__}; give an environment whose batches are a FishVectorEnv")

@@ -7,12 +7,12 @@ Legend: x, v positions and velocities of one body; f forces; y both, flattened.
 """
 
 from functools import cache, partial
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from fish_env.body import FACTORISATIONS, FORCES
+from fish_env.checks import real
 from fish_env.failures import NO_CONVERGENCE, NON_FINITE
 from fish_env.forces.evaluate import Evaluator
 
@@ -109,9 +109,9 @@ def solve(body, world, state, control, duration, method="DOP853", tolerance=TOLE
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; choose from {', '.join(map(repr, METHODS))}")
-    if not (isinstance(tolerance, Real) and LOWEST <= float(tolerance) <= HIGHEST):
+    if not LOWEST <= real(tolerance) <= HIGHEST:
         raise ValueError(f"tolerance is {tolerance!r}; give a number from {LOWEST:g} to {HIGHEST:g}")
-    if not (isinstance(duration, Real) and 0 <= float(duration) < np.inf):
+    if not 0.0 <= real(duration) < np.inf:
         raise ValueError(f"duration is {duration!r}; give a finite number of seconds, zero or more")
     evaluator = Evaluator(body, world)
     for b in np.flatnonzero(state.failure == 0):

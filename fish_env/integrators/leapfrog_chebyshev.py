@@ -41,7 +41,7 @@ def stages_for(elastic: float, viscous: float, h: float) -> int:
     """Smallest number of stages, at least 2, that keeps a step of h s stable at these rates, 1/s2 and 1/s."""
     damped = SAFETY * h * viscous
     wanted = SAFETY * h * h * elastic + 2.0 * damped
-    stages = min(max(2, int(math.sqrt(wanted / 3.0))), MOST_STAGES)  # the reach is at most 3 times their square
+    stages = int(min(max(2.0, math.sqrt(wanted / 3.0)), MOST_STAGES))  # the reach is at most 3 times their square
     while stages < MOST_STAGES and (polynomial(stages)[3] < wanted or (stages == 2 and damped > 2.0)):
         stages += 1
     return stages

@@ -18,15 +18,20 @@ def place(tank, i, generator, yaw, options) -> np.ndarray:
 
     Returns its centre of mass (3,), m. Raises ValueError if a flat fish is to pitch or roll.
     """
+    check_pose(tank.fish, options)
     body = tank.fish.body
     noise = generator.normal(0.0, NOISE * tank.fish.length, body.position.shape) * (body.inverse_mass > 0.0)
     pitch, roll = options.get("pitch", 0.0), options.get("roll", 0.0)
-    if tank.fish.flat and (pitch or roll):
-        raise ValueError(f"the flat {tank.fish.name!r} fish can neither pitch nor roll; take another body")
     turn = rotation(options.get("yaw", yaw), pitch, roll)
     tank.position[i] = (body.position - body.mass @ body.position / body.mass.sum()) @ turn.T
     tank.velocity[i] = noise
     return body.mass @ tank.position[i] / body.mass.sum()
+
+
+def check_pose(fish, options) -> None:
+    """Raise ValueError if a flat fish is to pitch or roll: a number in `options`, or a pair (lowest, highest)."""
+    if fish.flat and np.any([options.get(name, 0.0) for name in ("pitch", "roll") if name in options]):
+        raise ValueError(f"the flat {fish.name!r} fish can neither pitch nor roll; take another body")
 
 
 def rotation(yaw, pitch, roll) -> np.ndarray:

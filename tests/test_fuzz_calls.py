@@ -1,0 +1,367 @@
+"""Calls of tanks and environments, given anything and arrays in odd memory: refused, or done; never a number lost."""
+
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from fuzzing import EDGES, FACTOR, LAYOUTS, THINGS, WHOLE, call, examples, numbers, odd, scaled, single
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fish_env import Tank, make_body, make_fish, make_sb3_vec_env
+from fish_env.bodies.fish import ElasticObject
+from fish_env.control import load_policy, shipped_policy
+from fish_env.elements import make_tets
+from fish_env.envs import FishVectorEnv
+from fish_env.world import make_anchors, make_world
+
+FISH = make_fish()
+ACTION = single(np.random.default_rng(0).uniform(-1.0, 1.0, (2, 12)))
+SOLID = make_fish("tetrahedral").body
+
+
+def finite(tank):
+    """Nothing of a tank is lost: what has failed is where it last was valid."""
+    state = tank.get_state()
+    return all(np.isfinite(array).all() for array in state.values()) and np.isfinite(tank.effort).all()
+
+
+def durations(dt):
+    """Durations that take no time: of a few steps, or more steps than a clock can count."""
+    return st.one_of(st.sampled_from([0.0, -0.0, 1e-320, 1e-12, dt, 2 * dt, 3 * dt, 1.5 * dt, 1e154, 1e300, np.inf]),
+                     st.sampled_from(THINGS), st.sampled_from([np.float32(dt), -dt, 10**400, "0.02"]))  # fmt: skip
+
+
+steps = st.one_of(st.sampled_from([n for n in WHOLE if n <= 7 or n > 2**53]), st.sampled_from(THINGS))
+nodes = st.one_of(st.sampled_from([[0], [3, 3], [], np.arange(23), np.zeros(23, bool), [-1], [23], [[0], [1]]]), odd)
+points = st.one_of(scaled(np.zeros(3)), odd)
+METHODS = st.sampled_from(["elimination", "penalty", "glue", None])
+CALLS = {
+    "advance": lambda tank: st.tuples(steps),
+    "swim": lambda tank: st.tuples(st.one_of(scaled(ACTION), scaled(ACTION[0]), odd), durations(tank.dt)),
+    "drive": lambda tank: st.tuples(st.one_of(scaled(abs(ACTION)), odd), steps),
+    "command": lambda tank: st.tuples(st.one_of(scaled(abs(ACTION)), odd), st.one_of(durations(tank.dt), numbers)),
+    "vary": lambda tank: st.tuples(st.one_of(st.sampled_from([0, 1, -1, 2]), odd), numbers, numbers, numbers, points),
+    "grab": lambda tank: st.tuples(st.one_of(st.sampled_from([0, 22, 23]), odd), points, numbers, numbers, numbers,
+                                   points),
+    "fix": lambda tank: st.tuples(nodes, st.one_of(st.sampled_from(["xyz", "x", "", "w"]), odd), METHODS),
+    "move": lambda tank: st.tuples(nodes, points, st.just("xyz"), METHODS),
+    "release": lambda tank: st.tuples(nodes),
+    "nearest": lambda tank: st.tuples(points, nodes, st.one_of(st.sampled_from([0, 1, 2]), odd)),
+    "reset": lambda tank: st.tuples(st.one_of(st.sampled_from([None, np.array([True, False])]), odd)),
+    "set_state": lambda tank: st.tuples(st.one_of(states(tank), odd)),
+}  # fmt: skip
+
+
+@st.composite
+def states(draw, tank):
+    """A state with one part changed, missing or unknown."""
+    state = tank.get_state()
+    name = draw(st.sampled_from([*state, "y"]))
+    if draw(st.booleans()):
+        state[name] = draw(st.one_of(scaled(state[name]), odd)) if name in state else 0.0
+    else:
+        state.pop(name, None)
+    return state
+
+
+@pytest.mark.parametrize("name", CALLS)
+@examples(12)
+@given(data=st.data())
+def test_tank(name, data):
+    """Every method of a tank: what is refused changes nothing, what is accepted leaves finite numbers."""
+    tank = Tank(FISH, 2, water=FISH.water)
+    for _ in range(2):
+        arguments = data.draw(CALLS[name](tank))
+        before = tank.get_state()
+        if call(f"Tank.{name}", lambda: (getattr(tank, name)(*arguments), True)) is None:  # noqa: B023
+            for part, array in tank.get_state().items():
+                np.testing.assert_array_equal(array, before[part])
+        call("Tank.advance", tank.advance, 1)
+        assert finite(tank)
+    if name in ("fix", "move", "grab"):
+        assert np.isfinite(tank.reactions()).all() or not tank.alive.all() or np.abs(tank.velocity).max() > 1e100
+
+
+OPTIONS = {
+    "task": "turn", "body": "mass_spring", "integrator": "leapfrog_chebyshev", "dt": 0.001, "control_interval": 0.02,
+    "water": {"density": 900.0}, "muscle_groups": "pairs", "variation": {"mass": (0.8, 1.2)}, "max_episode_steps": 3,
+    "threads": 2, "dtype": "float32", "lanes": 1, "refine": 0.1, "autoreset_mode": "SameStep", "render_mode": None,
+    "info_every_step": True, "num_envs": 2, "speed": 1.0, "heading_error": 0.1, "unknown": 1,
+}  # fmt: skip
+WATERS = st.dictionaries(st.sampled_from(["density", "drag_coefficient", "current", "law", "salt"]),
+                         st.one_of(numbers, scaled(np.zeros(3)), st.just("linear")), max_size=2)  # fmt: skip
+VARIED = st.dictionaries(st.sampled_from(["mass", "stiffness", "drag", "current", "pitch", "depth"]),
+                         st.one_of(numbers, st.tuples(numbers, numbers)), max_size=2)  # fmt: skip
+
+
+@examples(40)
+@given(data=st.data())
+def test_environments(data):
+    """Every keyword of `gym.make_vec`, one or two odd; what is made keeps to its space and to finite rewards."""
+    names = data.draw(st.lists(st.sampled_from(list(OPTIONS)), min_size=1, max_size=2, unique=True))
+    better = {"water": WATERS, "variation": VARIED, "control_interval": durations(FISH.time_step)}
+    options = {name: data.draw(st.one_of(better.get(name, odd), odd, st.just(OPTIONS[name]))) for name in names}
+    env = call("FishVectorEnv", FishVectorEnv, **options)
+    if env is None or env.num_envs > 64:
+        return
+    if FACTOR > 1 or (env.tank.kind == Tank(FISH, 2).kind and env._step is not None):  # others are compiled for
+        call("reset", env.reset, seed=0)
+        for _ in range(2):
+            obs, reward, *_ = env.step(env.action_space.sample())
+            assert np.isfinite(reward).all() and env.observation_space.contains(obs)
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def batch():
+    """Two fish that are stepped by all examples."""
+    return FishVectorEnv(2, max_episode_steps=5)
+
+
+OPTION_VALUES = st.one_of(numbers, odd)
+seeds = st.one_of(
+    st.sampled_from([None, 0, -1, 10**400, [1, 2], [1], [None, 3], np.array([4, 5]), [1, -1], [1.5, 2]]), odd
+)
+
+
+@examples(60)
+@given(data=st.data())
+def test_resets_and_steps(batch, data):
+    """Resets with any seed and options, steps with any action: a refused one leaves no trace at all."""
+    call("reset", batch.reset, seed=7)
+    other = FishVectorEnv(2, max_episode_steps=5)
+    other.reset(seed=7)
+    for _ in range(2):
+        kind = data.draw(st.sampled_from(["seed", "options", "mask", "action"]))
+        name = data.draw(st.sampled_from([*batch.reset_options, "wind"]))
+        if kind == "action":
+            done = call("step", batch.step, data.draw(st.one_of(scaled(ACTION), odd)))
+        elif kind == "seed":
+            done = call("reset", batch.reset, seed=data.draw(seeds))
+        elif kind == "mask":
+            done = call("reset", batch.reset, options={"reset_mask": data.draw(odd)})
+        else:
+            chosen = {name: data.draw(OPTION_VALUES), "yaw": 0.5}
+            done = call("reset", batch.reset, seed=3, options=data.draw(st.sampled_from([chosen, chosen[name]])))
+        if done is not None:
+            assert batch.observation_space.contains(done[0])
+            return
+    for _ in range(2):  # all was refused: what follows is what would have followed without it
+        for mine, others in zip(batch.step(ACTION)[:4], other.step(ACTION)[:4], strict=True):
+            np.testing.assert_array_equal(mine, others)
+    np.testing.assert_array_equal(batch.reset()[0], other.reset()[0])
+
+
+def test_a_refused_reset_leaves_no_trace():
+    """A seed, an option or a pose that is refused leaves the generators and the fish of an environment as they were."""
+    for id, options in (("FishEnv/Swim-v0", {"wind": 1.0}), ("FishEnv/Swim-v0", {"pitch": 0.3})):
+        body = "planar" if "pitch" in options else "mass_spring"
+        one, other = (gym.make(id, body=body, disable_env_checker=True) for _ in range(2))
+        for env in (one, other):
+            env.reset(seed=1)
+        with pytest.raises(ValueError, match=r"unknown reset option|can neither pitch nor roll"):
+            one.reset(seed=2, options=options)
+        np.testing.assert_array_equal(one.step(ACTION[0])[0], other.step(ACTION[0])[0])
+        np.testing.assert_array_equal(one.reset()[0], other.reset()[0])
+    one, other = FishVectorEnv(2), FishVectorEnv(2)
+    for env in (one, other):
+        env.reset(seed=1)
+    with pytest.raises(gym.error.Error, match="greater or equal to zero"):
+        one.reset(seed=[5, -1])
+    np.testing.assert_array_equal(one.reset()[0], other.reset()[0])
+
+
+def test_a_flat_fish_is_not_made_to_vary_in_pitch():
+    """What every reset would refuse is refused when the environment is made."""
+    with pytest.raises(ValueError, match="can neither pitch nor roll"):
+        FishVectorEnv(2, body="planar", variation={"pitch": (-0.1, 0.1)})
+    assert FishVectorEnv(2, body="planar", variation={"pitch": 0.0}).reset(seed=0)[0].shape[0] == 2
+
+
+def test_seeds_of_numpy():
+    """Seeds may be numpy's whole numbers, alone and in an array."""
+    env = FishVectorEnv(2)
+    wanted = env.reset(seed=[4, 5])[0]
+    for seed in (np.array([4, 5]), np.int64(4), [np.uint8(4), 5]):
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], wanted)
+
+
+# Arrays in odd memory
+
+
+def lay(layout, array):
+    """The array in that layout; of boolean and whole numbers the plain one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return LAYOUTS[layout](np.asarray(array))
+
+
+def tank_after(change, **options):
+    """The state of a tank of two fish after a change and two steps."""
+    tank = Tank(FISH, 2, water=FISH.water, **options)
+    change(tank)
+    tank.advance(2)
+    assert tank.alive.all()
+    return tank.get_state()
+
+
+STATE = {name: single(array) for name, array in Tank(FISH, 2).get_state().items()}
+CHANGES = {
+    "swim": lambda tank, lay: tank.swim(lay(ACTION), 6 * tank.dt),
+    "drive": lambda tank, lay: tank.drive(lay(abs(ACTION)), 6),
+    "command": lambda tank, lay: tank.command(lay(abs(ACTION)), tank.dt),
+    "grab": lambda tank, lay: tank.grab(3, lay(np.array([0.5, 0.25, 0.0])), 2.0, velocity=lay(np.array([0.5, 0, 0]))),
+    "move": lambda tank, lay: tank.move([3], lay(np.array([0.5, 0.25, 0.0]))),
+    "vary": lambda tank, lay: tank.vary(1, 1.5, current=lay(np.array([0.5, 0.25, 0.0]))),
+    "set_state": lambda tank, lay: tank.set_state({name: lay(array) for name, array in STATE.items()}),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_arrays_in_odd_memory(layout):
+    """Strides, byte order, alignment, precision and protection of what is given change no bit of what follows."""
+    chosen = lambda array: lay(layout, array)  # noqa: E731
+    for name, change in CHANGES.items():
+        plain, laid = (tank_after(lambda tank, how=how: change(tank, how)) for how in (np.array, chosen))  # noqa: B023
+        for part, array in plain.items():
+            np.testing.assert_array_equal(array, laid[part], err_msg=f"{name} {part}")
+    one, other = FishVectorEnv(2), FishVectorEnv(2)
+    for env in (one, other):
+        env.reset(seed=0)
+    np.testing.assert_array_equal(one.step(ACTION)[0], other.step(chosen(ACTION))[0])
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_makers_take_odd_memory(layout):
+    """Bodies, tetrahedra, anchors and worlds made of such arrays are the same to the bit."""
+    place, b = single(SOLID.position), FISH.body
+    young = np.full(len(SOLID.tets.nodes), 8192.0)
+    parts = [
+        single(part) for part in (b.position, b.mass, b.springs.stiffness, b.springs.damping, b.springs.rest_length)
+    ]
+
+    def made(lay):
+        x, mass, c, k, rest = map(lay, parts)
+        body = make_body(x, mass, b.springs.nodes, c, k, rest, b.faces.nodes, share=lay(single(b.faces.share)))
+        anchors = make_anchors([0, 1], lay(place[:2]), lay(young[:2]), velocity=lay(place[:2]))
+        world = make_world(lay(np.array([0.0, 0.5, -8.0])), [(lay(np.array([0.0, 0.0, 2.0])), -1.0, 0.5)])
+        return body, make_tets(lay(place), SOLID.tets.nodes, lay(young), 0.25), anchors, world
+
+    quarter = np.full(b.faces.share.shape, 0.25)
+    b = b._replace(faces=b.faces._replace(share=quarter))
+    for one, other in zip(flat(made(np.array)), flat(made(lambda array: lay(layout, array))), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def flat(record):
+    """All numbers and arrays of nested tuples."""
+    return [leaf for part in record for leaf in flat(part)] if isinstance(record, tuple) else [record]
+
+
+def test_one_compilation_for_all_memory():
+    """A contraction in odd memory reaches the kernel as a plain one: nothing is compiled for it."""
+    from fish_env.muscles import command_all
+
+    Tank(FISH, 2).drive(abs(ACTION), 2)
+    before = len(command_all.signatures)
+    for layout in LAYOUTS:
+        Tank(FISH, 2).drive(lay(layout, abs(ACTION)), 2)
+    assert len(command_all.signatures) == before
+
+
+def test_arrays_of_its_own():
+    """A tank and an environment may be given their own arrays: the result is that of copies."""
+    for name, change in {
+        "drive": lambda tank, own: tank.drive(own(tank.contraction.clip(0.0, 1.0)), 6),
+        "swim": lambda tank, own: tank.swim(own(tank.velocity.reshape(2, -1)[:, :12]), 6 * tank.dt),
+        "command": lambda tank, own: tank.command(own(tank.rest_length[:, :12]), tank.dt),
+        "grab": lambda tank, own: tank.grab(3, own(tank.position[0, 3]), 2.0, velocity=own(tank.velocity[0, 0])),
+        "move": lambda tank, own: tank.move([3], own(tank.velocity[0, 3])),
+        "vary": lambda tank, own: tank.vary(1, current=own(tank.velocity[0, 5])),
+        "set_state": lambda tank, own: tank.set_state(
+            {**tank.get_state(), "x": own(tank.position[::-1]), "v": own(tank.velocity[::-1])}
+        ),
+        "reset": lambda tank, own: tank.reset(own(tank.alive)),
+    }.items():
+        before = lambda tank: tank.swim(0.5 * ACTION, 6 * tank.dt)  # noqa: E731
+        one, other = (tank_after(lambda tank, own=own: (before(tank), change(tank, own)))  # noqa: B023
+                      for own in (np.array, np.asarray))  # fmt: skip
+        for part, array in one.items():
+            np.testing.assert_array_equal(array, other[part], err_msg=name)
+    one, other = FishVectorEnv(2), FishVectorEnv(2)
+    for env in (one, other):
+        env.reset(seed=0)
+        env.step(ACTION)
+    obs = one.step(one._contraction)[0]
+    np.testing.assert_array_equal(obs, other.step(other._contraction.copy())[0])
+    np.testing.assert_array_equal(one.step(one._action)[0], other.step(other._action.copy())[0])
+
+
+def test_observations_in_odd_memory():
+    """A policy gives the same actions for observations in any memory."""
+    policy = load_policy(shipped_policy("swim"))
+    obs = FishVectorEnv(2).reset(seed=0)[0].astype(float)
+    for layout in LAYOUTS:
+        np.testing.assert_array_equal(policy(obs), policy(lay(layout, obs)))
+
+
+@pytest.mark.parametrize("bad", [["0.5"] * 12, np.zeros(12, complex), np.zeros(12, "M8[s]"), [10**400] * 12, None, {},
+                                 np.ma.masked_array(np.zeros(12), np.arange(12) == 3)])  # fmt: skip
+def test_what_is_no_number_is_no_action(bad):
+    """Text, dates, complex and masked numbers are refused wherever a command is taken, and nothing moves."""
+    tank = Tank(FISH, 1)
+    env, single_env = FishVectorEnv(1), gym.make("FishEnv/Swim-v0", disable_env_checker=True)
+    env.reset(seed=0)
+    single_env.reset(seed=0)
+    many = bad if isinstance(bad, dict) or bad is None else [bad] if isinstance(bad, list) else bad[None]
+    for refused in (lambda: tank.swim(bad, tank.dt), lambda: tank.drive(many, 1), lambda: tank.command(many, tank.dt),
+                    lambda: env.step(many)):  # fmt: skip
+        with pytest.raises(ValueError, match=r"action is|contraction is|has shape"):
+            refused()
+    assert not tank.control.rate.any() and not tank.time.any() and not env.tank.time.any()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"max_episode_steps": 2**70}, "max_episode_steps is 1180591620717411303424; give a whole number"),
+        ({"control_interval": 1e308}, "give at most 9007199254740992 steps"),
+        ({"control_interval": 10**400}, "control_interval is 10+; give a positive number"),
+        ({"water": {"density": 1e308, "drag_coefficient": 1e308}}, "is infinite; give less"),
+        ({"dt": 1e300}, "dt is 1e.300; give a positive number of seconds, at least 1e-12 and at most 1e.09"),
+        ({"dt": 10**400}, "dt is 10+; give"),
+        ({"lanes": 8.0}, "lanes is 8.0"),
+        ({"speed": np.array(0.5 + 1j)}, "speed is .*give finite numbers"),
+    ],
+)
+def test_numbers_that_are_too_large_are_refused(options, message):
+    """Numbers that no clock, no counter and no float can hold are refused when an environment is made."""
+    with pytest.raises(ValueError, match=message):
+        FishVectorEnv(2, **options)
+
+
+def test_a_body_of_extreme_size_is_refused():
+    """A fish whose masses no float can hold is refused in a sentence, not by an error of arithmetic."""
+    for body, length in (("mass_spring", 1e300), ("planar", 1e-300), ("two_layer", 1e100), ("tetrahedral", 1e300)):
+        with pytest.raises(ValueError, match="follows from numbers that are too large or too small"):
+            make_fish(body, length=length)
+
+
+@pytest.mark.parametrize("id", ["FishEnv/Swim-v0", "FishEnv/Stub-v0"])
+def test_stable_baselines3_is_refused_alike(id):
+    """A `VecEnv` refuses what the batch refuses, and goes on as if it had not been asked."""
+    pytest.importorskip("stable_baselines3")
+    one, other = (make_sb3_vec_env(id, 2, seed=3) for _ in range(2))
+    one.reset()
+    other.reset()
+    for bad in (np.zeros((2, 5)), np.full((2, 12), np.nan), "left", None):
+        assert call("VecEnv.step", one.step, bad) is None
+    action = np.zeros((2, 12), np.float32)
+    np.testing.assert_array_equal(one.step(action)[0], other.step(action)[0])
+
+
+def test_edges_are_there():
+    """The odd values hold what they are there for."""
+    assert {np.inf, -np.inf, 5e-324} <= set(EDGES) and isinstance(FISH, ElasticObject)

@@ -1,0 +1,171 @@
+"""Makers, given anything: what they return is finite and can be simulated, or they refuse it by a documented error."""
+
+import numpy as np
+import pytest
+from fuzzing import EDGES, FACTOR, WHOLE, call, examples, numbers, odd, scaled, unsound
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fish_env import BODIES, INTEGRATORS, Tank, make_body, make_fish, make_water, make_world
+from fish_env.bodies.mass_spring import calibrated
+from fish_env.bodies.objects import OBJECTS, RING, room
+from fish_env.body import fix
+from fish_env.control import Gait
+from fish_env.elements import make_barriers, make_compartments, make_tets
+from fish_env.simd import Kind
+from fish_env.statics import equilibrium
+from fish_env.tasks import TASKS
+from fish_env.world import make_anchors
+
+FISH = make_fish()
+B = FISH.body
+PARAMETERS = {name: np.array(value) for name, value in calibrated().items()}
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+SURFACE = np.array([[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [2, 0, 3, 3]])
+MATERIALS = {name: np.array(value) for name, value in vars(RING).items() if value is not None}
+PARTS = {"position": B.position, "mass": B.mass, "pairs": B.springs.nodes, "stiffness": B.springs.stiffness,
+         "damping": B.springs.damping, "rest_length": B.springs.rest_length, "faces": B.faces.nodes,
+         "share": B.faces.share, "drag": B.faces.drag, "depth": B.faces.depth}  # fmt: skip
+OF_BODY = {
+    "planar": {"bending": np.ones(5), "pull": np.ones(3), "shear": 1.0, "drag": np.ones(6)},
+    "two_layer": {"bending": np.ones(5), "pull": np.ones(3), "shear": 1.0, "inner_size": 0.5, "inner_mass": 0.8,
+                  "inner_stiffness": 0.3, "pressure": 1e3, "gap_pressure": 1e3, "barrier_energy": 3e-3},
+    "tetrahedral": {"level": 1, "young": np.full(6, 1e4), "poisson": 0.4, "corotational": True, "lumping": "uniform"},
+    "published": {"contracted": np.full(3, 0.7), "contraction_time": 0.7, "time_step": 0.02},
+}  # fmt: skip
+MAKERS = {
+    "make_body": (make_body, PARTS, PARTS),
+    "make_tets": (make_tets, {"position": CORNERS, "nodes": [[0, 1, 2, 3]], "young": 1.0, "poisson": 0.3},
+                  {"relaxation_time": 0.1, "strain": "green_lagrange"}),
+    "make_compartments": (make_compartments, {"position": CORNERS, "surfaces": [SURFACE], "pressure": 1.0},
+                          {"ambient": 0.0}),
+    "make_barriers": (make_barriers, {"position": CORNERS, "faces": [[1, 2, 3]], "inner": [0], "energy": 1.0}, {}),
+    "make_water": (make_water, {}, {"density": 1e3, "drag_coefficient": 1.0, "law": "linear", "current": np.zeros(3)}),
+    "make_world": (make_world, {}, {"gravity": np.zeros(3), "planes": (((0, 0, 1), -1.0, 0.5),), "viscosity": 0.1,
+                                    "water": make_water()}),
+    "make_anchors": (make_anchors, {"node": [0, 5], "point": np.zeros((2, 3)), "stiffness": np.ones(2)},
+                     {"damping": np.ones(2), "rest_length": np.ones(2), "velocity": np.zeros((2, 3))}),
+    "room": (room, {"down": np.array([0.0, 0.0, -1.0]), "size": 1.0}, {"restitution": 0.5, "gravity": 9.8}),
+    "fix": (fix, {"body": B, "nodes": np.array([0, 3])}, {"axes": "xy"}),
+    "Gait": (Gait, {"frequency": 2.0, "amplitude": np.ones(3), "lag": np.zeros(3)}, {}),
+    "Kind": (Kind, {}, {"lanes": 8, "dtype": "float64"}),
+}  # fmt: skip
+FORMS = {"string": {"nodes": 3, "length": 0.2, "mass": 0.1, "stiffness": 8.0, "relaxation_time": 0.002},
+         "ring": MATERIALS | {"nodes": 12, "layers": 2}, "sphere": MATERIALS | {"slices": 4, "stacks": 3},
+         "uniform sphere": MATERIALS | {"level": 1, "correction": True, "layers": 1}}  # fmt: skip
+FRESH = {
+    "string": {}, "ring": {"nodes": 6}, "sphere": {"slices": 4, "stacks": 3}, "uniform sphere": {"level": 0},
+}  # fmt: skip
+
+
+def near(value):
+    """A value that is nearly allowed: of this shape with an extreme number in it, or anything at all."""
+    plain = isinstance(value, float | int | np.ndarray | list) and not isinstance(value, bool)
+    numeric = plain and np.asarray(value).dtype.kind in "fi"
+    whole = np.asarray(value).dtype.kind == "i" if numeric else False
+    close = st.sampled_from(WHOLE) if isinstance(value, int) or (whole and np.ndim(value) == 0) else st.nothing()
+    if numeric and not whole:
+        close = scaled(value) if np.ndim(value) else st.sampled_from(EDGES) | st.floats(0.0, 2.0).map(value.__mul__)
+    elif whole and np.ndim(value):
+        close = scaled(value).map(lambda array: np.nan_to_num(array, posinf=9e18, neginf=-9e18).clip(-9e18, 9e18))
+        close = close.map(lambda array: array.astype(np.int64))
+    return st.one_of(close, close, odd, st.just(value))
+
+
+@st.composite
+def keywords(draw, needed, others, most=2):
+    """Keywords of a maker, one or two of them odd."""
+    names = draw(st.lists(st.sampled_from([*needed, *others, "unknown"]), min_size=1, max_size=most, unique=True))
+    every = needed | others
+    return needed | {name: draw(near(every[name]) if name in every else odd) for name in names}
+
+
+def simulated(thing):
+    """A few steps of what was made: it moves to finite places, or is said to have failed."""
+    tank = call("Tank(made)", Tank, thing, 1, water=thing.water)
+    if tank is None:
+        return
+    tank.advance(2)
+    assert np.isfinite(tank.position).all() and np.isfinite(tank.velocity).all()
+    assert tank.alive.all() or tank.failure[0]
+
+
+@pytest.mark.parametrize("name", MAKERS)
+@examples(15)
+@given(data=st.data())
+def test_makers(name, data):
+    """Parts of bodies, worlds, anchors, gaits and kinds."""
+    make, needed, others = MAKERS[name]
+    made = call(name, make, **data.draw(keywords(needed, others)))
+    assert made is None or not unsound(made, infinite=("phase",)), unsound(made)
+
+
+@pytest.mark.parametrize("body", BODIES)
+@examples(8)
+@given(data=st.data())
+def test_fish(body, data):
+    """Every body, with every parameter that it has."""
+    own = {"drag": np.ones(6)} if body in ("planar", "two_layer") else {}
+    others = OF_BODY.get(body, {}) | own | (PARAMETERS if body != "published" else {})
+    made = call(f"make_fish({body})", make_fish, body, **data.draw(keywords({}, others)))
+    if made is not None:
+        assert not unsound(made, infinite=("refine",)), unsound(made, infinite=("refine",))
+        simulated(made)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@examples(6)
+@given(data=st.data())
+def test_objects(name, data):
+    """Every elastic object, with every material."""
+    made = call(f"make {name}", OBJECTS[name].make, **FRESH[name] | data.draw(keywords({}, FORMS[name])))
+    if made is not None:
+        assert not unsound(made, infinite=("refine",)), unsound(made, infinite=("refine",))
+        simulated(made)
+
+
+@examples(25)
+@given(data=st.data())
+def test_tanks(data):
+    """Every option of a tank, and two of them together."""
+    options = {"num_fish": 2, "integrator": "rk4", "dt": 0.001, "threads": 2, "dtype": "float32", "lanes": 4,
+               "refine": 0.1, "water": FISH.water}  # fmt: skip
+    tank = call("Tank", Tank, **{"fish": FISH} | data.draw(keywords({}, options)))
+    if tank is not None and (FACTOR > 1 or tank.kind == Kind()):  # another kind is compiled for
+        tank.advance(2)
+        assert np.isfinite(tank.position).all() and np.isfinite(tank.velocity).all()
+        tank.close()
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+@examples(2)
+@given(stiffness=st.sampled_from(EDGES[2:]), mass=st.sampled_from(EDGES[2:]), drag=numbers, dt=st.sampled_from(EDGES))
+def test_plans_of_extreme_fish(name, stiffness, mass, drag, dt):
+    """Every method plans its steps for fish of any stiffness and mass that is accepted, with any step."""
+    tank = call("Tank(integrator, dt)", Tank, FISH, 1, integrator=name, dt=dt) or Tank(FISH, 1, integrator=name)
+    call("Tank.vary", tank.vary, 0, stiffness, mass, drag)
+    if INTEGRATORS[name].kind != "adaptive":
+        tank.advance(1)
+        assert np.isfinite(tank.position).all() and np.isfinite(tank.velocity).all()
+
+
+@pytest.mark.parametrize("task", TASKS)
+@examples(10)
+@given(data=st.data())
+def test_tasks(task, data):
+    """Every keyword of every task."""
+    defaults = TASKS[task].__init__.__defaults__ or ()
+    names = TASKS[task].__init__.__code__.co_varnames[1 : 1 + len(defaults)]
+    call(f"task {task}", TASKS[task], **data.draw(keywords({}, dict(zip(names, defaults, strict=True)))))
+
+
+@examples(6)
+@given(data=st.data())
+def test_statics(data):
+    """An equilibrium is found or refused, for any gravity and any start."""
+    gravity, start = data.draw(scaled(np.zeros(3))), data.draw(near(B.position))
+    world = call("make_world", make_world, gravity)
+    if world is not None:
+        floor = world._replace(planes=np.array([[0.0, 0.0, 1.0, -1.0, 0.0]]))
+        found = call("equilibrium", equilibrium, B, floor, start=start)
+        assert found is None or np.isfinite(found).all()
