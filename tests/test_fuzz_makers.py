@@ -30,7 +30,8 @@ OF_BODY = {
     "planar": {"bending": np.ones(5), "pull": np.ones(3), "shear": 1.0, "drag": np.ones(6)},
     "two_layer": {"bending": np.ones(5), "pull": np.ones(3), "shear": 1.0, "inner_size": 0.5, "inner_mass": 0.8,
                   "inner_stiffness": 0.3, "pressure": 1e3, "gap_pressure": 1e3, "barrier_energy": 3e-3},
-    "tetrahedral": {"level": 1, "young": np.full(6, 1e4), "poisson": 0.4, "corotational": True, "lumping": "uniform"},
+    "tetrahedral": {"level": 1, "young": np.full(6, 1e4), "poisson": 0.4, "strain": "linear",
+                    "lumping": "uniform"},
     "published": {"contracted": np.full(3, 0.7), "contraction_time": 0.7, "time_step": 0.02},
 }  # fmt: skip
 MAKERS = {
