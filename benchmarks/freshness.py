@@ -21,9 +21,11 @@ from benchmarks.definitions import Code
 FOLDERS = ("fish_env", "agents", "benchmarks", "examples", "train.py")
 IGNORED = (
     "agents.records", "agents.results:read_rows", "benchmarks.provenance", "benchmarks.common.tables",
-    "fish_env._jit:Progress", "fish_env._progress",
+    "fish_env._jit:Progress", "fish_env._progress", "fish_env._cache", "fish_env._jit:cache_folder",
+    "fish_env._jit:source_hash", "fish_env._jit:_FOLDER", "fish_env._jit:KeyedFiles", "fish_env._jit:SourceCache",
+    "fish_env._jit:unstored", "fish_env._jit:CHECKSUM", "fish_env._jit:CACHE_VARIABLES",
 )  # fmt: skip
-"""What writes numbers down and tells the user what is going on; the names of former layouts stay here."""
+"""What writes numbers and kernels down and tells the user what is going on; names of former layouts stay here."""
 CURRENT, STALE, UNKNOWN, MISSING = "current", "older than the code", "cannot be told", "missing"
 
 

@@ -5,6 +5,7 @@ python -m fish_env play turn            watch a shipped policy in a window (or -
 python -m fish_env evaluate turn        evaluate a shipped policy on fixed seeds
 python -m fish_env replay FILE.npz       simulate a recorded episode again and compare bit for bit
 python -m fish_env lab                  open the laboratory in the browser: look at soft bodies, pull and change them
+python -m fish_env compile swim         compile its kernels ahead of their first use, for an image or a shared folder
 python -m fish_env versions             name the versions of what it runs with
 """
 
@@ -26,6 +27,7 @@ from fish_env.control.playback import play
 from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
 from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
+from fish_env.envs.ahead import compile_ahead, stored_kernels
 from fish_env.lab import LOOPBACK, serve
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
@@ -42,6 +44,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     laboratory = commands.add_parser("lab", help="open the laboratory in the browser, on this machine only")
     laboratory.add_argument("--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK})")
     laboratory.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
+    command = commands.add_parser("compile", help="compile kernels ahead of their first use, into FISH_ENV_CACHE")
+    command.add_argument("task", nargs="*", metavar="task", help=f"which (default all): {', '.join(fish_env.TASKS)}")
+    command.add_argument("--body", nargs="+", default=["mass_spring"], help="on which bodies (default mass_spring)")
+    command.add_argument("--dtype", nargs="+", default=["float64"], help="float64, float32 or both (default float64)")
+    command.add_argument("--integrator", help="with this integrator instead of the body's own")
     commands.add_parser("versions", help="name the versions of Python and of the packages it runs with")
     command = commands.add_parser("replay", help="simulate a recorded episode again and compare bit for bit")
     command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
@@ -127,6 +134,15 @@ def replay_file(path: Path, save: Path | None) -> int:
     return 0 if found.same else 1
 
 
+def compile_kernels(arguments: argparse.Namespace) -> None:
+    """Compile what was asked for, and say how many kernels are stored where."""
+    tasks = arguments.task or list(fish_env.TASKS)
+    for name, new, total in compile_ahead(tasks, arguments.body, arguments.dtype, arguments.integrator):
+        print(f"{name}: {new} new kernels, {total} in all", flush=True)
+    folder, files = stored_kernels()
+    print(f"{sum(path.stat().st_size for path in files) / 1e6:.0f} MB in {folder}")
+
+
 def installed(package: str) -> str:
     """The version of a package, or that it is not installed."""
     try:
@@ -150,6 +166,8 @@ def run(arguments: argparse.Namespace) -> int:
         list_all()
     elif arguments.command == "versions":
         print_versions()
+    elif arguments.command == "compile":
+        compile_kernels(arguments)
     elif arguments.command == "lab":
         serve(arguments.host, arguments.port)
     elif arguments.command == "evaluate":

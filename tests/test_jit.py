@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import fish_env
-from fish_env import _jit
+from fish_env import _cache
 from fish_env._jit import njit, part
 
 PACKAGE = Path(fish_env.__file__).parent
@@ -63,28 +63,29 @@ def edit(path, before, after):
 
 def test_hash_sees_every_source_file(package):
     """The hash changes with the bytes of any source file, however deep, with a new one and with a renamed one."""
-    first = _jit.source_hash(package)
-    assert first == _jit.source_hash(package) == _jit.source_hash(PACKAGE)
+    first = _cache.source_hash(package)
+    assert first == _cache.source_hash(package) == _cache.source_hash(PACKAGE)
     seen = {first}
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
         path.write_bytes(text + b"\n")
-        seen.add(_jit.source_hash(package))
+        seen.add(_cache.source_hash(package))
         path.write_bytes(text)
     assert len(seen) == 1 + len(list(package.rglob("*.py")))
     (package / "forces" / "new.py").touch()
-    seen.add(_jit.source_hash(package))
+    seen.add(_cache.source_hash(package))
     (package / "forces" / "new.py").rename(package / "forces" / "newer.py")
-    seen.add(_jit.source_hash(package))
+    seen.add(_cache.source_hash(package))
     assert len(seen) == 3 + len(list(package.rglob("*.py"))) - 1
     (package / "forces" / "newer.py").unlink()
     (package / "notes.txt").write_text("not a source")
-    assert _jit.source_hash(package) == first
+    assert _cache.source_hash(package) == first
 
 
 def fresh(script, package, cache):
     """What a script prints in a fresh process that uses the copied package."""
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA_", "PYTHON"))}
+    skipped = ("NUMBA_", "PYTHON", "FISH_ENV_")
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(skipped)}
     environment |= {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, *(["-c", script] if isinstance(script, str) else [str(script)])]
     done = subprocess.run(command, env=environment, cwd=package.parent, capture_output=True, text=True)
@@ -131,6 +132,7 @@ def test_compiling_is_announced(package, tmp_path):
     script = script.replace("import fish_env\n", "\nimport fish_env\n", 1)
     environment = os.environ | {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment.pop("NUMBA_CACHE_DIR", None)
+    environment.pop("FISH_ENV_CACHE", None)
     for quiet, expected in (("", True), ("", False)):
         done = subprocess.run([sys.executable, "-c", script], env=environment | {"FISH_ENV_QUIET": quiet},
                               cwd=package.parent, capture_output=True, text=True)  # fmt: skip
@@ -146,6 +148,7 @@ def test_compiling_is_announced(package, tmp_path):
 def nowhere(tmp_path, monkeypatch):
     """A place below a plain file, where no folder can be made, for temporary files; returned for the cache too."""
     (tmp_path / "file").touch()
+    monkeypatch.delenv("FISH_ENV_CACHE", raising=False)
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("LOCALAPPDATA", raising=False)
@@ -156,15 +159,15 @@ def nowhere(tmp_path, monkeypatch):
 def test_warning_without_a_writable_folder(nowhere, monkeypatch):
     """Where neither the cache nor the temporary folder can be written, a warning says so and what to do about it."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(nowhere))
-    with pytest.warns(RuntimeWarning, match="cannot write to .*below.* set NUMBA_CACHE_DIR to a writable folder"):
-        assert _jit.cache_folder() is None
+    with pytest.warns(RuntimeWarning, match="cannot write to .*below.* set FISH_ENV_CACHE to a writable folder"):
+        assert _cache.cache_folder() is None
 
 
 def test_kernels_compile_without_a_folder(monkeypatch):
     """Without a folder, functions compile all the same, uncached."""
-    monkeypatch.setattr(_jit, "_FOLDER", None)
+    monkeypatch.setattr(_cache, "_FOLDER", None)
 
-    @_jit.njit
+    @njit
     def twice(x):
         return 2 * x
 
@@ -175,9 +178,66 @@ def test_kernels_compile_without_a_folder(monkeypatch):
 def test_folder_is_where_the_user_says(nowhere, tmp_path, monkeypatch, variable):
     """The user's variable decides where the folder is; it is named after the sources and made."""
     monkeypatch.setenv(variable, str(tmp_path / "mine"))
-    folder = Path(_jit.cache_folder())
+    folder = Path(_cache.cache_folder())
     assert folder.is_dir() and folder.parent == tmp_path / "mine" / "fish_env"
-    assert folder.name.startswith(_jit.source_hash())
+    assert folder.name.startswith(_cache.source_hash())
+
+
+def test_own_variable_comes_first(nowhere, tmp_path, monkeypatch):
+    """FISH_ENV_CACHE is the folder itself, whatever else is set."""
+    for name in _cache.CACHE_VARIABLES:
+        monkeypatch.setenv(name, str(tmp_path / name))
+    monkeypatch.setenv("FISH_ENV_CACHE", str(tmp_path / "mine"))
+    folder = Path(_cache.cache_folder())
+    assert folder.is_dir() and folder.parent == tmp_path / "mine" and folder.name.startswith(_cache.source_hash())
+    monkeypatch.setenv("FISH_ENV_CACHE", "")
+    assert Path(_cache.cache_folder()).parent == tmp_path / "NUMBA_CACHE_DIR" / "fish_env"
+
+
+def test_own_variable_has_no_substitute(nowhere, tmp_path, monkeypatch):
+    """Where FISH_ENV_CACHE cannot be written, a warning says why, and no other folder is taken."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "other"))
+    monkeypatch.setenv("FISH_ENV_CACHE", str(nowhere))
+    with pytest.warns(RuntimeWarning, match="below.*Not a directory.*set FISH_ENV_CACHE to a folder that can be writ"):
+        assert _cache.cache_folder() is None
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_folder_that_can_only_be_read(tmp_path, monkeypatch):
+    """One that holds kernels serves, as in an image; an empty one does not. What is new stays in memory."""
+    monkeypatch.setenv("FISH_ENV_CACHE", str(tmp_path))
+    monkeypatch.setattr(_cache, "_FOLDER", _cache.cache_folder())
+    folder = Path(_cache._FOLDER)
+
+    def made(factor):
+        return njit(lambda a: factor * a)
+
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    with pytest.warns(RuntimeWarning, match="it holds no kernels, and cannot be written to"):
+        assert _cache.cache_folder() is None
+    assert made(2.0)(1.0) == 2.0
+    assert _cache.cache_folder() == str(folder)
+
+    def refused(*arguments, **options):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    _cache.unstored.cache_clear()
+    monkeypatch.setattr(os, "makedirs", refused)
+    files = set(folder.rglob("*.nbc"))
+    again = made(2.0)
+    assert again(1.0) == 2.0 and sum(again.stats.cache_hits.values()) == 1
+    with pytest.warns(RuntimeWarning, match="cannot store compiled kernels in .*Permission denied.*FISH_ENV_CACHE"):
+        assert made(3.0)(1.0) == 3.0
+    assert set(folder.rglob("*.nbc")) == files and files
+
+
+def test_machines_share_a_folder(package, tmp_path):
+    """Kernels are found by a copy of the package that stands elsewhere, as on another machine."""
+    cache = tmp_path / "cache"
+    assert stored(package, cache) == (1.0, 0)
+    elsewhere = shutil.copytree(package, tmp_path / "elsewhere" / "fish_env")
+    assert stored(elsewhere, cache) == (1.0, 1)
 
 
 def test_falls_back_to_the_temporary_folder(nowhere, tmp_path, monkeypatch):
@@ -186,14 +246,14 @@ def test_falls_back_to_the_temporary_folder(nowhere, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert _jit.cache_folder().startswith(str(tmp_path / "cache-"))
+        assert _cache.cache_folder().startswith(str(tmp_path / "cache-"))
 
 
 def test_no_home(nowhere, tmp_path, monkeypatch):
     """A user without a home directory, as in some containers, gets the temporary folder."""
     monkeypatch.setattr(Path, "home", home_missing)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    assert _jit.cache_folder().startswith(str(tmp_path / "cache-"))
+    assert _cache.cache_folder().startswith(str(tmp_path / "cache-"))
 
 
 def home_missing():
@@ -203,23 +263,24 @@ def home_missing():
 
 def test_no_temporary_folder(tmp_path, monkeypatch):
     """Without any folder for temporary files, the user's own is taken all the same."""
+    monkeypatch.delenv("FISH_ENV_CACHE", raising=False)
 
     def missing():
         raise FileNotFoundError("No usable temporary directory found")
 
     monkeypatch.setattr(tempfile, "gettempdir", missing)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert _jit.cache_folder().startswith(str(tmp_path))
+    assert _cache.cache_folder().startswith(str(tmp_path))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "below"))
     (tmp_path / "file").touch()
     with pytest.warns(RuntimeWarning, match="cannot write to .*below"):
-        assert _jit.cache_folder() is None
+        assert _cache.cache_folder() is None
 
 
 @pytest.mark.parametrize("damage", ["half", "a bit", "empty"])
 def test_damaged_files_are_compiled_again(tmp_path, monkeypatch, damage):
     """A file of the cache that was cut short or changed counts as missing, and is replaced by a good one."""
-    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
+    monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
 
     def made():
         def thrice(a):
@@ -235,15 +296,15 @@ def test_damaged_files_are_compiled_again(tmp_path, monkeypatch, damage):
     path.write_bytes({"half": good[: len(good) // 2], "a bit": bytes(changed), "empty": b""}[damage])
     again = made()
     assert again(2.0) == 6.0 and not sum(again.stats.cache_hits.values())
-    assert path.read_bytes()[: _jit.CHECKSUM] != b"" and path.stat().st_size > len(good) // 2
+    assert path.read_bytes()[: _cache.CHECKSUM] != b"" and path.stat().st_size > len(good) // 2
     last = made()
     assert last(2.0) == 6.0 and sum(last.stats.cache_hits.values()) == 1
 
 
 def test_a_full_disk_costs_time_only(tmp_path, monkeypatch):
     """Kernels that cannot be stored stay in memory, and one warning names the folder."""
-    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
-    _jit.unstored.cache_clear()
+    monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
+    _cache.unstored.cache_clear()
 
     def full(source, target):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -258,7 +319,7 @@ def test_a_full_disk_costs_time_only(tmp_path, monkeypatch):
 
 def test_parts_are_never_loaded(tmp_path, monkeypatch):
     """What is loaded first under a name serves all callers: a part, which is not optimised by itself, must not be."""
-    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))  # or the caller would come from disk, and without its part
+    monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))  # or the caller would come from disk, and without its part
 
     @part
     def seventh(a):
@@ -277,7 +338,7 @@ def test_parts_are_never_loaded(tmp_path, monkeypatch):
 
 def test_processes_that_compile_at_once(tmp_path, monkeypatch):
     """Code is found by what it is for, though another process wrote at the same time and no index knows of it."""
-    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
+    monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
 
     def made(factor):
         @njit
@@ -337,7 +398,7 @@ print(*[made(float(factor))(1.0) for factor in sys.argv[1:]])
     )
     path = tmp_path / "script.py"
     path.write_text(script)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "FISH_ENV_QUIET": "1"}
+    environment = os.environ | {"FISH_ENV_CACHE": str(tmp_path), "FISH_ENV_QUIET": "1"}
 
     def printed(*factors):
         done = subprocess.run(

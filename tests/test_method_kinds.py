@@ -12,7 +12,7 @@ import pytest
 from moving import FIXED_STEP, each_fixed, tank_of, world_of
 
 from fish_env import INTEGRATORS, forces, make_fish
-from fish_env._jit import code_of
+from fish_env._cache import code_of
 from fish_env.bodies import BODIES
 from fish_env.engine import make_advance
 from fish_env.tank_options import own_step

@@ -1,7 +1,9 @@
 """Wheel and source archive hold all that the installed package needs, and it runs without the checkout."""
 
 import inspect
+import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -13,6 +15,7 @@ import pytest
 
 import fish_env
 from fish_env import control
+from fish_env.__main__ import parse
 
 ROOT = Path(__file__).parent.parent
 PARTS = ("fish_env", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "tests")
@@ -77,6 +80,22 @@ same = fish_env.envs.sb3.make_sb3_vec_env is fish_env.make_sb3_vec_env
 print(before, same, type(fish_env.make_sb3_vec_env("FishEnv/Stub-v0", num_envs=2)).__name__)"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "True", "VecMonitor"]
+
+
+def test_what_the_image_is_built_from():
+    """The Dockerfile may copy all that the package is built from, and its commands are those of the package."""
+    given = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
+    assert given == {*PARTS, "constraints.txt"} - {"tests"} and all((ROOT / name).exists() for name in given)
+    text = (ROOT / "Dockerfile").read_text()
+    for extra in re.findall(r"\.\[(\w+)\]", text):
+        assert re.search(rf"^{extra} = ", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert re.findall(r"RUN python -m fish_env (\w+)", text) == ["compile"]
+    command = json.loads(re.search(r"^CMD (.*)$", text, re.MULTILINE)[1])
+    assert command[:3] == ["python", "-m", "fish_env"] and parse(command[3:]).command == "evaluate"
+    variable = re.search(r"FISH_ENV_CACHE=(\S+)", text)[1]
+    assert re.search(rf"install -d -o fish {variable}\n", text) and text.index("USER fish") < text.index(
+        "RUN python -m"
+    )
 
 
 @pytest.mark.slow

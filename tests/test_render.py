@@ -236,6 +236,21 @@ print(pygame.display.get_init())
     assert done.stdout.split() == ["True", "False"], done.stderr
 
 
+def test_a_window_without_a_display():
+    """With SDL_VIDEODRIVER=dummy, a program that opens a window runs where there is no display; the window is drawn."""
+    code = """
+import gymnasium, fish_env, pygame
+env = gymnasium.make("FishEnv/Stub-v0", render_mode="human")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+print(pygame.display.get_driver(), pygame.surfarray.array3d(pygame.display.get_surface()).std() > 10)
+env.close()
+print(pygame.display.get_init())
+"""
+    done = run_python(code, DISPLAY=None, WAYLAND_DISPLAY=None, SDL_VIDEODRIVER="dummy")
+    assert done.stdout.split()[-3:] == ["dummy", "True", "False"], done.stderr
+
+
 def test_missing_pygame_says_what_to_install():
     """Without pygame the error names the extra that brings it."""
     done = run_python("import sys; sys.modules['pygame'] = None; import fish_env.render")

@@ -30,7 +30,7 @@ from benchmarks.stability.attack_search import decoded
 from benchmarks.stability.cases import stored
 from benchmarks.stability.mistreatment import GOALS, LEVELS
 from fish_env import BODIES, TASKS, make_fish
-from fish_env._jit import source_hash
+from fish_env._cache import source_hash
 from fish_env.bodies import Fish
 from fish_env.control.files import write_text
 from fish_env.envs import VARIATIONS, FishVectorEnv

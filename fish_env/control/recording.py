@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 
 import fish_env
-from fish_env._jit import source_hash
+from fish_env._cache import source_hash
 from fish_env.control.files import DAMAGED, replacing, writable_file
 from fish_env.envs import FishEnv
 from fish_env.envs.layout import LAYOUT_VERSION
