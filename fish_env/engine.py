@@ -39,7 +39,7 @@ def make_block(fish_count: int, body, world, kind: Kind, driven, plans, costs, m
         v=kind.vectors(n),
         work=method.make_work(body, kind),
         cache=forces.make_cache(body, world, kind),
-        todo=np.zeros(fish_count, dtype=np.int64),
+        todo=kind.scratch(fish_count, "int64"),
     )
 
 
@@ -238,11 +238,13 @@ class Engine:
         self.blocks = []
         for i in range(b):
             self.plan(i)
+        self.blocks = [self.new_block(b, tank.kind) for _ in range(tank._chunks)]
+
+    def new_block(self, fish_count: int, kind: Kind) -> Pack:
+        """A block for a thread that moves so many fish."""
+        fish, world = self.tank.fish, self.tank.world
         plans, costs = self._tables()
-        self.blocks = [
-            make_block(b, fish.body, world, tank.kind, np.unique(fish.fibres), plans, costs, self.method)
-            for _ in range(tank._chunks)
-        ]
+        return make_block(fish_count, fish.body, world, kind, np.unique(fish.fibres), plans, costs, self.method)
 
     def plan(self, i: int) -> None:
         """Choose the plan of fish i by how stiff it is; fish of one plan share blocks."""

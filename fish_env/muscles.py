@@ -28,7 +28,7 @@ def command(tank, contraction, b, duration):
         else:
             change = min(max(wanted, -limit), limit)  # (14)
         tank.rate[b, e] = change / duration
-        squares += (change / limit) ** 2
+        squares += (change / limit) * (change / limit)
     tank.effort[b] = squares / tank.fibres.size
 
 

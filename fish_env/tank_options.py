@@ -20,6 +20,7 @@ SHORTEST = 1e-12  # s: beside an episode, a shorter step is lost in the rounding
 LONGEST = 1e9  # s: the square of a step of any length must be a number
 FACTORS = (1e-9, 1e9)  # of `Tank.vary`: products with them must be numbers
 FISH_FOR_LANES = 3  # fewer than this are faster one by one
+NOT_FOR_TANKS = {"dual": "moves nothing", "thread": "is for the threads of a GPU"}
 
 
 def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple[Integrator, float, float]:
@@ -135,9 +136,11 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
     if lanes is None:
         many = 16 if dtype == "float32" else 8
         lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
-    if lanes == "dual":
-        raise ValueError(f"lanes is 'dual', which moves nothing; choose from {', '.join(map(repr, LANES))}")
-    return Kind(lanes, dtype)
+    kind = Kind(lanes, dtype)
+    if lanes in NOT_FOR_TANKS:
+        reason = NOT_FOR_TANKS[str(lanes)]
+        raise ValueError(f"lanes is {lanes!r}, which {reason}; choose from {', '.join(map(repr, LANES))}")
+    return kind
 
 
 def varied(body: Body, world: World, row) -> tuple[Body, World]:

@@ -30,7 +30,7 @@ def present(body, world) -> bool:
 def make_cache(body, world, kind) -> Pack:
     """Gradients (3K,), times the root of what weighs them in `add_tangent`, and which barriers (K,) are at work."""
     count = len(body.barriers.energy)
-    return Pack("barriers", slope=kind.vectors(3 * count), active=np.zeros(count, dtype=np.int64))
+    return Pack("barriers", slope=kind.vectors(3 * count), active=kind.scratch(count, "int64"))
 
 
 def bounds(body, world) -> tuple[float, float]:

@@ -35,10 +35,10 @@ def make_control(body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, constan
         untrusted=kind.numbers(1),
         plans=plans,
         costs=np.zeros((len(plans), 3), dtype=np.int64) if costs is None else costs,
-        row=np.zeros(1, dtype=np.int64),
-        elapsed=np.zeros(1),
+        row=kind.scratch(1, "int64"),
+        elapsed=kind.scratch(1),
         constant=bool(constant),
-        reused=np.zeros(1, dtype=np.int64),
+        reused=kind.scratch(1, "int64"),
     )
     control.rest_length.memory[:, : kind.width] = body.springs.rest_length[:, None]
     for name in ("stiffness", "drag", "lightness"):

@@ -10,8 +10,6 @@ S the stress of Piola and Kirchhoff (the second), symmetric, as its diagonal and
 the gradient of the shape function of a corner.
 """
 
-import numpy as np
-
 from fish_env._jit import INDEX, kernel
 from fish_env.forces import tets
 from fish_env.forces.plan import FACTOR, INNER, LEAST, LOWEST, H
@@ -30,7 +28,7 @@ def present(body, world) -> bool:
 def make_cache(body, world, kind) -> Pack:
     """What `add_tangent` needs: F and S (5T,) and the weighted Lame constants (T,), Pa m3; and scratch."""
     count = len(body.tets.nodes)
-    shear, dilation = kind.scalars(np.zeros(count)), kind.scalars(np.zeros(count))
+    shear, dilation = kind.scratch(count, kind.dtype), kind.scratch(count, kind.dtype)
     return Pack("green_lagrange", kept=kind.vectors(5 * count), shear=shear, dilation=dilation, corner=kind.vectors(4))
 
 

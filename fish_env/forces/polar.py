@@ -10,8 +10,6 @@ F^T F; t, u invariants of S; k Horn's matrix, e its eigenvectors in columns.
 
 import math
 
-import numpy as np
-
 from fish_env._jit import kernel, part
 from fish_env.simd import (
     Pack,
@@ -38,7 +36,7 @@ SWEEPS = 20  # of the Jacobi method at most
 
 def make_scratch(kind) -> Pack:
     """What `rotation` needs besides its matrix: columns of the matrix and of the rotation, k and e (4,4)."""
-    return Pack("polar", f=kind.vectors(3), r=kind.vectors(3), k=np.zeros((4, 4)), e=np.zeros((4, 4)))
+    return Pack("polar", f=kind.vectors(3), r=kind.vectors(3), k=kind.scratch((4, 4)), e=kind.scratch((4, 4)))
 
 
 @kernel

@@ -25,7 +25,7 @@ def present(body, world) -> bool:
 
 def make_cache(body, world, kind) -> Pack:
     """Volume gradients (C N,), times the root of nRT / V^2 where kept for `add_tangent`, and its weight (1,), s2."""
-    return Pack("pressure", slope=kind.vectors(len(body.compartments.gas) * len(body.mass)), weight=np.zeros(1))
+    return Pack("pressure", slope=kind.vectors(len(body.compartments.gas) * len(body.mass)), weight=kind.scratch(1))
 
 
 def rest_matrices(body, elastic):
@@ -73,7 +73,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
     cache.weight[0] = control.plans[control.row[0], FACTOR] * step * step
     for c in range(body.compartments.gas.size):
         pressure, inverse = push(body, c, volume(body, c, x, slope))
-        pressure, stiff = factor * pressure, root * np.sqrt(body.compartments.gas[c]) * inverse
+        pressure, stiff = factor * pressure, root * sqrt(body.compartments.gas[c]) * inverse
         for i in range(count):
             place = INDEX(c * count + i)
             g = slope[place]

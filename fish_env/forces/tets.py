@@ -41,7 +41,7 @@ def constant(body, world) -> bool:
 def make_cache(body, world, kind) -> Pack:
     """What `add_tangent` needs: turned gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch."""
     count = len(body.tets.nodes)
-    shear, dilation = kind.scalars(np.zeros(count)), kind.scalars(np.zeros(count))
+    shear, dilation = kind.scratch(count, kind.dtype), kind.scratch(count, kind.dtype)
     return Pack("tets", h=kind.vectors(3 * count), shear=shear, dilation=dilation, corner=kind.vectors(4),
                 polar=polar.make_scratch(kind))  # fmt: skip
 

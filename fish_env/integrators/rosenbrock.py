@@ -17,8 +17,6 @@ would move at; y the pull of the stiffness if the nodes moved at that rate for a
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from fish_env import forces
 from fish_env._jit import kernel
 from fish_env.forces.plan import INNER, H
@@ -52,7 +50,7 @@ class Rosenbrock:
         matrix, row = kind.vectors(3 * int(body.profile.start[-1])), kind.vectors(3 * len(body.mass))
         return common.scratch(
             body, kind, "f", "y", "sx", "sv", "p", "rate", matrix=matrix, row=row,
-            step=np.zeros(1), stiffness=kind.numbers(1), lightness=kind.numbers(1),
+            step=kind.scratch(1), stiffness=kind.numbers(1), lightness=kind.numbers(1),
         )  # fmt: skip
 
     def make_run(self, names):

@@ -7,7 +7,7 @@ decides what it is compiled to. `Kind` makes such arrays, `Pack` hands them over
 from fish_env.simd import products  # noqa: F401  (tells numba how to compile them)
 from fish_env.simd.arrays import block_size, directions, epsilon, floats, nowhere, zero
 from fish_env.simd.functions import all_lanes, any_lane, cross, dot, exp, fma, lane, log, select, sqrt, vec3
-from fish_env.simd.kinds import LANES, SUPPORTED, Kind, Numbers, Vectors
+from fish_env.simd.kinds import LANES, SUPPORTED, Kind, Numbers, Scratch, Vectors
 from fish_env.simd.packs import Pack, pack_at, packed
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Kind",
     "Numbers",
     "Pack",
+    "Scratch",
     "Vectors",
     "all_lanes",
     "any_lane",

@@ -13,6 +13,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from fish_env.simd import dual
 from fish_env.simd.functions import fma, sqrt
 from fish_env.simd.types import DUAL, Mask, Num, Vec3, mask_type, number_type, parts_of, whole
+from fish_env.simd.warps import on_gpu
 
 SCALARS = (types.Float, types.Integer)
 OPERANDS = (Num, Vec3, *SCALARS)
@@ -122,13 +123,27 @@ def emit_sqrt(builder, a):
     return intrinsic(builder, "sqrt", a)
 
 
+def emit_negative(builder, a):
+    """One part of `-a`, for which compilers for GPUs have no instruction."""
+    return builder.fsub(ir.Constant(a.type, -0.0), a) if on_gpu(builder) else builder.fneg(a)
+
+
+def emit_absolute(builder, a):
+    """One part of `abs(a)`: without its sign bit, where there is no intrinsic of that name."""
+    if not on_gpu(builder):
+        return intrinsic(builder, "fabs", a)
+    bits = ir.IntType(64 if a.type == ir.DoubleType() else 32)
+    unsigned = builder.and_(builder.bitcast(a, bits), ir.Constant(bits, (1 << (bits.width - 1)) - 1))
+    return builder.bitcast(unsigned, a.type)
+
+
 def half_over(builder, number, root):
     """The derivative of a square root."""
     return builder.fdiv(ir.Constant(root.type, 0.5), root)
 
 
-register_arithmetic(operator.neg, lambda builder, a: builder.fneg(a), 1)
-register_arithmetic(abs, lambda builder, a: intrinsic(builder, "fabs", a), 1, emit_dual=dual.absolute)
+register_arithmetic(operator.neg, emit_negative, 1)
+register_arithmetic(abs, emit_absolute, 1, emit_dual=dual.absolute)
 register_arithmetic(fma, emit_fma, 3, emit_dual=emit_fma_dual)
 register_arithmetic(sqrt, emit_sqrt, 1, lambda kinds: isinstance(kinds[0], Num), dual.of_value(emit_sqrt, half_over))
 

@@ -11,7 +11,8 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 
 from fish_env.simd.kinds import Numbers, Vectors
 from fish_env.simd.packs import WORD, array_at
-from fish_env.simd.types import DIRECTIONS, DUAL, XYZ, Vec3, floats_in, mask_type, width
+from fish_env.simd.types import DIRECTIONS, DUAL, WARP, XYZ, Vec3, floats_apart, floats_in, mask_type, width
+from fish_env.simd.warps import ThreadArray, word
 
 
 def floats(array) -> Any:
@@ -19,8 +20,8 @@ def floats(array) -> Any:
     n = array.shape[0]
     if isinstance(array, np.ndarray):
         return array.reshape(n, 1)
-    w = floats_in(array.kind.lanes)
-    return array.memory.reshape(n, -1, w) if isinstance(array, Vectors) else array.memory.reshape(n, w)
+    w, apart = floats_in(array.kind.lanes), floats_apart(array.kind.lanes)
+    return array.memory.reshape((n, -1, apart) if isinstance(array, Vectors) else (n, apart))[..., :w]
 
 
 def zero(array) -> Any:
@@ -59,7 +60,9 @@ class Floats(AbstractTemplate):
         kind = args[0].dtype
         bits = getattr(kind, "bits", 64)
         number = types.float64 if bits == 64 else types.float32
-        return signature(types.Array(number, 3 if isinstance(kind, Vec3) else 2, "C", aligned=False), args[0])
+        mine = isinstance(args[0], ThreadArray)
+        axes = 3 if isinstance(kind, Vec3) else 2
+        return signature(types.Array(number, axes, "A" if mine else "C", aligned=mine), args[0])
 
 
 @lower_builtin(floats, types.Array)
@@ -70,6 +73,12 @@ def _floats(context, builder, sig, args):
     tail = ([4 if kind.w == XYZ else 3] if isinstance(kind, Vec3) else []) + [lanes]
     shape = [cgutils.unpack_tuple(builder, source.shape, 1)[0], *(ir.Constant(WORD, length) for length in tail)]
     out = array_at(context, builder, sig.return_type, builder.ptrtoint(source.data, WORD), shape)
+    if isinstance(sig.args[0], ThreadArray):
+        item = sig.args[0].item
+        strides = [word(length * item) for length in ((3 * WARP, WARP, 1) if len(tail) == 2 else (WARP, 1))]
+        place = context.data_model_manager[sig.return_type].get_field_position("strides")
+        for axis, stride in enumerate(strides):
+            out = builder.insert_value(out, stride, [place, axis])
     return impl_ret_borrowed(context, builder, sig.return_type, out)
 
 

@@ -17,9 +17,10 @@ from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
 
-from fish_env.simd.kinds import Kind, Numbers, Vectors
+from fish_env.simd.kinds import Kind, Numbers, Scratch, Vectors
+from fish_env.simd.types import THREAD
+from fish_env.simd.warps import WORD, ThreadArray, first_byte, steps
 
-WORD = ir.IntType(64)
 SIZES: dict[types.Type, int] = {}  # bytes of an element: LLVM takes a millisecond to tell
 
 
@@ -112,10 +113,14 @@ def remade(label, fields):
 
 def describe(name: str, value) -> tuple[types.Type, list[int]]:
     """The type of a field, and the words that stand for it."""
+    if isinstance(value, Scratch):
+        kind = ThreadArray(typeof_dtype(value.memory.dtype), len(value.shape))
+        return kind, address(name, value.memory, value.shape)
     if isinstance(value, Numbers | Vectors):
-        return types.Array(value.element, len(value.shape), "C", aligned=False), address(
-            name, value.memory, value.shape
-        )
+        kind = types.Array(value.element, len(value.shape), "C", aligned=False)
+        if value.kind.lanes == THREAD:
+            kind = ThreadArray(value.element, len(value.shape))
+        return kind, address(name, value.memory, value.shape)
     if isinstance(value, np.ndarray):
         kind = types.Array(typeof_dtype(value.dtype), value.ndim, "C", aligned=False)
         return kind, address(name, value, value.shape)
@@ -216,7 +221,7 @@ def _pack_getattr(context, builder, kind, pointer, name):
 
 
 def array_at(context, builder, kind, word, shape):
-    """The array of a type at an address (one word), C-contiguous, owned by nobody.
+    """The array of a type at an address (one word), C-contiguous or the thread's own, owned by nobody.
 
     Put together field by field, which every reading of a pack is compiled to: `populate_array` takes far longer.
     """
@@ -224,15 +229,20 @@ def array_at(context, builder, kind, word, shape):
         SIZES[kind.dtype] = context.get_abi_sizeof(context.get_data_type(kind.dtype))
     item = ir.Constant(WORD, SIZES[kind.dtype])
     strides, step = [], item
-    for length in reversed(shape):
-        strides.insert(0, step)
-        step = builder.mul(step, length)
+    if isinstance(kind, ThreadArray):
+        strides = steps(builder, kind, shape)
+    else:
+        for length in reversed(shape):
+            strides.insert(0, step)
+            step = builder.mul(step, length)
     model = context.data_model_manager[kind]
     layout = model.get_value_type()
     array = ir.Constant(layout, None)  # what owns the memory stays null
     count = shape[0]
     for length in shape[1:]:
         count = builder.mul(count, length, flags=["nsw"])
+    if isinstance(kind, ThreadArray):
+        word = builder.add(word, first_byte(builder, kind, count))
     data = builder.inttoptr(word, layout.elements[model.get_field_position("data")])
     for name, value in (("nitems", count), ("itemsize", item), ("data", data)):
         array = builder.insert_value(array, value, model.get_field_position(name))

@@ -9,7 +9,16 @@ from numba.core.imputils import lower_builtin, lower_getattr
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
 
 from fish_env.simd import dual
-from fish_env.simd.arithmetic import OPERANDS, SCALARS, all_or_none_vectors, common, emit_fma, emit_fma_dual, result
+from fish_env.simd.arithmetic import (
+    OPERANDS,
+    SCALARS,
+    all_or_none_vectors,
+    common,
+    emit_fma,
+    emit_fma_dual,
+    emit_negative,
+    result,
+)
 from fish_env.simd.functions import all_lanes, any_lane, cross, dot, exp, lane, log, select, vec3
 from fish_env.simd.types import DUAL, XYZ, Mask, Num, Vec3, coordinates, number_type, parts_of, whole
 
@@ -83,7 +92,7 @@ def _cross(context, builder, sig, args):
     def minor(a, b, c, d):  # a b - c d
         if target.w == DUAL:
             return emit_fma_dual(builder, a, b, builder.fneg(dual.times(builder, c, d)))
-        return emit_fma(builder, a, b, builder.fneg(builder.fmul(c, d)))
+        return emit_fma(builder, a, b, emit_negative(builder, builder.fmul(c, d)))
 
     if target.w != XYZ:
         turns = [((k + 1) % 3, (k + 2) % 3) for k in range(3)]

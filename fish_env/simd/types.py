@@ -3,7 +3,8 @@
 A *kind* says how many fish a kernel works on at once, and in which precision. `lanes` is "xyz" for one fish whose
 3-vectors fill a SIMD register with their coordinates, or W for W fish side by side, a coordinate of all of them in a
 register. One lane in float64 is numba's own float64. "dual" is one fish whose numbers carry their derivatives along
-some directions with them, in a register too (`fish_env.simd.dual`).
+some directions with them, in a register too (`fish_env.simd.dual`). "thread" is one fish again, as one lane is, whose
+memory stands between that of WARP others (`fish_env.simd.warps`).
 
 Legend: w lanes of a type ("xyz", "dual" or a whole number), bits 64 or 32, parts the LLVM values that make up one
 value.
@@ -15,9 +16,11 @@ from numba.core import cgutils
 from numba.core.typeconv import Conversion
 from numba.extending import lower_cast, models, register_model
 
-XYZ, DUAL = "xyz", "dual"
+XYZ, DUAL, THREAD = "xyz", "dual", "thread"
 DIRECTIONS = 7
 """Derivatives that a dual number carries, after its value: with it they fill a register, or two."""
+WARP = 32
+"""Threads of a GPU that run in step: what they load at once should lie side by side."""
 
 
 class Num(types.Type):
@@ -61,12 +64,17 @@ def scalar(bits):
 
 def width(w) -> int:
     """How many fish a type with these lanes holds."""
-    return 1 if w in (XYZ, DUAL) else w
+    return 1 if w in (XYZ, DUAL, THREAD) else w
 
 
 def floats_in(w) -> int:
     """How many floats make up a number with these lanes."""
     return 1 + DIRECTIONS if w == DUAL else width(w)
+
+
+def floats_apart(w) -> int:
+    """How many floats of memory a number with these lanes takes, those of other fish in between included."""
+    return WARP if w == THREAD else floats_in(w)
 
 
 def number_llvm(w, bits):

@@ -1,0 +1,96 @@
+"""Packs in the memory of a GPU: the same words as on the host, with addresses of copies there.
+
+What every thread has of its own (`fish_env.simd.warps`) is not copied: it is laid out anew for as many warps as run,
+and begins with zeros.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from fish_env.simd import Numbers, Pack, Scratch, Vectors
+from fish_env.simd.packs import PackType, describe
+from fish_env.simd.types import THREAD
+
+
+def gpu_type(kind):
+    """The type of what a pack holds as a GPU reads it: it needs to know that numbers are aligned, or reads bytes."""
+    if isinstance(kind, PackType):
+        return PackType(kind.label, tuple((name, gpu_type(field), place) for name, field, place in kind.fields))
+    if type(kind) is types.Array:
+        return types.Array(kind.dtype, kind.ndim, kind.layout, aligned=True)
+    return kind
+
+
+def is_own(value) -> bool:
+    """Whether every thread has a value of its own."""
+    return isinstance(value, Scratch) or (isinstance(value, Numbers | Vectors) and value.kind.lanes == THREAD)
+
+
+def arrays_of(pack: Pack, prefix: str = "") -> dict[str, Any]:
+    """What a pack and the packs in it hold but for single numbers, by name: "tank.x" for example."""
+    found = {}
+    for name, value in pack._kept.items():
+        if isinstance(value, Pack):
+            found |= arrays_of(value, f"{prefix}{name}.")
+        elif isinstance(value, np.ndarray | Numbers | Vectors | Scratch):
+            found[prefix + name] = value
+    return found
+
+
+def memory_of(value) -> np.ndarray:
+    """The numpy array in which a value's numbers stand."""
+    return value if isinstance(value, np.ndarray) else value.memory
+
+
+def bytes_needed(pack: Pack, warps: int) -> int:
+    """Bytes that `Upload` asks for, its words left out."""
+    arrays = arrays_of(pack).values()
+    shared = {memory_of(value).ctypes.data: memory_of(value).nbytes for value in arrays if not is_own(value)}
+    return sum(shared.values()) + warps * sum(memory_of(value).nbytes for value in arrays if is_own(value))
+
+
+class Upload:
+    """A pack and all that is in it, in another memory.
+
+    Args:
+        pack: on the host.
+        warps: for how many warps there is to be memory of their own.
+        place: `place(array)` copies a numpy array there, `place(shape, dtype)` makes one of zeros; both return it.
+        address: `address(placed)` is where it is.
+
+    Two arrays of the pack that share their memory on the host share it there too, if they begin at the same place.
+    """
+
+    def __init__(self, pack: Pack, warps: int, place: Callable[..., Any], address: Callable[[Any], int]):
+        self.pack, self.type = pack, gpu_type(pack.type)
+        self._place, self._address, self._warps = place, address, warps
+        self._shared: dict[tuple[int, int], Any] = {}
+        self._own: list[Any] = []
+        self._words = self._put(pack)
+        self.address = address(self._words)
+
+    def _put(self, pack: Pack):
+        words = []
+        for name, value in pack._kept.items():
+            _, content = describe(name, value)
+            if isinstance(value, Pack):
+                self._own.append(self._put(value))
+                content = [self._address(self._own[-1])]
+            elif is_own(value):
+                self._own.append(self._place((self._warps, *value.memory.shape), value.memory.dtype))
+                content[0] = self._address(self._own[-1])
+            elif isinstance(value, np.ndarray | Numbers | Vectors):
+                content[0] = self._address(self.of(value))
+            words.extend(content)
+        return self._place(np.array([np.int64(word) for word in words]))
+
+    def of(self, value):
+        """The copy of an array of the pack, made when first asked for."""
+        memory = memory_of(value)
+        key = memory.ctypes.data, memory.nbytes
+        if key not in self._shared:
+            self._shared[key] = self._place(memory)
+        return self._shared[key]
