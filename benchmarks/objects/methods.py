@@ -6,7 +6,8 @@ from statistics import median
 import numpy as np
 
 from fish_env import INTEGRATORS, Tank
-from fish_env.bodies.objects import OBJECTS, Layered
+from fish_env.bodies.objects import OBJECTS
+from fish_env.bodies.room import InRoom
 from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators.adaptive import solve
 from fish_env.world import VACUUM, make_world
@@ -21,7 +22,7 @@ LONGEST, SHORTEST = 0.1, 1e-5  # s, between which the largest stable step is loo
 WATCHED = 3.0  # s that a step is tried for
 
 
-def swing(thing: Layered, speed: float) -> np.ndarray:
+def swing(thing: InRoom, speed: float) -> np.ndarray:
     """Velocities (N,3) m/s that stretch an object along x and flatten it along its vertical, as its free nodes can."""
     x = thing.body.position
     axis = int(np.argmax(np.abs(thing.down)))
@@ -31,7 +32,7 @@ def swing(thing: Layered, speed: float) -> np.ndarray:
     return speed * velocity / np.abs(x).max() * (thing.body.inverse_mass > 0)
 
 
-def start(thing: Layered, name: str, dt: float, gravity=True) -> Tank:
+def start(thing: InRoom, name: str, dt: float, gravity=True) -> Tank:
     """The object in free fall, swinging."""
     world = make_world(9.81 * thing.down) if gravity else VACUUM
     tank = Tank(thing, integrator=name, dt=dt, water=world, threads=1)
@@ -39,7 +40,7 @@ def start(thing: Layered, name: str, dt: float, gravity=True) -> Tank:
     return tank
 
 
-def reference(thing: Layered) -> tuple[np.ndarray, float]:
+def reference(thing: InRoom) -> tuple[np.ndarray, float]:
     """Where the nodes are after DURATION, (N,3) m, and how far rk4 with the smallest step is from that, in lengths."""
     tank = start(thing, "rk4", DURATION)
     solve(thing.body, tank.world, tank.state, tank.control, DURATION, "DOP853", TOLERANCE)
@@ -48,7 +49,7 @@ def reference(thing: Layered) -> tuple[np.ndarray, float]:
     return tank.position[0].copy(), one(thing, "rk4", 4 * STEPS[-1] // 8, tank.position[0])["error"]
 
 
-def one(thing: Layered, name: str, steps: int, exact: np.ndarray, repeats=1) -> dict:
+def one(thing: InRoom, name: str, steps: int, exact: np.ndarray, repeats=1) -> dict:
     """A row: error of a method with so many steps, in object's lengths, and what it costs, ms; inf where it failed."""
     taken = []
     for _ in range(repeats):
@@ -87,7 +88,7 @@ def level(tank: Tank) -> float:
     return sum(now.values()) - sum(then.values())
 
 
-def is_stable(thing: Layered, name: str, dt: float) -> bool:
+def is_stable(thing: InRoom, name: str, dt: float) -> bool:
     """Whether a small swing does not grow in WATCHED seconds."""
     tank = start(thing, name, dt, gravity=False)
     tank.velocity[0] *= 0.02
@@ -99,7 +100,7 @@ def is_stable(thing: Layered, name: str, dt: float) -> bool:
     return bool(tank.alive[0] and level(tank) <= before)
 
 
-def largest_stable(thing: Layered, name: str) -> dict:
+def largest_stable(thing: InRoom, name: str) -> dict:
     """A row: the largest stable step, ms, to 2 %, and that of linear theory."""
     low, high = SHORTEST, LONGEST
     if is_stable(thing, name, high):

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fish_env import Tank
-from fish_env.bodies.objects import Layered, room
+from fish_env.bodies.objects import room
+from fish_env.bodies.room import InRoom
 from fish_env.forces.evaluate import Evaluator
 
 FRAME = 1 / 60  # s between pictures; the mouse moves as often
@@ -50,7 +51,7 @@ class Moment(NamedTuple):
     hand: tuple[int, np.ndarray] | None  # the node at the end of the drag spring and where its other end is, (3,) m
 
 
-def stage(thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None, seed=None) -> Tank:
+def stage(thing: InRoom, scene: Scene, integrator: str | None = None, dt: float | None = None, seed=None) -> Tank:
     """A tank with the object at the start of a scene; with a seed, each node is displaced by NUDGE at random."""
     size = thing.water.planes[0, 3] * -1.0
     tank = Tank(thing, integrator=integrator, dt=dt, water=room(thing.down, size, scene.restitution))
@@ -75,7 +76,7 @@ class Energy:
 
 
 def play(
-    thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None, seed: int | None = None
+    thing: InRoom, scene: Scene, integrator: str | None = None, dt: float | None = None, seed: int | None = None
 ) -> Iterator[Moment]:
     """The scene, a step at a time; the drag spring moves between frames, and its work is the jump of its energy.
 
@@ -114,7 +115,7 @@ def play(
                          None if point is None else (node, point))  # fmt: skip
 
 
-def outside(thing: Layered, x) -> int:
+def outside(thing: InRoom, x) -> int:
     """How many inner nodes are not inside the outer layer at x (N,3): by turns around each, or solid angles."""
     if not len(thing.inner):
         return 0
@@ -134,7 +135,7 @@ def outside(thing: Layered, x) -> int:
 
 
 def watched(
-    thing: Layered, scene: Scene, integrator: str | None = None, dt: float | None = None, seed: int | None = None
+    thing: InRoom, scene: Scene, integrator: str | None = None, dt: float | None = None, seed: int | None = None
 ) -> dict:
     """The bars of a scene: energy gained beyond the drag spring's work, depth behind planes, escapes of inner nodes."""
     lowest, growth, depth, escapes, first, least = np.inf, 0.0, -np.inf, 0, None, np.inf

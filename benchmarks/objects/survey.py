@@ -19,7 +19,7 @@ from benchmarks.objects.methods import METHODS, largest_stable, sweep
 from benchmarks.objects.scenes import FRAME, SCENES, play, watched
 from benchmarks.objects.shapes import estimates, roundness
 from fish_env import Tank
-from fish_env.bodies.objects import OBJECTS
+from fish_env.bodies.objects import OBJECTS, SONG
 
 COMMAND = "python -m benchmarks.objects.survey"
 FRAMES = 300  # pictures of each object that are timed
@@ -30,7 +30,7 @@ MOMENTS = {"dropped": (0.0, 0.2, 0.28, 0.36, 0.5, 0.7), "thrown": (0.05, 0.12, 0
 def scenes() -> list[dict]:
     """Every object in every scene at its own step and half of it, then without damping, to see energy conserved."""
     rows = []
-    for kind, record in OBJECTS.items():
+    for kind, record in SONG.items():
         for damped in (True, False):
             thing = record.make() if damped else record.make(relaxation_time=0.0)
             for name in SCENES if damped else ["dropped"]:
@@ -42,7 +42,7 @@ def scenes() -> list[dict]:
 
 def measure() -> None:
     """Write every table."""
-    names = list(OBJECTS)
+    names = list(SONG)
     with tqdm(total=5, unit="table") as bar:
         for name, rows in (
             ("song_estimates.csv", estimates),
@@ -72,9 +72,9 @@ def draw_methods(plt) -> None:
     """Error against step, and against cost, a column an object; a hollow mark on top where a method fails."""
     rows = read_table("song_methods.csv")
     stable = {(row["object"], row["integrator"]): float(row["stable_ms"]) for row in read_table("song_stable.csv")}
-    figure, panels = plt.subplots(2, len(OBJECTS), figsize=(15, 7.4), sharey=True, layout="constrained")
+    figure, panels = plt.subplots(2, len(SONG), figsize=(15, 7.4), sharey=True, layout="constrained")
     top, bottom = 3.0, 1e-10
-    for column, kind in zip(panels.T, OBJECTS, strict=True):
+    for column, kind in zip(panels.T, SONG, strict=True):
         for name in METHODS:
             colour, marker = METHOD_STYLE[name]
             line = [row for row in rows if row["object"] == kind and row["integrator"] == name]

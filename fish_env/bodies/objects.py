@@ -1,5 +1,7 @@
 """Elastic objects: a string, a ring and spheres of two layers filled with gas (Song 2009, ch. 3 and 4). SI units.
 
+OBJECTS lists them, and the solids of finite elements of `solids.py`.
+
 Every object is built at rest: its springs pull just as hard as its gas presses.
 """
 
@@ -8,31 +10,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fish_env.bodies.fish import ElasticObject
+from fish_env.bodies import solids
 from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, one_layer, two_layers
+from fish_env.bodies.room import GRAVITY, InRoom, room, whole
 from fish_env.bodies.skins import Skin, circle, evened, globe, octasphere
 from fish_env.body import fix, make_body
-from fish_env.checks import finite_array, positive_array, real, representable
-from fish_env.world import World, make_world
+from fish_env.checks import positive_array, representable
 
-GRAVITY = 9.81  # m/s2
+__all__ = ["GLOBE", "GRAVITY", "OBJECTS", "RING", "SOLIDS", "SONG", "SPHERE", "Layered", "make_ring", "make_sphere",
+           "make_string", "make_uniform_sphere", "room"]  # fmt: skip
 FINEST = 3  # level of a uniform sphere: 516 nodes; the gas joins every node to every other
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Layered(ElasticObject):
-    """An elastic object of two layers, or of one and no inner one. The free nodes of a string are its outer layer."""
+class Layered(InRoom):
+    """An elastic object of two layers, or of one and no inner one. The free nodes of a string are its outer layer.
 
-    down: np.ndarray
-    """(3,) where gravity pulls, a unit vector: -y for the ring, -z for a sphere, along the string."""
-    outer: np.ndarray
-    """Nodes of the outer layer: those that a mouse may drag."""
-    inner: np.ndarray
-    """Nodes of the inner layer, the partners of the outer ones in the same order."""
-    skin: np.ndarray
-    """Faces (F,4) of the outer layer, outward, or edges (F,2) of a ring."""
-    kinds: dict[str, slice]
-    """Which springs are of which kind: "outer", "inner" (structural), "radius", "shear left", "shear right"."""
+    Its kinds of springs are "outer", "inner" (structural), "radius", "shear left" and "shear right".
+    """
 
 
 RING = TwoLayers(
@@ -46,26 +40,6 @@ SPHERE = TwoLayers(
 
 
 GLOBE = replace(SPHERE, stiffness=150.0, inner_stiffness=100.0, barrier_energy=0.3)  # few springs bear the pressure
-
-
-def room(down, size: float, restitution=0.5, gravity=GRAVITY, closed=False) -> World:
-    """Gravity, m/s2, and walls at `size` m from the origin along x and along `down`, (3,): the room of an object.
-
-    Args:
-        down: unit vector along which gravity pulls.
-        size: from the origin to each wall, m.
-        restitution: the part of a node's normal speed that an impact leaves it, 0 to 1.
-        gravity: m/s2.
-        closed: whether walls stand on all six sides, floor and ceiling included, so that nothing can leave.
-
-    Raises:
-        ValueError: for a restitution outside 0 to 1, or a number that is not finite.
-    """
-    down, size, gravity = finite_array(down, (3,), "down"), real(size), real(gravity)
-    sides = {(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), tuple(down.tolist())}
-    if closed:
-        sides |= {tuple(side) for side in np.concatenate([np.eye(3), -np.eye(3)]).tolist()}
-    return make_world(gravity * down, [(-np.array(side), -size, restitution) for side in sorted(sides)])
 
 
 @representable("the string")
@@ -154,16 +128,6 @@ def make_uniform_sphere(level=2, correction=True, layers=2, **materials) -> Laye
     return layered_object("uniform sphere", skin, layers, SPHERE, materials, (0.0, 0.0, -1.0), factor)
 
 
-def whole(value, name: str, least: int, most: int | None = None) -> int:
-    """`value` as an int, or ValueError unless it is a whole number from `least` to `most`."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not (whole and value >= least and (most is None or value <= most)):
-        raise ValueError(
-            f"{name} is {value!r}; give a whole number, {least} {'or more' if most is None else f'to {most}'}"
-        )
-    return int(value)
-
-
 def layered_object(
     name, skin: Skin, layers, standard: TwoLayers, materials: dict, down, factor: float | np.ndarray = 1.0
 ) -> Layered:
@@ -187,10 +151,10 @@ class ObjectKind:
 
     name: str
     description: str
-    make: Callable[..., Layered]
+    make: Callable[..., InRoom]
 
 
-OBJECTS: dict[str, ObjectKind] = {
+SONG: dict[str, ObjectKind] = {
     record.name: record
     for record in (
         ObjectKind("string", "a line fixed at one end, moving along itself", make_string),
@@ -199,3 +163,15 @@ OBJECTS: dict[str, ObjectKind] = {
         ObjectKind("uniform sphere", "two spheres of triangles of nearly one size", make_uniform_sphere),
     )
 }
+"""Song's objects, of springs and gas."""
+SOLIDS: dict[str, ObjectKind] = {
+    record.name: record
+    for record in (
+        ObjectKind("beam", "a square beam of tetrahedra", solids.make_beam),
+        ObjectKind("block", "a cube of tetrahedra", solids.make_block),
+        ObjectKind("ball", "a ball of tetrahedra", solids.make_ball),
+        ObjectKind("two materials", "a bar of tetrahedra, one half ten times as stiff", solids.make_two_materials),
+    )
+}
+"""Solids of finite elements."""
+OBJECTS: dict[str, ObjectKind] = {**SONG, **SOLIDS}

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pygame
 
-from fish_env.bodies.objects import Layered
+from fish_env.bodies.room import InRoom
 from fish_env.render.body import View, groups
 from fish_env.render.flat import pixels_of
 from fish_env.render.layout import HEIGHT, OVER, WIDTH
@@ -31,7 +31,7 @@ class Painter:
         size: width and height of the pictures, pixels.
     """
 
-    def __init__(self, thing: Layered, size: tuple[int, int] = (WIDTH, HEIGHT)):
+    def __init__(self, thing: InRoom, size: tuple[int, int] = (WIDTH, HEIGHT)):
         self.thing, self.size = thing, size
         self.canvas = tuple(OVER * side for side in size)
         if thing.water.planes is None:
@@ -43,8 +43,8 @@ class Painter:
         self.view = View(axes(*(ANGLE if self.solid else (0.0, 0.5 * np.pi))), np.zeros(3), origin, scale, LIGHT)
         self.springs = {kind: thing.body.springs.nodes[which] for kind, which in thing.kinds.items()}
         if self.solid:
-            nodes = np.arange(len(thing.outer))
-            self.fine, self.coarse = (smooth(thing.skin, len(nodes), levels, nodes) for levels in (2, 1))
+            nodes, skin = np.arange(len(thing.outer)), np.searchsorted(thing.outer, thing.skin)
+            self.fine, self.coarse = (smooth(skin, len(nodes), levels, nodes) for levels in (2, 1))
         self.backdrop = sky(self.canvas).copy()
         self._room()
 
@@ -144,14 +144,17 @@ class Painter:
             pygame.draw.circle(canvas, OUTER, pixel, 25)
 
     def _draw_solid(self, canvas, x) -> None:
-        n = len(self.thing.outer)
-        self._shadow(canvas, x[:n])
-        self._layer(canvas, x[n:], self.coarse, INNER, (1.0, 0.0))
+        outside = x[self.thing.outer]
+        self._shadow(canvas, outside)
+        if not len(self.thing.inner):
+            self._layer(canvas, outside, self.fine, OUTER, (1.0, 0.0))
+            return
+        self._layer(canvas, x[self.thing.inner], self.coarse, INNER, (1.0, 0.0))
         pixels, depth = self.view.project(x)
         self._lines(canvas, pixels, self.springs["radius"], 70)
-        self._layer(canvas, x[:n], self.fine, OUTER, VEIL)
+        self._layer(canvas, outside, self.fine, OUTER, VEIL)
         ends = self.springs["outer"]
-        self._lines(canvas, pixels, ends[depth[ends].mean(axis=1) > depth[:n].mean()], 45)
+        self._lines(canvas, pixels, ends[depth[ends].mean(axis=1) > depth[self.thing.outer].mean()], 45)
 
     def _layer(self, canvas, x, mesh, colour, veil) -> None:
         """A smooth skin of nodes at x (n,3): the faces that look at the beholder, the nearest last."""

@@ -8,7 +8,8 @@ import argparse
 import numpy as np
 import pygame
 
-from fish_env.bodies.objects import OBJECTS, Layered
+from fish_env.bodies.objects import OBJECTS
+from fish_env.bodies.room import InRoom
 from fish_env.render.elastic_object import Painter
 from fish_env.tank import Tank
 
@@ -26,7 +27,7 @@ class Viewer:
         size: width and height of the picture, pixels.
     """
 
-    def __init__(self, thing: Layered, size: tuple[int, int] = (640, 480)):
+    def __init__(self, thing: InRoom, size: tuple[int, int] = (640, 480)):
         self.thing = thing
         self.tank = Tank(thing, water=thing.water)
         self.painter = Painter(thing, size)
