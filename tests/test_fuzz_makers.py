@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from fish_env import BODIES, INTEGRATORS, Tank, make_body, make_fish, make_water, make_world
 from fish_env.bodies.mass_spring import calibrated
 from fish_env.bodies.objects import OBJECTS, RING, room
+from fish_env.bodies.solids import SolidMaterial
 from fish_env.body import fix
 from fish_env.control import Gait
 from fish_env.elements import make_barriers, make_compartments, make_tets
@@ -23,6 +24,7 @@ PARAMETERS = {name: np.array(value) for name, value in calibrated().items()}
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 SURFACE = np.array([[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [2, 0, 3, 3]])
 MATERIALS = {name: np.array(value) for name, value in vars(RING).items() if value is not None}
+SOLID = vars(SolidMaterial()) | {"strain": "linear"}
 PARTS = {"position": B.position, "mass": B.mass, "pairs": B.springs.nodes, "stiffness": B.springs.stiffness,
          "damping": B.springs.damping, "rest_length": B.springs.rest_length, "faces": B.faces.nodes,
          "share": B.faces.share, "drag": B.faces.drag, "depth": B.faces.depth}  # fmt: skip
@@ -53,9 +55,14 @@ MAKERS = {
 }  # fmt: skip
 FORMS = {"string": {"nodes": 3, "length": 0.2, "mass": 0.1, "stiffness": 8.0, "relaxation_time": 0.002},
          "ring": MATERIALS | {"nodes": 12, "layers": 2}, "sphere": MATERIALS | {"slices": 4, "stacks": 3},
-         "uniform sphere": MATERIALS | {"level": 1, "correction": True, "layers": 1}}  # fmt: skip
+         "uniform sphere": MATERIALS | {"level": 1, "correction": True, "layers": 1},
+         "beam": SOLID | {"cells": 4, "across": 2, "length": 0.4, "thickness": 0.08, "clamped": True},
+         "block": SOLID | {"cells": 2, "side": 0.16}, "ball": SOLID | {"cells": 2, "radius": 0.1},
+         "two materials": {"cells": 4, "across": 2, "length": 0.3, "thickness": 0.1, "soft": SolidMaterial(),
+                           "stiff": SolidMaterial(), "strain": "linear"}}  # fmt: skip
 FRESH = {
     "string": {}, "ring": {"nodes": 6}, "sphere": {"slices": 4, "stacks": 3}, "uniform sphere": {"level": 0},
+    "beam": {"cells": 2}, "block": {"cells": 2}, "ball": {"cells": 2}, "two materials": {"cells": 2},
 }  # fmt: skip
 
 

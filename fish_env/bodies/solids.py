@@ -16,6 +16,7 @@ from fish_env.elements import make_tets
 
 DOWN = np.array([0.0, 0.0, -1.0])
 SPACIOUS = 1.5  # from the middle of an object to the walls, over its length
+MOST_NODES = 50_000  # more take minutes to build
 STEP, FRAME = 1 / 1920, 1 / 60  # s
 
 
@@ -134,6 +135,8 @@ def chosen(standard: SolidMaterial, given: dict) -> SolidMaterial:
 def bar(cells, across, length, thickness) -> Mesh:
     """A bar of so many cells along x, its middle at the origin."""
     along, across = whole(cells, "cells", 1), whole(across, "across", 2)
+    if (along + 1) * (across + 1) ** 2 > MOST_NODES:
+        raise ValueError(f"{along} x {across} x {across} cells have more than {MOST_NODES} nodes; give fewer cells")
     length, thickness = (float(positive_array(value, (), f"{name} (m)"))
                          for name, value in (("length", length), ("thickness", thickness)))  # fmt: skip
     half = np.full(along + 1, 0.5 * thickness)
