@@ -171,7 +171,8 @@ def test_what_is_refused():
     """Numbers that make no solid are refused, saying which."""
     for call, message in (
         (lambda: make_beam(0), "cells is 0"), (lambda: make_ball(40), "more than 50000 nodes"),
-        (lambda: make_beam(10**12), "more than 50000 nodes"), (lambda: make_beam(across=3), "even"), (lambda: make_block(3), "even"),
+        (lambda: make_beam(10**12), "more than 50000 nodes"), (lambda: make_beam(across=3), "even"),
+        (lambda: make_block(3), "even"),
         (lambda: make_ball(radius=0.0), "radius"), (lambda: make_beam(length=-1.0), "length"),
         (lambda: make_block(side=np.nan), "length"), (lambda: make_ball(youngs=1.0), "unknown field 'youngs'"),
         (lambda: make_beam(poisson=0.5), "poisson"), (lambda: make_beam(density=0.0), "density"),
