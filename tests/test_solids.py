@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from benchmarks.accuracy.block_recovery import deformation
+from benchmarks.common.shapes import deformation
 from benchmarks.objects.methods import is_stable
 from benchmarks.objects.scenes import SCENES, watched
 from benchmarks.objects.solids import METHODS, inverted, recovered, survives, twisted

@@ -3,6 +3,7 @@
 import numpy as np
 
 from benchmarks.common.beam import elastic_energy, loose, solid
+from benchmarks.common.shapes import deformation, out_of_shape
 from fish_env import Tank, make_world, statics
 from fish_env.bodies.mesh import box
 from fish_env.body import Body
@@ -13,11 +14,6 @@ def damped_block(cells, edge=0.05, poisson=0.3) -> tuple[Body, float]:
     position, nodes = box(edge * np.array(cells), cells, mirrored=True)
     lowest = 2.0 * np.pi * statics.modes(solid(position, nodes, poisson), 7)[0][6]
     return solid(position, nodes, poisson, relaxation_time=2.0 / lowest), float(lowest)
-
-
-def deformation(body: Body, x) -> np.ndarray:
-    """Deformation gradients (T,3,3) of the elements at x (N,3)."""
-    return np.einsum("tac,tad->tcd", x[body.tets.nodes], body.tets.gradient)
 
 
 def stretch(body: Body, x) -> np.ndarray:
@@ -36,14 +32,6 @@ def deformed_start(body: Body, how: str, seed: int) -> np.ndarray:
             x *= 0.98
         return x
     return x * [1.0, 1.0, {"reflected": -1.0, "flattened": 0.0}[how]] + noise
-
-
-def out_of_shape(body: Body, x) -> float:
-    """Largest distance of a node from where it is at rest, over the body's size, once x is turned to fit best."""
-    here, there = (a - np.average(a, axis=0, weights=body.mass) for a in (x, body.position))
-    u, _, vt = np.linalg.svd((here * body.mass[:, None]).T @ there)
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return float(np.linalg.norm(here @ turn - there, axis=1).max() / np.ptp(body.position, axis=0).max())
 
 
 STEPS = {"linearly_implicit": 0.05, "leapfrog_chebyshev": 0.02}

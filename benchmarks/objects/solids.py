@@ -14,8 +14,8 @@ import time
 
 import numpy as np
 
-from benchmarks.accuracy.block_recovery import out_of_shape
 from benchmarks.common.charts import METHOD_STYLE, panels, save
+from benchmarks.common.shapes import out_of_shape
 from benchmarks.common.tables import IMAGES, RESULTS, read_table, write_csv
 from benchmarks.objects.methods import ACCURATE, STEPS, largest_stable, one, reference, swing
 from benchmarks.objects.scenes import SCENES, play, watched
