@@ -4,7 +4,7 @@ Each maker refuses what would not work and names the element.
 """
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,7 +46,7 @@ class Barriers(NamedTuple):
 
 
 @representable("a tetrahedron")
-def make_tets(position, nodes, young, poisson, relaxation_time=0.0, strain="corotational") -> Tets:
+def make_tets(position, nodes, young, poisson, relaxation_time: Any = 0.0, strain="corotational") -> Tets:
     """Tetrahedra (T,4) between nodes at rest at `position` (N,3) m (docs/physics.md, eq. 46-51 and 69-71).
 
     Args:
