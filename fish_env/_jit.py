@@ -2,6 +2,7 @@
 
 import gc
 import hashlib
+import os
 import sys
 from functools import cache
 
@@ -9,6 +10,7 @@ import numba
 import numpy as np
 from numba import _dynfunc
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
@@ -24,6 +26,14 @@ OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False}
 PART = OPTIONS | {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Of a part of a kernel: it makes no arrays, so nothing counts references to them, and Python does not call it."""
 INDEX = np.uint64  # kernels index with unsigned numbers: numba then has no negative ones to test for
+
+if hasattr(os, "register_at_fork"):
+    # A process that is forked while another thread compiles inherits the compiler's lock, and would wait without end.
+    os.register_at_fork(
+        before=global_compiler_lock.acquire,
+        after_in_parent=global_compiler_lock.release,
+        after_in_child=global_compiler_lock.release,
+    )
 
 
 def named(function):

@@ -92,7 +92,7 @@ def fits_memory(count: int, each: int, what: str) -> None:
         return
     if count * each > memory:
         raise ValueError(
-            f"{what} is {count}, which takes {count * each / 2**30:.3g} GiB; this machine has "
+            f"{what} is {count}, which takes {real(count * each) / 2**30:.3g} GiB; this machine has "
             f"{memory / 2**30:.3g} GiB: give at most {memory // (2 * each)}"
         )
 

@@ -17,7 +17,7 @@ import pytest
 from moving import tiered
 from test_jit import edit, package, stored  # noqa: F401 - a fixture
 
-from fish_env import Tank, _jit, make_fish
+from fish_env import Tank, _cache, _jit, make_fish
 from fish_env.envs import FishVectorEnv
 from fish_env.simd import Kind, Pack
 
@@ -134,6 +134,43 @@ def test_a_process_forked_while_threads_step():
         tank.close()
 
 
+FORKING = """
+import os, signal, threading
+import numba
+from fish_env._jit import njit
+
+def long(count):
+    lines = "".join(f"  t += x * {k}.0\\n  if t > {k}: t -= x\\n" for k in range(count))
+    place = {}
+    exec("def f(x):\\n  t = 0.0\\n" + lines + "  return t\\n", place)
+    return numba.njit(place["f"])
+
+begun, compiling = threading.Event(), long(40)
+class Watch(numba.core.event.Listener):
+    def on_start(self, event):
+        begun.set()
+    def on_end(self, event):
+        pass
+
+numba.core.event.register("numba:compile", Watch())
+thread = threading.Thread(target=compiling, args=(1.0,))
+thread.start()
+begun.wait()
+child = os.fork()
+if not child:
+    signal.alarm(100)
+    os._exit(0 if njit(lambda x: 2.0 * x)(3.0) == 6.0 else 1)
+print(os.waitpid(child, 0)[1])
+thread.join()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+def test_a_process_forked_while_a_thread_compiles(tmp_path):
+    """A process that is forked while another thread compiles can compile too: it inherits no lock that is held."""
+    assert run(FORKING, tmp_path).stdout.strip() == "0"
+
+
 def forked(fish, action, pipe):
     """In a forked process: move fish with threads of its own."""
     tank = Tank(fish, 64, water=fish.water, threads=2)
@@ -143,7 +180,7 @@ def forked(fish, action, pipe):
 
 def run(script, cache, **variables):
     """A script in a process of its own with a cache of its own."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA_", "FISH_ENV_CACHE"))}
     variables = kept | {"NUMBA_CACHE_DIR": str(cache), "FISH_ENV_QUIET": "1"} | variables
     done = subprocess.run(
         [sys.executable, "-c", script], env=variables, capture_output=True, text=True, timeout=PATIENCE
@@ -186,8 +223,8 @@ def test_a_cache_of_damaged_files(tmp_path):
 
 def test_folders_in_place_of_files(tmp_path, monkeypatch):
     """Folders that have the names of the cache's files cost time only."""
-    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
-    _jit.unstored.cache_clear()
+    monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
+    _cache.unstored.cache_clear()
 
     def made():
         return _jit.njit(lambda a: 7.0 * a)
@@ -218,7 +255,7 @@ def test_two_versions_with_one_cache(package, tmp_path):  # noqa: F811 - the fix
 
 def test_checks_of_bounds_have_a_cache_of_their_own(tmp_path, monkeypatch):
     """Kernels that check their bounds (NUMBA_BOUNDSCHECK=1) are never mistaken for those that do not."""
-    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
+    monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
     pack = Pack("numbers", a=np.arange(9.0)[:3], v=Kind().vectors(3))
 
     def made():

@@ -15,7 +15,7 @@ from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, one_la
 from fish_env.bodies.room import GRAVITY, InRoom, room, whole
 from fish_env.bodies.skins import Skin, circle, evened, globe, octasphere
 from fish_env.body import fix, make_body
-from fish_env.checks import positive_array, representable
+from fish_env.checks import fits_memory, positive_array, representable
 
 __all__ = ["GLOBE", "GRAVITY", "OBJECTS", "RING", "SOLIDS", "SONG", "SPHERE", "Layered", "make_ring", "make_sphere",
            "make_string", "make_uniform_sphere", "room"]  # fmt: skip
@@ -57,6 +57,7 @@ def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_tim
         ValueError: naming the argument, what it holds, and what is allowed.
     """
     nodes = whole(nodes, "nodes", 2)
+    fits_memory(nodes, 1000, "nodes")
     for name, value in (("length", length), ("mass", mass), ("stiffness", stiffness)):
         positive_array(value, (), name)
     positive_array(relaxation_time, (), "relaxation_time (s)", zero=True)
@@ -88,7 +89,9 @@ def make_ring(nodes=12, layers=2, **materials) -> Layered:
     Raises:
         ValueError: naming the argument, what it holds, and what is allowed.
     """
-    return layered_object("ring", circle(whole(nodes, "nodes", 3)), layers, RING, materials, (0.0, -1.0, 0.0))
+    nodes = whole(nodes, "nodes", 3)
+    fits_memory(nodes, 64 * nodes, "nodes")  # the gas joins every node to every other
+    return layered_object("ring", circle(nodes), layers, RING, materials, (0.0, -1.0, 0.0))
 
 
 @representable("the sphere")
@@ -104,7 +107,9 @@ def make_sphere(slices=12, stacks=8, layers=2, **materials) -> Layered:
     Raises:
         ValueError: naming the argument, what it holds, and what is allowed.
     """
-    skin = globe(whole(slices, "slices", 3), whole(stacks, "stacks", 2))
+    slices, stacks = whole(slices, "slices", 3), whole(stacks, "stacks", 2)
+    fits_memory(slices * stacks, 64 * slices * stacks, "slices times stacks")
+    skin = globe(slices, stacks)
     thing = layered_object("sphere", skin, layers, GLOBE, materials, (0.0, 0.0, -1.0))
     return replace(thing, time_step=1 / 3840)  # light nodes near the poles
 
