@@ -93,6 +93,21 @@ class Emulated:
                 self._call(*arguments)
 
 
+def emulated(episodes, env_type, cc=(8, 0)):
+    """The kernel of `launch_for`, emulated, and its PTX."""
+    with program() as modules:
+        ptx = to_ptx(launch_for(episodes, env_type), SIGNATURE, cc)
+    return Emulated(modules, "launch", [ctypes.c_int64] * 3 + [ctypes.c_double]), ptx
+
+
+def emulated_launcher(episodes, env_type, blocks, device):
+    """In place of `fish_env.envs.torch_env.launcher`."""
+    from fish_env.envs.torch_env import BLOCK
+
+    call, _ = emulated(episodes, env_type)
+    return lambda *arguments: call(blocks * BLOCK, *arguments)
+
+
 class EmulatedSteps:
     """The fish of an environment in a GPU that is emulated, from where they are now.
 
@@ -106,9 +121,7 @@ class EmulatedSteps:
         self.env, self.warps = env, -(-env.num_envs // WARP) if warps is None else warps
         self.pack = threads_pack(env)
         self.upload = Upload(self.pack, self.warps, placed, lambda array: array.ctypes.data)
-        with program() as modules:
-            self.ptx = to_ptx(launch_for(env, self.upload.type), SIGNATURE, cc)
-        self._launch = Emulated(modules, "launch", [ctypes.c_int64] * 3 + [ctypes.c_double])
+        self._launch, self.ptx = emulated(env, self.upload.type, cc)
 
     def step(self, action):
         """One control interval of all fish."""

@@ -88,6 +88,8 @@ def execute(block, scope):
         pytest.importorskip("stable_baselines3")
     if re.search(r"\brllib\b", block.text):
         pytest.importorskip("ray")
+    if "torch_env" in block.text and not pytest.importorskip("torch").cuda.is_available():
+        pytest.skip("needs an NVIDIA GPU")
     if "render_mode" in block.text:
         pytest.importorskip("pygame")
     before = set(scope)

@@ -4,7 +4,7 @@ What every thread has of its own (`fish_env.simd.warps`) is not copied: it is la
 and begins with zeros.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -45,11 +45,15 @@ def memory_of(value) -> np.ndarray:
     return value if isinstance(value, np.ndarray) else value.memory
 
 
-def bytes_needed(pack: Pack, warps: int) -> int:
-    """Bytes that `Upload` asks for, its words left out."""
-    arrays = arrays_of(pack).values()
-    shared = {memory_of(value).ctypes.data: memory_of(value).nbytes for value in arrays if not is_own(value)}
-    return sum(shared.values()) + warps * sum(memory_of(value).nbytes for value in arrays if is_own(value))
+def fish_axes(one: Pack, many: Pack) -> dict[str, int]:
+    """The axis of every array that belongs to single fish, by name: that by which packs of one and many fish differ."""
+    single, found = arrays_of(one), {}
+    for name, value in arrays_of(many).items():
+        shapes = zip(memory_of(single[name]).shape, memory_of(value).shape, strict=True)
+        for axis, (length, longer) in enumerate(shapes):
+            if length != longer:
+                found[name] = axis
+    return found
 
 
 class Upload:
@@ -60,37 +64,71 @@ class Upload:
         warps: for how many warps there is to be memory of their own.
         place: `place(array)` copies a numpy array there, `place(shape, dtype)` makes one of zeros; both return it.
         address: `address(placed)` is where it is.
+        axes: of the arrays that belong to single fish (`fish_axes`), if there is to be another number of them there.
+            These arrays begin with zeros.
+        num_fish: that number.
 
     Two arrays of the pack that share their memory on the host share it there too, if they begin at the same place.
     """
 
-    def __init__(self, pack: Pack, warps: int, place: Callable[..., Any], address: Callable[[Any], int]):
-        self.pack, self.type = pack, gpu_type(pack.type)
+    def __init__(
+        self,
+        pack: Pack,
+        warps: int,
+        place: Callable[..., Any],
+        address: Callable[[Any], int],
+        axes: Mapping[str, int] | None = None,
+        num_fish: int = 0,
+    ):
+        self.type = gpu_type(pack.type)
         self._place, self._address, self._warps = place, address, warps
+        self._axes, self._num_fish = axes or {}, num_fish
         self._shared: dict[tuple[int, int], Any] = {}
         self._own: list[Any] = []
         self._words = self._put(pack)
         self.address = address(self._words)
 
-    def _put(self, pack: Pack):
+    def _put(self, pack: Pack, prefix: str = ""):
         words = []
         for name, value in pack._kept.items():
             _, content = describe(name, value)
             if isinstance(value, Pack):
-                self._own.append(self._put(value))
+                self._own.append(self._put(value, f"{prefix}{name}."))
                 content = [self._address(self._own[-1])]
             elif is_own(value):
                 self._own.append(self._place((self._warps, *value.memory.shape), value.memory.dtype))
                 content[0] = self._address(self._own[-1])
             elif isinstance(value, np.ndarray | Numbers | Vectors):
-                content[0] = self._address(self.of(value))
+                axis = self._axes.get(prefix + name)
+                content[0] = self._address(self._copy(memory_of(value), axis))
+                if axis is not None:
+                    content[1 + axis] = self._num_fish
             words.extend(content)
         return self._place(np.array([np.int64(word) for word in words]))
 
-    def of(self, value):
-        """The copy of an array of the pack, made when first asked for."""
-        memory = memory_of(value)
+    def _copy(self, memory: np.ndarray, axis: int | None):
         key = memory.ctypes.data, memory.nbytes
         if key not in self._shared:
-            self._shared[key] = self._place(memory)
+            if axis is None:
+                self._shared[key] = self._place(memory)
+            else:
+                shape = list(memory.shape)
+                shape[axis] = self._num_fish
+                self._shared[key] = self._place(tuple(shape), memory.dtype)
         return self._shared[key]
+
+    def of(self, value):
+        """The copy of an array of the pack."""
+        memory = memory_of(value)
+        return self._shared[memory.ctypes.data, memory.nbytes]
+
+
+def bytes_needed(pack: Pack, warps: int, axes: Mapping[str, int] | None = None, num_fish: int = 0) -> int:
+    """Bytes that an `Upload` takes; nothing is placed."""
+    taken = []
+
+    def measure(what, dtype=None):
+        taken.append(what.nbytes if dtype is None else int(np.prod(what)) * np.dtype(dtype).itemsize)
+
+    Upload(pack, warps, measure, lambda placed: 0, axes, num_fish)
+    return sum(taken)
