@@ -137,12 +137,12 @@ STABILITY = (
     ),
     Result(
         "stability.fuzz", "public calls, files and sequences of calls with odd arguments: refused, or done",
-        "-m benchmarks.stability.reliability fuzz", 8, csv("reliability_fuzz", "reliability_calls"),
+        "-m benchmarks.stability.reliability fuzz", 30, csv("reliability_fuzz", "reliability_calls"),
         (*RELIABILITY, BATCH, SINGLE), data=("tests/fuzzing.py", "tests/test_fuzz_*.py"),
     ),
     Result(
         "stability.bounds", "the tests of the physics with kernels that check their bounds",
-        "-m benchmarks.stability.reliability bounds", 40, csv("reliability_bounds"), (*RELIABILITY, BATCH),
+        "-m benchmarks.stability.reliability bounds", 60, csv("reliability_bounds"), (*RELIABILITY, BATCH),
     ),
 )  # fmt: skip
 

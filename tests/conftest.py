@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 
 # before numpy is loaded: small matrices gain nothing from its threads, which on a busy machine take far longer
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -16,3 +17,9 @@ def pytest_collection_finish():
     """What has been loaded stays: the garbage collector need not look through it again while kernels are compiled."""
     gc.collect()
     gc.freeze()
+
+
+def pytest_sessionfinish():
+    """The fuzz tests write down what they have called: a worker does not live long after this."""
+    if "fuzzing" in sys.modules:
+        sys.modules["fuzzing"].write_ledger()

@@ -4,7 +4,6 @@ FISH_ENV_FUZZ=20 tries twenty times as many examples as a usual run does, and ot
 FISH_ENV_FUZZ_LEDGER=FOLDER writes there how many calls were accepted and how many refused.
 """
 
-import atexit
 import dataclasses
 import json
 import os
@@ -51,9 +50,8 @@ def call(entry: str, function, *args, **keywords):
     return result
 
 
-@atexit.register
 def write_ledger() -> None:
-    """Add the calls of this process to the ledger, if one is asked for."""
+    """Write the calls of this process down, if a ledger is asked for; at the end of a session (`conftest.py`)."""
     folder = os.environ.get("FISH_ENV_FUZZ_LEDGER")
     if folder and CALLS:
         rows = [[*key, count] for key, count in CALLS.items()]

@@ -1,6 +1,6 @@
 """Trials by tests that a usual run does not have the time for: how many were made, and what came of them.
 
-    python -m benchmarks.stability.reliability fuzz      public calls with odd arguments, five times the examples
+    python -m benchmarks.stability.reliability fuzz      public calls with odd arguments, twenty times the examples
     python -m benchmarks.stability.reliability bounds    the tests of the physics, with kernels that check their bounds
     python -m benchmarks.stability.reliability company   start methods, threads, caches, many processes at once
     python -m benchmarks.stability.reliability checks    checkers and wrappers of other packages over ids and options
@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 from benchmarks.common.tables import ROOT, write_csv
 
 COMMAND = "python -m benchmarks.stability.reliability"
-FUZZ = 5  # times the examples of a usual run
+FUZZ = 20  # times the examples of a usual run
 
 
 @dataclass(frozen=True)
