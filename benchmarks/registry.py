@@ -17,6 +17,7 @@ DEFAULT = "fish_env/bodies/mass_spring.json"
 FINEST = "fish_env/bodies/tetrahedral.json"
 BATCH = "fish_env.envs.vector:FishVectorEnv"
 SINGLE = "fish_env.envs.single:FishEnv"
+RELIABILITY = ("benchmarks.stability.reliability:outcome", "benchmarks.stability.reliability:TRIALS")
 LEARNED = ("swim", "turn", "left_after_right", "target", "target_3d", "avoid")
 
 
@@ -133,6 +134,25 @@ STABILITY = (
         "-m benchmarks.stability.attack", 10, csv("attack"),
         ("benchmarks.stability.attack:mistreat", "benchmarks.stability.attack_search:search",
          "benchmarks.stability.mistreatment:families"), data=(BODIES,),
+    ),
+    Result(
+        "stability.fuzz", "public calls, files and sequences of calls with odd arguments: refused, or done",
+        "-m benchmarks.stability.reliability fuzz", 15, csv("reliability_fuzz", "reliability_calls"),
+        (*RELIABILITY, BATCH, SINGLE), data=("tests/fuzzing.py", "tests/test_fuzz_*.py"),
+    ),
+    Result(
+        "stability.bounds", "the tests of the physics with kernels that check their bounds",
+        "-m benchmarks.stability.reliability bounds", 40, csv("reliability_bounds"), (*RELIABILITY, BATCH),
+    ),
+    Result(
+        "stability.company", "start methods, threads, caches, processes that compile at once",
+        "-m benchmarks.stability.reliability company", 10, csv("reliability_company"),
+        (*RELIABILITY, BATCH, SINGLE), data=("tests/test_company.py", "tests/test_processes.py", "tests/test_jit.py"),
+    ),
+    Result(
+        "stability.checks", "checkers and wrappers of Gymnasium and Stable-Baselines3 over ids, bodies and options",
+        "-m benchmarks.stability.reliability checks", 30, csv("reliability_checks"),
+        (*RELIABILITY, BATCH, SINGLE), data=("tests/test_other_checks.py", "tests/test_envs.py"),
     ),
 )  # fmt: skip
 
