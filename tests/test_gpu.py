@@ -163,6 +163,10 @@ def compared(cc=(8, 0), fish=FISH, steps=4, warps=None, **options):
         expected = value if name.startswith("block.") else wanted[name]
         np.testing.assert_array_equal(emulated.upload.of(value), memory_of(expected), err_msg=name)
     assert np.any(env.tank.position != before, axis=(1, 2)).all()
+    if warps is None:  # every thread has moved its own fish, and the rest none
+        lanes = emulated.upload.of(emulated.pack.block.x).transpose(0, 3, 1, 2).reshape(-1, *before.shape[1:])
+        np.testing.assert_array_equal(lanes[:fish], env.tank.position.astype(lanes.dtype))
+        assert not np.any(lanes[fish:])
     assert "integrator" in options or np.any(env.tank.counters["refinements"] > 0)
     return emulated.ptx
 

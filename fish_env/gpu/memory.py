@@ -83,21 +83,23 @@ class Upload:
         self.type = gpu_type(pack.type)
         self._place, self._address, self._warps = place, address, warps
         self._axes, self._num_fish = axes or {}, num_fish
-        self._shared: dict[tuple[int, int], Any] = {}
-        self._own: list[Any] = []
-        self._words = self._put(pack)
-        self.address = address(self._words)
+        self._placed: dict[tuple[int, int], Any] = {}
+        self._words: list[Any] = []
+        self._words.append(self._put(pack))
+        self.address = address(self._words[-1])
 
     def _put(self, pack: Pack, prefix: str = ""):
         words = []
         for name, value in pack._kept.items():
             _, content = describe(name, value)
             if isinstance(value, Pack):
-                self._own.append(self._put(value, f"{prefix}{name}."))
-                content = [self._address(self._own[-1])]
+                self._words.append(self._put(value, f"{prefix}{name}."))
+                content = [self._address(self._words[-1])]
             elif is_own(value):
-                self._own.append(self._place((self._warps, *value.memory.shape), value.memory.dtype))
-                content[0] = self._address(self._own[-1])
+                memory = value.memory
+                placed = self._place((self._warps, *memory.shape), memory.dtype)
+                self._placed[memory.ctypes.data, memory.nbytes] = placed
+                content[0] = self._address(placed)
             elif isinstance(value, np.ndarray | Numbers | Vectors):
                 axis = self._axes.get(prefix + name)
                 content[0] = self._address(self._copy(memory_of(value), axis))
@@ -108,19 +110,19 @@ class Upload:
 
     def _copy(self, memory: np.ndarray, axis: int | None):
         key = memory.ctypes.data, memory.nbytes
-        if key not in self._shared:
+        if key not in self._placed:
             if axis is None:
-                self._shared[key] = self._place(memory)
+                self._placed[key] = self._place(memory)
             else:
                 shape = list(memory.shape)
                 shape[axis] = self._num_fish
-                self._shared[key] = self._place(tuple(shape), memory.dtype)
-        return self._shared[key]
+                self._placed[key] = self._place(tuple(shape), memory.dtype)
+        return self._placed[key]
 
     def of(self, value):
-        """The copy of an array of the pack."""
+        """The copy of an array of the pack; of what threads have of their own, that of all warps, (warps,...,WARP)."""
         memory = memory_of(value)
-        return self._shared[memory.ctypes.data, memory.nbytes]
+        return self._placed[memory.ctypes.data, memory.nbytes]
 
 
 def bytes_needed(pack: Pack, warps: int, axes: Mapping[str, int] | None = None, num_fish: int = 0) -> int:
