@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from moving import tiered
 
 from fish_env import Tank, make_fish, make_world
 from fish_env.bodies.fish import ElasticObject
+from fish_env.bodies.objects import make_ring
+from fish_env.bodies.solids import make_beam
 from fish_env.body import fix, make_body
 from fish_env.conditions import make_penalty
+from fish_env.statics import equilibrium
 
 STIFFNESS, DAMPING, MASS, LENGTH, STEP = 50.0, 3.0, 0.1, 0.25, 1e-3
 
@@ -128,3 +132,30 @@ def test_reset_and_states():
     tank.reset()
     np.testing.assert_array_equal(tank.velocity[0, 0], [0.1, 0, 0])
     assert tank.fixed[0].all() and make_penalty(tank.fish.body, [0], np.zeros(3)).stiffness[0] > 0
+
+
+@pytest.mark.parametrize("method", ["elimination", "penalty"])
+@pytest.mark.parametrize("name", tiered(["ring", "linear", "corotational", "green_lagrange"], ("ring", "linear")))
+def test_held_objects_come_to_rest_where_statics_has_them(name, method):
+    """A ring, and beams of every measure of strain, hang from nodes that were moved apart: by their weight."""
+    if name == "ring":
+        thing, held = make_ring(relaxation_time=0.05), [0, 6]
+    else:
+        thing = make_beam(4, strain=name, young=1e5, relaxation_time=0.05)
+        held = np.flatnonzero(np.abs(np.abs(thing.body.position[:, 0]) - 0.2) < 1e-9)
+    world = make_world(gravity=9.81 * thing.down)
+    tank = Tank(thing, integrator="linearly_implicit", dt=1 / 240, water=world, threads=1)
+    way = 0.04 * np.sign(thing.body.position[held]) * [1.0, 0.0, 0.0]
+    tank.move(held, way, "xy" if name == "ring" and method == "elimination" else "xyz", method)
+    tank.advance(120)
+    tank.fix(held, "xy" if name == "ring" and method == "elimination" else "xyz", method)
+    tank.advance(2400)
+    assert tank.alive.all() and np.abs(tank.velocity).max() < 1e-6
+    start = thing.body.position.copy()
+    start[held] += 0.5 * way
+    wanted = equilibrium(fix(thing.body, held), world, start=start)
+    tolerance = 1e-6 if method == "elimination" else 1e-3
+    np.testing.assert_allclose(tank.position[0], wanted, rtol=0, atol=tolerance * thing.length)
+    assert np.abs(wanted - start)[:, 1 if name == "ring" else 2].max() > 1e-3
+    weight = -thing.body.mass.sum() * 9.81 * thing.down
+    np.testing.assert_allclose(tank.reactions()[0].sum(axis=0), weight, rtol=0, atol=1e-5 * np.abs(weight).max())
