@@ -21,6 +21,7 @@ ARROWS = 150  # forces that are drawn: the largest
 NODES = 0.018  # radius of a drawn node, lengths
 FEW = 60  # nodes up to which they are drawn unless told otherwise
 UPRIGHT = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
+PANEL = 336  # pixels of the page that the panel covers
 VIEWS = ("skin", "springs", "nodes", "forces")
 
 
@@ -80,15 +81,23 @@ class Drawing:
         self._handles, self._room, self._tets = {}, [], {}
 
     def look(self) -> None:
-        """Turn the camera to the objects: from the front, and those in a plane from above it."""
+        """Turn the camera to the objects: from the front, and those in a plane from above it.
+
+        They stand in the middle of what the panel leaves free of the page, all of them.
+        """
         bench, camera = self.session.bench, self.session.client.camera
         thing = bench.specimens[0].thing
         flat = upright(thing)
         width = (len(bench.specimens) - 1) * bench.spacing * self.scale
         near = 1.7 if thing.water.planes is None else 2.2 * room_size(thing) * self.scale
+        hidden = min(PANEL / max(camera.image_width, 1), 0.5)
+        half = np.tan(0.5 * camera.fov) * camera.image_width / max(camera.image_height, 1)  # seen at a distance of 1
         far = 0.55 * width + near
-        camera.position = (0.0, -far, 0.01) if flat else (0.0, -0.88 * far, 0.47 * far)
-        camera.look_at = (0.0, 0.0, 0.0)
+        if half > 0.0:
+            far = max(far, (0.5 * width + 0.5 * near) / (half * (1.0 - hidden)))
+        aside = hidden * half * far
+        camera.position = (aside, -far, 0.01) if flat else (aside, -0.88 * far, 0.47 * far)
+        camera.look_at = (aside, 0.0, 0.0)
 
     def _add(self, number: int, specimen: Specimen) -> None:
         """Draw one object for the first time."""
