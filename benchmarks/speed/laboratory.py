@@ -145,7 +145,7 @@ def pictures() -> None:
             page.wait_for_timeout(2500)
             image = Image.open(BytesIO(page.screenshot()))
             if not whole:
-                image = image.crop((72, 60, 552, 520))
+                image = image.crop((150, 60, 630, 520) if session.school else (12, 60, 612, 520))
             image.convert("RGB").save(folder / f"{name}.webp", quality=80, method=6)
             session.paused = False
             print(name, flush=True)
