@@ -257,6 +257,19 @@ OBJECTS = (
         ("benchmarks.objects.parameters:fall",), data=(),
     ),
     Result(
+        "objects.solids", "solids of finite elements: scenes, every method's error against cost, and where each fails",
+        "-m benchmarks.objects.solids", 8,
+        csv("solid_scenes", "solid_recovery", "solid_methods", "solid_stable", "solid_robust", "solid_references",
+            "solid_methods.svg"),
+        ("benchmarks.objects.solids:scenes", "benchmarks.objects.solids:longest_step", "benchmarks.objects.methods:one",
+         "benchmarks.objects.methods:largest_stable"), data=(),
+    ),
+    Result(
+        "objects.solid_pictures", "the strip of pictures of solids in docs/elastic-objects.md",
+        "-m benchmarks.objects.solids --picture", 0.2, images("objects_solids.png"),
+        ("benchmarks.objects.solids:picture",), data=(),
+    ),
+    Result(
         "objects.frames", "pictures a second of every elastic object, with drawing",
         "-m benchmarks.objects.survey --frames", 0.5, csv("song_frames"), ("benchmarks.objects.survey:frames",),
         data=(),
