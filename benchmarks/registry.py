@@ -366,6 +366,11 @@ LEARNING = (
         ("benchmarks.learning.learning_speed:Run", BATCH),
     ),
     Result(
+        "learning.kills", "training that is killed at random and resumed: broken files, what is lost, the policy",
+        "-m benchmarks.learning.kills", 5, csv("kills"),
+        ("benchmarks.learning.kills:Killed", "benchmarks.learning.kills:start", BATCH),
+    ),
+    Result(
         "learning.gait_seconds", "seconds of training to the speed of the best gait",
         "-m benchmarks.learning.learning_speed --gait", 2, csv("gait_seconds"),
         ("benchmarks.learning.learning_speed:time_to_gait", BATCH), data=(DEFAULT, GAIT),

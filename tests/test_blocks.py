@@ -30,6 +30,7 @@ OTHER_PROGRAMS = {
     "git": "needs a network",
     "cd": "a shell's own",
     "ray": "starts a cluster",
+    ".ci/coverage": "runs the tests",
 }
 OTHER_LIBRARIES = {"rllib": "ray", "cleanrl": "torch", "torchrl": "torchrl", "sbx": "sbx"}
 """Libraries that the help of an example needs, by a word of its name."""
