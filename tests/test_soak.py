@@ -125,6 +125,18 @@ def test_failures_are_counted_by_reason(monkeypatch):
     env.close()
 
 
+def test_a_collision_is_no_failure(monkeypatch):
+    """An episode may end without a failure of the physics."""
+    env = FishVectorEnv(3, autoreset_mode="SameStep", threads=1)
+    done = env.tank.num_fish * [True]
+    infos = {"final_info": {"terms": {}}, "final_obs": np.zeros((3, 156)), "_final_obs": np.array(done)}
+    last = np.zeros((3, 156), np.float32), np.zeros(3), np.array(done), ~np.array(done), infos
+    monkeypatch.setattr(env, "step", lambda action: last)
+    found = soak.drive(env, np.zeros((1, 3, 12), dtype=np.uint8), 0)
+    assert found["reasons"] == {} and found["episodes"] == 3
+    env.close()
+
+
 def test_other_code_is_refused(tmp_path):
     """A trial that was begun with other code does not go on."""
     path = tmp_path / "state.json"

@@ -111,9 +111,8 @@ def drive(env: FishVectorEnv, goals: np.ndarray, seed: int) -> dict:
     for k, goal in enumerate(goals):
         obs, reward, terminated, truncated, infos = env.step(2.0 / LEVELS * goal.astype(np.float32) - 1.0)
         found["not_finite"] += not_finite(env, obs, reward, infos)
-        if terminated.any():
-            why = infos["final_info"]["failure"]
-            reasons.update(why[i].split(":")[0] for i in np.flatnonzero(terminated) if why[i])
+        why = infos.get("final_info", {}).get("failure", ())  # a collision ends an episode too, and is no failure
+        reasons.update(text.split(":")[0] for text in why if text)
         found["episodes"] += int((terminated | truncated).sum())
         if k % LOOK == 0:
             stretch = np.fmax(stretch, stretch_and_energy(env.tank)[0])
