@@ -37,7 +37,7 @@ from benchmarks.common.tables import write_csv
 from fish_env.control import load_policy
 
 COMMAND = "python -m benchmarks.learning.kills"
-KILLS, SEEDS, TIMESTEPS = 40, 2, 1_000_000
+KILLS, SEEDS, TIMESTEPS = 30, 2, 400_000
 INTERVALS = (0.0, 0.5)  # s between checkpoints
 LATEST = 1.5  # s, the longest that a run trains before it is killed
 EARLY = 4  # one in so many is killed while it starts

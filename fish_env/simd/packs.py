@@ -8,8 +8,10 @@ not by the compiled code: hold on to it while a kernel runs.
 import hashlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 import llvmlite.ir as ir
+import numba
 import numpy as np
 from numba import types
 from numba.core import cgutils
@@ -22,6 +24,8 @@ from fish_env.simd.types import THREAD
 from fish_env.simd.warps import WORD, ThreadArray, first_byte, steps
 
 SIZES: dict[types.Type, int] = {}  # bytes of an element: LLVM takes a millisecond to tell
+PACKS: WeakValueDictionary[int, "Pack"] = WeakValueDictionary()
+"""The packs by their addresses, for kernels without the compiler."""
 
 
 class PackType(types.Type):
@@ -53,6 +57,8 @@ class Pack:
         self._words = np.array([np.int64(word) for word in words], dtype=np.int64)
         self._address = self._words.ctypes.data
         self._numba_type_ = PackType(label, tuple(described))
+        if numba.config.DISABLE_JIT:
+            PACKS[self._address] = self
 
     if TYPE_CHECKING:  # every field is an attribute
 
@@ -187,6 +193,8 @@ def pack_at(kind: PackType) -> Callable[[int], Any]:
 
     Numba looks up the type of every argument that is neither a number nor an array, which takes a microsecond.
     """
+    if numba.config.DISABLE_JIT:
+        return PACKS.__getitem__
 
     @intrinsic
     def at(typingctx, address):
