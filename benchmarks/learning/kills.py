@@ -37,10 +37,11 @@ from benchmarks.common.tables import write_csv
 from fish_env.control import load_policy
 
 COMMAND = "python -m benchmarks.learning.kills"
-KILLS, SEEDS, TIMESTEPS = 30, 2, 400_000
+KILLS, SEEDS, TIMESTEPS = 40, 1, 1_000_000
 INTERVALS = (0.0, 0.5)  # s between checkpoints
-LATEST = 1.5  # s, the longest that a run trains before it is killed
-EARLY = 4  # one in so many is killed while it starts
+UPDATES = 5  # after fewer than so many a run is killed
+EARLY = 8  # one in so many is killed while it starts
+LATEST = 1.0  # s after that, at most
 RECORD = struct.Struct("qd")  # environment steps, and when they were reached
 ROOM = 100_000  # records of one process
 
@@ -112,12 +113,13 @@ def start(folder: Path, seed: int, timesteps: int, memory: mmap.mmap, interval: 
         os._exit(status)
 
 
-def wait_for_training(process: int, memory: mmap.mmap) -> None:
-    """Wait until the process trains; RuntimeError if it has ended before."""
-    while not Diary.read(memory):
+def ends_first(process: int, updates: int, memory: mmap.mmap) -> bool:
+    """Wait until the process has begun to train and made so many updates; whether it has ended before."""
+    while len(Diary.read(memory)) <= updates:
         if os.waitpid(process, os.WNOHANG)[0]:
-            raise RuntimeError("the run ended before it had begun to train")
+            return True
         time.sleep(0.01)
+    return False
 
 
 class Killed:
@@ -133,8 +135,8 @@ class Killed:
         with tqdm(total=kills, desc=f"seed {seed}", unit="kill") as bar:
             while self.done < kills and trained(folder) < timesteps:
                 process = start(folder, seed, timesteps, memory, interval)
-                if generator.integers(EARLY):
-                    wait_for_training(process, memory)
+                if generator.integers(EARLY) and ends_first(process, generator.integers(UPDATES), memory):
+                    break
                 self.kill(process, generator.uniform(0.0, LATEST), memory)
                 bar.update(1)
         _, status = os.waitpid(start(folder, seed, timesteps, memory, interval), 0)
