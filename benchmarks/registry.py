@@ -129,6 +129,13 @@ STABILITY = (
         ("benchmarks.stability.commands:measure", "benchmarks.stability.mistreatment:GOALS"), data=(BODIES,),
     ),
     Result(
+        "stability.soak", "every task on every body under all kinds of actions at the extremes of the variation: what "
+        "is not finite, failures, memory, speed",
+        "-m benchmarks.stability.soak --steps 9684000", 50, csv("soak", "soak_sessions"),
+        ("benchmarks.stability.soak:round_of", "benchmarks.stability.soak:extremes",
+         "benchmarks.stability.soak:speed", BATCH), data=(BODIES,), one_core=True,
+    ),
+    Result(
         "stability.attack", "failures of every body under random, bang-bang, oscillating and searched commands; also "
         "tests/worst/",
         "-m benchmarks.stability.attack", 10, csv("attack"),

@@ -4,6 +4,7 @@ import naive
 import numpy as np
 import pytest
 from moving import FISH, STABILISED, each_body, tank_of
+from numpy.polynomial import Chebyshev
 
 from fish_env.body import FORCES
 from fish_env.forces.plan import POLYNOMIAL
@@ -66,3 +67,32 @@ def test_polynomials_of_a_plan():
     midpoint = leapfrog_chebyshev.polynomial(len(t) - 1)[0]
     np.testing.assert_allclose(t[:2], [1.0, midpoint], rtol=1e-15)
     np.testing.assert_allclose(t[2:], 2.0 * midpoint * t[1:-1] - t[:-2], rtol=1e-13)
+
+
+def documented(stages):
+    """Midpoint, first factor, factor on stiffness and reach, by the formulas below equation (37) of docs/physics.md."""
+    polynomial = Chebyshev.basis(stages)
+    midpoint = 1.0 + 4.0 / stages**2
+    highest = 4.0 / (1.0 + 1.0 / polynomial(midpoint))
+    factor = polynomial(midpoint) / (highest * polynomial.deriv()(midpoint))
+    return midpoint, highest * factor, factor, (1.0 + midpoint) / factor
+
+
+@pytest.mark.parametrize("stages", [2, 3, 7, 20])
+def test_filter_is_the_documented_one(stages):
+    """Its midpoint, its factors and its reach are those of the equations, by numpy's polynomials."""
+    midpoint, first, factor, reach = leapfrog_chebyshev.polynomial(stages)
+    wanted = documented(stages)
+    np.testing.assert_allclose([midpoint, first, 0.5 * factor, reach], wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("elastic", "viscous"), [(1e4, 0.0), (1e8, 0.0), (1e9, 30.0), (0.0, 500.0), (3e5, 2000.0)])
+def test_fewest_stages_that_reach(elastic, viscous):
+    """The fewest that reach 1.2 times the highest rates, two at least; no more than a thousand."""
+    h = 1e-3
+    wanted = 1.2 * (h * h * elastic + 2.0 * h * viscous)
+    fewest = next(p for p in range(2, 100) if documented(p)[3] >= wanted)
+    if fewest == 2 and 1.2 * h * viscous > 2.0:
+        fewest = 3  # with two stages, the damping that is at least applied would overshoot
+    assert leapfrog_chebyshev.stages_for(elastic, viscous, h) == fewest
+    assert leapfrog_chebyshev.MOST_STAGES == 1000

@@ -24,6 +24,7 @@ import tempfile
 import time
 from itertools import pairwise
 from pathlib import Path
+from threading import RLock
 
 import numpy as np
 import torch
@@ -106,8 +107,9 @@ def start(folder: Path, seed: int, timesteps: int, memory: mmap.mmap, interval: 
         learn_as_usual = training.CallbackList
         training.CallbackList = lambda found: learn_as_usual([*found, Diary(memory)])
         training.Checkpoint = lambda path: callbacks.Checkpoint(path, seconds=interval)
-        resumed = {"resume": folder} if (folder / "model.zip").exists() else {"folder": folder, "seed": seed}
-        training.train(training.Request("swim", pictures=False, changes={"timesteps": timesteps}, **resumed))
+        begun = {"folder": folder, "seed": seed, "changes": {"timesteps": timesteps}}
+        resumed = (folder / "model.zip").exists()  # with the settings that it was begun with
+        training.train(training.Request("swim", pictures=False, **({"resume": folder} if resumed else begun)))
         status = 0
     finally:
         os._exit(status)
@@ -132,6 +134,7 @@ class Killed:
         folder.mkdir(parents=True)
         generator = np.random.default_rng(seed)
         memory = mmap.mmap(-1, 8 + RECORD.size * ROOM)
+        tqdm.set_lock(RLock())  # its own is shared with forked processes, and one that is killed may hold it
         with tqdm(total=kills, desc=f"seed {seed}", unit="kill") as bar:
             while self.done < kills and trained(folder) < timesteps:
                 process = start(folder, seed, timesteps, memory, interval)
