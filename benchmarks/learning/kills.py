@@ -38,7 +38,7 @@ from benchmarks.common.tables import write_csv
 from fish_env.control import load_policy
 
 COMMAND = "python -m benchmarks.learning.kills"
-KILLS, SEEDS, TIMESTEPS = 40, 1, 1_000_000
+KILLS, SEEDS, TIMESTEPS = 40, 1, 400_000
 INTERVALS = (0.0, 0.5)  # s between checkpoints
 UPDATES = 5  # after fewer than so many a run is killed
 EARLY = 8  # one in so many is killed while it starts
