@@ -202,6 +202,16 @@ SPEED = (
         data=(DEFAULT, "examples/train_rllib.py"),
     ),
     Result(
+        "speed.laboratory", "updates a second of every object in the laboratory (needs the extra [browser], Chromium)",
+        "-m benchmarks.speed.laboratory --rates", 5, csv("speed/laboratory.csv"),
+        ("benchmarks.speed.laboratory:rates", "fish_env.lab.drawing:Drawing", "fish_env.lab.bench:Bench"), data=(BODIES, GAIT),
+    ),
+    Result(
+        "speed.laboratory_start", "time until the page of the laboratory is usable (needs the same)",
+        "-m benchmarks.speed.laboratory --start", 1, csv("speed/laboratory_start.csv"),
+        ("benchmarks.speed.laboratory:starts", "fish_env.lab.server:Laboratory"), data=(),
+    ),
+    Result(
         "speed.peers", "other simulators on the same springs, other environments (needs the extra [peers])",
         "-m benchmarks.speed.peers", 5, csv("speed/peers.csv"),
         ("benchmarks.speed.peers:spring_rows", "benchmarks.speed.environments:singles",

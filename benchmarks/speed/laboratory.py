@@ -108,13 +108,13 @@ def starts() -> list[dict]:
         with opened(port=18310 + k) as (_, _, _, usable):
             found.append((usable, time.process_time() - begin))
             print(found[-1], flush=True)
-    wall, computed = (median(values) for values in zip(*found, strict=True))
-    return [
-        {"quantity": "until the page is usable, software rendering, s", "value": round(wall, 2), "highest": 3.0,
-         "met": wall <= 3.0},
-        {"quantity": "processor time of the server until then, s", "value": round(computed, 2), "highest": 3.0,
-         "met": computed <= 3.0},
-    ]  # fmt: skip
+    names = ("until the page is usable, software rendering, s", "processor time of the server until then, s")
+    rows = []
+    for which, starts in (("first of the process", found[:1]), ("median of all", found)):
+        for name, values in zip(names, zip(*starts, strict=True), strict=True):
+            value = round(median(values), 2)
+            rows.append({"start": which, "quantity": name, "value": value, "highest": 3.0, "met": value <= 3.0})
+    return rows
 
 
 def pictures() -> None:
