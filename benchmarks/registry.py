@@ -204,7 +204,8 @@ SPEED = (
     Result(
         "speed.laboratory", "updates a second of every object in the laboratory (needs the extra [browser], Chromium)",
         "-m benchmarks.speed.laboratory --rates", 5, csv("speed/laboratory.csv"),
-        ("benchmarks.speed.laboratory:rates", "fish_env.lab.drawing:Drawing", "fish_env.lab.bench:Bench"), data=(BODIES, GAIT),
+        ("benchmarks.speed.laboratory:rates", "fish_env.lab.drawing:Drawing", "fish_env.lab.bench:Bench"),
+        data=(BODIES, GAIT),
     ),
     Result(
         "speed.laboratory_start", "time until the page of the laboratory is usable (needs the same)",
