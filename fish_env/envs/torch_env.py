@@ -24,7 +24,7 @@ class FishTorchEnv:
     """A batch of fish on a GPU: `fish_env.envs.FishVectorEnv`, with torch tensors on the GPU in and out.
 
     Every episode begins at one of `starts` states that are drawn at a reset, on the processor as in `FishVectorEnv`;
-    an episode that ends begins anew within the same step.
+    an episode that ends starts again within the same step.
 
     Args:
         num_envs: B, the number of fish.

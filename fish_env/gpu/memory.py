@@ -1,6 +1,6 @@
 """Packs in the memory of a GPU: the same words as on the host, with addresses of copies there.
 
-What every thread has of its own (`fish_env.simd.warps`) is not copied: it is laid out anew for as many warps as run,
+What every thread has of its own (`fish_env.simd.warps`) is not copied: it is laid out again for as many warps as run,
 and begins with zeros.
 """
 

@@ -6,7 +6,7 @@ implicit. Other forces are explicit, and so is the water, but for its damping in
 
 Where the matrix does not depend on the motion, as that of linear elasticity, its factors are used again from step to
 step, from call to call and from fish to fish, until the step or a fish's factors on stiffness or mass are others; with
-other boundary conditions a tank makes its engine, and with it the scratch memory, anew.
+other boundary conditions a tank makes a new engine, and with it new scratch memory.
 
 Legend: x, v positions and velocities of a block; h step, inner the part of it that is implicit; matrix the system
 matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration, then a, that of
