@@ -151,6 +151,11 @@ STABILITY = (
         "stability.bounds", "the tests of the physics with kernels that check their bounds",
         "-m benchmarks.stability.reliability bounds", 60, csv("reliability_bounds"), (*RELIABILITY, BATCH),
     ),
+    Result(
+        "stability.versions", "built, installed and tested on other versions of Python and of the dependencies",
+        "-m benchmarks.stability.versions", 80, csv("versions"), ("benchmarks.stability.versions:trial", BATCH, SINGLE),
+        data=("pyproject.toml", "constraints.txt"),
+    ),
 )  # fmt: skip
 
 SPEED = (

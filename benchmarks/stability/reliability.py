@@ -50,6 +50,14 @@ TRIALS = {
 }  # fmt: skip
 
 
+def count_tests(report: Path) -> dict[str, int | str]:
+    """How many tests a report of pytest (JUnit's XML) holds, and how they ended."""
+    cases = list(ElementTree.parse(report).getroot().iter("testcase"))
+    skipped = sum(case.find("skipped") is not None for case in cases)
+    failed = sum(case.find("failure") is not None or case.find("error") is not None for case in cases)
+    return {"tests": len(cases), "passed": len(cases) - skipped - failed, "skipped": skipped, "failed": failed}
+
+
 def outcome(name: str, trial: Trial, workers: int, folder: Path) -> dict[str, int | str]:
     """How many tests of a file there are, and how they ended; a file that pytest cannot run counts as failed."""
     report = folder / f"{name}.xml"
@@ -58,12 +66,7 @@ def outcome(name: str, trial: Trial, workers: int, folder: Path) -> dict[str, in
                           env=os.environ | dict(trial.variables) | {"FISH_ENV_FUZZ_LEDGER": str(folder)})  # fmt: skip
     if done.returncode not in (0, 1) or not report.exists():
         return {"file": f"tests/test_{name}.py", "tests": 0, "passed": 0, "skipped": 0, "failed": 1}
-    cases = list(ElementTree.parse(report).getroot().iter("testcase"))
-    skipped = sum(case.find("skipped") is not None for case in cases)
-    failed = sum(case.find("failure") is not None or case.find("error") is not None for case in cases)
-    passed = len(cases) - skipped - failed
-    return {"file": f"tests/test_{name}.py", "tests": len(cases), "passed": passed, "skipped": skipped,
-            "failed": failed}  # fmt: skip
+    return {"file": f"tests/test_{name}.py"} | count_tests(report)
 
 
 def calls(folder: Path) -> list[dict[str, int | str]]:
