@@ -8,7 +8,7 @@ A trial takes `python3.10` (or another) from the PATH and the last commit, never
 it builds the source archive, and the wheel out of that; installs the wheel without extras into an empty environment,
 where importing it must not warn and a shipped policy must swim; installs the source archive with the extra [dev] into
 another one, and runs the tests there, with a cache of kernels of its own. Resolutions: "lowest", everything that
-pyproject.toml names at its lower bound; "newest", what pip chooses, but for torch; "pinned", constraints.txt.
+pyproject.toml requires at its lower bound; "newest", what pip chooses, but for torch; "pinned", constraints.txt.
 """
 
 import argparse
@@ -34,19 +34,27 @@ BUILD = "import setuptools.build_meta as backend, sys; print(backend.build_sdist
 IMPORT = "import fish_env, fish_env.control, fish_env.envs"
 
 
-def bounds(text: str) -> dict[str, str]:
-    """The lower bound of everything that the text of a pyproject.toml requires by `name>=bound`, the highest of each.
+def required(text: str, extra: str = "dev") -> list[str]:
+    """What the text of a pyproject.toml requires with an extra, and with the extras of its own that this one names."""
+    lists = dict(re.findall(r"^([\w-]+) = \[(.*)\]$", text, re.MULTILINE))
+    found = []
+    for each in re.findall(r'"([^"]+)"', lists["dependencies"] + lists[extra]):
+        own = re.fullmatch(r"fish_env\[(\w+)\]", each)
+        found += required(text, own[1]) if own else [each]
+    return list(dict.fromkeys(found))
 
-    Args:
-        text: of the file.
+
+def bounds(text: str) -> dict[str, str]:
+    """The lower bound of everything that the text of a pyproject.toml requires with the extra [dev], by name.
 
     Raises:
-        ValueError: a package has two lower bounds.
+        ValueError: a package has no lower bound, or two.
     """
     found: dict[str, str] = {}
-    for name, bound in re.findall(r'"([\w-]+)(?:\[\w+\])?>=([\d.]+)', text):
-        if found.setdefault(name, bound) != bound:
-            raise ValueError(f"{name} has the lower bounds {found[name]} and {bound}; give it one")
+    for each in required(text):
+        name, bound = re.match(r"([\w-]+)(?:\[\w+\])?(?:>=([\d.]+))?", each).groups()
+        if bound is None or found.setdefault(name, bound) != bound:
+            raise ValueError(f"{name} has the lower bounds {found.get(name)} and {bound}; give it one")
     return found
 
 

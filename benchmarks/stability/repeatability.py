@@ -1,0 +1,193 @@
+"""The same seed, the same bits: simulations and trainings in other processes, folders and numbers of threads.
+
+    python -m benchmarks.stability.repeatability                 results/repeatability.csv; exit 1 if a bit differed
+    python -m benchmarks.stability.repeatability --published     results/published_again.csv: what is published, again
+
+The first command clones the last commit into two folders and computes the digests of TRIALS there, one process for each
+of CONFIGURATIONS: one that compiles all kernels, one that finds them, with one to four threads for the fish, for
+learning and for numpy's and torch's own libraries, and in the other folder, which compiles kernels of its own. A digest
+is of all that is observed and rewarded and of all positions and velocities, or of all parameters of a trained policy and
+of its optimizer. The second command measures the shipped policies and the controllers without learning again, in the
+100 episodes of the published tables, and says whether their numbers are the same, and inside the published intervals.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from zipfile import ZipFile
+
+import numpy as np
+
+from agents.statistics import rounded, seed_mean
+from benchmarks.common.tables import ROOT, read_table, write_csv
+from fish_env import BODIES, INTEGRATORS, TASKS
+from fish_env.control import EPISODES, evaluate, evaluation_options, load_policy, make_eval_env, policy_controller
+from fish_env.envs import VARIATIONS, FishVectorEnv
+
+COMMAND = "python -m benchmarks.stability.repeatability"
+FISH = 64  # four threads of at least 16
+LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+CONFIGURATIONS = (
+    ("a folder, kernels compiled", "first", 1),
+    ("the same, kernels found", "first", 1),
+    ("two threads", "first", 2),
+    ("three threads", "first", 3),
+    ("four threads", "first", 4),
+    ("another folder, kernels compiled", "second", 2),
+)
+"""Name, folder and number of threads of every process; digests are compared with those of the first."""
+
+
+def swum(keywords: dict, threads: int, steps: int = 20) -> str:
+    """The digest of a batch that is driven at random over the ends of its episodes."""
+    env = FishVectorEnv(FISH, threads=threads, autoreset_mode="SameStep", max_episode_steps=8, **keywords)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (steps, *env.action_space.shape)).astype(np.float32)
+    seen = hashlib.sha256(env.reset(seed=5)[0].tobytes())
+    for action in actions:
+        for part in (*env.step(action)[:4], env.tank.position, env.tank.velocity):
+            seen.update(np.ascontiguousarray(part).tobytes())
+    env.close()
+    return seen.hexdigest()
+
+
+def trained(task: str, learner: str, threads: int, updates: int = 8) -> str:
+    """The digest of a policy, its value function and its optimizer, trained by `agents.train` for some updates."""
+    from agents.config import CONFIGS
+    from agents.train import Request, train
+
+    options = CONFIGS[task].env_options | {"threads": threads}
+    steps = updates * FISH * CONFIGS[task].rollout
+    with tempfile.TemporaryDirectory() as folder:
+        train(Request(task, 3, folder=Path(folder, "run"), learner=learner, pictures=False,
+                      changes={"timesteps": steps, "num_envs": FISH, "env_options": options}))  # fmt: skip
+        return parameters(Path(folder, "run"))
+
+
+def parameters(folder: Path) -> str:
+    """The digest of the numbers of the run in a folder: those of model.zip and of policy.npz."""
+    import torch
+
+    seen = hashlib.sha256()
+    with ZipFile(folder / "model.zip") as file:
+        for name in ("policy.pth", "policy.optimizer.pth"):
+            held = torch.load(BytesIO(file.read(name)), weights_only=True)
+            for key, value in sorted(leaves(held)):
+                seen.update(key.encode() + value)
+    policy = np.load(folder / "policy.npz")
+    for name in sorted(set(policy.files) - {"about"}):  # which holds the number of threads
+        seen.update(name.encode() + policy[name].tobytes())
+    return seen.hexdigest()
+
+
+def leaves(held, name: str = "") -> list[tuple[str, bytes]]:
+    """The numbers in dictionaries, lists and tensors, each by its path; tensors as their bytes."""
+    if isinstance(held, dict):
+        return [leaf for key, value in held.items() for leaf in leaves(value, f"{name}/{key}")]
+    if isinstance(held, list | tuple):
+        return [leaf for key, value in enumerate(held) for leaf in leaves(value, f"{name}/{key}")]
+    return [(name, held.numpy().tobytes() if hasattr(held, "numpy") else repr(held).encode())]
+
+
+VARIED = {"variation": {name: (option.low, option.high) for name, option in VARIATIONS.items()}}
+TRIALS: dict[str, Callable[[int], str]] = {
+    **{f"{task} on mass_spring": partial(swum, {"task": task}) for task in TASKS},
+    **{f"swim on {body}": partial(swum, {"body": body}) for body in BODIES if body != "mass_spring"},
+    **{f"swim by {name}": partial(swum, {"integrator": name}, steps=4) for name in INTEGRATORS},
+    "swim in float32": partial(swum, {"dtype": "float32"}),
+    "swim, all that may vary": partial(swum, VARIED),
+    **{f"{task}, trained": partial(trained, task, "compiled")
+       for task in ("swim", "turn", "left_after_right", "target", "target_3d", "avoid")},
+    "swim, trained by Stable-Baselines3": partial(trained, "swim", "sb3"),
+}  # fmt: skip
+"""What is computed of a number of threads."""
+
+
+def digests(checkout: Path, cache: Path, threads: int, names: list[str]) -> dict[str, str]:
+    """The digests of trials, from a process of its own in a checkout, with a folder for compiled kernels."""
+    variables = os.environ | dict.fromkeys(LIBRARIES, str(threads)) | {"NUMBA_CACHE_DIR": str(cache)}
+    with tempfile.TemporaryDirectory() as folder:
+        answer = Path(folder, "digests.json")
+        command = [sys.executable, "-m", "benchmarks.stability.repeatability", "--answer", str(answer)]
+        subprocess.run([*command, "--threads", str(threads), "--trials", *names], cwd=checkout, check=True,
+                       env=variables | {"PYTHONPATH": str(checkout)}, stdout=subprocess.DEVNULL)  # fmt: skip
+        return json.loads(answer.read_text())
+
+
+def compare(names: list[str], configurations=CONFIGURATIONS) -> list[dict]:
+    """A row for every configuration and trial: whether its bits are those of the first configuration."""
+    rows, first = [], {}
+    with tempfile.TemporaryDirectory() as place:
+        for folder in dict.fromkeys(folder for _, folder, _ in configurations):
+            subprocess.run(["git", "clone", "--quiet", str(ROOT), str(Path(place, folder))], check=True)
+        for name, folder, threads in configurations:
+            found = digests(Path(place, folder), Path(place, f"kernels_{folder}"), threads, names)
+            first = first or found
+            for trial, digest in found.items():
+                rows.append({"configuration": name, "folder": folder, "threads": threads, "trial": trial,
+                             "digest": digest[:16], "same": int(digest == first[trial])})  # fmt: skip
+            print(f"{name}: {sum(first[each] == found[each] for each in found)} of {len(found)} the same", flush=True)
+    return rows
+
+
+def published_again() -> list[dict]:
+    """Every published number of a shipped policy and of the controllers without learning, beside its measurement."""
+    from agents.config import CONFIGS, RESULTS
+    from agents.report import baselines
+    from fish_env.control.policy import PRETRAINED
+
+    rows = []
+    for task, result in RESULTS.items():
+        policy = load_policy(PRETRAINED / task / "policy.npz")
+        seed = json.loads((PRETRAINED / task / "config.json").read_text())["seed"]
+        of_seeds = {row["condition"]: row for row in read_table(f"learning/{task}_seeds.csv") if row["seed"] == seed}
+        table = read_table(f"learning/{task}_methods.csv")
+        for condition, (keywords, options) in {"": ({}, {}), **result.conditions}.items():
+            config = CONFIGS[task]
+            env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | keywords)
+            controllers = baselines(env) | {"PPO": policy_controller(policy, env)}
+            found = {name: evaluate(controller, env, options=options) for name, controller in controllers.items()}
+            for row in table:
+                method, metric = row["method"], row["metric"]
+                if row["condition"] != condition or row["value"] == "" or metric not in found[method]:
+                    continue  # not asked, a mean of nothing, or of all seeds together
+                was = of_seeds[condition][metric] if method == "PPO" else row["value"]
+                again = rounded(seed_mean(found[method], metric))
+                rows.append({"task": task, "condition": condition, "method": method, "metric": metric, "published": was,
+                             "again": again, "low": row["low"], "high": row["high"], "same": int(again == was),
+                             "inside": int(row["low"] <= again <= row["high"])})  # fmt: skip
+            env.close()
+    return rows
+
+
+def main() -> int:
+    """The command line; exit 1 if a bit or a published number differed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--published", action="store_true", help="measure what is published again")
+    parser.add_argument("--trials", nargs="+", choices=TRIALS, default=list(TRIALS), help="only these; no table then")
+    parser.add_argument("--answer", type=Path, help="write the digests of this process to a file, and no table")
+    parser.add_argument("--threads", type=int, default=1, help="of a process with --answer (default 1)")
+    chosen = parser.parse_args()
+    if chosen.answer is not None:
+        chosen.answer.write_text(json.dumps({name: TRIALS[name](chosen.threads) for name in chosen.trials}))
+        return 0
+    if chosen.published:
+        rows = published_again()
+        write_csv("published_again.csv", rows, f"{COMMAND} --published")
+    else:
+        rows = compare(chosen.trials)
+        if set(chosen.trials) == set(TRIALS):
+            write_csv("repeatability.csv", rows, COMMAND)
+    print(f"{sum(row['same'] for row in rows)} of {len(rows)} are the same")
+    return int(not all(row["same"] for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
