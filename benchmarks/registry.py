@@ -156,6 +156,18 @@ STABILITY = (
         "-m benchmarks.stability.versions", 80, csv("versions"), ("benchmarks.stability.versions:trial", BATCH, SINGLE),
         data=("pyproject.toml", "constraints.txt"),
     ),
+    Result(
+        "stability.repeatability", "the same seed, the same bits: other processes, folders, numbers of threads",
+        "-m benchmarks.stability.repeatability", 15, csv("repeatability"),
+        ("benchmarks.stability.repeatability:TRIALS", "benchmarks.stability.repeatability:compare", BATCH),
+        data=(BODIES,),
+    ),
+    Result(
+        "stability.published_again", "published scores of policies and controllers, measured again",
+        "-m benchmarks.stability.repeatability --published", 1, csv("published_again"),
+        ("benchmarks.stability.repeatability:published_again", "benchmarks.stability.repeatability:all_scores", BATCH),
+        data=(DEFAULT, GAIT, MOTOR, POLICIES, "benchmarks/results/learning/*.csv"),
+    ),
 )  # fmt: skip
 
 SPEED = (

@@ -6,9 +6,13 @@
 The first command clones the last commit into two folders and computes the digests of TRIALS there, one process for each
 of CONFIGURATIONS: one that compiles all kernels, one that finds them, with one to four threads for the fish, for
 learning and for numpy's and torch's own libraries, and in the other folder, which compiles kernels of its own. A digest
-is of all that is observed and rewarded and of all positions and velocities, or of all parameters of a trained policy and
-of its optimizer. The second command measures the shipped policies and the controllers without learning again, in the
-100 episodes of the published tables, and says whether their numbers are the same, and inside the published intervals.
+is of all that is observed and rewarded and of all positions and velocities, or of all parameters of a trained policy
+and of its optimizer.
+
+The second command measures the shipped policies and the controllers without learning again, in the 100 episodes of the
+published tables, and says whether their numbers are the same, and inside the published intervals: once as this
+processor multiplies the matrices of a policy, and once as OpenBLAS does on processors of the kind HASWELL, since the
+order of its sums depends on the processor.
 """
 
 import argparse
@@ -35,6 +39,7 @@ from fish_env.envs import VARIATIONS, FishVectorEnv
 COMMAND = "python -m benchmarks.stability.repeatability"
 FISH = 64  # four threads of at least 16
 LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+HASWELL = "Haswell"  # OPENBLAS_CORETYPE of processors without AVX-512
 CONFIGURATIONS = (
     ("a folder, kernels compiled", "first", 1),
     ("the same, kernels found", "first", 1),
@@ -110,15 +115,20 @@ TRIALS: dict[str, Callable[[int], str]] = {
 """What is computed of a number of threads."""
 
 
-def digests(checkout: Path, cache: Path, threads: int, names: list[str]) -> dict[str, str]:
-    """The digests of trials, from a process of its own in a checkout, with a folder for compiled kernels."""
-    variables = os.environ | dict.fromkeys(LIBRARIES, str(threads)) | {"NUMBA_CACHE_DIR": str(cache)}
+def answer_of(*arguments: str, checkout: Path = ROOT, **variables: str) -> dict:
+    """What this module answers in a process of its own, in a checkout, with variables of the environment."""
     with tempfile.TemporaryDirectory() as folder:
-        answer = Path(folder, "digests.json")
-        command = [sys.executable, "-m", "benchmarks.stability.repeatability", "--answer", str(answer)]
-        subprocess.run([*command, "--threads", str(threads), "--trials", *names], cwd=checkout, check=True,
-                       env=variables | {"PYTHONPATH": str(checkout)}, stdout=subprocess.DEVNULL)  # fmt: skip
-        return json.loads(answer.read_text())
+        path = Path(folder, "answer.json")
+        command = [sys.executable, "-m", "benchmarks.stability.repeatability", *arguments, "--answer", str(path)]
+        subprocess.run(command, cwd=checkout, check=True, stdout=subprocess.DEVNULL,
+                       env=os.environ | {"PYTHONPATH": str(checkout)} | variables)  # fmt: skip
+        return json.loads(path.read_text())
+
+
+def digests(names: list[str], threads: int, **keywords) -> dict[str, str]:
+    """The digests of trials, from a process of its own whose libraries have as many threads as the fish."""
+    libraries = dict.fromkeys(LIBRARIES, str(threads))
+    return answer_of("--threads", str(threads), "--trials", *names, **libraries, **keywords)
 
 
 def compare(names: list[str], configurations=CONFIGURATIONS) -> list[dict]:
@@ -128,7 +138,8 @@ def compare(names: list[str], configurations=CONFIGURATIONS) -> list[dict]:
         for folder in dict.fromkeys(folder for _, folder, _ in configurations):
             subprocess.run(["git", "clone", "--quiet", str(ROOT), str(Path(place, folder))], check=True)
         for name, folder, threads in configurations:
-            found = digests(Path(place, folder), Path(place, f"kernels_{folder}"), threads, names)
+            cache = str(Path(place, f"kernels_{folder}"))
+            found = digests(names, threads, checkout=Path(place, folder), NUMBA_CACHE_DIR=cache)
             first = first or found
             for trial, digest in found.items():
                 rows.append({"configuration": name, "folder": folder, "threads": threads, "trial": trial,
@@ -137,33 +148,57 @@ def compare(names: list[str], configurations=CONFIGURATIONS) -> list[dict]:
     return rows
 
 
-def published_again() -> list[dict]:
-    """Every published number of a shipped policy and of the controllers without learning, beside its measurement."""
+def scored(task: str, condition: str) -> dict[str, dict[str, float | str]]:
+    """Means of every metric over the fixed episodes, by method: the shipped policy, and those without learning.
+
+    The metrics are those of the published tables, but for the one that all seeds of a policy are needed for.
+    """
     from agents.config import CONFIGS, RESULTS
     from agents.report import baselines
     from fish_env.control.policy import PRETRAINED
 
+    config, result = CONFIGS[task], RESULTS[task]
+    keywords, options = ({"": ({}, {})} | result.conditions)[condition]
+    env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | keywords)
+    policy = load_policy(PRETRAINED / task / "policy.npz")
+    controllers = baselines(env) | {"PPO": policy_controller(policy, env)}
+    found = {}
+    for name, controller in controllers.items():
+        scores = evaluate(controller, env, options=options)
+        metrics = {*result.metrics, "return", "failed"} - {"avoided_possible"}
+        found[name] = {metric: rounded(seed_mean(scores, metric)) for metric in sorted(metrics)}
+    env.close()
+    return found
+
+
+def all_scores() -> dict[str, dict]:
+    """The scores of every task and condition, by "task/condition"."""
+    from agents.config import RESULTS
+
+    return {f"{task}/{condition}": scored(task, condition)
+            for task, result in RESULTS.items() for condition in ("", *result.conditions)}  # fmt: skip
+
+
+def published_again() -> list[dict]:
+    """Every published number of a shipped policy and of the controllers without learning, beside its measurements."""
+    from agents.config import RESULTS
+    from fish_env.control.policy import PRETRAINED
+
+    here = answer_of("--published")
+    there = answer_of("--published", OPENBLAS_CORETYPE=HASWELL)
     rows = []
-    for task, result in RESULTS.items():
-        policy = load_policy(PRETRAINED / task / "policy.npz")
+    for task in RESULTS:
         seed = json.loads((PRETRAINED / task / "config.json").read_text())["seed"]
         of_seeds = {row["condition"]: row for row in read_table(f"learning/{task}_seeds.csv") if row["seed"] == seed}
-        table = read_table(f"learning/{task}_methods.csv")
-        for condition, (keywords, options) in {"": ({}, {}), **result.conditions}.items():
-            config = CONFIGS[task]
-            env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | keywords)
-            controllers = baselines(env) | {"PPO": policy_controller(policy, env)}
-            found = {name: evaluate(controller, env, options=options) for name, controller in controllers.items()}
-            for row in table:
-                method, metric = row["method"], row["metric"]
-                if row["condition"] != condition or row["value"] == "" or metric not in found[method]:
-                    continue  # not asked, a mean of nothing, or of all seeds together
-                was = of_seeds[condition][metric] if method == "PPO" else row["value"]
-                again = rounded(seed_mean(found[method], metric))
-                rows.append({"task": task, "condition": condition, "method": method, "metric": metric, "published": was,
-                             "again": again, "low": row["low"], "high": row["high"], "same": int(again == was),
-                             "inside": int(row["low"] <= again <= row["high"])})  # fmt: skip
-            env.close()
+        for row in read_table(f"learning/{task}_methods.csv"):
+            condition, method, metric, low, high = (row[k] for k in ("condition", "method", "metric", "low", "high"))
+            again, other = (found[f"{task}/{condition}"][method].get(metric, "") for found in (here, there))
+            if row["value"] == "" or again == "":
+                continue  # a mean over nothing, or over all seeds together
+            was = of_seeds[condition][metric] if method == "PPO" else row["value"]
+            rows.append({"task": task, "condition": condition, "method": method, "metric": metric, "published": was,
+                         "again": again, "as_haswell": other, "low": low, "high": high,
+                         "same": int(was in (again, other)), "inside": int(low <= again <= high)})  # fmt: skip
     return rows
 
 
@@ -172,11 +207,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--published", action="store_true", help="measure what is published again")
     parser.add_argument("--trials", nargs="+", choices=TRIALS, default=list(TRIALS), help="only these; no table then")
-    parser.add_argument("--answer", type=Path, help="write the digests of this process to a file, and no table")
+    parser.add_argument("--answer", type=Path, help="write what this process finds to a file, and no table")
     parser.add_argument("--threads", type=int, default=1, help="of a process with --answer (default 1)")
     chosen = parser.parse_args()
     if chosen.answer is not None:
-        chosen.answer.write_text(json.dumps({name: TRIALS[name](chosen.threads) for name in chosen.trials}))
+        answer = all_scores() if chosen.published else {name: TRIALS[name](chosen.threads) for name in chosen.trials}
+        chosen.answer.write_text(json.dumps(answer))
         return 0
     if chosen.published:
         rows = published_again()

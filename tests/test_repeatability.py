@@ -1,0 +1,61 @@
+"""The same seed, the same bits: in other processes, folders and numbers of threads, and as they were published."""
+
+from collections import Counter
+
+import pytest
+
+from benchmarks.common.tables import ROOT, read_table
+from benchmarks.stability import repeatability
+from benchmarks.stability.repeatability import CONFIGURATIONS, TRIALS, leaves, swum
+
+PAGE = (ROOT / "docs" / "reliability.md").read_text()
+
+
+def test_threads_and_processes_change_no_bit():
+    """One to three threads, and another process whose libraries have three threads of their own, see the same bits."""
+    name = "swim on mass_spring"
+    first = TRIALS[name](1)
+    assert first == TRIALS[name](2) == TRIALS[name](3) == repeatability.digests([name], 3)[name]
+
+
+def test_digests_see_what_differs():
+    """Another task option, or one step less, gives another digest; and so does a number of a trained policy."""
+    found = [swum({"task": "swim"}, 1, 2), swum({"task": "swim"}, 1, 3), swum({"speed": 0.5}, 1, 2)]
+    assert len(set(found)) == 3
+    held = {"weight": {0: [1.0, 2.0]}, "step": 3}
+    assert leaves(held) == [("/weight/0/0", b"1.0"), ("/weight/0/1", b"2.0"), ("/step", b"3")]
+    assert leaves(held) != leaves(held | {"weight": {0: [1.0, 2.5]}})
+
+
+@pytest.mark.slow
+def test_folders_change_no_bit():
+    """Two clones in two folders, which compile kernels of their own, simulate and train to the same bits."""
+    pytest.importorskip("stable_baselines3")
+    rows = repeatability.compare(["swim on mass_spring", "swim, trained"], (CONFIGURATIONS[0], CONFIGURATIONS[-1]))
+    assert len(rows) == 4 and len({row["folder"] for row in rows}) == 2 and all(row["same"] for row in rows)
+
+
+# Tables
+
+
+def test_the_page_counts_the_digests():
+    """Every configuration of the table stands on the page with the number of its digests that are the same."""
+    rows = read_table("repeatability.csv")
+    assert {row["trial"] for row in rows} == set(TRIALS)
+    count, same = Counter(), Counter()
+    for row in rows:
+        count[row["configuration"]] += 1
+        same[row["configuration"]] += row["same"]
+    assert set(count) == {name for name, _, _ in CONFIGURATIONS}
+    for name, _, threads in CONFIGURATIONS:
+        assert f"| {name} | {threads} | {same[name]} of {count[name]} |" in PAGE
+
+
+def test_the_page_counts_what_was_published():
+    """The page says how many published numbers were found again, and how many are inside their intervals."""
+    rows = read_table("published_again.csv")
+    for method, name in (("PPO", "shipped policies"), ("", "controllers without learning")):
+        some = [row for row in rows if (row["method"] == "PPO") == bool(method)]
+        here, there = (sum(row[key] == row["published"] for row in some) for key in ("again", "as_haswell"))
+        same, inside = (sum(row[key] for row in some) for key in ("same", "inside"))
+        assert f"| {name} | {len(some)} | {here} | {there} | {same} | {inside} |" in PAGE
