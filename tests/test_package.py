@@ -71,6 +71,13 @@ def test_public_names():
         fish_env.envs.sb4  # noqa: B018
 
 
+def test_a_plain_import_warns_of_nothing():
+    """A program that makes errors of all warnings can import the package, whose import prints nothing."""
+    code = "import fish_env, fish_env.control, fish_env.envs"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_vec_env_after_a_plain_import():
     """Stable-Baselines3 is loaded by the first use, by either name, and the two are one function."""
     pytest.importorskip("stable_baselines3")

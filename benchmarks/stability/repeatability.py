@@ -12,7 +12,7 @@ and of its optimizer.
 The second command measures the shipped policies and the controllers without learning again, in the 100 episodes of the
 published tables, and says whether their numbers are the same, and inside the published intervals: once as this
 processor multiplies the matrices of a policy, and once as OpenBLAS does on processors of the kind HASWELL, since the
-order of its sums depends on the processor.
+order of its sums depends on the processor, and on some of them on its threads, of which there is one, as in train.py.
 """
 
 import argparse
@@ -184,8 +184,9 @@ def published_again() -> list[dict]:
     from agents.config import RESULTS
     from fish_env.control.policy import PRETRAINED
 
-    here = answer_of("--published")
-    there = answer_of("--published", OPENBLAS_CORETYPE=HASWELL)
+    libraries = dict.fromkeys(LIBRARIES, "1")
+    here = answer_of("--published", **libraries)
+    there = answer_of("--published", OPENBLAS_CORETYPE=HASWELL, **libraries)
     rows = []
     for task in RESULTS:
         seed = json.loads((PRETRAINED / task / "config.json").read_text())["seed"]
