@@ -102,7 +102,7 @@ def test_fewest_stages_that_reach(elastic, viscous):
 
 @each_body
 def test_no_push_turns_its_face_around(body):
-    """In water so heavy that its pushes would turn faces around, a step equals the reference's, where they stop them."""
+    """Where pushes would turn faces around, a step equals the reference's, in which they stop them."""
     fish, rng, h = FISH[body], np.random.default_rng(9), FISH[body].time_step
     x, v = naive.random_state(fish, rng, displacement=0.002, speed=0.2)
     rest, world = fish.body.springs.rest_length, world_of(fish)
