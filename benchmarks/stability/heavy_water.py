@@ -6,6 +6,7 @@ Half the mass and twice the drag, the extremes of the variation, with water up t
 is slowed down up to 64 times as fast as in the fish's own scenes. The stiffness is anything that the variation allows.
 """
 
+import argparse
 import sys
 
 import numpy as np
@@ -63,6 +64,7 @@ def measure(body: str, density: float, kind: str) -> dict:
 
 def main() -> int:
     """The command line; 1 if a fish has failed."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     cases = [(body, density, kind) for body in BODIES for density in DENSITIES for kind in GOALS]
     rows = [measure(*case) for case in tqdm(cases, unit="case")]
     for row in rows:
