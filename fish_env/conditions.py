@@ -5,6 +5,7 @@ what is prescribed holds to the bit. By penalty, a spring without length draws t
 the body by PENALTY, so what is prescribed holds but for an error in proportion to 1 / PENALTY.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -24,6 +25,33 @@ PENALTY = 1e4  # of the largest entry of the stiffness matrix: the multiple that
 METHODS = ("elimination", "penalty")
 
 
+class Motion(NamedTuple):
+    """A way that nodes are moved along."""
+
+    nodes: np.ndarray  # (K,)
+    axes: np.ndarray  # (3,) True for those along which its displacements may be
+    along: Callable[[float], Any]  # displacement (3,) or (K,3) m after a time, s
+    moved: np.ndarray  # (K,3) which degrees of freedom nothing has taken from it since
+    time: float = 0.0  # s since it began
+    now: Any = 0.0  # (K,3) m, the displacement at that time
+
+    def at(self, time: float) -> np.ndarray:
+        """Displacement (K,3) m after a time, s; ValueError if it is none, or not along the axes alone."""
+        wanted = (len(self.nodes), 3)
+        found = np.asarray(self.along(time))
+        found = finite_array(found, (3,) if found.shape == (3,) else wanted, f"along({time:g}) (m)")
+        return along_axes(np.broadcast_to(found, wanted), self.axes, f"the displacement after {time:g} s", "m")
+
+
+def along_axes(vectors: np.ndarray, axes: np.ndarray, what: str, unit: str) -> np.ndarray:
+    """The vectors (K,3), or ValueError if one is not along the axes (3,) alone."""
+    bad = np.flatnonzero(vectors[:, ~axes].any(axis=1))
+    if bad.size:
+        named = "".join(np.array(list("xyz"))[axes])
+        raise ValueError(f"{what} is {vectors[bad[0]]} {unit}, not along the axes {named!r} alone; name more axes")
+    return vectors
+
+
 class Conditions(NamedTuple):
     """What holds the nodes of all bodies of a tank, beyond what their `Body` fixes."""
 
@@ -31,6 +59,7 @@ class Conditions(NamedTuple):
     velocity: np.ndarray  # (N,3) m/s, theirs
     penalties: Anchors | None  # where nodes are held by a penalty
     drag: Anchors | None  # what `grab` pulls, or the world was made with
+    motions: tuple[Motion, ...] = ()  # along ways, of nodes that are eliminated or held by a penalty
 
 
 def no_conditions(body: Body, world: World) -> Conditions:
@@ -113,42 +142,60 @@ class Conditioned:
         """
         self.move(nodes, np.zeros(3), axes, method)
 
-    def move(self, nodes, velocity, axes: str = "xyz", method: str = "elimination") -> None:
-        """Move nodes of every body at a constant velocity, until `fix`, `release` or another `move`; as `fix`.
+    def move(self, nodes, along, axes: str = "xyz", method: str = "elimination") -> None:
+        """Move nodes of every body along a way, until `fix`, `release` or another `move`; otherwise as `fix`.
 
-        Call it before every `advance` for a motion whose velocity varies. The node takes the velocity at once, without
-        the time that its inertia would need.
+        A node takes its velocity at once, without the time that its inertia would need. A function is asked before
+        every step of dt where the step ends, and within the step the node moves there evenly: at the end of every step
+        it is on its way. A body that is reset goes on from where it is put, by what its way has left.
 
         Args:
             nodes: their numbers (K,), or a boolean mask (N,).
-            velocity: m/s, (3,) for all nodes, or (K,3), one each; zero along axes that are left free.
+            along: a constant velocity, m/s, (3,) for all nodes, or (K,3), one each; or a function of the time since
+                now, s, that returns their displacement from where they are now, m, (3,) or (K,3), zero at time 0.
+                Zero along axes that are left free.
             axes: of "x", "y" and "z", along which they are moved; by penalty all three.
             method: "elimination" or "penalty".
 
         Raises:
-            ValueError: as `fix`, and for a velocity of another shape, not finite, or along an axis that is left free.
+            ValueError: as `fix`, and for velocities or displacements of another shape, not finite, or along an axis
+                that is left free; `advance` raises it for a displacement that a function returns later, and has then
+                moved the bodies up to there.
         """
         if method not in METHODS:
             raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
-        nodes, along = node_numbers(self._own, nodes), chosen_axes(axes)
-        velocity = np.asarray(velocity)
-        shape = (3,) if velocity.shape == (3,) else (nodes.size, 3)
-        velocity = np.broadcast_to(finite_array(velocity, shape, "velocity (m/s)"), (nodes.size, 3))
-        if velocity[:, ~along].any():
-            raise ValueError(f"the velocity {velocity[0]} m/s is not along the axes {axes!r} alone; name more axes")
+        nodes, chosen = node_numbers(self._own, nodes), chosen_axes(axes)
+        if method == "penalty" and not chosen.all():
+            raise ValueError(f"a penalty holds a node along all axes, not along {axes!r} only; use elimination")
+        velocity, motions = np.zeros((nodes.size, 3)), ()
+        if callable(along):
+            way = Motion(nodes, chosen, along, np.tile(chosen, (nodes.size, 1)))
+            start = way.at(0.0)
+            if start.any():
+                raise ValueError(f"along(0.0) is {start[0]} m; a way begins where the nodes are, with zero")
+            motions = (way._replace(now=start),)
+        else:
+            along = np.asarray(along)
+            shape = (3,) if along.shape == (3,) else (nodes.size, 3)
+            given = np.broadcast_to(finite_array(along, shape, "velocity (m/s)"), (nodes.size, 3))
+            velocity = along_axes(given, chosen, "the velocity", "m/s")
         was = self._conditions
         if method == "penalty":
-            if not along.all():
-                raise ValueError(f"a penalty holds a node along all axes, not along {axes!r} only; use elimination")
             found = self._without(nodes, drag=False)
             new = make_penalty(self._own, nodes, self._common_place(nodes), velocity)
-            self._apply(found._replace(penalties=joined(found.penalties, new)))
+            self._apply(found._replace(penalties=joined(found.penalties, new), motions=(*found.motions, *motions)))
             return
         held, prescribed = was.held.copy(), was.velocity.copy()
-        held[np.ix_(nodes, along)] = True
-        prescribed[np.ix_(nodes, along)] = velocity[:, along]
-        penalties = None if was.penalties is None else without(was.penalties, nodes)
-        self._apply(was._replace(held=held, velocity=prescribed, penalties=penalties))
+        held[np.ix_(nodes, chosen)] = True
+        prescribed[np.ix_(nodes, chosen)] = velocity[:, chosen]
+        taken = np.zeros_like(held)
+        taken[np.ix_(nodes, chosen)] = True
+        penalties = was.penalties
+        if penalties is not None:
+            taken[np.intersect1d(nodes, penalties.node)] = True  # a penalty is taken away whole
+            penalties = without(penalties, nodes)
+        motions = (*remaining(was.motions, taken), *motions)
+        self._apply(was._replace(held=held, velocity=prescribed, penalties=penalties, motions=motions))
 
     def release(self, nodes=None) -> None:
         """Let go of what `grab` holds; or of nodes, whatever holds them: `grab`, `fix` or `move`.
@@ -169,8 +216,9 @@ class Conditioned:
     @property
     def conditioned(self) -> bool:
         """Whether a node is held by elimination, or an anchor is on the move: `advance` sees to both."""
-        anchors = self.world.anchors
-        return bool(self._conditions.held.any()) or (anchors is not None and bool(anchors.velocity.any()))
+        anchors, conditions = self.world.anchors, self._conditions
+        moving = bool(conditions.motions) or (anchors is not None and bool(anchors.velocity.any()))
+        return moving or bool(conditions.held.any())
 
     @property
     def fixed(self) -> np.ndarray:
@@ -205,8 +253,10 @@ class Conditioned:
         was = self._conditions
         held, velocity = was.held.copy(), was.velocity.copy()
         held[nodes], velocity[nodes] = False, 0.0
+        taken = np.zeros_like(held)
+        taken[nodes] = True
         penalties, pulled = (None if part is None else without(part, nodes) for part in (was.penalties, was.drag))
-        return Conditions(held, velocity, penalties, pulled if drag else was.drag)
+        return Conditions(held, velocity, penalties, pulled if drag else was.drag, remaining(was.motions, taken))
 
     def _common_place(self, nodes) -> np.ndarray:
         """Where the nodes (K,) of all bodies are, (K,3) m; ValueError unless it is the same for all."""
@@ -254,6 +304,23 @@ class Conditioned:
                 return f"beside the penalty, a step of {self.dt:.2g} s would need more stages than {stages}"
         return ""
 
+    def _set_out(self) -> None:
+        """Give the nodes that are moved along ways the velocities that take them there in a step."""
+        was, moved, motions = self._conditions, np.zeros_like(self._conditions.held), []
+        speed = np.zeros_like(was.velocity)
+        for motion in was.motions:
+            time = motion.time + self.dt
+            ahead = motion.at(time)
+            moved[motion.nodes] |= motion.moved
+            speed[motion.nodes] += np.where(motion.moved, (ahead - motion.now) / self.dt, 0.0)
+            motions.append(motion._replace(time=time, now=ahead))
+        velocity, penalties = np.where(was.held & moved, speed, was.velocity), was.penalties
+        if penalties is not None:
+            i = penalties.node
+            penalties = penalties._replace(velocity=np.where(moved[i], speed[i], penalties.velocity))
+            self._place(joined(was.drag, penalties))
+        self._conditions = was._replace(velocity=velocity, penalties=penalties, motions=tuple(motions))
+
     def _impose(self) -> None:
         """Give the eliminated degrees of freedom of the bodies that are alive their velocities."""
         held = self._conditions.held
@@ -266,15 +333,24 @@ class Conditioned:
         if self.world.anchors is not None and self.world.anchors.velocity.any():
             drag, penalties = (carried(part, duration) for part in (self._conditions.drag, self._conditions.penalties))
             self._conditions = self._conditions._replace(drag=drag, penalties=penalties)
-            anchors = joined(drag, penalties)
-            self.world = self.world._replace(anchors=anchors)
-            if self._engine is not None and anchors is not None:
-                self._engine.follow(anchors)
+            self._place(joined(drag, penalties))
+
+    def _place(self, anchors: Anchors | None) -> None:
+        """Let the anchors, the same ones, be elsewhere, or move otherwise."""
+        self.world = self.world._replace(anchors=anchors)
+        if self._engine is not None and anchors is not None:
+            self._engine.follow(anchors)
 
 
 def carried(anchors: Anchors | None, duration: float) -> Anchors | None:
     """The anchors after a time, s."""
     return anchors and anchors._replace(point=anchors.point + duration * anchors.velocity)
+
+
+def remaining(motions: tuple[Motion, ...], taken: np.ndarray) -> tuple[Motion, ...]:
+    """The motions that have degrees of freedom left when those of a boolean array (N,3) are taken from them."""
+    left = (motion._replace(moved=motion.moved & ~taken[motion.nodes]) for motion in motions)
+    return tuple(motion for motion in left if motion.moved.any())
 
 
 def without(anchors: Anchors, nodes) -> Anchors | None:
