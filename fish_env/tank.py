@@ -9,7 +9,8 @@ import numpy as np
 from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
 from fish_env.checks import as_floats, finite_array, fits_memory, own
-from fish_env.conditions import Conditioned, no_conditions
+from fish_env.conditioned import Conditioned
+from fish_env.conditions import no_conditions
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
 from fish_env.muscles import command_all
