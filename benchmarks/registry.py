@@ -129,6 +129,12 @@ STABILITY = (
         ("benchmarks.stability.commands:measure", "benchmarks.stability.mistreatment:GOALS"), data=(BODIES,),
     ),
     Result(
+        "stability.heavy_water", "fish of half the mass and twice the drag in water of up to 16 times its density: "
+        "which fail, and how far the others are from a fine solution", "-m benchmarks.stability.heavy_water", 2,
+        csv("heavy_water"),
+        ("benchmarks.stability.heavy_water:measure", "benchmarks.stability.mistreatment:GOALS", BATCH), data=(BODIES,),
+    ),
+    Result(
         "stability.soak", "every task on every body under all kinds of actions at the extremes of the variation: what "
         "is not finite, failures, memory, speed",
         "-m benchmarks.stability.soak --steps 9684000", 50, csv("soak", "soak_sessions"),

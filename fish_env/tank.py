@@ -9,7 +9,8 @@ import numpy as np
 from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
 from fish_env.checks import as_floats, finite_array, fits_memory, own
-from fish_env.conditions import Conditioned, no_conditions
+from fish_env.conditioned import Conditioned
+from fish_env.conditions import no_conditions
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
 from fish_env.muscles import command_all
@@ -215,6 +216,18 @@ class Tank(Conditioned, Generic[Elastic]):
         command_all(self.pack, *checked_command(contraction, duration, (self.num_fish, self.fish.num_muscles)))
 
     def _run(self, steps: int) -> None:
+        if not self._conditions.motions:
+            self._run_evenly(steps)
+            return
+        rate = self.control.rate.copy()
+        for _ in range(steps):
+            self._set_out()
+            alive = self.alive
+            self.control.rate[alive] = rate[alive]  # a run ends the motion of the rest lengths
+            self._run_evenly(1)
+
+    def _run_evenly(self, steps: int) -> None:
+        """Take steps in which nodes that are moved keep their velocity."""
         self._impose()
         if self._engine is None:
             assert self.integrator.advance is not None  # a method without an engine moves bodies by itself

@@ -159,3 +159,86 @@ def test_held_objects_come_to_rest_where_statics_has_them(name, method):
     assert np.abs(wanted - start)[:, 1 if name == "ring" else 2].max() > 1e-3
     weight = -thing.body.mass.sum() * 9.81 * thing.down
     np.testing.assert_allclose(tank.reactions()[0].sum(axis=0), weight, rtol=0, atol=1e-5 * np.abs(weight).max())
+
+
+@pytest.mark.parametrize("method", ["elimination", "penalty"])
+@pytest.mark.parametrize("name", ["leapfrog_chebyshev", "linearly_implicit", "rosenbrock"])
+def test_driven_bar(name, method):
+    """Driven at its end by a cos(w t) - a, a bar ends in the harmonic motion of its equations, by complex numbers.
+
+    The end is on its way at every step: to rounding by elimination, but for 1 / PENALTY by penalty.
+    """
+    size, rate, tank = 0.02, 12.0, Tank(bar(method=name), threads=1)
+    tank.move([0], lambda t: [size * (np.cos(rate * t) - 1.0), 0, 0], "x" if method == "elimination" else "xyz", method)
+    springs = np.zeros((5, 5))
+    for i in range(4):
+        springs[np.ix_([i, i + 1], [i, i + 1])] += [[1, -1], [-1, 1]]
+    dynamic = (STIFFNESS + 1j * rate * DAMPING) * springs - rate**2 * MASS * np.eye(5)
+    amplitude = np.concatenate([[size], np.linalg.solve(dynamic[1:, 1:], -size * dynamic[1:, 0])])
+    tank.advance(8000)
+    first_order, stiff = name == "linearly_implicit", 1e-12 if method == "elimination" else 1e-3 * size
+    for _ in range(5):
+        tank.advance(137)
+        wanted = (amplitude * np.exp(1j * rate * tank.time[0])).real - size
+        moved = tank.position[0, :, 0] - LENGTH * np.arange(5)
+        np.testing.assert_allclose(moved[0], wanted[0], rtol=0, atol=stiff)
+        np.testing.assert_allclose(
+            moved, wanted, rtol=0, atol=(0.05 if first_order else 2e-3) * np.abs(amplitude).max()
+        )
+
+
+def test_ways_and_muscles():
+    """Muscles contract alike while a node stays by `fix`, by a velocity of zero, or by a way that leads nowhere."""
+    fish, found = make_fish(), []
+    for hold in (lambda tank: tank.fix([3]), lambda tank: tank.move([3], (0, 0, 0)),
+                 lambda tank: tank.move([3], lambda t: (0, 0, 0))):  # fmt: skip
+        tank = Tank(fish, 2, threads=1)
+        hold(tank)
+        for k in range(4):
+            tank.swim(np.sin(np.arange(fish.num_muscles) + k), fish.control_interval)
+        found.append([tank.position.copy(), tank.rest_length.copy()])
+    for other in found[1:]:
+        for one, two in zip(found[0], other, strict=True):
+            np.testing.assert_allclose(one, two, rtol=0, atol=1e-12)
+
+
+def test_ways_end_and_are_shared():
+    """Each node has a way of its own; a way ends with `release`, `fix` or another `move`, axis by axis."""
+    tank = Tank(make_fish(), 2, threads=1)
+    start = tank.position.copy()
+    tank.move([2, 5], lambda t: np.outer([1.0, -2.0], [0.1 * t**2, 0, 0.2 * t]), "xz")
+    tank.advance(10)
+    time = tank.time[0]
+    moved = (tank.position - start)[:, 2, [0, 2]]
+    np.testing.assert_allclose(moved, [[0.1 * time**2, 0.2 * time]] * 2, rtol=1e-12)
+    np.testing.assert_allclose(tank.position[:, 5, 2] - start[:, 5, 2], -0.4 * time, rtol=1e-12)
+    tank.fix([2], "x")
+    tank.release([5])
+    assert not tank.fixed[5].any() and tank.fixed[2].tolist() == [True, False, True]
+    before, free = tank.position.copy(), tank.velocity[:, 5].copy()
+    tank.advance(10)
+    np.testing.assert_array_equal(tank.position[:, 2, 0], before[:, 2, 0])
+    np.testing.assert_allclose(tank.position[:, 2, 2] - start[:, 2, 2], 0.4 * time, rtol=1e-12)
+    assert np.abs(tank.velocity[:, 5] - free).max() > 0
+    tank.move([2], (0, 0, 0.5), "z")
+    tank.advance(10)
+    np.testing.assert_array_equal(tank.velocity[:, 2, 2], 0.5)
+    assert not tank._conditions.motions
+
+
+def test_refused_ways():
+    """A way that does not begin at zero, leaves its axes, or has another shape is refused, also later."""
+    tank = Tank(make_fish(), threads=1)
+    for along, axes, says in ((lambda t: (1.0, 0, 0), "xyz", "begins where the nodes are"),
+                              (lambda t: (0.0, 0), "xyz", "shape"),
+                              (lambda t: (np.nan, 0, 0), "xyz", "finite")):  # fmt: skip
+        with pytest.raises(ValueError, match=says):
+            tank.move([3], along, axes)
+        assert not tank.fixed.any()
+    with pytest.raises(ValueError, match="not along the axes 'x' alone"):
+        tank.move([3], (0.1, 0.1, 0.0), "x")
+    tank.move([3], lambda t: (t, 0.0 if t < 3.5 * tank.dt else t, 0), "x")
+    with pytest.raises(ValueError, match="not along the axes 'x' alone"):
+        tank.advance(10)
+    np.testing.assert_allclose(tank.time, 3 * tank.dt)
+    np.testing.assert_allclose(tank.position[0, 3, 0] - tank.fish.body.position[3, 0], 3 * tank.dt, rtol=1e-9)

@@ -3,13 +3,15 @@
 import naive
 import numpy as np
 import pytest
-from moving import FISH, STABILISED, each_body, tank_of
+from moving import FISH, STABILISED, advance, each_body, tank_of, world_of
+from naive import leapfrog
 from numpy.polynomial import Chebyshev
 
+from fish_env import Tank, make_fish
 from fish_env.body import FORCES
 from fish_env.forces.plan import POLYNOMIAL
 from fish_env.integrators import leapfrog_chebyshev, limits
-from fish_env.world import VACUUM
+from fish_env.world import VACUUM, make_water
 
 
 @pytest.mark.parametrize("name", STABILISED)
@@ -96,3 +98,37 @@ def test_fewest_stages_that_reach(elastic, viscous):
         fewest = 3  # with two stages, the damping that is at least applied would overshoot
     assert leapfrog_chebyshev.stages_for(elastic, viscous, h) == fewest
     assert leapfrog_chebyshev.MOST_STAGES == 1000
+
+
+@each_body
+def test_no_push_turns_its_face_around(body):
+    """Where pushes would turn faces around, a step equals the reference's, in which they stop them."""
+    fish, rng, h = FISH[body], np.random.default_rng(9), FISH[body].time_step
+    x, v = naive.random_state(fish, rng, displacement=0.002, speed=0.2)
+    rest, world = fish.body.springs.rest_length, world_of(fish)
+    world = world._replace(quadratic=300 * world.quadratic)
+    middle = x + 0.5 * h * v
+    free = naive.total_force(fish.body, world, rest, middle, v) - naive.total_force(fish.body, VACUUM, rest, middle, v)
+    held, _ = leapfrog.water_pushes(fish.body, world, 0.5 * h, middle, v, v)
+    assert np.abs(held).max() < 0.5 * np.abs(free).max()  # the limit is at work
+    found = advance("leapfrog_chebyshev", fish, world, x, v, rest, np.zeros_like(rest), h, 1)
+    wanted = leapfrog.leapfrog_chebyshev(fish.body, world, lambda t: rest, 0.0, h, x, v)
+    for moved, reference in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(moved, reference, rtol=0, atol=1e-9 * np.abs(reference).max())
+
+
+@pytest.mark.parametrize(("body", "density"), [("mass_spring", 16_000.0), ("planar", 16_000.0), ("two_layer", 4000.0)])
+def test_light_fish_in_heavy_water(body, density):
+    """Muscles that alternate at random for 1 s, with half the mass and twice the drag in water of that density.
+
+    Without the limit on pushes some of these fish fail.
+    """
+    fish, count = make_fish(body), 16
+    tank = Tank(fish, count, water=make_water(density), threads=1)
+    for i in range(count):
+        tank.vary(i, stiffness=2.0, mass=0.5, drag=2.0)
+    rng = np.random.default_rng(8)
+    for _ in range(50):
+        tank.swim(rng.choice([-1.0, 1.0], (count, fish.num_muscles)), fish.control_interval)
+    assert tank.alive.all(), tank.state.failure
+    assert np.abs(tank.velocity).max() < 50 * fish.length

@@ -102,10 +102,18 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """As `add_force`, and keep what `add_change` needs."""
+    """As `add_force`, and keep what `add_change` needs.
+
+    A push that would turn its face around within half a step is taken to stop it there: beyond that the prediction,
+    from which the change is worked out, would grow from step to step.
+    """
     linear, quadratic, current = laws(world, control)
+    half = 0.5 * control.plans[control.row[0], H]
     for k in range(body.faces.nodes.shape[0]):
         n, area, push = push_on(body, linear, quadratic, current, x, v, k)
+        outward = dot(n, velocity(body, current, v, k))
+        stopping = select(outward > 0.0, -outward / (half * cache.mobility[k]), 0.0)
+        push = select(push < stopping, stopping, push)  # (38)
         scatter(body, k, push * n, f)
         cache.normal[k] = n
         cache.area[k] = area

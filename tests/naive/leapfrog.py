@@ -17,21 +17,29 @@ def face_mobility(body, duration, corners, share):
     return gained
 
 
-def water_change(body, world, duration, x, v, ahead):
-    """Change of the water's force (N,3) when v becomes `ahead`, each face's drag on itself taken implicitly."""
-    force = np.zeros_like(x)
+def water_pushes(body, world, duration, x, v, ahead):
+    """Forces of the water (N,3) at v, and their change when v becomes `ahead`, each face's drag on itself implicit.
+
+    A face that its push would turn around in this time is pushed no more than stops it.
+    """
+    first, change = np.zeros_like(x), np.zeros_like(x)
     for corners, share, factor in zip(body.faces.nodes, body.faces.share, body.faces.drag, strict=True):
         area = area_vector(x[corners])
-        size = np.linalg.norm(area)
-        change = factor * (face_force(corners, share, world, x, ahead) - face_force(corners, share, world, x, v))
+        size, mobility = np.linalg.norm(area), face_mobility(body, duration, corners, share)
+        push = factor * face_force(corners, share, world, x, v)
+        outward = np.dot(share @ v[corners] - world[2], area) / size
+        if mobility * np.linalg.norm(push) > outward > 0:
+            push = -outward / mobility * area / size
+        differs = factor * face_force(corners, share, world, x, ahead) - push
         velocity = share @ ahead[corners] - world[2]
         outward, speed = np.dot(velocity, area) / size, np.linalg.norm(velocity)
         if outward > 0:
             slope = factor * size * (world[0] + world[1] * (speed + outward**2 / speed))
-            change /= 1.0 + face_mobility(body, duration, corners, share) * slope
+            differs /= 1.0 + mobility * slope
         for node, part in zip(corners, share, strict=True):
-            force[node] += part * change
-    return force
+            first[node] += part * push
+            change[node] += part * differs
+    return first, change
 
 
 def filtered_matrix(body, world, rest_length, h, least, x, factor=1.0):
@@ -103,8 +111,11 @@ def leapfrog_chebyshev(body, world, rest, t, h, x, v):
     world = at(world, t + 0.5 * h)
     matrix = filtered_matrix(body, world, lengths, h, least, middle)
     filtering, _, _ = chebyshev_filter(stages, inverse[:, None] * matrix)
-    acceleration = total_force(body, world, lengths, middle, v).ravel() * inverse
+    pushed, _ = water_pushes(body, world, 0.5 * h, middle, v, v)
+    dry = world._replace(linear=0.0, quadratic=0.0)
+    acceleration = total_force(body, dry, lengths, middle, v, pushed).ravel() * inverse
     kick = borne(world.planes, middle, v, h, (filtering @ acceleration).reshape(x.shape))
-    kick = kick + water_change(body, world, 0.5 * h, middle, v, v + 0.5 * h * kick) * body.inverse_mass
+    _, change = water_pushes(body, world, 0.5 * h, middle, v, v + 0.5 * h * kick)
+    kick = kick + change * body.inverse_mass
     v = v + h * kick
     return middle + 0.5 * h * v, slowed * v

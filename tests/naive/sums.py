@@ -21,9 +21,9 @@ def other_force(body, world, x, v):
     return force
 
 
-def total_force(body, world, rest_length, x, v):
-    """All forces together, (N,3)."""
-    force = spring_force(body.springs, rest_length, x, v) + other_force(body, world, x, v)
+def total_force(body, world, rest_length, x, v, more=0.0):
+    """All forces together, (N,3); with `more`, (N,3), before what walls answer."""
+    force = spring_force(body.springs, rest_length, x, v) + other_force(body, world, x, v) + more
     if world.anchors is not None:
         force += anchor_force(world.anchors, x, v)
     return with_reaction(world.planes, x, v, force)
