@@ -158,17 +158,6 @@ STABILITY = (
         "-m benchmarks.stability.reliability bounds", 60, csv("reliability_bounds"), (*RELIABILITY, BATCH),
     ),
     Result(
-        "stability.versions", "built, installed and tested on other versions of Python and of the dependencies",
-        "-m benchmarks.stability.versions", 80, csv("versions"), ("benchmarks.stability.versions:trial", BATCH, SINGLE),
-        data=("pyproject.toml", "constraints.txt"),
-    ),
-    Result(
-        "stability.repeatability", "the same seed, the same bits: other processes, folders, numbers of threads",
-        "-m benchmarks.stability.repeatability", 15, csv("repeatability"),
-        ("benchmarks.stability.repeatability:TRIALS", "benchmarks.stability.repeatability:compare", BATCH),
-        data=(BODIES,),
-    ),
-    Result(
         "stability.published_again", "published scores of policies and controllers, measured again",
         "-m benchmarks.stability.repeatability --published", 1, csv("published_again"),
         ("benchmarks.stability.repeatability:published_again", "benchmarks.stability.repeatability:all_scores", BATCH),
