@@ -224,7 +224,7 @@ def test_same_cost_gives_steps_that_cost_as_much(visitor):
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_every_view_is_shown_and_hidden(visitor, view):
-    """A box of the tab View shows or hides its part: the picture of a fish that stands still changes, and back again."""
+    """A box of the tab View hides or shows its part: the picture of a still fish changes, and back again."""
     drawing = visitor.session.drawing
     visitor.choose("object", "mass_spring")
     until(lambda: visitor.bench.specimens[0].entry.thing == "mass_spring")
