@@ -19,7 +19,7 @@ from fish_env.control.files import writable_folder
 from fish_env.envs import FishVectorEnv
 
 EPISODES = 50
-MANY = 300  # for the default method: its difference is smaller than the standard error of fifty episodes
+MANY = 1000  # for the default method: its difference is smaller than the standard error of fifty episodes
 COMMAND = "python train.py compare --integrators"
 TICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # ms, of the chart
 FINER = 8  # the reference takes this part of the fish's own step

@@ -17,6 +17,7 @@ import pytest
 playwright = pytest.importorskip("playwright.sync_api", reason='needs pip install -e ".[browser]"')
 pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
 
+from fish_env.lab.drawing import VIEWS
 from fish_env.lab.server import Laboratory
 from fish_env.lab.settings import SETTINGS
 
@@ -198,6 +199,56 @@ def test_every_control_of_the_object_acts(visitor):
     visitor.tab("Compare")
     visitor.choose("second object", "ring")
     until(lambda: len(bench.specimens) == 2)
+    assert visitor.errors == []
+
+
+def test_same_cost_gives_steps_that_cost_as_much(visitor):
+    """The box gives the second object the step that costs as much, the page says which; without it, its own step."""
+    bench = visitor.bench
+    visitor.tab("Compare")
+    visitor.choose("second object", bench.specimens[0].entry.thing)
+    visitor.choose("second integrator", "rk4")
+    until(lambda: len(bench.specimens) == 2 and bench.specimens[1].tank.integrator.name == "rk4")
+    own = bench.specimens[1].tank.dt
+    visitor.page.get_by_label("same cost", exact=True).click()
+    until(lambda: bench.same_cost and bench.specimens[1].tank.dt != own)
+    first, second = bench.specimens
+    assert first.tank.dt == first.own_step()
+    visitor.page.get_by_text(f"rk4, step {1e3 * second.tank.dt:.3g} ms").wait_for()
+    visitor.page.get_by_label("same cost", exact=True).click()
+    until(lambda: not bench.same_cost and bench.specimens[1].tank.dt == own)
+    clock = bench.clock
+    until(lambda: bench.clock > clock + 0.2)
+    assert visitor.errors == []
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_every_view_is_shown_and_hidden(visitor, view):
+    """A box of the tab View hides or shows its part: the picture of a still fish changes, and back again."""
+    drawing = visitor.session.drawing
+    visitor.choose("object", "mass_spring")
+    until(lambda: visitor.bench.specimens[0].entry.thing == "mass_spring")
+    until(lambda: visitor.bench.clock > 0.3)
+    visitor.press("One step")
+    until(lambda: visitor.session.paused)
+    visitor.tab("View")
+
+    def picture():
+        """What is seen left of the panel and below messages, once it has not changed for five looks."""
+        looks = []
+        while len(set(looks[-5:])) > 1 or len(looks) < 5:
+            visitor.page.wait_for_timeout(400)
+            looks.append(visitor.page.screenshot(clip={"x": 0, "y": 150, "width": 400, "height": 280}))
+        return looks[-1]
+
+    shown, before = drawing.shown[view], picture()
+    box = visitor.page.get_by_label(view, exact=True)
+    box.click()
+    until(lambda: drawing.shown[view] != shown)
+    until(lambda: picture() != before)
+    box.click()
+    until(lambda: drawing.shown[view] == shown)
+    until(lambda: picture() == before)
     assert visitor.errors == []
 
 

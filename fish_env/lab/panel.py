@@ -39,6 +39,7 @@ class Panel:
     def __init__(self, session: "Session"):
         self.session, self.gui = session, session.client.gui
         self.mouse, self._drawn = "drag", 0.0
+        self._changes, self._heard, self._put_off = 0, 0, False  # of controls by the user
         self._numbers: dict[str, Any] = {}
         self._levels: list[Any] = []
         self._plots: dict[str, Any] = {}
@@ -65,10 +66,20 @@ class Panel:
         async def changed(event) -> None:
             if event.client_id is not None:  # else the program has set it
                 value = event.target.value
-                self.session.ask(lambda: action(value))
+                self._changes += 1
+                self.session.ask(lambda: self._hear(action, value))
 
         handle.on_update(changed)
         return handle
+
+    def _hear(self, action, value) -> None:
+        """Do what a change of a control asks for; then show what has been put off until all changes were heard."""
+        self._heard += 1
+        try:
+            action(value)
+        finally:
+            if self._put_off:
+                self.refresh()
 
     def button(self, label: str, action, hint: str | None = None) -> Any:
         """A button that has `action()` done in the simulation's thread."""
@@ -229,7 +240,10 @@ class Panel:
             self.session.bench.drag(self.session.drawing.place(number, point))
 
     def refresh(self) -> None:
-        """Show what is now on the bench in all controls."""
+        """Show what is now on the bench in all controls; later, if the user has changed one that was not heard yet."""
+        self._put_off = self._heard != self._changes
+        if self._put_off:
+            return
         bench = self.session.bench
         first = bench.specimens[0].entry
         self.steering.refresh()
