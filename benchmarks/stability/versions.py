@@ -172,6 +172,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("trials", nargs="*", default=TRIALS, help="such as 3.10-lowest (default: all of the table)")
     parser.add_argument("--workers", type=int, default=2, help="processes of pytest (default 2)")
+    parser.add_argument("--no-tests", action="store_true", help="only build, install, import and evaluate a policy")
     parser.add_argument(
         "--folder", type=Path, help="a new folder, left behind to be looked at (default a temporary one)"
     )
