@@ -158,6 +158,11 @@ STABILITY = (
         "-m benchmarks.stability.reliability bounds", 60, csv("reliability_bounds"), (*RELIABILITY, BATCH),
     ),
     Result(
+        "stability.versions", "built, installed and used on other versions of Python and of the dependencies",
+        "-m benchmarks.stability.versions --no-tests", 10, csv("versions"),
+        ("benchmarks.stability.versions:trial", BATCH), data=("pyproject.toml", "constraints.txt"),
+    ),
+    Result(
         "stability.published_again", "published scores of policies and controllers, measured again",
         "-m benchmarks.stability.repeatability --published", 1, csv("published_again"),
         ("benchmarks.stability.repeatability:published_again", "benchmarks.stability.repeatability:all_scores", BATCH),

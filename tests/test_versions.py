@@ -4,10 +4,11 @@ import re
 
 import pytest
 
-from benchmarks.common.tables import ROOT, read_rows
+from benchmarks.common.tables import RESULTS, ROOT, read_rows
 from benchmarks.stability import versions
 
 PROJECT = (ROOT / "pyproject.toml").read_text()
+PAGE = (ROOT / "docs" / "reliability.md").read_text()
 
 
 def as_numbers(text):
@@ -49,3 +50,12 @@ def test_a_table_of_trials(tmp_path, monkeypatch):
         versions.keep({"python": python, "resolution": resolution, "tests": tests})
     rows = read_rows(tmp_path / versions.TABLE)
     assert [tuple(row.values()) for row in rows] == [("3.9.5", "pinned", "2"), ("3.10.2", "lowest", "3")]
+
+
+def test_the_page_says_what_the_table_says():
+    """Every row of the table stands on the page, and no other one."""
+    rows = read_rows(RESULTS / versions.TABLE)
+    for row in rows:
+        counts = " | ".join(row[name] for name in ("tests", "passed", "skipped", "failed"))
+        assert f"| {row['python']} | {row['resolution']} | {counts} |" in PAGE
+    assert len(re.findall(r"^\| 3\.\d+\.\d+ \| ", PAGE, re.MULTILINE)) == len(rows) > 0
