@@ -97,7 +97,7 @@ class Agent(nn.Module):
     offset: torch.Tensor
     scale: torch.Tensor
 
-    def __init__(self, envs: fish_env.FishVectorEnv, args: Args):
+    def __init__(self, envs: Any, args: Args):
         super().__init__()
         inputs, outputs = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
         offset, scale = envs.layout.scaling()

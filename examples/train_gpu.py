@@ -11,6 +11,7 @@ folder that it writes is that of train_cleanrl.py.
 import math
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import gymnasium as gym
 import torch
@@ -78,8 +79,8 @@ def train(args: GpuArgs) -> Policy:
     """Train, and return the policy."""
     torch.manual_seed(args.seed)
     spec, options = gym.spec(args.env_id), {"muscle_groups": args.muscle_groups}
-    env = FishTorchEnv(args.num_envs, args.device, dtype=args.dtype, max_episode_steps=spec.max_episode_steps,
-                       **spec.kwargs, **options)  # fmt: skip
+    fish: dict[str, Any] = {**spec.kwargs, **options}
+    env = FishTorchEnv(args.num_envs, args.device, dtype=args.dtype, max_episode_steps=spec.max_episode_steps, **fish)
     agent = Agent(env, args).to(env.device)
     optimiser = torch.optim.Adam(agent.parameters(), lr=args.learning_rate, eps=1e-5)
     collector, begun = Collector(env, agent, args), time.perf_counter()
