@@ -74,13 +74,13 @@ class Args:
     """where the results are written"""
 
 
-def parse() -> Args:
+def parse(made: type[Args] = Args, text: str | None = __doc__) -> Args:
     """The hyperparameters: the defaults, changed by the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for field in fields(Args):
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for field in fields(made):
         option = "--" + field.name.replace("_", "-")
         parser.add_argument(option, type=type(field.default), default=field.default, help=f"default {field.default}")
-    return Args(**vars(parser.parse_args()))
+    return made(**vars(parser.parse_args()))
 
 
 def layer(inputs: int, outputs: int, gain: float = math.sqrt(2.0)) -> nn.Linear:
@@ -97,7 +97,7 @@ class Agent(nn.Module):
     offset: torch.Tensor
     scale: torch.Tensor
 
-    def __init__(self, envs: fish_env.FishVectorEnv, args: Args):
+    def __init__(self, envs: Any, args: Args):
         super().__init__()
         inputs, outputs = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
         offset, scale = envs.layout.scaling()
@@ -117,10 +117,10 @@ class Agent(nn.Module):
     def policy(self, about: dict) -> Policy:
         """The mean action as a policy that numpy alone can run."""
         linear = [part for part in self.actor if isinstance(part, nn.Linear)]
-        weights = [part.weight.detach().double().numpy().T.copy() for part in linear]
-        biases = [part.bias.detach().double().numpy().copy() for part in linear]
-        weights[0] /= self.scale.double().numpy()[:, None]  # the scaling becomes part of the first layer
-        biases[0] -= self.offset.double().numpy() @ weights[0]
+        weights = [part.weight.detach().cpu().double().numpy().T.copy() for part in linear]
+        biases = [part.bias.detach().cpu().double().numpy().copy() for part in linear]
+        weights[0] /= self.scale.cpu().double().numpy()[:, None]  # the scaling becomes part of the first layer
+        biases[0] -= self.offset.cpu().double().numpy() @ weights[0]
         return Policy(tuple(w.astype(np.float32) for w in weights), tuple(b.astype(np.float32) for b in biases), about)
 
 
@@ -130,7 +130,7 @@ def advantages(rewards, values, ends, following, args: Args, gamma: float) -> to
     `following` (T,B) is the value of what a fish saw after each step: zero after a failure, and after an episode that
     ran out of time that of its last observation, not of the first one of the next episode. `ends` (T,B) cuts the sum.
     """
-    found, later = torch.zeros_like(rewards), torch.zeros(rewards.shape[1])
+    found, later = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
     for t in reversed(range(len(rewards))):
         error = rewards[t] + gamma * following[t] - values[t]
         found[t] = later = error + gamma * args.gae_lambda * (1.0 - ends[t]) * later
@@ -213,21 +213,30 @@ def train(args: Args) -> Policy:
     return agent.policy({"env_id": args.env_id, "env_options": options, "seed": args.seed})
 
 
-def main() -> None:
-    """Train, save, evaluate."""
-    args = parse()
+def begin(args: Args) -> Path:
+    """Make the folder, and write the hyperparameters."""
     folder = Path(args.folder)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "args.json").write_text(json.dumps(asdict(args), indent=2))
-    policy = train(args)
-    policy.save(folder / "policy.npz")
+    return folder
 
+
+def end(policy: Policy, folder: Path, args: Args) -> None:
+    """Write the policy and its scores, and print the scores."""
+    policy.save(folder / "policy.npz")
     env = make_eval_env(args.env_id, args.evaluations, {"muscle_groups": args.muscle_groups})
     scores = {name: float(np.nanmean(value)) for name, value in evaluate(policy_controller(policy, env), env).items()}
     env.close()
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
     print(f"fish_env {fish_env.__version__}, mean of {args.evaluations} episodes: "
           + ", ".join(f"{name} {value:.2f}" for name, value in scores.items()))  # fmt: skip
+
+
+def main() -> None:
+    """Train, save, evaluate."""
+    args = parse()
+    folder = begin(args)
+    end(train(args), folder, args)
 
 
 if __name__ == "__main__":

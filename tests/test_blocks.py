@@ -32,7 +32,7 @@ OTHER_PROGRAMS = {
     "ray": "starts a cluster",
     ".ci/coverage": "runs the tests",
 }
-OTHER_LIBRARIES = {"rllib": "ray", "cleanrl": "torch", "torchrl": "torchrl", "sbx": "sbx"}
+OTHER_LIBRARIES = {"rllib": "ray", "cleanrl": "torch", "torchrl": "torchrl", "sbx": "sbx", "gpu": "torch"}
 """Libraries that the help of an example needs, by a word of its name."""
 OTHER_MODULES = {"rl_zoo3.train": "not installed here", "rl_zoo3.enjoy": "not installed here", "pip": "see `pip`"}
 

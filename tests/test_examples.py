@@ -16,8 +16,8 @@ EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.rglob("*.py"))
 NOTEBOOK = json.loads((EXAMPLES / "quickstart.ipynb").read_text())
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
-QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"} | LEARNERS
-"""The scripts that a test below runs, one that `test_rllib.py` does, and those of `test_learners.py`."""
+QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"} | LEARNERS | {"train_gpu.py"}
+"""The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_torch_env.py`."""
 
 
 def run(folder, *words, **variables):

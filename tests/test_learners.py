@@ -103,6 +103,7 @@ def test_cleanrl_looks_beyond_the_time_limit(cleanrl, fish, monkeypatch):
 def test_cleanrl_policy(cleanrl, fish):
     """The exported policy does what the network's mean is, clipped, from the raw observation."""
     torch = pytest.importorskip("torch")
+    torch.manual_seed(0)
     agent = cleanrl.Agent(fish, cleanrl.Args())
     with torch.no_grad():
         agent.actor[-1].weight.mul_(50.0)  # so that some actions are clipped

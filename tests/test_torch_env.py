@@ -1,14 +1,18 @@
 """FishTorchEnv: a batch of fish on a GPU. Here without one: what it says then, and its steps with the GPU emulated."""
 
+import importlib
 import re
+import sys
 
 import numpy as np
 import pytest
+from pages import ROOT
 from test_gpu import needs_compiler
 
 torch = pytest.importorskip("torch")
 
 from benchmarks.speed import gpu
+from fish_env.control import load_policy
 from fish_env.envs import FishVectorEnv, torch_env
 from fish_env.envs.torch_env import FishTorchEnv
 
@@ -93,6 +97,37 @@ def test_more_fish_than_starts(emulated):
     found, reward, *_ = env.step(torch.linspace(-1.0, 1.0, 12).repeat(70, 1))
     torch.testing.assert_close(found[2:], found[:-2], rtol=0.0, atol=0.0)
     assert reward[0] == reward[68] != reward[69]
+
+
+@needs_compiler
+def test_training_on_the_gpu_alone(emulated, monkeypatch, tmp_path, capsys):
+    """The example collects what its model for the processor does, as long as no episode has begun again; it trains."""
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    example, model = importlib.import_module("train_gpu"), importlib.import_module("train_cleanrl")
+    count, steps, limit = 12, 6, 12
+    args = example.GpuArgs(device="cpu", dtype="float64", num_envs=count, rollout=steps, seed=2, evaluations=2)
+    found = []
+    options = {"muscle_groups": "pairs", "max_episode_steps": limit}
+    processor = FishVectorEnv(count, threads=1, autoreset_mode="SameStep", **options)
+    for kind, env in ((model, processor), (example, FishTorchEnv(count, "cpu", **options))):
+        torch.manual_seed(3)
+        agent = model.Agent(env, args)
+        collector = kind.Collector(env, agent, args)
+        rollout = [part.reshape(steps, count, -1) for part in collector.collect()]
+        returns = [np.atleast_1d(each) for each in collector.returns]
+        found.append((rollout, np.sort(np.concatenate(returns))))
+        env.close()
+    first = np.arange(steps)[:, None] <= np.arange(count)  # fish b's episode ends with step b
+    for one, two in zip(found[0][0], found[1][0], strict=True):
+        np.testing.assert_allclose(two.numpy()[first], one.numpy()[first], rtol=1e-5, atol=1e-6)
+    assert len(found[0][1]) == len(found[1][1]) == steps
+    np.testing.assert_allclose(found[1][1], found[0][1], rtol=1e-5, atol=1e-6)
+    words = ["--device", "cpu", "--num-envs", "8", "--timesteps", "64", "--rollout", "4", "--evaluations", "2"]
+    monkeypatch.setattr(sys, "argv", ["train_gpu.py", *words, "--folder", str(tmp_path / "out")])
+    example.main()
+    assert "64 steps" in capsys.readouterr().out
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"args.json", "scores.json", "policy.npz"}
+    assert load_policy(tmp_path / "out" / "policy.npz", "FishEnv/Swim-v0").about["seed"] == 0
 
 
 @needs_compiler

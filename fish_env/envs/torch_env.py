@@ -50,6 +50,7 @@ class FishTorchEnv:
         self.single_observation_space = self._episodes.single_observation_space
         self.single_action_space = self._episodes.single_action_space
         self.max_episode_steps = self._episodes.max_episode_steps
+        self.control_interval, self.layout = self._episodes.control_interval, self._episodes.layout
         self.term_names = self._episodes._names
         self._blocks = launch_blocks(self.num_envs, self.device)
         self._generator = torch.Generator(self.device)
@@ -103,6 +104,12 @@ class FishTorchEnv:
         self._begin(everyone, everyone % episodes.num_envs)
         self._begun = True
         return self._arrays["observation"].clone(), {}
+
+    def stagger(self) -> None:
+        """Shorten the episodes just begun, so that they end one by one, as `FishVectorEnv.stagger`."""
+        if self.max_episode_steps is not None:
+            everyone = torch.arange(self.num_envs, device=self.device)
+            self._arrays["limit"].copy_(1 + everyone * self.max_episode_steps // self.num_envs)
 
     def _begin(self, which: torch.Tensor, start: torch.Tensor) -> None:
         """Put the fish of these numbers (K,) at these starts (K,)."""
