@@ -395,7 +395,7 @@ LEARNING = (
     ),
     Result(
         "learning.kills", "training that is killed at random and resumed: broken files, what is lost, the policy",
-        "-m benchmarks.learning.kills", 5, csv("kills"),
+        "-m benchmarks.learning.kills", 20, csv("kills"),
         ("benchmarks.learning.kills:Killed", "benchmarks.learning.kills:start", BATCH),
     ),
     Result(
