@@ -1,6 +1,5 @@
 """The controls of the page, in tabs. What they hand over is checked by the bench, like any other input."""
 
-import inspect
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from fish_env.bodies.objects import OBJECTS
 from fish_env.integrators import INTEGRATORS
 from fish_env.lab import colours
 from fish_env.lab.settings import SETTINGS, WALLS
-from fish_env.lab.specimen import Entry
+from fish_env.lab.specimen import Entry, level_of
 from fish_env.lab.steering import Steering
 
 if TYPE_CHECKING:
@@ -20,13 +19,6 @@ if TYPE_CHECKING:
 OWN, NOTHING = "own", "nothing"
 PLOTS = {"energy": "energy (J)", "volume": "volume over rest", "strain": "largest strain"}
 EVERY = 0.2  # s between two drawings of the plots
-
-
-def level_of(name: str) -> dict[str, int]:
-    """The whole numbers that an object is made with, and their defaults."""
-    table: dict[str, Any] = {**BODIES, **OBJECTS}
-    parameters = inspect.signature(table[name].make).parameters.values()
-    return {each.name: each.default for each in parameters if type(each.default) is int}
 
 
 class Panel:
@@ -95,11 +87,12 @@ class Panel:
         session, bench = self.session, self.session.bench
         self.thing = self.when(
             self.gui.add_dropdown("object", [*OBJECTS, *BODIES], initial_value=bench.specimens[0].entry.thing),
-            lambda value: self.choose(Entry(value)),
+            lambda value: self.choose(Entry(value), *self.entries()[1:]),
         )
         self.levels = self.gui.add_folder("made with", expand_by_default=False)
         self.integrator = self.when(
-            self.gui.add_dropdown("integrator", [OWN, *INTEGRATORS]), lambda value: self.choose(self.entry())
+            self.gui.add_dropdown("integrator", [OWN, *INTEGRATORS]),
+            lambda value: self.change(integrator=method(value)),
         )
         self.when(
             self.gui.add_dropdown("mouse", ["drag", "fix or release"], hint="what pressing a node does"), self.set_mouse
@@ -126,15 +119,19 @@ class Panel:
     def _compare(self) -> None:
         self.gui.add_markdown("The same object by other methods, or other objects, under the same conditions.")
         self.others = []
-        for rank in ("second", "third"):
-            thing = self.gui.add_dropdown(f"{rank} object", [NOTHING, *OBJECTS, *BODIES])
-            method = self.gui.add_dropdown(f"{rank} integrator", [OWN, *INTEGRATORS])
-            self.others.append((thing, method))
-            for handle in (thing, method):
-                self.when(handle, lambda value: self.choose(self.entry()))
+        for k, rank in enumerate(("second", "third"), 1):
+            thing = self.when(
+                self.gui.add_dropdown(f"{rank} object", [NOTHING, *OBJECTS, *BODIES]),
+                lambda value, k=k: self.compare(k, value, self.others[k - 1][1].value),
+            )
+            integrator = self.when(
+                self.gui.add_dropdown(f"{rank} integrator", [OWN, *INTEGRATORS]),
+                lambda value, k=k: self.compare(k, self.compared(k), value),
+            )
+            self.others.append((thing, integrator))
         self.same_cost = self.when(
             self.gui.add_checkbox("same cost", False, hint="steps such that a second costs as much of the processor"),
-            lambda value: self.choose(self.entry()),
+            lambda value: self.choose(*self.entries(), same_cost=bool(value)),
         )
         self.distance = self._plot("distance from the first (lengths)", 2, colours.SPECIMENS[1:])
         self.steps = self.gui.add_markdown("")
@@ -179,21 +176,32 @@ class Panel:
 
         command.on_trigger(triggered)
 
-    def entry(self) -> Entry:
-        """The first object as the controls say."""
-        level = tuple((handle.label, int(handle.value)) for handle in self._levels)
-        method = self.integrator.value
-        return Entry(self.thing.value, "" if method == OWN else method, level)
+    def entries(self) -> list[Entry]:
+        """What is on the bench; a choice changes this, and not what the controls say, which may be ahead of it."""
+        return [specimen.entry for specimen in self.session.bench.specimens]
 
-    def choose(self, entry: Entry) -> None:
-        """Put the chosen objects on the bench."""
-        entries = [entry]
-        for thing, method in self.others:
-            if thing.value != NOTHING:
-                level = entry.level if thing.value == entry.thing else ()
-                entries.append(Entry(thing.value, "" if method.value == OWN else method.value, level))
+    def change(self, **parts) -> None:
+        """Change a part of the first object's entry."""
+        first, *others = self.entries()
+        self.choose(first._replace(**parts), *others)
+
+    def compared(self, rank: int) -> str:
+        """The second or third object, rank 1 or 2, or NOTHING."""
+        entries = self.entries()
+        return entries[rank].thing if rank < len(entries) else NOTHING
+
+    def compare(self, rank: int, thing: str, integrator: str) -> None:
+        """Choose the second or third object, rank 1 or 2, and its method."""
+        entries = self.entries()
+        chosen = [] if thing == NOTHING else [Entry(thing, method(integrator))]
+        self.choose(*entries[:rank], *chosen, *entries[rank + 1 :])
+
+    def choose(self, first: Entry, *others: Entry, same_cost: bool | None = None) -> None:
+        """Put objects on the bench; those that are compared with their like are made with the same numbers."""
+        level = {first.thing: first.level}
         self.session.wait("Compiling, or reading compiled code ...")
-        self.session.bench.choose(entries, bool(self.same_cost.value))
+        entries = [first, *(each._replace(level=level.get(each.thing, ())) for each in others)]
+        self.session.bench.choose(entries, same_cost)
         self.session.bench.warm()
         self.session.show_bench()
 
@@ -271,7 +279,11 @@ class Panel:
             for name, default in level_of(entry.thing).items():
                 value = dict(entry.level).get(name, default)
                 handle = self.gui.add_number(name, value, min=0, max=24, step=1)
-                self._levels.append(self.when(handle, lambda value: self.choose(self.entry())))
+                self._levels.append(self.when(handle, lambda value, name=name: self.set_level(name, value)))
+
+    def set_level(self, name: str, value) -> None:
+        """Make the first object with another whole number."""
+        self.change(level=tuple((dict(self.entries()[0].level) | {name: int(value)}).items()))
 
     def update(self, now: float) -> None:
         """Draw the plots, now and then; `now` is the time, s."""
@@ -292,6 +304,11 @@ class Panel:
             self.distance.data = padded(bench.series("energy")[0], rows, 2)
         names = ", ".join(f"**{s.thing.name}** by {s.tank.integrator.name}" for s in bench.specimens)
         self.status.content = f"{names}: {bench.nodes} nodes, {bench.clock:.1f} s, {rate}"
+
+
+def method(integrator: str) -> str:
+    """The name of a method as an Entry has it."""
+    return "" if integrator == OWN else integrator
 
 
 def padded(times, rows, count) -> tuple[np.ndarray, ...]:

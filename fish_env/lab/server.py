@@ -1,5 +1,6 @@
 """The page's server: one session for each browser, on this machine only unless another address is given."""
 
+import socket
 import threading
 
 import viser
@@ -18,6 +19,22 @@ class PrivateServer(viser.ViserServer):
         return None
 
 
+def check_address(host: str) -> None:
+    """Raise ValueError unless this machine can listen at an address: viser would try other ports, and wait for ever."""
+    failure: Exception = OSError("no such address")
+    try:
+        for family, kind, protocol, _, address in socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM):
+            try:
+                with socket.socket(family, kind, protocol) as tried:
+                    tried.bind(address)
+                    return
+            except OSError as error:
+                failure = error
+    except (OSError, UnicodeError) as error:  # no such name
+        failure = error
+    raise ValueError(f"cannot listen at {host!r} ({failure}); give an address of this machine") from failure
+
+
 class Laboratory:
     """A server that gives every browser a session of its own, and ends it when the browser leaves.
 
@@ -33,12 +50,8 @@ class Laboratory:
         self.sessions: dict[int, Session] = {}
         Bench().warm()  # of the first page; compiled here if it has never been
         self._closed = threading.Event()
-        try:
-            self.server = PrivateServer(host=host, port=port, label="fish_env laboratory", verbose=False)
-        except OSError as error:
-            raise ValueError(
-                f"cannot listen at {host}, port {port} ({error}); give an address of this machine"
-            ) from error
+        check_address(host)
+        self.server = PrivateServer(host=host, port=port, label="fish_env laboratory", verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         self.server.on_client_connect(self._enter)
         self.server.on_client_disconnect(self._leave)

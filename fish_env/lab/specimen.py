@@ -1,5 +1,6 @@
 """One object in the laboratory: its tank, made again when a number changes, and what is done to it and measured."""
 
+import inspect
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -40,12 +41,24 @@ class Readings(NamedTuple):
     strain: float  # largest of a spring or tetrahedron
 
 
+TABLE: dict[str, Any] = {**BODIES, **OBJECTS}
+
+
+def level_of(name: str) -> dict[str, int]:
+    """The whole numbers that an object is made with, and their defaults."""
+    parameters = inspect.signature(TABLE[name].make).parameters.values()
+    return {each.name: each.default for each in parameters if type(each.default) is int}
+
+
 def make_thing(entry: Entry) -> ElasticObject:
     """The object of an entry; ValueError for a name or a number that is not allowed."""
-    table: dict[str, Any] = {**BODIES, **OBJECTS}
-    if entry.thing not in table:
-        raise ValueError(f"unknown object {entry.thing!r}; choose from {', '.join(map(repr, table))}")
-    return table[entry.thing].make(**dict(entry.level))
+    if entry.thing not in TABLE:
+        raise ValueError(f"unknown object {entry.thing!r}; choose from {', '.join(map(repr, TABLE))}")
+    unknown = [name for name, _ in entry.level if name not in level_of(entry.thing)]
+    if unknown:
+        known = ", ".join(level_of(entry.thing)) or "no number"
+        raise ValueError(f"{entry.thing!r} is made with {known}, and not with {unknown[0]!r}; give one of these")
+    return TABLE[entry.thing].make(**dict(entry.level))
 
 
 def changed_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:

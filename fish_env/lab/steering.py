@@ -39,10 +39,11 @@ class Steering:
     def __init__(self, panel: "Panel"):
         self.session, self.gui = panel.session, panel.gui
         self.driver = panel.when(
-            self.gui.add_dropdown("steered by", [NOBODY, *DRIVERS], initial_value=NOBODY), self.choose
+            self.gui.add_dropdown("steered by", [NOBODY, *DRIVERS], initial_value=NOBODY),
+            lambda value: self.choose(value, self.count.value),
         )
         self.count = panel.when(
-            self.gui.add_slider("fish", 1, MOST_FISH, 1, 1, hint="all by one call of the policy"), self.choose
+            self.gui.add_slider("fish", 1, MOST_FISH, 1, 1, hint="all by one call of the policy"), self.choose_count
         )
         panel.button("Left by 30 degrees (arrow key)", lambda: self.school.turn(TURN))
         panel.button("Right by 30 degrees (arrow key)", lambda: self.school.turn(-TURN))
@@ -74,14 +75,19 @@ class Steering:
             raise ValueError("nothing is steered; choose who steers, in the tab Steer")
         return self.session.school
 
-    def choose(self, value=None) -> None:
+    def choose(self, driver: str, count) -> None:
         """Put a school into the water, or the objects of the bench back."""
-        if self.driver.value == NOBODY:
+        if driver == NOBODY:
             self.session.show_bench()
             return
         self.session.wait("Compiling, or reading compiled code ...")
-        self.session.show_school(School(self.driver.value, int(self.count.value)))
+        self.session.show_school(School(driver, int(count)))
         self._run(UNFOCUS)
+
+    def choose_count(self, count) -> None:
+        """Have so many fish, now or as soon as somebody steers."""
+        if self.session.school is not None:
+            self.choose(self.session.school.driver, count)
 
     def _run(self, script: str) -> None:
         """Run one of the two scripts above in the browser."""

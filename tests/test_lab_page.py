@@ -1,0 +1,312 @@
+"""The laboratory's page from the server's side: what controls, keys and the mouse do, without a browser."""
+
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
+
+from viewer import Viewer, until
+
+from fish_env.lab import server
+from fish_env.lab.drawing import octahedron
+from fish_env.lab.settings import SETTINGS
+
+
+@pytest.fixture(scope="module")
+def laboratory():
+    """A laboratory at a port of its own."""
+    laboratory = server.Laboratory("127.0.0.1", 18300)
+    yield laboratory
+    laboratory.close()
+
+
+@pytest.fixture
+def page(laboratory):
+    """A page that has just been opened."""
+    page = Viewer(laboratory).entered()
+    yield page
+    page.leave()
+    until(lambda: not page.session.alive)
+
+
+def status(page):
+    """All that the page says in running text."""
+    return " ".join(str(each.get("_markdown", each)) for each in list(page.controls.values()))
+
+
+def drawn(page, name, part="batched_positions"):
+    """Points (K,3) of a part of the scene as they were last sent."""
+    return page.nodes[name][part].reshape(-1, 3)
+
+
+def test_what_is_on_the_bench_is_drawn_where_it_is(page):
+    """What is on the bench is drawn where it is, in its lengths, and the page says what it is."""
+    session = page.session
+    until(lambda: session.bench.clock > 0.3)
+    page.key("Pause")
+    until(lambda: session.paused)
+    want = session.bench.specimens[0].position / session.bench.specimens[0].thing.length
+    until(lambda: np.allclose(drawn(page, "/0/nodes"), want, atol=1e-5))
+    assert np.ptp(want[:, 2]) > 0.5
+    until(lambda: "uniform sphere" in status(page))
+    assert page.notes == []
+
+
+def test_every_number_and_the_walls_reach_the_bench(page):
+    """Every number of the page reaches the bench, and so do the walls."""
+    bench = page.session.bench
+    for name, setting in SETTINGS.items():
+        value = round(0.7 * setting.default + 0.3 * setting.low, 2)
+        page.choose(setting.label, value)
+        until(lambda name=name, value=value: bench.numbers[name] == value)
+    page.choose("walls", "none")
+    until(lambda: bench.specimens[0].tank.world.planes is None)
+    until(lambda: not any("wall" in name for name in page.nodes))
+    page.choose("walls", "closed room")
+    until(lambda: sum("wall" in name for name in list(page.nodes)) == 6)
+    page.choose("strength of hand", 3.0)
+    until(lambda: bench.strength == 3.0)
+    page.choose("speed", 0.5)
+    until(lambda: page.session.speed == 0.5)
+    assert page.notes == []
+
+
+def test_what_is_not_allowed_is_told_and_shown_as_it_was(page):
+    """What is not allowed is told to the user, and the controls show again what holds."""
+    bench = page.session.bench
+    page.choose("stiffness", 1e9)
+    until(lambda: any("stiffness" in note for note in page.notes))
+    until(lambda: page.shows("stiffness") == 1.0)
+    page.choose("speed", 100.0)
+    until(lambda: any("speed" in note for note in page.notes))
+    page.choose("object", "sphere")
+    until(lambda: bench.specimens[0].entry.thing == "sphere" and page.has("slices"))
+    page.choose("slices", 1)
+    until(lambda: any("slices" in note for note in page.notes))
+    until(lambda: page.has("slices") and page.shows("slices") == 12)
+    page.key("Turn left")
+    until(lambda: any("nothing is steered" in note for note in page.notes))
+
+
+def test_the_mouse_drags_a_node_and_lets_go(page):
+    """The mouse drags a node to the pointer, a line shows the hand, and the end of the drag lets go."""
+    session = page.session
+    bench, thing = session.bench, session.bench.specimens[0].thing
+    page.choose("gravity (m/s2)", 0.0)
+    until(lambda: bench.numbers["gravity"] == 0.0)
+    start = drawn(page, "/0/nodes")[0].copy()
+    aim = start - np.array([0.0, 0.3, 0.0])
+    page.drag("start", "/0/nodes", start, start)
+    until(lambda: bench.hand is not None)
+    assert bench.hand.node == 0
+    page.drag("update", "/0/nodes", start, aim)
+    until(lambda: np.linalg.norm(bench.specimens[0].position[0] / thing.length - aim) < 0.1)
+    until(lambda: page.nodes["/0/hand"].get("visible") is True)
+    page.drag("end", "/0/nodes", aim, aim)
+    until(lambda: bench.hand is None)
+    until(lambda: page.nodes["/0/hand"]["visible"] is False)
+    page.drag("update", "/0/nodes", aim, start)  # late: nothing is held
+    page.choose("mouse", "fix or release")
+    until(lambda: session.panel.mouse == "fix")
+    page.drag("start", "/0/nodes", drawn(page, "/0/nodes")[3], aim)
+    until(lambda: len(bench.specimens[0].fixed) == 1)
+    page.press("Release fixed nodes")
+    until(lambda: bench.specimens[0].fixed == [])
+
+
+def test_keys_and_buttons(page):
+    """The page's keys and buttons: pause, one step, throw, drop."""
+    session = page.session
+    page.key("One step")
+    until(lambda: session.paused)
+    clock, step = session.bench.clock, session.bench.specimens[0].tank.dt
+    page.press("One step (N)")
+    until(lambda: session.bench.clock > clock)
+    assert session.bench.clock == pytest.approx(clock + step)
+    page.press("Throw (T)")
+    until(lambda: session.bench.clock == 0.0)
+    assert np.linalg.norm(session.bench.specimens[0].tank.velocity[0], axis=1).min() > 0.0
+    page.key("Start again")
+    until(lambda: not session.bench.specimens[0].tank.velocity.any())
+    page.choose("pause (space)", False)
+    until(lambda: session.bench.clock > 0.05)
+
+
+@pytest.mark.parametrize("thing", ["string", "ring", "sphere", "block", "mass_spring", "planar"])
+def test_every_kind_of_object_is_drawn(page, thing):
+    """Objects of every kind are drawn: lines, skins, tetrahedra by their strain, muscles, forces."""
+    session = page.session
+    page.choose("forces", True)
+    page.choose("object", thing)
+    until(lambda: session.bench.specimens[0].entry.thing == thing and "/0/forces" in page.nodes)
+    until(lambda: "pictures" in status(page) and session.bench.clock > 0.1)
+    body = session.bench.specimens[0].thing.body
+    parts = {name.split("/")[-1] for name in list(page.nodes) if name.startswith("/0/")}
+    assert ("element 0" in parts) == (body.tets is not None)
+    assert ("skin 0" in parts) == (thing not in ("string", "block"))
+    assert ("skin 1" in parts) == (thing in ("ring", "sphere"))
+    assert ("muscles" in parts) == (thing in ("mass_spring", "planar"))
+    until(lambda: page.nodes["/0/forces"]["points"].any())
+    arrows = page.nodes["/0/forces"]["points"].reshape(-1, 2, 3)
+    assert np.isfinite(arrows).all() and np.linalg.norm(arrows[:, 1] - arrows[:, 0], axis=1).max() < 0.36
+    page.choose("skin", False)
+    page.choose("springs", False)
+    for part in parts & {"element 0", "skin 0", "skin 1", "springs", "muscles"}:
+        until(lambda part=part: page.nodes[f"/0/{part}"].get("visible") is False)
+    page.press("Look again")
+    assert page.notes == []
+
+
+def test_objects_side_by_side_are_compared(page):
+    """Objects side by side stand apart, are plotted against the first, and may have the same cost."""
+    bench = page.session.bench
+    page.choose("object", "ring")
+    until(lambda: bench.specimens[0].entry.thing == "ring")
+    page.choose("second object", "ring")
+    page.choose("second integrator", "semi_implicit")
+    until(lambda: len(bench.specimens) == 2 and bench.specimens[1].entry.integrator == "semi_implicit")
+    page.choose("third object", "string")
+    until(lambda: len(bench.specimens) == 3 and "/2/nodes" in page.nodes)
+    page.choose("same cost", True)
+    until(lambda: bench.same_cost)
+    until(lambda: len(bench.distances) > 3)
+    across = [drawn(page, f"/{k}/nodes")[:, 0].mean() for k in range(3)]
+    assert across[0] < across[1] - 1.0 < across[2] - 2.0
+    until(lambda: "3. string" in status(page))
+    page.choose("second object", "nothing")
+    until(lambda: len(bench.specimens) == 2 and "/2/nodes" not in page.nodes)
+    until(lambda: page.shows("third object") == "nothing" and page.shows("second object") == "string")
+
+
+def test_a_method_that_fails_is_told_of(page):
+    """A method that fails is named on the page, and all begins again."""
+    page.choose("object", "ring")
+    until(lambda: page.session.bench.specimens[0].entry.thing == "ring")
+    page.choose("integrator", "explicit_euler")
+    until(lambda: page.session.bench.specimens[0].tank.integrator.name == "explicit_euler")
+    page.choose("step", 50.0)
+    page.press("Throw (T)")
+    until(lambda: any("explicit_euler failed on the ring" in note for note in page.notes))
+
+
+def test_fish_are_steered_from_the_page(page):
+    """Fish are steered from the page: keys and buttons command, the scene shows where to, and the bench comes back."""
+    session = page.session
+    page.choose("fish", 2)
+    page.choose("steered by", "policy avoid")
+    school = until(lambda: session.school)
+    until(lambda: "/water/skin" in page.nodes and "/0/nodes" not in page.nodes)
+    page.key("Turn left")
+    until(lambda: np.degrees(school.commanded) == pytest.approx([30.0, 30.0]))
+    until(lambda: "2 fish" in status(page))
+    page.press("Right by 30 degrees (arrow key)")
+    until(lambda: np.degrees(school.commanded) == pytest.approx([0.0, 0.0], abs=1e-9))
+    page.click((0.0, 0.0, 3.0), (0.0, 0.1, -1.0))
+    until(lambda: len(school.obstacles) == 1)
+    until(lambda: (drawn(page, "/water/obstacles")[0] == np.float32(school.obstacles[0] / school.fish.length)).all())
+    page.click((0.0, 0.0, 3.0), (0.0, 0.1, 1.0))
+    until(lambda: any("in the sky" in note for note in page.notes))
+    page.press("Take obstacles away")
+    until(lambda: school.obstacles == [])
+    page.press("Left after right (L)")
+    until(lambda: school.commanded[0] < 0.0)
+    page.choose("walls", "none")  # of the bench: not drawn while fish are steered
+    page.press("Look again")
+    page.key("One step")
+    until(lambda: session.paused)
+    clock = school.clock
+    page.key("One step")
+    until(lambda: school.clock == pytest.approx(clock + school.interval))
+    page.key("Start again")
+    until(lambda: school.time == 0.0)
+    page.choose("steered by", "nobody: the objects above")
+    until(lambda: session.school is None and "/0/nodes" in page.nodes)
+    page.click((0.0, 0.0, 3.0), (0.0, 0.1, -1.0))  # on the objects: nothing is put
+
+
+def test_a_target_is_put_by_a_click(page):
+    """A click puts the target of all fish on the water."""
+    page.choose("steered by", "policy target")
+    school = until(lambda: page.session.school)
+    before = school.targets().copy()
+    until(lambda: "/water/targets" in page.nodes)
+    page.key("One step")
+    until(lambda: page.session.paused)
+    page.click((0.0, 0.0, 3.0), (0.2, 0.1, -1.0))
+    until(lambda: not np.array_equal(school.targets(), before))
+    assert school.targets()[0, 2] == pytest.approx(0.0, abs=1e-9)
+    until(lambda: np.allclose(drawn(page, "/water/targets"), school.targets() / school.fish.length, atol=1e-5))
+
+
+def test_a_full_laboratory_says_so(page, laboratory, monkeypatch):
+    """A full laboratory says so, and opens no session."""
+    monkeypatch.setattr(server, "MOST", 1)
+    late = Viewer(laboratory)
+    until(lambda: any("full" in note for note in late.notes))
+    assert list(laboratory.sessions.values()) == [page.session]
+    late.leave()
+
+
+def test_a_page_that_vanishes_in_mid_drag_ends_its_session(laboratory):
+    """A page that vanishes in mid-drag ends its session, and what it held is let go."""
+    page = Viewer(laboratory).entered()
+    point = drawn(page, "/0/nodes")[0]
+    page.drag("start", "/0/nodes", point, point)
+    until(lambda: page.session.bench.hand)
+    page.leave()
+    until(lambda: not page.session.alive)
+    assert page.session.bench.hand is None and page.session not in laboratory.sessions.values()
+
+
+def test_a_laboratory_waits_until_it_is_closed():
+    """A laboratory waits until it is closed."""
+    laboratory = server.Laboratory("127.0.0.1", 18400)
+    waiting = threading.Thread(target=laboratory.wait)
+    waiting.start()
+    assert waiting.is_alive()
+    laboratory.close()
+    waiting.join(60.0)
+    assert not waiting.is_alive()
+
+
+@pytest.mark.parametrize("host", ["203.0.113.7", "no such host", "x" * 70])
+def test_an_address_that_cannot_be_listened_at_is_refused(host):
+    """An address of another machine, or of none, is refused instead of waited for."""
+    with pytest.raises(ValueError, match="cannot listen at"):
+        server.Laboratory(host, 18400)
+
+
+def test_a_choice_made_while_another_is_answered_holds(page):
+    """A choice that is made while another one is answered holds: controls may be ahead of the bench."""
+    session = page.session
+    page.key("Pause")
+    until(lambda: session.paused)
+    hold, held = threading.Event(), threading.Event()
+
+    def wait():
+        held.set()
+        hold.wait(60.0)
+
+    session.ask(wait)
+    held.wait(60.0)
+    for label, value in (("object", "sphere"), ("integrator", "rk4"), ("second object", "ring"), ("fish", 2)):
+        page.choose(label, value)
+    page.choose("second integrator", "midpoint")
+    last = page._control("second integrator")
+    until(lambda: session.client.gui._gui_input_handle_from_uuid[last].value == "midpoint")
+    hold.set()
+    until(lambda: [s.entry.integrator for s in session.bench.specimens] == ["rk4", "midpoint"])
+    assert [s.entry.thing for s in session.bench.specimens] == ["sphere", "ring"] and session.school is None
+    with pytest.raises(ValueError, match="made with slices, stacks, layers"):
+        session.panel.set_level("nodes", 3)  # of an object that is gone
+
+
+def test_the_balls_of_nodes_are_closed_and_round():
+    """The ball of a node is a closed surface whose points lie on a sphere."""
+    points, triangles = octahedron(0.5)
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    places = np.unique(np.round(points, 6), axis=0, return_inverse=True)[1].reshape(-1)
+    _, count = np.unique(np.sort(places[edges], axis=1), axis=0, return_counts=True)
+    assert np.linalg.norm(points, axis=1) == pytest.approx(0.5) and (count == 2).all()
