@@ -31,7 +31,7 @@ class Panel:
     def __init__(self, session: "Session"):
         self.session, self.gui = session, session.client.gui
         self.mouse, self._drawn = "drag", 0.0
-        self._changes, self._heard, self._put_off = 0, 0, False  # of controls by the user
+        self._shown: dict[int, Any] = {}  # what a control was last set to, by its id: viser's have no hash
         self._numbers: dict[str, Any] = {}
         self._levels: list[Any] = []
         self._plots: dict[str, Any] = {}
@@ -58,20 +58,20 @@ class Panel:
         async def changed(event) -> None:
             if event.client_id is not None:  # else the program has set it
                 value = event.target.value
-                self._changes += 1
-                self.session.ask(lambda: self._hear(action, value))
+                self.session.ask(lambda: take(value))
+
+        def take(value) -> None:
+            self._shown[id(handle)] = value
+            action(value)
 
         handle.on_update(changed)
         return handle
 
-    def _hear(self, action, value) -> None:
-        """Do what a change of a control asks for; then show what has been put off until all changes were heard."""
-        self._heard += 1
-        try:
-            action(value)
-        finally:
-            if self._put_off:
-                self.refresh()
+    def show(self, handle, value) -> None:
+        """Show a value unless it is shown already: what the user has chosen since then, and asks for, is left alone."""
+        if self._shown.get(id(handle), handle.value) != value:
+            handle.value = value
+        self._shown[id(handle)] = value
 
     def button(self, label: str, action, hint: str | None = None) -> Any:
         """A button that has `action()` done in the simulation's thread."""
@@ -216,7 +216,8 @@ class Panel:
 
     def set_paused(self, value) -> None:
         """Stop the time, or let it go on."""
-        self.session.paused = self.pause.value = bool(value)
+        self.session.paused = bool(value)
+        self.show(self.pause, self.session.paused)
 
     def set_speed(self, value) -> None:
         """Time of the simulation over real time."""
@@ -248,24 +249,22 @@ class Panel:
             self.session.bench.drag(self.session.drawing.place(number, point))
 
     def refresh(self) -> None:
-        """Show what is now on the bench in all controls; later, if the user has changed one that was not heard yet."""
-        self._put_off = self._heard != self._changes
-        if self._put_off:
-            return
+        """Show what is now on the bench in all controls."""
         bench = self.session.bench
         first = bench.specimens[0].entry
         self.steering.refresh()
-        self.thing.value, self.integrator.value = first.thing, first.integrator or OWN
-        for k, (thing, method) in enumerate(self.others, 1):
-            entry = bench.specimens[k].entry if k < len(bench.specimens) else None
-            thing.value = NOTHING if entry is None else entry.thing
-            if entry is not None:
-                method.value = entry.integrator or OWN
+        self.show(self.thing, first.thing)
+        self.show(self.integrator, first.integrator or OWN)
+        for k, (thing, integrator) in enumerate(self.others, 1):
+            self.show(thing, self.compared(k))
+            if k < len(bench.specimens):
+                self.show(integrator, bench.specimens[k].entry.integrator or OWN)
         for name, handle in self._numbers.items():
-            handle.value = bench.numbers[name]
-        self.walls.value, self.same_cost.value = bench.walls, bench.same_cost
+            self.show(handle, bench.numbers[name])
+        self.show(self.walls, bench.walls)
+        self.show(self.same_cost, bench.same_cost)
         self.gait.disabled = not any(specimen.is_fish for specimen in bench.specimens)
-        self.gait.value = bench.specimens[0].swimming
+        self.show(self.gait, bench.specimens[0].swimming)
         self._refresh_levels(first)
         about = [f"{s.thing.name}: {s.tank.integrator.name}, step {1e3 * s.tank.dt:.3g} ms" for s in bench.specimens]
         self.steps.content = "\n".join(f"{k + 1}. {each}" for k, each in enumerate(about))

@@ -37,7 +37,7 @@ class Steering:
     """
 
     def __init__(self, panel: "Panel"):
-        self.session, self.gui = panel.session, panel.gui
+        self.panel, self.session, self.gui = panel, panel.session, panel.gui
         self.driver = panel.when(
             self.gui.add_dropdown("steered by", [NOBODY, *DRIVERS], initial_value=NOBODY),
             lambda value: self.choose(value, self.count.value),
@@ -111,9 +111,9 @@ class Steering:
     def refresh(self) -> None:
         """Show who steers now."""
         school = self.session.school
-        self.driver.value = NOBODY if school is None else school.driver
+        self.panel.show(self.driver, NOBODY if school is None else school.driver)
         if school is not None:
-            self.count.value = school.num_fish
+            self.panel.show(self.count, school.num_fish)
 
     def update(self) -> str:
         """Draw the plot; what the status is to say."""
