@@ -4,8 +4,8 @@
   nothing of a browser, and checks all that it is asked for; `specimen`, `settings`, `hand`, `geometry` and `colours`
   are its parts;
 - `school`: fish that are steered while they swim, many at once; it knows nothing of a browser either;
-- `drawing`, `school_drawing`, `panel`, `steering`, `session`, `server`: the page, by viser (the extra [lab]); each
-  browser has a session of its own.
+- `drawing`, `school_drawing`, `panel`, `plots`, `steering`, `session`, `server`: the page, by viser (the extra [lab]);
+  each browser has a session of its own.
 
 viser is imported only in these, and they are loaded only by `serve`.
 """

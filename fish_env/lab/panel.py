@@ -3,12 +3,12 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import viser.uplot
 
 from fish_env.bodies import BODIES
 from fish_env.bodies.objects import OBJECTS
 from fish_env.integrators import INTEGRATORS
 from fish_env.lab import colours
+from fish_env.lab.plots import EVERY, PLOTS, add_plot, padded
 from fish_env.lab.settings import SETTINGS, WALLS
 from fish_env.lab.specimen import Entry, level_of
 from fish_env.lab.steering import Steering
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from fish_env.lab.session import Session
 
 OWN, NOTHING = "own", "nothing"
-PLOTS = {"energy": "energy (J)", "volume": "volume over rest", "strain": "largest strain"}
-EVERY = 0.2  # s between two drawings of the plots
 
 
 class Panel:
@@ -133,7 +131,7 @@ class Panel:
             self.gui.add_checkbox("same cost", False, hint="steps such that a second costs as much of the processor"),
             lambda value: self.choose(*self.entries(), same_cost=bool(value)),
         )
-        self.distance = self._plot("distance from the first (lengths)", 2, colours.SPECIMENS[1:])
+        self.distance = self._plot("distance from the first (lengths)", colours.SPECIMENS[1:3])
         self.steps = self.gui.add_markdown("")
 
     def _view(self) -> None:
@@ -148,18 +146,10 @@ class Panel:
 
     def _measured(self) -> None:
         for name, label in PLOTS.items():
-            self._plots[name] = self._plot(label, 3, colours.SPECIMENS)
+            self._plots[name] = self._plot(label, colours.SPECIMENS[:3])
 
-    def _plot(self, label, count, palette) -> Any:
-        series: list[dict[str, Any]] = [{"label": "t (s)"}] + [
-            {"label": str(k + 1), "stroke": colours.hexadecimal(colour), "width": 2, "points": {"show": False}}
-            for k, colour in enumerate(palette[:count])
-        ]
-        return self.gui.add_uplot(
-            tuple(np.zeros(1) for _ in range(count + 1)), tuple(viser.uplot.Series(**each) for each in series),
-            title=label, scales={"x": viser.uplot.Scale(time=False)}, height=150,
-            legend=viser.uplot.Legend(show=False),
-        )  # fmt: skip
+    def _plot(self, label, palette) -> Any:
+        return add_plot(self.gui, label, {str(k + 1): colour for k, colour in enumerate(palette)}, 150)
 
     def _keys(self) -> None:
         self.key("R", "Start again", self.restart)
@@ -308,9 +298,3 @@ class Panel:
 def method(integrator: str) -> str:
     """The name of a method as an Entry has it."""
     return "" if integrator == OWN else integrator
-
-
-def padded(times, rows, count) -> tuple[np.ndarray, ...]:
-    """Times and `count` rows of the same length, NaN where there are fewer."""
-    rows = [np.nan_to_num(row, nan=np.nan, posinf=np.nan, neginf=np.nan) for row in rows]
-    return (times, *rows, *(np.full(len(times), np.nan) for _ in range(count - len(rows))))

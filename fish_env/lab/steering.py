@@ -1,12 +1,12 @@
 """The tab of the page from which fish are steered, and its keys."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import viser.uplot
 from viser._messages import RunJavascriptMessage
 
 from fish_env.lab import colours
+from fish_env.lab.plots import add_plot
 from fish_env.lab.school import DRIVERS, MOST_FISH, TURN, School
 
 if TYPE_CHECKING:
@@ -53,15 +53,8 @@ class Steering:
             "A click on the water puts a target or an obstacle there, for a driver that sees them. Arrows: where each "
             "fish is to go. Each fish is alone in its own water."
         )
-        series: list[dict[str, Any]] = [{"label": "t (s)"}] + [
-            {"label": label, "stroke": colours.hexadecimal(colour), "width": 2, "points": {"show": False}}
-            for label, colour in (("heading", colours.BLUE), ("command", colours.VERMILLION))
-        ]
-        self.plot = self.gui.add_uplot(
-            (np.zeros(1), np.zeros(1), np.zeros(1)), tuple(viser.uplot.Series(**each) for each in series),
-            title="heading, blue, and command, red (degrees)", scales={"x": viser.uplot.Scale(time=False)},
-            height=170, legend=viser.uplot.Legend(show=False),
-        )  # fmt: skip
+        lines = {"heading": colours.BLUE, "command": colours.VERMILLION}
+        self.plot = add_plot(self.gui, "heading, blue, and command, red (degrees)", lines, 170)
         panel.key("arrowleft", "Turn left", lambda: self.school.turn(TURN))
         panel.key("arrowright", "Turn right", lambda: self.school.turn(-TURN))
         panel.key("L", "Left after right", lambda: self.school.left_after_right())
