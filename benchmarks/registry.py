@@ -137,7 +137,7 @@ STABILITY = (
     Result(
         "stability.soak", "every task on every body under all kinds of actions at the extremes of the variation: what "
         "is not finite, failures, memory, speed",
-        "-m benchmarks.stability.soak --steps 9684000", 50, csv("soak", "soak_sessions"),
+        "-m benchmarks.stability.soak --steps 68976000", 60, csv("soak", "soak_sessions"),
         ("benchmarks.stability.soak:round_of", "benchmarks.stability.soak:extremes",
          "benchmarks.stability.soak:speed", BATCH), data=(BODIES,), one_core=True,
     ),
