@@ -9,7 +9,6 @@ Waiting is bounded by PATIENCE only: software rendering on a busy machine is slo
 
 import os
 import shutil
-import time
 
 import numpy as np
 import pytest
@@ -17,27 +16,17 @@ import pytest
 playwright = pytest.importorskip("playwright.sync_api", reason='needs pip install -e ".[browser]"')
 pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
 
+from viewer import PATIENCE, until
+
 from fish_env.lab.drawing import VIEWS
 from fish_env.lab.server import Laboratory
 from fish_env.lab.settings import SETTINGS
 
 pytestmark = pytest.mark.slow
-PATIENCE = 180.0  # s
 SIZE = {"width": 760, "height": 460}
 CHROMIUM = os.environ.get("FISH_ENV_CHROMIUM") or shutil.which("chromium")
 PASSIVE = "Unable to preventDefault inside passive event listener"  # viser's page says so at the end of every drag
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-
-
-def until(condition):
-    """Wait until a condition holds, and return its value."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError("waited in vain")
 
 
 @pytest.fixture(scope="module")
