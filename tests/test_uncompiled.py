@@ -18,6 +18,20 @@ CASES = {
     "semi_implicit": {"num_envs": 1, "integrator": "semi_implicit", "dt": 0.002},
     "linearly implicit": {"num_envs": 1, "integrator": "linearly_implicit", "dt": 0.01},
     "rk4 on the flat fish": {"num_envs": 1, "body": "planar", "integrator": "rk4", "dt": 0.004},
+    "semi_implicit on the flat fish": {"num_envs": 1, "body": "planar", "integrator": "semi_implicit", "dt": 0.004},
+    "linearly implicit on the flat fish": {
+        "num_envs": 1,
+        "body": "planar",
+        "integrator": "linearly_implicit",
+        "dt": 0.01,
+    },
+    "semi_implicit on two layers": {"num_envs": 1, "body": "two_layer", "integrator": "semi_implicit", "dt": 0.004},
+    "linearly implicit on two layers": {
+        "num_envs": 1,
+        "body": "two_layer",
+        "integrator": "linearly_implicit",
+        "dt": 0.01,
+    },
 }
 
 
