@@ -24,7 +24,7 @@ THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 def parse() -> argparse.Namespace:
     """The command line."""
-    from agents.config import CONFIGS
+    from agents.config import CONFIGS, FINE_TUNING
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
@@ -39,7 +39,8 @@ def parse() -> argparse.Namespace:
         command.add_argument("--body", help="train on this body (default mass_spring)")
         command.add_argument("--integrator", help="move the fish by this method (default the body's own)")
         command.add_argument("--dt", type=float, help="by steps of so many s (default those of the method)")
-        command.add_argument("--start-from", type=Path, help="folder of a trained run to start from")
+        command.add_argument("--start-from", type=Path, help="fine-tune the policy of this run, by default for "
+                             f"{FINE_TUNING['timesteps']:,} steps of {FINE_TUNING['num_envs']} fish")  # fmt: skip
         command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are saved (default runs)")
         command.add_argument("--folder", type=Path, help="save the run in this folder")
         command.add_argument("--no-pictures", action="store_true", help="only evaluate the policy at the end")

@@ -132,6 +132,16 @@ RESULTS: dict[str, Result] = {
 }  # fmt: skip
 
 
+FINE_TUNING = {"timesteps": 98_304, "num_envs": 128, "rollout": 8, "batch_size": 512, "learning_rate": 2e-3}
+"""What is different when a policy starts from a trained one: 96 small updates at a high rate, not twelve large ones. On
+another body it recovers so what it could (`benchmarks/learning/transfer.py` measures it)."""
+
+
+def fine_tuning(config: TrainConfig) -> TrainConfig:
+    """The settings of a task for a policy that starts from a trained one, of another body or other muscle groups."""
+    return replace(config, **FINE_TUNING)
+
+
 def moved_by(config: TrainConfig, integrator: str | None, dt: float | None) -> TrainConfig:
     """The settings of a task with another integrator, another step, or both.
 

@@ -19,7 +19,7 @@ from stable_baselines3.common.callbacks import CallbackList
 
 from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
 from agents.callbacks import Checkpoint, EndsWith, LearningCurve, Progress, save_model
-from agents.config import CONFIGS, RESULTS, TrainConfig, moved_by, settings_of
+from agents.config import CONFIGS, RESULTS, TrainConfig, fine_tuning, moved_by, settings_of
 from agents.fast_ppo import FastPPO
 from agents.records import provenance
 from agents.report import report
@@ -145,7 +145,8 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
     if resumed is None:
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
-        config, seed = replace(CONFIGS[task], **changes), request.seed or 0
+        usual = CONFIGS[task] if request.start is None else fine_tuning(CONFIGS[task])
+        config, seed = replace(usual, **changes), request.seed or 0
         if request.body is not None:
             config = on_body(config, request.body)
         config = moved_by(config, request.integrator, request.dt)

@@ -12,7 +12,7 @@ pytest.importorskip("stable_baselines3")
 from agents import report
 from agents import train as training
 from agents.build import export_policy, make_env, make_model, start_from
-from agents.config import CONFIGS
+from agents.config import CONFIGS, FINE_TUNING
 from benchmarks.learning import transfer, transfer_chart, transfer_runs
 from fish_env import make_fish
 from fish_env.control import evaluate, load_policy, make_eval_env, policy_controller
@@ -79,6 +79,7 @@ def test_train_on_another_body(tmp_path, monkeypatch):
     second = train("swim", folder=tmp_path / "solid", body="mass_spring", start=first)
     record = json.loads((second / "config.json").read_text())
     assert record["command"].endswith(f"--body mass_spring --start-from {first}") and record["start"] == str(first)
+    assert {name: record["config"][name] for name in FINE_TUNING} == FINE_TUNING | SHORT
     policy = load_policy(first / "policy.npz")
     assert policy.about["env_options"] == {"body": "planar", "muscle_groups": "pairs"}
     task, opened, env = report.opened(first / "policy.npz", 2, body="mass_spring")
@@ -118,12 +119,12 @@ def test_seconds_to_a_score():
 def test_runs_and_their_policies(tmp_path, monkeypatch):
     """A run keeps the policies on its way, a fine-tuning begins where its source ended, and scores are kept."""
     monkeypatch.setattr(transfer_runs, "TASKS", {"swim": 16_384})
-    monkeypatch.setattr(transfer_runs, "SHORT", 8192)
+    monkeypatch.setitem(FINE_TUNING, "timesteps", 8192)
     learnt, tuned = (transfer_runs.Run("swim", *rest) for rest in (("planar", 0), ("mass_spring", 0, "planar")))
     for run in (learnt, tuned):
         transfer_runs.learn(run, tmp_path)
     assert list(transfer_runs.stops_of(learnt, tmp_path)) == [0, 8192, 16_384]
-    assert list(transfer_runs.stops_of(tuned, tmp_path)) == [0, 8192]
+    assert list(transfer_runs.stops_of(tuned, tmp_path)) == [0, 2048, 4096, 6144, 8192]
     end, begin = (
         load_policy(run.folder(tmp_path) / f"policy_{stop}.npz") for run, stop in ((learnt, 16_384), (tuned, 0))
     )

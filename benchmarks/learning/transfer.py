@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from agents.config import CONFIGS, RESULTS
+from agents.config import CONFIGS, FINE_TUNING, RESULTS
 from agents.statistics import interval, rounded
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import RESULTS as FILES
@@ -26,7 +26,6 @@ from benchmarks.learning.transfer_chart import chart, saving_rows
 from benchmarks.learning.transfer_runs import (
     BODIES,
     FINEST,
-    SHORT,
     TASKS,
     VALIDATION_EPISODES,
     VALIDATION_LEVEL,
@@ -75,7 +74,7 @@ def matrix_rows(trained: list[Run], tuned: list[Run], root: Path) -> list[dict]:
     cells: dict[tuple, list[Scores]] = {}
     for run, _, stop, body, level, episodes in measurements(trained, tuned, root):
         if stop == max(stops_of(run, root)):
-            key = (run.task, run.source or run.body, body, level or "", SHORT if run.source else 0)
+            key = (run.task, run.source or run.body, body, level or "", FINE_TUNING["timesteps"] if run.source else 0)
             cells.setdefault(key, []).append(measured(run, root, stop, body, level, episodes))
     for (task, source, body, level, short), found in cells.items():
         for metric in dict.fromkeys((RESULTS[task].score, *RESULTS[task].headline, "return", "failed")):

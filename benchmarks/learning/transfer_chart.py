@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.config import RESULTS
+from agents.config import FINE_TUNING, RESULTS
 from agents.results import UNITS
 from agents.statistics import rounded
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.tables import IMAGES
-from benchmarks.learning.transfer_runs import BODIES, FINEST, SHORT, VALIDATION_LEVEL
+from benchmarks.learning.transfer_runs import BODIES, FINEST, VALIDATION_LEVEL
 
 GOALS = (0.8, 0.9, 0.95, 1.0)
 """Parts of the final score of training on the finest body itself to which the seconds are counted."""
@@ -77,12 +77,12 @@ def chart(matrices: list[dict], curves: list[dict]) -> Path:
     figure, axes = plt.subplots(
         len(tasks), 3, figsize=(14, 3.6 * len(tasks)), layout="constrained", squeeze=False, width_ratios=(5, 4, 6)
     )
-    direct = [(body, "") for body in BODIES]
+    direct, steps = [(body, "") for body in BODIES], FINE_TUNING["timesteps"]
     for (plain, tuned, line), task in zip(axes, tasks, strict=True):
         unit, factor, digits = UNITS[RESULTS[task].score]
         tables = [
             (plain, 0, [*direct, (FINEST, str(VALIDATION_LEVEL))], "as trained"),
-            (tuned, SHORT, direct, f"after {SHORT // 1000} k environment steps there"),
+            (tuned, steps, direct, f"after {steps // 1000} k environment steps there"),
         ]
         values = [factor * matrix(matrices, task, short, columns) for _, short, columns, _ in tables]
         low, high = (f([np.nanmin(v[0]) for v in values] + [np.nanmax(v[0]) for v in values]) for f in (min, max))

@@ -16,7 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from agents.build import export_policy, make_env, make_model, start_from
-from agents.config import CONFIGS, TrainConfig
+from agents.config import CONFIGS, TrainConfig, fine_tuning
 from agents.train import on_body
 from benchmarks.common.tables import provenance
 from fish_env import make_fish
@@ -24,10 +24,6 @@ from fish_env.control import Scores, evaluate, evaluation_options, load_policy, 
 
 TASKS = {"swim": 1_000_000, "left_after_right": 2_000_000}
 """Environment steps of training."""
-SHORT = 98_304
-"""Environment steps of fine-tuning: twelve updates."""
-SHORT_RATE = 3e-4
-"""Learning rate at the beginning of fine-tuning."""
 SEEDS = {"swim": 3, "left_after_right": 2}
 """A seed of the second takes the tetrahedra a quarter of an hour."""
 STOPS, SHORT_STOPS = 8, 4
@@ -51,7 +47,7 @@ class Run(NamedTuple):
 
     def config(self) -> TrainConfig:
         config = replace(on_body(CONFIGS[self.task], self.body), timesteps=TASKS[self.task])
-        return replace(config, timesteps=SHORT, learning_rate=SHORT_RATE) if self.source else config
+        return fine_tuning(config) if self.source else config
 
 
 class Checkpoints(BaseCallback):
