@@ -163,6 +163,11 @@ STABILITY = (
         ("benchmarks.stability.versions:trial", BATCH), data=("pyproject.toml", "constraints.txt"),
     ),
     Result(
+        "stability.repeatability", "the same bits in other processes, checkouts and numbers of threads",
+        "-m benchmarks.stability.repeatability", 30, csv("repeatability"),
+        ("benchmarks.stability.repeatability:compare", BATCH, SINGLE),
+    ),
+    Result(
         "stability.published_again", "published scores of policies and controllers, measured again",
         "-m benchmarks.stability.repeatability --published", 1, csv("published_again"),
         ("benchmarks.stability.repeatability:published_again", "benchmarks.stability.repeatability:all_scores", BATCH),

@@ -39,6 +39,20 @@ def test_folders_change_no_bit():
 # Tables
 
 
+def test_the_page_counts_the_bits_that_are_the_same():
+    """All that is promised has the same bits, and the page counts them."""
+    rows = read_table("repeatability.csv")
+    first = {next(row["configuration"] for row in rows if row["processor"] == kind) for kind in ("", "Haswell")}
+    compared = [row for row in rows if row["configuration"] not in first]
+    assert all(row["same"] for row in compared if repeatability.promised(row))
+    one, haswell, several = (
+        [row["same"] for row in compared if (row["libraries"] > 1, row["libraries"] == 1 and row["processor"])
+         == kind] for kind in ((False, ""), (False, "Haswell"), (True, False))
+    )  # fmt: skip
+    for found in (one, haswell, several):
+        assert f"| {len(found)} | {sum(found)} |" in PAGE
+
+
 def test_the_page_counts_what_was_published():
     """The page says how many published numbers were found again, and how many are inside their intervals."""
     rows = read_table("published_again.csv")

@@ -1,7 +1,8 @@
 """Methods with error control, of scipy: DOP853 (Hairer, Norsett & Wanner 1993) and Radau IIA (Hairer & Wanner 1996).
 
 For references, not for speed: they are entered from Python for every force. Radau is handed the exact Jacobian. It
-solves with LAPACK, whose threads get in each other's way on a busy machine: OPENBLAS_NUM_THREADS=1 ends that.
+solves with LAPACK, whose threads get in each other's way on a busy machine, and whose number changes the last bits:
+OPENBLAS_NUM_THREADS=1 ends that.
 
 Legend: x, v positions and velocities of one body; f forces; y both, flattened.
 """
