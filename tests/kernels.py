@@ -7,17 +7,18 @@ import numpy as np
 from fish_env import forces
 from fish_env._jit import njit
 from fish_env.forces.control import NOMINAL, make_control
-from fish_env.forces.plan import FACTOR, INNER, LEAST, LOWEST, POLYNOMIAL, H
+from fish_env.forces.plan import FACTOR, INNER, LEAST, LOWEST, POLYNOMIAL, STAGES, H
 from fish_env.simd import Kind, Pack, Vectors, packed, zero
 
 ONE = Kind(1)
 STEP = 0.37
 
 
-def plan(h=STEP, inner=None, lowest=-np.inf, factor=1.0, least=0.0):
+def plan(h=STEP, inner=None, lowest=-np.inf, factor=1.0, least=0.0, stages=0):
     """The row of a plan as forces read it."""
     row = np.zeros(POLYNOMIAL)
-    row[[H, INNER, LOWEST, FACTOR, LEAST]] = h, h if inner is None else inner, lowest, factor, least
+    inner = h if inner is None else inner
+    row[[H, INNER, LOWEST, FACTOR, LEAST, STAGES]] = h, inner, lowest, factor, least, stages
     return row
 
 

@@ -70,6 +70,10 @@ def results(name, function, kind) -> dict[str, np.ndarray]:
         for after in AFTER.get(function, ("add_tangent",) if function == "add_system" else ()):
             if hasattr(forces.FORCES[name], after):
                 made[f"{function}, {after}"] = block.add(after, v=y[p:q])
+        if name == "tets" and function == "add_force_cached":  # which keeps something else for many stages
+            block = Block((name,), BODY, WORLD, kind, rest[p:q], apart[p:q], h=0.01, stages=forces.tets.MANY)
+            block.set(x[p:q], v[p:q]).add(function)
+            made["add_tangent of many stages"] = block.add("add_tangent", v=y[p:q])
         for key, value in made.items():
             found.setdefault(key, []).extend(value if kind.width > 1 or function in NUMBERS else value[None])
     return {key: np.array(value) for key, value in found.items()}

@@ -3,16 +3,19 @@
 With the nearest rotation R of the deformation gradient F, the energy is V (mu |F - R|^2 + lambda/2 tr(R^T F - 1)^2),
 and the force its gradient: rigid rotation costs nothing. Damping acts on the rate of the same strain.
 
+A filter of many stages takes the stiffness not element by element but side by side of the mesh: several elements share
+a side, and as moving a body as a whole costs nothing, nodes are pulled by how their neighbours move against them.
+
 Legend: t element; a, b its corners; e its edges; h turned gradients of the shape functions, of corners 1 to 3; s what
-the strain's rate adds to the strain, a time; p, q, r columns of a matrix.
+the strain's rate adds to the strain, a time; p, q, r columns of a matrix; k stiffness between the ends of a side.
 """
 
 import numpy as np
 
-from fish_env._jit import kernel
+from fish_env._jit import INDEX, kernel
 from fish_env.failures import STRETCH_LIMIT, TORN
 from fish_env.forces import polar
-from fish_env.forces.plan import FACTOR, INNER, LEAST, H
+from fish_env.forces.plan import FACTOR, INNER, LEAST, STAGES, H
 from fish_env.forces.tetrahedron import (
     constants,
     edges,
@@ -26,6 +29,8 @@ from fish_env.forces.tetrahedron import (
 from fish_env.simd import Pack, dot, fma, nowhere, vec3, zero
 
 FAILURE = TORN
+CORNERS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
+MANY = 8  # stages from which adding up the stiffness of the sides costs less than it saves
 
 
 def present(body, world) -> bool:
@@ -38,12 +43,30 @@ def constant(body, world) -> bool:
     return not body.tets.rotating
 
 
+def sides_of(nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ends (S,2) of the sides of elements (T,4), the lower node first; each element's sides (T,6), and corners there.
+
+    The corners (T,6,2) are those at the first and the second end.
+    """
+    some = np.array(CORNERS)
+    swapped = nodes[:, some[:, 0]] > nodes[:, some[:, 1]]
+    corners = np.where(swapped[..., None], some[:, ::-1], some)
+    pairs = np.take_along_axis(nodes, corners.reshape(len(nodes), 12), axis=1).reshape(-1, 2)
+    ends, sides = np.unique(pairs, axis=0, return_inverse=True)
+    return ends, sides.reshape(len(nodes), 6), np.ascontiguousarray(corners)
+
+
 def make_cache(body, world, kind) -> Pack:
-    """What `add_tangent` needs: turned gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch."""
+    """What `add_tangent` needs: turned gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch.
+
+    Or the columns of the weighted stiffness of the sides (3S,), N/m.
+    """
     count = len(body.tets.nodes)
+    ends, sides, corners = sides_of(body.tets.nodes)
     shear, dilation = kind.scratch(count, kind.dtype), kind.scratch(count, kind.dtype)
     return Pack("tets", h=kind.vectors(3 * count), shear=shear, dilation=dilation, corner=kind.vectors(4),
-                polar=polar.make_scratch(kind))  # fmt: skip
+                polar=polar.make_scratch(kind), ends=ends, sides=sides, corners=corners,
+                k=kind.vectors(3 * len(ends)))  # fmt: skip
 
 
 def rest_matrices(body, elastic):
@@ -84,13 +107,26 @@ def add_force_cached(body, world, control, x, v, f, cache):
     """
     tets, factor = body.tets, control.stiffness[0]
     plans, row = control.plans, control.row[0]
-    h, share, least = plans[row, H], plans[row, FACTOR], plans[row, LEAST]
+    h, share, least, sideways = plans[row, H], plans[row, FACTOR], plans[row, LEAST], by_sides(control)
+    if sideways:
+        for i in range(cache.k.size):
+            cache.k[i] = zero(f)
     for t in range(tets.volume.size):
         e = edges(tets, t, x)
         g = turned(tets, t, e, cache.polar)
         add_element(tets, t, e, g, factor, v, f)
         viscous = h * tets.relaxation_time[t]
-        keep(tets, t, g, max(share * (h * h + 2.0 * viscous), least * viscous), cache)
+        weight = max(share * (h * h + 2.0 * viscous), least * viscous)
+        if sideways:
+            add_sides(tets, t, g, factor * weight, cache)
+        else:
+            keep(tets, t, g, weight, cache)
+
+
+@kernel
+def by_sides(control):
+    """Whether the plan has so many stages that the stiffness is taken side by side."""
+    return control.plans[control.row[0], STAGES] >= MANY
 
 
 @kernel
@@ -102,13 +138,42 @@ def keep(tets, t, h, weight, cache):
 
 
 @kernel
+def add_sides(tets, t, h, weight, cache):
+    """Add the stiffness of element t, times a weight, to that of its sides."""
+    now, k, sides, corners = cache.corner, cache.k, cache.sides, cache.corners
+    now[0] = -(h[0] + h[1] + h[2])
+    now[1], now[2], now[3] = h
+    mu, la = constants(tets, t, weight)
+    for s in range(sides.shape[1]):
+        first, here, there = 3 * sides[t, s], now[INDEX(corners[t, s, 0])], now[INDEX(corners[t, s, 1])]
+        one, two, along = mu * here, la * there, mu * dot(here, there)
+        k[INDEX(first)] += fma(one.x, there, fma(two.x, here, vec3(along, 0.0, 0.0)))  # (50)
+        k[INDEX(first + 1)] += fma(one.y, there, fma(two.y, here, vec3(0.0, along, 0.0)))
+        k[INDEX(first + 2)] += fma(one.z, there, fma(two.z, here, vec3(0.0, 0.0, along)))
+
+
+@kernel
 def add_tangent(body, world, control, x, y, f, cache):
     """Add the pull of the tetrahedra if every node moved by y, by the stiffness that was stored."""
     tets, factor, kept = body.tets, control.stiffness[0], cache.h
+    if by_sides(control):
+        add_pull(cache.ends, cache.k, y, f)
+        return
     for t in range(tets.volume.size):
         h = kept[3 * t], kept[3 * t + 1], kept[3 * t + 2]
         m = world_gradient(edges(tets, t, y), h)
         scatter(tets, t, stress(m, factor * cache.shear[t], factor * cache.dilation[t]), h, f)
+
+
+@kernel
+def add_pull(ends, k, y, f):
+    """Add the pull of all sides if every node moved by y."""
+    for s in range(ends.shape[0]):
+        i, j = INDEX(ends[s, 0]), INDEX(ends[s, 1])
+        p, q, r = k[3 * s], k[3 * s + 1], k[3 * s + 2]
+        way = y[j] - y[i]
+        f[i] -= fma(way.z, r, fma(way.y, q, way.x * p))
+        f[j] += vec3(dot(p, way), dot(q, way), dot(r, way))
 
 
 @kernel

@@ -19,6 +19,8 @@ from fish_env.lab.specimen import Entry, Readings, Specimen, make_thing, room_si
 MOST = 3  # objects side by side
 LARGEST = 1100  # nodes of an object that is moved as it is looked at
 FINEST = 24  # of a whole number that an object is made with
+MANY = 600  # nodes of an object that one processor does not move in real time by steps of its own
+LONGER = 4.0  # times its own: the step of such an object, if its method is stable there
 KEPT = 400  # readings
 BETWEEN = 0.05  # s of the simulation between two readings
 TRIAL = 0.02  # s of processor time for the measurement of a cost
@@ -57,6 +59,10 @@ class Bench:
         gravity = thing.water.gravity
         numbers["gravity"] = 0.0 if gravity is None else round(float(np.linalg.norm(gravity)), 6)
         specimens = [Specimen(checked_entry(entry), numbers, "own", 1.0) for entry in entries]
+        if any(len(each.position) > MANY for each in specimens) and all(
+            each.tank.integrator.kind == "stabilised" for each in specimens
+        ):
+            numbers["step"] = LONGER
         self.specimens, self.numbers, self.walls, self.same_cost = specimens, numbers, "own", same_cost
         self.hand, self.clock = None, 0.0
         self._set_steps()

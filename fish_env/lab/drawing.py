@@ -216,15 +216,14 @@ class Drawing:
 
     def _update(self, number: int, specimen: Specimen) -> None:
         handles, x = self._handles, self._scaled(number, specimen.position)
-        springs, tets = specimen.strains()
         if self.shown["skin"]:
             for k, surface in enumerate(specimen.surfaces):
                 if (number, f"skin {k}") in handles:
                     handles[number, f"skin {k}"].vertices = self._scaled(number, surface.points(specimen.position))
             if number in self._tets:
-                self._update_elements(number, x, tets)
+                self._update_elements(number, x, specimen.tet_strain())
         if self.shown["springs"]:
-            self._update_springs(number, specimen, x, springs)
+            self._update_springs(number, specimen, x, specimen.spring_strain())
         if self.shown["nodes"]:
             handles[number, "nodes"].batched_positions = x
         if self.shown["forces"]:

@@ -203,11 +203,14 @@ class Specimen:
             self.tank.command(self._gait.contraction(self.thing, np.array([then])), steps * self.tank.dt)
         self.tank.advance(steps)
 
-    def strains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Strain of every spring (E,) and of every tetrahedron (T,)."""
-        body, x = self.tank.fish.body, self.position
-        tets = np.zeros(0) if body.tets is None else tet_strain(body.tets, x)
-        return spring_strain(body.springs, self.tank.rest_length[0], x), tets
+    def spring_strain(self) -> np.ndarray:
+        """Strain of every spring (E,)."""
+        return spring_strain(self.tank.fish.body.springs, self.tank.rest_length[0], self.position)
+
+    def tet_strain(self) -> np.ndarray:
+        """Strain of every tetrahedron (T,)."""
+        tets = self.tank.fish.body.tets
+        return np.zeros(0) if tets is None else tet_strain(tets, self.position)
 
     def forces(self) -> np.ndarray:
         """The force on every node, (N,3) N."""
@@ -218,7 +221,8 @@ class Specimen:
         state = (self.tank.rest_length[0], self.position, self.tank.velocity[0])
         energy = sum(self._evaluate().energies(*state).values())
         volume = enclosed(self.thing, self.surfaces, self.position) / self.rest_volume
-        strain = max((float(np.abs(each).max()) for each in self.strains() if each.size), default=np.nan)
+        strains = (self.spring_strain(), self.tet_strain())
+        strain = max((float(np.abs(each).max()) for each in strains if each.size), default=np.nan)
         return Readings(self.time, energy, volume, strain)
 
     def _evaluate(self) -> Evaluator:
