@@ -90,6 +90,7 @@ def draw_methods(plt) -> None:
         column[1].set(xlabel="computing 0.2 s of motion, ms")
         for panel in column:
             panel.grid(alpha=0.2)
+            panel.xaxis.set_minor_formatter("")
     for row in panels:
         row[0].set_ylabel("error, object's lengths (hollow: failed)")
     handles, names = panels[0, 0].get_legend_handles_labels()
