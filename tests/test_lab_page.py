@@ -194,7 +194,6 @@ def test_a_method_that_fails_is_told_of(page):
     until(lambda: any("explicit_euler failed on the ring" in note for note in page.notes))
 
 
-@pytest.mark.slow  # on a busy machine one of its waits has been in vain
 def test_fish_are_steered_from_the_page(page):
     """Fish are steered from the page: keys and buttons command, the scene shows where to, and the bench comes back."""
     session = page.session
@@ -215,12 +214,12 @@ def test_fish_are_steered_from_the_page(page):
     until(lambda: any("in the sky" in note for note in page.notes))
     page.press("Take obstacles away")
     until(lambda: school.obstacles == [])
+    page.key("Pause")  # the command to the right is followed by one to the left after 0.2 s
+    until(lambda: session.paused)
     page.press("Left after right (L)")
-    until(lambda: school.commanded[0] < 0.0)
+    until(lambda: (school.commanded < 0.0).all())
     page.choose("walls", "none")  # of the bench: not drawn while fish are steered
     page.press("Look again")
-    page.key("One step")
-    until(lambda: session.paused)
     clock = school.clock
     page.key("One step")
     until(lambda: school.clock == pytest.approx(clock + school.interval))

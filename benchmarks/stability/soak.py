@@ -17,6 +17,8 @@ import ctypes
 import gc
 import json
 import resource
+import statistics
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -44,7 +46,8 @@ LOOK = 10  # environment steps between two looks at the stretch
 KINDS = (*GOALS, "adversarial")
 PASS = [(body, task, kind) for kind in KINDS for task in TASKS for body in BODIES]
 """The rounds of one pass, after which every combination was had once."""
-FIXED = {"task": "swim", "body": "mass_spring"}  # whose speed is measured at the start and at the end
+FIXED = {"task": "swim", "body": "mass_spring"}  # whose speed is measured
+COMPARED = 5  # measurements of the speed at the end, each beside one of a fresh process
 AIM = 100_000_000
 
 
@@ -149,6 +152,18 @@ def speed(repeats: int = 3) -> float:
     return max(each["fish_steps"] / each["seconds"] for each in found)
 
 
+def fresh_speed() -> float:
+    """`speed` in a process that has just begun."""
+    call = [sys.executable, "-m", "benchmarks.stability.soak", "--speed"]
+    return float(subprocess.run(call, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT).stdout)
+
+
+def speeds() -> tuple[float, float]:
+    """Medians of `speed` and `fresh_speed`, in alternation: the machine's own changes touch both."""
+    pairs = [(speed(), fresh_speed()) for _ in range(COMPARED)]
+    return statistics.median(own for own, _ in pairs), statistics.median(fresh for _, fresh in pairs)
+
+
 def memory() -> float:
     """Resident memory of this process, MB; the highest so far where the system does not tell the present one.
 
@@ -195,12 +210,12 @@ def done(state: dict) -> int:
 def soak(path: Path, steps: int, minutes: float = np.inf, fish: int | None = None) -> dict:
     """Go on until `steps` fish-steps are done in all, `minutes` have passed, or Ctrl-C; the state, which is stored."""
     state, begun = load(path), time.monotonic()
-    first, session = state["round"], {"fish_steps": 0, "not_measured": True}
+    first, session = state["round"], {"fish_steps": 0}
     with tqdm(total=steps, initial=min(steps, done(state)), unit="fish-step", unit_scale=True) as bar:
         try:
             while done(state) < steps and time.monotonic() - begun < 60 * minutes:
                 if state["round"] - first == len(PASS):  # all is compiled
-                    session |= {"rate_first": speed(), "memory_first_mb": memory(), "not_measured": False}
+                    session["memory_first_mb"] = memory()
                 name, found = round_of(state["round"], state["search"], fish)
                 add(state["totals"], name, found)
                 state["round"] += 1
@@ -211,8 +226,9 @@ def soak(path: Path, steps: int, minutes: float = np.inf, fish: int | None = Non
         except KeyboardInterrupt:
             state = load(path)  # without the round that was interrupted
             print(f"stopped after {done(state):,} fish-steps; the same command goes on")
-    if not session.pop("not_measured"):
-        session |= {"rate_last": speed(), "memory_last_mb": memory()}
+    if "memory_first_mb" in session:
+        session["memory_last_mb"] = memory()
+        session["rate_last"], session["rate_fresh"] = speeds()
         state["sessions"].append(session)
         write_text(path, json.dumps(state))
     return state
@@ -234,11 +250,11 @@ def rows_of(state: dict) -> list[dict]:
 
 
 def sessions_of(state: dict) -> list[dict]:
-    """A row for each session that had more than one pass: its steps, memory and speed, first and last."""
+    """A row for each session of more than one pass: its steps, its memory, and its speed beside a fresh process."""
     return [
         {"session": k, "fish_steps": each["fish_steps"],
          "memory_first_mb": round(each["memory_first_mb"], 1), "memory_last_mb": round(each["memory_last_mb"], 1),
-         "rate_first": round(each["rate_first"]), "rate_last": round(each["rate_last"])}
+         "rate_last": round(each["rate_last"]), "rate_fresh": round(each["rate_fresh"])}
         for k, each in enumerate(state["sessions"])
     ]  # fmt: skip
 
@@ -254,8 +270,9 @@ def report(state: dict) -> bool:
         print(f"{body:14}{sums[0]:14,}{sums[1]:10,}{sums[2]:12,}{sums[3]:10,}{worst:9.3f}")
     print(f"{done(state):,} fish-steps, {done(state) / AIM:.1%} of {AIM:,}")
     for row in sessions_of(state):
-        print(f"session {row['session']}: {row['fish_steps']:,} fish-steps, memory {row['memory_first_mb']} MB, then "
-              f"{row['memory_last_mb']} MB; {row['rate_first']:,} fish-steps/s, then {row['rate_last']:,}")  # fmt: skip
+        print(f"session {row['session']}: {row['fish_steps']:,} fish-steps, "
+              f"memory {row['memory_first_mb']} MB, then {row['memory_last_mb']} MB; "
+              f"{row['rate_last']:,} fish-steps/s, a fresh process {row['rate_fresh']:,}")  # fmt: skip
     return not any(row["not_finite"] for row in rows)
 
 
@@ -266,7 +283,11 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=np.inf, help="stop after so many, at the end of a round")
     parser.add_argument("--folder", type=Path, default=ROOT / "runs" / "soak", help="of the state (runs/soak)")
     parser.add_argument("--trial", action="store_true", help="write no table")
+    parser.add_argument("--speed", action="store_true", help="only print the speed of a fixed batch, fish-steps/s")
     chosen = parser.parse_args()
+    if chosen.speed:
+        print(speed())
+        return 0
     chosen.folder.mkdir(parents=True, exist_ok=True)
     state = soak(chosen.folder / "state.json", int(chosen.steps), chosen.minutes)
     good = report(state)
