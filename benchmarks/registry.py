@@ -334,6 +334,12 @@ CALIBRATION = (
         ("benchmarks.calibration.living_fish:check",), data=(BODIES,),
     ),
     Result(
+        "calibration.fits", "five fits of each inexpensive body, on what they were not fitted to",
+        "-m benchmarks.calibration.fit --spread", 70, csv("fits"),
+        ("benchmarks.calibration.fit:search", "benchmarks.calibration.fit:tested"),
+        data=(FINEST, "benchmarks/calibration/task_commands.npz", MOTOR),
+    ),
+    Result(
         "calibration.fit_tests", "the fitted bodies on seeds and families of commands that they were not fitted to",
         "-m benchmarks.calibration.fit --test", 8, csv("fit_tests"), ("benchmarks.calibration.fit:tested",),
         data=(BODIES, MOTOR),

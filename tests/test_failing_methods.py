@@ -11,7 +11,6 @@ from moving import (
     MATRIX,
     SEMI_IMPLICIT,
     SOLVING,
-    advance,
     each_body,
     each_method,
     run_into_failure,
@@ -76,26 +75,32 @@ def test_too_large_a_step(name, body):
 
 @pytest.mark.parametrize("name", [name for name in LINEARLY_IMPLICIT if INTEGRATORS[name].order == 1])
 @each_body
-@pytest.mark.parametrize("seed", range(3))
-def test_any_step(name, body, seed):
-    """At a hundred times the stable step of symplectic Euler, linearly implicit Euler shakes no fish apart.
+@pytest.mark.parametrize(("factor", "survive"), [(10, 1.0), (100, 0.7)])
+def test_large_steps(name, body, factor, survive):
+    """At ten times the stable step of symplectic Euler, linearly implicit Euler shakes no fish apart.
 
-    It ends somewhere folded, no longer than it was and slower. Explicit methods and Tu's fail from the same state. In
-    water only the method that has the water in its matrix holds. The Rosenbrock method is left out: stable for linear
-    motion, it may tear a fish that is far from it.
+    At a hundred times, up to 13 of 100 tear; which ones depends on rounding, so that starts differ by rounding here.
+    The others end somewhere folded, no longer than they were and slower. Explicit methods and Tu's fail from the same
+    states. In water only the method that has the water in its matrix holds. The Rosenbrock method is left out: stable
+    for linear motion, it may tear a fish that is far from it.
     """
     fish = FISH[body]
     omega, theta = naive.highest_frequency(fish.body), np.max(fish.body.springs.damping / fish.body.springs.stiffness)
-    h = 100 * (np.sqrt((omega * theta) ** 2 + 4) - omega * theta) / omega
-    x, v = naive.random_state(fish, np.random.default_rng(seed), displacement=0.005, speed=0.3)
-    rest = fish.body.springs.rest_length
+    h = factor * (np.sqrt((omega * theta) ** 2 + 4) - omega * theta) / omega
+    starts = [naive.random_state(fish, np.random.default_rng(k), displacement=0.005, speed=0.3) for k in range(3)]
+    x = np.array([position * (1 + 1e-13 * k) for position, _ in starts for k in range(16)])
+    v = np.repeat([velocity for _, velocity in starts], 16, axis=0)
     for other in EXPLICIT + SEMI_IMPLICIT:
-        tank = tank_of(other, fish, VACUUM, x, v, h)
+        tank = tank_of(other, fish, VACUUM, x[::16], v[::16], h)
         tank.advance(300)
-        assert not tank.alive[0]
+        assert not tank.alive.any()
     world = world_of(fish, (0, 0, 0)) if MATRIX[name].get("wet") else VACUUM
-    moved_x, moved_v = advance(name, fish, world, x, v, rest, np.zeros_like(rest), h, 300)
-    assert np.ptp(moved_x, axis=0).max() < 1.5 * fish.length and np.abs(moved_v).max() < np.abs(v).max()
+    tank = tank_of(name, fish, world, x, v, h)
+    tank.advance(300)
+    assert tank.alive.mean() >= survive
+    moved_x, moved_v = tank.position[tank.alive], tank.velocity[tank.alive]
+    assert np.ptp(moved_x, axis=1).max() < 1.5 * fish.length
+    assert (np.abs(moved_v).max(axis=(1, 2)) < np.abs(v[tank.alive]).max(axis=(1, 2))).all()
 
 
 @pytest.mark.parametrize("name", ["symplectic_euler", "semi_implicit", "explicit_euler", "midpoint", "rk4"])
