@@ -73,14 +73,18 @@ def test_too_large_a_step(name, body):
         assert failure == NON_FINITE
 
 
+SOME_TEAR = {(100, "linearly_implicit", "mass_spring"), (100, "linearly_implicit_water", "published")}
+"""Factor on the step, method and body where a start tears or not by rounding; their matrices may be indefinite."""
+
+
 @pytest.mark.parametrize("name", [name for name in LINEARLY_IMPLICIT if INTEGRATORS[name].order == 1])
 @each_body
-@pytest.mark.parametrize(("factor", "survive"), [(10, 1.0), (100, 0.7)])
-def test_large_steps(name, body, factor, survive):
-    """At ten times the stable step of symplectic Euler, linearly implicit Euler shakes no fish apart.
+@pytest.mark.parametrize("factor", [10, 100])
+def test_large_steps(name, body, factor):
+    """At ten and a hundred times the stable step of symplectic Euler, linearly implicit Euler shakes no fish apart.
 
-    At a hundred times, up to 13 of 100 tear; which ones depends on rounding, so that starts differ by rounding here.
-    The others end somewhere folded, no longer than they were and slower. Explicit methods and Tu's fail from the same
+    The exceptions are SOME_TEAR, where at least 70 % survive: three starts are repeated with changes by rounding. Those
+    that survive end somewhere folded, no longer than they were and slower. Explicit methods and Tu's fail from the same
     states. In water only the method that has the water in its matrix holds. The Rosenbrock method is left out: stable
     for linear motion, it may tear a fish that is far from it.
     """
@@ -97,7 +101,7 @@ def test_large_steps(name, body, factor, survive):
     world = world_of(fish, (0, 0, 0)) if MATRIX[name].get("wet") else VACUUM
     tank = tank_of(name, fish, world, x, v, h)
     tank.advance(300)
-    assert tank.alive.mean() >= survive
+    assert tank.alive.mean() >= 0.7 if (factor, name, body) in SOME_TEAR else tank.alive.all()
     moved_x, moved_v = tank.position[tank.alive], tank.velocity[tank.alive]
     assert np.ptp(moved_x, axis=1).max() < 1.5 * fish.length
     assert (np.abs(moved_v).max(axis=(1, 2)) < np.abs(v[tank.alive]).max(axis=(1, 2))).all()
