@@ -6,8 +6,14 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from numbers import Real
+from typing import TypeGuard
 
 import numpy as np
+
+
+def is_whole(value) -> TypeGuard[int]:
+    """Whether `value` is a whole number of Python or numpy; truth values are not, nor are numpy's durations."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
 
 
 def real(value) -> float:
@@ -76,7 +82,7 @@ def node_array(value, width, num_nodes, name) -> np.ndarray:
     array = np.array(value)
     if array.size == 0:
         return np.zeros((0, width), dtype=np.int64)
-    if array.ndim != 2 or array.shape[1] != width or not np.issubdtype(array.dtype, np.integer):
+    if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in "iu":
         raise ValueError(f"{name} have shape {array.shape} and type {array.dtype}; give whole numbers (K, {width})")
     if array.min() < 0 or array.max() >= num_nodes:
         bad = int(array[(array < 0) | (array >= num_nodes)][0])

@@ -7,7 +7,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env.body import Body, Control, State, chosen_axes, fix_where, node_numbers
-from fish_env.checks import finite_array
+from fish_env.checks import finite_array, is_whole
 from fish_env.conditions import (
     METHODS,
     Conditions,
@@ -57,7 +57,7 @@ class Conditioned:
         Raises:
             ValueError: for a missing node or a number that is not allowed.
         """
-        if not (isinstance(node, int | np.integer) and 0 <= node < self.state.x.shape[1]):
+        if not (is_whole(node) and 0 <= node < self.state.x.shape[1]):
             raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
         self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length, velocity))
 

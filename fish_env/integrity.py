@@ -19,7 +19,7 @@ def check_numbers(name: str, array, shape: tuple, below: int, lowest: int = 0) -
     """Raise ValueError unless `array` holds whole numbers from `lowest` to `below` - 1; None in the shape is any."""
     array = np.asarray(array)
     fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
-    if not fits or not np.issubdtype(array.dtype, np.integer):
+    if not fits or array.dtype.kind not in "iu":
         wanted = ", ".join("any" if n is None else str(n) for n in shape)
         raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}; give whole numbers ({wanted})")
     outside = array[(array < lowest) | (array >= below)]

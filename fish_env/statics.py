@@ -19,7 +19,7 @@ from scipy.sparse import block_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from fish_env.body import Body
-from fish_env.checks import finite_array
+from fish_env.checks import finite_array, is_whole
 from fish_env.failures import ESCAPED
 from fish_env.forces.evaluate import Evaluator
 from fish_env.forces.sparse import tangent
@@ -149,7 +149,7 @@ def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, posit
     """
     check_body(body)
     free = _free(body)
-    if not (isinstance(count, int | np.integer) and 1 <= count <= free.size):
+    if not (is_whole(count) and 1 <= count <= free.size):
         raise ValueError(f"count is {count!r}; give a whole number from 1 to {free.size}")
     x = body.position if position is None else finite_array(position, body.position.shape, "position (m)")
     rest = body.springs.rest_length if rest_length is None else rest_length

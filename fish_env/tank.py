@@ -8,7 +8,7 @@ import numpy as np
 
 from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
-from fish_env.checks import as_floats, finite_array, fits_memory, own
+from fish_env.checks import as_floats, finite_array, fits_memory, is_whole, own
 from fish_env.conditioned import Conditioned
 from fish_env.conditions import no_conditions
 from fish_env.engine import Engine
@@ -160,7 +160,7 @@ class Tank(Conditioned, Generic[Elastic]):
         Raises:
             ValueError: for a missing fish, a factor out of range, or a current that is not finite.
         """
-        if not (isinstance(i, int | np.integer) and 0 <= i < self.num_fish):
+        if not (is_whole(i) and 0 <= i < self.num_fish):
             raise ValueError(f"fish is {i!r}; give a whole number from 0 to {self.num_fish - 1}")
         self._set_variation(int(i), checked_variation(stiffness, mass, drag, current))
 

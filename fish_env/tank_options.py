@@ -8,7 +8,7 @@ import numpy as np
 
 from fish_env.bodies.fish import ElasticObject, Fish
 from fish_env.body import FAILURES, Body, scaled
-from fish_env.checks import finite_array, positive_array, real
+from fish_env.checks import finite_array, is_whole, positive_array, real
 from fish_env.integrators import INTEGRATORS, Integrator
 from fish_env.integrity import check_fish, check_numbers
 from fish_env.simd import LANES, SUPPORTED, Kind, Pack, Vectors
@@ -52,7 +52,7 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
 def check_counts(**counts) -> None:
     """Raise ValueError unless every one is a whole number, at least 1."""
     for name, value in counts.items():
-        if not (isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1):
+        if not (is_whole(value) and value >= 1):
             raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
 
 
@@ -89,7 +89,7 @@ def check_anchors(anchors, nodes: int) -> None:
 
 def checked_steps(steps) -> int:
     """A number of steps of one call, or ValueError."""
-    if not (isinstance(steps, int | np.integer) and 0 <= steps <= MOST_STEPS):
+    if not (is_whole(steps) and 0 <= steps <= MOST_STEPS):
         raise ValueError(f"steps is {steps!r}; give a whole number from 0 to {MOST_STEPS}")
     return int(steps)
 

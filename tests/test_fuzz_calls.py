@@ -9,11 +9,13 @@ from fuzzing import EDGES, FACTOR, LAYOUTS, THINGS, WHOLE, call, examples, numbe
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fish_env
 from fish_env import Tank, make_body, make_fish, make_sb3_vec_env
 from fish_env.bodies.fish import ElasticObject
 from fish_env.control import load_policy, shipped_policy
 from fish_env.elements import make_tets
 from fish_env.envs import FishVectorEnv
+from fish_env.simd import Kind
 from fish_env.world import make_anchors, make_world
 
 FISH = make_fish()
@@ -363,3 +365,20 @@ def test_stable_baselines3_is_refused_alike(id):
 def test_edges_are_there():
     """The odd values hold what they are there for."""
     assert {np.inf, -np.inf, 5e-324} <= set(EDGES) and isinstance(FISH, ElasticObject)
+
+
+@pytest.mark.parametrize("number", [np.timedelta64(1, "s"), True, 1.0])
+def test_no_whole_number(number):
+    """Durations, which are whole numbers to numpy, truth values and floats name no fish and count no steps."""
+    tank = fish_env.Tank(fish_env.make_fish(), num_fish=2)
+    for refused in (lambda: tank.vary(number), lambda: tank.advance(number)):
+        with pytest.raises(ValueError, match="give a whole number"):
+            refused()
+
+
+def test_no_text_and_no_lanes():
+    """What is no text names no environment, and an empty array no lanes."""
+    with pytest.raises(ValueError, match="id is None; give the name of an environment"):
+        fish_env.observation_layout(None)
+    with pytest.raises(ValueError, match="lanes is array"):
+        Kind(lanes=np.array([]))

@@ -1,5 +1,6 @@
 """Files and command lines, damaged and odd: read, or refused in one sentence, and never an error without one."""
 
+import dataclasses
 import io
 import json
 import struct
@@ -174,6 +175,23 @@ def test_odd_recordings(place, recorded, tmp_path_factory, data):
     if isinstance(found, Recording):
         call("replay", replay, found)
         call("write_film", write_film, found, place.with_suffix(".html"))
+
+
+def test_a_film_of_another_fish_is_refused(recorded, place):
+    """A recording that holds fewer rest lengths than the fish of its environment has is refused before it is drawn."""
+    other = dataclasses.replace(recorded, rest_length=recorded.rest_length[:, :0])
+    with pytest.raises(ValueError, match=r"rest lengths of shapes .* record the episode again"):
+        write_film(other, place.with_suffix(".html"))
+
+
+@pytest.mark.parametrize("part", ["format", "layout"])
+def test_a_policy_of_an_infinite_version_is_refused(place, part):
+    """A version that no whole number can hold is refused as damage."""
+    with np.load(shipped_policy("swim")) as file:
+        parts = {name: file[name] for name in file.files}
+    np.savez(place, **(parts | {part: np.inf}))
+    with pytest.raises(ValueError, match="damaged"):
+        load_policy(place)
 
 
 @pytest.mark.parametrize("id", ["nowhere:FishEnv/Stub-v0", "CartPole-v1"])

@@ -1,5 +1,7 @@
 """Makers, given anything: what they return is finite and can be simulated, or they refuse it by a documented error."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from fuzzing import EDGES, FACTOR, WHOLE, call, examples, numbers, odd, scaled, unsound
@@ -14,7 +16,7 @@ from fish_env.body import fix
 from fish_env.control import Gait
 from fish_env.elements import make_barriers, make_compartments, make_tets
 from fish_env.simd import Kind
-from fish_env.statics import equilibrium
+from fish_env.statics import NoEquilibrium, equilibrium
 from fish_env.tasks import TASKS
 from fish_env.world import make_anchors
 
@@ -175,5 +177,6 @@ def test_statics(data):
     world = call("make_world", make_world, gravity)
     if world is not None:
         held = world._replace(anchors=make_anchors([0, 1, 2, 22], B.position[[0, 1, 2, 22]], 50.0))
-        found = call("equilibrium", equilibrium, B, held, start=start)
-        assert found is None or np.isfinite(found).all()
+        with contextlib.suppress(NoEquilibrium):
+            found = call("equilibrium", equilibrium, B, held, start=start)
+            assert found is None or np.isfinite(found).all()

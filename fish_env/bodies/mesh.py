@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.checks import finite_array, node_array, positive_array
+from fish_env.checks import finite_array, is_whole, node_array, positive_array
 
 RULES = ("quarter", "uniform")
 
@@ -113,7 +113,7 @@ def lumped_mass(position, tets, density, rule="quarter") -> np.ndarray:
 def _cells(cells, even) -> tuple[int, ...]:
     """Whole numbers of cells along the three axes, even where they must be."""
     for count, paired, axis in zip(cells, even, "xyz", strict=True):
-        if not (isinstance(count, int | np.integer) and count >= 1):
+        if not (is_whole(count) and count >= 1):
             raise ValueError(f"there are {count!r} cells along {axis}; give a whole number, at least 1")
         if paired and count % 2:
             raise ValueError(f"there are {count} cells along {axis}; a mirrored mesh has an even number")

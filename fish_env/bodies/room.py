@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fish_env.bodies.fish import NOTHING, ElasticObject
-from fish_env.checks import finite_array, real
+from fish_env.checks import finite_array, is_whole, real
 from fish_env.world import World, make_world
 
 GRAVITY = 9.81  # m/s2
@@ -49,8 +49,7 @@ def room(down, size: float, restitution=0.5, gravity=GRAVITY, closed=False) -> W
 
 def whole(value, name: str, least: int, most: int | None = None) -> int:
     """`value` as an int, or ValueError unless it is a whole number from `least` to `most`."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not (whole and value >= least and (most is None or value <= most)):
+    if not (is_whole(value) and value >= least and (most is None or value <= most)):
         raise ValueError(
             f"{name} is {value!r}; give a whole number, {least} {'or more' if most is None else f'to {most}'}"
         )

@@ -101,7 +101,14 @@ def _cast(recording: Recording) -> Cast:
 
 
 def _reel(recording: Recording, fish: Any) -> Reel:
-    """What is shown of a recording of this fish."""
+    """What is shown of a recording of this fish, or ValueError if it is of another one."""
+    held = recording.position.shape[1:], recording.velocity.shape[1:], recording.rest_length.shape[1:]
+    needed = fish.body.position.shape, fish.body.position.shape, fish.body.springs.rest_length.shape
+    if held != needed:
+        raise ValueError(
+            f"the recording holds positions, velocities and rest lengths of shapes {held} a state, and the fish of its "
+            f"environment has {needed}; it is damaged, or was made by another version: record the episode again"
+        )
     mass = fish.body.mass / fish.body.mass.sum()
     natural = fish.body.springs.rest_length[fish.muscles]
     shortened = (natural - recording.rest_length[:, fish.muscles]) / ((1.0 - fish.contracted) * natural)

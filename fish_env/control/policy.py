@@ -103,7 +103,7 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
         biases = tuple(held.pop(f"bias{k}") for k in range(layers))
         if not isinstance(about, dict):
             raise TypeError(f"about is {about!r}, not a dictionary")
-    except (*DAMAGED, KeyError) as error:
+    except (*DAMAGED, KeyError, OverflowError) as error:
         raise ValueError(
             f"{path} is not a policy file, or is damaged or pickled ({error}); give a policy.npz that train.py wrote"
         ) from error

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from fish_env.checks import finite_array
+from fish_env.checks import finite_array, is_whole
 from fish_env.control.evaluation import Controller, policy_controller
 from fish_env.control.policy import Policy
 from fish_env.control.recording import Recording, env_of, load_recording, plain, versions
@@ -54,7 +54,7 @@ def record(
             a seed, options or actions that are not allowed.
     """
     bare, id, keywords = _described(env)
-    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+    if not is_whole(seed) or seed < 0:
         raise ValueError(f"seed is {seed!r}; give a whole number, zero or more: a recording must be repeatable")
     wanted: dict[str, Any] = {} if options is None else plain(options, "options")
     act, limit = _controller(controller, bare, steps, env.spec)
@@ -175,7 +175,7 @@ def _controller(
 ) -> tuple[Callable[[np.ndarray, float], np.ndarray], int | None]:
     """What gives the actions, and after how many environment steps to stop."""
     limit = spec.max_episode_steps if steps is None else steps
-    if limit is not None and (not isinstance(limit, int | np.integer) or isinstance(limit, bool) or limit < 1):
+    if limit is not None and (not is_whole(limit) or limit < 1):
         raise ValueError(f"steps is {limit!r}; give a whole number, at least 1, or None")
     limit = None if limit is None else int(limit)
     if isinstance(given, Policy):

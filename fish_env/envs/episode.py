@@ -9,7 +9,7 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.checks import finite_array, own
+from fish_env.checks import finite_array, is_whole, own
 from fish_env.envs.layout import Layout
 from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
@@ -282,8 +282,7 @@ class Episodes:
 
 def _check_steps(max_episode_steps) -> None:
     """Raise ValueError unless it is None or a whole number, at least 1."""
-    whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
-    if max_episode_steps is not None and not (whole and 1 <= max_episode_steps <= MOST_STEPS):
+    if max_episode_steps is not None and not (is_whole(max_episode_steps) and 1 <= max_episode_steps <= MOST_STEPS):
         raise ValueError(
             f"max_episode_steps is {max_episode_steps!r}; give a whole number, at least 1 and at most {MOST_STEPS}, or "
             "None"

@@ -167,12 +167,11 @@ def observation_layout(id: str, **options) -> Layout:
         ValueError: for an option that is not allowed, an environment of another package, or an id that is no text or
             names a module that there is not.
     """
+    if not isinstance(id, str):
+        raise ValueError(f"id is {id!r}; give the name of an environment, such as 'FishEnv/Swim-v0'")
     try:
         env = gym.make(id, **options)
-    except (
-        AttributeError,
-        ImportError,
-    ) as error:  # Gymnasium's, for no text and for no such module
+    except (AttributeError, ImportError) as error:  # for a module that there is not, or that is none
         raise ValueError(f"id is {id!r}, which names no environment: {error}") from error
     try:
         layout = getattr(env.unwrapped, "layout", None)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from fish_env.checks import is_whole
 from fish_env.envs.episode import Episodes
 from fish_env.envs.launch import SIGNATURE, launch_for, threads_pack
 from fish_env.gpu.compiling import exactly
@@ -90,7 +91,7 @@ class FishTorchEnv:
         Start i of seed s is that of `FishVectorEnv` seeded s + i; fish b begins at start b, and at start b modulo their
         number if they are fewer.
         """
-        if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int | np.integer)):
+        if seed is not None and not is_whole(seed):
             raise ValueError(f"seed is {seed!r}; give a whole number, or None")
         episodes = self._episodes
         seeds = None if seed is None else [int(seed) + i for i in range(episodes.num_envs)]

@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from fish_env.checks import is_whole
 from fish_env.envs.episode import Episodes
 
 
@@ -89,12 +90,12 @@ class FishVectorEnv(Episodes, VectorEnv):
                 then.
             gymnasium.error.Error: for a seed that is no whole number, or negative; nothing has changed then.
         """
-        if isinstance(seed, int | np.integer):
+        if is_whole(seed):
             seed = [int(seed) + i for i in range(self.num_envs)]
         if seed is not None and (not isinstance(seed, Sequence | np.ndarray) or len(seed) != self.num_envs):
             raise ValueError(f"seed is {seed!r}; give a whole number, or {self.num_envs}, one for each fish")
         if seed is not None:
-            seed = [int(each) if isinstance(each, np.integer) else each for each in seed]  # else Gymnasium refuses it
+            seed = [int(each) if is_whole(each) else each for each in seed]  # else Gymnasium refuses it
         if not isinstance(options, Mapping | None):
             raise ValueError(f"options is {options!r}; give a dict with keys among {', '.join(self.reset_options)}")
         options = dict(options or {})

@@ -11,6 +11,7 @@ from itertools import chain
 import numpy as np
 
 from fish_env.bodies import Fish
+from fish_env.checks import is_whole
 from fish_env.integrators import INTEGRATORS
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import BODY, SETTINGS, WALLS, checked_point, checked_setting, chosen
@@ -222,7 +223,7 @@ class Bench:
         return self.history[-1]
 
     def _specimen(self, number) -> Specimen:
-        if not (isinstance(number, int | np.integer) and 0 <= number < len(self.specimens)):
+        if not (is_whole(number) and 0 <= number < len(self.specimens)):
             raise ValueError(f"object is {number!r}; give a whole number from 0 to {len(self.specimens) - 1}")
         return self.specimens[number]
 
@@ -287,7 +288,7 @@ def checked_entry(entry: Entry) -> Entry:
     if entry.integrator:
         chosen(entry.integrator, INTEGRATORS, "integrator")
     for name, value in entry.level:
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value <= FINEST:
+        if not is_whole(value) or not 0 <= value <= FINEST:
             raise ValueError(f"{name} is {value!r}; give a whole number from 0 to {FINEST}")
     thing = make_thing(entry)
     if thing.body.mass.size > LARGEST:

@@ -99,7 +99,8 @@ class Session:
 
     def _run(self) -> None:
         self.drawing = Drawing(self)
-        self.panel = Panel(self)
+        with self.client.atomic():  # the browser builds all controls at once
+            self.panel = Panel(self)
         self.drawing.build()
         last = time.monotonic()
         while not self._closed.is_set():

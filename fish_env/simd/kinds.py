@@ -38,7 +38,8 @@ class Kind:
     """"float64" or "float32"."""
 
     def __post_init__(self):
-        if self.lanes not in (*LANES, DUAL, THREAD) or isinstance(self.lanes, bool):
+        known = isinstance(self.lanes, str | int) and self.lanes in (*LANES, DUAL, THREAD)
+        if not known or isinstance(self.lanes, bool):
             raise ValueError(f"lanes is {self.lanes!r}; choose from {', '.join(map(repr, LANES))}")
         if not SUPPORTED and self.lanes not in (1, DUAL, THREAD):
             raise ValueError(

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env.checks import finite_array
+from fish_env.checks import finite_array, is_whole
 
 
 class Option(NamedTuple):
@@ -49,7 +49,7 @@ class Direction(NamedTuple):
 
 def checked_choice(name: str, value: Any, choices: tuple[int, ...]) -> int:
     """`value` as an int; ValueError unless it is one of the choices."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value not in choices:
+    if not is_whole(value) or value not in choices:
         raise ValueError(f"{name} is {value!r}; give {' or '.join(map(str, choices))}")
     return int(value)
 
