@@ -137,7 +137,7 @@ STABILITY = (
     Result(
         "stability.soak", "every task on every body under all kinds of actions at the extremes of the variation: what "
         "is not finite, failures, memory, speed",
-        "-m benchmarks.stability.soak --steps 68976000", 60, csv("soak", "soak_sessions"),
+        "-m benchmarks.stability.soak --steps 100000000", 60, csv("soak", "soak_sessions"),
         ("benchmarks.stability.soak:round_of", "benchmarks.stability.soak:extremes",
          "benchmarks.stability.soak:speed", BATCH), data=(BODIES,), one_core=True,
     ),
@@ -158,8 +158,16 @@ STABILITY = (
         "-m benchmarks.stability.reliability bounds", 60, csv("reliability_bounds"), (*RELIABILITY, BATCH),
     ),
     Result(
-        "stability.versions", "built, installed and used on other versions of Python and of the dependencies",
-        "-m benchmarks.stability.versions --no-tests", 10, csv("versions"),
+        "stability.company", "start methods, threads, caches and many processes at once",
+        "-m benchmarks.stability.reliability company", 5, csv("reliability_company"), (*RELIABILITY, BATCH),
+    ),
+    Result(
+        "stability.checks", "checkers and wrappers of other packages over every id, body, option and method",
+        "-m benchmarks.stability.reliability checks", 5, csv("reliability_checks"), (*RELIABILITY, BATCH, SINGLE),
+    ),
+    Result(
+        "stability.versions", "built, installed and tested on other versions of Python and of the dependencies",
+        "-m benchmarks.stability.versions", 60, csv("versions"),
         ("benchmarks.stability.versions:trial", BATCH), data=("pyproject.toml", "constraints.txt"),
     ),
     Result(

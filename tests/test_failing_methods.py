@@ -101,11 +101,12 @@ def test_large_steps(name, body, factor):
     world = world_of(fish, (0, 0, 0)) if MATRIX[name].get("wet") else VACUUM
     tank = tank_of(name, fish, world, x, v, h)
     tank.advance(300)
-    part = 0.7 if (factor, name, body) in SOME_TEAR else 1.0
-    assert tank.alive.mean() >= part
+    some_tear = (factor, name, body) in SOME_TEAR
+    assert tank.alive.mean() >= 0.7 if some_tear else tank.alive.all()
     moved_x, moved_v = tank.position[tank.alive], tank.velocity[tank.alive]
     assert np.ptp(moved_x, axis=1).max() < 1.5 * fish.length
-    assert (np.abs(moved_v).max(axis=(1, 2)) < np.abs(v[tank.alive]).max(axis=(1, 2))).mean() >= part
+    slower = np.abs(moved_v).max(axis=(1, 2)) < np.abs(v[tank.alive]).max(axis=(1, 2))
+    assert slower.mean() >= 0.9 if some_tear else slower.all()
 
 
 @pytest.mark.parametrize("name", ["symplectic_euler", "semi_implicit", "explicit_euler", "midpoint", "rk4"])

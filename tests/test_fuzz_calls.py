@@ -9,8 +9,7 @@ from fuzzing import EDGES, FACTOR, LAYOUTS, THINGS, WHOLE, call, examples, numbe
 from hypothesis import given
 from hypothesis import strategies as st
 
-import fish_env
-from fish_env import Tank, make_body, make_fish, make_sb3_vec_env
+from fish_env import Tank, make_body, make_fish, make_sb3_vec_env, observation_layout
 from fish_env.bodies.fish import ElasticObject
 from fish_env.control import load_policy, shipped_policy
 from fish_env.elements import make_tets
@@ -370,7 +369,7 @@ def test_edges_are_there():
 @pytest.mark.parametrize("number", [np.timedelta64(1, "s"), True, 1.0])
 def test_no_whole_number(number):
     """Durations, which are whole numbers to numpy, truth values and floats name no fish and count no steps."""
-    tank = fish_env.Tank(fish_env.make_fish(), num_fish=2)
+    tank = Tank(FISH, num_fish=2)
     for refused in (lambda: tank.vary(number), lambda: tank.advance(number)):
         with pytest.raises(ValueError, match="give a whole number"):
             refused()
@@ -379,6 +378,6 @@ def test_no_whole_number(number):
 def test_no_text_and_no_lanes():
     """What is no text names no environment, and an empty array no lanes."""
     with pytest.raises(ValueError, match="id is None; give the name of an environment"):
-        fish_env.observation_layout(None)
+        observation_layout(None)
     with pytest.raises(ValueError, match="lanes is array"):
         Kind(lanes=np.array([]))
