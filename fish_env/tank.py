@@ -17,9 +17,9 @@ from fish_env.muscles import command_all
 from fish_env.tank_options import (
     available_processors,
     bytes_of,
-    check_counts,
     check_scene,
     checked_command,
+    checked_count,
     checked_state,
     checked_steps,
     checked_variation,
@@ -64,11 +64,11 @@ class Tank(Conditioned, Generic[Elastic]):
                  lanes: str | int | None = None, refine: float | None = None):  # fmt: skip
         self.fish, self.world = fish, VACUUM if water is None else water
         self.integrator, self.dt, self.refine = method_for(fish, integrator, dt, refine)
-        check_counts(num_fish=num_fish, threads=1 if threads is None else threads)
+        self.num_fish = checked_count(num_fish, "num_fish")
+        self.threads = available_processors() if threads is None else checked_count(threads, "threads")
         check_scene(fish, water, self.integrator)
-        fits_memory(num_fish, bytes_of(fish.body), "num_fish")
+        fits_memory(self.num_fish, bytes_of(fish.body), "num_fish")
         self._own, self._conditions = fish.body, no_conditions(fish.body, self.world)
-        self.num_fish, self.threads = int(num_fish), threads or available_processors()
         body, b = fish.body, self.num_fish
         self.kind = kind_for(b, dtype, lanes)
         """How many fish the kernels work on at once, and in which precision."""

@@ -49,11 +49,11 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
     return INTEGRATORS[integrator], real(dt), real(refine)
 
 
-def check_counts(**counts) -> None:
-    """Raise ValueError unless every one is a whole number, at least 1."""
-    for name, value in counts.items():
-        if not (is_whole(value) and value >= 1):
-            raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
+def checked_count(value, name: str) -> int:
+    """`value` as an int, whose products do not overflow as those of numpy's may; ValueError unless it is at least 1."""
+    if not (is_whole(value) and value >= 1):
+        raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
+    return int(value)
 
 
 def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator) -> None:

@@ -381,3 +381,12 @@ def test_no_text_and_no_lanes():
         observation_layout(None)
     with pytest.raises(ValueError, match="lanes is array"):
         Kind(lanes=np.array([]))
+
+
+def test_small_whole_numbers():
+    """Counts of a type of numpy's that cannot hold what follows from them make the same tank and batch."""
+    tank = Tank(FISH, num_fish=np.int8(2), threads=np.int8(1))
+    assert (type(tank.num_fish), type(tank.threads)) == (int, int) and len(tank.position) == 2
+    env = FishVectorEnv(np.int8(2))
+    assert type(env.num_envs) is int and env.reset(seed=0)[0].shape[0] == 2
+    env.close()

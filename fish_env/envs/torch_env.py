@@ -15,7 +15,7 @@ from fish_env.envs.launch import SIGNATURE, launch_for, threads_pack
 from fish_env.gpu.compiling import exactly
 from fish_env.gpu.memory import Upload, arrays_of, bytes_needed, fish_axes, memory_of
 from fish_env.simd.types import WARP
-from fish_env.tank_options import check_counts
+from fish_env.tank_options import checked_count
 
 BLOCK = 2  # warps that start together
 RESIDENT = 8  # warps on a multiprocessor at a time: so many have registers
@@ -41,12 +41,12 @@ class FishTorchEnv:
 
     def __init__(self, num_envs: int = 256, device: str | torch.device = "cuda", starts: int | None = None, **options):
         self.device = checked_device(device)
-        check_counts(num_envs=num_envs, starts=1 if starts is None else starts)
+        self.num_envs = checked_count(num_envs, "num_envs")
+        starts = min(self.num_envs, 1024) if starts is None else checked_count(starts, "starts")
         refused = sorted({"threads", "lanes"} & set(options))
         if refused:
             raise ValueError(f"{refused[0]} is for the processor; on a GPU every fish has a thread of its own")
-        self.num_envs = int(num_envs)
-        self._episodes = Episodes(min(self.num_envs, 1024) if starts is None else int(starts), threads=1, **options)
+        self._episodes = Episodes(starts, threads=1, **options)
         self._axes = fish_axes(*(threads_pack(Episodes(count, threads=1, **options)) for count in (1, 2)))
         self.single_observation_space = self._episodes.single_observation_space
         self.single_action_space = self._episodes.single_action_space
