@@ -9,6 +9,8 @@ from fish_env.lab.bench import Bench
 from fish_env.lab.session import Session
 
 MOST = 8  # sessions at once: each takes a thread
+SHADE, BRIGHTNESS = (110, 110, 120), 3.5  # of the light from below, and of that from above
+UPRIGHT = (0.5**0.5, 0.5**0.5, 0.0, 0.0)  # turns the direction of y to that of z
 
 
 class PrivateServer(viser.ViserServer):
@@ -53,8 +55,19 @@ class Laboratory:
         check_address(host)
         self.server = PrivateServer(host=host, port=port, label="fish_env laboratory", verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        self._light()
         self.server.on_client_connect(self._enter)
         self.server.on_client_disconnect(self._leave)
+
+    def _light(self) -> None:
+        """Light from above and below, for what the lamps do not reach.
+
+        The environment that the page is lit by otherwise is computed when the page opens, for seconds without a
+        graphics card.
+        """
+        self.server.scene.configure_environment_map(hdri=None)
+        # its sky is in the direction of y: turn that up
+        self.server.scene.add_light_hemisphere("/light", ground_color=SHADE, intensity=BRIGHTNESS, wxyz=UPRIGHT)
 
     @property
     def port(self) -> int:
