@@ -9,7 +9,10 @@ import platform
 import subprocess
 from datetime import date
 from importlib.metadata import version
+from io import StringIO
 from pathlib import Path
+
+from fish_env.control.files import write_text
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -46,15 +49,19 @@ def provenance(command: str) -> dict[str, str]:
 
 
 def write_csv(name: str, rows: list[dict], command: str) -> Path:
-    """Write rows to benchmarks/results/name, preceded by the provenance as comment lines; returns the path."""
+    """Write rows to benchmarks/results/name, preceded by the provenance as comment lines; returns the path.
+
+    A table that is there already is replaced as a whole, or stays if anything fails.
+    """
+    text = StringIO()
+    for key, value in provenance(command).items():
+        text.write(f"# {key}: {value}\n")
+    writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
     path = RESULTS / name
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        for key, value in provenance(command).items():
-            file.write(f"# {key}: {value}\n")
-        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_text(path, text.getvalue())
     return path
 
 

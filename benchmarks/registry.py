@@ -295,7 +295,8 @@ OBJECTS = (
     ),
     Result(
         "objects.impact", "Song's methods through impact and drag, what their steps cost, the forces of spheres",
-        "-m benchmarks.objects.impact", 4, csv("song_impact", "song_costs", "song_forces", "song_impact.svg"),
+        "-m benchmarks.objects.impact", 15,
+        csv("song_impact", "song_costs", "song_forces", "song_impact.svg", "song_forces.svg"),
         ("benchmarks.objects.impact:passages", "benchmarks.objects.impact:costs",
          "benchmarks.objects.impact:force_errors"), data=(),
     ),

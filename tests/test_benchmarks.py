@@ -8,6 +8,7 @@ from importlib import import_module
 
 import pytest
 
+from agents import records
 from benchmarks import __main__ as entry
 from benchmarks.definitions import Code
 from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Repository
@@ -281,3 +282,17 @@ def test_the_list_of_this_project(capsys):
     assert entry.main([]) == 0
     out = capsys.readouterr().out
     assert all(each.name in out for each in REGISTRY.values())
+
+
+def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
+    """A table that cannot be written leaves the one that was there: rows that differ, or no provenance."""
+    monkeypatch.setattr(records, "RESULTS", tmp_path)
+    path = records.write_csv("some.csv", [{"a": 1, "b": 2.5}], "python -m some")
+    before = path.read_bytes()
+    assert before.startswith(b"# command: python -m some\n") and before.endswith(b"\na,b\n1,2.5\n")
+    with pytest.raises(ValueError, match="fields not in fieldnames"):
+        records.write_csv("some.csv", [{"a": 1}, {"a": 1, "c": 2}], "python -m some")
+    monkeypatch.setattr(records, "provenance", lambda command: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        records.write_csv("some.csv", [{"a": 1}], "python -m some")
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]

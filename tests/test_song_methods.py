@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.objects.closed import SIZE, thrown
-from benchmarks.objects.impact import costs, force_error, icosphere, track
+from benchmarks.objects.impact import costs, force_error, icosphere, longest, track
 from benchmarks.objects.parameters import fall
 from fish_env import INTEGRATORS, Tank
 from fish_env.bodies.detail import LevelOfDetail, facet_gap, projected_size
@@ -62,8 +62,16 @@ def test_a_ball_in_a_closed_room(name):
 
 def test_song_methods_through_an_impact():
     """A step at which RK4 brings the ring through a fall ends it with explicit Euler."""
-    assert not track("dropped", "rk4", 8)["failure"]
-    assert track("dropped", "explicit_euler", 8)["failure"]
+    assert not track("ring", "dropped", "rk4", 8)["failure"]
+    assert track("ring", "dropped", "explicit_euler", 8)["failure"]
+
+
+def test_longest_step():
+    """The longest step that survives with all shorter ones; 0 where the shortest fails."""
+    cases = {"rk4": [(4.0, True), (2.0, False), (1.0, True), (0.5, True)], "midpoint": [(1.0, False), (2.0, True)]}
+    rows = [{"object": "ring", "scene": "dropped", "integrator": name, "step_ms": step, "survives": survives}
+            for name, line in cases.items() for step, survives in line]  # fmt: skip
+    assert [longest(rows, "ring", "dropped", name) for name in cases] == [1.0, 0.0]
 
 
 def test_costs():

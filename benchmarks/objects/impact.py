@@ -1,27 +1,30 @@
 """Song's three methods through impact and drag, what a step of each costs, and the forces of spheres (ch. 3.5.3, 5.3).
 
-python -m benchmarks.objects.impact           the tables and the chart (about 4 min)
+python -m benchmarks.objects.impact           the tables and the charts (about 15 min)
 python -m benchmarks.objects.impact --costs   what a step costs, alone
-python -m benchmarks.objects.impact --draw    the chart again, from the tables
+python -m benchmarks.objects.impact --draw    the charts again, from the tables
 """
 
 import argparse
 import time
 from dataclasses import replace
+from itertools import product
 from statistics import median
 
 import numpy as np
+from tqdm import tqdm
 
-from benchmarks.common.charts import METHOD_STYLE, panels, save
+from benchmarks.common.charts import METHOD_STYLE, pyplot, save
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from benchmarks.objects.methods import METHODS, start
 from benchmarks.objects.scenes import FRAME, SCENES, outside, play
-from fish_env.bodies.objects import GRAVITY, OBJECTS, make_ring
+from fish_env.bodies.objects import GRAVITY, OBJECTS
 from fish_env.bodies.skins import Skin, evened, globe, octasphere, subdivided
 from fish_env.elements import make_compartments
 from fish_env.volume import volume_of
 
 COMMAND = "python -m benchmarks.objects.impact"
+SONG = ("string", "ring", "sphere", "uniform sphere")
 PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # steps of a sixtieth of a second
 FINER = (64, 96, 128)  # those of explicit Euler besides
 FINE = 128
@@ -30,9 +33,9 @@ SURVIVES = 0.01  # of the energy of the fall, by which that of a method that sur
 REPEATS = 101
 
 
-def track(scene: str, name: str, parts: int) -> dict:
+def track(kind: str, scene: str, name: str, parts: int) -> dict:
     """The mean position after each picture (K,3) m, the failure, the growth of energy over the fall, and escapes."""
-    thing = make_ring()
+    thing = OBJECTS[kind].make()
     height = -thing.water.planes[0, 3] - 0.5 * thing.length
     path, failure, lowest, growth, escapes = [], "", np.inf, 0.0, 0
     try:
@@ -45,21 +48,32 @@ def track(scene: str, name: str, parts: int) -> dict:
     except ArithmeticError as error:
         failure = str(error).split(": ", 1)[1]
     growth /= thing.body.mass.sum() * GRAVITY * height
-    return {"path": np.array(path), "failure": failure, "growth": growth, "escapes": escapes}
+    return {"path": np.array(path) / thing.length, "failure": failure, "growth": growth, "escapes": escapes}
 
 
-def passages(scene: str) -> list[dict]:
-    """Rows of every method and step through a scene of the ring: whether it survives, and how far its middle is off."""
-    exact, rows = track(scene, "rk4", FINE)["path"], []
+def passages(kind: str, scene: str) -> list[dict]:
+    """Rows of every method and step through a scene of an object: whether it survives, how far its middle is off."""
+    exact, rows = track(kind, scene, "rk4", FINE)["path"], []
     for name in METHODS:
         for parts in PARTS + FINER * (name == "explicit_euler"):
-            found = track(scene, name, parts)
+            found = track(kind, scene, name, parts)
             survives = not found["failure"] and found["growth"] < SURVIVES and not found["escapes"]
-            off = np.linalg.norm(found["path"] - exact, axis=1).max() / 0.2 if survives else np.inf
-            rows.append({"scene": scene, "integrator": name, "step_ms": 1e3 * FRAME / parts, "survives": survives,
-                         "error": off, "growth": found["growth"], "escapes": found["escapes"],
-                         "failure": found["failure"]})  # fmt: skip
+            off = np.linalg.norm(found["path"] - exact, axis=1).max() if survives else np.inf
+            rows.append({"object": kind, "scene": scene, "integrator": name, "step_ms": 1e3 * FRAME / parts,
+                         "survives": survives, "error": off, "growth": found["growth"],
+                         "escapes": found["escapes"], "failure": found["failure"]})  # fmt: skip
     return rows
+
+
+def longest(rows: list[dict], kind: str, scene: str, name: str) -> float:
+    """The longest step, ms, from which on a method survives with every shorter one; 0 if it does with none."""
+    line = [row for row in rows if (row["object"], row["scene"], row["integrator"]) == (kind, scene, name)]
+    step = 0.0
+    for row in sorted(line, key=lambda row: row["step_ms"]):
+        if str(row["survives"]) != "True":
+            break
+        step = row["step_ms"]
+    return step
 
 
 def costs(kind: str, steps=400) -> list[dict]:
@@ -117,51 +131,56 @@ def force_errors() -> list[dict]:
 
 
 def draw() -> None:
-    """Error of the middle of the ring through each scene, hollow marks where a method fails; forces of spheres."""
+    """Error of the middle of each object through each scene, hollow marks where a method fails; forces of spheres."""
     rows = read_table("song_impact.csv")
-    figure, axes = panels(4, (16, 4.4))
-    for panel, scene in zip(axes, SCENES, strict=False):
+    figure, axes = pyplot().subplots(len(SONG), len(SCENES), figsize=(11.5, 12.5), sharex=True, sharey=True,
+                                     layout="constrained")  # fmt: skip
+    for panel, (kind, scene) in zip(axes.flat, product(SONG, SCENES), strict=True):
         for name in METHODS:
             colour, marker = METHOD_STYLE[name]
-            line = [row for row in rows if row["scene"] == scene and row["integrator"] == name]
+            line = [row for row in rows if (row["object"], row["scene"], row["integrator"]) == (kind, scene, name)]
             good = [row for row in line if np.isfinite(row["error"])]
             bad = [row["step_ms"] for row in line if not np.isfinite(row["error"])]
             panel.loglog([row["step_ms"] for row in good], [row["error"] for row in good], color=colour, marker=marker,
                          markersize=4.5, linewidth=1.1, label=name)  # fmt: skip
-            panel.plot(
-                bad,
-                [3.0 * 1.35 ** METHODS.index(name)] * len(bad),
-                linestyle="",
-                marker=marker,
-                color=colour,
-                fillstyle="none",
-            )
-        panel.set(title=f"ring, {scene}", xlabel="step, ms")
-    axes[0].set_ylabel("error of the middle, lengths (hollow: fails)")
-    axes[0].legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 0.75))
+            panel.plot(bad, [3.0 * 1.8 ** METHODS.index(name)] * len(bad), linestyle="", marker=marker, color=colour,
+                       markersize=4.5, fillstyle="none")  # fmt: skip
+        panel.set_title(f"{kind}, {scene}")
+        panel.grid(alpha=0.2)
+    for panel in axes[-1]:
+        panel.set_xlabel("step, ms")
+    for panel in axes[:, 0]:
+        panel.set_ylabel("error of the middle, lengths\n(hollow: fails)")
+    axes[0, 0].legend(frameon=False, fontsize=8)
+    save(figure, RESULTS / "song_impact.svg")
     forces = read_table("song_forces.csv")
+    figure, panel = pyplot().subplots(figsize=(6.0, 4.2), layout="constrained")
     for kind, marker in zip(dict.fromkeys(row["kind"] for row in forces), "osvD", strict=True):
         line = [row for row in forces if row["kind"] == kind]
-        axes[3].loglog([row["springs"] for row in line], [row["rms"] for row in line], marker=marker, label=kind)
-    axes[3].set(title="forces of a swollen sphere", xlabel="springs of the skin", ylabel="error, root mean square")
-    axes[3].legend(frameon=False, fontsize=8)
-    save(figure, RESULTS / "song_impact.svg")
+        panel.loglog([row["springs"] for row in line], [row["rms"] for row in line], marker=marker, label=kind)
+    panel.set(title="forces of a swollen sphere", xlabel="springs of the skin", ylabel="error, root mean square")
+    panel.grid(alpha=0.2)
+    panel.legend(frameon=False, fontsize=8)
+    save(figure, RESULTS / "song_forces.svg")
 
 
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draw", action="store_true", help="the chart again, from the tables")
+    parser.add_argument("--draw", action="store_true", help="the charts again, from the tables")
     parser.add_argument("--costs", action="store_true", help="what a step costs, alone")
     chosen = parser.parse_args()
     if chosen.costs or not chosen.draw:
-        rows = [row for kind in ("string", "ring", "sphere", "uniform sphere") for row in costs(kind)]
-        write_csv("song_costs.csv", rows, COMMAND)
+        write_csv("song_costs.csv", [row for kind in SONG for row in costs(kind)], COMMAND)
     if not (chosen.costs or chosen.draw):
         write_csv("song_forces.csv", force_errors(), COMMAND)
-        write_csv("song_impact.csv", [row for scene in SCENES for row in passages(scene)], COMMAND)
+        rows = [row for kind, scene in tqdm(list(product(SONG, SCENES))) for row in passages(kind, scene)]
+        write_csv("song_impact.csv", rows, COMMAND)
     draw()
-    print(f"written to {RESULTS}/song_impact.csv, song_costs.csv, song_forces.csv and the chart beside them")
+    rows = read_table("song_impact.csv")
+    for kind, scene in product(SONG, SCENES):
+        print(f"{kind}, {scene}:", ", ".join(f"{name} {longest(rows, kind, scene, name):.2g} ms" for name in METHODS))
+    print(f"written to {RESULTS}: song_impact.csv, song_costs.csv, song_forces.csv, and the charts beside them")
 
 
 if __name__ == "__main__":
