@@ -230,22 +230,25 @@ def test_every_view_is_shown_and_hidden(visitor, view):
             looks.append(visitor.page.screenshot(clip={"x": 0, "y": 185, "width": 400, "height": 245}))
         return looks[-1]
 
-    box, shown = visitor.page.get_by_label(view, exact=True), drawing.shown[view]
+    box = visitor.page.get_by_label(view, exact=True)
 
     def other_picture():
         """Click on the box, and wait for another picture."""
-        before = picture()
+        before, was = picture(), drawing.shown[view]
         box.click()
         until(lambda: picture() != before)
+        assert drawing.shown[view] != was
+        return picture()
 
-    other_picture()
-    other_picture()  # what came late has been drawn by now
-    before = picture()
-    other_picture()
-    assert drawing.shown[view] != shown
-    box.click()
-    until(lambda: picture() == before)
-    assert drawing.shown[view] == shown and visitor.errors == []
+    looks = [other_picture() for _ in range(3)]
+
+    def alternate():
+        """Whether the last four pictures are two by turns: earlier ones may show what a busy machine drew late."""
+        looks.append(other_picture())
+        return looks[-1] == looks[-3] and looks[-2] == looks[-4] and looks[-1] != looks[-2]
+
+    until(alternate)
+    assert visitor.errors == []
 
 
 def test_arrow_keys_turn_the_fish_by_the_commanded_angle(visitor):
