@@ -263,6 +263,11 @@ FIDELITY = (
         one_core=True,
     ),
     Result(
+        "bodies.convergence", "what the finest body lacks: levels 1 to 3 against level 4, in a scene of every task",
+        "-m benchmarks.bodies.convergence", 30, csv("convergence"), ("benchmarks.bodies.convergence:run",),
+        data=(FINEST, DEFAULT, MOTOR),
+    ),
+    Result(
         "bodies.inertia", "mass, centre and moments of inertia of every body beside those of the outline's continuum",
         "-m benchmarks.bodies.inertia", 0.1, csv("inertia"), ("benchmarks.bodies.inertia:measure",), data=(BODIES,),
     ),

@@ -10,6 +10,8 @@ import pytest
 
 from agents import records
 from benchmarks import __main__ as entry
+from benchmarks.bodies import convergence
+from benchmarks.common import motion
 from benchmarks.definitions import Code
 from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Repository
 from benchmarks.registry import REGISTRY, RESULTS, Result
@@ -296,3 +298,13 @@ def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         records.write_csv("some.csv", [{"a": 1}], "python -m some")
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
+def test_convergence_of_tetrahedra(monkeypatch):
+    """Distances to the finest level, and to the next finer one, which for level 2 of 3 are the same."""
+    monkeypatch.setattr(motion, "SECONDS", 1.2)
+    rows = convergence.run(1, tasks=("swim",), levels=(3, 2, 1))
+    asked = {(row["level"], row["against"]) for row in rows}
+    assert asked == {(2, 3), (1, 3), (1, 2)} and {row["failed"] for row in rows} == {0}
+    off = {row["level"]: float(row["error"]) for row in rows if (row["quantity"], row["against"]) == ("all", 3)}
+    assert 0.0 < off[2] < 0.05 < off[1] < 1.0
