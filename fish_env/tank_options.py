@@ -100,7 +100,8 @@ def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.n
         raise ValueError(f"duration is {duration!r}; give a positive number of seconds, at least {SHORTEST:g}")
     found = finite_array(contraction, shape, "contraction")  # of one layout: another would be compiled for
     if found.size and not 0.0 <= found.min() <= found.max() <= 1.0:
-        raise ValueError(f"contraction is from {found.min():g} to {found.max():g}; give numbers from 0 to 1")
+        low, high = (repr(float(x)).removesuffix(".0") for x in (found.min(), found.max()))  # also 1.0000000000000002
+        raise ValueError(f"contraction is from {low} to {high}; give numbers from 0 to 1")
     return found, real(duration)
 
 

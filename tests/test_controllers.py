@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.calibration import motor_controllers
 from fish_env.control import Habits, evaluate, load_tables, make_eval_env, random_actions, scripted
 from fish_env.control.motor import MOTOR_FILE, Swim, Table, Turn, scaled_turns, turn_mc
 
@@ -128,3 +129,11 @@ def test_random_actions_are_seeded():
     assert first.shape == (4, 12) and np.abs(first).max() <= 1 and (one(None, 0.02) != first).all()
     np.testing.assert_array_equal(same(None, 0.0), first)
     assert (other(None, 0.0) != first).all()
+
+
+def test_strokes_of_full_amplitude_swim():
+    """The search of the swimming table tries strokes whose contraction is 1 and a rounding error."""
+    r1, f, r2 = 0.9981 * (1.0 + 2**-52), 2.5, 0.7131
+    stroke = np.array([[0.0, r1, f, r2, f]])
+    speed, effort = motor_controllers.steady(motor_controllers.gait_tables(), stroke, seconds=1.0, measured=0.5)
+    assert 0.5 < speed[0] < 3.0 and 0.0 < effort[0] <= 1.0

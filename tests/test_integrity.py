@@ -110,6 +110,7 @@ def test_anchors_that_do_not_fit_are_refused(change):
         (np.zeros(12), 0.02, r"has shape \(12,\)"),
         (np.full((2, 12), np.nan), 0.02, "contraction is nan"),
         (np.full((2, 12), 1.5), 0.02, "contraction is from 1.5 to 1.5; give numbers from 0 to 1"),
+        (np.full((2, 12), 1.0 + 2**-52), 0.02, "contraction is from 1.0000000000000002 to 1.0000000000000002; give"),
         (np.zeros((2, 12)), -1.0, "duration is -1.0; give a positive"),
         (np.zeros((2, 12)), np.nan, "duration is nan; give a positive"),
     ],

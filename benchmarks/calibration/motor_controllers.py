@@ -185,7 +185,7 @@ def steady(tables, swims, seconds=6.0, measured=2.0):
     last = round(measured / fish.control_interval)
     for k in tqdm(range(count), desc="swims"):
         beats = (k + 1) * fish.control_interval * swims[:, (2, 4)]
-        tank.drive(spread(fish, swim_mc(tables, swims, beats)), steps)
+        tank.drive(np.clip(spread(fish, swim_mc(tables, swims, beats)), 0.0, 1.0), steps)
         if k == count - last - 1:
             before = mass @ tank.position
         effort += tank.effort * (k >= count - last)
