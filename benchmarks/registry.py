@@ -306,6 +306,10 @@ OBJECTS = (
          "benchmarks.objects.impact:force_errors"), data=(),
     ),
     Result(
+        "objects.detail", "what a level of detail of the uniform sphere costs, and from which distance on it is enough",
+        "-m benchmarks.objects.detail", 0.2, csv("song_detail"), ("benchmarks.objects.detail:costs",), data=(),
+    ),
+    Result(
         "objects.parameters", "what each parameter of the ring does to a fall on the floor",
         "-m benchmarks.objects.parameters", 0.5, csv("song_parameters", "song_parameters.svg"),
         ("benchmarks.objects.parameters:fall",), data=(),

@@ -68,9 +68,9 @@ def test_densities(layers):
     octahedron = make_uniform_sphere(0, correction=False, layers=layers, density=2.0, stiffness=1e3)
     np.testing.assert_allclose(octahedron.body.mass[octahedron.outer], 2.0 * 8 * np.sqrt(3) / 2 * 0.01 / 6, rtol=1e-13)
     globe = make_sphere(8, 6, layers=layers, density=2.0).body.mass[:42]
-    finer = make_sphere(48, 32, layers=1, density=2.0, stiffness=1e4).body.mass.sum()
+    finer = make_sphere(24, 16, layers=1, density=2.0, stiffness=1e4).body.mass.sum()
     assert globe[0] < 0.7 * globe[17] and globe[0] == pytest.approx(globe[-1])  # the nodes at the poles have less
-    assert finer == pytest.approx(2.0 * 4 * np.pi * 0.01, rel=5e-3)
+    assert finer == pytest.approx(2.0 * 4 * np.pi * 0.01, rel=2e-2)
 
 
 def test_damping_of_each_kind():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.objects import detail
 from benchmarks.objects.closed import SIZE, thrown
 from benchmarks.objects.impact import costs, force_error, icosphere, longest, track
 from benchmarks.objects.parameters import fall
@@ -128,6 +129,16 @@ def test_level_of_detail_does_not_flicker():
     assert {chooser.choose(limit * part, 800.0) for part in (0.99, 1.01, 0.99, 1.2, 0.99)} == {2}
     assert chooser.choose(limit * 1.26, 800.0) == 1 and chooser.level == 1
     assert chooser.choose(limit * 1.01, 800.0) == 1
+
+
+def test_what_a_level_of_detail_costs(monkeypatch):
+    """Each level is taken from its own distance on, where its gap covers a pixel; finer ones cost more."""
+    monkeypatch.setattr(detail, "SECONDS", 0.01)
+    rows = detail.costs((0, 1))
+    assert [row["nodes"] for row in rows] == [12, 36] and all(row["alive"] for row in rows)
+    for row in rows:
+        gap = facet_gap(row["level"]) * detail.RADIUS
+        assert float(row["from_m"]) == pytest.approx(gap * detail.FOCAL, rel=2e-4)
 
 
 @pytest.mark.parametrize(
