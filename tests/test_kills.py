@@ -37,9 +37,10 @@ def test_a_run_that_is_killed(tmp_path, interval):
     """Killed at random times and resumed: no file is broken, little is lost, and the run ends as any other."""
     from benchmarks.learning import kills
 
-    run = kills.Killed(tmp_path / "run", seed=0, timesteps=150_000, kills=8, interval=interval)
-    assert run.done == 8 and run.bad == [] and run.finished and run.too_much == 0
-    assert kills.trained(tmp_path / "run") >= 150_000 and kills.score(tmp_path / "run") > 0.5
+    run = kills.Killed(tmp_path / "run", seed=0, timesteps=400_000, kills=8, interval=interval)
+    assert run.done == 8 and run.half_written >= 1 and run.before_first >= 1
+    assert run.bad == [] and run.finished and run.too_much == 0
+    assert kills.trained(tmp_path / "run") >= 400_000 and kills.score(tmp_path / "run") > 0.5
     assert json.loads((tmp_path / "run" / "config.json").read_text())["resumed"] >= 1
 
 
@@ -65,11 +66,13 @@ def test_what_a_kill_leaves_is_looked_at(tmp_path):
     run.done = run.half_written = run.before_first = run.too_much = 0
     for path in tmp_path.iterdir():
         path.unlink()
+    begun = time.time_ns() - 10**9
     (tmp_path / ".model.partial.zip").touch()
+    assert kills.half_written(tmp_path, begun) and not kills.half_written(tmp_path, begun + 10**11)
     process = os.fork()
     if not process:
         signal.pause()
-    run.kill(process, 0.2, memory)
+    run.kill(process, 0.2, memory, begun)
     assert (run.done, run.half_written, run.before_first, run.bad) == (1, 1, 1, [])
     assert run.lost >= 0.2 and run.too_much == 0  # the last update was the slowest
 

@@ -3,11 +3,12 @@
     python -m benchmarks.learning.kills                     results/kills.csv; exit 1 if anything was broken
     python -m benchmarks.learning.kills --kills 5 --seeds 1 --timesteps 100000      a trial: nothing is written
 
-A run of Swim is begun, killed by SIGKILL at a random time of its start or of its training and resumed, until it has had
-so many kills; then it is left to finish. Checkpoints are not 30 s apart but one of INTERVALS, 0 for one an update, so
-that kills fall into the writing of them. After each kill every file of the run is read, and the environment steps of
-the model are compared with those at the kill. The policy that results is evaluated beside that of a run with the same
-seed that nothing disturbed.
+A run of Swim is begun, killed by SIGKILL and resumed, until it has had so many kills; then it is left to finish. The
+first kill comes before the first checkpoint; of the others, one in EARLY comes at a random time of the start, a third
+of the rest while a file is being written, and the others at a random time of the training. Checkpoints are not 30 s
+apart but one of INTERVALS, 0 for one an update. After each kill every file of the run is read, and the environment
+steps of the model are compared with those at the kill. The policy that results is evaluated beside that of a run with
+the same seed that nothing disturbed.
 """
 
 import os
@@ -16,6 +17,7 @@ import sys
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch are loaded
 
 import argparse
+import contextlib
 import json
 import mmap
 import signal
@@ -42,7 +44,9 @@ KILLS, SEEDS, TIMESTEPS = 50, 1, 2_000_000  # the training of Swim as it is
 INTERVALS = (0.0, 0.5)  # s between checkpoints
 UPDATES = 4  # after fewer than so many a run is killed
 EARLY = 8  # one in so many is killed while it starts
+WRITING = 3  # of the others, one in so many is killed while it writes a file
 LATEST = 1.0  # s after that, at most
+AT_ONCE = 0.05  # s after its beginning, at most, the first kill comes
 RECORD = struct.Struct("qd")  # environment steps, and when they were reached
 ROOM = 100_000  # records of one process
 
@@ -124,6 +128,22 @@ def ends_first(process: int, updates: int, memory: mmap.mmap) -> bool:
     return False
 
 
+def half_written(folder: Path, since: int = 0) -> bool:
+    """Whether a file is being written in a folder, or was left half written, since a time, ns."""
+    with contextlib.suppress(FileNotFoundError):  # it was finished while we looked
+        return any(path.stat().st_mtime_ns > since for path in folder.glob(".*partial*"))
+    return False
+
+
+def ends_before_writing(process: int, folder: Path) -> bool:
+    """Wait until the process writes a file; whether it has ended before."""
+    since = time.time_ns()
+    while not half_written(folder, since):
+        if os.waitpid(process, os.WNOHANG)[0]:
+            return True
+    return False
+
+
 class Killed:
     """A run that is killed `kills` times, and then ends by itself; what was found is in the attributes."""
 
@@ -137,22 +157,33 @@ class Killed:
         tqdm.set_lock(RLock())  # its own is shared with forked processes, and one that is killed may hold it
         with tqdm(total=kills, desc=f"seed {seed}", unit="kill") as bar:
             while self.done < kills and trained(folder) < timesteps:
+                begun = time.time_ns()
                 process = start(folder, seed, timesteps, memory, interval)
-                if generator.integers(EARLY) and ends_first(process, generator.integers(UPDATES), memory):
-                    break
-                self.kill(process, generator.uniform(0.0, LATEST), memory)
+                if not self.done:
+                    after = generator.uniform(0.0, AT_ONCE)
+                elif not generator.integers(EARLY):
+                    after = generator.uniform(0.0, LATEST)
+                elif not generator.integers(WRITING):
+                    after = 0.0
+                    if ends_before_writing(process, folder):
+                        break
+                else:
+                    after = generator.uniform(0.0, LATEST)
+                    if ends_first(process, generator.integers(UPDATES), memory):
+                        break
+                self.kill(process, after, memory, begun)
                 bar.update(1)
         _, status = os.waitpid(start(folder, seed, timesteps, memory, interval), 0)
         self.finished = os.waitstatus_to_exitcode(status) == 0 and not broken_files(folder)
 
-    def kill(self, process: int, after: float, memory: mmap.mmap) -> None:
-        """End the process after so many seconds, and look at what it leaves."""
+    def kill(self, process: int, after: float, memory: mmap.mmap, begun: int) -> None:
+        """End the process, begun at a time in ns, after so many seconds, and look at what it leaves."""
         time.sleep(after)
         os.kill(process, signal.SIGKILL)
         ended = time.monotonic()
         os.waitpid(process, 0)
         self.done += 1
-        self.half_written += bool(list(self.folder.glob(".*partial*")))
+        self.half_written += half_written(self.folder, begun)
         self.bad += broken_files(self.folder)
         saved, reached = trained(self.folder), Diary.read(memory)
         self.before_first += not saved
