@@ -32,7 +32,7 @@ TESTS = {
     ),
     "fish_env/forces": (
         "not (system_is_the_symmetric_part or assembled_matrices or semi_definite)",
-        ["test_forces.py", "test_polar.py", "test_gas_and_barriers.py", "test_elements.py"],
+        ["test_forces.py", "test_polar.py", "test_gas_and_barriers.py", "test_elements.py", "test_surroundings.py"],
     ),
     "fish_env/tasks": (
         "start_pose or starts_differ or commanded_when or reversal or severity_widens or alignment or impossible",

@@ -10,7 +10,7 @@ from kernels import Block, energy, force
 from naive.surroundings import borne
 from small_bodies import ALL, close
 
-from fish_env import Tank, forces
+from fish_env import Tank, forces, make_fish
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import fix, make_body
 from fish_env.forces.evaluate import Evaluator
@@ -109,3 +109,19 @@ def test_slow_and_deep_contact(name):
     assert -h * h * g * 1.001 < slow <= 0.0
     assert -h * np.sqrt(2.0 * g * 1e-3) < dropped <= 0.0
     assert deep == pytest.approx(-0.01, abs=2e-3) and np.abs(tank.velocity).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["semi_implicit", "linearly_implicit", "rosenbrock", "leapfrog_chebyshev"])
+def test_anchors_of_a_heavier_body(name):
+    """A body twice as heavy and as stiff, held by anchors twice as stiff and damped, has the same motion."""
+    fish, found = make_fish(), []
+    point = fish.body.position[[2, 9]] + [[0.01, 0.02, 0.0], [0.0, -0.02, 0.01]]
+    for factor in (1.0, 2.0):
+        hold = make_anchors([2, 9], point, 4.0 * factor, 0.05 * factor, [0.0, 0.01], [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0]])
+        tank = Tank(fish, integrator=name, dt=5e-4, water=VACUUM._replace(anchors=hold), threads=1)
+        tank.vary(0, stiffness=factor, mass=factor)
+        tank.advance(100)
+        assert tank.alive[0]
+        found.append(np.stack([tank.position[0], tank.velocity[0]]))
+    np.testing.assert_array_equal(*found)
+    assert np.abs(found[0][0] - fish.body.position).max() > 1e-3
