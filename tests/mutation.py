@@ -5,7 +5,8 @@
 
 A mistake exchanges an operator or a comparison, changes a number, drops a minus or a `not`, or exchanges `and` and
 `or`. Texts, annotations and what is raised stay. Each runs in a forked process with NUMBA_DISABLE_JIT=1, so that no
-kernel is compiled. One that no test notices is printed.
+kernel is compiled, and meets the tests that are fast enough there. One that these do not notice is made in a copy of
+the package, which is compiled, and meets whole files of tests (a minute or two). One that no test notices is printed.
 """
 
 import argparse
@@ -15,7 +16,10 @@ import importlib.util
 import io
 import os
 import random
+import shutil
+import subprocess
 import sys
+import tempfile
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -40,6 +44,14 @@ TESTS = {
     ),
 }
 """The tests that are asked: what selects them, since some take too long without the compiler, and their files."""
+COMPILED = {
+    "fish_env/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs", "counters", "failing_methods",
+                             "every_method", "topology", "tank"),
+    "fish_env/forces": ("forces", "surroundings", "elements", "gas_and_barriers", "own_force", "conditions", "lanes",
+                        "four_bodies", "constant_matrix", "method_kinds"),
+    "fish_env/tasks": ("tasks", "layout", "envs", "controllers", "control"),
+}  # fmt: skip
+"""The files of tests that a compiled copy of the package with a mistake meets."""
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult,
              ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult}  # fmt: skip
 COMPARISONS = {ast.Lt: ast.GtE, ast.LtE: ast.Lt, ast.Gt: ast.LtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -197,6 +209,27 @@ def noticed(path: Path, number: int | None) -> bool:
     return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) != 0
 
 
+def noticed_compiled(path: Path, number: int) -> bool:
+    """Whether a test notices a mistake in a copy of the package, with the compiler."""
+    maker = Mistakes(number)
+    tree = ast.fix_missing_locations(maker.visit(ast.parse(path.read_text())))
+    room = next(room for room in ROOMS if (ROOT / room) in path.parents)
+    with tempfile.TemporaryDirectory() as place:
+        copy = Path(place)
+        for name in ("fish_env", "agents", "benchmarks", "tests", "docs", "examples"):
+            shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+        for name in ("pyproject.toml", "train.py", "README.md"):
+            shutil.copy(ROOT / name, copy / name)
+        (copy / path.relative_to(ROOT)).write_text(ast.unparse(tree))
+        own = {"PYTHONPATH": f"{copy}{os.pathsep}{copy / 'tests'}", "FISH_ENV_CACHE": str(copy / "kernels")}
+        kept = {
+            key: value for key, value in os.environ.items() if key not in ("NUMBA_DISABLE_JIT", "FISH_ENV_TEST_SECONDS")
+        }
+        files = [f"tests/test_{name}.py" for name in COMPILED[room]]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "--tb=no", "-p", "no:cacheprovider", *files]
+        return bool(subprocess.run(command, cwd=copy, env=kept | own, capture_output=True, check=False).returncode)
+
+
 def main() -> int:
     """The command line; the number of mistakes that no test has noticed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -217,17 +250,23 @@ def main() -> int:
     found = [(path, number) for path in files for number in range(places(path))]
     if not chosen.files:
         found = random.Random(chosen.seed).sample(found, min(chosen.count, len(found)))
-    begun, tried, missed = time.monotonic(), 0, 0
+    begun, tried, late, missed = time.monotonic(), 0, 0, 0
     for path, number in found:
         if time.monotonic() - begun > 60 * chosen.minutes:
             break
         tried += 1
-        if not noticed(path, number):
+        if noticed(path, number):
+            continue
+        if noticed_compiled(path, number):
+            late += 1
+        else:
             missed += 1
             maker = Mistakes(number)
             maker.visit(ast.parse(path.read_text()))
             print(f"{path.relative_to(ROOT)}, {maker.what}", flush=True)
-    print(f"{tried} mistakes of {len(found)} drawn, {tried - missed} noticed, {missed} not")
+    print(
+        f"{tried} mistakes of {len(found)} drawn, {tried - missed} noticed, {late} of them compiled only, {missed} not"
+    )
     return missed
 
 
