@@ -45,8 +45,8 @@ TESTS = {
 }
 """The tests that are asked: what selects them, since some take too long without the compiler, and their files."""
 COMPILED = {
-    "fish_env/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs", "counters", "failing_methods",
-                             "every_method", "topology", "tank"),
+    "fish_env/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs", "counters",
+                             "failing_methods", "every_method", "topology", "tank"),
     "fish_env/forces": ("forces", "surroundings", "elements", "gas_and_barriers", "own_force", "conditions", "lanes",
                         "four_bodies", "constant_matrix", "method_kinds"),
     "fish_env/tasks": ("tasks", "layout", "envs", "controllers", "control"),
