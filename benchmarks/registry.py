@@ -310,6 +310,10 @@ OBJECTS = (
         "-m benchmarks.objects.detail", 0.2, csv("song_detail"), ("benchmarks.objects.detail:costs",), data=(),
     ),
     Result(
+        "objects.hand", "a drag spring that has the hand's velocity, beside one whose hand jumps",
+        "-m benchmarks.objects.hand", 0.3, csv("song_hand"), ("benchmarks.objects.hand:compare",), data=(),
+    ),
+    Result(
         "objects.parameters", "what each parameter of the ring does to a fall on the floor",
         "-m benchmarks.objects.parameters", 0.5, csv("song_parameters", "song_parameters.svg"),
         ("benchmarks.objects.parameters:fall",), data=(),

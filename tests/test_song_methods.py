@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.objects import detail
 from benchmarks.objects.closed import SIZE, thrown
+from benchmarks.objects.hand import dragged
 from benchmarks.objects.impact import costs, force_error, icosphere, longest, track
 from benchmarks.objects.parameters import fall
 from fish_env import INTEGRATORS, Tank
@@ -65,6 +66,15 @@ def test_song_methods_through_an_impact():
     """A step at which RK4 brings the ring through a fall ends it with explicit Euler."""
     assert not track("ring", "dropped", "rk4", 8)["failure"]
     assert track("ring", "dropped", "explicit_euler", 8)["failure"]
+
+
+def test_a_hand_that_jumps_does_not_converge():
+    """A hand of evenly spaced events that has its velocity errs by a tenth when told four times as often."""
+    exact = dragged("ring", None, True, 1 / 1920)
+    off = {(rate, moves): np.linalg.norm(dragged("ring", rate, moves, 1 / 1920) - exact, axis=2).max() / 0.2
+           for rate in (20, 80) for moves in (True, False)}  # fmt: skip
+    assert off[80, True] < 0.15 * off[20, True] < 0.03
+    assert min(off[20, False], off[80, False]) > 0.5
 
 
 def test_longest_step():
