@@ -1,12 +1,17 @@
-"""What happens beside the learning: a progress bar, the learning curve, and a checkpoint to resume from."""
+"""What happens beside the learning: a progress bar, the learning curve, and a checkpoint to resume from.
+
+None of what is written meanwhile is worth the training: what a full disk does not take is reported, and left out.
+"""
 
 import os
+import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import KVWriter
 from tqdm import tqdm
 
 from fish_env.control.files import replacing, write_text
@@ -35,7 +40,29 @@ class Progress(BaseCallback):
         self._bar.close()
 
 
-class LearningCurve(BaseCallback):
+class Writing(BaseCallback):
+    """A callback that writes a file. What is wrong with it is said once, until it could be written again."""
+
+    failed = False
+
+    @contextmanager
+    def going_on(self, path: Path):
+        """A context in which a file that cannot be written is reported, and does not end the training."""
+        try:
+            yield
+            self.failed = False
+        except OSError as error:
+            if not self.failed:
+                say_unwritten(path, error, "it is tried again")
+            self.failed = True
+
+
+def say_unwritten(path: Path, error: OSError, rest: str) -> None:
+    """One line beside the progress bar: what could not be written, why, and what is done about it."""
+    tqdm.write(f"Warning: {path} could not be written ({error.strerror or error}); the training goes on, and {rest}.")
+
+
+class LearningCurve(Writing):
     """Appends (timesteps, seconds, episodes, score, return) of the episodes ended since the last row to a CSV file.
 
     All their metrics go to TensorBoard. Rows that cannot be written, on a full disk for example, are written later.
@@ -83,12 +110,12 @@ class LearningCurve(BaseCallback):
         score = np.mean([info[self.score] for info in self._infos])
         self._rows += f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}\n"
         self._infos = []
-        with going_on(self.path):
+        with self.going_on(self.path):
             write_text(self.path, self.path.read_text() + self._rows)
             self._rows = ""
 
 
-class Checkpoint(BaseCallback):
+class Checkpoint(Writing):
     """Saves the model every so many seconds, replacing the last one only when the new one is complete.
 
     Training goes on if that fails, on a full disk for example, and the next one is tried as long after it.
@@ -110,7 +137,7 @@ class Checkpoint(BaseCallback):
     def _on_rollout_start(self) -> None:
         self.trained_steps = self.num_timesteps
         if time.perf_counter() - self._last > self.seconds:
-            with going_on(self.path):
+            with self.going_on(self.path):
                 save_model(self.model, self.path)
             self._last = time.perf_counter()
 
@@ -134,13 +161,58 @@ class EndsWith(BaseCallback):
             raise KeyboardInterrupt
 
 
+class Events(KVWriter):
+    """What is logged, written as TensorBoard's events; after an event that the disk did not take, no more are.
+
+    Args:
+        inner: Stable-Baselines3's writer of events.
+        folder: where it writes them.
+    """
+
+    def __init__(self, inner: KVWriter, folder: Path):
+        self.inner, self.folder, self.failed = inner, folder, False
+
+    def write(self, key_values, key_excluded, step=0) -> None:
+        """As Stable-Baselines3's; an OSError is said, the first time, and not raised."""
+        if self.failed:
+            return
+        try:
+            self.inner.write(key_values, key_excluded, step)
+        except OSError as error:
+            self.failed = True
+            say_unwritten(self.folder, error, "TensorBoard will show nothing of the rest of it")
+
+    def close(self) -> None:
+        """End the writer, unless it has ended by an error."""
+        if not self.failed:
+            self.inner.close()
+
+
+class SurvivingEvents(BaseCallback):
+    """Puts `Events` around the logger's writers while the training lasts."""
+
+    def _on_training_start(self) -> None:
+        formats, folder = self.logger.output_formats, Path(self.logger.dir or "")
+        self.logger.output_formats = [Events(each, folder) if isinstance(each, KVWriter) else each for each in formats]
+
+    def _on_step(self) -> bool:
+        return True
+
+
 @contextmanager
-def going_on(path: Path):
-    """A context in which a file that cannot be written is reported, and does not end the training."""
+def without_tracebacks_of_writers():
+    """A context in which a thread that ends by an OSError prints nothing: who waits for it is told (`Events`)."""
+    before = threading.excepthook
+
+    def hook(arguments):
+        if not issubclass(arguments.exc_type, OSError):
+            before(arguments)
+
+    threading.excepthook = hook
     try:
         yield
-    except OSError as error:
-        tqdm.write(f"Warning: {path} could not be written ({error.strerror or error}); the training goes on without.")
+    finally:
+        threading.excepthook = before
 
 
 def save_model(model, path: Path) -> None:

@@ -18,7 +18,15 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
 from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
-from agents.callbacks import Checkpoint, EndsWith, LearningCurve, Progress, save_model
+from agents.callbacks import (
+    Checkpoint,
+    EndsWith,
+    LearningCurve,
+    Progress,
+    SurvivingEvents,
+    save_model,
+    without_tracebacks_of_writers,
+)
 from agents.config import CONFIGS, RESULTS, TrainConfig, fine_tuning, moved_by, settings_of
 from agents.fast_ppo import FastPPO
 from agents.records import provenance
@@ -224,14 +232,15 @@ def locked(folder: Path):
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C stopped it first."""
     checkpoint = Checkpoint(folder / "model.zip")
-    callbacks = [Progress(), LearningCurve(folder / "curve.csv", score), checkpoint]
+    callbacks = [SurvivingEvents(), Progress(), LearningCurve(folder / "curve.csv", score), checkpoint]
     if os.environ.get(PARENT, "").isdigit():
         callbacks.append(EndsWith(int(os.environ[PARENT])))
     left = config.timesteps - model.num_timesteps
     if left <= 0:
         return True
     try:
-        model.learn(left, CallbackList(callbacks), reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
+        with without_tracebacks_of_writers():
+            model.learn(left, CallbackList(callbacks), reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
     except KeyboardInterrupt:
         model.num_timesteps = checkpoint.trained_steps  # steps since then have not been trained on
         return False

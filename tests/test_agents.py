@@ -16,6 +16,7 @@ from scipy import stats
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
+record_writer = pytest.importorskip("tensorboard.summary.writer.record_writer")
 
 import fish_env
 from agents import callbacks, integrators, records, report, results, statistics, train_all
@@ -375,7 +376,7 @@ def test_a_failed_run_leaves_the_saved_model(tmp_path, monkeypatch):
 
 
 def test_a_full_disk_does_not_end_the_training(tmp_path, monkeypatch, capsys):
-    """Checkpoints and rows of the curve that cannot be written are reported; the rows are written when they can be."""
+    """Checkpoints and rows of the curve that cannot be written are said once; the rows are written when they can be."""
     monkeypatch.setattr(training, "report", lambda *args: None)
     monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
     replace_file, calls = os.replace, []
@@ -390,9 +391,69 @@ def test_a_full_disk_does_not_end_the_training(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(callbacks.LearningCurve.__init__, "__defaults__", (1,))
     folder = train("swim", folder=tmp_path / "run", changes={"timesteps": 4096, "num_envs": 8})
     assert {"model.zip", "curve.csv"} <= set(calls[2:5])
-    assert capsys.readouterr().out.count("could not be written (No space left on device)") == 3
+    assert capsys.readouterr().out.count("could not be written (No space left on device)") == 2
     steps = [int(row["timesteps"]) for row in results.read_rows(folder / "curve.csv")]
     assert steps == sorted(set(steps)) and len(steps) > 3
+
+
+def test_events_that_cannot_be_written_do_not_end_the_training(tmp_path, monkeypatch, capfd):
+    """TensorBoard's writing thread raises: it is said once, with the folder, and the run has all but the events."""
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    write, calls = record_writer.RecordWriter.write, []
+
+    def full_later(self, data):
+        calls.append(len(data))
+        if len(calls) > 10:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(self, data)
+
+    monkeypatch.setattr(record_writer.RecordWriter, "write", full_later)
+    monkeypatch.setattr(callbacks.LearningCurve.__init__, "__defaults__", (1,))
+    folder = train("swim", folder=tmp_path / "run", changes={"timesteps": 2048, "num_envs": 8})
+    said = capfd.readouterr()
+    assert said.out.count(f"{folder / 'tensorboard' / 'ppo_1'} could not be written (No space left on device)") == 1
+    assert "Traceback" not in said.err
+    assert (folder / "policy.npz").exists() and results.read_rows(folder / "curve.csv")[-1]["timesteps"] == "2048"
+
+
+def test_a_disk_that_is_really_full_does_not_end_the_training(tmp_path, monkeypatch, capfd):
+    """On a file system of 2 MB that is full for a while: a warning a file, and model, policy and curve at the end."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = shutil.which("mount") and subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(disk)], capture_output=True, check=False
+    )
+    if not mounted or mounted.returncode:
+        pytest.skip("file systems cannot be mounted here")
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
+    monkeypatch.setattr(callbacks.LearningCurve.__init__, "__defaults__", (1,))
+    update, updates = training.FastPPO.train, []
+
+    def fill_and_clear(self):
+        update(self)
+        updates.append(self.num_timesteps)
+        if len(updates) == 2:
+            with (disk / "big").open("wb", buffering=0) as file, pytest.raises(OSError, match="No space left"):
+                while True:
+                    file.write(bytes(4096))
+        elif len(updates) == 6:
+            (disk / "big").unlink()
+
+    monkeypatch.setattr(training.FastPPO, "train", fill_and_clear)
+    try:
+        folder = train("swim", folder=disk / "run", changes={"timesteps": 2048, "num_envs": 8})
+        said = capfd.readouterr()
+        assert said.out.count("could not be written (No space left on device)") == 3 and "Traceback" not in said.err
+        assert {"model.zip", "policy.npz", "config.json"} <= set(os.listdir(folder))
+        assert [int(row["timesteps"]) for row in results.read_rows(folder / "curve.csv")] == updates
+        with (disk / "big").open("wb", buffering=0) as file, pytest.raises(OSError, match="No space left"):
+            while True:
+                file.write(bytes(4096))
+        with pytest.raises(ValueError, match=r"no file can be written in .*No space left"):
+            train("swim", resume=folder, changes={"timesteps": 4096})
+    finally:
+        subprocess.run(["umount", "-l", str(disk)], check=True)
 
 
 def test_a_broken_or_longer_run_is_not_resumed(tmp_path, monkeypatch):

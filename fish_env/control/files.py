@@ -13,6 +13,8 @@ DAMAGED = (
 )  # fmt: skip
 """What numpy raises for files that are truncated, pickled, encrypted or something else."""
 
+TRIAL = 4096  # bytes
+
 
 def writable_folder(folder: str | Path) -> Path:
     """`folder`, made if it is missing, after a trial that a file can be written in it.
@@ -23,8 +25,8 @@ def writable_folder(folder: str | Path) -> Path:
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(TRIAL))  # a full disk still takes an empty file
     except OSError as error:
         raise ValueError(
             f"no file can be written in the folder {folder} ({error.strerror}); give a folder that can be written to"
