@@ -103,6 +103,33 @@ def fits_memory(count: int, each: int, what: str) -> None:
         )
 
 
+class Settled:
+    """What is made once: the attributes that `SETTLED` names cannot be given another value from outside."""
+
+    SETTLED: tuple[str, ...] = ()
+
+    def __setattr__(self, name, value):
+        if name in self.SETTLED and hasattr(self, name):
+            raise AttributeError(f"{name} of a {type(self).__name__} is settled when it is made; make another one")
+        super().__setattr__(name, value)
+
+    def _settle_anew(self, **values) -> None:
+        """Give such attributes other values after all."""
+        for name, value in values.items():  # attributes are looked up faster while no `__dict__` was asked for
+            object.__setattr__(self, name, value)
+
+
+def frozen(record):
+    """`record`, an array or a record of arrays, tuples and dictionaries of them, with all of them read-only."""
+    if isinstance(record, np.ndarray):
+        record.flags.writeable = False
+    else:
+        parts = record if isinstance(record, tuple) else vars(record).values() if hasattr(record, "__dict__") else ()
+        for part in record.values() if isinstance(record, dict) else parts:
+            frozen(part)
+    return record
+
+
 def own(state: dict, sample: np.ndarray) -> dict:
     """What was in a pickle, copied if its arrays, of which `sample` is one, lie in memory that is only lent.
 

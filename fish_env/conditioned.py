@@ -7,7 +7,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env.body import Body, Control, State, chosen_axes, fix_where, node_numbers
-from fish_env.checks import finite_array, is_whole
+from fish_env.checks import finite_array, frozen, is_whole
 from fish_env.conditions import (
     METHODS,
     Conditions,
@@ -218,8 +218,9 @@ class Conditioned:
         if reason:
             raise refused(self.fish, self.integrator, reason)
         follows = same and alike(self.world.anchors, world.anchors)
-        self.fish = self.fish if same else replace(self.fish, body=body)
-        self.world, self._conditions = world, new
+        fish = self.fish if same else frozen(replace(self.fish, body=body))
+        self._settle_anew(fish=fish, world=frozen(world))
+        self._conditions = new
         if self._engine is not None and not follows:
             self._engine = Engine(self)
         elif self._engine is not None and world.anchors is not None:
@@ -274,6 +275,6 @@ class Conditioned:
 
     def _place(self, anchors: Anchors | None) -> None:
         """Let the anchors, the same ones, be elsewhere, or move otherwise."""
-        self.world = self.world._replace(anchors=anchors)
+        self._settle_anew(world=frozen(self.world._replace(anchors=anchors)))
         if self._engine is not None and anchors is not None:
             self._engine.follow(anchors)

@@ -131,7 +131,10 @@ def make_finish(names: tuple[str, ...]):
 
     @part
     def put_back(tank, block, p, q):
-        """Put fish that were broken when they were handed over, a user's state, into the body's rest position."""
+        """Put fish that were broken when they were handed over, a user's state, into the body's rest position.
+
+        A clock that is not finite, a user's too, is put to zero.
+        """
         gather(tank, block, block.todo, p, q)
         code = judge(block)
         for m in range(q - p):
@@ -142,6 +145,8 @@ def make_finish(names: tuple[str, ...]):
                     for k in range(3):
                         tank.x[b, i, k] = tank.rest_position[i, k]
                         tank.v[b, i, k] = 0.0
+            if not abs(tank.clock[b]) < np.inf:
+                tank.clock[b] = 0.0
 
     @part
     def finish(tank, queue, block, p, q, level, steps, again):
@@ -156,14 +161,17 @@ def make_finish(names: tuple[str, ...]):
                 tank.counters[b, k] += steps * control.costs[control.row[0], k]
             tank.counters[b, FACTORISATIONS] -= control.reused[0]
             tank.counters[b, COUNTED] += int(lane(pivots, m))
-            failing = lane(code, m) > 0.0
+            reason = int(lane(code, m))
+            if not abs(tank.clock[b]) < np.inf:
+                reason = NON_FINITE
+            failing = reason != 0
             if level < queue.deepest and (failing or lane(strain, m) > queue.tolerance):
                 todo[again] = todo[p + m]
                 again += 1
                 tank.counters[b, COUNTED + 1] += 1
                 continue
             if failing:
-                tank.failure[b] = int(lane(code, m))
+                tank.failure[b] = reason
                 bad += 1
             else:
                 scatter(tank, block, b, m)

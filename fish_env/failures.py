@@ -3,7 +3,7 @@
 STRETCH_LIMIT = 3.0  # an element longer than this many natural lengths is taken as torn
 FAILURES = (
     "",
-    "non-finite: a position or velocity is not a number or infinite",
+    "non-finite: a position, a velocity or the clock is not a number or infinite",
     f"torn: an element is stretched beyond {STRETCH_LIMIT:g} times its natural length",
     "untrusted solve: a pivot of the system matrix has lost nine digits or is not finite",
     "no convergence: the adaptive method gave up",

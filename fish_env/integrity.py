@@ -1,16 +1,17 @@
 """Whether what kernels are given fits together: they read and write by node numbers, and do not look.
 
 `make_body` and the builders check what they are given. What was put together or changed by hand since then (by
-`_replace`, `dataclasses.replace` or in place) is checked here, when a tank is made or a static problem is posed.
+`_replace`, `dataclasses.replace` or in place) is checked here, when a tank is made, a static problem is posed or forces
+are evaluated.
 """
 
 from itertools import combinations
 
 import numpy as np
 
-from fish_env.body import Body
 from fish_env.checks import finite_array
 from fish_env.linalg import ldlt
+from fish_env.world import World
 
 REMADE = "; make the body by make_body"
 
@@ -27,11 +28,33 @@ def check_numbers(name: str, array, shape: tuple, below: int, lowest: int = 0) -
         raise ValueError(f"{name} names {outside[0]}, which is missing; give numbers from {lowest} to {below - 1}")
 
 
-def check_body(body: Body) -> None:
-    """Raise ValueError unless all arrays of a body fit together."""
+def check_problem(body, world) -> None:
+    """Raise ValueError unless all arrays of a body and its world fit together, and to each other."""
+    check_body(body)
+    check_world(world, len(body.mass))
+
+
+def check_body(body) -> None:
+    """Raise ValueError unless all arrays of a body fit together, also the skyline of its system matrix."""
+    check_elements(body)
+    n = len(body.mass)
+    joined = [part.nodes[:, pair] for part in (body.springs, body.faces, body.tets) if part is not None
+              for pair in combinations(range(part.nodes.shape[1]), 2)]  # fmt: skip
+    check_numbers("fixed degrees of freedom", body.fixed, (None, 2), max(n, 3))
+    check_numbers("fixed nodes", body.fixed[:, 0], (None,), n)
+    check_numbers("fixed axes", body.fixed[:, 1], (None,), 3)
+    shape = ldlt.profile(np.concatenate(joined), n)
+    if any(not np.array_equal(one, other) for one, other in zip(shape, body.profile, strict=True)):
+        raise ValueError(f"the profile of the body is not that of its elements{REMADE}")
+    if not np.array_equal(ldlt.entries(shape, body.springs.nodes), body.springs.entry):
+        raise ValueError(f"springs.entry does not name the entries of the springs{REMADE}")
+
+
+def check_elements(body) -> None:
+    """Raise ValueError unless the elements of a body name nodes that it has, and their arrays fit together."""
     if np.ndim(body.mass) != 1 or not len(body.mass):
         raise ValueError(f"mass has shape {np.shape(body.mass)}; give one mass a node, (N,) with N at least 1")
-    n, joined = len(body.mass), []
+    n = len(body.mass)
     _check_floats("body", body, n, {"position": (3,), "mass": (), "inverse_mass": (3,)})
     for name, columns, lowest, floats in (
         ("springs", 2, 0, {"stiffness": (), "damping": (), "rest_length": ()}),
@@ -43,11 +66,6 @@ def check_body(body: Body) -> None:
         if part is not None:
             check_numbers(f"{name}.nodes", part.nodes, (None, columns), n, lowest)
             _check_floats(name, part, len(part.nodes), floats)
-            if name != "barriers":
-                joined += [part.nodes[:, pair] for pair in combinations(range(columns), 2)]
-    check_numbers("fixed degrees of freedom", body.fixed, (None, 2), max(n, 3))
-    check_numbers("fixed nodes", body.fixed[:, 0], (None,), n)
-    check_numbers("fixed axes", body.fixed[:, 1], (None,), 3)
     if body.compartments is not None:
         gas = body.compartments
         check_numbers("compartments.faces", gas.faces, (None, 4), n, -1)
@@ -57,11 +75,23 @@ def check_body(body: Body) -> None:
             raise ValueError(
                 f"compartments.first is {gas.first}; give where the faces of each begin, and where all end"
             )
-    shape = ldlt.profile(np.concatenate(joined), n)
-    if any(not np.array_equal(one, other) for one, other in zip(shape, body.profile, strict=True)):
-        raise ValueError(f"the profile of the body is not that of its elements{REMADE}")
-    if not np.array_equal(ldlt.entries(shape, body.springs.nodes), body.springs.entry):
-        raise ValueError(f"springs.entry does not name the entries of the springs{REMADE}")
+
+
+def check_world(world, nodes: int) -> None:
+    """Raise ValueError unless the parts of a world fit together, and its anchors hold some of so many nodes."""
+    if not isinstance(world, World):
+        raise ValueError(f"water is a {type(world).__name__}; give fish_env.make_water(...), or None for vacuum")
+    finite_array(world.current, (3,), "current of the water (m/s)")
+    if world.gravity is not None:
+        finite_array(world.gravity, (3,), "gravity of the water (m/s2)")
+    if world.planes is not None:
+        finite_array(world.planes, (len(world.planes), 5), "planes of the water")
+    if world.anchors is not None:
+        count = len(world.anchors.node)
+        check_numbers("anchors", world.anchors.node, (count,), nodes)
+        for name, tail in (("point", (3,)), ("velocity", (3,)), ("stiffness", ()), ("damping", ()),
+                           ("rest_length", ())):  # fmt: skip
+            finite_array(getattr(world.anchors, name), (count, *tail), f"{name} of the anchors")
 
 
 def _check_floats(name: str, part, count: int, tails: dict[str, tuple]) -> None:

@@ -22,7 +22,7 @@ from fish_env.checks import finite_array, positive_array
 from fish_env.conditions import METHODS, PENALTY
 from fish_env.forces.evaluate import Evaluator
 from fish_env.forces.sparse import tangent
-from fish_env.integrity import check_body
+from fish_env.integrity import check_problem
 from fish_env.statics import LOOSE, SINGULAR, SYMMETRIC, NoEquilibrium
 from fish_env.world import VACUUM, World
 
@@ -48,7 +48,7 @@ def prescribed_displacement(
             positive, or a node that the body fixes and the displacement moves.
         NoEquilibrium: if the stiffness does not resist every motion.
     """
-    check_body(body)
+    check_problem(body, world)
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
     multiple = float(positive_array(multiple, (), "multiple"))
@@ -112,7 +112,7 @@ def reactions(body: Body, position, world: World = VACUUM, rest_length=None, loa
     Raises:
         ValueError: for an array of another shape, or not finite.
     """
-    check_body(body)
+    check_problem(body, world)
     shape, springs = body.position.shape, body.springs.rest_length
     rest = finite_array(springs if rest_length is None else rest_length, springs.shape, "rest_length (m)")
     load = np.zeros(shape) if load is None else finite_array(load, shape, "load (N)")

@@ -23,7 +23,7 @@ from fish_env.checks import finite_array, is_whole
 from fish_env.failures import ESCAPED
 from fish_env.forces.evaluate import Evaluator
 from fish_env.forces.sparse import tangent
-from fish_env.integrity import check_body
+from fish_env.integrity import check_problem
 from fish_env.world import VACUUM, World
 
 ROUNDING = 2e-15  # of stiffness times place, above what is left of forces in balance: measured 1.4e-16
@@ -60,7 +60,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         ValueError: for an array of another shape or not finite, a tolerance that is not positive, or walls.
         NoEquilibrium: if Newton's method does not find one.
     """
-    check_body(body)
+    check_problem(body, world)
     if world.planes is not None:
         raise ValueError("the world has walls, which stop motion; fix the nodes that rest on them instead (body.fix)")
     if not tolerance > 0:
@@ -118,7 +118,7 @@ def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
         ValueError: if the load is of another shape, not finite, or moves a free body.
         NoEquilibrium: if the stiffness does not resist every motion.
     """
-    check_body(body)
+    check_problem(body, world)
     x = body.position
     load = finite_array(load, x.shape, "load (N)")
     free, matrix = _free(body), tangent(body, world, body.springs.rest_length, x)
@@ -147,7 +147,7 @@ def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, posit
         ValueError: for a count out of range.
         NoEquilibrium: if the body would leave the position by itself.
     """
-    check_body(body)
+    check_problem(body, world)
     free = _free(body)
     if not (is_whole(count) and 1 <= count <= free.size):
         raise ValueError(f"count is {count!r}; give a whole number from 1 to {free.size}")

@@ -1,5 +1,6 @@
 """Tank: B fish of one kind in water, or B other elastic objects. The one stateful simulation class."""
 
+import copy
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Generic
@@ -8,16 +9,19 @@ import numpy as np
 
 from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
-from fish_env.checks import as_floats, finite_array, fits_memory, is_whole, own
+from fish_env.checks import Settled, fits_memory, frozen, is_whole, own
 from fish_env.conditioned import Conditioned
 from fish_env.conditions import no_conditions
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
+from fish_env.integrity import check_numbers
 from fish_env.muscles import command_all
+from fish_env.simd import Pack
 from fish_env.tank_options import (
     available_processors,
     bytes_of,
     check_scene,
+    checked_action,
     checked_command,
     checked_count,
     checked_state,
@@ -35,8 +39,10 @@ from fish_env.world import VACUUM, World
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
 
-class Tank(Conditioned, Generic[Elastic]):
+class Tank(Conditioned, Settled, Generic[Elastic]):
     """B fish of one kind, each alone in the same water, advanced together by one integrator.
+
+    `fish` and `world` of a tank are its own, read-only copies of what it was given: kernels read them and do not look.
 
     Args:
         fish: what swims (`make_fish`), or another elastic object (`fish_env.bodies.objects`).
@@ -59,16 +65,20 @@ class Tank(Conditioned, Generic[Elastic]):
             lanes or refine that is not offered.
     """
 
+    SETTLED = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
+               "natural", "span", "effort", "variation", "pack")  # fmt: skip
+    pack: Pack
+
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
                  water: World | None = None, threads: int | None = None, dtype: str = "float64",
                  lanes: str | int | None = None, refine: float | None = None):  # fmt: skip
-        self.fish, self.world = fish, VACUUM if water is None else water
         self.integrator, self.dt, self.refine = method_for(fish, integrator, dt, refine)
         self.num_fish = checked_count(num_fish, "num_fish")
         self.threads = available_processors() if threads is None else checked_count(threads, "threads")
         check_scene(fish, water, self.integrator)
         fits_memory(self.num_fish, bytes_of(fish.body), "num_fish")
-        self._own, self._conditions = fish.body, no_conditions(fish.body, self.world)
+        fish, self.world = frozen(copy.deepcopy((fish, VACUUM if water is None else water)))
+        self.fish, self._own, self._conditions = fish, fish.body, no_conditions(fish.body, self.world)
         body, b = fish.body, self.num_fish
         self.kind = kind_for(b, dtype, lanes)
         """How many fish the kernels work on at once, and in which precision."""
@@ -97,7 +107,7 @@ class Tank(Conditioned, Generic[Elastic]):
 
     def _compile(self) -> None:
         """Describe the arrays to kernels, and make the engine that moves them, if the method has one."""
-        self.pack = described(self)
+        self._settle_anew(pack=described(self))
         self._engine = None if self.integrator.method is None else Engine(self)
 
     def __getstate__(self):
@@ -105,6 +115,7 @@ class Tank(Conditioned, Generic[Elastic]):
 
     def __setstate__(self, state):
         self.__dict__ |= own(state, state["variation"])
+        frozen((self.fish, self.world, self._own))
         self._compile()
 
     @property
@@ -134,7 +145,8 @@ class Tank(Conditioned, Generic[Elastic]):
 
     @property
     def failure(self) -> np.ndarray:
-        """(B,) why each fish failed, "" where it did not."""
+        """(B,) why each fish failed, "" where it did not; ValueError for a number in `state` that means nothing."""
+        check_numbers("state.failure", self.state.failure, (self.num_fish,), len(FAILURES))
         return np.array(FAILURES, dtype=object)[self.state.failure]
 
     @property
@@ -187,19 +199,9 @@ class Tank(Conditioned, Generic[Elastic]):
             ValueError: for an action of another shape, not finite or outside [-1, 1], or such a duration.
         """
         steps = whole_steps(duration, self.dt, "duration")
-        wanted = (self.num_fish, self.fish.num_muscles)
         if not self.fish.num_muscles:
             raise ValueError(f"{self.fish.name!r} has no muscles to command; use advance")
-        try:
-            action = as_floats(action)
-        except (TypeError, OverflowError, RecursionError):
-            finite_array(action, wanted, "action")  # says what is wrong
-            raise
-        if action.shape == wanted[1:]:
-            action = np.broadcast_to(action, wanted)
-        if action.shape != wanted or not np.abs(action).max() <= 1.0:
-            action = finite_array(action, wanted, "action")
-            raise ValueError(f"action reaches {np.abs(action).max():g}; give values in [-1, 1] (clip them first)")
+        action = checked_action(action, (self.num_fish, self.fish.num_muscles))
         self.drive(0.5 * (action + 1.0), steps)
 
     def drive(self, contraction: np.ndarray, steps: int) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 
 from fish_env.bodies.fish import ElasticObject, Fish
 from fish_env.body import FAILURES, Body, scaled
-from fish_env.checks import finite_array, is_whole, positive_array, real
+from fish_env.checks import as_floats, finite_array, is_whole, positive_array, real
 from fish_env.integrators import INTEGRATORS, Integrator
-from fish_env.integrity import check_fish, check_numbers
+from fish_env.integrity import check_fish, check_numbers, check_world
 from fish_env.simd import LANES, SUPPORTED, Kind, Pack, Vectors
 from fish_env.world import VACUUM, World
 
@@ -59,16 +59,8 @@ def checked_count(value, name: str) -> int:
 def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator) -> None:
     """Raise ValueError if parts of fish or world do not fit together, or if the method cannot move the body there."""
     check_fish(fish)
-    if not isinstance(water, World | None):
-        raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...), or None for vacuum")
-    world, nodes = VACUUM if water is None else water, fish.body.mass.size
-    finite_array(world.current, (3,), "current of the water (m/s)")
-    if world.gravity is not None:
-        finite_array(world.gravity, (3,), "gravity of the water (m/s2)")
-    if world.planes is not None:
-        finite_array(world.planes, (len(world.planes), 5), "planes of the water")
-    if world.anchors is not None:
-        check_anchors(world.anchors, nodes)
+    world = VACUUM if water is None else water
+    check_world(world, fish.body.mass.size)
     reason = integrator.refuses(fish.body, world)
     if reason:
         raise refused(fish, integrator, reason)
@@ -79,19 +71,26 @@ def refused(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueEr
     return ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
 
 
-def check_anchors(anchors, nodes: int) -> None:
-    """Raise ValueError unless the parts of the anchors fit together, and hold nodes that there are."""
-    count = len(anchors.node)
-    check_numbers("anchors", anchors.node, (count,), nodes)
-    for name, tail in (("point", (3,)), ("velocity", (3,)), ("stiffness", ()), ("damping", ()), ("rest_length", ())):
-        finite_array(getattr(anchors, name), (count, *tail), f"{name} of the anchors")
-
-
 def checked_steps(steps) -> int:
     """A number of steps of one call, or ValueError."""
     if not (is_whole(steps) and 0 <= steps <= MOST_STEPS):
         raise ValueError(f"steps is {steps!r}; give a whole number from 0 to {MOST_STEPS}")
     return int(steps)
+
+
+def checked_action(action, shape: tuple[int, int]) -> np.ndarray:
+    """Actions (B,M) in [-1, 1], which may be given as (M,) for all fish, or ValueError for what is not allowed."""
+    try:
+        found = as_floats(action)
+    except (TypeError, OverflowError, RecursionError):
+        finite_array(action, shape, "action")  # says what is wrong
+        raise
+    if found.shape == shape[1:]:
+        found = np.broadcast_to(found, shape)
+    if found.shape != shape or not np.abs(found).max() <= 1.0:
+        found = finite_array(found, shape, "action")
+        raise ValueError(f"action reaches {np.abs(found).max():g}; give values in [-1, 1] (clip them first)")
+    return found
 
 
 def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.ndarray, float]:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.checks import finite_array, node_array, positive_array, real, representable
+from fish_env.checks import finite_array, frozen, node_array, positive_array, real, representable
 
 
 class Anchors(NamedTuple):
@@ -37,7 +37,7 @@ class World(NamedTuple):
     extra: dict[str, NamedTuple] | None = None  # parameters of other forces; kernels read them as `world.<name>`
 
 
-VACUUM = World(0.0, 0.0, np.zeros(3))
+VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
 
 
 def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0)) -> World:

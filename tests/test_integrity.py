@@ -1,14 +1,18 @@
 """What kernels are given is checked first: node numbers that do not exist never reach them, and memory stays whole."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fish_env import Tank, make_fish
+from fish_env import BODIES, Tank, make_fish, statics
 from fish_env.bodies.objects import make_ring
 from fish_env.body import make_body
 from fish_env.control import load_policy, shipped_policy
+from fish_env.envs import FishVectorEnv
+from fish_env.forces.evaluate import Evaluator
+from fish_env.prescribed import reactions
 from fish_env.statics import equilibrium
 from fish_env.world import make_anchors, make_world
 
@@ -200,3 +204,96 @@ def test_an_array_is_no_policy(tmp_path):
     (tmp_path / "huge.npz").write_bytes(data.replace(shape, b"(" + b"9" * (len(shape) - 3) + b",)", 1))
     with pytest.raises(ValueError, match="is not a policy file"):
         load_policy(tmp_path / "huge.npz")
+
+
+ODD_ANCHOR = make_anchors([0], [(0.0, 0.0, 0.0)], 1.0)._replace(node=np.array([10**7]))
+
+
+@pytest.mark.parametrize("integrator", ["leapfrog_chebyshev", "dop853", "radau"])
+def test_a_tank_has_a_body_of_its_own(integrator):
+    """A fish changed after a tank of it was made changes nothing, also in a copy by pickle and when a node is fixed."""
+    fish = make_fish()
+    tank, same = Tank(fish, integrator=integrator), Tank(make_fish(), integrator=integrator)
+    fish.body.springs.nodes[:] = 10**7
+    fish.fibres[:] = fish.muscles[:] = 10**7
+    for each in (tank, same):
+        each.advance(1)
+    copy = pickle.loads(pickle.dumps(tank))
+    for each in (tank, copy, same):
+        each.fix([0])
+        each.advance(1)
+        each.reactions()
+    for each in (tank, copy):
+        np.testing.assert_array_equal(each.position, same.position)
+        for array in (each.fish.body.springs.nodes, each.fish.body.inverse_mass, each.world.current):
+            with pytest.raises(ValueError, match="read-only"):
+                array[:] = 0
+
+
+@pytest.mark.parametrize("pose", [statics.equilibrium, lambda body, world: statics.modes(body, 3, world),
+                                  lambda body, world: statics.linear_deflection(body, 0.0 * body.position, world),
+                                  lambda body, world: reactions(body, body.position, world), Evaluator])  # fmt: skip
+def test_problems_whose_parts_do_not_fit_are_refused(pose):
+    """Statics and forces are worked out for nodes that there are: of the anchors, and of a body changed in place."""
+    with pytest.raises(ValueError, match="anchors names 10000000, which is missing; give numbers from 0 to 22"):
+        pose(FISH.body, FISH.water._replace(anchors=ODD_ANCHOR))
+    body = make_fish().body
+    body.faces.nodes[:] = 10**7
+    with pytest.raises(ValueError, match=r"faces.nodes names 10000000"):
+        pose(body, FISH.water)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("num_fish", 10**6), ("dt", -1.0), ("state", None), ("control", None), ("fish", FISH), ("threads", 10**6)],
+)
+def test_what_a_tank_is_made_with_stays(name, value):
+    """What kernels count on cannot be set anew, and says so."""
+    tank = Tank(make_fish(), 2)
+    if name == "state":
+        value = tank.state._replace(x=tank.state.x.astype(np.float32))
+    before = getattr(tank, name)
+    with pytest.raises(AttributeError, match=f"{name} of a Tank is settled when it is made; make another one"):
+        setattr(tank, name, value)
+    assert getattr(tank, name) is before
+    tank.advance(1)
+
+
+@pytest.mark.parametrize("name", ["num_envs", "tank", "control_interval"])
+def test_what_a_batch_is_made_with_stays(name):
+    """The same of a batch of environments."""
+    env = FishVectorEnv(2)
+    with pytest.raises(AttributeError, match=f"{name} of a FishVectorEnv is settled"):
+        setattr(env, name, 10**6)
+    env.close()
+
+
+@pytest.mark.parametrize("integrator", ["leapfrog_chebyshev", "rk4", "dop853"])
+def test_a_clock_that_is_not_finite_ends_a_fish(integrator):
+    """A user's nan on the clock ends that fish with the reason, where it is; the other one swims on as before."""
+    tank, same = Tank(make_fish(), 2, integrator=integrator), Tank(make_fish(), 2, integrator=integrator)
+    tank.time[1] = np.nan
+    for each in (tank, same):
+        each.swim(np.full(12, 0.5), 0.02)
+    assert tank.alive.tolist() == [True, False] and tank.time.tolist() == [same.time[0], 0.0]
+    assert tank.failure[1].startswith("non-finite: a position, a velocity or the clock")
+    np.testing.assert_array_equal(tank.position[0], same.position[0])
+    np.testing.assert_array_equal(tank.position[1], tank.fish.body.position)
+    tank.set_state(tank.get_state())
+
+
+def test_a_failure_that_means_nothing_is_refused():
+    """A number that stands for no failure is an error that names it; the fish does not move."""
+    tank = Tank(make_fish(), 2)
+    tank.state.failure[1] = 99
+    tank.advance(1)
+    with pytest.raises(ValueError, match=r"state.failure names 99, which is missing; give numbers from 0 to 5"):
+        _ = tank.failure
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_fish_share_no_memory(body):
+    """What is written into the arrays of one fish reaches no other: `left` and `right` were those of the module."""
+    one, other = make_fish(body), make_fish(body)
+    for name in ("left", "right", "muscles", "mirror"):
+        assert not np.shares_memory(getattr(one, name), getattr(other, name))

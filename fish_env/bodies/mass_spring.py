@@ -283,7 +283,7 @@ def _fish(name, body, water, length, contracted, contraction_time, time_step, co
         water=water,
         nose=NOSE,
         tail=np.array(TAIL),
-        left=LEFT,
-        right=RIGHT,
+        left=LEFT.copy(),
+        right=RIGHT.copy(),
         mirror=mirrored(),
     )

@@ -76,8 +76,8 @@ def make_two_layer(
         water=make_water(WATER_DENSITY, p.drag_coefficient),
         nose=tu.NOSE,
         tail=np.array(tu.TAIL),
-        left=tu.LEFT,
-        right=tu.RIGHT,
+        left=tu.LEFT.copy(),
+        right=tu.RIGHT.copy(),
         mirror=np.concatenate([mirror, mirror + 23]),
         landmarks=Landmarks(np.arange(23), np.zeros(23), tu.masses(p), faces, ends, mirror),
     )

@@ -9,7 +9,7 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.checks import finite_array, is_whole, own
+from fish_env.checks import Settled, finite_array, is_whole, own
 from fish_env.envs.layout import Layout
 from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
@@ -32,12 +32,13 @@ class UnknownOptionError(ValueError, TypeError):
     """
 
 
-class Episodes:
+class Episodes(Settled):
     """B fish, each in water of its own and in an episode of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a batch of one seeded s + i.
     """
 
+    SETTLED = ("tank", "num_envs", "control_interval", "groups")
     tasks = TASKS
     single_observation_space: gym.spaces.Box
     single_action_space: gym.spaces.Box

@@ -12,6 +12,7 @@ import numpy as np
 from fish_env import forces
 from fish_env._jit import kernel, njit
 from fish_env.forces.control import make_control
+from fish_env.integrity import check_elements, check_world
 from fish_env.simd import Kind, Pack, directions, floats, packed, zero
 
 ONE, DUAL = Kind(1), Kind("dual")
@@ -97,9 +98,14 @@ class Evaluator:
         body: any.
         world: what surrounds it.
         names: the forces to take into account; None for all that act.
+
+    Raises:
+        ValueError: if arrays of body or world do not fit together.
     """
 
     def __init__(self, body, world, names: tuple[str, ...] | None = None):
+        check_elements(body)
+        check_world(world, len(body.mass))
         self.names = forces.present(body, world) if names is None else names
         n = len(body.mass)
         self._control, self._dual, self._around = make_control(body, ONE), None, (body, world)

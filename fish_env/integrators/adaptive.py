@@ -121,6 +121,8 @@ def solve(body, world, state, control, duration, method="DOP853", tolerance=TOLE
         control.rest_length[b] += duration * control.rate[b]
         control.rate[b] = 0.0
         failure = failure or failure_of(evaluator, control.rest_length[b], state.x[b], state.v[b])
+        if not np.isfinite(state.t[b]):
+            failure, state.t[b] = NON_FINITE, 0.0
         if failure:
             broken = failure_of(evaluator, control.rest_length[b], *before)
             state.failure[b] = broken or failure
