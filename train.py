@@ -131,11 +131,11 @@ def main() -> int:
     for name in THREADS:  # before numpy and torch are loaded
         os.environ.setdefault(name, "1")
     arguments = parse()
-    from gymnasium.error import DependencyNotInstalled
+    from gymnasium.error import Error
 
     try:
         run(arguments)
-    except (ValueError, OSError, RuntimeError, MemoryError, DependencyNotInstalled) as error:
+    except (ValueError, OSError, RuntimeError, MemoryError, Error) as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:

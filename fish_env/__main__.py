@@ -20,7 +20,15 @@ from pathlib import Path
 import gymnasium as gym
 
 import fish_env
-from fish_env.control.evaluation import EPISODES, FIRST_SEED, evaluate, make_policy_env, means, policy_controller
+from fish_env.control.evaluation import (
+    EPISODES,
+    FIRST_SEED,
+    checked_episodes,
+    evaluate,
+    make_policy_env,
+    means,
+    policy_controller,
+)
 from fish_env.control.files import writable_file, write_text
 from fish_env.control.film import write_film
 from fish_env.control.playback import play
@@ -109,6 +117,7 @@ def chosen_policy(arguments: argparse.Namespace) -> Policy:
 
 def evaluate_policy(arguments: argparse.Namespace) -> None:
     """Print the means over the episodes, and write them if asked."""
+    checked_episodes(arguments.episodes, arguments.seed)
     if arguments.to is not None:
         writable_file(arguments.to, (".json",))
     policy = chosen_policy(arguments)
@@ -160,8 +169,6 @@ def print_versions() -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a command; the exit status, 1 for a replay that differs."""
-    if arguments.command in ("play", "evaluate") and arguments.episodes < 1:
-        raise ValueError(f"--episodes is {arguments.episodes}; give a whole number, at least 1")
     if arguments.command is None:
         list_all()
     elif arguments.command == "versions":

@@ -111,7 +111,8 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
         (["play"], "give one of avoid, "),
         (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),
         (["evaluate", "swim", "--body", "eel"], "unknown body 'eel'"),
-        (["evaluate", "swim", "--episodes", "0"], "--episodes is 0"),
+        (["evaluate", "swim", "--episodes", "0"], "episodes is 0; give a whole number, at least 1"),
+        (["evaluate", "swim", "--seed", "-5"], "seed is -5; give a whole number, zero or more"),
         (["play", "swim", "--to", "swim.avi"], "give a name that ends in .mp4 or .webp or .gif"),
         (["evaluate", "swim", "--to", "pyproject.toml/x.json"], "no file can be written in the folder"),
         (["evaluate", "turn", "--policy", str(shipped_policy("swim"))], "was trained for FishEnv/Swim-v0, not"),
@@ -123,6 +124,42 @@ def test_mistakes(arguments, message, capsys, monkeypatch):
     assert command_line.main(arguments) == 2
     printed = capsys.readouterr()
     assert printed.err.startswith("fish_env: ") and message in printed.err and printed.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--seed", "-5"], "seed is -5; give a whole number, zero or more"),
+        (["--episodes", "0"], "episodes is 0; give a whole number, at least 1"),
+        (["--episodes", "-3"], "episodes is -3; give a whole number, at least 1"),
+    ],
+)
+def test_episodes_that_cannot_be_played(options, message, tmp_path, monkeypatch, capsys):
+    """No episodes, and seeds below zero, are refused by both command lines and by `play`, and nothing is written."""
+    train = pytest.importorskip("train")
+    asked = [*options, "--save", str(tmp_path / "new" / "x.gif")]
+    monkeypatch.setattr(sys, "argv", ["train.py", "play", str(shipped_policy("swim")), *asked])
+    for main in (lambda: command_line.main(["play", "swim", *asked]), train.main):
+        assert main() == 2
+        printed = capsys.readouterr()
+        assert message in printed.err and printed.err.count("\n") == 1
+    name, value = options[0].removeprefix("--"), int(options[1])
+    with pytest.raises(ValueError, match=message):
+        play(load_policy(shipped_policy("swim")), **{"video": tmp_path / "new" / "x.html", name: value})
+    assert not list(tmp_path.iterdir())
+
+
+def test_errors_of_gymnasium_have_no_traceback(monkeypatch, capsys):
+    """What Gymnasium refuses is said in one line by train.py as well."""
+    train = pytest.importorskip("train")
+
+    def refuse(arguments):
+        raise gym.error.UnregisteredEnv("no such environment")
+
+    monkeypatch.setattr(train, "run", refuse)
+    monkeypatch.setattr(sys, "argv", ["train.py", "play", "policy.npz"])
+    assert train.main() == 2
+    assert capsys.readouterr().err == "train.py: no such environment\n"
 
 
 def test_missing_extras(tmp_path):

@@ -5,10 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from fish_env.checks import is_whole
 from fish_env.control.gait import Gait
 from fish_env.control.policy import Policy
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.vector import make_batch
+from fish_env.tank_options import checked_count
 
 FIRST_SEED = 1_000_000  # far from the seeds of training, which count up from --seed
 EPISODES = 100
@@ -58,6 +60,13 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
         return present + (goal - present) / (every - since)
 
     return act
+
+
+def checked_episodes(episodes: int, seed: int) -> tuple[int, int]:
+    """How many episodes to run, and the seed of the first one; ValueError for none, or for a seed below zero."""
+    if not (is_whole(seed) and seed >= 0):
+        raise ValueError(f"seed is {seed!r}; give a whole number, zero or more")
+    return checked_count(episodes, "episodes"), int(seed)
 
 
 def evaluation_options(options: dict[str, Any]) -> dict[str, Any]:

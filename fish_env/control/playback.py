@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from fish_env.control.evaluation import evaluation_options, policy_controller
+from fish_env.control.evaluation import checked_episodes, evaluation_options, policy_controller
 from fish_env.control.files import writable_file
 from fish_env.control.film import PAGE, write_film
 from fish_env.control.policy import Policy
@@ -26,18 +26,19 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
     Args:
         policy: as `load_policy` reads it.
         seed: of the first episode; the next ones count up from it.
-        episodes: how many.
+        episodes: how many, at least 1.
         video: a file to write instead of opening a window: an .mp4, .webp or .gif video; an .html page that turns in
             3-D; or an .npz recording of one episode.
         changes: keywords of the environment that replace those of the training, such as `body`; None is ignored.
 
     Raises:
-        ValueError: if there is no display and no file was asked for, the file cannot be written, a keyword is not
-            allowed, or an .npz file was asked for with several episodes.
+        ValueError: for no episode or a seed below zero; if there is no display and no file was asked for, the file
+            cannot be written, a keyword is not allowed, or an .npz file was asked for with several episodes.
         gymnasium.error.DependencyNotInstalled: without pygame, or without moviepy for a video.
     """
     from fish_env.render import WindowClosed  # pygame is loaded only when something is drawn
 
+    episodes, seed = checked_episodes(episodes, seed)
     if video is not None:
         video = writable_file(video, (*VIDEOS, PAGE, ENDING))
         if video.suffix.lower() in (PAGE, ENDING):
