@@ -14,6 +14,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter
 from tqdm import tqdm
 
+from agents.saved_run import CURVE, read_curve
 from fish_env.control.files import replacing, write_text
 
 
@@ -79,11 +80,9 @@ class LearningCurve(Writing):
 
     def _on_training_start(self) -> None:
         self._begin, self._infos, self._rows = time.perf_counter(), [], ""
-        lines = self.path.read_text().splitlines() if self.path.exists() else []
-        rows = [
-            line for line in lines[1:] if int(line.split(",")[0]) <= self.num_timesteps
-        ]  # what the model was trained on
-        write_text(self.path, "\n".join(["timesteps,seconds,episodes,score,return", *rows, ""]))
+        trained = self.num_timesteps  # rows beyond are of steps that the model was not trained on
+        rows = [row for row in read_curve(self.path) if int(row.split(",")[0]) <= trained]
+        write_text(self.path, "\n".join([CURVE, *rows, ""]))
         if rows:  # a run that is resumed
             self._begin -= float(rows[-1].split(",")[1])
 

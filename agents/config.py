@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fish_env import make_fish
+from fish_env.checks import is_whole, real
 from fish_env.tank_options import check_scene, method_for, whole_steps
 
 
@@ -46,15 +47,26 @@ def settings_of(record: dict[str, Any]) -> TrainConfig:
     """The settings that `config.json` of a run holds, as JSON gave them back.
 
     Raises:
-        ValueError: if they are of another version of this program.
+        ValueError: if they are of another version of this program, or of another kind.
     """
     try:
-        lists = {name: _tuples(value) for name, value in record.items()}
-        return TrainConfig(**lists)
+        config = TrainConfig(**{name: _tuples(value) for name, value in record.items()})
     except TypeError as error:
         raise ValueError(
             f"the settings {sorted(record)} are not those of this version ({error}); train again"
         ) from error
+    for name, usual in vars(TrainConfig("")).items():
+        value = getattr(config, name)
+        if isinstance(usual, float):
+            fits, wanted = abs(real(value)) < math.inf, "a finite number"
+        elif isinstance(usual, tuple) or type(usual) is int:
+            numbers = value if isinstance(value, tuple) and isinstance(usual, tuple) else (value,)
+            fits, wanted = all(is_whole(each) and each >= 1 for each in numbers), "whole numbers, at least 1"
+        else:
+            fits, wanted = isinstance(value, type(usual)), f"a {type(usual).__name__}"
+        if not fits:
+            raise ValueError(f"{name} is {value!r}; give {wanted}")
+    return config
 
 
 def _tuples(value):

@@ -2,16 +2,12 @@
 
 import json
 import os
-import sys
 import time
 from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from importlib.metadata import version
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import Any
-from zipfile import BadZipFile
 
 import torch
 from stable_baselines3 import PPO
@@ -31,6 +27,7 @@ from agents.config import CONFIGS, RESULTS, TrainConfig, fine_tuning, moved_by, 
 from agents.fast_ppo import FastPPO
 from agents.records import provenance
 from agents.report import report
+from agents.saved_run import joined_versions, keep_of_other_versions, read_curve, read_model, read_record
 from agents.train_all import PARENT
 from fish_env import BODIES, make_fish
 from fish_env.control.files import writable_folder, write_text
@@ -39,8 +36,6 @@ try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None
-
-PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "torch")
 
 
 def new_folder(root: Path, task: str) -> Path:
@@ -99,7 +94,8 @@ def train(request: Request) -> Path:
 
     Raises:
         ValueError: for an unknown task, body or learner, a setting that is not allowed, a run to start from that does
-            not fit, a folder that holds a run already, or one that cannot be written to.
+            not fit, files of a saved run that cannot be used, a folder that holds a run already, or one that cannot be
+            written to.
         FileNotFoundError: if there is nothing to resume or to start from.
         RuntimeError: if another program is training in the folder, or if the trained model cannot be saved.
         Stopped: after Ctrl-C, when the model is saved and it was said how to resume.
@@ -110,10 +106,14 @@ def train(request: Request) -> Path:
     if request.resume is not None:
         resumed = _saved_run(Path(request.resume), task, "resume")
     config, seed = _settings(request, resumed)
+    start = None if request.start is None else read_model(Path(request.start) / "model.zip", PPO)
     folder = _folder(request)
     with locked(folder):
         env = make_env(config, config.num_envs, seed)
-        model = _model(request, config, seed, env, folder)
+        model = _model(request, config, seed, env, folder, start)
+        read_curve(folder / "curve.csv")
+        if resumed is not None:
+            keep_of_other_versions(folder, resumed)
         _write_config(folder, request, config, seed, resumed)
         print(how_it_learns(model))
         finished = learn(model, config, folder, RESULTS[task].score)
@@ -187,13 +187,10 @@ def _folder(request: Request) -> Path:
     return writable_folder(request.folder)
 
 
-def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path) -> PPO:
-    """The learner: a fresh one, one that starts from another run, or that of the run to resume."""
+def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, start: PPO | None) -> PPO:
+    """The learner: a fresh one, one that starts from that of another run, or that of the run to resume."""
     if request.resume is not None:
-        try:
-            model = LEARNERS[request.learner].load(folder / "model.zip", env, device="cpu")
-        except (AssertionError, BadZipFile, EOFError, KeyError, OSError, UnpicklingError, ValueError) as error:
-            raise ValueError(f"{folder / 'model.zip'} cannot be read ({error}); train again") from error
+        model = read_model(folder / "model.zip", LEARNERS[request.learner], env)
         if request.changes.get("timesteps") and model.num_timesteps > config.timesteps:
             raise ValueError(
                 f"{folder} was trained for {model.num_timesteps:,} environment steps already; give --timesteps of at "
@@ -201,8 +198,8 @@ def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path) 
             )
         return model
     model = make_model(config, env, seed, folder / "tensorboard", request.learner)
-    if request.start is not None:
-        start_from(model, PPO.load(Path(request.start) / "model.zip", device="cpu"))
+    if start is not None:
+        start_from(model, start)
     return model
 
 
@@ -263,7 +260,7 @@ def _saved_run(folder: Path, task: str, purpose: str) -> dict:
     """The content of config.json of the run of a task in a folder."""
     if not (folder / "model.zip").is_file() or not (folder / "config.json").is_file():
         raise FileNotFoundError(f"{folder} holds no model.zip and config.json to {purpose}; give the folder of a run")
-    saved = json.loads((folder / "config.json").read_text())
+    saved = read_record(folder / "config.json")
     if saved["task"] != task:
         raise ValueError(f"{folder} is a run of task {saved['task']!r}, not {task!r}")
     return saved
@@ -291,7 +288,7 @@ def _write_config(folder: Path, request: Request, config: TrainConfig, seed: int
         "start": start,
         "commit": commit,
         "resumed": 0 if resumed is None else resumed.get("resumed", 0) + 1,
-        "versions": {name: version(name) for name in PACKAGES} | {"python": sys.version.split()[0]},
+        "versions": joined_versions(resumed),
         "threads": {"torch": torch.get_num_threads(), "processors": os.cpu_count()},
     }
     write_text(folder / "config.json", json.dumps(record, indent=2) + "\n")

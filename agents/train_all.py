@@ -4,7 +4,6 @@ For Linux and macOS.
 """
 
 import csv
-import json
 import os
 import signal
 import subprocess
@@ -18,6 +17,7 @@ from tqdm import tqdm
 
 from agents.config import CONFIGS, RESULTS, TrainConfig, moved_by, settings_of
 from agents.ray_jobs import PARENT, run_on_ray
+from agents.saved_run import read_record
 from fish_env.control.files import writable_folder
 
 POLL = 2.0  # s between two looks at the runs
@@ -56,9 +56,9 @@ class Job:
             return 0
 
     def check(self) -> None:
-        """ValueError if what is in the folder was trained with other settings than the task has now."""
+        """ValueError if the folder holds what cannot be used, or was trained with other settings than the task has."""
         path = self.folder / "config.json"
-        if path.exists() and settings_of(json.loads(path.read_text())["config"]) != self.config:
+        if path.exists() and settings_of(read_record(path)["config"]) != self.config:
             raise ValueError(f"{self.folder} was trained with other settings; move it away, or give other --runs")
 
     def command(self) -> list[str]:

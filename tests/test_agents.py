@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -382,9 +383,10 @@ def test_a_full_disk_does_not_end_the_training(tmp_path, monkeypatch, capsys):
     replace_file, calls = os.replace, []
 
     def full_at_first(source, target):
-        calls.append(Path(target).name)
-        if 2 < len(calls) < 6:  # the configuration and the head of the curve are the first two
-            raise OSError(errno.ENOSPC, "No space left on device")
+        if tmp_path in Path(target).parents:  # kernels are stored elsewhere
+            calls.append(Path(target).name)
+            if 2 < len(calls) < 6:  # the configuration and the head of the curve are the first two
+                raise OSError(errno.ENOSPC, "No space left on device")
         replace_file(source, target)
 
     monkeypatch.setattr(os, "replace", full_at_first)
@@ -468,6 +470,138 @@ def test_a_broken_or_longer_run_is_not_resumed(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"model.zip cannot be read"):
         train("swim", resume=folder, changes={"timesteps": 2048})
     assert (folder / "config.json").read_bytes() == before
+
+
+@pytest.fixture(scope="module")
+def short_run(tmp_path_factory):
+    """The folder of a short run that must not be changed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "report", lambda *args: None)
+        return train("swim", folder=tmp_path_factory.mktemp("run") / "run")
+
+
+def changed_record(**changes):
+    """A function that changes what is in config.json; None takes a field away."""
+
+    def change(folder):
+        path = folder / "config.json"
+        record = json.loads(path.read_text())
+        record["config"] |= changes.pop("config", {})
+        path.write_text(json.dumps({k: v for k, v in (record | changes).items() if v is not None}))
+
+    return change
+
+
+def written(name, text):
+    """A function that writes a text file."""
+    return lambda folder: (folder / name).write_text(text)
+
+
+def cut(name):
+    """A function that cuts a text file in half, with its last row."""
+    return lambda folder: (folder / name).write_text((folder / name).read_text()[:-8])
+
+
+def with_model(change):
+    """A function that saves another model in model.zip."""
+
+    def save(folder):
+        model = training.PPO.load(folder / "model.zip", device="cpu")
+        change(model)
+        model.save(folder / "model.zip")
+
+    return save
+
+
+def of_a_class_that_is_gone(model):
+    """The learning rate is of a class of a module that is not there."""
+    module = types.ModuleType("gone_module")
+    module.Gone = type("Gone", (), {"__module__": "gone_module"})
+    sys.modules["gone_module"] = module
+    model.learning_rate = module.Gone()
+
+
+def of_a_function_that_is_gone(model):
+    """The learning rate is a function that its module, which is there, does not have any more."""
+    of_a_class_that_is_gone(model)
+    model.learning_rate = sys.modules["gone_module"].Gone
+
+
+def of_other_names(model):
+    """A layer of the policy has another name."""
+    model.policy.other_net = model.policy.action_net
+    del model.policy.action_net
+
+
+BROKEN = {
+    "empty object": (written("config.json", "{}"), r"config.json cannot be used \(it has no 'task'\); restore"),
+    "list": (written("config.json", "[]"), r"config.json cannot be used \(it holds \[\], not an object\)"),
+    "half": (cut("config.json"), r"config.json cannot be used \(.*(delimiter|Expecting|Unterminated)"),
+    "no seed": (changed_record(seed=None), r"config.json cannot be used \(it has no 'seed'\)"),
+    "no commit": (changed_record(commit=None), r"config.json cannot be used \(it has no 'commit'\)"),
+    "seed": (changed_record(seed="0"), r"config.json cannot be used \('seed' is '0'\)"),
+    "fish": (
+        changed_record(config={"num_envs": "8"}),
+        r"config.json .*num_envs is '8'; give whole numbers, at least 1",
+    ),
+    "rate": (changed_record(config={"learning_rate": "fast"}), r"config.json .*learning_rate is 'fast'; give a finite"),
+    "layers": (
+        changed_record(config={"hidden": [64, "x"]}),
+        r"config.json .*hidden is \(64, 'x'\); give whole",
+    ),
+    "setting": (changed_record(config={"speed": 1}), r"config.json .*not those of this version"),
+    "other task": (changed_record(task="turn"), "is a run of task 'turn', not 'swim'"),
+    "class": (with_model(of_a_class_that_is_gone), r"model.zip cannot be read \(ModuleNotFoundError: .*gone_module"),
+    "function": (
+        with_model(of_a_function_that_is_gone),
+        r"model.zip cannot be read \(UserWarning: Could not",
+    ),
+    "names": (with_model(of_other_names), r"model.zip cannot be read \(RuntimeError: Error.* in loading state_dict"),
+    "row": (
+        cut("curve.csv"),
+        r"line \d of .*curve.csv is '1024,.*', not timesteps,.*return; delete",
+    ),
+    "head": (written("curve.csv", "steps\n"), r"line 1 of .*curve.csv is 'steps', not timesteps"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_run_whose_files_are_broken_is_not_resumed(name, short_run, tmp_path, monkeypatch):
+    """Each file that cannot be used is an error that names it, and no file of the run is changed."""
+    folder = tmp_path / "run"
+    shutil.copytree(short_run, folder)
+    damage, message = BROKEN[name]
+    damage(folder)
+    found = sys.modules.pop("gone_module", None)
+    if name == "function":
+        monkeypatch.setitem(sys.modules, "gone_module", types.ModuleType("gone_module"))
+    assert (found is not None) == (name in ("class", "function"))
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(ValueError, match=message):
+        train("swim", resume=folder, changes={"timesteps": 2048})
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    if name not in ("row", "head"):
+        with pytest.raises(ValueError, match=message):
+            train("swim", start=folder, root=tmp_path / "new")
+        assert not (tmp_path / "new").exists()
+
+
+def test_a_run_of_other_versions_is_resumed_with_a_warning(short_run, tmp_path, monkeypatch, capsys):
+    """What is installed now differs: it is said, the model of before is kept, and the record has both versions."""
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    folder = tmp_path / "run"
+    shutil.copytree(short_run, folder)
+    record = json.loads((folder / "config.json").read_text())
+    installed = record["versions"]["fish_env"]
+    changed_record(versions=record["versions"] | {"fish_env": "0.0.1"})(folder)
+    before = (folder / "model.zip").read_bytes()
+    train("swim", resume=folder, changes={"timesteps": 2048})
+    said = capsys.readouterr().out
+    assert f"Warning: the run was trained with fish_env 0.0.1 (now {installed}). It goes on" in said
+    assert (folder / "model_before_1.zip").read_bytes() == before != (folder / "model.zip").read_bytes()
+    assert json.loads((folder / "config.json").read_text())["versions"]["fish_env"] == f"0.0.1, {installed}"
+    train("swim", resume=folder, changes={"timesteps": 3072})
+    assert "Warning" not in capsys.readouterr().out and not (folder / "model_before_2.zip").exists()
 
 
 def test_short_training_learns(tmp_path, monkeypatch):
