@@ -4,8 +4,10 @@ import copy
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from numbers import Real
+from pathlib import Path, PurePosixPath
 from typing import TypeGuard
 
 import numpy as np
@@ -91,16 +93,39 @@ def node_array(value, width, num_nodes, name) -> np.ndarray:
 
 
 def fits_memory(count: int, each: int, what: str) -> None:
-    """Raise ValueError if `count` of something, `each` bytes large, are more than the machine's memory holds."""
-    try:
-        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):  # no such question on this system
-        return
-    if count * each > memory:
+    """Raise ValueError if `count` of something, `each` bytes large, are more than this process may have of memory."""
+    memory = available_memory()
+    if memory is not None and count * each > memory:
         raise ValueError(
             f"{what} is {count}, which takes {real(count * each) / 2**30:.3g} GiB; this machine has "
-            f"{memory / 2**30:.3g} GiB: give at most {memory // (2 * each)}"
+            f"{memory / 2**30:.3g} GiB for this program: give at most {memory // (2 * each)}"
         )
+
+
+@cache
+def available_memory(root: Path = Path("/")) -> int | None:
+    """Bytes of memory of this machine, or fewer where the control groups of this process (containers) allow fewer.
+
+    None if the system does not tell.
+
+    Args:
+        root: of the file system.
+    """
+    sizes, groups = [], []
+    with suppress(AttributeError, ValueError, OSError):  # no such question on this system
+        sizes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    with suppress(OSError):
+        groups = (root / "proc/self/cgroup").read_text().splitlines()
+    for group in groups:
+        _, controllers, path = group.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        place, name = ("", "memory.max") if not controllers else ("memory", "memory.limit_in_bytes")
+        folder = PurePosixPath(path.lstrip("/"))
+        for each in (folder, *folder.parents):  # each may allow less than those within it
+            with suppress(OSError, ValueError):  # "max" is no number
+                sizes.append(int((root / "sys/fs/cgroup" / place / each / name).read_text()))
+    return min(sizes, default=None)
 
 
 class Settled:

@@ -116,8 +116,8 @@ def chosen_nodes(nodes, i, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def bytes_of(body: Body) -> int:
-    """About how much memory the state of one fish takes, and once more while it is copied."""
-    return 2 * 8 * (6 * body.mass.size + 2 * body.springs.stiffness.size + 20)
+    """About how much memory one fish of a tank takes, its state once more while that is copied."""
+    return 8 * (12 * body.mass.size + 3 * body.springs.stiffness.size + 40)
 
 
 def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:

@@ -433,7 +433,7 @@ def test_clone_goes_on_alike(id, clone):
         ({"autoreset_mode": "foo"}, "unknown autoreset_mode 'foo'; choose from 'NextStep', 'SameStep', 'Disabled'"),
         ({"max_episode_steps": True}, "max_episode_steps is True"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
-        ({"num_envs": 0}, "num_fish is 0"),
+        ({"num_envs": 0}, "num_envs is 0; give a whole number, at least 1"),
         ({"threads": 0}, "threads is 0"),
     ],
 )

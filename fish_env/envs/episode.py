@@ -9,14 +9,14 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.checks import Settled, finite_array, is_whole, own
-from fish_env.envs.layout import Layout
+from fish_env.checks import Settled, finite_array, fits_memory, is_whole, own
+from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.pose import make_pose, packed_pose
 from fish_env.simd import Kind, Pack, Vectors
 from fish_env.tank import Tank
-from fish_env.tank_options import MOST_STEPS, whole_steps
+from fish_env.tank_options import MOST_STEPS, bytes_of, checked_count, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import checked_options
@@ -70,6 +70,8 @@ class Episodes(Settled):
         water = fish.water if water is None else water
         if not isinstance(water, World):
             water = _water(water)
+        num_envs = checked_count(num_envs, "num_envs")
+        fits_memory(num_envs, bytes_of(fish.body) + bytes_of_episode(fish), "num_envs")
         self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
         interval = fish.control_interval if control_interval is None else control_interval
         self._substeps = whole_steps(interval, self.tank.dt, "control_interval")
@@ -78,7 +80,7 @@ class Episodes(Settled):
         self.variation = checked_variation({} if variation is None else variation)
         check_pose(fish, self.variation)
         self.reset_options = {**self.task.reset_options, **VARIATIONS}
-        self.num_envs = self.tank.num_fish
+        self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.groups = fish.grouping(muscle_groups)
         self.first_muscle_of_group = np.unique(self.groups, return_index=True)[1]  # (A,) the first muscle of each
