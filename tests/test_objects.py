@@ -125,8 +125,12 @@ def test_scene(name, scene):
 
 
 def test_falls_of_rings_that_differ():
-    """Whatever the masses and wherever the nodes start, impacts add at most GROWTH of the energy of the fall."""
-    assert max(fall(seed)["growth"] for seed in range(4)) < GROWTH
+    """Whatever the masses and wherever the nodes start, impacts add at most GROWTH of the energy of the fall.
+
+    Most falls add nothing: 7, 25 and 37, the worst of the table, are those of 40 that add most.
+    """
+    growths = [fall(seed)["growth"] for seed in (0, 1, 7, 25, 37)]
+    assert 1e-7 < max(growths) < GROWTH
 
 
 @pytest.mark.parametrize("name", ["sphere", "uniform sphere"])
