@@ -491,6 +491,9 @@ def test_options_that_would_change_nothing_are_refused():
         make_sb3_vec_env("FishEnv/Swim-v0", num_envs=2, autoreset_mode="Disabled")
     with pytest.raises(ValueError, match="'CartPole-v1' is a CartPoleVectorEnv; give an environment whose batches"):
         make_sb3_vec_env("CartPole-v1", num_envs=2)
+    for seed in ("x", -1, 1.5, True):
+        with pytest.raises(ValueError, match=r"seed is .*; give a whole number, zero or more, or None"):
+            make_sb3_vec_env("FishEnv/Swim-v0", num_envs=2, seed=seed)
     env = make_sb3_vec_env("FishEnv/Swim-v0", num_envs=2, seed=0, max_episode_steps=2, info_every_step=True)
     env.reset()
     infos = [env.step(np.zeros((2, 12)))[3][1] for _ in range(2)]

@@ -1,5 +1,6 @@
 """Files and command lines, damaged and odd: read, or refused in one sentence, and never an error without one."""
 
+import copy
 import dataclasses
 import io
 import json
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 import fish_env
 from fish_env import __main__ as command_line
 from fish_env.control import load_policy, load_recording, record, replay, shipped_policy, write_film
-from fish_env.control.motor import load_tables
+from fish_env.control.motor import MOTOR_FILE, load_tables, swim_mc, turn_mc
 from fish_env.control.recording import SHAPES, Recording
 
 OBSERVED = np.zeros((2, 156), np.float32)
@@ -211,6 +212,52 @@ def test_layouts_and_tables(place, data):
     call("observation_layout", fish_env.observation_layout, id, **data.draw(KEYWORDS))
     place.with_suffix(".json").write_text(data.draw(st.one_of(st.text(max_size=20), JSON.map(json.dumps))))
     call_file("load_tables", load_tables, place.with_suffix(".json"))
+
+
+TABLES = json.loads(MOTOR_FILE.read_text())
+
+
+@examples(80)
+@given(data=st.data())
+def test_tables_with_other_numbers(place, data):
+    """Tables of which a number, a row or a part is another one: refused, or contractions that are numbers."""
+    found = copy.deepcopy({name: TABLES[name] for name in ("turns", "swims", "front", "lag")})
+    part = data.draw(st.sampled_from(list(found)))
+    value = data.draw(st.one_of(JSON, st.floats(0.0, 1.0), st.sampled_from([1, True, "0.5", [1], np.nan, -1.0])))
+    if part == "front":
+        found[part] = value
+    else:
+        at = data.draw(st.integers(0, len(found[part]) - 1))
+        if part == "lag" or data.draw(st.integers(0, 5)) == 0:
+            found[part][at] = value
+        else:
+            found[part][at][data.draw(st.sampled_from(list(found[part][at])))] = value
+    place.with_suffix(".json").write_text(json.dumps(found))
+    tables = call_file("load_tables", load_tables, place.with_suffix(".json"))
+    if tables is not None:
+        turns, swims = tables.turns.at(np.array([0.5, 2.0])), tables.swims.at(np.array([0.1, 0.8]))
+        added = [
+            turn_mc(turns, np.array([1.0, -1.0]), np.array([0.0, 0.2]))[0],
+            swim_mc(tables, swims, np.zeros((2, 2))),
+        ]
+        assert np.isfinite(added).all() and added[0].min() >= 0.0 and added[0].max() <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "message"),
+    [
+        ("front", "1.0", "front is '1.0'; give"),
+        ("front", -1.0, "front is -1.0"),
+        ("lag", [0.0, 0.1], r"lag \(rad\) has shape \(2,\)"),
+        ("lag", ["a", "b", "c"], r"lag \(rad\) is"),
+        ("lag", [0.0, float("nan"), 0.0], r"lag \(rad\) is nan"),
+    ],
+)
+def test_tables_of_other_parts_are_refused(place, part, value, message):
+    """The numbers beside the tables are looked at as well."""
+    place.with_suffix(".json").write_text(json.dumps(TABLES | {part: value}))
+    with pytest.raises(ValueError, match=rf"holds no tables of motor controllers: .*{message}"):
+        load_tables(place.with_suffix(".json"))
 
 
 # Command lines

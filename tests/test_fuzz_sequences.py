@@ -265,6 +265,7 @@ class Tanks(Sequence):
 
     def first(self):
         """Nothing is needed to begin."""
+        self.saved = self.env.get_state()
         self.do("advance", 1)
 
     def disturb(self, original, seed):
@@ -312,6 +313,37 @@ class Tanks(Sequence):
     def reset(self, mask):
         """Put fish back to rest."""
         self.do("reset", mask)
+
+    @rule()
+    def save(self):
+        """Keep the state, to come back to."""
+        self.saved = self.env.get_state()
+
+    @rule()
+    def restore(self):
+        """Come back to the state that was kept, whatever holds the nodes now."""
+        self.do("set_state", self.saved)
+
+    @rule(steps=st.integers(0, 3))
+    def twin(self, steps):
+        """A fresh tank that is given the state goes on as a copy does whose nodes nothing holds."""
+        copied, fresh = copy.deepcopy(self.env), self.make()
+        copied.release(range(23))
+        copied.release()
+        state = copied.get_state()
+        fresh.set_state(state)
+        same(fresh.get_state(), state, "set_state")
+        for each in (copied, fresh):
+            each.advance(steps)
+        same(fresh.get_state(), copied.get_state(), "advance after set_state")
+        for each in (copied, fresh):
+            each.close()
+
+    @rule(name=st.sampled_from(["x", "failure", "variation"]), value=st.sampled_from([np.nan, -5.0, None, 10**400]))
+    def bad_state(self, name, value):
+        """A state of which a part is missing or not allowed."""
+        if name != "x" or value != -5.0:
+            self.refused("set_state", {k: v for k, v in (self.saved | {name: value}).items() if v is not None})
 
     @rule(node=st.sampled_from([-1, 23, 10**30, 0.5, None]))
     def bad_node(self, node):

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fish_env.bodies import Fish
+from fish_env.checks import finite_array, positive_array, real
 
 MOTOR_FILE = Path(__file__).parent / "motor_controllers.json"
 
@@ -46,7 +47,7 @@ class Turn:
     """Where in the beat the strokes go on from when the turn begins, beats."""
 
     def __post_init__(self):
-        numbers = [getattr(self, field.name) for field in fields(self)]
+        numbers = [real(getattr(self, field.name)) for field in fields(self)]
         if not np.isfinite(numbers).all():
             raise ValueError(f"{self}; give finite numbers")
         if not (self.angle > 0 and self.hold > 0 and self.straighten > 0):
@@ -107,6 +108,10 @@ class MotorTables:
     """Amplitude of segment 0 when swimming, as a part of r1."""
     lag: tuple[float, float, float]
     """Phase lags of the three segments when swimming, rad."""
+
+    def __post_init__(self):
+        positive_array(self.front, (), "front", zero=True)
+        finite_array(self.lag, (3,), "lag (rad)")
 
 
 def load_tables(path: Path = MOTOR_FILE) -> MotorTables:

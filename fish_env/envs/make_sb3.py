@@ -23,7 +23,7 @@ def make_sb3_vec_env(
 
     Raises:
         gymnasium.error.Error: for an id that is not registered.
-        ValueError: for an option that is not allowed, or an environment that is not one of fish.
+        ValueError: for an option or a seed that is not allowed, or an environment that is not one of fish.
         ImportError: without Stable-Baselines3, saying how to install it.
     """
     from fish_env.envs.sb3 import FishVecEnv, VecMonitor

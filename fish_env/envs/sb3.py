@@ -10,6 +10,7 @@ try:
 except ImportError as error:
     raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
 
+from fish_env.checks import is_whole
 from fish_env.envs.make_sb3 import make_sb3_vec_env
 from fish_env.envs.vector import FishVectorEnv
 
@@ -36,6 +37,12 @@ class FishVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         return self.fish.observe()
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Let fish i begin from seed + i at the next reset; None for any. ValueError for a seed that is not allowed."""
+        if seed is not None and not (is_whole(seed) and seed >= 0):
+            raise ValueError(f"seed is {seed!r}; give a whole number, zero or more, or None")
+        return super().seed(None if seed is None else int(seed))
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
