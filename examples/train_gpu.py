@@ -9,6 +9,7 @@ folder that it writes is that of train_cleanrl.py.
 """
 
 import math
+import sys
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -75,12 +76,19 @@ class Collector:
         return tuple(part.flatten(0, 1) for part in (seen, actions, logs, found, found + values))
 
 
-def train(args: GpuArgs) -> Policy:
+def make_env(args: GpuArgs) -> FishTorchEnv:
+    """The fish on the GPU; the program ends with one line if there is no GPU, or if it cannot hold them."""
+    spec = gym.spec(args.env_id)
+    fish: dict[str, Any] = {**spec.kwargs, "muscle_groups": args.muscle_groups, "dtype": args.dtype}
+    try:
+        return FishTorchEnv(args.num_envs, args.device, max_episode_steps=spec.max_episode_steps, **fish)
+    except (ValueError, ModuleNotFoundError) as error:
+        sys.exit(f"train_gpu.py: {error}")
+
+
+def train(env: FishTorchEnv, args: GpuArgs) -> Policy:
     """Train, and return the policy."""
     torch.manual_seed(args.seed)
-    spec, options = gym.spec(args.env_id), {"muscle_groups": args.muscle_groups}
-    fish: dict[str, Any] = {**spec.kwargs, **options}
-    env = FishTorchEnv(args.num_envs, args.device, dtype=args.dtype, max_episode_steps=spec.max_episode_steps, **fish)
     agent = Agent(env, args).to(env.device)
     optimiser = torch.optim.Adam(agent.parameters(), lr=args.learning_rate, eps=1e-5)
     collector, begun = Collector(env, agent, args), time.perf_counter()
@@ -93,6 +101,7 @@ def train(args: GpuArgs) -> Policy:
         seconds = time.perf_counter() - begun
         print(f"{(k + 1) * size} steps, {seconds:.1f} s{found}", flush=True)
     env.close()
+    options = {"muscle_groups": args.muscle_groups}
     return agent.policy({"env_id": args.env_id, "env_options": options, "seed": args.seed})
 
 
@@ -100,8 +109,9 @@ def main() -> None:
     """Train, save, evaluate."""
     args = parse(GpuArgs, __doc__)
     assert isinstance(args, GpuArgs)
+    env = make_env(args)  # before anything is written
     folder = begin(args)
-    end(train(args), folder, args)
+    end(train(env, args), folder, args)
 
 
 if __name__ == "__main__":

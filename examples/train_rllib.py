@@ -13,6 +13,9 @@ import argparse
 import gc
 import json
 import math
+import re
+import socket
+import sys
 import time
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -177,13 +180,29 @@ def train(algorithm: PPO, args: Args) -> None:
             return
 
 
+def join(address: str) -> None:
+    """Join the Ray cluster at an address, or begin one here for ""; the program ends with one line if there is none."""
+    try:
+        found = re.fullmatch(r"(?:ray://)?([^:/]+):(\d+)", address)
+        if found:  # Ray would wait for minutes
+            socket.create_connection((found[1], int(found[2])), timeout=10.0).close()
+        options = {"address": address} if address else {"include_dashboard": False}
+        ray.init(**options, logging_level="ERROR")
+    except (OSError, OverflowError, ValueError, RuntimeError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        sys.exit(
+            f"train_rllib.py: there is no Ray cluster at {address!r} ({reason}); give the address that `ray start "
+            "--head` printed, auto on one of its machines, or leave --address out for a cluster on this machine alone"
+        )
+
+
 def main() -> None:
     """Train, save, evaluate."""
     args = parse()
+    join(args.address)  # before anything is written
     folder = Path(args.folder).resolve()
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "args.json").write_text(json.dumps(asdict(args), indent=2))
-    ray.init(address=args.address or None, include_dashboard=False, logging_level="ERROR")
     algorithm = make_config(args).build_algo()
     gc.freeze()  # the modules of Ray and torch stay: to look through them again and again takes as long as a rollout
     train(algorithm, args)

@@ -85,6 +85,21 @@ def test_train_ppo(tmp_path):
     assert json.loads((tmp_path / "out" / "scores.json").read_text())["seconds"] == 5.0
 
 
+def test_train_gpu_without_a_gpu(tmp_path):
+    """Without a GPU it says in one line what there is, and leaves no folder behind."""
+    torch = pytest.importorskip("torch")
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU")
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / "train_gpu.py"), "--folder", "out"], cwd=tmp_path, capture_output=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1 and not list(tmp_path.iterdir())
+    assert re.fullmatch(
+        r"train_gpu.py: device is 'cuda', but torch .* there is: cpu. On the processor: .*\n", done.stderr
+    )
+
+
 def test_play(tmp_path):
     """It plays a shipped policy into a file."""
     pytest.importorskip("moviepy")

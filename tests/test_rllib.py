@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -199,3 +200,19 @@ def test_no_cluster():
     ray.shutdown()
     with pytest.raises(ValueError, match="there is no Ray cluster"):
         ray_jobs.check_ray("127.0.0.1:1")
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "auto", "nowhere"])
+def test_the_example_without_a_cluster(tmp_path, address):
+    """The example says in one line that there is no cluster and what may be given, before it writes anything."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / "train_rllib.py"), "--address", address, "--folder", "out"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "RAY_ADDRESS": ""}, cwd=tmp_path,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1 and not (tmp_path / "out").exists()
+    last = done.stderr.splitlines()[-1]
+    assert (
+        last.startswith(f"train_rllib.py: there is no Ray cluster at {address!r} (") and "leave --address out" in last
+    )
+    assert "Traceback" not in done.stderr
