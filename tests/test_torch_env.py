@@ -170,7 +170,48 @@ def test_benchmark_without_a_gpu(capsys):
 
 
 @needs_compiler
+@pytest.mark.parametrize("dtype", gpu.AGREEMENT)
+def test_agreement_of_an_emulated_gpu(emulated, dtype):
+    """What `test_on_a_gpu` asks of a GPU, asked of the emulated one: float64 has the processor's bits."""
+    found = gpu.largest_difference("cpu", dtype, num_envs=3, seconds=0.2)
+    assert found == 0.0 if dtype == "float64" else 0.0 < found < gpu.AGREEMENT[dtype]
+
+
+@needs_compiler
+def test_disagreement_is_seen(emulated, monkeypatch):
+    """A node that is a little elsewhere, far less than observations show, and an end of one episode are seen."""
+    step = FishTorchEnv.step
+
+    def a_little_off(env, actions):
+        found = step(env, actions)
+        env.position[1, 5, 2] += 1e-9 * 0.2
+        return found
+
+    def ended(env, actions):
+        obs, reward, terminated, *rest = step(env, actions)
+        return obs, reward, terminated | torch.tensor([False, True]), *rest
+
+    monkeypatch.setattr(FishTorchEnv, "step", a_little_off)
+    assert gpu.AGREEMENT["float64"] < gpu.largest_difference("cpu", num_envs=2, seconds=0.02) < 1e-7
+    monkeypatch.setattr(FishTorchEnv, "step", ended)
+    assert gpu.largest_difference("cpu", num_envs=2, seconds=0.02) == np.inf
+
+
+@needs_compiler
+def test_positions_of_a_closed_batch(emulated):
+    """Positions are those of the processor; after the end there are none, and it says so."""
+    env, other = FishVectorEnv(2, threads=1), FishTorchEnv(2, "cpu")
+    env.reset(seed=3)
+    other.reset(seed=3)
+    np.testing.assert_array_equal(other.position, env.tank.position)
+    other.close()
+    with pytest.raises(RuntimeError, match="is closed, and its memory given back"):
+        _ = other.position
+
+
+@needs_compiler
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU")
-def test_on_a_gpu():
-    """Fish on the GPU observe what they do on the processor."""
-    assert gpu.largest_difference("cuda") < 1e-6
+@pytest.mark.parametrize("dtype", gpu.AGREEMENT)
+def test_on_a_gpu(dtype):
+    """Fish on the GPU are where they are on the processor, for two seconds."""
+    assert gpu.largest_difference("cuda", dtype) < gpu.AGREEMENT[dtype]

@@ -85,6 +85,13 @@ class FishTorchEnv:
             return torch.tensor(what, device=self.device)
         return torch.zeros(tuple(what), dtype=torch.from_numpy(np.zeros(1, dtype)).dtype, device=self.device)
 
+    @property
+    def position(self) -> torch.Tensor:
+        """Node positions, (B,N,3) m in float64, on the GPU: live; RuntimeError after `close`."""
+        if self._memory is None:
+            raise RuntimeError("the environment is closed, and its memory given back; make another one")
+        return self._memory.of(self._episodes.tank.state.x)
+
     def reset(self, *, seed: int | None = None) -> tuple[torch.Tensor, dict[str, Any]]:
         """Draw starts, and begin an episode of every fish: observations (B,D) float32, and {}.
 
