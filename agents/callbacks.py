@@ -191,8 +191,8 @@ class SurvivingEvents(BaseCallback):
     """Puts `Events` around the logger's writers while the training lasts."""
 
     def _on_training_start(self) -> None:
-        formats, folder = self.logger.output_formats, Path(self.logger.dir or "")
-        self.logger.output_formats = [Events(each, folder) if isinstance(each, KVWriter) else each for each in formats]
+        formats = self.logger.output_formats
+        formats[:] = [Events(each, Path(self.logger.dir or "")) for each in formats]
 
     def _on_step(self) -> bool:
         return True

@@ -50,7 +50,8 @@ def settings_of(record: dict[str, Any]) -> TrainConfig:
         ValueError: if they are of another version of this program, or of another kind.
     """
     try:
-        config = TrainConfig(**{name: _tuples(value) for name, value in record.items()})
+        lists: dict[str, Any] = {name: _tuples(value) for name, value in record.items()}
+        config = TrainConfig(**lists)
     except TypeError as error:
         raise ValueError(
             f"the settings {sorted(record)} are not those of this version ({error}); train again"

@@ -7,7 +7,7 @@ import numpy as np
 
 from fish_env import forces
 from fish_env.body import Body, Control, State, chosen_axes, fix_where, node_numbers
-from fish_env.checks import finite_array, frozen, is_whole
+from fish_env.checks import Settled, finite_array, frozen, is_whole
 from fish_env.conditions import (
     METHODS,
     Conditions,
@@ -26,7 +26,7 @@ from fish_env.tank_options import chosen_nodes, refused, varied
 from fish_env.world import Anchors, World, joined, make_anchors
 
 
-class Conditioned:
+class Conditioned(Settled):
     """The part of `fish_env.Tank` that drags, fixes, moves and releases nodes, of all of its bodies alike."""
 
     fish: Any

@@ -9,7 +9,7 @@ import numpy as np
 
 from fish_env.bodies.fish import Elastic
 from fish_env.body import COUNTERS, FAILURES, Control, State
-from fish_env.checks import Settled, fits_memory, frozen, is_whole, own
+from fish_env.checks import fits_memory, frozen, is_whole, own
 from fish_env.conditioned import Conditioned
 from fish_env.conditions import no_conditions
 from fish_env.engine import Engine
@@ -39,7 +39,7 @@ from fish_env.world import VACUUM, World
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
 
-class Tank(Conditioned, Settled, Generic[Elastic]):
+class Tank(Conditioned, Generic[Elastic]):
     """B fish of one kind, each alone in the same water, advanced together by one integrator.
 
     `fish` and `world` of a tank are its own, read-only copies of what it was given: kernels read them and do not look.
