@@ -7,10 +7,11 @@ import pytest
 
 pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
 
-from viewer import Viewer, until
+from viewer import CAMERA, Viewer, until
 
 from fish_env.lab import server
 from fish_env.lab.drawing import octahedron
+from fish_env.lab.incoming import vector
 from fish_env.lab.settings import SETTINGS
 
 
@@ -242,6 +243,110 @@ def test_a_target_is_put_by_a_click(page):
     until(lambda: not np.array_equal(school.targets(), before))
     assert school.targets()[0, 2] == pytest.approx(0.0, abs=1e-9)
     until(lambda: np.allclose(drawn(page, "/water/targets"), school.targets() / school.fish.length, atol=1e-5))
+
+
+SHORT = [(0.0, 0.0), (), (0.0, 0.0, 0.0, 0.0), (float("nan"), 0.0, 0.0), (float("inf"), 0.0, 0.0)]
+NO_POINTS = [*SHORT, (None, 0.0, 0.0), ("a", 0.0, 0.0), "abc", [1], 3.0, {}, (True, 0, 0), ((0.0, 0.0, 0.0),) * 3]
+
+
+def goes_on(page):
+    """Whether the session still answers and moves, and made no mistake of its own."""
+    session = page.session
+    before = session.panel.mouse
+    other = "drag" if before == "fix" else "fix or release"
+    page.choose("mouse", other)
+    until(lambda: session.panel.mouse == other.split()[0])
+    clock = (session.school or session.bench).clock
+    until(lambda: (session.school or session.bench).clock > clock)
+    return session.alive and not any("mistake" in note for note in page.notes)
+
+
+@pytest.mark.filterwarnings("ignore:.*does not match annotation")
+def test_malformed_points_are_told_and_the_session_goes_on(page):
+    """Drags and clicks whose points are no points are told of, nothing is done, and the session goes on."""
+    session, bench = page.session, page.session.bench
+    good = drawn(page, "/0/nodes")[0]
+    for bad in SHORT:
+        told = len(page.notes)
+        page.drag("start", "/0/nodes", bad, good)
+        until(lambda told=told: any("start is" in note for note in page.notes[told:]))
+        assert bench.hand is None
+        page.drag("start", "/0/nodes", good, good)
+        until(lambda: bench.hand is not None)
+        aim = bench.hand._goal.copy()
+        page.drag("update", "/0/nodes", good, bad)
+        until(lambda told=told: any("end is" in note for note in page.notes[told:]))
+        assert np.array_equal(bench.hand._goal, aim)
+        page.drag("end", "/0/nodes", bad, bad)
+        until(lambda: bench.hand is None)
+    assert goes_on(page)
+    page.choose("steered by", "policy avoid")
+    school = until(lambda: session.school)
+    for bad in SHORT:
+        told = len(page.notes)
+        page.click(bad, (0.0, 0.1, -1.0))
+        until(lambda told=told: any("origin is" in note for note in page.notes[told:]))
+        page.click((0.0, 0.0, 3.0), bad)
+        until(lambda told=told: any("direction is" in note for note in page.notes[told:]))
+    told = len(page.notes)
+    page.click((0.0, 0.0, 3.0), (1e300, 0.0, -1e-300))
+    until(lambda: len(page.notes) > told)
+    assert school.obstacles == [] and goes_on(page)
+
+
+@pytest.mark.parametrize("start", [(None, 0.0, 0.0), ("a", 0.0, 0.0), 3.0])
+def test_a_message_that_viser_cannot_read_ends_its_page_alone(page, laboratory, start):
+    """A page whose drag viser itself cannot read is sent away, as one that leaves; the others go on."""
+    other = Viewer(laboratory).entered()
+    other.drag("start", "/0/nodes", start, drawn(other, "/0/nodes")[0])
+    until(lambda: not other.session.alive and other.session not in laboratory.sessions.values())
+    assert goes_on(page)
+
+
+def test_points_are_three_finite_numbers():
+    """A point of a message is three finite numbers, and nothing else."""
+    for bad in NO_POINTS:
+        with pytest.raises(ValueError, match=r"start is .*give three finite numbers"):
+            vector(bad, "start")
+    assert vector((1, 2.0, np.float64(3.0)), "start").tolist() == vector([1, 2, 3], "start").tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("value", ["abc", None, [1], {}, "nan", 1e300, -1e300])
+def test_malformed_values_leave_everything_as_it_was(page, value):
+    """What is no number does not reach the bench, whatever control it is of, and the session goes on."""
+    bench = page.session.bench
+    page.choose("object", "sphere")
+    until(lambda: bench.specimens[0].entry.thing == "sphere" and page.has("slices"))
+    before, speed = dict(bench.numbers), page.session.speed
+    labels = [setting.label for setting in SETTINGS.values()]
+    for label in ("speed", "strength of hand", "slices", "fish", "object", "integrator", "walls", *labels):
+        page.send("GuiUpdateMessage", uuid=page._control(label), updates={"value": value})
+    page.send("GuiUpdateMessage", uuid=page._control("pause (space)"), updates={"value": value})
+    page.choose("pause (space)", False)
+    until(lambda: not page.session.paused)
+    assert goes_on(page)
+    assert bench.numbers == before and page.session.speed == speed and bench.strength == 1.0
+    assert bench.specimens[0].entry.thing == "sphere" and bench.walls == "own"
+
+
+@pytest.mark.filterwarnings("ignore:.*does not match annotation")
+def test_a_camera_that_makes_no_sense_is_not_turned(page):
+    """A page that tells nonsense of its camera cannot have it turned, and its session goes on."""
+    nan = float("nan")
+    for wrong in ({"fov": nan}, {"fov": -1.0, "image_height": -1}, {"position": (nan,) * 3}, {"look_at": (0.0, 0.0)}):
+        page.send("ViewerCameraMessage", **(CAMERA | wrong))
+        page.press("Look again")
+        page.choose("object", "ring" if page.session.bench.specimens[0].entry.thing != "ring" else "string")
+        assert goes_on(page) and page.notes == []
+
+
+def test_a_mistake_of_the_laboratory_does_not_end_the_session(page, capsys):
+    """A request that fails in a way that nobody foresaw is told of, here in full, and the session goes on."""
+    page.session.ask(lambda: {}["nothing"])
+    until(lambda: any("mistake" in note for note in page.notes))
+    assert "KeyError: 'nothing'" in capsys.readouterr().err
+    clock = page.session.bench.clock
+    until(lambda: page.session.bench.clock > clock)
 
 
 def test_a_full_laboratory_says_so(page, laboratory, monkeypatch):

@@ -3,6 +3,7 @@
 Everything is drawn in lengths of the first object, so that a metre of a scene is never visible to the camera.
 """
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from fish_env.bodies import Fish
 from fish_env.lab import colours
 from fish_env.lab.geometry import boundary
+from fish_env.lab.incoming import usable
 from fish_env.lab.specimen import Specimen, down_of, room_size
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ NODES = 0.018  # radius of a drawn node, lengths
 FEW = 60  # nodes up to which they are drawn unless told otherwise
 UPRIGHT = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
 PANEL = 336  # pixels of the page that the panel covers
+SCREEN, SIGHT = (960.0, 600.0), 0.8  # pixels and angle of sight, rad, of a page that does not say
 VIEWS = ("skin", "springs", "nodes", "forces")
 
 
@@ -90,14 +93,13 @@ class Drawing:
         flat = upright(thing)
         width = (len(bench.specimens) - 1) * bench.spacing * self.scale
         near = 1.7 if thing.water.planes is None else 2.2 * room_size(thing) * self.scale
-        hidden = min(PANEL / max(camera.image_width, 1), 0.5)
-        half = np.tan(0.5 * camera.fov) * camera.image_width / max(camera.image_height, 1)  # seen at a distance of 1
-        far = 0.55 * width + near
-        if half > 0.0:
-            far = max(far, (0.5 * width + 0.5 * near) / (half * (1.0 - hidden)))
+        wide, high = usable(camera.image_width, SCREEN[0]), usable(camera.image_height, SCREEN[1])
+        hidden = min(PANEL / wide, 0.5)
+        half = np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0)) * wide / high  # seen at a distance of 1
+        far = max(0.55 * width + near, (0.5 * width + 0.5 * near) / (half * (1.0 - hidden)))
         aside = hidden * half * far
-        camera.position = (aside, -far, 0.01) if flat else (aside, -0.88 * far, 0.47 * far)
-        camera.look_at = (aside, 0.0, 0.0)
+        place = (aside, -far, 0.01) if flat else (aside, -0.88 * far, 0.47 * far)
+        self.session.turn_camera(place, (aside, 0.0, 0.0))
 
     def _add(self, number: int, specimen: Specimen) -> None:
         """Draw one object for the first time."""
@@ -159,13 +161,12 @@ class Drawing:
         session = self.session
 
         async def drag(event) -> None:
-            begin, end = tuple(event.start_position), tuple(event.end_position)
             if event.phase == "start":
-                session.ask(lambda: session.panel.press(number, begin))
+                session.ask_at(partial(session.panel.press, number), start=event.start_position)
             if event.phase == "end":
                 session.ask(session.bench.let_go)
             else:
-                session.ask(lambda: session.panel.drag(number, end))
+                session.ask_at(partial(session.panel.drag, number), end=event.end_position)
 
         handle.on_drag("left")(drag)
 

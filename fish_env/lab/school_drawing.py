@@ -29,7 +29,7 @@ class SchoolDrawing:
     """
 
     def __init__(self, session: "Session", school: School):
-        self.school, self.client, self.scene = school, session.client, session.client.scene
+        self.school, self.session, self.scene = school, session, session.client.scene
         fish = school.fish
         self.scale = 1.0 / fish.length
         self._surface = surfaces(fish)[0]
@@ -65,9 +65,8 @@ class SchoolDrawing:
 
     def look(self) -> None:
         """Turn the camera to the fish: from behind and above."""
-        width, camera = 1.4 * np.sqrt(self.school.num_fish), self.client.camera
-        camera.position = (-1.4 * width - 1.2, -0.5 * width, 1.3 * width + 0.8)
-        camera.look_at = (0.3, 0.0, 0.0)
+        width = 1.4 * np.sqrt(self.school.num_fish)
+        self.session.turn_camera((-1.4 * width - 1.2, -0.5 * width, 1.3 * width + 0.8), (0.3, 0.0, 0.0))
 
     def _keep(self, handle) -> Any:
         self._handles.append(handle)
@@ -93,16 +92,16 @@ class SchoolDrawing:
         self._handles = []
 
     def place(self, origin, direction) -> np.ndarray:
-        """The point (3,) m at the height of the fish that a ray of the scene hits.
+        """The point (3,) m at the height of the fish that a ray of the scene hits, from an origin (3,) on.
 
         Raises:
             ValueError: for a ray that does not.
         """
-        origin, direction = np.asarray(origin, dtype=float), np.asarray(direction, dtype=float)
         height = self._focus[2] + origin[2]
-        if not (np.isfinite([origin, direction]).all() and height * direction[2] < 0.0):
+        if not (height > 0.0 > direction[2] or height < 0.0 < direction[2]):
             raise ValueError("that point lies in the sky; give one nearer, in the plane in which the fish swim")
-        found = origin - height / direction[2] * direction + self._focus
+        with np.errstate(over="ignore", invalid="ignore"):  # of a ray that is all but level: refused as too far
+            found = origin - height / direction[2] * direction + self._focus
         return found / self.scale
 
     def update(self, seconds: float) -> None:
