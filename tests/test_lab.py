@@ -10,6 +10,7 @@ from fish_env.bodies.mesh import box
 from fish_env.elements import make_tets
 from fish_env.lab import serve
 from fish_env.lab.bench import Bench, checked_entry
+from fish_env.lab.fields import LONGEST, SHADES, arrows, shade_of, shades
 from fish_env.lab.geometry import boundary, enclosed, signed_volume, surfaces, tet_strain, triangulated
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import SETTINGS, checked_point
@@ -225,6 +226,43 @@ def test_the_strain_of_a_tetrahedron_is_its_largest_principal_one():
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     assert tet_strain(tets, place @ turn.T) == pytest.approx(0.0, abs=1e-12)
     assert tet_strain(tets, (place * (1.1, 0.7, 1.0)) @ turn.T) == pytest.approx(-0.3, abs=1e-12)
+
+
+def test_most_forces_are_seen_beside_one_that_is_much_larger():
+    """Most arrows are seen beside one of a node that is held; none is of noise."""
+    bench = Bench()
+    start = bench.specimens[0].position[0].copy()
+    bench.grab(0, start)
+    bench.drag(2.5 * start)
+    for _ in range(18):
+        bench.advance(1 / 30)
+    force, mass = bench.specimens[0].forces(), bench.specimens[0].tank.fish.body.mass
+    size = np.linalg.norm(force, axis=1)
+    assert size.max() > 50.0 * np.median(size)
+    nodes, arrow = arrows(force, mass)
+    length = np.linalg.norm(arrow, axis=1)
+    assert np.median(length) > 0.1 and (length > 0.05).mean() > 0.9 and length.max() == pytest.approx(LONGEST)
+    assert np.einsum("ij,ij->i", arrow, force[nodes]) == pytest.approx(length * size[nodes])
+    assert np.abs(arrows(1e-12 * force, mass)[1]).max() < 1e-4 and not arrows(0.0 * force, mass)[1].any()
+
+
+@pytest.mark.parametrize("name", ["beam", "block", "ball", "two materials"])
+def test_a_dropped_solid_shows_its_strain(name):
+    """At rest all of a solid has the middle, light shade; after its fall it shows four others or more."""
+    bench = Bench([Entry(name)])
+    middle = SHADES // 2
+    assert shades()[middle].min() > 200 and (shade_of(bench.specimens[0].tet_strain()) == middle).all()
+    seen = 0
+    for _ in range(30):
+        bench.advance(1 / 30)
+        seen = max(seen, len(set(shade_of(bench.specimens[0].tet_strain())) - {middle}))
+    assert seen >= 4
+
+
+def test_shades_tell_shortened_from_stretched():
+    """Shades tell shortened from stretched, a strain of a percent from rest, and end at thirty percent."""
+    assert shade_of(np.array([-9.0, -0.3, 0.0, 0.01, 0.3, np.inf])).tolist() == [0, 0, 5, 6, 10, 10]
+    assert shade_of(np.array([-0.01]))[0] == 4
 
 
 def test_triangles_of_faces():

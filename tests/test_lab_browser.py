@@ -214,9 +214,9 @@ def test_same_cost_gives_steps_that_cost_as_much(visitor):
 @pytest.mark.parametrize("view", VIEWS)
 def test_every_view_is_shown_and_hidden(visitor, view):
     """A box of the tab View hides or shows its part: the picture of a still fish changes, and back again."""
-    drawing = visitor.session.drawing
-    visitor.choose("object", "mass_spring")
-    until(lambda: visitor.bench.specimens[0].entry.thing == "mass_spring")
+    drawing, thing = visitor.session.drawing, "tetrahedral" if view == "tetrahedra" else "mass_spring"
+    visitor.choose("object", thing)
+    until(lambda: visitor.bench.specimens[0].entry.thing == thing)
     until(lambda: visitor.bench.clock > 0.3)
     visitor.press("One step")
     until(lambda: visitor.session.paused)

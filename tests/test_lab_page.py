@@ -10,7 +10,8 @@ pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
 from viewer import CAMERA, Viewer, until
 
 from fish_env.lab import server
-from fish_env.lab.drawing import octahedron
+from fish_env.lab.fields import SHADES, shade_of, shades
+from fish_env.lab.geometry import boundary, octahedron
 from fish_env.lab.incoming import vector
 from fish_env.lab.settings import SETTINGS
 
@@ -137,7 +138,7 @@ def test_keys_and_buttons(page):
     until(lambda: session.bench.clock > 0.05)
 
 
-@pytest.mark.parametrize("thing", ["string", "ring", "sphere", "block", "mass_spring", "planar"])
+@pytest.mark.parametrize("thing", ["string", "ring", "sphere", "block", "mass_spring", "planar", "tetrahedral"])
 def test_every_kind_of_object_is_drawn(page, thing):
     """Objects of every kind are drawn: lines, skins, tetrahedra by their strain, muscles, forces."""
     session = page.session
@@ -149,18 +150,62 @@ def test_every_kind_of_object_is_drawn(page, thing):
     parts = {name for _, name in session.drawing._handles}
     until(lambda: parts == {name[3:] for name in list(page.nodes) if name[:3] == "/0/" and "wall" not in name})
     assert ("element 0" in parts) == (body.tets is not None)
-    assert ("skin 0" in parts) == (thing not in ("string", "block"))
+    assert ("skin 0" in parts) == (thing != "string")
     assert ("skin 1" in parts) == (thing in ("ring", "sphere"))
-    assert ("muscles" in parts) == (thing in ("mass_spring", "planar"))
+    assert ("muscles" in parts) == (thing in ("mass_spring", "planar", "tetrahedral"))
     until(lambda: page.nodes["/0/forces"]["points"].any())
     arrows = page.nodes["/0/forces"]["points"].reshape(-1, 2, 3)
     assert np.isfinite(arrows).all() and np.linalg.norm(arrows[:, 1] - arrows[:, 0], axis=1).max() < 0.36
-    page.choose("skin", False)
-    page.choose("springs", False)
+    for view in ("skin", "tetrahedra", "springs"):
+        page.choose(view, False)
     for part in parts & {"element 0", "skin 0", "skin 1", "springs", "muscles"}:
         until(lambda part=part: page.nodes[f"/0/{part}"].get("visible") is False)
     page.press("Look again")
     assert page.notes == []
+
+
+@pytest.mark.parametrize("thing", ["block", "tetrahedral"])
+def test_tetrahedra_are_seen_by_strain_or_as_plain_skin(page, thing):
+    """A body of tetrahedra, fish or solid, is drawn by its strain or as plain skin; its muscles stay as they are."""
+    session = page.session
+    page.choose("object", thing)
+    until(lambda: session.bench.specimens[0].entry.thing == thing and "/0/element 0" in page.nodes)
+    page.choose("fish swim by the gait", True)
+    until(lambda: session.bench.clock > 0.2)
+    page.key("Pause")
+    until(lambda: session.paused)
+    triangles, owner = boundary(session.bench.specimens[0].thing.body.tets.nodes)
+    shade = shade_of(session.bench.specimens[0].tet_strain()[owner])
+    assert len(set(shade)) > 2
+    seen = lambda k: len(triangles) if (shade == k).all() else (shade == k).sum()  # noqa: E731
+    for k in np.flatnonzero(np.bincount(shade, minlength=SHADES)):
+        until(lambda k=k: drawn(page, f"/0/element {k}", "vertices").shape[0] == 3 * seen(k))
+        assert page.nodes[f"/0/element {k}"]["color"] == shades()[k].tolist()
+    assert page.nodes["/0/skin 0"]["visible"] is False
+    page.choose("tetrahedra", False)
+    until(lambda: page.nodes["/0/skin 0"]["visible"] and page.nodes["/0/element 0"]["visible"] is False)
+    if thing == "tetrahedral":
+        assert page.nodes["/0/muscles"]["visible"]
+
+
+def test_what_would_hide_forces_is_faint(page):
+    """While forces are shown, the skin is faint, so that arrows within it are seen; without them it is as before."""
+    until(lambda: "/0/skin 0" in page.nodes)
+    before = page.nodes["/0/skin 0"]["opacity"]
+    page.choose("forces", True)
+    until(lambda: page.nodes["/0/skin 0"]["opacity"] < 0.2 and page.nodes["/0/skin 1"]["opacity"] < 0.2)
+    assert page.nodes["/0/forces"]["visible"]
+    page.choose("forces", False)
+    until(lambda: page.nodes["/0/skin 0"]["opacity"] == before and page.nodes["/0/skin 1"]["opacity"] is None)
+
+
+def test_what_is_hidden_stays_hidden_for_the_next_object(page):
+    """What is hidden is hidden for the next object too."""
+    page.choose("skin", False)
+    page.choose("springs", False)
+    page.choose("object", "ring")
+    until(lambda: page.session.bench.specimens[0].entry.thing == "ring")
+    until(lambda: page.nodes["/0/skin 0"].get("visible") is False and page.nodes["/0/springs"].get("visible") is False)
 
 
 def test_objects_side_by_side_are_compared(page):

@@ -112,3 +112,20 @@ def tet_strain(tets, x) -> np.ndarray:
     gradient = np.einsum("tak,tal->tkl", x[tets.nodes], tets.gradient)
     stretch = np.sqrt(np.maximum(np.linalg.eigvalsh(gradient.transpose(0, 2, 1) @ gradient), 0.0)) - 1.0
     return stretch[np.arange(len(stretch)), np.abs(stretch).argmax(axis=1)]
+
+
+def octahedron(radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """A ball of few triangles: an octahedron, each side divided in four and blown up."""
+    points = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+    corners = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
+    places, triangles = [np.array(point, float) for point in points], []
+    for a, b, c in corners:
+        first = len(places)
+        places += [
+            0.5**0.5 * (places[a] + places[b]),
+            0.5**0.5 * (places[b] + places[c]),
+            0.5**0.5 * (places[c] + places[a]),
+        ]
+        p, q, r = first, first + 1, first + 2
+        triangles += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
+    return radius * np.array(places, np.float32), np.array(triangles, np.uint32)

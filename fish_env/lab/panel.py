@@ -140,8 +140,8 @@ class Panel:
             self.when(self.gui.add_checkbox(view, shown), lambda value, view=view: drawing.show(view, value))
         self.button("Look again", self.session.look)
         self.gui.add_markdown(
-            "Springs: blue shortened, orange stretched (30 % at the ends). Muscles: grey relaxed, red contracted. "
-            "Tetrahedra: dark at rest, yellow at 30 % strain."
+            "Springs and tetrahedra: blue shortened, grey at rest, orange stretched (30 % at the ends). Muscles: grey "
+            "relaxed, red contracted. Forces: their length goes with the square root."
         )
 
     def _measured(self) -> None:

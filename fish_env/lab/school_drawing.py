@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fish_env.lab import colours
-from fish_env.lab.drawing import flat_points, octahedron
-from fish_env.lab.geometry import surfaces
+from fish_env.lab.drawing import flat_points
+from fish_env.lab.geometry import octahedron, surfaces
 from fish_env.lab.school import MOST_OBSTACLES, School
 
 if TYPE_CHECKING:
