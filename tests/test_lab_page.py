@@ -229,6 +229,35 @@ def test_objects_side_by_side_are_compared(page):
     until(lambda: page.shows("third object") == "nothing" and page.shows("second object") == "string")
 
 
+def test_objects_of_one_kind_are_made_with_their_own_numbers(page):
+    """A ring of one layer stands beside one of two: each keeps the numbers that it is made with."""
+    bench = page.session.bench
+    made = lambda: [len(specimen.position) for specimen in bench.specimens]  # noqa: E731
+    page.choose("object", "ring")
+    until(lambda: made() == [24] and page.has("layers") and not page.has("second layers"))
+    page.choose("layers", 1)
+    until(lambda: made() == [12])
+    page.choose("second object", "ring")  # begins with the numbers of the first
+    until(lambda: made() == [12, 12] and page.has("second layers"))
+    assert page.shows("second nodes") == 12 and page.shows("second layers") == 1
+    page.choose("second nodes", 8)
+    until(lambda: made() == [12, 8])
+    page.choose("second integrator", "rk4")
+    until(lambda: bench.specimens[1].entry.integrator == "rk4")
+    page.choose("layers", 2)
+    until(lambda: made() == [24, 8] and page.shows("second layers") == 1 and page.shows("layers") == 2)
+    page.choose("second layers", 3)
+    until(lambda: any("layers" in note for note in page.notes))
+    until(lambda: page.shows("second layers") == 1)
+    page.choose("pressure", 0.0)
+    page.choose("third object", "string")
+    until(lambda: made() == [24, 8, 2] and page.has("third nodes"))
+    page.choose("second object", "nothing")
+    until(lambda: made() == [24, 2] and not page.has("third nodes") and page.shows("second nodes") == 2)
+    until(lambda: not page.has("second layers"))
+    assert bench.specimens[0].tank.alive[0]
+
+
 def test_a_method_that_fails_is_told_of(page):
     """A method that fails is named on the page, and all begins again."""
     page.choose("object", "ring")
@@ -454,7 +483,7 @@ def test_a_choice_made_while_another_is_answered_holds(page):
     until(lambda: [s.entry.integrator for s in session.bench.specimens] == ["rk4", "midpoint"])
     assert [s.entry.thing for s in session.bench.specimens] == ["sphere", "ring"] and session.school is None
     with pytest.raises(ValueError, match="made with slices, stacks, layers"):
-        session.panel.set_level("nodes", 3)  # of an object that is gone
+        session.panel.set_level(0, "nodes", 3)  # of an object that is gone
 
 
 def test_the_balls_of_nodes_are_closed_and_round():
