@@ -6,6 +6,7 @@ import socket
 import numpy as np
 import pytest
 
+from fish_env.bodies.distorted import DISTORTIONS, out_of_shape
 from fish_env.bodies.mesh import box
 from fish_env.elements import make_tets
 from fish_env.lab import serve
@@ -263,6 +264,72 @@ def test_shades_tell_shortened_from_stretched():
     """Shades tell shortened from stretched, a strain of a percent from rest, and end at thirty percent."""
     assert shade_of(np.array([-9.0, -0.3, 0.0, 0.01, 0.3, np.inf])).tolist() == [0, 0, 5, 6, 10, 10]
     assert shade_of(np.array([-0.01]))[0] == 4
+
+
+@pytest.mark.parametrize("how", ["twisted", "inverted"])
+@pytest.mark.parametrize("name", ["beam", "block", "two materials", "tetrahedral"])
+def test_what_is_twisted_or_inverted_comes_back(name, how):
+    """A solid, or the fish of tetrahedra, is put at rest out of its shape, comes back to it, and nothing is said."""
+    bench = Bench([Entry(name)])
+    bench.throw()
+    bench.advance(0.1)
+    bench.distort(how)
+    specimen = bench.specimens[0]
+    body = specimen.thing.body
+    assert bench.clock == 0.0 and not specimen.tank.velocity.any()
+    assert np.array_equal(specimen.position, DISTORTIONS[how](specimen.thing))
+    assert out_of_shape(body, specimen.position) > 0.05
+    for _ in range(95):
+        bench.advance(1 / 30)
+    assert not bench.messages and out_of_shape(body, specimen.position) < 0.03
+
+
+def test_what_does_not_come_back_is_named_with_its_reason():
+    """An inverted ball stays inside out, a shell of gas loses its volume: both are told of."""
+    bench = Bench([Entry("ball")])
+    bench.distort("inverted")
+    for _ in range(95):
+        bench.advance(1 / 30)
+    assert len(bench.messages) == 1
+    assert "The ball was inverted and has not come back" in bench.messages[0] and "0.8" in bench.messages[0]
+    bench.distort("inverted")
+    bench.reset()
+    for _ in range(95):
+        bench.advance(1 / 30)
+    assert len(bench.messages) == 1  # it was not left inverted
+    bench = Bench()
+    bench.distort("inverted")
+    bench.advance(1 / 30)
+    assert "failed on the uniform sphere" in bench.messages[0] and "no volume left" in bench.messages[0]
+    assert bench.clock == 0.0 and np.array_equal(bench.specimens[0].position, bench.specimens[0].thing.body.position)
+
+
+def test_what_cannot_be_twisted_or_inverted_is_refused():
+    """What lies in a plane is neither twisted nor inverted, springs alone are not inverted: nothing is changed."""
+    for name, hows, why in (("string", ("twisted", "inverted"), "in a plane or on a line"),
+                            ("ring", ("twisted", "inverted"), "in a plane"), ("planar", ("twisted",), "in a plane"),
+                            ("mass_spring", ("inverted",), "mirror image")):  # fmt: skip
+        bench = Bench([Entry("beam"), Entry(name)])
+        bench.advance(0.1)
+        before = bench.specimens[0].position.copy()
+        for how in hows:
+            with pytest.raises(ValueError, match=f"{why}.*give"):
+                bench.distort(how)
+        assert bench.clock == 0.1 and np.array_equal(bench.specimens[0].position, before)
+    with pytest.raises(ValueError, match="choose from 'twisted', 'inverted'"):
+        bench.distort("__class__")
+
+
+def test_a_fixed_node_stays_where_the_twist_puts_it():
+    """A node that is fixed stays where the twist puts it."""
+    bench = Bench([Entry("beam")])
+    body = bench.specimens[0].thing.body
+    node = bench.fix(0, body.position[0])
+    bench.distort("twisted")
+    place = bench.specimens[0].position[node].copy()
+    for _ in range(10):
+        bench.advance(1 / 30)
+    assert np.array_equal(bench.specimens[0].position[node], place)
 
 
 def test_triangles_of_faces():

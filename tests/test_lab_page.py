@@ -9,6 +9,7 @@ pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
 
 from viewer import CAMERA, Viewer, until
 
+from fish_env.bodies.distorted import DISTORTIONS
 from fish_env.lab import server
 from fish_env.lab.fields import SHADES, shade_of, shades
 from fish_env.lab.geometry import boundary, octahedron
@@ -136,6 +137,22 @@ def test_keys_and_buttons(page):
     until(lambda: not session.bench.specimens[0].tank.velocity.any())
     page.choose("pause (space)", False)
     until(lambda: session.bench.clock > 0.05)
+
+
+def test_buttons_twist_and_invert(page):
+    """The buttons Twist and Invert put a beam out of its shape, and say why a ring cannot be."""
+    bench = page.session.bench
+    page.choose("object", "beam")
+    until(lambda: bench.specimens[0].entry.thing == "beam")
+    page.key("Pause")
+    until(lambda: page.session.paused)
+    for label, how in (("Twist", "twisted"), ("Invert", "inverted")):
+        page.press(label)
+        until(lambda how=how: np.array_equal(bench.specimens[0].position, DISTORTIONS[how](bench.specimens[0].thing)))
+    page.choose("object", "ring")
+    until(lambda: bench.specimens[0].entry.thing == "ring")
+    page.press("Twist")
+    until(lambda: any("in a plane" in note for note in page.notes))
 
 
 @pytest.mark.parametrize("thing", ["string", "ring", "sphere", "block", "mass_spring", "planar", "tetrahedral"])

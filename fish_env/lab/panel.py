@@ -99,6 +99,8 @@ class Panel:
         self.when(self.gui.add_slider("strength of hand", 0.2, 10.0, 0.2, 1.0), bench.set_strength)
         self.button("Drop: start again (R)", self.restart)
         self.button("Throw (T)", bench.throw)
+        self.button("Twist", lambda: bench.distort("twisted"), "at rest, turned by half a turn from end to end")
+        self.button("Invert", lambda: bench.distort("inverted"), "at rest, turned inside out")
         self.button("Release fixed nodes", bench.release_all)
         self.pause = self.when(self.gui.add_checkbox("pause (space)", False), self.set_paused)
         self.button("One step (N)", self.one_step)
