@@ -17,7 +17,7 @@ from fish_env.lab.specimen import Entry, Readings, Specimen, checked_entry, cost
 
 MOST = 3  # objects side by side
 MANY = 600  # nodes of an object that one processor does not move in real time by steps of its own
-LONGER = 4.0  # times its own: the step of such an object, if its method is stable there
+LONGER, DRIVEN = 4.0, 2.0  # times its own: the step of such an object, and of such a fish, if its method is stabilised
 KEPT = 400  # readings
 BETWEEN = 0.05  # s of the simulation between two readings
 SETTLED = 3.0  # s after which what was distorted is to be back in its shape
@@ -59,7 +59,7 @@ class Bench:
         if any(len(each.position) > MANY for each in specimens) and all(
             each.tank.integrator.kind == "stabilised" for each in specimens
         ):
-            numbers["step"] = LONGER
+            numbers["step"] = DRIVEN if any(each.is_fish for each in specimens) else LONGER
         self.specimens, self.numbers, self.walls, self.same_cost = specimens, numbers, "own", same_cost
         self.hand, self.clock = None, 0.0
         self._set_steps()
