@@ -77,6 +77,20 @@ def test_a_change_goes_on_in_the_same_motion():
     assert set(tank.world.planes[:, 4]) == {0.0}
 
 
+def test_without_gas_one_layer_collapses_and_two_stand():
+    """At pressure 0 there is no gas: one layer lies flat and does not fail for a lost volume, two layers stand."""
+    bench = Bench([Entry("ring"), Entry("ring", "", (("layers", 1),))])
+    for name, value in (("pressure", 0.0), ("stiffness", 3.0), ("restitution", 0.0)):
+        bench.set(name, value)
+    assert all(specimen.tank.fish.body.compartments is None for specimen in bench.specimens)
+    for _ in range(120):
+        bench.advance(1 / 60)
+    two, one = (np.ptp(specimen.position[:, 1]) / specimen.thing.length for specimen in bench.specimens)
+    assert not bench.messages and one < 0.05 and two > 0.4
+    bench.set("pressure", 1.0)
+    assert bench.specimens[0].tank.fish.body.compartments is not None
+
+
 def test_walls_are_chosen(ring):
     """Walls are chosen."""
     ring.set_walls("closed room")

@@ -91,7 +91,8 @@ def changed_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
     gas, inner = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64))
     if gas is not None and numbers["pressure"] != 1.0:
         factor = numbers["pressure"]
-        body = body._replace(compartments=gas._replace(gas=gas.gas * factor, ambient=gas.ambient * factor))
+        weaker = gas._replace(gas=gas.gas * factor, ambient=gas.ambient * factor) if factor else None  # may be flat
+        body = body._replace(compartments=weaker)
     if len(inner) and numbers["inner_density"] != 1.0:
         mass, inverse = body.mass.copy(), body.inverse_mass.copy()
         mass[inner] *= numbers["inner_density"]
