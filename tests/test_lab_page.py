@@ -322,6 +322,29 @@ def test_fish_are_steered_from_the_page(page):
     page.click((0.0, 0.0, 3.0), (0.0, 0.1, -1.0))  # on the objects: nothing is put
 
 
+@pytest.mark.parametrize("count", [1, 16, 64])
+def test_the_camera_shows_all_fish_and_not_from_afar(page, count):
+    """All fish are in what the panel leaves free of the page, and they fill a good part of it."""
+    page.choose("fish", count)
+    page.choose("steered by", "policy turn")
+    until(lambda: page.session.school and page.session.school_drawing)
+    page.key("Pause")
+    until(lambda: page.session.paused)
+    page.press("Look again")
+    camera, free = page.session.client.camera, 1.0 - 2.0 * 336 / CAMERA["image_width"]
+    until(lambda: np.linalg.norm(camera.look_at) > 0.0)
+    ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
+    right = np.cross(ahead, (0.0, 0.0, 1.0)) / np.linalg.norm(np.cross(ahead, (0.0, 0.0, 1.0)))
+    school = page.session.school
+    nodes = school.shown().reshape(-1, 3) / school.fish.length - page.session.school_drawing._focus
+    way = nodes - camera.position
+    half = np.tan(0.5 * CAMERA["fov"])
+    across = way @ right / (way @ ahead) / half * CAMERA["image_height"] / CAMERA["image_width"]
+    up = way @ np.cross(right, ahead) / (way @ ahead) / half
+    assert across.min() > -1.0 and across.max() < free and np.abs(up).max() < 1.0
+    assert np.ptp(across) > (0.6 if count > 1 else 0.2) * (free + 1.0)
+
+
 def test_a_target_is_put_by_a_click(page):
     """A click puts the target of all fish on the water."""
     page.choose("steered by", "policy target")

@@ -38,6 +38,12 @@ def upright(thing) -> bool:
     return abs(float(getattr(thing, "down", (0, 0, -1))[2])) < 0.5
 
 
+def free_part(camera) -> tuple[float, float]:
+    """The part of the page that the panel hides, and half the width that all of the page shows at a distance of 1."""
+    wide, high = usable(camera.image_width, SCREEN[0]), usable(camera.image_height, SCREEN[1])
+    return min(PANEL / wide, 0.5), np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0)) * wide / high
+
+
 class Drawing:
     """What the browser shows of a bench.
 
@@ -95,9 +101,7 @@ class Drawing:
         flat = upright(thing)
         width = (len(bench.specimens) - 1) * bench.spacing * self.scale
         near = 1.7 if thing.water.planes is None else 2.2 * room_size(thing) * self.scale
-        wide, high = usable(camera.image_width, SCREEN[0]), usable(camera.image_height, SCREEN[1])
-        hidden = min(PANEL / wide, 0.5)
-        half = np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0)) * wide / high  # seen at a distance of 1
+        hidden, half = free_part(camera)
         far = max(0.55 * width + near, (0.5 * width + 0.5 * near) / (half * (1.0 - hidden)))
         aside = hidden * half * far
         place = (aside, -far, 0.01) if flat else (aside, -0.88 * far, 0.47 * far)
@@ -125,7 +129,7 @@ class Drawing:
         radius = NODES * (1.0 if count <= FEW else 0.5)
         self._balls(number, "nodes", count, radius, tint)
         self._lines(number, "hand", 1, 0.012)
-        self._handles[number, "hand"].colors = np.tile(np.array(colours.PURPLE, np.uint8), (1, 2, 1))
+        self._handles[number, "hand"].colors = np.tile(np.array(colours.VERMILLION, np.uint8), (1, 2, 1))
         self._handles[number, "forces"] = self.scene.add_arrows(
             f"/{number}/forces", np.zeros((min(ARROWS, count), 2, 3)), colours.BLACK,
             shaft_radius=0.005, head_radius=0.014, head_length=0.03,

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fish_env.lab import colours
-from fish_env.lab.drawing import flat_points
+from fish_env.lab.drawing import flat_points, free_part
 from fish_env.lab.geometry import octahedron, surfaces
-from fish_env.lab.school import MOST_OBSTACLES, School
+from fish_env.lab.school import APART, MOST_OBSTACLES, School
 
 if TYPE_CHECKING:
     from fish_env.lab.session import Session
 
 FOLLOW = 4.0  # 1/s, how fast the picture follows the school
+BEHIND = np.array([-0.62, -0.3, 0.72])  # where the camera is, from the middle of the fish; a unit vector, nearly
+ROOM = 1.8  # lengths around them
 ARROW = 0.55  # length of the arrow to where a fish is to go
 WATER = "/water"  # name of the part of the scene that moves
 
@@ -48,7 +50,7 @@ class SchoolDrawing:
             self.scene.add_line_segments(f"{WATER}/muscles", ends, np.zeros(ends.shape, np.uint8), thickness=0.022)
         )
         self.aims = self._keep(
-            self.scene.add_arrows(f"{WATER}/aims", np.zeros((count, 2, 3)), colours.PURPLE, shaft_radius=0.015,
+            self.scene.add_arrows(f"{WATER}/aims", np.zeros((count, 2, 3)), colours.BLACK, shaft_radius=0.015,
                                   head_radius=0.04, head_length=0.1)
         )  # fmt: skip
         self.targets = self._balls("targets", count if len(school.targets()) else 0, colours.ORANGE)
@@ -64,9 +66,12 @@ class SchoolDrawing:
         self.update(0.0)
 
     def look(self) -> None:
-        """Turn the camera to the fish: from behind and above."""
-        width = 1.4 * np.sqrt(self.school.num_fish)
-        self.session.turn_camera((-1.4 * width - 1.2, -0.5 * width, 1.3 * width + 0.8), (0.3, 0.0, 0.0))
+        """Turn the camera to the fish: from behind and above, all of them in what the panel leaves free of the page."""
+        hidden, half = free_part(self.session.client.camera)
+        room = APART * (np.sqrt(self.school.num_fish) - 1.0) / 2.0**0.5 + ROOM  # from the middle, in every direction
+        far = room / (half * (1.0 - hidden))
+        right = hidden * half * far * np.array([-BEHIND[1], BEHIND[0], 0.0]) / np.hypot(*BEHIND[:2])
+        self.session.turn_camera(tuple(right + far * BEHIND), tuple(right))
 
     def _keep(self, handle) -> Any:
         self._handles.append(handle)
