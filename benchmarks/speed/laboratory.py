@@ -31,7 +31,7 @@ LIMIT = 1000  # nodes up to which the laboratory is to keep up
 SLOW, FAST = 30, 60  # updates a second that are to be reached: of objects, and of fish
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 REFINED = (
-    Entry("ring", "", (("nodes", 24),)),
+    Entry("ring", "", (("nodes", 20),)),
     Entry("sphere", "", (("slices", 24), ("stacks", 12))),
     Entry("uniform sphere", "", (("level", 3),)),
     Entry("tetrahedral", "", (("level", 2),)),
