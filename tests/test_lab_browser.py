@@ -214,9 +214,9 @@ def test_same_cost_gives_steps_that_cost_as_much(visitor):
 @pytest.mark.parametrize("view", VIEWS)
 def test_every_view_is_shown_and_hidden(visitor, view):
     """A box of the tab View hides or shows its part: the picture of a still fish changes, and back again."""
-    drawing = visitor.session.drawing
-    visitor.choose("object", "mass_spring")
-    until(lambda: visitor.bench.specimens[0].entry.thing == "mass_spring")
+    drawing, thing = visitor.session.drawing, "tetrahedral" if view == "tetrahedra" else "mass_spring"
+    visitor.choose("object", thing)
+    until(lambda: visitor.bench.specimens[0].entry.thing == thing)
     until(lambda: visitor.bench.clock > 0.3)
     visitor.press("One step")
     until(lambda: visitor.session.paused)
@@ -278,6 +278,8 @@ def test_a_click_puts_a_target_on_the_water(visitor):
     visitor.choose("steered by", "policy target")
     school = until(lambda: visitor.session.school)
     until(lambda: school.time > 0.5)
+    visitor.page.keyboard.press("Space")  # else the fish may reach the target, and another one is drawn
+    until(lambda: visitor.session.paused)
     before = school.targets().copy()
     visitor.page.mouse.click(150, 300)
     until(lambda: not np.array_equal(school.targets(), before))

@@ -7,10 +7,13 @@ import pytest
 
 pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
 
-from viewer import Viewer, until
+from viewer import CAMERA, Viewer, until
 
+from fish_env.bodies.distorted import DISTORTIONS
 from fish_env.lab import server
-from fish_env.lab.drawing import octahedron
+from fish_env.lab.fields import SHADES, shade_of, shades
+from fish_env.lab.geometry import boundary, octahedron
+from fish_env.lab.incoming import vector
 from fish_env.lab.settings import SETTINGS
 
 
@@ -136,7 +139,23 @@ def test_keys_and_buttons(page):
     until(lambda: session.bench.clock > 0.05)
 
 
-@pytest.mark.parametrize("thing", ["string", "ring", "sphere", "block", "mass_spring", "planar"])
+def test_buttons_twist_and_invert(page):
+    """The buttons Twist and Invert put a beam out of its shape, and say why a ring cannot be."""
+    bench = page.session.bench
+    page.choose("object", "beam")
+    until(lambda: bench.specimens[0].entry.thing == "beam")
+    page.key("Pause")
+    until(lambda: page.session.paused)
+    for label, how in (("Twist", "twisted"), ("Invert", "inverted")):
+        page.press(label)
+        until(lambda how=how: np.array_equal(bench.specimens[0].position, DISTORTIONS[how](bench.specimens[0].thing)))
+    page.choose("object", "ring")
+    until(lambda: bench.specimens[0].entry.thing == "ring")
+    page.press("Twist")
+    until(lambda: any("in a plane" in note for note in page.notes))
+
+
+@pytest.mark.parametrize("thing", ["string", "ring", "sphere", "block", "mass_spring", "planar", "tetrahedral"])
 def test_every_kind_of_object_is_drawn(page, thing):
     """Objects of every kind are drawn: lines, skins, tetrahedra by their strain, muscles, forces."""
     session = page.session
@@ -148,18 +167,62 @@ def test_every_kind_of_object_is_drawn(page, thing):
     parts = {name for _, name in session.drawing._handles}
     until(lambda: parts == {name[3:] for name in list(page.nodes) if name[:3] == "/0/" and "wall" not in name})
     assert ("element 0" in parts) == (body.tets is not None)
-    assert ("skin 0" in parts) == (thing not in ("string", "block"))
+    assert ("skin 0" in parts) == (thing != "string")
     assert ("skin 1" in parts) == (thing in ("ring", "sphere"))
-    assert ("muscles" in parts) == (thing in ("mass_spring", "planar"))
+    assert ("muscles" in parts) == (thing in ("mass_spring", "planar", "tetrahedral"))
     until(lambda: page.nodes["/0/forces"]["points"].any())
     arrows = page.nodes["/0/forces"]["points"].reshape(-1, 2, 3)
     assert np.isfinite(arrows).all() and np.linalg.norm(arrows[:, 1] - arrows[:, 0], axis=1).max() < 0.36
-    page.choose("skin", False)
-    page.choose("springs", False)
+    for view in ("skin", "tetrahedra", "springs"):
+        page.choose(view, False)
     for part in parts & {"element 0", "skin 0", "skin 1", "springs", "muscles"}:
         until(lambda part=part: page.nodes[f"/0/{part}"].get("visible") is False)
     page.press("Look again")
     assert page.notes == []
+
+
+@pytest.mark.parametrize("thing", ["block", "tetrahedral"])
+def test_tetrahedra_are_seen_by_strain_or_as_plain_skin(page, thing):
+    """A body of tetrahedra, fish or solid, is drawn by its strain or as plain skin; its muscles stay as they are."""
+    session = page.session
+    page.choose("object", thing)
+    until(lambda: session.bench.specimens[0].entry.thing == thing and "/0/element 0" in page.nodes)
+    page.choose("fish swim by the gait", True)
+    until(lambda: session.bench.clock > 0.2)
+    page.key("Pause")
+    until(lambda: session.paused)
+    triangles, owner = boundary(session.bench.specimens[0].thing.body.tets.nodes)
+    shade = shade_of(session.bench.specimens[0].tet_strain()[owner])
+    assert len(set(shade)) > 2
+    seen = lambda k: len(triangles) if (shade == k).all() else (shade == k).sum()  # noqa: E731
+    for k in np.flatnonzero(np.bincount(shade, minlength=SHADES)):
+        until(lambda k=k: drawn(page, f"/0/element {k}", "vertices").shape[0] == 3 * seen(k))
+        assert page.nodes[f"/0/element {k}"]["color"] == shades()[k].tolist()
+    assert page.nodes["/0/skin 0"]["visible"] is False
+    page.choose("tetrahedra", False)
+    until(lambda: page.nodes["/0/skin 0"]["visible"] and page.nodes["/0/element 0"]["visible"] is False)
+    if thing == "tetrahedral":
+        assert page.nodes["/0/muscles"]["visible"]
+
+
+def test_what_would_hide_forces_is_faint(page):
+    """While forces are shown, the skin is faint, so that arrows within it are seen; without them it is as before."""
+    until(lambda: "/0/skin 0" in page.nodes)
+    before = page.nodes["/0/skin 0"]["opacity"]
+    page.choose("forces", True)
+    until(lambda: page.nodes["/0/skin 0"]["opacity"] < 0.2 and page.nodes["/0/skin 1"]["opacity"] < 0.2)
+    assert page.nodes["/0/forces"]["visible"]
+    page.choose("forces", False)
+    until(lambda: page.nodes["/0/skin 0"]["opacity"] == before and page.nodes["/0/skin 1"]["opacity"] is None)
+
+
+def test_what_is_hidden_stays_hidden_for_the_next_object(page):
+    """What is hidden is hidden for the next object too."""
+    page.choose("skin", False)
+    page.choose("springs", False)
+    page.choose("object", "ring")
+    until(lambda: page.session.bench.specimens[0].entry.thing == "ring")
+    until(lambda: page.nodes["/0/skin 0"].get("visible") is False and page.nodes["/0/springs"].get("visible") is False)
 
 
 def test_objects_side_by_side_are_compared(page):
@@ -181,6 +244,35 @@ def test_objects_side_by_side_are_compared(page):
     page.choose("second object", "nothing")
     until(lambda: len(bench.specimens) == 2 and "/2/nodes" not in page.nodes)
     until(lambda: page.shows("third object") == "nothing" and page.shows("second object") == "string")
+
+
+def test_objects_of_one_kind_are_made_with_their_own_numbers(page):
+    """A ring of one layer stands beside one of two: each keeps the numbers that it is made with."""
+    bench = page.session.bench
+    made = lambda: [len(specimen.position) for specimen in bench.specimens]  # noqa: E731
+    page.choose("object", "ring")
+    until(lambda: made() == [24] and page.has("layers") and not page.has("second layers"))
+    page.choose("layers", 1)
+    until(lambda: made() == [12])
+    page.choose("second object", "ring")  # begins with the numbers of the first
+    until(lambda: made() == [12, 12] and page.has("second layers"))
+    assert page.shows("second nodes") == 12 and page.shows("second layers") == 1
+    page.choose("second nodes", 8)
+    until(lambda: made() == [12, 8])
+    page.choose("second integrator", "rk4")
+    until(lambda: bench.specimens[1].entry.integrator == "rk4")
+    page.choose("layers", 2)
+    until(lambda: made() == [24, 8] and page.shows("second layers") == 1 and page.shows("layers") == 2)
+    page.choose("second layers", 3)
+    until(lambda: any("layers" in note for note in page.notes))
+    until(lambda: page.shows("second layers") == 1)
+    page.choose("pressure", 0.0)
+    page.choose("third object", "string")
+    until(lambda: made() == [24, 8, 2] and page.has("third nodes"))
+    page.choose("second object", "nothing")
+    until(lambda: made() == [24, 2] and not page.has("third nodes") and page.shows("second nodes") == 2)
+    until(lambda: not page.has("second layers"))
+    assert bench.specimens[0].tank.alive[0]
 
 
 def test_a_method_that_fails_is_told_of(page):
@@ -230,6 +322,29 @@ def test_fish_are_steered_from_the_page(page):
     page.click((0.0, 0.0, 3.0), (0.0, 0.1, -1.0))  # on the objects: nothing is put
 
 
+@pytest.mark.parametrize("count", [1, 16, 64])
+def test_the_camera_shows_all_fish_and_not_from_afar(page, count):
+    """All fish are in what the panel leaves free of the page, and they fill a good part of it."""
+    page.choose("fish", count)
+    page.choose("steered by", "policy turn")
+    until(lambda: page.session.school and page.session.school_drawing)
+    page.key("Pause")
+    until(lambda: page.session.paused)
+    page.press("Look again")
+    camera, free = page.session.client.camera, 1.0 - 2.0 * 336 / CAMERA["image_width"]
+    until(lambda: np.linalg.norm(camera.look_at) > 0.0)
+    ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
+    right = np.cross(ahead, (0.0, 0.0, 1.0)) / np.linalg.norm(np.cross(ahead, (0.0, 0.0, 1.0)))
+    school = page.session.school
+    nodes = school.shown().reshape(-1, 3) / school.fish.length - page.session.school_drawing._focus
+    way = nodes - camera.position
+    half = np.tan(0.5 * CAMERA["fov"])
+    across = way @ right / (way @ ahead) / half * CAMERA["image_height"] / CAMERA["image_width"]
+    up = way @ np.cross(right, ahead) / (way @ ahead) / half
+    assert across.min() > -1.0 and across.max() < free and np.abs(up).max() < 1.0
+    assert np.ptp(across) > (0.6 if count > 1 else 0.15) * (free + 1.0)
+
+
 def test_a_target_is_put_by_a_click(page):
     """A click puts the target of all fish on the water."""
     page.choose("steered by", "policy target")
@@ -242,6 +357,110 @@ def test_a_target_is_put_by_a_click(page):
     until(lambda: not np.array_equal(school.targets(), before))
     assert school.targets()[0, 2] == pytest.approx(0.0, abs=1e-9)
     until(lambda: np.allclose(drawn(page, "/water/targets"), school.targets() / school.fish.length, atol=1e-5))
+
+
+SHORT = [(0.0, 0.0), (), (0.0, 0.0, 0.0, 0.0), (float("nan"), 0.0, 0.0), (float("inf"), 0.0, 0.0)]
+NO_POINTS = [*SHORT, (None, 0.0, 0.0), ("a", 0.0, 0.0), "abc", [1], 3.0, {}, (True, 0, 0), ((0.0, 0.0, 0.0),) * 3]
+
+
+def goes_on(page):
+    """Whether the session still answers and moves, and made no mistake of its own."""
+    session = page.session
+    before = session.panel.mouse
+    other = "drag" if before == "fix" else "fix or release"
+    page.choose("mouse", other)
+    until(lambda: session.panel.mouse == other.split()[0])
+    clock = (session.school or session.bench).clock
+    until(lambda: (session.school or session.bench).clock > clock)
+    return session.alive and not any("mistake" in note for note in page.notes)
+
+
+@pytest.mark.filterwarnings("ignore:.*does not match annotation")
+def test_malformed_points_are_told_and_the_session_goes_on(page):
+    """Drags and clicks whose points are no points are told of, nothing is done, and the session goes on."""
+    session, bench = page.session, page.session.bench
+    good = drawn(page, "/0/nodes")[0]
+    for bad in SHORT:
+        told = len(page.notes)
+        page.drag("start", "/0/nodes", bad, good)
+        until(lambda told=told: any("start is" in note for note in page.notes[told:]))
+        assert bench.hand is None
+        page.drag("start", "/0/nodes", good, good)
+        until(lambda: bench.hand is not None)
+        aim = bench.hand._goal.copy()
+        page.drag("update", "/0/nodes", good, bad)
+        until(lambda told=told: any("end is" in note for note in page.notes[told:]))
+        assert np.array_equal(bench.hand._goal, aim)
+        page.drag("end", "/0/nodes", bad, bad)
+        until(lambda: bench.hand is None)
+    assert goes_on(page)
+    page.choose("steered by", "policy avoid")
+    school = until(lambda: session.school)
+    for bad in SHORT:
+        told = len(page.notes)
+        page.click(bad, (0.0, 0.1, -1.0))
+        until(lambda told=told: any("origin is" in note for note in page.notes[told:]))
+        page.click((0.0, 0.0, 3.0), bad)
+        until(lambda told=told: any("direction is" in note for note in page.notes[told:]))
+    told = len(page.notes)
+    page.click((0.0, 0.0, 3.0), (1e300, 0.0, -1e-300))
+    until(lambda: len(page.notes) > told)
+    assert school.obstacles == [] and goes_on(page)
+
+
+@pytest.mark.parametrize("start", [(None, 0.0, 0.0), ("a", 0.0, 0.0), 3.0])
+def test_a_message_that_viser_cannot_read_ends_its_page_alone(page, laboratory, start):
+    """A page whose drag viser itself cannot read is sent away, as one that leaves; the others go on."""
+    other = Viewer(laboratory).entered()
+    other.drag("start", "/0/nodes", start, drawn(other, "/0/nodes")[0])
+    until(lambda: not other.session.alive and other.session not in laboratory.sessions.values())
+    assert goes_on(page)
+
+
+def test_points_are_three_finite_numbers():
+    """A point of a message is three finite numbers, and nothing else."""
+    for bad in NO_POINTS:
+        with pytest.raises(ValueError, match=r"start is .*give three finite numbers"):
+            vector(bad, "start")
+    assert vector((1, 2.0, np.float64(3.0)), "start").tolist() == vector([1, 2, 3], "start").tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("value", ["abc", None, [1], {}, "nan", 1e300, -1e300])
+def test_malformed_values_leave_everything_as_it_was(page, value):
+    """What is no number does not reach the bench, whatever control it is of, and the session goes on."""
+    bench = page.session.bench
+    page.choose("object", "sphere")
+    until(lambda: bench.specimens[0].entry.thing == "sphere" and page.has("slices"))
+    before, speed = dict(bench.numbers), page.session.speed
+    labels = [setting.label for setting in SETTINGS.values()]
+    for label in ("speed", "strength of hand", "slices", "fish", "object", "integrator", "walls", *labels):
+        page.send("GuiUpdateMessage", uuid=page._control(label), updates={"value": value})
+    page.send("GuiUpdateMessage", uuid=page._control("pause (space)"), updates={"value": value})
+    page.choose("pause (space)", False)
+    until(lambda: not page.session.paused)
+    assert goes_on(page)
+    assert bench.numbers == before and page.session.speed == speed and bench.strength == 1.0
+    assert bench.specimens[0].entry.thing == "sphere" and bench.walls == "own"
+
+
+@pytest.mark.filterwarnings("ignore:.*does not match annotation")
+def test_a_camera_that_makes_no_sense_is_not_turned(page):
+    """A page that tells nonsense of its camera cannot have it turned, and its session goes on."""
+    nan = float("nan")
+    for wrong in ({"fov": nan}, {"fov": -1.0, "image_height": -1}, {"position": (nan,) * 3}, {"look_at": (0.0, 0.0)}):
+        page.send("ViewerCameraMessage", **(CAMERA | wrong))
+        page.press("Look again")
+        page.choose("object", "ring" if page.session.bench.specimens[0].entry.thing != "ring" else "string")
+        assert goes_on(page) and page.notes == []
+
+
+def test_a_mistake_of_the_laboratory_does_not_end_the_session(page, capsys):
+    """A request that fails in a way that nobody foresaw is told of, here in full, and the session goes on."""
+    page.session.ask(lambda: {}["nothing"])
+    until(lambda: any("mistake" in note for note in page.notes))
+    assert "KeyError: 'nothing'" in capsys.readouterr().err
+    clock = page.session.bench.clock
+    until(lambda: page.session.bench.clock > clock)
 
 
 def test_a_full_laboratory_says_so(page, laboratory, monkeypatch):
@@ -304,7 +523,7 @@ def test_a_choice_made_while_another_is_answered_holds(page):
     until(lambda: [s.entry.integrator for s in session.bench.specimens] == ["rk4", "midpoint"])
     assert [s.entry.thing for s in session.bench.specimens] == ["sphere", "ring"] and session.school is None
     with pytest.raises(ValueError, match="made with slices, stacks, layers"):
-        session.panel.set_level("nodes", 3)  # of an object that is gone
+        session.panel.set_level(0, "nodes", 3)  # of an object that is gone
 
 
 def test_the_balls_of_nodes_are_closed_and_round():

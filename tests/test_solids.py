@@ -9,8 +9,9 @@ from scipy.optimize import brentq
 from benchmarks.common.shapes import deformation
 from benchmarks.objects.methods import is_stable
 from benchmarks.objects.scenes import SCENES, watched
-from benchmarks.objects.solids import METHODS, inverted, recovered, survives, twisted
+from benchmarks.objects.solids import METHODS, recovered, survives
 from fish_env import INTEGRATORS, Tank, make_world, statics
+from fish_env.bodies.distorted import inverted, twisted
 from fish_env.bodies.objects import OBJECTS, SOLIDS
 from fish_env.bodies.solids import SOFT, STIFF, SolidMaterial, make_ball, make_beam, make_block, make_two_materials
 from fish_env.elements import STRAINS, make_compartments

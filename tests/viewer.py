@@ -42,6 +42,11 @@ def with_arrays(value, arrays):
     return value
 
 
+def plain(point):
+    """A point as a message has it; what is not one, as it is."""
+    return tuple(map(float, point)) if isinstance(point, np.ndarray) else point
+
+
 class Viewer:
     """A page that is connected to a laboratory.
 
@@ -146,7 +151,7 @@ class Viewer:
         """Drag a part of the scene from a point to a point, (3,) each: "start", "update" or "end"."""
         self.send(
             "SceneNodeDragMessage", phase=phase, name=name, instance_index=None, button="left", modifier=None,
-            start_position=tuple(map(float, start)), end_position=tuple(map(float, end)), start_screen_pos=(0.5, 0.5),
+            start_position=plain(start), end_position=plain(end), start_screen_pos=(0.5, 0.5),
             end_screen_pos=(0.5, 0.5), owner=self.nodes[name]["owner"],
         )  # fmt: skip
 

@@ -3,8 +3,9 @@
 import numpy as np
 
 from benchmarks.common.beam import elastic_energy, loose, solid
-from benchmarks.common.shapes import deformation, out_of_shape
+from benchmarks.common.shapes import deformation
 from fish_env import Tank, make_world, statics
+from fish_env.bodies.distorted import out_of_shape
 from fish_env.bodies.mesh import box
 from fish_env.body import Body
 

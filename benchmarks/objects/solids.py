@@ -15,11 +15,11 @@ import time
 import numpy as np
 
 from benchmarks.common.charts import METHOD_STYLE, panels, save
-from benchmarks.common.shapes import out_of_shape
 from benchmarks.common.tables import IMAGES, RESULTS, read_table, write_csv
 from benchmarks.objects.methods import ACCURATE, STEPS, largest_stable, one, reference, swing
 from benchmarks.objects.scenes import SCENES, play, watched
 from fish_env import Tank
+from fish_env.bodies.distorted import inverted, out_of_shape, twisted
 from fish_env.bodies.objects import SOLIDS
 from fish_env.bodies.room import InRoom
 from fish_env.bodies.solids import make_ball, make_beam
@@ -40,20 +40,6 @@ WATCHED, CHECKS, GAIN = (
 SETTLED = 3.0  # s
 STARTS = {"swing": "o", "twisted": "s", "inverted": "^"}
 MOMENTS = (0.2, 0.32, 0.4, 0.5, 0.8, 1.2)  # s, of the pictures
-
-
-def twisted(thing: InRoom, turns=0.5) -> np.ndarray:
-    """Positions (N,3) m of a solid turned about x, the more the larger x is: by so many turns from end to end."""
-    x = thing.body.position
-    angle = 2.0 * np.pi * turns * (x[:, 0] - x[:, 0].min()) / thing.length
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([x[:, 0], c * x[:, 1] - s * x[:, 2], s * x[:, 1] + c * x[:, 2]], axis=1)
-
-
-def inverted(thing: InRoom) -> np.ndarray:
-    """Positions (N,3) m of a solid turned inside out, reflected in the plane z = 0, with noise of a hundredth."""
-    noise = np.random.default_rng(1).standard_normal(thing.body.position.shape)
-    return thing.body.position * [1.0, 1.0, -1.0] + 0.01 * np.ptp(thing.body.position[:, 2]) * noise
 
 
 def started(thing: InRoom, how: str, name: str, dt: float) -> Tank:

@@ -3,29 +3,25 @@
 It knows nothing of the page; whatever the page asks for is checked here.
 """
 
-import time
 from collections import deque
 from collections.abc import Sequence
-from itertools import chain
 
 import numpy as np
 
 from fish_env.bodies import Fish
+from fish_env.bodies.distorted import DISTORTIONS, distorted, out_of_shape
 from fish_env.checks import is_whole
-from fish_env.integrators import INTEGRATORS
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import BODY, SETTINGS, WALLS, checked_point, checked_setting, chosen
-from fish_env.lab.specimen import Entry, Readings, Specimen, make_thing, room_size
+from fish_env.lab.specimen import Entry, Readings, Specimen, checked_entry, cost_of_step, make_thing, room_size
 
 MOST = 3  # objects side by side
-LARGEST = 1100  # nodes of an object that is moved as it is looked at
-FINEST = 24  # of a whole number that an object is made with
 MANY = 600  # nodes of an object that one processor does not move in real time by steps of its own
-LONGER = 4.0  # times its own: the step of such an object, if its method is stable there
+LONGER, DRIVEN = 4.0, 2.0  # times its own: the step of such an object, and of such a fish, if its method is stabilised
 KEPT = 400  # readings
 BETWEEN = 0.05  # s of the simulation between two readings
-TRIAL = 0.02  # s of processor time for the measurement of a cost
-STEPS = 16  # whose cost is measured at once
+SETTLED = 3.0  # s after which what was distorted is to be back in its shape
+BACK = 0.3  # of its size: what lies on the floor by its weight is out of shape by up to half of this
 FAR = 100.0  # lengths of the object: a point of the page further away is not accepted
 
 
@@ -63,7 +59,7 @@ class Bench:
         if any(len(each.position) > MANY for each in specimens) and all(
             each.tank.integrator.kind == "stabilised" for each in specimens
         ):
-            numbers["step"] = LONGER
+            numbers["step"] = DRIVEN if any(each.is_fish for each in specimens) else LONGER
         self.specimens, self.numbers, self.walls, self.same_cost = specimens, numbers, "own", same_cost
         self.hand, self.clock = None, 0.0
         self._set_steps()
@@ -166,6 +162,15 @@ class Bench:
         along = np.array([1.0, 0.0, 0.0])
         self.reset(thing.length * (5.0 * along + 8.0 * up * (abs(up @ along) < 0.5)))
 
+    def distort(self, how: str) -> None:
+        """Start again at rest, but twisted or inverted, one of DISTORTIONS; ValueError, and nothing changes, if not."""
+        chosen(how, DISTORTIONS, "pose")
+        poses = [distorted(specimen.thing, how) for specimen in self.specimens]
+        self.reset()
+        for specimen, pose in zip(self.specimens, poses, strict=True):
+            specimen.place(pose)
+        self._distorted = how
+
     def advance(self, seconds: float) -> None:
         """Move on by a part of a second; what fails is named, and all start again."""
         self.clock += seconds
@@ -179,8 +184,11 @@ class Bench:
         if failed:
             self.messages.extend(self.explain(specimen) for specimen in failed)
             self.reset()
-        elif self.clock >= self._measured + BETWEEN:
+            return
+        if self.clock >= self._measured + BETWEEN:
             self.measure()
+        if self._distorted and self.clock >= SETTLED:
+            self._judge()
 
     def explain(self, specimen: Specimen) -> str:
         """Why an object failed, in one sentence."""
@@ -193,6 +201,18 @@ class Bench:
             f"{tank.integrator.name} failed on the {specimen.thing.name} after {specimen.time:.2f} s: "
             f"{tank.failure[0]} (step {1e3 * tank.dt:.3g} ms; {about}). All objects start again."
         )
+
+    def _judge(self) -> None:
+        """Say which objects have not come back to their shape."""
+        for specimen in self.specimens:
+            off = out_of_shape(specimen.thing.body, specimen.position)
+            if off > BACK:
+                self.messages.append(
+                    f"The {specimen.thing.name} was {self._distorted} and has not come back to its shape after "
+                    f"{SETTLED:g} s by {specimen.tank.integrator.name}: a node is {off:.2f} of its size from its "
+                    "place. It may be in another equilibrium; Drop starts again at rest."
+                )
+        self._distorted = ""
 
     def measure(self) -> None:
         """Record the readings of every object, and how far the others are from the first."""
@@ -261,39 +281,10 @@ class Bench:
     def _clear(self) -> None:
         self.history: deque[list[Readings]] = deque(maxlen=KEPT)
         self.distances: deque[list[float]] = deque(maxlen=KEPT)
-        self._measured = -np.inf
+        self._measured, self._distorted = -np.inf, ""
 
     def series(self, name: str) -> list[np.ndarray]:
         """The readings of a name over time, one row for each object, and first their times, s."""
         rows = list(self.history)
         times = np.array([row[0].time for row in rows])
         return [times, *(np.array([getattr(row[k], name) for row in rows]) for k in range(len(self.specimens)))]
-
-
-def cost_of_step(specimen: Specimen) -> float:
-    """Processor time of a step of an object's method, s, on a copy at rest."""
-    copy = Specimen(specimen.entry, specimen.numbers, specimen.walls, specimen.step)
-    copy.tank.advance(STEPS)  # compiled, or read from the disk
-    found: list[float] = []
-    while len(found) < 5 or (sum(found) < TRIAL and len(found) < 1000):
-        copy.tank.reset()
-        begin = time.process_time()
-        copy.tank.advance(STEPS)
-        found.append(time.process_time() - begin)
-    return max(min(found), 1e-9) / STEPS
-
-
-def checked_entry(entry: Entry) -> Entry:
-    """An entry whose names exist and whose numbers are in their range, or ValueError."""
-    if entry.integrator:
-        chosen(entry.integrator, INTEGRATORS, "integrator")
-    for name, value in entry.level:
-        if not is_whole(value) or not 0 <= value <= FINEST:
-            raise ValueError(f"{name} is {value!r}; give a whole number from 0 to {FINEST}")
-    thing = make_thing(entry)
-    if thing.body.mass.size > LARGEST:
-        raise ValueError(
-            f"{entry.thing} would have {thing.body.mass.size} nodes; the laboratory moves at most {LARGEST}: give "
-            f"smaller numbers than {', '.join(f'{name} {value}' for name, value in chain(entry.level))}"
-        )
-    return entry

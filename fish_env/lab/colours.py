@@ -1,4 +1,4 @@
-"""Colours that colour-blind people can tell apart: Okabe & Ito 2008 for categories, viridis for fields."""
+"""Colours that colour-blind people can tell apart: Okabe & Ito 2008 for categories, blue to orange for strain."""
 
 import numpy as np
 
@@ -10,10 +10,6 @@ SPECIMENS = (BLUE, VERMILLION, GREEN)
 """Colours of the objects side by side."""
 GREY = (120, 126, 132)
 
-VIRIDIS = np.array([
-    (68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142), (31, 158, 137), (53, 183, 121),
-    (109, 205, 89), (180, 222, 44), (253, 231, 37),
-], dtype=float)  # fmt: skip
 DIVERGING = np.array([(0, 90, 160), (86, 160, 215), (225, 225, 225), (236, 150, 60), (200, 80, 0)], dtype=float)
 """From blue, shortened, over grey, at rest, to orange, stretched."""
 MUSCLE = np.array([(205, 205, 205), (230, 159, 0), (200, 60, 0)], dtype=float)

@@ -3,26 +3,29 @@
 Everything is drawn in lengths of the first object, so that a metre of a scene is never visible to the camera.
 """
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fish_env.bodies import Fish
 from fish_env.lab import colours
-from fish_env.lab.geometry import boundary
+from fish_env.lab.fields import ARROWS, SHADES, activation, arrows, part_of, shade_of, shades
+from fish_env.lab.geometry import boundary, octahedron
+from fish_env.lab.incoming import usable
 from fish_env.lab.specimen import Specimen, down_of, room_size
 
 if TYPE_CHECKING:
     from fish_env.lab.session import Session
 
-BINS = 10  # shades of the strain of tetrahedra
-STRAIN = 0.3  # strain at the ends of the colour scale
-ARROWS = 150  # forces that are drawn: the largest
+TRANSLUCENT = 0.7  # opacity of tetrahedra with muscles between them
+FAINT = 0.15  # opacity of what would hide forces
 NODES = 0.018  # radius of a drawn node, lengths
 FEW = 60  # nodes up to which they are drawn unless told otherwise
 UPRIGHT = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
 PANEL = 336  # pixels of the page that the panel covers
-VIEWS = ("skin", "springs", "nodes", "forces")
+SCREEN, SIGHT = (960.0, 600.0), 0.8  # pixels and angle of sight, rad, of a page that does not say
+VIEWS = ("skin", "tetrahedra", "springs", "nodes", "forces")
+"""What may be shown or hidden: tetrahedra, coloured by strain, in place of the skin of a body that is made of them."""
 
 
 def flat_points(points: np.ndarray) -> np.ndarray:
@@ -33,6 +36,12 @@ def flat_points(points: np.ndarray) -> np.ndarray:
 def upright(thing) -> bool:
     """Whether an object falls within the xy plane, which is then shown upright."""
     return abs(float(getattr(thing, "down", (0, 0, -1))[2])) < 0.5
+
+
+def free_part(camera) -> tuple[float, float]:
+    """The part of the page that the panel hides, and half the width that all of the page shows at a distance of 1."""
+    wide, high = usable(camera.image_width, SCREEN[0]), usable(camera.image_height, SCREEN[1])
+    return min(PANEL / wide, 0.5), np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0)) * wide / high
 
 
 class Drawing:
@@ -49,6 +58,7 @@ class Drawing:
         self._handles: dict[tuple[int, str], Any] = {}
         self._room: list[Any] = []
         self._tets: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._opacity: dict[tuple[int, str], float | None] = {}
 
     def offset(self, number: int) -> np.ndarray:
         """Where object `number` is shown beyond where it is, (3,) m: side by side along x."""
@@ -70,6 +80,7 @@ class Drawing:
         self.scale = 1.0 / bench.specimens[0].thing.length
         for number, specimen in enumerate(bench.specimens):
             self._add(number, specimen)
+        self._show_all()
         self.build_room()
         self.look()
         self.update()
@@ -78,7 +89,7 @@ class Drawing:
         """Take everything away."""
         for handle in [*self._handles.values(), *self._room]:
             handle.remove()
-        self._handles, self._room, self._tets = {}, [], {}
+        self._handles, self._room, self._tets, self._opacity = {}, [], {}, {}
 
     def look(self) -> None:
         """Turn the camera to the objects: from the front, and those in a plane from above it.
@@ -90,42 +101,38 @@ class Drawing:
         flat = upright(thing)
         width = (len(bench.specimens) - 1) * bench.spacing * self.scale
         near = 1.7 if thing.water.planes is None else 2.2 * room_size(thing) * self.scale
-        hidden = min(PANEL / max(camera.image_width, 1), 0.5)
-        half = np.tan(0.5 * camera.fov) * camera.image_width / max(camera.image_height, 1)  # seen at a distance of 1
-        far = 0.55 * width + near
-        if half > 0.0:
-            far = max(far, (0.5 * width + 0.5 * near) / (half * (1.0 - hidden)))
+        hidden, half = free_part(camera)
+        far = max(0.55 * width + near, (0.5 * width + 0.5 * near) / (half * (1.0 - hidden)))
         aside = hidden * half * far
-        camera.position = (aside, -far, 0.01) if flat else (aside, -0.88 * far, 0.47 * far)
-        camera.look_at = (aside, 0.0, 0.0)
+        place = (aside, -far, 0.01) if flat else (aside, -0.88 * far, 0.47 * far)
+        self.session.turn_camera(place, (aside, 0.0, 0.0))
 
     def _add(self, number: int, specimen: Specimen) -> None:
         """Draw one object for the first time."""
         thing, x = specimen.thing, self._scaled(number, specimen.position)
         count = len(x)
         tint = colours.SPECIMENS[number] if len(self.session.bench.specimens) > 1 else colours.SKY
-        if thing.body.tets is not None and not isinstance(thing, Fish):
+        for k, surface in enumerate(specimen.surfaces):
+            points = self._scaled(number, surface.points(specimen.position))
+            inside = k > 0
+            opacity = None if inside else 0.35 if len(specimen.surfaces) > 1 else 0.55
+            self._mesh(number, f"skin {k}", points, surface.triangles, colours.ORANGE if inside else tint, opacity)
+        if thing.body.tets is not None:
             self._tets[number] = boundary(thing.body.tets.nodes)
-            for k in range(BINS):
-                shade = colours.along(colours.VIRIDIS, [k / (BINS - 1)])[0]
-                self._mesh(number, f"element {k}", x, np.zeros((1, 3), int), shade, None, flat=True)
-        else:
-            for k, surface in enumerate(specimen.surfaces):
-                points = self._scaled(number, surface.points(specimen.position))
-                inside = k > 0
-                opacity = None if inside else 0.35 if len(specimen.surfaces) > 1 else 0.55
-                self._mesh(number, f"skin {k}", points, surface.triangles, colours.ORANGE if inside else tint, opacity)
+            for k, shade in enumerate(shades()):
+                see_through = TRANSLUCENT if len(thing.fibres) else None  # muscles are inside
+                self._mesh(number, f"element {k}", np.zeros((3, 3)), [(0, 1, 2)], shade, see_through, flat=True)
         ends = thing.body.springs.nodes
         muscles = set(thing.fibres.tolist())
         self._lines(number, "springs", len(ends) - len(muscles), 0.007)
         self._lines(number, "muscles", len(muscles), 0.022)
         radius = NODES * (1.0 if count <= FEW else 0.5)
-        balls = self._balls(number, "nodes", count, radius, tint)
-        balls.visible = self.shown["nodes"]
+        self._balls(number, "nodes", count, radius, tint)
         self._lines(number, "hand", 1, 0.012)
+        self._handles[number, "hand"].colors = np.tile(np.array(colours.VERMILLION, np.uint8), (1, 2, 1))
         self._handles[number, "forces"] = self.scene.add_arrows(
-            f"/{number}/forces", np.zeros((min(ARROWS, count), 2, 3)), colours.PURPLE,
-            shaft_radius=0.006, head_radius=0.016, head_length=0.035, visible=self.shown["forces"],
+            f"/{number}/forces", np.zeros((min(ARROWS, count), 2, 3)), colours.BLACK,
+            shaft_radius=0.005, head_radius=0.014, head_length=0.03,
         )  # fmt: skip
 
     def _mesh(self, number, name, points, triangles, colour, opacity, flat=False) -> None:
@@ -135,7 +142,7 @@ class Drawing:
             flat_shading=flat, side="double",
         )  # fmt: skip
         self._draggable(number, handle)
-        self._handles[number, name] = handle
+        self._handles[number, name], self._opacity[number, name] = handle, opacity
 
     def _lines(self, number, name, count, thickness) -> None:
         if count:
@@ -143,7 +150,7 @@ class Drawing:
                 f"/{number}/{name}", np.zeros((count, 2, 3)), np.zeros((count, 2, 3), np.uint8), thickness=thickness
             )
 
-    def _balls(self, number, name, count, radius, colour) -> Any:
+    def _balls(self, number, name, count, radius, colour) -> None:
         """Small spheres, one a node, that can be dragged."""
         points, triangles = octahedron(radius)
         handle = self.scene.add_batched_meshes_simple(
@@ -152,20 +159,18 @@ class Drawing:
         )  # fmt: skip
         self._draggable(number, handle)
         self._handles[number, name] = handle
-        return handle
 
     def _draggable(self, number: int, handle: Any) -> None:
         """Let the mouse drag, or in another mode click, this part of an object."""
         session = self.session
 
         async def drag(event) -> None:
-            begin, end = tuple(event.start_position), tuple(event.end_position)
             if event.phase == "start":
-                session.ask(lambda: session.panel.press(number, begin))
+                session.ask_at(partial(session.panel.press, number), start=event.start_position)
             if event.phase == "end":
                 session.ask(session.bench.let_go)
             else:
-                session.ask(lambda: session.panel.drag(number, end))
+                session.ask_at(partial(session.panel.drag, number), end=event.end_position)
 
         handle.on_drag("left")(drag)
 
@@ -198,13 +203,21 @@ class Drawing:
     def show(self, view: str, visible: bool) -> None:
         """Show or hide one of VIEWS."""
         self.shown[view] = bool(visible)
-        for (_, name), handle in self._handles.items():
-            if (
-                name == view
-                or (view == "springs" and name == "muscles")
-                or (view == "skin" and name[:4] in ("skin", "elem"))
-            ):
-                handle.visible = bool(visible)
+        self._show_all()
+
+    def _show_all(self) -> None:
+        """Show what is to be shown, and make faint what would hide forces."""
+        views = {"muscles": "springs"}
+        for (number, name), handle in self._handles.items():
+            kind = name.split()[0]
+            if kind == "skin":
+                handle.visible = self.shown["skin"] and not (number in self._tets and self.shown["tetrahedra"])
+            elif kind == "element":
+                handle.visible = self.shown["tetrahedra"]
+            elif name != "hand":
+                handle.visible = self.shown[views.get(name, name)]
+            if kind in ("skin", "element"):
+                handle.opacity = FAINT if self.shown["forces"] else self._opacity[number, name]
 
     def _scaled(self, number, points) -> np.ndarray:
         return flat_points((points + self.offset(number)) @ self.turn(number).T * self.scale)
@@ -216,12 +229,11 @@ class Drawing:
 
     def _update(self, number: int, specimen: Specimen) -> None:
         handles, x = self._handles, self._scaled(number, specimen.position)
-        if self.shown["skin"]:
+        if number in self._tets and self.shown["tetrahedra"]:
+            self._update_elements(number, x, specimen.tet_strain())
+        elif self.shown["skin"]:
             for k, surface in enumerate(specimen.surfaces):
-                if (number, f"skin {k}") in handles:
-                    handles[number, f"skin {k}"].vertices = self._scaled(number, surface.points(specimen.position))
-            if number in self._tets:
-                self._update_elements(number, x, specimen.tet_strain())
+                handles[number, f"skin {k}"].vertices = self._scaled(number, surface.points(specimen.position))
         if self.shown["springs"]:
             self._update_springs(number, specimen, x, specimen.spring_strain())
         if self.shown["nodes"]:
@@ -231,14 +243,16 @@ class Drawing:
         self._update_hand(number, specimen, x)
 
     def _update_elements(self, number, x, strain) -> None:
-        """Sort the sides of the tetrahedra into shades of their strain."""
+        """Sort the sides of the tetrahedra into shades of their strain; only those that are there are sent."""
         triangles, owner = self._tets[number]
-        shade = np.minimum((np.abs(strain[owner]) / STRAIN * BINS).astype(int), BINS - 1)
-        for k in range(BINS):
-            found = triangles[shade == k]
-            handle = self._handles[number, f"element {k}"]
-            handle.vertices = x
-            handle.faces = (found if len(found) else np.zeros((1, 3), int)).astype(np.uint32)
+        shade = shade_of(strain[owner])
+        for k in range(SHADES):
+            handle, found = self._handles[number, f"element {k}"], triangles[shade == k]
+            count = 3 * max(len(found), 1)
+            if len(found) or handle.vertices.any():
+                handle.vertices = x[found].reshape(-1, 3) if len(found) else np.zeros((3, 3), np.float32)
+            if handle.faces.size != count:
+                handle.faces = np.arange(count, dtype=np.uint32).reshape(-1, 3)
 
     def _update_springs(self, number, specimen, x, strain) -> None:
         thing, ends = specimen.thing, specimen.thing.body.springs.nodes
@@ -247,7 +261,7 @@ class Drawing:
         if (number, "springs") in self._handles:
             handle = self._handles[number, "springs"]
             handle.points = x[ends[others]]
-            colour = colours.along(colours.DIVERGING, 0.5 + 0.5 * strain[others] / STRAIN)
+            colour = colours.along(colours.DIVERGING, part_of(strain[others]))
             handle.colors = np.repeat(colour[:, None], 2, axis=1)
         if (number, "muscles") in self._handles:
             handle = self._handles[number, "muscles"]
@@ -256,11 +270,9 @@ class Drawing:
             handle.colors = np.repeat(colour[:, None], 2, axis=1)
 
     def _update_forces(self, number, specimen, x) -> None:
-        force = specimen.forces()
-        size = np.linalg.norm(force, axis=1)
-        largest = np.argsort(size)[-min(ARROWS, len(x)) :]
-        ends = x[largest] + 0.35 * (force[largest] @ self.turn(number).T) / max(float(size.max()), 1e-12)
-        self._handles[number, "forces"].points = flat_points(np.stack([x[largest], ends], axis=1))
+        nodes, arrow = arrows(specimen.forces(), specimen.tank.fish.body.mass)
+        ends = x[nodes] + arrow @ self.turn(number).T * specimen.thing.length * self.scale
+        self._handles[number, "forces"].points = flat_points(np.stack([x[nodes], ends], axis=1))
 
     def _update_hand(self, number, specimen, x) -> None:
         hand, handle = self.session.bench.hand, self._handles[number, "hand"]
@@ -270,28 +282,3 @@ class Drawing:
         handle.visible = bool(held)
         if hand is not None and held:
             handle.points = np.stack([x[hand.node], self._scaled(number, hand.point[None])[0]])[None]
-
-
-def activation(specimen: Specimen, fibres: np.ndarray) -> np.ndarray:
-    """How far the muscles' fibres (K,) are contracted, (K,): 0 natural, 1 full."""
-    tank = specimen.tank
-    natural, span = np.zeros(tank.rest_length.shape[1]), np.ones(tank.rest_length.shape[1])
-    natural[tank._fibres[0]], span[tank._fibres[0]] = tank._fibres[2], tank._fibres[3]
-    return (natural - tank.rest_length[0])[fibres] / span[fibres]
-
-
-def octahedron(radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """A ball of few triangles: an octahedron, each side divided in four and blown up."""
-    points = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
-    corners = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
-    places, triangles = [np.array(point, float) for point in points], []
-    for a, b, c in corners:
-        first = len(places)
-        places += [
-            0.5**0.5 * (places[a] + places[b]),
-            0.5**0.5 * (places[b] + places[c]),
-            0.5**0.5 * (places[c] + places[a]),
-        ]
-        p, q, r = first, first + 1, first + 2
-        triangles += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
-    return radius * np.array(places, np.float32), np.array(triangles, np.uint32)

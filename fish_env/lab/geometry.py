@@ -108,7 +108,37 @@ def spring_strain(springs, rest_length, x) -> np.ndarray:
 
 
 def tet_strain(tets, x) -> np.ndarray:
-    """The largest principal strain of every tetrahedron by magnitude, (T,): a principal stretch less 1."""
-    gradient = np.einsum("tak,tal->tkl", x[tets.nodes], tets.gradient)
-    stretch = np.sqrt(np.maximum(np.linalg.eigvalsh(gradient.transpose(0, 2, 1) @ gradient), 0.0)) - 1.0
-    return stretch[np.arange(len(stretch)), np.abs(stretch).argmax(axis=1)]
+    """The largest principal strain of every tetrahedron by magnitude, (T,): a principal stretch less 1.
+
+    The squares of the stretches are the eigenvalues of a symmetric matrix, whose largest and smallest are found in
+    closed form (Smith 1961): LAPACK takes ten times as long for as many small matrices.
+    """
+    edges = x[tets.nodes[:, 1:]] - x[tets.nodes[:, :1]]
+    gradient = np.matmul(tets.gradient[:, 1:].transpose(0, 2, 1), edges)
+    square = np.matmul(gradient, gradient.transpose(0, 2, 1))
+    a, b, c, d, e, f = (square[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)))
+    mean = (a + b + c) / 3.0
+    a, b, c = a - mean, b - mean, c - mean
+    spread = np.sqrt((a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)) / 6.0)
+    volume = a * (b * c - d * d) - f * (f * c - d * e) + e * (f * d - b * e)
+    angle = np.arccos(np.clip(0.5 * volume / np.maximum(spread, 1e-100) ** 3, -1.0, 1.0)) / 3.0
+    high = np.sqrt(np.maximum(mean + 2.0 * spread * np.cos(angle), 0.0)) - 1.0
+    low = np.sqrt(np.maximum(mean + 2.0 * spread * np.cos(angle + 2.0 * np.pi / 3.0), 0.0)) - 1.0
+    return np.where(np.abs(high) >= np.abs(low), high, low)
+
+
+def octahedron(radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """A ball of few triangles: an octahedron, each side divided in four and blown up."""
+    points = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+    corners = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
+    places, triangles = [np.array(point, float) for point in points], []
+    for a, b, c in corners:
+        first = len(places)
+        places += [
+            0.5**0.5 * (places[a] + places[b]),
+            0.5**0.5 * (places[b] + places[c]),
+            0.5**0.5 * (places[c] + places[a]),
+        ]
+        p, q, r = first, first + 1, first + 2
+        triangles += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
+    return radius * np.array(places, np.float32), np.array(triangles, np.uint32)

@@ -2,21 +2,18 @@
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from fish_env.bodies import BODIES
 from fish_env.bodies.objects import OBJECTS
 from fish_env.integrators import INTEGRATORS
 from fish_env.lab import colours
+from fish_env.lab.comparison import OWN, Comparison, MadeWith, method
 from fish_env.lab.plots import EVERY, PLOTS, add_plot, padded
 from fish_env.lab.settings import SETTINGS, WALLS
-from fish_env.lab.specimen import Entry, level_of
+from fish_env.lab.specimen import Entry
 from fish_env.lab.steering import Steering
 
 if TYPE_CHECKING:
     from fish_env.lab.session import Session
-
-OWN, NOTHING = "own", "nothing"
 
 
 class Panel:
@@ -31,7 +28,6 @@ class Panel:
         self.mouse, self._drawn = "drag", 0.0
         self._shown: dict[int, Any] = {}  # what a control was last set to, by its id: viser's have no hash
         self._numbers: dict[str, Any] = {}
-        self._levels: list[Any] = []
         self._plots: dict[str, Any] = {}
         self.status = self.gui.add_markdown("")
         tabs = self.gui.add_tab_group()
@@ -40,7 +36,7 @@ class Panel:
         with tabs.add_tab("Change"):
             self._change()
         with tabs.add_tab("Compare"):
-            self._compare()
+            self.comparison = Comparison(self)
         with tabs.add_tab("Steer"):
             self.steering = Steering(self)
         with tabs.add_tab("View"):
@@ -71,6 +67,11 @@ class Panel:
             handle.value = value
         self._shown[id(handle)] = value
 
+    def forget(self, handle) -> None:
+        """Take a control away."""
+        self._shown.pop(id(handle), None)
+        handle.remove()
+
     def button(self, label: str, action, hint: str | None = None) -> Any:
         """A button that has `action()` done in the simulation's thread."""
         handle = self.gui.add_button(label, hint=hint)
@@ -87,7 +88,7 @@ class Panel:
             self.gui.add_dropdown("object", [*OBJECTS, *BODIES], initial_value=bench.specimens[0].entry.thing),
             lambda value: self.choose(Entry(value), *self.entries()[1:]),
         )
-        self.levels = self.gui.add_folder("made with", expand_by_default=False)
+        self.made = MadeWith(self, 0)
         self.integrator = self.when(
             self.gui.add_dropdown("integrator", [OWN, *INTEGRATORS]),
             lambda value: self.change(integrator=method(value)),
@@ -98,6 +99,8 @@ class Panel:
         self.when(self.gui.add_slider("strength of hand", 0.2, 10.0, 0.2, 1.0), bench.set_strength)
         self.button("Drop: start again (R)", self.restart)
         self.button("Throw (T)", bench.throw)
+        self.button("Twist", lambda: bench.distort("twisted"), "at rest, turned by half a turn from end to end")
+        self.button("Invert", lambda: bench.distort("inverted"), "at rest, turned inside out")
         self.button("Release fixed nodes", bench.release_all)
         self.pause = self.when(self.gui.add_checkbox("pause (space)", False), self.set_paused)
         self.button("One step (N)", self.one_step)
@@ -114,34 +117,14 @@ class Panel:
             )
         self.walls = self.when(self.gui.add_dropdown("walls", list(WALLS)), self.set_walls)
 
-    def _compare(self) -> None:
-        self.gui.add_markdown("The same object by other methods, or other objects, under the same conditions.")
-        self.others = []
-        for k, rank in enumerate(("second", "third"), 1):
-            thing = self.when(
-                self.gui.add_dropdown(f"{rank} object", [NOTHING, *OBJECTS, *BODIES]),
-                lambda value, k=k: self.compare(k, value, self.others[k - 1][1].value),
-            )
-            integrator = self.when(
-                self.gui.add_dropdown(f"{rank} integrator", [OWN, *INTEGRATORS]),
-                lambda value, k=k: self.compare(k, self.compared(k), value),
-            )
-            self.others.append((thing, integrator))
-        self.same_cost = self.when(
-            self.gui.add_checkbox("same cost", False, hint="steps such that a second costs as much of the processor"),
-            lambda value: self.choose(*self.entries(), same_cost=bool(value)),
-        )
-        self.distance = self._plot("distance from the first (lengths)", colours.SPECIMENS[1:3])
-        self.steps = self.gui.add_markdown("")
-
     def _view(self) -> None:
         drawing = self.session.drawing
         for view, shown in drawing.shown.items():
             self.when(self.gui.add_checkbox(view, shown), lambda value, view=view: drawing.show(view, value))
         self.button("Look again", self.session.look)
         self.gui.add_markdown(
-            "Springs: blue shortened, orange stretched (30 % at the ends). Muscles: grey relaxed, red contracted. "
-            "Tetrahedra: dark at rest, yellow at 30 % strain."
+            "Springs and tetrahedra: blue shortened, grey at rest, orange stretched (30 % at the ends). Muscles: grey "
+            "relaxed, red contracted. Forces: their length goes with the square root."
         )
 
     def _measured(self) -> None:
@@ -175,23 +158,10 @@ class Panel:
         first, *others = self.entries()
         self.choose(first._replace(**parts), *others)
 
-    def compared(self, rank: int) -> str:
-        """The second or third object, rank 1 or 2, or NOTHING."""
-        entries = self.entries()
-        return entries[rank].thing if rank < len(entries) else NOTHING
-
-    def compare(self, rank: int, thing: str, integrator: str) -> None:
-        """Choose the second or third object, rank 1 or 2, and its method."""
-        entries = self.entries()
-        chosen = [] if thing == NOTHING else [Entry(thing, method(integrator))]
-        self.choose(*entries[:rank], *chosen, *entries[rank + 1 :])
-
     def choose(self, first: Entry, *others: Entry, same_cost: bool | None = None) -> None:
-        """Put objects on the bench; those that are compared with their like are made with the same numbers."""
-        level = {first.thing: first.level}
+        """Put objects on the bench."""
         self.session.wait("Compiling, or reading compiled code ...")
-        entries = [first, *(each._replace(level=level.get(each.thing, ())) for each in others)]
-        self.session.bench.choose(entries, same_cost)
+        self.session.bench.choose([first, *others], same_cost)
         self.session.bench.warm()
         self.session.show_bench()
 
@@ -245,34 +215,20 @@ class Panel:
         self.steering.refresh()
         self.show(self.thing, first.thing)
         self.show(self.integrator, first.integrator or OWN)
-        for k, (thing, integrator) in enumerate(self.others, 1):
-            self.show(thing, self.compared(k))
-            if k < len(bench.specimens):
-                self.show(integrator, bench.specimens[k].entry.integrator or OWN)
+        self.made.refresh(first)
+        self.comparison.refresh()
         for name, handle in self._numbers.items():
             self.show(handle, bench.numbers[name])
         self.show(self.walls, bench.walls)
-        self.show(self.same_cost, bench.same_cost)
         self.gait.disabled = not any(specimen.is_fish for specimen in bench.specimens)
         self.show(self.gait, bench.specimens[0].swimming)
-        self._refresh_levels(first)
-        about = [f"{s.thing.name}: {s.tank.integrator.name}, step {1e3 * s.tank.dt:.3g} ms" for s in bench.specimens]
-        self.steps.content = "\n".join(f"{k + 1}. {each}" for k, each in enumerate(about))
 
-    def _refresh_levels(self, entry: Entry) -> None:
-        """The whole numbers that the first object is made with."""
-        for handle in self._levels:
-            handle.remove()
-        self._levels = []
-        with self.levels:
-            for name, default in level_of(entry.thing).items():
-                value = dict(entry.level).get(name, default)
-                handle = self.gui.add_number(name, value, min=0, max=24, step=1)
-                self._levels.append(self.when(handle, lambda value, name=name: self.set_level(name, value)))
-
-    def set_level(self, name: str, value) -> None:
-        """Make the first object with another whole number."""
-        self.change(level=tuple((dict(self.entries()[0].level) | {name: int(value)}).items()))
+    def set_level(self, number: int, name: str, value) -> None:
+        """Make an object with another whole number."""
+        entries = self.entries()
+        entry = entries[number]
+        entries[number] = entry._replace(level=tuple((dict(entry.level) | {name: int(value)}).items()))
+        self.choose(*entries)
 
     def update(self, now: float) -> None:
         """Draw the plots, now and then; `now` is the time, s."""
@@ -288,13 +244,6 @@ class Panel:
             times, *rows = bench.series(name)
             if len(times) > 1:
                 handle.data = padded(times, rows, 3)
-        if len(bench.specimens) > 1 and len(bench.distances) > 1:
-            rows = list(np.array(list(bench.distances)).T)
-            self.distance.data = padded(bench.series("energy")[0], rows, 2)
+        self.comparison.update()
         names = ", ".join(f"**{s.thing.name}** by {s.tank.integrator.name}" for s in bench.specimens)
         self.status.content = f"{names}: {bench.nodes} nodes, {bench.clock:.1f} s, {rate}"
-
-
-def method(integrator: str) -> str:
-    """The name of a method as an Entry has it."""
-    return "" if integrator == OWN else integrator

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fish_env.lab import colours
-from fish_env.lab.drawing import flat_points, octahedron
-from fish_env.lab.geometry import surfaces
-from fish_env.lab.school import MOST_OBSTACLES, School
+from fish_env.lab.drawing import flat_points, free_part
+from fish_env.lab.geometry import octahedron, surfaces
+from fish_env.lab.school import APART, MOST_OBSTACLES, School
 
 if TYPE_CHECKING:
     from fish_env.lab.session import Session
 
 FOLLOW = 4.0  # 1/s, how fast the picture follows the school
+BEHIND = np.array([-0.62, -0.3, 0.72])  # where the camera is, from the middle of the fish; a unit vector, nearly
+ROOM = 1.8  # lengths around them
 ARROW = 0.55  # length of the arrow to where a fish is to go
 WATER = "/water"  # name of the part of the scene that moves
 
@@ -29,7 +31,7 @@ class SchoolDrawing:
     """
 
     def __init__(self, session: "Session", school: School):
-        self.school, self.client, self.scene = school, session.client, session.client.scene
+        self.school, self.session, self.scene = school, session, session.client.scene
         fish = school.fish
         self.scale = 1.0 / fish.length
         self._surface = surfaces(fish)[0]
@@ -48,7 +50,7 @@ class SchoolDrawing:
             self.scene.add_line_segments(f"{WATER}/muscles", ends, np.zeros(ends.shape, np.uint8), thickness=0.022)
         )
         self.aims = self._keep(
-            self.scene.add_arrows(f"{WATER}/aims", np.zeros((count, 2, 3)), colours.PURPLE, shaft_radius=0.015,
+            self.scene.add_arrows(f"{WATER}/aims", np.zeros((count, 2, 3)), colours.BLACK, shaft_radius=0.015,
                                   head_radius=0.04, head_length=0.1)
         )  # fmt: skip
         self.targets = self._balls("targets", count if len(school.targets()) else 0, colours.ORANGE)
@@ -64,10 +66,12 @@ class SchoolDrawing:
         self.update(0.0)
 
     def look(self) -> None:
-        """Turn the camera to the fish: from behind and above."""
-        width, camera = 1.4 * np.sqrt(self.school.num_fish), self.client.camera
-        camera.position = (-1.4 * width - 1.2, -0.5 * width, 1.3 * width + 0.8)
-        camera.look_at = (0.3, 0.0, 0.0)
+        """Turn the camera to the fish: from behind and above, all of them in what the panel leaves free of the page."""
+        hidden, half = free_part(self.session.client.camera)
+        room = APART * (np.sqrt(self.school.num_fish) - 1.0) / 2.0**0.5 + ROOM  # from the middle, in every direction
+        far = room / (half * (1.0 - hidden))
+        right = hidden * half * far * np.array([-BEHIND[1], BEHIND[0], 0.0]) / np.hypot(*BEHIND[:2])
+        self.session.turn_camera(tuple(right + far * BEHIND), tuple(right))
 
     def _keep(self, handle) -> Any:
         self._handles.append(handle)
@@ -93,16 +97,16 @@ class SchoolDrawing:
         self._handles = []
 
     def place(self, origin, direction) -> np.ndarray:
-        """The point (3,) m at the height of the fish that a ray of the scene hits.
+        """The point (3,) m at the height of the fish that a ray of the scene hits, from an origin (3,) on.
 
         Raises:
             ValueError: for a ray that does not.
         """
-        origin, direction = np.asarray(origin, dtype=float), np.asarray(direction, dtype=float)
         height = self._focus[2] + origin[2]
-        if not (np.isfinite([origin, direction]).all() and height * direction[2] < 0.0):
+        if not (height > 0.0 > direction[2] or height < 0.0 < direction[2]):
             raise ValueError("that point lies in the sky; give one nearer, in the plane in which the fish swim")
-        found = origin - height / direction[2] * direction + self._focus
+        with np.errstate(over="ignore", invalid="ignore"):  # of a ray that is all but level: refused as too far
+            found = origin - height / direction[2] * direction + self._focus
         return found / self.scale
 
     def update(self, seconds: float) -> None:

@@ -5,14 +5,17 @@ waits for the simulation, and the simulation is touched by one thread alone.
 """
 
 import queue
+import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 
 import viser
 
 from fish_env.lab.bench import Bench
 from fish_env.lab.drawing import Drawing
+from fish_env.lab.incoming import vector
 from fish_env.lab.panel import Panel
 from fish_env.lab.school import School
 from fish_env.lab.school_drawing import SchoolDrawing
@@ -57,6 +60,13 @@ class Session:
         """Have something done between two frames; a ValueError of it is told to the user."""
         self._requests.put(request)
 
+    def ask_at(self, request: Callable[..., None], **vectors) -> None:
+        """Have `request(*vectors)` done with points or directions of a message, (3,) each, by what they are.
+
+        The user is told of one that is not three finite numbers, and nothing is done.
+        """
+        self.ask(lambda: request(*(vector(value, what) for what, value in vectors.items())))
+
     def tell(self, text: str, title: str = "Not possible") -> None:
         """Show a message on the page."""
         self.client.add_notification(title, text, auto_close_seconds=10.0, color="orange")
@@ -75,6 +85,17 @@ class Session:
     def look(self) -> None:
         """Turn the camera to what is shown."""
         (self.school_drawing or self.drawing).look()
+
+    def turn_camera(self, position, look_at) -> None:
+        """Put the camera at a point of the scene, and look at another one; not of a page that told nonsense of its own.
+
+        viser goes on from what the page has said last of its camera.
+        """
+        camera = self.client.camera
+        try:
+            camera.position, camera.look_at = position, look_at
+        except (TypeError, ValueError):
+            return
 
     def show_school(self, school: School) -> None:
         """Show fish that are steered, in place of the bench."""
@@ -123,7 +144,7 @@ class Session:
         self.bench.let_go()
 
     def _answer(self) -> None:
-        """Do what the page has asked for since the last frame."""
+        """Do what the page has asked for since the last frame; nothing that it asks for ends the session."""
         while not self._closed.is_set():
             try:
                 request = self._requests.get_nowait()
@@ -134,6 +155,9 @@ class Session:
             except ValueError as error:
                 self.tell(str(error))
                 self.panel.refresh()
+            except Exception:  # a mistake of the laboratory: for who runs it, in full
+                print(traceback.format_exc(), file=sys.stderr)
+                self.tell("The laboratory made a mistake; its terminal says which.", "An error")
 
     def _report(self) -> None:
         """Tell the user what failed."""

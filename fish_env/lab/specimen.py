@@ -1,7 +1,9 @@
 """One object in the laboratory: its tank, made again when a number changes, and what is done to it and measured."""
 
 import inspect
+import time
 from dataclasses import replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,17 +12,23 @@ from fish_env.bodies import BODIES, Fish
 from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import OBJECTS
 from fish_env.body import Body, scaled, with_rates
+from fish_env.checks import is_whole
 from fish_env.control.gait import best_gait
 from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators import INTEGRATORS
 from fish_env.lab.geometry import Surface, enclosed, spring_strain, surfaces, tet_strain
 from fish_env.lab.hand import Hand
+from fish_env.lab.settings import chosen
 from fish_env.tank import Tank
 from fish_env.tank_options import own_step
 from fish_env.world import World, make_world
 
 PULL = 0.4  # drag spring: its pull, over the object's weight on Earth, at a distance of the object's length
 DAMPING = 0.05  # s, damping of the drag spring over its stiffness
+LARGEST = 1100  # nodes of an object that is moved as it is looked at
+FINEST = 24  # of a whole number that an object is made with
+TRIAL = 0.02  # s of processor time for the measurement of a cost
+STEPS = 16  # whose cost is measured at once
 ROOM = 1.5  # half the width of a closed room, in lengths of an object that has no walls of its own
 
 
@@ -61,13 +69,30 @@ def make_thing(entry: Entry) -> ElasticObject:
     return TABLE[entry.thing].make(**dict(entry.level))
 
 
+def checked_entry(entry: Entry) -> Entry:
+    """An entry whose names exist and whose numbers are in their range, or ValueError."""
+    if entry.integrator:
+        chosen(entry.integrator, INTEGRATORS, "integrator")
+    for name, value in entry.level:
+        if not is_whole(value) or not 0 <= value <= FINEST:
+            raise ValueError(f"{name} is {value!r}; give a whole number from 0 to {FINEST}")
+    thing = make_thing(entry)
+    if thing.body.mass.size > LARGEST:
+        raise ValueError(
+            f"{entry.thing} would have {thing.body.mass.size} nodes; the laboratory moves at most {LARGEST}: give "
+            f"smaller numbers than {', '.join(f'{name} {value}' for name, value in chain(entry.level))}"
+        )
+    return entry
+
+
 def changed_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
     """The body of an object with the numbers of the settings."""
     body = scaled(thing.body, numbers["stiffness"], numbers["damping"], numbers["density"])
     gas, inner = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64))
     if gas is not None and numbers["pressure"] != 1.0:
         factor = numbers["pressure"]
-        body = body._replace(compartments=gas._replace(gas=gas.gas * factor, ambient=gas.ambient * factor))
+        weaker = gas._replace(gas=gas.gas * factor, ambient=gas.ambient * factor) if factor else None  # may be flat
+        body = body._replace(compartments=weaker)
     if len(inner) and numbers["inner_density"] != 1.0:
         mass, inverse = body.mass.copy(), body.inverse_mass.copy()
         mass[inner] *= numbers["inner_density"]
@@ -152,8 +177,8 @@ class Specimen:
 
     def own_step(self, thing: ElasticObject | None = None) -> float:
         """The step of its method if none is given, s."""
-        chosen: ElasticObject = self.tank.fish if thing is None else thing
-        return own_step(chosen, INTEGRATORS[self.entry.integrator or chosen.integrator])
+        body: ElasticObject = self.tank.fish if thing is None else thing
+        return own_step(body, INTEGRATORS[self.entry.integrator or body.integrator])
 
     def change(self, numbers=None, walls=None, step=None, fixed=None) -> None:
         """Go on in the same motion with other numbers; ValueError, and nothing is changed, if that is not possible."""
@@ -176,6 +201,12 @@ class Specimen:
         """Put it back to rest at the middle of its room, or give all nodes a velocity (3,) m/s there."""
         self.tank.reset()
         self.tank.velocity[0] = np.where(self.tank.fish.body.inverse_mass > 0.0, velocity, 0.0)
+
+    def place(self, position: np.ndarray) -> None:
+        """Put its nodes, which are at rest, at positions (N,3) m; those that are fixed are fixed there."""
+        self.tank.position[0] = position
+        if self.fixed:
+            self.tank.fix(self.fixed)
 
     def pull(self, hand: Hand, strength: float, damping: float = DAMPING) -> None:
         """Let a hand pull at its node, or take the node along if that is fixed."""
@@ -230,3 +261,16 @@ class Specimen:
             world = self.tank.world._replace(anchors=None)  # the hand is outside of what is measured
             self._evaluator = Evaluator(self.tank.fish.body, world)
         return self._evaluator
+
+
+def cost_of_step(specimen: Specimen) -> float:
+    """Processor time of a step of an object's method, s, on a copy at rest."""
+    copy = Specimen(specimen.entry, specimen.numbers, specimen.walls, specimen.step)
+    copy.tank.advance(STEPS)  # compiled, or read from the disk
+    found: list[float] = []
+    while len(found) < 5 or (sum(found) < TRIAL and len(found) < 1000):
+        copy.tank.reset()
+        begin = time.process_time()
+        copy.tank.advance(STEPS)
+        found.append(time.process_time() - begin)
+    return max(min(found), 1e-9) / STEPS

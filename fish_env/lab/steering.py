@@ -90,8 +90,7 @@ class Steering:
         """Have clicks on the water put targets and obstacles."""
 
         def clicked(event) -> None:
-            ray = event.ray_origin, event.ray_direction
-            self.session.ask(lambda: self.put(*ray))
+            self.session.ask_at(self.put, origin=event.ray_origin, direction=event.ray_direction)
 
         self.session.client.scene.on_click()(clicked)
 

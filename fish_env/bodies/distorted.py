@@ -1,0 +1,51 @@
+"""Bodies out of their shape: twisted, turned inside out, and how far a body is from the shape that it has at rest."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fish_env.bodies.fish import ElasticObject
+from fish_env.body import Body
+
+
+def twisted(thing: ElasticObject, turns=0.5) -> np.ndarray:
+    """Positions (N,3) m of an object turned about x, the more the larger x is: by so many turns from end to end."""
+    x = thing.body.position
+    angle = 2.0 * np.pi * turns * (x[:, 0] - x[:, 0].min()) / thing.length
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([x[:, 0], c * x[:, 1] - s * x[:, 2], s * x[:, 1] + c * x[:, 2]], axis=1)
+
+
+def inverted(thing: ElasticObject) -> np.ndarray:
+    """Positions (N,3) m of an object turned inside out, reflected in the plane z = 0, with noise of a hundredth."""
+    noise = np.random.default_rng(1).standard_normal(thing.body.position.shape)
+    return thing.body.position * [1.0, 1.0, -1.0] + 0.01 * np.ptp(thing.body.position[:, 2]) * noise
+
+
+DISTORTIONS: dict[str, Callable[[ElasticObject], np.ndarray]] = {"twisted": twisted, "inverted": inverted}
+
+
+def distorted(thing: ElasticObject, how: str) -> np.ndarray:
+    """Positions (N,3) m of an object, twisted or inverted.
+
+    Raises:
+        ValueError: for an object in a plane or on a line; or if springs alone make it up, which are at rest in its
+            mirror image too.
+    """
+    body = thing.body
+    if not np.ptp(body.position, axis=0).all():
+        raise ValueError(f"the {thing.name} lies in a plane or on a line and cannot be {how}; give a solid object")
+    if how == "inverted" and body.tets is None and body.compartments is None:
+        raise ValueError(
+            f"the {thing.name} is at rest inside out too, since springs do not tell it from its mirror image; give an "
+            "object of tetrahedra or with gas"
+        )
+    return DISTORTIONS[how](thing)
+
+
+def out_of_shape(body: Body, x) -> float:
+    """Largest distance of a node from where it is at rest, over the body's size, once x is turned to fit best."""
+    here, there = (a - np.average(a, axis=0, weights=body.mass) for a in (x, body.position))
+    u, _, vt = np.linalg.svd((here * body.mass[:, None]).T @ there)
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return float(np.linalg.norm(here @ turn - there, axis=1).max() / np.ptp(body.position, axis=0).max())
