@@ -39,7 +39,8 @@ def oscillators(body: Body) -> Body:
 def growth(tank: Tank, h: float) -> float:
     """Largest factor by which one step of h s makes a small vibration of the oscillators in a tank of four grow."""
     tank.reset()
-    tank.dt, engine = h, tank._engine
+    tank._settle_anew(dt=h)
+    engine = tank._engine
     engine._rows.clear()  # no plans for steps of another length: a new tank for each step would take far longer
     engine._plans.clear()
     for i in range(4):
