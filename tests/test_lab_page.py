@@ -501,6 +501,27 @@ def test_an_address_that_cannot_be_listened_at_is_refused(host):
         server.Laboratory(host, 18400)
 
 
+def test_the_distance_of_the_camera_chooses_the_level(page):
+    """From far away the uniform sphere is coarse, and goes on falling; from near it is fine; a ring stays a ring."""
+    bench, specimen = page.session.bench, lambda: page.session.bench.specimens[0]
+    nodes = lambda: len(specimen().position)  # noqa: E731
+    assert nodes() == 132
+    far = {**CAMERA, "position": (0.0, -60.0, 1.0)}
+    page.send("ViewerCameraMessage", **far)
+    clock = bench.clock
+    page.choose("level by distance", True)
+    until(lambda: nodes() == 36)
+    assert bench.clock >= clock and specimen().time > 0.0 and specimen().tank.alive[0]
+    until(lambda: page.shows("level") == 1)
+    page.send("ViewerCameraMessage", **CAMERA)
+    until(lambda: nodes() == 516)
+    page.choose("object", "ring")
+    until(lambda: nodes() == 24)
+    page.send("ViewerCameraMessage", **far)
+    until(lambda: bench.clock > 0.2)
+    assert nodes() == 24 and page.shows("level by distance") is False
+
+
 def test_a_choice_made_while_another_is_answered_holds(page):
     """A choice that is made while another one is answered holds: controls may be ahead of the bench."""
     session = page.session

@@ -9,7 +9,7 @@ from benchmarks.objects.hand import dragged
 from benchmarks.objects.impact import costs, force_error, icosphere, longest, track
 from benchmarks.objects.parameters import fall
 from fish_env import INTEGRATORS, Tank
-from fish_env.bodies.detail import LevelOfDetail, facet_gap, projected_size
+from fish_env.bodies.detail import LevelOfDetail, carried_over, facet_gap, projected_size
 from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import FINEST, OBJECTS, make_ring, room
 from fish_env.bodies.skins import globe, octasphere
@@ -139,6 +139,27 @@ def test_level_of_detail_does_not_flicker():
     assert {chooser.choose(limit * part, 800.0) for part in (0.99, 1.01, 0.99, 1.2, 0.99)} == {2}
     assert chooser.choose(limit * 1.26, 800.0) == 1 and chooser.level == 1
     assert chooser.choose(limit * 1.01, 800.0) == 1
+
+
+def test_a_motion_is_carried_over_to_another_level():
+    """Affine motion is carried over exactly, and so is what a node has that both levels have."""
+    coarse, fine = OBJECTS["uniform sphere"].make(1), OBJECTS["uniform sphere"].make(2)
+    rng = np.random.default_rng(0)
+    turn, shift = np.eye(3) + 0.3 * rng.normal(size=(3, 3)), rng.normal(size=3)
+    for old, new in ((coarse, fine), (fine, coarse)):
+        affine = old.body.position @ turn + shift
+        np.testing.assert_allclose(carried_over(old, new, affine), new.body.position @ turn + shift, atol=1e-13)
+        shaken = affine + 0.01 * rng.normal(size=affine.shape)
+        found, common = carried_over(old, new, shaken), 0
+        for layer in ("outer", "inner"):
+            mine, other = getattr(old, layer), getattr(new, layer)
+            apart = np.linalg.norm(new.body.position[other][:, None] - old.body.position[mine], axis=2)
+            for i, j in np.argwhere(apart < 1e-10):
+                np.testing.assert_allclose(found[other[i]], shaken[mine[j]], atol=1e-10)
+                common += 1
+        assert common == 36  # all nodes of the coarse level
+    with pytest.raises(ValueError, match="no inner layer"):
+        carried_over(coarse, OBJECTS["uniform sphere"].make(2, layers=1), coarse.body.position)
 
 
 def test_what_a_level_of_detail_costs(monkeypatch):

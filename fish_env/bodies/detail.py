@@ -1,12 +1,17 @@
-"""Level of detail of a uniform sphere by its distance to the viewer (Song 2009, ch. 3.5.3)."""
+"""Level of detail of a uniform sphere by its distance to the viewer (Song 2009, ch. 3.5.3).
+
+A sphere that moves can be made again at another level, which goes on in the same motion (`carried_over`).
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from fish_env.bodies.objects import FINEST, whole
+from fish_env.bodies.objects import FINEST, Layered, whole
 from fish_env.bodies.skins import octasphere
-from fish_env.checks import positive_array
+from fish_env.checks import finite_array, positive_array
+
+NEIGHBOURS = 3  # nodes of the old level that a node of the new one lies between
 
 
 def projected_size(size: float, distance: float, focal: float) -> float:
@@ -72,3 +77,38 @@ class LevelOfDetail:
             )
         self.level = enough
         return enough
+
+
+def carried_over(old: Layered, new: Layered, values) -> np.ndarray:
+    """What nodes have, positions (N,3) m or velocities (N,3) m/s, for the nodes (M,3) of another level of an object.
+
+    Each layer's values are an affine map of its places at rest, fitted by least squares, and a remainder, which is
+    interpolated between the nearest nodes at rest. So affine motion, rigid motion included, is carried over exactly,
+    and a node that both levels have keeps its value.
+
+    Raises:
+        ValueError: for values of another shape or not finite, or if one of the objects has a layer that the other
+            has not.
+    """
+    values = finite_array(values, old.body.position.shape, "values")
+    found = np.empty_like(new.body.position)
+    for name in ("outer", "inner"):
+        before, after = getattr(old, name), getattr(new, name)
+        if bool(len(before)) != bool(len(after)):
+            raise ValueError(f"one of the objects has no {name} layer; give two with the same layers")
+        if not len(before):
+            continue
+        place, wanted = old.body.position[before], new.body.position[after]
+        affine = np.linalg.lstsq(_with_one(place), values[before], rcond=None)[0]
+        rest = values[before] - _with_one(place) @ affine
+        apart = np.linalg.norm(wanted[:, None] - place, axis=2)
+        near = np.argsort(apart, axis=1)[:, :NEIGHBOURS]
+        weight = 1.0 / np.maximum(np.take_along_axis(apart, near, axis=1), 1e-9 * old.length) ** 2
+        weight /= weight.sum(axis=1, keepdims=True)
+        found[after] = _with_one(wanted) @ affine + np.einsum("mk,mkd->md", weight, rest[near])
+    return found
+
+
+def _with_one(place: np.ndarray) -> np.ndarray:
+    """Places (N,3) with a column of ones, (N,4)."""
+    return np.column_stack([place, np.ones(len(place))])

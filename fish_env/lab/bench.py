@@ -87,6 +87,11 @@ class Bench:
         """How far objects that stand side by side are shown from each other, m."""
         return 2.2 * max(room_size(specimen.thing) for specimen in self.specimens)
 
+    def set_detail(self, number: int, level: int) -> None:
+        """Make an object of layers again with another level of detail, while it moves."""
+        self.let_go()
+        self.specimens[number] = self._specimen(number).at_level(level)
+
     def set(self, name, value) -> None:
         """Change a number while the objects move; ValueError, and nothing has changed, for one that is not allowed."""
         numbers = self.numbers | {name: checked_setting(name, value)}

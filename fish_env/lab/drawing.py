@@ -11,7 +11,7 @@ import numpy as np
 from fish_env.lab import colours
 from fish_env.lab.fields import ARROWS, SHADES, activation, arrows, part_of, shade_of, shades
 from fish_env.lab.geometry import boundary, octahedron
-from fish_env.lab.incoming import usable
+from fish_env.lab.incoming import usable, vector
 from fish_env.lab.specimen import Specimen, down_of, room_size
 
 if TYPE_CHECKING:
@@ -73,8 +73,20 @@ class Drawing:
         """The point of an object's own space, (3,) m, that a point of the scene shows."""
         return np.asarray(point, dtype=float) @ self.turn(number) / self.scale - self.offset(number)
 
-    def build(self) -> None:
-        """Draw the objects that are now on the bench, and look at them."""
+    def pixels(self, number: int) -> tuple[float, float]:
+        """How far an object is from the camera, m, and the focal length of the picture, pixels."""
+        camera = self.session.client.camera
+        middle = self.session.bench.specimens[number].position.mean(axis=0)
+        seen = self._scaled(number, middle[None])[0]
+        try:
+            away = float(np.linalg.norm(vector(camera.position, "camera") - seen)) / self.scale
+        except ValueError:  # of a page that says nonsense
+            away = 1.0 / self.scale
+        high = usable(camera.image_height, SCREEN[1])
+        return max(away, 1e-6 / self.scale), 0.5 * high / np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0))
+
+    def build(self, look: bool = True) -> None:
+        """Draw the objects that are now on the bench, and look at them unless the camera is to stay."""
         self.clear()
         bench = self.session.bench
         self.scale = 1.0 / bench.specimens[0].thing.length
@@ -82,7 +94,8 @@ class Drawing:
             self._add(number, specimen)
         self._show_all()
         self.build_room()
-        self.look()
+        if look:
+            self.look()
         self.update()
 
     def clear(self) -> None:

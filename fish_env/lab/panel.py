@@ -3,17 +3,21 @@
 from typing import TYPE_CHECKING, Any
 
 from fish_env.bodies import BODIES
+from fish_env.bodies.detail import LevelOfDetail
 from fish_env.bodies.objects import OBJECTS
 from fish_env.integrators import INTEGRATORS
 from fish_env.lab import colours
 from fish_env.lab.comparison import OWN, Comparison, MadeWith, method
 from fish_env.lab.plots import EVERY, PLOTS, add_plot, padded
 from fish_env.lab.settings import SETTINGS, WALLS
-from fish_env.lab.specimen import Entry
+from fish_env.lab.specimen import Entry, level_of
 from fish_env.lab.steering import Steering
 
 if TYPE_CHECKING:
     from fish_env.lab.session import Session
+
+DETAILED = "uniform sphere"
+"""The object whose level of detail its distance from the camera can choose."""
 
 
 class Panel:
@@ -26,6 +30,7 @@ class Panel:
     def __init__(self, session: "Session"):
         self.session, self.gui = session, session.client.gui
         self.mouse, self._drawn = "drag", 0.0
+        self._detail: LevelOfDetail | None = None  # of the first object, if its level is chosen by its distance
         self._shown: dict[int, Any] = {}  # what a control was last set to, by its id: viser's have no hash
         self._numbers: dict[str, Any] = {}
         self._plots: dict[str, Any] = {}
@@ -89,6 +94,10 @@ class Panel:
             lambda value: self.choose(Entry(value), *self.entries()[1:]),
         )
         self.made = MadeWith(self, 0)
+        self.by_distance = self.when(
+            self.gui.add_checkbox("level by distance", False, hint="as coarse as nobody sees from the camera"),
+            self.set_by_distance,
+        )
         self.integrator = self.when(
             self.gui.add_dropdown("integrator", [OWN, *INTEGRATORS]),
             lambda value: self.change(integrator=method(value)),
@@ -195,6 +204,23 @@ class Panel:
         if self.session.school is None:
             self.session.drawing.build_room()
 
+    def set_by_distance(self, value) -> None:
+        """Let the distance of the camera choose the level of the first object, or not."""
+        thing = self.session.bench.specimens[0].thing
+        self._detail = LevelOfDetail(radius=0.5 * thing.length) if value and thing.name == DETAILED else None
+
+    def _adapt(self) -> None:
+        """Give the first object the level that its distance asks for, unless a node of it is held."""
+        bench = self.session.bench
+        if self._detail is None or bench.hand is not None or bench.specimens[0].fixed:
+            return
+        level = self._detail.choose(*self.session.drawing.pixels(0))
+        now = level_of(DETAILED) | dict(bench.specimens[0].entry.level)
+        if level != now["level"]:
+            bench.set_detail(0, level)
+            self.session.drawing.build(look=False)
+            self.refresh()
+
     def press(self, number: int, point) -> None:
         """The mouse begins to drag at a point of the scene."""
         place = self.session.drawing.place(number, point)
@@ -216,6 +242,10 @@ class Panel:
         self.show(self.thing, first.thing)
         self.show(self.integrator, first.integrator or OWN)
         self.made.refresh(first)
+        self.by_distance.visible = first.thing == DETAILED
+        if first.thing != DETAILED:
+            self._detail = None
+        self.show(self.by_distance, self._detail is not None)
         self.comparison.refresh()
         for name, handle in self._numbers.items():
             self.show(handle, bench.numbers[name])
@@ -239,6 +269,7 @@ class Panel:
         if self.session.school is not None:
             self.status.content = f"{self.steering.update()}, {rate}"
             return
+        self._adapt()
         bench = self.session.bench
         for name, handle in self._plots.items():
             times, *rows = bench.series(name)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies import BODIES, Fish
+from fish_env.bodies.detail import carried_over
 from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import OBJECTS
 from fish_env.body import Body, scaled, with_rates
@@ -192,6 +193,16 @@ class Specimen:
         self.tank.rest_length[...] = old.rest_length
         if self.fixed:
             self.tank.fix(self.fixed)
+
+    def at_level(self, level: int) -> "Specimen":
+        """This layered object, made with another level of detail, in the same motion; nothing is fixed."""
+        numbers = dict(self.entry.level) | {"level": level}
+        other = Specimen(checked_entry(self.entry._replace(level=tuple(numbers.items()))), self.numbers, self.walls,
+                         self.step)  # fmt: skip
+        other.tank.position[0] = carried_over(self.thing, other.thing, self.position)
+        other.tank.velocity[0] = carried_over(self.thing, other.thing, self.tank.velocity[0])
+        other.tank.time[0] = self.tank.time[0]
+        return other
 
     def toggle(self, node: int) -> None:
         """Fix a node where it is, or let go of one that is fixed."""
