@@ -12,6 +12,8 @@ from kernels import ONE, read, write
 
 from fish_env import make_fish
 from fish_env._jit import njit
+from fish_env.body import fix
+from fish_env.integrators._common import eliminate
 from fish_env.linalg import ldlt
 from fish_env.simd import Kind, Pack, packed
 from fish_env.world import VACUUM
@@ -364,3 +366,27 @@ def test_trust_in_single_precision():
     matrix = np.array([[[1.0, 1.0], [1.0, 1.0 + 1e-6]]])
     for dtype, lost in (("float64", 0), ("float32", 1)):
         assert solve_lanes(Kind(1, dtype), shape, matrix, np.ones((1, 2, 3)))[-1][0, 1] == lost
+
+
+def test_fixed_degrees_of_freedom_are_eliminated():
+    """Their rows and columns are those of the identity, and all others stay as they are."""
+    body = fix(fix(make_fish().body, [3, 11]), [4, 22], "xz")
+    order, rng = len(body.mass), np.random.default_rng(0)
+    first, start = body.profile.first, body.profile.start
+    columns = rng.normal(size=(int(start[-1]), 3, 3))  # of each block: column, row
+
+    @njit
+    def run(block):
+        eliminate(block.body, block.a)
+
+    block = Pack("fixed", body=packed(body, ONE), a=ONE.vectors(3 * len(columns)))
+    write(block.a, columns.reshape(1, -1, 3))
+    run(block)
+    found, fixed = read(block.a)[0].reshape(-1, 3, 3), set(map(tuple, body.fixed.tolist()))
+    for i in range(order):
+        for j in range(first[i], i + 1):
+            entry = start[i] + j - first[i]
+            for r, c in np.ndindex(3, 3):
+                held = (i, r) in fixed or (j, c) in fixed
+                expected = float((i, r) == (j, c)) if held else columns[entry, c, r]
+                assert found[entry, c, r] == expected, (i, r, j, c)

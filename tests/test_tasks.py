@@ -341,6 +341,20 @@ def test_targets_in_three_dimensions():
 # Avoid
 
 
+def test_obstacles_are_drawn_from_their_ranges():
+    """Times, gaps and drifts of 400 obstacles fill their ranges; turns are commanded 0.1 to 0.4 s before."""
+    env = FishVectorEnv(400, task="avoid")
+    env.reset(seed=0)
+    task = env.task
+    drift, appears, turned = task._drift, task._appears, task.course.wait[:, 0]
+    moving = drift[drift != 0.0]
+    for found, (low, high) in ((np.abs(moving), task.drift), (appears, task.wait), (task._gap, task.gap)):
+        assert low <= found.min() < low + 0.1 * (high - low) and high - 0.1 * (high - low) < found.max() <= high
+    assert 0.4 < (moving > 0.0).mean() < 0.6
+    lead = (appears - turned)[turned > 0.0]
+    assert avoid.LEAD[0] - 1e-12 <= lead.min() and lead.max() <= avoid.LEAD[1] + 1e-12
+
+
 def test_obstacle_appears_ahead_and_moves():
     """The sphere stands the given gap ahead of the nose when it is due; a sweeping one comes from the side."""
     for drift in (0.0, 0.8):
