@@ -232,6 +232,12 @@ SPEED = (
         data=(DEFAULT, "examples/train_rllib.py"),
     ),
     Result(
+        "speed.cluster_trainings", "Swim trained by Ray RLlib with two runners (needs the extra [cluster])",
+        "-m benchmarks.speed.cluster --train", 4, csv("cluster_trainings"),
+        ("benchmarks.speed.cluster:trained", "fish_env.envs.rllib:FishEnvRunner", BATCH),
+        data=(DEFAULT, "examples/train_rllib.py"),
+    ),
+    Result(
         "speed.laboratory", "updates a second of every object in the laboratory (needs the extra [browser], Chromium)",
         "-m benchmarks.speed.laboratory --rates", 5, csv("speed/laboratory.csv"),
         ("benchmarks.speed.laboratory:rates", "fish_env.lab.drawing:Drawing", "fish_env.lab.bench:Bench"),
