@@ -441,3 +441,11 @@ def test_without_viser_the_extra_is_named():
     """Without viser the extra is named."""
     with pytest.raises(RuntimeError, match=r"fish_env\[lab\]"):
         serve()
+
+
+def test_only_layers_go_on_at_another_level():
+    """A fish of tetrahedra has levels but no layers: it is refused, and stays on the bench as it was."""
+    bench = Bench([Entry("tetrahedral")])
+    with pytest.raises(ValueError, match="'tetrahedral' has no layers"):
+        bench.set_detail(0, 2)
+    assert bench.specimens[0].entry == Entry("tetrahedral")

@@ -11,7 +11,7 @@ import numpy as np
 from fish_env.bodies import BODIES, Fish
 from fish_env.bodies.detail import carried_over
 from fish_env.bodies.fish import ElasticObject
-from fish_env.bodies.objects import OBJECTS
+from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.body import Body, scaled, with_rates
 from fish_env.checks import is_whole
 from fish_env.control.gait import best_gait
@@ -195,12 +195,20 @@ class Specimen:
             self.tank.fix(self.fixed)
 
     def at_level(self, level: int) -> "Specimen":
-        """This layered object, made with another level of detail, in the same motion; nothing is fixed."""
+        """This object, made with another level of detail, in the same motion; nothing is fixed.
+
+        ValueError unless it is one of layers.
+        """
         numbers = dict(self.entry.level) | {"level": level}
-        other = Specimen(checked_entry(self.entry._replace(level=tuple(numbers.items()))), self.numbers, self.walls,
-                         self.step)  # fmt: skip
-        other.tank.position[0] = carried_over(self.thing, other.thing, self.position)
-        other.tank.velocity[0] = carried_over(self.thing, other.thing, self.tank.velocity[0])
+        entry = checked_entry(self.entry._replace(level=tuple(numbers.items())))
+        other = Specimen(entry, self.numbers, self.walls, self.step)
+        before, after = self.thing, other.thing
+        if not (isinstance(before, Layered) and isinstance(after, Layered)):
+            raise ValueError(
+                f"{self.entry.thing!r} has no layers, whose motion could be carried over; give one that has"
+            )
+        other.tank.position[0] = carried_over(before, after, self.position)
+        other.tank.velocity[0] = carried_over(before, after, self.tank.velocity[0])
         other.tank.time[0] = self.tank.time[0]
         return other
 
