@@ -111,6 +111,16 @@ def test_damaged_recordings(place, recorded, data):
     call_file("load_recording", load_recording, place)
 
 
+def test_a_head_that_is_no_python(place, recorded, tmp_path):
+    """Numpy reads the head of an array as Python, and ends in a TokenError where a bracket is not closed."""
+    for read, whole in ((load_policy, shipped_policy("swim")), (load_recording, recorded.save(tmp_path / "whole.npz"))):
+        with zipfile.ZipFile(whole) as old, zipfile.ZipFile(place, "w") as new:
+            for name in old.namelist():
+                new.writestr(name, old.read(name).replace(b"}", b"(", 1))
+        with pytest.raises(ValueError, match=r"file\.npz"):
+            read(place)
+
+
 @pytest.mark.parametrize("bit", [0, 3, 5, 6, 11, 13])
 def test_flagged_files(place, recorded, tmp_path, bit):
     """Files whose parts are said to be encrypted, patched or of another kind are read or refused."""

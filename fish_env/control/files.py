@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -10,8 +11,9 @@ from pathlib import Path
 
 DAMAGED = (
     ValueError, TypeError, AttributeError, OSError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
+    tokenize.TokenError,
 )  # fmt: skip
-"""What numpy raises for files that are truncated, pickled, encrypted or something else."""
+"""What numpy raises for files that are truncated, pickled, encrypted or something else, which it may read as Python."""
 
 TRIAL = 4096  # bytes
 
