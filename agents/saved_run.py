@@ -52,9 +52,9 @@ def read_record(path: Path) -> dict[str, Any]:
 
 
 def read_model(path: Path, learner: type[PPO], env=None) -> PPO:
-    """The model in a file, to go on with in `env`; ValueError if it cannot be read, or does not fit."""
+    """The model in a file, to be trained further in `env`; ValueError if it cannot be read, or does not fit."""
     try:
-        with warnings.catch_warnings():  # Stable-Baselines3 would go on with a default in place of what it cannot read
+        with warnings.catch_warnings():  # else Stable-Baselines3 takes a default in place of what it cannot read
             warnings.filterwarnings("error", message="Could not deserialize")
             return learner.load(path, env, device="cpu")
     except Exception as error:  # what is in a pickle may raise anything

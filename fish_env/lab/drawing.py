@@ -73,17 +73,16 @@ class Drawing:
         """The point of an object's own space, (3,) m, that a point of the scene shows."""
         return np.asarray(point, dtype=float) @ self.turn(number) / self.scale - self.offset(number)
 
-    def pixels(self, number: int) -> tuple[float, float]:
-        """How far an object is from the camera, m, and the focal length of the picture, pixels."""
+    def seen_from(self, number: int) -> tuple[float, float]:
+        """How far the camera is from an object, m, and the focal length of the picture, pixels.
+
+        ValueError for a camera of which the page tells nonsense.
+        """
         camera = self.session.client.camera
-        middle = self.session.bench.specimens[number].position.mean(axis=0)
-        seen = self._scaled(number, middle[None])[0]
-        try:
-            away = float(np.linalg.norm(vector(camera.position, "camera") - seen)) / self.scale
-        except ValueError:  # of a page that says nonsense
-            away = 1.0 / self.scale
+        middle = self._scaled(number, self.session.bench.specimens[number].position.mean(axis=0)[None])[0]
+        away = float(np.linalg.norm(vector(camera.position, "camera") - middle)) / self.scale
         high = usable(camera.image_height, SCREEN[1])
-        return max(away, 1e-6 / self.scale), 0.5 * high / np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0))
+        return away, 0.5 * high / np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0))
 
     def build(self, look: bool = True) -> None:
         """Draw the objects that are now on the bench, and look at them unless the camera is to stay."""

@@ -214,7 +214,13 @@ class Panel:
         bench = self.session.bench
         if self._detail is None or bench.hand is not None or bench.specimens[0].fixed:
             return
-        level = self._detail.choose(*self.session.drawing.pixels(0))
+        try:
+            level = self._detail.choose(*self.session.drawing.seen_from(0))
+        except ValueError as error:
+            self.set_by_distance(False)
+            self.refresh()
+            self.session.tell(str(error))
+            return
         now = level_of(DETAILED) | dict(bench.specimens[0].entry.level)
         if level != now["level"]:
             bench.set_detail(0, level)
