@@ -18,7 +18,7 @@ from fish_env.bodies import Fish
 from fish_env.control import Gait
 
 FILE = Path(__file__).with_name("task_commands.npz")
-FIRST_SEED, SEEDS = 7_000, 3  # of the recorded scenes of each task
+FIRST_SEED, SEEDS = 7_000, 12  # of the recorded scenes of each task
 
 
 def _pairs(fish: Fish, drawn) -> np.ndarray:

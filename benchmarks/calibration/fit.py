@@ -1,35 +1,37 @@
-"""Fit an inexpensive body in motion to the finest one (CMA-ES): the same commands, the least distance.
+"""Fit an inexpensive body in motion to the finest one (least squares): the same commands, the least distance.
 
 python -m benchmarks.calibration.fit --body mass_spring     fits, writes fish_env/bodies/<body>.json (minutes)
 python -m benchmarks.calibration.fit                        all bodies, in the order in which they depend on each other
-python -m benchmarks.calibration.fit --spread               five fit seeds of each body, tested: fits.csv (resumes)
+python -m benchmarks.calibration.fit --spread               the five searches of each body, tested: fits.csv
+python -m benchmarks.calibration.fit --limits               mass_spring with shorter stable steps: fit_limits.csv
 python -m benchmarks.calibration.fit --test                 what is shipped, tested: results/fit_tests.csv
 
-The finest body is that of tetrahedra at level 3. Its motions are kept in `runs/calibration`, under the digest of the
-body and the commands, so that only the first fit waits for them. Fitted are the logarithms of factors on stiffness,
-muscles and drag, and where on a section the water is felt; the masses keep the outline's mass, centre and yaw inertia.
-A body is trained on the commands of all tasks and of four families, and swims the gaits with which the finest one swims
-like a trout; it is tested on other seeds of the tasks and on four families it has not seen.
+The finest body is that of tetrahedra at level 3. Its motions and the searches that have ended are kept in
+`runs/calibration`, under the digest of what they depend on, so that only the first fit waits for them. Fitted are
+stiffness, damping, muscles and drag, and where on a section the water is felt (`benchmarks/calibration/fit_search.py`);
+the masses keep the outline's mass, centre and yaw inertia. Five searches begin at different places, and the best is
+shipped. A body is trained on the commands of all tasks and of four families, and swims the gaits with which the finest
+one swims like a trout; it is tested on other seeds of the tasks and on four families it has not seen.
 """
 
 import argparse
 import hashlib
 import json
 import multiprocessing
+import time
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
 import fish_env.bodies
-from benchmarks.calibration.commands import TRAINING, UNSEEN, drawn, training_scenes
-from benchmarks.calibration.living_fish import BEATS, SECONDS, TROUT, beyond, cost, living_gaits
-from benchmarks.calibration.midline import swim_midlines
+from benchmarks.calibration import fit_search
+from benchmarks.calibration.commands import FILE, TRAINING, UNSEEN, drawn, training_scenes
+from benchmarks.calibration.fit_search import LIMIT, Problem, magnification, off_trout, parameters, rounded
 from benchmarks.common.motion import Motion, errors, play, record
-from benchmarks.common.problems import DISTURBANCE, left_after_right
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import provenance, write_csv
-from fish_env import TASKS, Tank, make_fish
+from fish_env import TASKS, make_fish
 from fish_env._cache import source_hash
 from fish_env.bodies import Fish
 from fish_env.control.files import write_text
@@ -40,37 +42,13 @@ FOLDER = Path(fish_env.bodies.__file__).parent
 KEPT = Path("runs/calibration")
 FINEST = {"body": "tetrahedral", "level": 3}
 BODIES = ("mass_spring", "planar", "two_layer")
-SEED, EACH = 100, 4  # of the families' training scenes, and how many of each
+SEED, EACH = 100, 8  # of the families' training scenes, and how many of each
 TESTED, TEST_SEED = 12, 5_000  # scenes of each task, and the first's seed: neither trained nor fitted on
 UNSEEN_SEED, UNSEEN_EACH = 900, 12
-GENERATIONS = {"mass_spring": 260, "planar": 120, "two_layer": 70}
-POPULATION = 16
 EVERY = {"two_layer": 3}  # it takes ten times as long as the others, and is fitted to every third scene
-WIDEST = 3.0  # a factor is not above this, nor below its inverse
-START = {
-    "stiffness": [130.0, 1600.0], "taper": [0.15, 0.4, 0.09, 0.12, 0.16, 0.106],
-    "contracted": [0.875, 0.89, 0.8], "relaxation_time": 0.0004, "mass_factor": [0.7, 0.6, 1.0, 1.3, 0.7, 0.9, 1.5],
-    "water_place": [0.5, 0.3, 0.8, 0.4, 0.55, 0.85], "water_drag": [0.9, 3.0, 0.7, 3.0, 1.4, 0.7],
-}  # fmt: skip
-"""Where the search of the 23 nodes begins; `planar` begins with factors of 1."""
-OTHER = 977.0  # N/m, of the other springs: not fitted, since the taper scales them
-PREDICTABLE = 100.0
-"""Times that the abrupt manoeuvre may magnify a disturbance: a fish that buckles does so a millionfold, and nobody can
-say where it ends (the finest body: 5 times)."""
-LIMIT = 0.002
-"""Stable step of symplectic Euler, s, that a body must have: stiffness that hardly moves it is expensive."""
-MOST_DRAG = 4.0
-"""Of a section's drag over that of a face whose every point is taken: neighbours could make up for each other."""
-PLACES = 0.1, 0.9
-"""Of the point of a section at which the water is felt, from its front to its rear."""
-LIVING, NOSE, WORST = 0.006, 0.185, 50.0
-"""Weight of what `living_fish` minimises; the sway of the nose over the tail's above which more is added; its limit."""
-FACTORS = {"bending": 5, "shear": 1, "pull": 3, "drag": 6}
-TWO_LAYERS = {
-    "bending": [1.6, 1.05, 0.66, 0.66, 1.5], "shear": 1.6, "pull": [1.2, 1.3, 1.25],
-    "drag": [0.57, 0.6, 0.94, 0.95, 1.67, 0.88],
-}  # fmt: skip
-"""Where the search of two layers begins: what a shorter one ended with."""
+SEEDS = (1, 2, 3, 4, 5)
+LIMITS = (0.001, 0.0005, 0.00025)
+"""Stable steps of symplectic Euler, s, with which more damping is tried than the shipped fish has."""
 
 
 def digest(fish: Fish, contractions: np.ndarray) -> str:
@@ -111,103 +89,24 @@ def _finest(contractions):
     return tuple(play(make_fish(**FINEST), contractions))
 
 
-def start_of(body: str) -> dict[str, np.ndarray]:
-    """What is fitted of a body, and where the search begins."""
-    known = {"mass_spring": START, "two_layer": TWO_LAYERS}
-    if body in known:
-        return {name: np.array(value) for name, value in known[body].items()}
-    return {name: np.ones(size) for name, size in FACTORS.items()}
-
-
-def built(body: str, start: dict, logs) -> tuple[dict, Fish]:
-    """The parameters at a point of the search, and the body made of them."""
-    given, used = {}, 0
-    for name, value in start.items():
-        factor = np.exp(np.clip(logs[used : used + value.size], -np.log(WIDEST), np.log(WIDEST)))
-        used += value.size
-        if name == "contracted":  # what a muscle takes off its length is fitted, not what it leaves
-            given[name] = _rounded(np.clip(1.0 - factor * (1.0 - value), 0.4, 0.97))
-        else:
-            given[name] = _rounded(factor * value)
-    if body == "mass_spring":
-        given["water_drag"] = np.minimum(given["water_drag"], MOST_DRAG).tolist()
-        given["water_place"] = np.clip(given["water_place"], *PLACES).tolist()
-        given["stiffness"] = [*given["stiffness"], OTHER]
-    return given, make_fish(body, **given)
-
-
-def _rounded(value, digits=4):
-    """A number or a list of numbers of so many significant digits."""
-    rounded = [float(f"{v:.{digits}g}") for v in np.ravel(value)]
-    return rounded[0] if np.size(value) == 1 else rounded
-
-
-def distance(fish: Fish, contractions, finest: Motion) -> float:
-    """Mean distance to the finest body over the scenes; what fails counts 2."""
-    motion = play(fish, contractions)
-    off = errors(motion, finest, fish.control_interval)["all"]
-    failed = np.array([bool(text) for text in motion.failure])
-    return float(np.where(failed, 2.0, np.minimum(np.nan_to_num(off, nan=2.0), 2.0)).mean())
-
-
-def living(fish: Fish) -> float:
-    """How far the finest body's three gaits, swum by this body, are from a living trout; at most WORST."""
-    found = swim_midlines(fish, living_gaits(), [row.speed for row in TROUT], SECONDS, BEATS)
-    if any(one.failure for one in found):
-        return WORST
-    return min(cost(found) + 1000.0 * sum(float(beyond(one.nose, NOSE)) ** 2 for one in found), WORST)
-
-
-def magnification(fish: Fish) -> float:
-    """By how much the abrupt manoeuvre magnifies a small displacement of the nodes; the larger of two."""
-    goals, count = left_after_right(fish), 2
-    tank, moved = Tank(fish, 1 + count, water=fish.water, threads=1), 0.0
-    shape = tank.position[0].shape
-    for b in range(count):
-        displaced = DISTURBANCE * fish.length * np.random.default_rng(b).normal(size=shape)
-        tank.position[1 + b] += displaced * (fish.body.inverse_mass > 0.0)
-    for goal in goals:
-        tank.drive(np.repeat(goal[None], 1 + count, axis=0), round(fish.control_interval / tank.dt))
-        moved = max(moved, float(np.linalg.norm(tank.position[1:] - tank.position[0], axis=2).max()))
-    return moved / (DISTURBANCE * fish.length) if tank.alive.all() else 1e7
+def training(body: str) -> tuple[np.ndarray, Motion]:
+    """What a body is fitted to: the scenes, and what the finest one makes of them."""
+    contractions, part = training_scenes(SEED, EACH), slice(None, None, EVERY.get(body, 1))
+    finest = finest_motion(contractions)
+    return contractions[part], Motion(*(values[part] for values in finest[:5]))
 
 
 def search(job) -> tuple[float, dict]:
-    """One run of CMA-ES: the least distance, and the parameters there."""
-    import cma
-
-    body, seed, generations = job
-    contractions = training_scenes(SEED, EACH)
-    finest, start, part = finest_motion(contractions), start_of(body), slice(None, None, EVERY.get(body, 1))
-    contractions, finest = contractions[part], Motion(*(values[part] for values in finest))
-    size = sum(value.size for value in start.values())
-    settings = {"seed": seed, "popsize": POPULATION, "verbose": -9, "maxiter": generations}
-    strategy, best = cma.CMAEvolutionStrategy(np.zeros(size), 0.1, settings), (np.inf, {})
-    with tqdm(total=generations, desc=f"{body}, seed {seed}", mininterval=10) as bar:
-        while not strategy.stop():
-            points, costs = strategy.ask(), []
-            for point in points:
-                outside = float((np.maximum(np.abs(point) - np.log(WIDEST), 0.0) ** 2).sum())
-                try:
-                    given, fish = built(body, start, point)
-                except ValueError:
-                    costs.append(10.0 + outside)
-                    continue
-                stiff = max(0.0, np.log(LIMIT / limits.leapfrog(fish.body))) if body != "two_layer" else 0.0
-                wild = max(0.0, np.log10(magnification(fish) / PREDICTABLE))
-                apart = distance(fish, contractions, finest) + LIVING * living(fish)
-                costs.append(apart + outside + stiff + 0.05 * wild)
-                if costs[-1] < best[0]:
-                    best = costs[-1], given
-            strategy.tell(points, costs)
-            bar.update()
-            bar.set_postfix(distance=f"{100 * best[0]:.2f} %")
-    return best
+    """One search, of a body from a seed with a limit of the stable step: half its squares, and the parameters there."""
+    body, seed, limit = job
+    found = Problem(body, *training(body), limit).solve(seed)
+    return float(found.cost), rounded(parameters(body, found.x))
 
 
 def kept_search(job) -> tuple[float, dict]:
     """What `search` finds; read from KEPT if the same code has run this search to its end before."""
-    name = hashlib.sha256(f"{job} {source_hash()}".encode() + Path(__file__).read_bytes()).hexdigest()[:16]
+    code = Path(__file__).read_bytes() + Path(fit_search.__file__).read_bytes() + FILE.read_bytes()
+    name = hashlib.sha256(f"{job} {source_hash()}".encode() + code).hexdigest()[:16]
     path = KEPT / f"fit-{name}.json"
     if not path.exists():
         found = search(job)
@@ -216,12 +115,27 @@ def kept_search(job) -> tuple[float, dict]:
     return tuple(json.loads(path.read_text()))
 
 
-def write(body: str, given: dict, found: float, seed: int) -> None:
+def searches(jobs: list) -> list[tuple[float, dict]]:
+    """What the searches find, some at the same time; the finest body moves first, for all of them."""
+    finest_motion(training_scenes(SEED, EACH))
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        return pool.map(kept_search, jobs, chunksize=1)
+
+
+def trained(body: str, given: dict) -> float:
+    """Mean distance of a body with these parameters to the finest one over what it was fitted to."""
+    fish, (contractions, finest) = make_fish(body, **given), training(body)
+    return float(errors(play(fish, contractions), finest, fish.control_interval)["all"].mean())
+
+
+def write(body: str, given: dict, seed: int) -> None:
     """Put fitted parameters where the package reads them."""
     path = FOLDER / f"{body}.json"
-    about = provenance(f"{COMMAND} --body {body}") | {"seed": seed, "distance_percent": round(100 * found, 3)}
+    about = provenance(f"{COMMAND} --body {body}")
+    about |= {"seed": seed, "distance_percent": round(100 * trained(body, given), 3)}
     kept = json.loads(path.read_text())["parameters"] if body == "mass_spring" else {}
     path.write_text(json.dumps({"provenance": about, "parameters": kept | given}, indent=2) + "\n")
+    print(f"{body}: seed {seed}, {about['distance_percent']} %, {given}", flush=True)
 
 
 def test_scenes() -> dict[str, np.ndarray]:
@@ -255,13 +169,62 @@ def report(label: str, rows: list[dict]) -> None:
     print(f"{label}: {text} %", flush=True)
 
 
+def fit(bodies) -> None:
+    """Ship the best of the searches of each body; `planar` and `two_layer` are made of `mass_spring`."""
+    for body in bodies:
+        found = searches([(body, seed, LIMIT) for seed in SEEDS])
+        best = int(np.argmin([cost for cost, _ in found]))
+        print(f"{body}: half the squares {', '.join(f'{cost:.4f}' for cost, _ in found)}")
+        write(body, found[best][1], SEEDS[best])
+
+
+def spread(bodies) -> list[dict]:
+    """Rows of all searches of the bodies."""
+    scenes, rows = test_scenes(), []
+    jobs = [(body, seed, LIMIT) for body in bodies for seed in SEEDS]
+    for (body, seed, _), (_, given) in zip(jobs, searches(jobs), strict=True):
+        outcome, distance = tested(make_fish(body, **given), scenes), trained(body, given)
+        report(f"{body}, seed {seed}, {100 * distance:.2f} % trained", outcome)
+        rows += [{"body": body, "fit_seed": seed, "training": f"{distance:.4g}"} | row for row in outcome]
+    return rows
+
+
+def limited() -> list[dict]:
+    """Rows of the default fish with shorter stable steps, which leave room for damping: distances, limits, cost."""
+    scenes, rows, tried = test_scenes(), [], (LIMIT, *LIMITS)
+    jobs = [("mass_spring", seed, limit) for limit in tried for seed in SEEDS]
+    found = np.array(searches(jobs), dtype=object).reshape(len(tried), len(SEEDS), 2)
+    given = [min(row.tolist(), key=lambda one: one[0])[1] for row in found]
+    fishes = [make_fish("mass_spring", **one) for one in given]
+    for limit, fish, cost in zip(tried, fishes, relative_costs(fishes, training("mass_spring")[0]), strict=True):
+        outcome = tested(fish, scenes)
+        report(f"stable step {1e3 * limit:g} ms, cost {cost:.2f}", outcome)
+        about = {
+            "limit_ms": 1e3 * limit, "stable_step_ms": f"{1e3 * limits.leapfrog(fish.body):.3g}",
+            "cost": f"{cost:.3g}", "magnification": f"{magnification(fish):.3g}",
+            "off_trout": f"{np.abs(off_trout(fish)).max():.2g}",
+        }  # fmt: skip
+        rows += [about | row for row in outcome]
+    return rows
+
+
+def relative_costs(fishes: list[Fish], contractions, repeats=7) -> list[float]:
+    """Medians of the times that fish need for the same scenes, in turn, over that of the first."""
+    seconds = np.empty((repeats, len(fishes)))
+    for row in seconds:
+        for k, fish in enumerate(fishes):
+            start = time.perf_counter()
+            play(fish, contractions)
+            row[k] = time.perf_counter() - start
+    return (np.median(seconds, axis=0) / np.median(seconds[:, 0])).tolist()
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--body", choices=BODIES, help="only this one")
-    parser.add_argument("--seed", type=int, default=1, help="of the search")
-    parser.add_argument("--generations", type=int, help=f"of {POPULATION} bodies; {GENERATIONS}")
-    parser.add_argument("--spread", action="store_true", help="five seeds of each; nothing is shipped")
+    parser.add_argument("--spread", action="store_true", help="all searches of each; nothing is shipped")
+    parser.add_argument("--limits", action="store_true", help="with shorter stable steps; nothing is shipped")
     parser.add_argument("--test", action="store_true", help="only test what is shipped")
     chosen = parser.parse_args()
     bodies = BODIES if chosen.body is None else (chosen.body,)
@@ -273,20 +236,11 @@ def main() -> None:
             rows += [{"body": body} | row for row in found]
         write_csv("fit_tests.csv", rows, f"{COMMAND} --test")
     elif chosen.spread:
-        rows, scenes = [], test_scenes()
-        finest_motion(training_scenes(SEED, EACH))
-        jobs = [(body, seed, chosen.generations or GENERATIONS[body]) for body in bodies for seed in range(1, 6)]
-        with multiprocessing.get_context("spawn").Pool() as pool:
-            for (body, seed, _), (found, given) in zip(jobs, pool.imap(kept_search, jobs), strict=True):
-                outcome = tested(make_fish(body, **given), scenes)
-                report(f"{body}, seed {seed}, {100 * found:.2f} % trained", outcome)
-                rows += [{"body": body, "fit_seed": seed, "training": f"{found:.4g}"} | row for row in outcome]
-        write_csv("fits.csv", rows, f"{COMMAND} --spread")
+        write_csv("fits.csv", spread(bodies), f"{COMMAND} --spread")
+    elif chosen.limits:
+        write_csv("fit_limits.csv", limited(), f"{COMMAND} --limits")
     else:
-        for body in bodies:
-            found, given = search((body, chosen.seed, chosen.generations or GENERATIONS[body]))
-            write(body, given, found, chosen.seed)
-            print(f"{body}: {100 * found:.2f} %, {given}")
+        fit(bodies)
 
 
 if __name__ == "__main__":

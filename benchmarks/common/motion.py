@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.common.poses import pose_of
 from fish_env import Tank
 from fish_env.bodies import Fish
+from fish_env.bodies import mass_spring as tu
 from fish_env.control import scripted
 from fish_env.envs import FishVectorEnv
 from fish_env.volume import volume_of
@@ -26,6 +27,7 @@ class Motion(NamedTuple):
     tail: np.ndarray  # (S,K) body lengths, of the tail tip from the line of best fit, sideways
     volume: np.ndarray  # (S,K) inside the surface of the landmarks, over that at rest; ones if it was not asked for
     failure: list[str]
+    kept: np.ndarray | None = None  # (S,4) least part of its area that a section between square layers kept
 
 
 def record(task: str, seeds: int, first_seed: int) -> np.ndarray:
@@ -41,6 +43,19 @@ def record(task: str, seeds: int, first_seed: int) -> np.ndarray:
     return np.array(found).transpose(1, 0, 2)
 
 
+LEFT, RIGHT = (np.array([layer[k] for layer in tu.LAYERS[1:6]]) for k in (0, 1))  # upper nodes of the layers
+BELOW = tu.LAYERS[1][3] - tu.LAYERS[1][0]  # from an upper node on the left to the one below it
+
+
+def areas(points: np.ndarray) -> np.ndarray:
+    """Areas (B,4) of the sections between the square layers, from above, of landmarks (B,23,3); negative: inverted."""
+    left, right = points[:, LEFT], points[:, RIGHT]
+    up = left - points[:, LEFT + BELOW]
+    up = up[:, 1:] + up[:, :-1]
+    across = np.cross(left[:, :-1] - right[:, 1:], left[:, 1:] - right[:, :-1])
+    return 0.5 * (across * up).sum(axis=2) / np.linalg.norm(up, axis=2)
+
+
 def play(fish: Fish, contractions: np.ndarray, dt=None, volumes=False, threads=1) -> Motion:
     """Play contractions (S,K,M), a control interval each, to fish of one kind that start at rest, heading along x."""
     seeds, steps, _ = contractions.shape
@@ -48,6 +63,8 @@ def play(fish: Fish, contractions: np.ndarray, dt=None, volumes=False, threads=1
     substeps, faces = round(fish.control_interval / tank.dt), fish.landmarks.faces
     natural = volume_of(faces, fish.points(fish.body.position))[0]
     centre, yaw, tail, volume = [], [], [], []
+    area = areas(fish.points(fish.body.position[None]))
+    kept = np.ones((seeds, area.shape[1]))
     for k in range(steps):
         tank.drive(contractions[:, k], substeps)
         pose = pose_of(tank)
@@ -55,6 +72,7 @@ def play(fish: Fish, contractions: np.ndarray, dt=None, volumes=False, threads=1
         yaw.append(np.arctan2(pose.axes[:, 0, 1], pose.axes[:, 0, 0]))
         tips = tank.position[:, fish.tail].mean(axis=1) - pose.centre
         tail.append((tips * pose.axes[:, 1]).sum(axis=1) / fish.length)
+        kept = np.minimum(kept, areas(fish.points(tank.position)) / area)
         volume.append(
             [volume_of(faces, points)[0] / natural for points in fish.points(tank.position)]
             if volumes
@@ -64,8 +82,37 @@ def play(fish: Fish, contractions: np.ndarray, dt=None, volumes=False, threads=1
     start = fish.body.mass @ fish.body.position / fish.body.mass.sum() / fish.length
     return Motion(
         np.array(centre).transpose(1, 0, 2) - start, np.unwrap(np.array(yaw).T), np.array(tail).T, np.array(volume).T,
-        tank.failure.tolist(),
+        tank.failure.tolist(), kept,
     )  # fmt: skip
+
+
+FAILED = 2.0  # residual of what is not finite, and the largest there is
+
+
+def residuals(found: Motion, finest: Motion, interval: float) -> np.ndarray:
+    """What least squares are taken of so that `errors` are small, (S,2+3K): a quarter of a row's squares is all^2.
+
+    Speed and sweep have their relative errors, heading and path one for every control interval, with its sign. The
+    heading counts by its root mean square here, and by its mean in `errors`.
+    """
+    late, root = slice(round(SETTLED / interval), None), np.sqrt(found.yaw.shape[1])
+    speed, wanted = (_speed(m, late, interval) for m in (found, finest))
+    way = np.linalg.norm(np.diff(finest.centre, axis=1), axis=2).cumsum(axis=1).mean(axis=1)
+    turned = np.maximum(np.abs(finest.yaw).max(axis=1), np.pi / 2)
+    apart = (found.centre - finest.centre)[:, :, :2] / way[:, None, None] / root
+    rows = [
+        (speed / wanted - 1.0)[:, None],
+        (found.tail[:, late].std(axis=1) / finest.tail[:, late].std(axis=1) - 1.0)[:, None],
+        (found.yaw - finest.yaw) / turned[:, None] / root,
+        apart[:, :, 0],
+        apart[:, :, 1],
+    ]
+    return np.clip(np.nan_to_num(np.concatenate(rows, axis=1), nan=FAILED), -FAILED, FAILED)
+
+
+def _speed(motion: Motion, late: slice, interval: float) -> np.ndarray:
+    """Mean speed (S,) body lengths/s of the centre along its path."""
+    return np.linalg.norm(np.diff(motion.centre[:, late], axis=1), axis=2).mean(axis=1) / interval
 
 
 def errors(found: Motion, finest: Motion, interval: float) -> dict[str, np.ndarray]:
@@ -78,17 +125,13 @@ def errors(found: Motion, finest: Motion, interval: float) -> dict[str, np.ndarr
     """
     late = slice(round(SETTLED / interval), None)
 
-    def speed(m):
-        step = np.linalg.norm(np.diff(m.centre[:, late], axis=1), axis=2) / interval
-        return step.mean(axis=1)
-
     apart = np.linalg.norm(found.centre - finest.centre, axis=2)
     way = np.linalg.norm(np.diff(finest.centre, axis=1), axis=2).cumsum(axis=1)
     turned = np.maximum(np.abs(finest.yaw).max(axis=1), np.pi / 2)
     sweep, wanted = found.tail[:, late].std(axis=1), finest.tail[:, late].std(axis=1)
     change = [np.abs(m.volume - 1.0).max(axis=1) for m in (found, finest)]
     off = {
-        "speed": np.abs(speed(found) / speed(finest) - 1.0),
+        "speed": np.abs(_speed(found, late, interval) / _speed(finest, late, interval) - 1.0),
         "turn": np.abs(found.yaw - finest.yaw).mean(axis=1) / turned,
         "path": apart[:, 1:].mean(axis=1) / way.mean(axis=1),
         "sweep": np.abs(sweep / wanted - 1.0),

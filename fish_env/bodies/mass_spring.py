@@ -1,7 +1,7 @@
 """Tu & Terzopoulos' artificial fish: 23 nodes, 91 viscoelastic springs, 12 muscles (Tu 1996, ch. 4).
 
-`make_mass_spring` builds the default, calibrated to swim like a fish of its length by
-`benchmarks/calibration/search.py`, which wrote `mass_spring.json`; `make_published` keeps the published masses and
+`make_mass_spring` builds the default, fitted to the motion of the finest body by `benchmarks/calibration/fit.py`, which
+wrote `mass_spring.json`; `make_published` keeps the published masses and
 constants, which barely swim.
 """
 
@@ -105,7 +105,9 @@ class MassSpringParameters:
     taper: tuple[float, ...]
     """Factor on c in the head, the four sections between layers, and the tail fin."""
     relaxation_time: float
-    """Damping over stiffness k/c of every spring, s."""
+    """Damping over stiffness k/c, s."""
+    damping_taper: tuple[float, ...]
+    """Factor on k/c in the head, the four sections between layers, and the tail fin, of `mass_spring` and `planar`."""
     mass_factor: tuple[float, ...]
     """Factor on the mass of each layer, nose to tail tips, before masses get the mass, centre and inertia they have."""
     water_place: tuple[float, ...]
@@ -128,7 +130,7 @@ class MassSpringParameters:
     def __post_init__(self):
         for name, size in (
             ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
-            ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6),
+            ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6), ("damping_taper", 6),
         ):  # fmt: skip
             values = positive_array(getattr(self, name), (size,), name)
             object.__setattr__(self, name, tuple(values.tolist()))
@@ -174,6 +176,11 @@ def masses(parameters: MassSpringParameters) -> np.ndarray:
     for nodes, share in zip(LAYERS, shared_by_layers(parameters) * parameters.mass_factor, strict=True):
         mass[nodes] = share / len(nodes)
     return matched(mass, shape(parameters), continuum(parameters), solid=False)
+
+
+def along(factors, sections) -> np.ndarray:
+    """Factors (6,) on what is in the six sections, at any places between them, as `topology` numbers these."""
+    return np.exp(np.interp(sections, np.arange(6), np.log(factors)))
 
 
 def felt(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -227,13 +234,11 @@ def make_mass_spring(**parameters) -> Fish:
     p = checked_parameters("mass_spring", parameters)
     pairs, classes, sections, faces = topology()
     position = shape(p)
-    taper = np.exp(np.interp(sections, np.arange(6), np.log(p.taper)))
-    stiffness = np.array(p.stiffness)[classes] * taper * (p.length / REFERENCE_LENGTH) ** 3
+    stiffness = np.array(p.stiffness)[classes] * along(p.taper, sections) * (p.length / REFERENCE_LENGTH) ** 3
+    damping = p.relaxation_time * along(p.damping_taper, sections) * stiffness
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     share, drag = felt(p)
-    body = make_body(
-        position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces, share=share, drag=drag
-    )
+    body = make_body(position, masses(p), pairs, stiffness, damping, natural, faces, share=share, drag=drag)
     water = make_water(WATER_DENSITY, p.drag_coefficient)
     fish = _fish(
         "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval

@@ -16,14 +16,12 @@ from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline, s
 from fish_env.body import fix, make_body
 from fish_env.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,)}
-
-
+SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 NODES = [(0, 0), *((k, k + 1) for k in range(1, 11, 2)), (11, 11)]
 """Left and right node of each layer, nose to tail; of nose and tail the one there is, twice."""
 
 
-def make_planar(bending=None, pull=None, shear=None, drag=None, **parameters) -> Fish:
+def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **parameters) -> Fish:
     """The flat fish of 12 nodes.
 
     Args:
@@ -31,26 +29,29 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, **parameters) ->
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
         shear: factor on the stiffness of the diagonals; None: as fitted.
         drag: factors on the drag of the six sections, (6,); None: as fitted.
+        damping: factor on the relaxation time of every spring; None: as fitted.
         parameters: fields of `MassSpringParameters`.
 
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
     p = tu.checked_parameters("planar", parameters)
-    bending, pull, shear, drag = fitted("planar", SHAPES, bending=bending, pull=pull, shear=shear, drag=drag)
+    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag, "damping": damping}
+    bending, pull, shear, drag, damping = fitted("planar", SHAPES, **given)
     chord, diagonal, across, active = projected(p)
     chord[1:] *= bending
     diagonal[1:] *= bending
     diagonal *= shear
     active /= chord
     position = shape(p)
-    pairs, stiffness, section = lattice(chord, diagonal, across)
+    pairs, stiffness, section, place = lattice(chord, diagonal, across)
+    relaxation = damping * p.relaxation_time * tu.along(p.damping_taper, place)
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     faces, section_of, height = surface(p)
     layer = np.repeat(np.arange(7), [len(set(nodes)) for nodes in NODES])[faces]
     share = tu.shares(faces, layer > section_of[:, None], np.array(p.water_place)[section_of])
     body = make_body(
-        position, masses(p), pairs, stiffness, p.relaxation_time * stiffness, natural, faces,
+        position, masses(p), pairs, stiffness, relaxation * stiffness, natural, faces,
         share=share, drag=(drag * p.water_drag)[section_of], depth=height,
     )  # fmt: skip
     fibres = np.flatnonzero(np.isin(section // 2, (1, 2, 3)) & (section >= 0))
@@ -123,7 +124,7 @@ def projected(p):
     chord = active + 2 * cross * taper * side / (side + crossed) * (np.arange(6) > 0)  # the head has no diagonals
     ends = np.isin(np.arange(6), (0, 5))  # a pyramid and a wedge, which do not shear
     diagonal = np.where(ends, chord, 2 * cross * taper * slant / (slant + straight))
-    between = np.exp(np.interp(np.arange(5) + 0.5, np.arange(6), np.log(taper)))
+    between = tu.along(taper, np.arange(5) + 0.5)
     flat = width[1:-1] ** 2 / (width[1:-1] ** 2 + depth[1:-1] ** 2)
     across = np.array([0.0, *(2 * between * (other + cross * flat)), 0.0])
     active *= np.isin(np.arange(6), (1, 2, 3))
@@ -131,24 +132,27 @@ def projected(p):
 
 
 def lattice(chord, diagonal, across):
-    """The springs: pairs (E,2), stiffness (E,) N/m, and section (E,), twice that of a chord plus 1 on the right.
+    """The springs: pairs (E,2), stiffness (E,) N/m, section (E,), twice that of a chord plus 1 on the right, and place.
 
-    Of springs that are no chords, section is -1.
+    Of springs that are no chords, section is -1. The place (E,) is where along the body they lie (`tu.topology`).
     """
-    pairs, stiffness, section = [], [], []
+    pairs, stiffness, section, place = [], [], [], []
     for k, ((a, b), (c, d)) in enumerate(pairwise(NODES)):
         pairs += [(a, c), (b, d)]
         stiffness += [chord[k]] * 2
         section += [2 * k, 2 * k + 1]
+        place += [k, k]
         if a != b and c != d:
             pairs += [(a, d), (b, c)]
             stiffness += [diagonal[k]] * 2
             section += [-1, -1]
+            place += [k, k]
         if c != d:
             pairs.append((c, d))
             stiffness.append(across[k + 1])
             section.append(-1)
-    return np.sort(np.array(pairs), axis=1), np.array(stiffness), np.array(section)
+            place.append(k + 0.5)
+    return np.sort(np.array(pairs), axis=1), np.array(stiffness), np.array(section), np.array(place, dtype=float)
 
 
 def surface(p):

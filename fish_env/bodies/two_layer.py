@@ -19,12 +19,12 @@ from fish_env.checks import positive_array
 from fish_env.elements import make_barriers, make_compartments
 from fish_env.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,)}
+SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
 
 
 def make_two_layer(
-    bending=None, pull=None, shear=None, drag=None, inner_size=0.5, inner_stiffness=0.3, inner_mass=0.87,
+    bending=None, pull=None, shear=None, drag=None, damping=None, inner_size=0.5, inner_stiffness=0.3, inner_mass=0.87,
     pressure=1000.0, gap_pressure=1000.0, barrier_energy=3e-3, **parameters,
 ) -> Fish:  # fmt: skip
     """The pressurised fish: 46 nodes, 239 springs, two compartments.
@@ -34,6 +34,7 @@ def make_two_layer(
         pull: factors on the contraction of the three muscle segments, (3,); None: as fitted.
         shear: factor on the braces and on the shear springs from layer to layer; None: as fitted.
         drag: factors on the drag of the six sections, (6,); None: as fitted.
+        damping: factor on the relaxation time of every spring; None: as fitted.
         inner_size: of the inner skin over the outer one, between 0 and 1.
         inner_stiffness: of the inner skin's springs over the outer ones', positive.
         inner_mass: the inner skin's part of the mass, between 0 and 1, before `matched` gives the masses their inertia.
@@ -50,13 +51,13 @@ def make_two_layer(
         if not 0.0 < float(positive_array(value, (), name)) < 1.0:
             raise ValueError(f"{name} is {value!r}; give a number between 0 and 1")
     inner_stiffness = float(positive_array(inner_stiffness, (), "inner_stiffness"))
-    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag}
-    bending, pull, shear, drag = fitted("two_layer", SHAPES, **given)
+    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag, "damping": damping}
+    bending, pull, shear, drag, damping = fitted("two_layer", SHAPES, **given)
     topology, classes, sections, faces = tu.topology()
     skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
     body = two_skins(
-        p, skin, inner_shape(p, inner_size), inner_mass, (bending, shear, inner_stiffness), (pressure, gap_pressure),
-        barrier_energy, drag,
+        p, skin, inner_shape(p, inner_size), inner_mass, (bending, shear, inner_stiffness, damping),
+        (pressure, gap_pressure), barrier_energy, drag,
     )  # fmt: skip
     edge = {frozenset(pair): e for e, pair in enumerate(skin.edges.tolist())}
     ends, mirror = topology[classes == tu.MUSCLE], tu.mirrored()
@@ -86,7 +87,8 @@ def make_two_layer(
 def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, drag) -> Body:
     """The body: nodes 0 to 22 the outer skin, 23 to 45 the inner one at `inner` (23,3) m, two compartments, barriers.
 
-    `material`: factors on the bending and the shear stiffness, and the inner skin's stiffness over the outer one's.
+    `material`: factors on the bending and the shear stiffness, the inner skin's stiffness over the outer one's, and a
+    factor on the relaxation time.
     `drag`: factors on the drag of the six sections.
     """
     faces, scale = skin.faces, p.length / tu.REFERENCE_LENGTH
@@ -96,6 +98,7 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
     pairs, kinds = layered(skin)
     quads = faces[faces[:, 2] != faces[:, 3]]
     braces = np.concatenate([quads[:, [0, 2]], quads[:, [1, 3]]])
+    *material, damping = material
     stiffness = springs(p, skin, kinds, braces, *material)
     pairs = np.concatenate([pairs, braces])
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
@@ -105,7 +108,7 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
     share, drag = tu.felt(p, drag)
     return make_body(
         position, mass, pairs, stiffness,
-        p.relaxation_time * stiffness, natural, faces, share=share, drag=drag,
+        damping * p.relaxation_time * stiffness, natural, faces, share=share, drag=drag,
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**5 * barrier_energy),
     )  # fmt: skip

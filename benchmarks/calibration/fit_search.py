@@ -1,0 +1,206 @@
+"""The search for an inexpensive body that moves like the finest one: nonlinear least squares (scipy's).
+
+Searched are logarithms: of stiffness, damping, drag and masses themselves, and of what a muscle takes off its length.
+The residuals are smooth in them, so that a Jacobian of differences leads to the minimum within some dozens of steps.
+They are the errors of every scene (`benchmarks.common.motion.residuals`); how far the body swims from a trout, with the
+gaits of the finest one; and what is beyond the limits of the stable step and of the magnification.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import OptimizeResult, least_squares
+from tqdm import tqdm
+
+from benchmarks.calibration.living_fish import BEATS, ENVELOPE, SECONDS, TROUT, beyond, living_gaits
+from benchmarks.calibration.midline import swim_midlines
+from benchmarks.common.motion import Motion, play, residuals
+from benchmarks.common.problems import DISTURBANCE, left_after_right
+from fish_env import Tank, make_fish
+from fish_env.bodies import Fish
+from fish_env.integrators import limits
+
+LIMIT = 0.002
+"""Stable step of symplectic Euler, s, that a body must have: stiffness and damping that hardly move it are expensive,
+and Tu's method has the same limit."""
+PREDICTABLE = 50.0
+"""Times that the abrupt manoeuvre may magnify a disturbance: a fish that buckles does so a millionfold, and nobody can
+say where it ends (the finest body: 5 times)."""
+KEPT = 0.75
+"""Part of its area that a section must keep, seen from above: one that is inverted never comes back."""
+SWIMS_OFF, SWAYS_OFF, NOSE = 0.08, 0.015, (0.09, 0.185)
+"""Of the three gaits: what is free of the logarithms of speed and sweep, of the sway along the midline in body lengths,
+and the range of the nose's sway over the tail's."""
+LIVING, STEP, MAGNIFIED, BUCKLING, NEAR = 4.0, 2.0, 0.5, 2.0, 0.003
+"""Weights: of the gaits, of a stable step that is too short, of magnification, of sections that are nearly inverted,
+and of how far the search has gone."""
+DIFFERENCE, SPREAD = 1e-3, 0.05
+"""Of the logarithms: for the Jacobian, and the standard deviation of where the searches begin."""
+MOST_STEPS, TIMES, ENOUGH = 20, 3, 2e-3  # a search that is held up by a rough place goes on with longer steps
+
+
+class Range(NamedTuple):
+    """Where the search for a parameter begins, and the least and the highest value that it may take."""
+
+    start: list
+    least: float
+    most: float
+
+
+SEARCHED: dict[str, dict[str, Range]] = {
+    "mass_spring": {
+        "stiffness": Range([189.0, 2150.0, 623.0], 25.0, 12_000.0),
+        "taper": Range([0.32, 0.157, 0.09, 0.082, 0.112, 0.174], 0.02, 1.5),
+        "contracted": Range([0.871, 0.881, 0.805], 0.7, 0.97),
+        "damping_taper": Range([0.53, 0.7, 0.97, 1.1, 0.64, 0.46], 0.1, 20.0),
+        "mass_factor": Range([0.94, 0.59, 1.13, 1.32, 0.85, 0.64, 1.99], 0.25, 4.0),
+        "water_place": Range([0.413, 0.413, 0.93, 0.55, 0.383, 0.97], 0.02, 0.98),
+        "water_drag": Range([0.83, 3.75, 0.27, 3.53, 3.26, 0.545], 0.1, 6.0),
+    },
+    "planar": {
+        "bending": Range([1.0] * 5, 0.3, 3.0),
+        "shear": Range([1.0], 0.3, 3.0),
+        "pull": Range([1.0] * 3, 0.5, 2.0),
+        "drag": Range([1.0] * 6, 0.2, 3.0),
+        "damping": Range([1.0], 0.2, 5.0),
+    },
+    "two_layer": {
+        "bending": Range([1.6, 1.05, 0.66, 0.66, 1.5], 0.2, 5.0),
+        "shear": Range([1.6], 0.3, 5.0),
+        "pull": Range([1.2, 1.3, 1.25], 0.5, 2.0),
+        "drag": Range([0.6, 0.6, 0.9, 0.9, 1.6, 0.9], 0.1, 6.0),
+        "damping": Range([0.4], 0.05, 5.0),
+    },
+}
+"""Near what earlier searches ended with; `planar` and `two_layer` are factors on `mass_spring`."""
+
+
+def logarithms(name: str, values) -> np.ndarray:
+    """What is searched of a parameter's values: of muscles, what they take off their length."""
+    return np.log(1.0 - np.asarray(values)) if name == "contracted" else np.log(values)
+
+
+def parameters(body: str, point) -> dict:
+    """The parameters at a point of the search."""
+    given, used = {}, 0
+    for name, (start, *_) in SEARCHED[body].items():
+        value = np.exp(point[used : used + len(start)])
+        used += len(start)
+        value = (1.0 - value if name == "contracted" else value).tolist()
+        given[name] = value[0] if len(value) == 1 else value
+    return given
+
+
+def rounded(given: dict) -> dict:
+    """Parameters of four significant digits, as they are shipped."""
+    short = {name: [float(f"{v:.4g}") for v in np.ravel(value)] for name, value in given.items()}
+    return {name: value[0] if np.ndim(given[name]) == 0 else value for name, value in short.items()}
+
+
+def beginning(body: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The point at which the search begins, and the lowest and the highest point."""
+    columns = []
+    for name, (start, least, most) in SEARCHED[body].items():
+        ends = sorted([float(logarithms(name, least)), float(logarithms(name, most))])
+        columns.append(np.array([logarithms(name, start), *(np.full(len(start), end) for end in ends)]))
+    start, low, high = np.concatenate(columns, axis=1)
+    return start, low, high
+
+
+def off_trout(fish: Fish) -> np.ndarray:
+    """How far beyond what is free the finest body's three gaits, swum by this body, are from a living trout, (27,)."""
+    rows = []
+    for found, real in zip(
+        swim_midlines(fish, living_gaits(), [row.speed for row in TROUT], SECONDS, BEATS), TROUT, strict=True
+    ):
+        if found.failure or not np.isfinite(found.sweep):
+            rows.append(np.full(9, 2.0))
+            continue
+        off = np.log([max(found.speed, 0.02) / real.speed, max(found.sweep, 0.005) / real.sweep])
+        sway = found.amplitude[:6] - 0.5 * real.sweep * ENVELOPE[:6]
+        nose = 3.0 * (beyond(found.nose, NOSE[1]) - beyond(NOSE[0], found.nose))
+        rows.append(np.array([*_outside(off, SWIMS_OFF), *(10.0 * _outside(sway, SWAYS_OFF)), nose]))
+    return np.concatenate(rows)
+
+
+def _outside(value, free):
+    """What is beyond -free to free."""
+    return value - np.clip(value, -free, free)
+
+
+def magnification(fish: Fish) -> float:
+    """By how much the abrupt manoeuvre magnifies a small displacement of the nodes; the larger of two."""
+    goals, count = left_after_right(fish), 2
+    tank, moved = Tank(fish, 1 + count, water=fish.water, threads=1), 0.0
+    shape = tank.position[0].shape
+    for b in range(count):
+        displaced = DISTURBANCE * fish.length * np.random.default_rng(b).normal(size=shape)
+        tank.position[1 + b] += displaced * (fish.body.inverse_mass > 0.0)
+    for goal in goals:
+        tank.drive(np.repeat(goal[None], 1 + count, axis=0), round(fish.control_interval / tank.dt))
+        moved = max(moved, float(np.linalg.norm(tank.position[1:] - tank.position[0], axis=2).max()))
+    return moved / (DISTURBANCE * fish.length) if tank.alive.all() else 1e7
+
+
+class Problem:
+    """The residuals of a body at the points of a search."""
+
+    def __init__(self, body: str, contractions: np.ndarray, finest: Motion, limit=LIMIT):
+        self.body, self.contractions, self.finest, self.limit = body, contractions, finest, limit
+        self.start, self.low, self.high = beginning(body)
+
+    def fish(self, point) -> Fish:
+        """The body at a point.
+
+        Raises:
+            ValueError: where there is none, since no masses have the outline's inertia.
+        """
+        return make_fish(self.body, **parameters(self.body, point))
+
+    def residuals(self, point) -> np.ndarray:
+        """What least squares are taken of."""
+        fish = self.fish(point)
+        motion = play(fish, self.contractions)
+        limit = np.log(self.limit / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
+        near = NEAR * np.sqrt(len(self.contractions)) * (np.asarray(point) - self.start)
+        return np.concatenate([
+            residuals(motion, self.finest, fish.control_interval).ravel(), LIVING * off_trout(fish),
+            BUCKLING * beyond(KEPT, np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
+            [STEP * max(limit, 0.0), MAGNIFIED * max(np.log10(magnification(fish) / PREDICTABLE), 0.0)], near,
+        ])  # fmt: skip
+
+    def jacobian(self, point) -> np.ndarray:
+        """Their derivatives: forward differences, backward at an upper limit, zero where there is no such body."""
+        here = self.residuals(point)
+        columns = np.zeros((here.size, len(point)))
+        for k in range(len(point)):
+            there, step = np.array(point), DIFFERENCE if point[k] + DIFFERENCE <= self.high[k] else -DIFFERENCE
+            there[k] += step
+            try:
+                columns[:, k] = (self.residuals(there) - here) / step
+            except ValueError:
+                continue
+        return columns
+
+    def solve(self, seed: int) -> OptimizeResult:
+        """The least squares that a search finds that begins near the start, as drawn from a seed."""
+        drawn = self.start + SPREAD * np.random.default_rng(seed).standard_normal(self.start.size)
+        begin = np.clip(drawn, self.low + DIFFERENCE, self.high - DIFFERENCE)
+        size = self.residuals(begin).size
+        nowhere = np.full(size, 10.0 / np.sqrt(size) * np.sqrt(len(self.contractions)))
+        with tqdm(total=TIMES * MOST_STEPS, desc=f"{self.body}, seed {seed}", mininterval=10) as bar:
+
+            def told(point):
+                bar.update()
+                try:
+                    return self.residuals(point)
+                except ValueError:
+                    return nowhere
+
+            for _ in range(TIMES):
+                found = least_squares(
+                    told, begin, self.jacobian, bounds=(self.low, self.high), ftol=ENOUGH, xtol=1e-4, gtol=None,
+                    max_nfev=MOST_STEPS,
+                )  # fmt: skip
+                begin = np.clip(found.x, self.low + DIFFERENCE, self.high - DIFFERENCE)
+        return found
