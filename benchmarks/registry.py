@@ -363,7 +363,13 @@ CALIBRATION = (
     ),
     Result(
         "calibration.fits", "five fits of each inexpensive body, on what they were not fitted to",
-        "-m benchmarks.calibration.fit --spread", 70, csv("fits"),
+        "-m benchmarks.calibration.fit --spread", 25, csv("fits"),
+        ("benchmarks.calibration.fit:search", "benchmarks.calibration.fit:tested"),
+        data=(FINEST, "benchmarks/calibration/task_commands.npz", MOTOR),
+    ),
+    Result(
+        "calibration.limits", "what the default fish could be with shorter stable steps: distances, cost",
+        "-m benchmarks.calibration.fit --limits", 20, csv("fit_limits"),
         ("benchmarks.calibration.fit:search", "benchmarks.calibration.fit:tested"),
         data=(FINEST, "benchmarks/calibration/task_commands.npz", MOTOR),
     ),
@@ -395,7 +401,7 @@ CALIBRATION = (
     ),
     Result(
         "calibration.gait_search", "the best open-loop gait",
-        "-m benchmarks.calibration.gait_search", 2, (GAIT,), ("benchmarks.calibration.gait_search:write_gait", BATCH),
+        "-m benchmarks.calibration.gait_search", 4, (GAIT,), ("benchmarks.calibration.gait_search:write_gait", BATCH),
         by_name=True,
     ),
     Result(

@@ -187,6 +187,34 @@ def test_where_the_water_is_felt(body):
         make_fish(body, water_place=(0.5, 0.5, 0.5, 0.5, 0.5, 1.0))
 
 
+@pytest.mark.parametrize("body", ["mass_spring", "planar"])
+def test_damping_along_the_body(body):
+    """Damping over stiffness is the relaxation time times the section's factor, between sections in between."""
+    factors = np.array([0.5, 0.8, 1.5, 2.0, 1.2, 0.3])
+    own = {} if body == "mass_spring" else {"damping": 2.0}
+    fish = make_fish(body, relaxation_time=1e-3, damping_taper=tuple(factors), **own)
+    springs, stations = fish.body.springs, -np.array([0.0, *tu.calibrated()["layer_position"], 1.0]) * fish.length
+    ends = np.searchsorted(-stations, -fish.body.position[springs.nodes, 0] - 1e-9)
+    within = ends[:, 0] == ends[:, 1]
+    inside = np.exp(0.5 * (np.log(factors[1:]) + np.log(factors[:-1])))  # of a layer between two sections
+    section = ends.min(axis=1)
+    wanted = np.where(within & (section < 6), inside[np.clip(section - 1, 0, 4)], factors[np.clip(section, 0, 5)])
+    wanted *= 1e-3 * own.get("damping", 1.0)
+    np.testing.assert_allclose(springs.damping / springs.stiffness, wanted, rtol=1e-12)
+    with pytest.raises(ValueError, match=r"damping_taper has shape \(5,\)"):
+        make_fish(body, damping_taper=(1.0,) * 5)
+
+
+@pytest.mark.parametrize("body", ["planar", "two_layer"])
+def test_damping_of_a_fitted_body(body):
+    """The factor `damping` multiplies the damping of every spring and nothing else."""
+    once, twice = make_fish(body, damping=1.0).body, make_fish(body, damping=2.0).body
+    np.testing.assert_allclose(twice.springs.damping, 2.0 * once.springs.damping, rtol=1e-12)
+    np.testing.assert_array_equal(twice.springs.stiffness, once.springs.stiffness)
+    with pytest.raises(ValueError, match=r"damping is -1\.0"):
+        make_fish(body, damping=-1.0)
+
+
 def test_make_body():
     """A body keeps what it was given, as copies, and the corners of its triangle share its force in thirds."""
     mass = np.array(GOOD["mass"])

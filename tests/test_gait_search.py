@@ -13,7 +13,7 @@ def test_a_search_of_one_generation(tmp_path, monkeypatch):
     pytest.importorskip("cma")
     shipped, path = best_gait(), tmp_path / "gait.json"
     monkeypatch.setattr(gait_search, "GAIT_FILE", path)
-    gait_search.write_gait((0.5, 0.8, 0.7), (0.0, 0.7, 5.8), "a test", generations=1)
+    gait_search.write_gait([Gait(4.0, (0.5, 0.8, 0.7), (0.0, 0.7, 5.8))], "a test", generations=1)
     written = json.loads(path.read_text())
     found = Gait(written["gait"]["frequency"], tuple(written["gait"]["amplitude"]), tuple(written["gait"]["lag"]))
     assert written["provenance"]["command"] == "a test" and best_gait() == shipped

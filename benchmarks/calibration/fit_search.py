@@ -6,21 +6,26 @@ They are the errors of every scene (`benchmarks.common.motion.residuals`); how f
 gaits of the finest one; and what is beyond the limits of the stable step and of the magnification.
 """
 
+import json
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from tqdm import tqdm
 
+import fish_env.bodies
 from benchmarks.calibration.living_fish import BEATS, ENVELOPE, SECONDS, TROUT, beyond, living_gaits
 from benchmarks.calibration.midline import swim_midlines
 from benchmarks.common.motion import Motion, play, residuals
 from benchmarks.common.problems import DISTURBANCE, left_after_right
+from benchmarks.common.roll import roll
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
 from fish_env.integrators import limits
 
-LIMIT = 0.002
+FOLDER = Path(fish_env.bodies.__file__).parent
+LIMIT = 0.0005
 """Stable step of symplectic Euler, s, that a body must have: stiffness and damping that hardly move it are expensive,
 and Tu's method has the same limit."""
 PREDICTABLE = 50.0
@@ -28,13 +33,16 @@ PREDICTABLE = 50.0
 say where it ends (the finest body: 5 times)."""
 KEPT = 0.75
 """Part of its area that a section must keep, seen from above: one that is inverted never comes back."""
+UPRIGHT = 0.03
+"""Roll, rad, that is free in strong gaits: the finest fish stays upright (`benchmarks.common.roll`)."""
 SWIMS_OFF, SWAYS_OFF, NOSE = 0.08, 0.015, (0.09, 0.185)
 """Of the three gaits: what is free of the logarithms of speed and sweep, of the sway along the midline in body lengths,
 and the range of the nose's sway over the tail's."""
-LIVING, STEP, MAGNIFIED, BUCKLING, NEAR = 4.0, 2.0, 0.5, 2.0, 0.003
-"""Weights: of the gaits, of a stable step that is too short, of magnification, of sections that are nearly inverted,
-and of how far the search has gone."""
-DIFFERENCE, SPREAD = 1e-3, 0.05
+LIVING, STEP, MAGNIFIED, BUCKLING, ROLLING, NEAR = 4.0, 2.0, 0.5, 2.0, 0.4, 0.003
+"""Weights: of the gaits, of a stable step that is too short, of magnification, of sections that are nearly inverted, of
+roll, and of how far the search has gone."""
+RELAXATION_TIME = 0.001  # s, to which `damping_taper` is relative
+DIFFERENCE, SPREAD = 1e-3, 0.03
 """Of the logarithms: for the Jacobian, and the standard deviation of where the searches begin."""
 MOST_STEPS, TIMES, ENOUGH = 20, 3, 2e-3  # a search that is held up by a rough place goes on with longer steps
 
@@ -49,13 +57,13 @@ class Range(NamedTuple):
 
 SEARCHED: dict[str, dict[str, Range]] = {
     "mass_spring": {
-        "stiffness": Range([189.0, 2150.0, 623.0], 25.0, 12_000.0),
-        "taper": Range([0.32, 0.157, 0.09, 0.082, 0.112, 0.174], 0.02, 1.5),
-        "contracted": Range([0.871, 0.881, 0.805], 0.7, 0.97),
-        "damping_taper": Range([0.53, 0.7, 0.97, 1.1, 0.64, 0.46], 0.1, 20.0),
-        "mass_factor": Range([0.94, 0.59, 1.13, 1.32, 0.85, 0.64, 1.99], 0.25, 4.0),
-        "water_place": Range([0.413, 0.413, 0.93, 0.55, 0.383, 0.97], 0.02, 0.98),
-        "water_drag": Range([0.83, 3.75, 0.27, 3.53, 3.26, 0.545], 0.1, 6.0),
+        "stiffness": Range([164.0, 2130.0, 730.0], 25.0, 12_000.0),
+        "taper": Range([1.18, 0.426, 0.0904, 0.0818, 0.111, 0.136], 0.02, 1.5),
+        "contracted": Range([0.875, 0.886, 0.807], 0.7, 0.97),
+        "damping_taper": Range([1.11, 1.85, 1.75, 4.46, 5.04, 5.56], 0.1, 20.0),
+        "mass_factor": Range([0.72, 0.477, 1.58, 1.28, 0.945, 0.655, 1.08], 0.25, 4.0),
+        "water_place": Range([0.193, 0.383, 0.972, 0.227, 0.274, 0.747], 0.02, 0.98),
+        "water_drag": Range([0.506, 4.25, 0.237, 2.3, 4.68, 0.912], 0.1, 6.0),
     },
     "planar": {
         "bending": Range([1.0] * 5, 0.3, 3.0),
@@ -83,6 +91,8 @@ def logarithms(name: str, values) -> np.ndarray:
 def parameters(body: str, point) -> dict:
     """The parameters at a point of the search."""
     given, used = {}, 0
+    if body == "mass_spring":
+        given["relaxation_time"] = RELAXATION_TIME
     for name, (start, *_) in SEARCHED[body].items():
         value = np.exp(point[used : used + len(start)])
         used += len(start)
@@ -95,6 +105,11 @@ def rounded(given: dict) -> dict:
     """Parameters of four significant digits, as they are shipped."""
     short = {name: [float(f"{v:.4g}") for v in np.ravel(value)] for name, value in given.items()}
     return {name: value[0] if np.ndim(given[name]) == 0 else value for name, value in short.items()}
+
+
+def shipped(body: str) -> dict:
+    """The parameters that the package has."""
+    return json.loads((FOLDER / f"{body}.json").read_text())["parameters"]
 
 
 def beginning(body: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,10 +158,11 @@ def magnification(fish: Fish) -> float:
 
 
 class Problem:
-    """The residuals of a body at the points of a search."""
+    """The residuals of a body at the points of a search; `base` has other parameters of the body than the package."""
 
-    def __init__(self, body: str, contractions: np.ndarray, finest: Motion, limit=LIMIT):
+    def __init__(self, body: str, contractions: np.ndarray, finest: Motion, limit=LIMIT, base=None):
         self.body, self.contractions, self.finest, self.limit = body, contractions, finest, limit
+        self.base = {} if base is None else base
         self.start, self.low, self.high = beginning(body)
 
     def fish(self, point) -> Fish:
@@ -155,7 +171,7 @@ class Problem:
         Raises:
             ValueError: where there is none, since no masses have the outline's inertia.
         """
-        return make_fish(self.body, **parameters(self.body, point))
+        return make_fish(self.body, **self.base, **parameters(self.body, point))
 
     def residuals(self, point) -> np.ndarray:
         """What least squares are taken of."""
@@ -165,6 +181,7 @@ class Problem:
         near = NEAR * np.sqrt(len(self.contractions)) * (np.asarray(point) - self.start)
         return np.concatenate([
             residuals(motion, self.finest, fish.control_interval).ravel(), LIVING * off_trout(fish),
+            ROLLING * np.maximum(np.log10(np.maximum(roll(fish), 1e-9) / UPRIGHT), 0.0),
             BUCKLING * beyond(KEPT, np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
             [STEP * max(limit, 0.0), MAGNIFIED * max(np.log10(magnification(fish) / PREDICTABLE), 0.0)], near,
         ])  # fmt: skip

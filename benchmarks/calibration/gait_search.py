@@ -1,6 +1,6 @@
 """Search the best open-loop gait of the default fish (CMA-ES) and write it where the package reads it.
 
-python -m benchmarks.calibration.gait_search     from the fastest of the calibrated gaits (2 min)
+python -m benchmarks.calibration.gait_search     from two gaits, of which the better end is taken (4 min)
 """
 
 import argparse
@@ -20,8 +20,12 @@ DIGITS = 4  # significant figures of a calibrated parameter
 COMMAND = "python -m benchmarks.calibration.gait_search"
 
 
-def write_gait(amplitude, lag, command, generations=60) -> None:
-    """Find the default fish's best open-loop gait at no more than 4 Hz, from a first guess, and write it.
+TOGETHER = Gait(4.0, (1.0, 1.0, 0.7), (0.0, 0.1, 1.4))
+"""A gait whose two front segments contract fully and at once."""
+
+
+def write_gait(starts, command, generations=60) -> None:
+    """Find the default fish's best open-loop gait at no more than 4 Hz, from some first guesses, and write it.
 
     Best is fastest in the task itself: mean distance between start and end of eight episodes of Swim-v0, whatever its
     direction. The cruise it settles into, undisturbed, must be within the bars.
@@ -44,10 +48,12 @@ def write_gait(amplitude, lag, command, generations=60) -> None:
         missed = sum(max(0.0, low - value) + max(0.0, value - high) for value, low, high in measured)
         return -speed + 20 * missed + 10 * outside
 
-    start = np.array([1.0, *amplitude, *(np.array(lag[1:]) / (2 * np.pi))])
     options = {"seed": 1, "popsize": 16, "verbose": -9, "maxiter": generations}
-    strategy = cma.CMAEvolutionStrategy(start, 0.1, options).optimize(slowness)
-    found = gait(strategy.result.xbest)
+    ends = []
+    for guess in starts:
+        start = np.array([1.0, *guess.amplitude, *(np.array(guess.lag[1:]) / (2 * np.pi))])
+        ends.append(cma.CMAEvolutionStrategy(start, 0.1, options).optimize(slowness).result)
+    found = gait(min(ends, key=lambda end: end.fbest).xbest)
     rounded = {"frequency": round(found.frequency, 3)} | {
         name: [float(f"{value:.{DIGITS}g}") for value in getattr(found, name)] for name in ("amplitude", "lag")
     }
@@ -64,8 +70,7 @@ def bars(swum):
 def main() -> None:
     """The command line."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    fastest = living_gaits()[-1]
-    write_gait(fastest.amplitude, fastest.lag, COMMAND)
+    write_gait((living_gaits()[-1], TOGETHER), COMMAND)
 
 
 if __name__ == "__main__":

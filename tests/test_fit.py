@@ -1,0 +1,127 @@
+"""What inexpensive bodies are fitted by: residuals, sections that invert, parameters and their ranges."""
+
+import numpy as np
+import pytest
+
+from benchmarks.calibration import fit_search
+from benchmarks.calibration.fit_search import SEARCHED, Problem, beginning, off_trout, parameters, rounded
+from benchmarks.common.motion import FAILED, Motion, areas, errors, play, residuals
+from fish_env import make_fish
+from fish_env.bodies import mass_spring as tu
+
+
+def drawn_motion(seed, scenes=3, intervals=120) -> Motion:
+    """A motion of random walks, heading in any direction."""
+    generator = np.random.default_rng(seed)
+    centre = np.cumsum(0.01 + 0.003 * generator.standard_normal((scenes, intervals, 3)), axis=1)
+    centre[:, :, 2] = 0.0
+    yaw = np.cumsum(0.02 * generator.standard_normal((scenes, intervals)), axis=1)
+    tail = 0.1 * generator.standard_normal((scenes, intervals))
+    return Motion(centre, yaw, tail, np.ones((scenes, intervals)), [""] * scenes)
+
+
+def test_residuals_are_the_errors():
+    """The first two are the errors of speed and sweep with signs; the others square to those of heading and path."""
+    found, finest = drawn_motion(1), drawn_motion(2)
+    rows, off = residuals(found, finest, 0.02), errors(found, finest, 0.02)
+    np.testing.assert_allclose(np.abs(rows[:, 0]), off["speed"], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(rows[:, 1]), off["sweep"], rtol=1e-12)
+    turned = np.maximum(np.abs(finest.yaw).max(axis=1), np.pi / 2)
+    heading = np.sqrt(((found.yaw - finest.yaw) ** 2).mean(axis=1)) / turned
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 2:122], axis=1), heading, rtol=1e-12)
+    assert (np.linalg.norm(rows[:, 122:], axis=1) >= 0.98 * off["path"]).all()  # a root mean square is above the mean
+    assert np.abs(residuals(finest, finest, 0.02)).max() == 0.0
+
+
+def test_residuals_of_a_fish_that_failed():
+    """A motion that is not finite has the largest residuals, and the other scenes keep theirs."""
+    found, finest = drawn_motion(1), drawn_motion(2)
+    healthy = residuals(found, finest, 0.02)
+    found.centre[1], found.yaw[1], found.tail[1] = np.nan, np.nan, np.nan
+    rows = residuals(found, finest, 0.02)
+    assert (rows[1] == FAILED).all()
+    np.testing.assert_array_equal(rows[[0, 2]], healthy[[0, 2]])
+
+
+@pytest.mark.parametrize("body", ["mass_spring", "planar", "tetrahedral"])
+def test_areas_of_sections(body):
+    """A section at rest has its area, whatever the heading and the roll; one whose sides cross has a negative one."""
+    fish = make_fish(body)
+    points = fish.points(fish.body.position[None])
+    p = tu.checked_parameters("mass_spring", {})
+    width, along = np.array(p.half_width), np.diff(p.layer_position)
+    wanted = fish.length**2 * along * (width[1:] + width[:-1])
+    np.testing.assert_allclose(areas(points)[0], wanted, rtol=1e-9)
+    angle = 1.1
+    c, s = np.cos(angle), np.sin(angle)
+    for turn in ([[c, s, 0], [-s, c, 0], [0, 0, 1]], [[1, 0, 0], [0, c, s], [0, -s, c]]):
+        np.testing.assert_allclose(areas(points @ np.array(turn))[0], wanted, rtol=1e-9)
+    crossed = points.copy()
+    layer = np.array(tu.LAYERS[3])
+    crossed[0, layer, 0] = points[0, tu.LAYERS[1][0], 0] + 0.01  # the third layer in front of the first
+    assert areas(crossed)[0, 1] < 0.0
+
+
+def test_play_reports_the_least_area():
+    """A fish at rest keeps its sections, and one that bends keeps less of them."""
+    fish = make_fish("planar")
+    still, bent = np.zeros((1, 20, 12)), np.zeros((1, 20, 12))
+    bent[0, :, fish.sides > 0] = 1.0
+    kept = play(fish, np.concatenate([still, bent])).kept
+    np.testing.assert_allclose(kept[0], 1.0, atol=1e-12)
+    assert (kept[1, :3] < 0.95).all() and (kept[1] > 0.5).all()  # the three segments with muscles
+
+
+@pytest.mark.parametrize("body", SEARCHED)
+def test_parameters_at_the_beginning(body):
+    """A search begins at the values of its table, which are within their ranges and make a body."""
+    start, low, high = beginning(body)
+    assert ((low < start) & (start < high)).all()
+    given = parameters(body, start)
+    for name, (values, least, most) in SEARCHED[body].items():
+        np.testing.assert_allclose(given[name], values[0] if len(values) == 1 else values, rtol=1e-12)
+        assert least < min(values) and max(values) < most
+    assert make_fish(body, **rounded(given)).body.mass.sum() > 0.0
+    assert rounded({"a": [0.123456, 12345.6], "b": 0.000123456}) == {"a": [0.1235, 12350.0], "b": 0.0001235}
+
+
+def test_shipped_bodies_are_what_a_search_may_find():
+    """The fitted parameters in the package lie within the ranges of the search."""
+    for body, ranges in SEARCHED.items():
+        kept = fit_search.shipped(body)
+        for name, (start, least, most) in ranges.items():
+            value = np.ravel(kept[name])
+            assert value.size == len(start)
+            assert (value >= least * (1 - 1e-3)).all() and (value <= most * (1 + 1e-3)).all(), (body, name)
+
+
+def test_the_search_finds_the_way_back():
+    """A body that was changed a little is found again from its own motion, and one step gets most of the way."""
+    fish = make_fish("planar")
+    swum = np.zeros((2, 75, 12))
+    times = np.arange(75) * 0.02
+    for k, frequency in enumerate((2.0, 3.0)):
+        wave = np.sin(2 * np.pi * (frequency * times[:, None] - 0.2 * fish.segments))
+        swum[k] = 0.5 * (1.0 + fish.sides * wave)
+    problem, kept = Problem("planar", swum, play(fish, swum)), fit_search.shipped("planar")
+    point = np.concatenate([fit_search.logarithms(name, np.ravel(kept[name])) for name in SEARCHED["planar"]])
+    motion = slice(0, swum.shape[0] * (2 + 3 * swum.shape[1]))
+    assert np.abs(problem.residuals(point)[motion]).max() < 1e-12
+    searched, changed = [1, 7, 10], point.copy()  # bending, muscles and drag of a section
+    changed[searched] += 0.02
+    here = problem.residuals(changed)[motion]
+    jacobian = problem.jacobian(changed)[motion][:, searched]
+    changed[searched] -= np.linalg.lstsq(jacobian, here)[0]
+    np.testing.assert_allclose(changed, point, atol=2e-3)
+    assert (problem.residuals(changed)[motion] ** 2).sum() < 0.01 * (here**2).sum()
+
+
+def test_off_trout_is_zero_within_the_margins(monkeypatch):
+    """What is free costs nothing; beyond it, residuals grow with the distance."""
+    fish = make_fish("planar")
+    monkeypatch.setattr(fit_search, "SWIMS_OFF", 10.0)
+    monkeypatch.setattr(fit_search, "SWAYS_OFF", 10.0)
+    monkeypatch.setattr(fit_search, "NOSE", (0.0, 10.0))
+    assert np.abs(off_trout(fish)).max() == 0.0
+    monkeypatch.setattr(fit_search, "NOSE", (0.0, 0.01))
+    assert (off_trout(fish).reshape(3, 9)[:, 8] > 0.1).all()
