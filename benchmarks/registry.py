@@ -274,6 +274,10 @@ FIDELITY = (
         data=(FINEST, DEFAULT, MOTOR),
     ),
     Result(
+        "bodies.roll", "by how much every body rolls in strong gaits, after a small disturbance",
+        "-m benchmarks.bodies.roll", 0.5, csv("roll"), ("benchmarks.bodies.roll:measure",), data=(BODIES,),
+    ),
+    Result(
         "bodies.inertia", "mass, centre and moments of inertia of every body beside those of the outline's continuum",
         "-m benchmarks.bodies.inertia", 0.1, csv("inertia"), ("benchmarks.bodies.inertia:measure",), data=(BODIES,),
     ),
@@ -363,13 +367,13 @@ CALIBRATION = (
     ),
     Result(
         "calibration.fits", "five fits of each inexpensive body, on what they were not fitted to",
-        "-m benchmarks.calibration.fit --spread", 25, csv("fits"),
+        "-m benchmarks.calibration.fit --spread --body mass_spring planar", 8, csv("fits"),
         ("benchmarks.calibration.fit:search", "benchmarks.calibration.fit:tested"),
         data=(FINEST, "benchmarks/calibration/task_commands.npz", MOTOR),
     ),
     Result(
-        "calibration.limits", "what the default fish could be with shorter stable steps: distances, cost",
-        "-m benchmarks.calibration.fit --limits", 20, csv("fit_limits"),
+        "calibration.limits", "what the default fish could be with other stable steps: distances, cost",
+        "-m benchmarks.calibration.fit --limits", 8, csv("fit_limits"),
         ("benchmarks.calibration.fit:search", "benchmarks.calibration.fit:tested"),
         data=(FINEST, "benchmarks/calibration/task_commands.npz", MOTOR),
     ),

@@ -1,11 +1,14 @@
 """What inexpensive bodies are fitted by: residuals, sections that invert, parameters and their ranges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.calibration import fit_search
 from benchmarks.calibration.fit_search import SEARCHED, Problem, beginning, off_trout, parameters, rounded
 from benchmarks.common.motion import FAILED, Motion, areas, errors, play, residuals
+from benchmarks.common.roll import roll, strong_gaits
 from fish_env import make_fish
 from fish_env.bodies import mass_spring as tu
 
@@ -116,6 +119,19 @@ def test_the_search_finds_the_way_back():
     assert (problem.residuals(changed)[motion] ** 2).sum() < 0.01 * (here**2).sum()
 
 
+def test_a_search_begins_where_there_is_a_body(monkeypatch):
+    """Where there is no body at what is drawn, the search begins nearer to the start; there must be one there."""
+    swum = np.zeros((1, 75, 12))
+    problem = Problem("mass_spring", swum, play(make_fish("planar"), swum))
+    monkeypatch.setattr(fit_search, "SPREAD", 3.0)
+    points = [problem.near(np.random.default_rng(seed)) for seed in range(4)]
+    assert all(problem.fish(point).name == "mass_spring" for point in points)
+    assert np.ptp(points, axis=0).max() > 0.0
+    problem.start[25:31], problem.low[25:31], problem.high[25:31] = 0.1, 0.05, 0.15  # water behind its section
+    with pytest.raises(ValueError, match="there is no mass_spring at the start of its search"):
+        problem.near(np.random.default_rng(0))
+
+
 def test_off_trout_is_zero_within_the_margins(monkeypatch):
     """What is free costs nothing; beyond it, residuals grow with the distance."""
     fish = make_fish("planar")
@@ -125,3 +141,12 @@ def test_off_trout_is_zero_within_the_margins(monkeypatch):
     assert np.abs(off_trout(fish)).max() == 0.0
     monkeypatch.setattr(fit_search, "NOSE", (0.0, 0.01))
     assert (off_trout(fish).reshape(3, 9)[:, 8] > 0.1).all()
+
+
+def test_a_flat_fish_does_not_roll():
+    """The flat fish stays upright in every strong gait, the default one rolls a little, and a failed one counts pi."""
+    assert roll(make_fish("planar")).max() < 1e-7
+    angles = roll(make_fish("mass_spring"))
+    assert angles.shape == (len(strong_gaits()),) and 0.0 < angles.max() < np.pi
+    torn = roll(replace(make_fish("mass_spring"), refine=np.inf, time_step=0.02, control_interval=0.02))
+    assert (torn == np.pi).any()

@@ -199,10 +199,26 @@ class Problem:
                 continue
         return columns
 
+    def near(self, generator) -> np.ndarray:
+        """A point near the start at which there is a body: the way to one that is drawn is halved until there is.
+
+        Raises:
+            ValueError: if there is no body at the start.
+        """
+        away = SPREAD * generator.standard_normal(self.start.size)
+        for _ in range(20):
+            point = np.clip(self.start + away, self.low + DIFFERENCE, self.high - DIFFERENCE)
+            try:
+                self.fish(point)
+            except ValueError:
+                away *= 0.5
+                continue
+            return point
+        raise ValueError(f"there is no {self.body} at the start of its search; give SEARCHED other values")
+
     def solve(self, seed: int) -> OptimizeResult:
         """The least squares that a search finds that begins near the start, as drawn from a seed."""
-        drawn = self.start + SPREAD * np.random.default_rng(seed).standard_normal(self.start.size)
-        begin = np.clip(drawn, self.low + DIFFERENCE, self.high - DIFFERENCE)
+        begin = self.near(np.random.default_rng(seed))
         size = self.residuals(begin).size
         nowhere = np.full(size, 10.0 / np.sqrt(size) * np.sqrt(len(self.contractions)))
         with tqdm(total=TIMES * MOST_STEPS, desc=f"{self.body}, seed {seed}", mininterval=10) as bar:
