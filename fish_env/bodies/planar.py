@@ -54,9 +54,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
         position, masses(p), pairs, stiffness, relaxation * stiffness, natural, faces,
         share=share, drag=(drag * p.water_drag)[section_of], depth=height,
     )  # fmt: skip
-    fibres = np.flatnonzero(np.isin(section // 2, (1, 2, 3)) & (section >= 0))
-    segment, right = section[fibres] // 2 - 1, section[fibres] % 2
-    drives = 4 * segment[:, None] + np.where(right[:, None], (1, 2), (0, 3))  # upper and lower muscle of the side
+    fibres, drives = muscles(section)
     segments, sides = np.repeat(np.arange(3), 4), np.tile([1, -1, -1, 1], 3)
     left, right_nodes = np.array(NODES[1:-1]).T.copy()
     mirror = np.arange(len(position))
@@ -84,6 +82,13 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
         mirror=mirror,
         landmarks=landmarks(p),
     )
+
+
+def muscles(section) -> tuple[np.ndarray, np.ndarray]:
+    """Springs that are fibres, (6,), and the muscles that drive each, (6,2), of the springs' sections (`lattice`)."""
+    fibres = np.flatnonzero(np.isin(section // 2, (1, 2, 3)) & (section >= 0))
+    segment, right = section[fibres] // 2 - 1, section[fibres] % 2
+    return fibres, 4 * segment[:, None] + np.where(right[:, None], (1, 2), (0, 3))  # upper and lower one of the side
 
 
 def shape(p) -> np.ndarray:
