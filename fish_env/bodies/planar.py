@@ -56,9 +56,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     )  # fmt: skip
     fibres, drives = muscles(section)
     segments, sides = np.repeat(np.arange(3), 4), np.tile([1, -1, -1, 1], 3)
-    left, right_nodes = np.array(NODES[1:-1]).T.copy()
-    mirror = np.arange(len(position))
-    mirror[left], mirror[right_nodes] = right_nodes, left
+    left, right_nodes, mirror = reflected()
     return Fish(
         name="planar",
         body=fix(body, np.arange(len(position)), "z"),
@@ -82,6 +80,14 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
         mirror=mirror,
         landmarks=landmarks(p),
     )
+
+
+def reflected() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The nodes on the left and on the right, (5,) each, and what each node becomes when they are exchanged, (12,)."""
+    left, right = np.array(NODES[1:-1]).T.copy()
+    mirror = np.arange(12)
+    mirror[left], mirror[right] = right, left
+    return left, right, mirror
 
 
 def muscles(section) -> tuple[np.ndarray, np.ndarray]:
