@@ -214,9 +214,7 @@ def limited() -> list[dict]:
     found = np.array(searches(jobs), dtype=object).reshape(len(tried), len(TRIED), 2)
     given = [min(row.tolist(), key=lambda one: one[0])[1] for row in found]
     fishes = [make_fish("mass_spring", **one) for one in given]
-    _, *costs = relative_costs(
-        [make_fish("mass_spring"), *fishes], training("mass_spring")[0]
-    )  # over the shipped one's
+    _, *costs = relative_costs([make_fish("mass_spring"), *fishes], training("mass_spring")[0])
     for limit, fish, cost in zip(tried, fishes, costs, strict=True):
         outcome = tested(fish, scenes)
         report(f"stable step {1e3 * limit:g} ms, cost {cost:.2f}", outcome)
