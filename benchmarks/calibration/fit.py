@@ -9,7 +9,7 @@ python -m benchmarks.calibration.fit --test                 what is shipped, tes
 The finest body is that of tetrahedra at level 3. Its motions and the searches that have ended are kept in
 `runs/calibration`, under the digest of what they depend on, so that only the first fit waits for them. Fitted are
 stiffness, damping, muscles and drag, and where on a section the water is felt (`benchmarks/calibration/fit_search.py`);
-the masses keep the outline's mass, centre and yaw inertia. Several searches begin at different places, and the best is
+the masses keep the outline's mass, centre and yaw inertia. Several searches begin near one start, and the best is
 shipped. A body is trained on the commands of all tasks and of four families, and swims the gaits with which the finest
 one swims like a trout; it is tested on other seeds of the tasks and on four families it has not seen.
 """
@@ -24,11 +24,20 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-import fish_env.bodies
 from benchmarks.calibration import fit_search
 from benchmarks.calibration.commands import FILE, TRAINING, UNSEEN, drawn, training_scenes
-from benchmarks.calibration.fit_search import LIMIT, Problem, magnification, off_trout, parameters, roll, rounded
+from benchmarks.calibration.fit_search import (
+    FOLDER,
+    LIMIT,
+    Problem,
+    magnification,
+    off_trout,
+    parameters,
+    rounded,
+    shipped,
+)
 from benchmarks.common.motion import Motion, errors, play, record
+from benchmarks.common.roll import roll
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import provenance, write_csv
 from fish_env import TASKS, make_fish
@@ -38,7 +47,6 @@ from fish_env.control.files import write_text
 from fish_env.integrators import limits
 
 COMMAND = "python -m benchmarks.calibration.fit"
-FOLDER = Path(fish_env.bodies.__file__).parent
 KEPT = Path("runs/calibration")
 FINEST = {"body": "tetrahedral", "level": 3}
 BODIES = ("mass_spring", "planar", "two_layer")
@@ -138,7 +146,7 @@ def write(body: str, given: dict, seed: int) -> None:
     path = FOLDER / f"{body}.json"
     about = provenance(f"{COMMAND} --body {body}")
     about |= {"seed": seed, "distance_percent": round(100 * trained(body, make_fish(body, **given)), 3)}
-    kept = json.loads(path.read_text())["parameters"] if body == "mass_spring" else {}
+    kept = shipped(body) if body == "mass_spring" else {}
     path.write_text(json.dumps({"provenance": about, "parameters": kept | given}, indent=2) + "\n")
     print(f"{body}: seed {seed}, {about['distance_percent']} %, {given}", flush=True)
 
