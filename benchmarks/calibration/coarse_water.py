@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.calibration.commands import SEEDS, training_scenes
-from benchmarks.calibration.fit import EACH, SEED, finest_motion
+from benchmarks.calibration.fit import SEED, finest_motion
 from benchmarks.common.motion import errors, play
 from benchmarks.common.tables import write_csv
 from fish_env import TASKS, make_fish
@@ -62,7 +62,7 @@ def variants() -> dict[str, Fish]:
 def main() -> None:
     """The command line."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    contractions, rows = training_scenes(SEED, EACH), []
+    contractions, rows = training_scenes(SEED), []
     finest = finest_motion(contractions)
     tasks = list(TASKS)
     for name, fish in variants().items():

@@ -38,10 +38,10 @@ def _held(generator, intervals, longest, draw) -> np.ndarray:
     return found
 
 
-def gaits(fish, generator, times):
-    """Sinusoidal gaits of any frequency from 1 to 4.5 Hz, amplitudes and lags."""
+def gaits(fish, generator, times, highest=6.0):
+    """Sinusoidal gaits of any frequency from 1 to `highest` Hz, amplitudes and lags."""
     lag = np.cumsum([0.0, *generator.uniform(0.0, 2.5, 2)])
-    gait = Gait(generator.uniform(1.0, 4.5), tuple(generator.uniform(0.2, 1.0, 3)), tuple(lag))
+    gait = Gait(generator.uniform(1.0, highest), tuple(generator.uniform(0.2, 1.0, 3)), tuple(lag))
     return gait.contraction(fish, times)
 
 
@@ -56,11 +56,11 @@ def bang_bang(fish, generator, times):
 
 
 def reversals(fish, generator, times):
-    """One side of the whole fish contracts, then the other, each for 0.1 to 0.5 s, in part or fully."""
+    """One side of the whole fish contracts, then the other, each for 0.06 to 0.5 s, in part or fully."""
     strength = generator.uniform(0.3, 1.0, 3)
     side, found, k = generator.choice([-1, 1]), np.zeros((len(times), 6)), 0
     while k < len(times):
-        pause = int(generator.integers(5, 26))
+        pause = int(generator.integers(3, 26))
         found[k : k + pause, (0 if side > 0 else 1) :: 2] = strength
         side, k = -side, k + pause
     return _pairs(fish, found[None])[0]
@@ -96,13 +96,14 @@ def wandering(fish, generator, times):
 def bends(fish, generator, times):
     """A bend to one side, held, released, and a gait afterwards, as in a turn from rest."""
     hold = int(generator.integers(5, 40))
-    found = gaits(fish, generator, times) * (np.arange(len(times)) >= hold)[:, None]
+    found = gaits(fish, generator, times, 4.5) * (np.arange(len(times)) >= hold)[:, None]
     strength = generator.uniform(0.2, 1.0, 3)[fish.segments] * (fish.sides == generator.choice([-1, 1]))
     return np.where((np.arange(len(times)) < hold)[:, None], strength, found)
 
 
 TRAINING = {"gaits": gaits, "held": held, "bang-bang": bang_bang, "reversals": reversals}
-"""Families that bodies are fitted to."""
+EACH = {"gaits": 16, "held": 8, "bang-bang": 8, "reversals": 12}
+"""Families that bodies are fitted to, and how many scenes of each."""
 UNSEEN = {"square": square, "chirp": chirp, "wandering": wandering, "bends": bends}
 """Families that they are only tested on."""
 
@@ -114,10 +115,10 @@ def drawn(family, seed: int, count: int) -> np.ndarray:
     return np.stack([family(fish, np.random.default_rng([seed, k]), times) for k in range(count)])
 
 
-def training_scenes(seed: int, each: int) -> np.ndarray:
-    """What bodies are fitted to: the recorded commands of the tasks, and `each` scenes of every family of TRAINING."""
+def training_scenes(seed: int) -> np.ndarray:
+    """What bodies are fitted to: the recorded commands of the tasks, and scenes of every family of TRAINING."""
     parts = [np.load(FILE)["contraction"].astype(float)]
-    parts += [drawn(family, seed + k, each) for k, family in enumerate(TRAINING.values())]
+    parts += [drawn(family, seed + k, EACH[name]) for k, (name, family) in enumerate(TRAINING.items())]
     return np.concatenate(parts)
 
 

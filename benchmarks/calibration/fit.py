@@ -33,8 +33,8 @@ from benchmarks.calibration.fit_search import (
     magnification,
     off_trout,
     parameters,
-    rounded,
     shipped,
+    shortened,
 )
 from benchmarks.common.motion import Motion, errors, play, record
 from benchmarks.common.roll import roll
@@ -50,12 +50,12 @@ COMMAND = "python -m benchmarks.calibration.fit"
 KEPT = Path("runs/calibration")
 FINEST = {"body": "tetrahedral", "level": 3}
 BODIES = ("mass_spring", "planar", "two_layer")
-SEED, EACH = 100, 8  # of the families' training scenes, and how many of each
-TESTED, TEST_SEED = 12, 5_000  # scenes of each task, and the first's seed: neither trained nor fitted on
-UNSEEN_SEED, UNSEEN_EACH = 900, 12
+SEED = 100  # of the families' training scenes
+TESTED, TEST_SEED = 12, 51_000  # scenes of each task, and the first's seed: neither trained nor fitted on
+UNSEEN_SEED, UNSEEN_EACH = 9_100, 24  # some square waves are ten times as far off as most: the mean needs many
 EVERY = {"two_layer": 6}  # it takes twenty times as long as the others, and is fitted to every sixth scene
 SEEDS = {"mass_spring": (1, 2, 3, 4, 5), "planar": (1, 2, 3, 4, 5), "two_layer": (1, 2)}
-LIMITS, TRIED = (0.002, 0.00025), (1, 3)
+LIMITS, TRIED = (0.002, 0.0005), (1, 3)
 """Other stable steps of symplectic Euler, s, that are tried, and seeds: with longer ones the fish is less damped."""
 
 
@@ -99,7 +99,7 @@ def _finest(contractions):
 
 def training(body: str) -> tuple[np.ndarray, Motion]:
     """What a body is fitted to: the scenes, and what the finest one makes of them."""
-    contractions, part = training_scenes(SEED, EACH), slice(None, None, EVERY.get(body, 1))
+    contractions, part = training_scenes(SEED), slice(None, None, EVERY.get(body, 1))
     finest = finest_motion(contractions)
     return contractions[part], Motion(*(values[part] for values in finest[:5]))
 
@@ -113,7 +113,7 @@ def search(job) -> tuple[float, dict]:
     """
     body, seed, limit, base = job
     found = Problem(body, *training(body), limit, base).solve(seed)
-    return float(found.cost), rounded(parameters(body, found.x))
+    return float(found.cost), shortened(body, parameters(body, found.x), base)
 
 
 def kept_search(job) -> tuple[float, dict]:
@@ -130,7 +130,7 @@ def kept_search(job) -> tuple[float, dict]:
 
 def searches(jobs: list) -> list[tuple[float, dict]]:
     """What the searches find, some at the same time; the finest body moves first, for all of them."""
-    finest_motion(training_scenes(SEED, EACH))
+    finest_motion(training_scenes(SEED))
     with multiprocessing.get_context("spawn").Pool() as pool:
         return pool.map(kept_search, jobs, chunksize=1)
 
