@@ -19,6 +19,7 @@ from fish_env.control import Gait
 
 FILE = Path(__file__).with_name("task_commands.npz")
 FIRST_SEED, SEEDS = 7_000, 12  # of the recorded scenes of each task
+WEIGHTS = {"left_after_right": 2.0}  # on the errors of a task's scenes: the manoeuvre in which methods are compared
 
 
 def _pairs(fish: Fish, drawn) -> np.ndarray:
@@ -120,6 +121,14 @@ def training_scenes(seed: int) -> np.ndarray:
     parts = [np.load(FILE)["contraction"].astype(float)]
     parts += [drawn(family, seed + k, EACH[name]) for k, (name, family) in enumerate(TRAINING.items())]
     return np.concatenate(parts)
+
+
+def weights(scenes: int) -> np.ndarray:
+    """Factors (scenes,) on the errors of the scenes of `training_scenes`."""
+    found = np.ones(scenes)
+    for k, task in enumerate(TASKS):
+        found[k * SEEDS : (k + 1) * SEEDS] = WEIGHTS.get(task, 1.0)
+    return found
 
 
 def main() -> None:

@@ -25,7 +25,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.calibration import fit_search
-from benchmarks.calibration.commands import FILE, TRAINING, UNSEEN, drawn, training_scenes
+from benchmarks.calibration.commands import FILE, TRAINING, UNSEEN, drawn, training_scenes, weights
 from benchmarks.calibration.fit_search import (
     FOLDER,
     LIMIT,
@@ -97,11 +97,11 @@ def _finest(contractions):
     return tuple(play(make_fish(**FINEST), contractions))
 
 
-def training(body: str) -> tuple[np.ndarray, Motion]:
-    """What a body is fitted to: the scenes, and what the finest one makes of them."""
+def training(body: str) -> tuple[np.ndarray, Motion, np.ndarray]:
+    """What a body is fitted to: the scenes, what the finest one makes of them, and how much they count."""
     contractions, part = training_scenes(SEED), slice(None, None, EVERY.get(body, 1))
     finest = finest_motion(contractions)
-    return contractions[part], Motion(*(values[part] for values in finest[:5]))
+    return contractions[part], Motion(*(values[part] for values in finest[:5])), weights(len(contractions))[part]
 
 
 def search(job) -> tuple[float, dict]:
@@ -112,7 +112,8 @@ def search(job) -> tuple[float, dict]:
             made of where they are not those of the package.
     """
     body, seed, limit, base = job
-    found = Problem(body, *training(body), limit, base).solve(seed)
+    contractions, finest, counts = training(body)
+    found = Problem(body, contractions, finest, limit, base, counts).solve(seed)
     return float(found.cost), shortened(body, parameters(body, found.x), base)
 
 
@@ -137,7 +138,7 @@ def searches(jobs: list) -> list[tuple[float, dict]]:
 
 def trained(body: str, fish: Fish) -> float:
     """Mean distance of a body to the finest one over what it was fitted to."""
-    contractions, finest = training(body)
+    contractions, finest, _ = training(body)
     return float(errors(play(fish, contractions), finest, fish.control_interval)["all"].mean())
 
 

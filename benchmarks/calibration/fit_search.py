@@ -42,7 +42,7 @@ LIVING, STEP, MAGNIFIED, BUCKLING, ROLLING, NEAR = 5.0, 4.0, 0.5, 2.0, 1.0, 0.00
 """Weights: of the gaits, of a stable step that is too short, of magnification, of sections that are nearly inverted, of
 roll, and of how far the search has gone."""
 RELAXATION_TIME = 0.001  # s, to which `damping_taper` is relative
-DIFFERENCE, SPREAD = 1e-3, 0.03
+DIFFERENCE, SPREAD = 1e-3, 0.02
 """Of the logarithms: for the Jacobian, and the standard deviation of where the searches begin."""
 MOST_STEPS, TIMES, ENOUGH = 20, 3, 2e-3  # a search that is held up by a rough place goes on with longer steps
 
@@ -57,13 +57,13 @@ class Range(NamedTuple):
 
 SEARCHED: dict[str, dict[str, Range]] = {
     "mass_spring": {
-        "stiffness": Range([156.0, 2250.0, 616.0], 25.0, 12_000.0),
-        "taper": Range([1.02, 0.411, 0.0832, 0.108, 0.112, 0.167], 0.02, 1.5),
-        "contracted": Range([0.878, 0.888, 0.815], 0.7, 0.97),
-        "damping_taper": Range([0.813, 1.46, 1.85, 2.48, 6.26, 2.18], 0.1, 20.0),
-        "mass_factor": Range([0.671, 0.559, 1.35, 1.52, 0.847, 0.748, 0.899], 0.25, 4.0),
-        "water_place": Range([0.201, 0.385, 0.891, 0.157, 0.312, 0.712], 0.02, 0.98),
-        "water_drag": Range([0.487, 4.37, 0.216, 2.64, 3.89, 1.02], 0.1, 6.0),
+        "stiffness": Range([158.0, 2250.0, 595.0], 25.0, 12_000.0),
+        "taper": Range([1.03, 0.399, 0.0822, 0.107, 0.111, 0.173], 0.02, 1.5),
+        "contracted": Range([0.877, 0.887, 0.813], 0.7, 0.97),
+        "damping_taper": Range([0.803, 1.53, 1.93, 2.24, 6.68, 2.17], 0.1, 20.0),
+        "mass_factor": Range([0.662, 0.571, 1.37, 1.5, 0.829, 0.749, 0.898], 0.25, 4.0),
+        "water_place": Range([0.21, 0.396, 0.891, 0.148, 0.313, 0.717], 0.02, 0.98),
+        "water_drag": Range([0.484, 4.46, 0.214, 2.63, 3.88, 1.0], 0.1, 6.0),
     },
     "planar": {
         "bending": Range([1.0] * 5, 0.3, 3.0),
@@ -173,10 +173,20 @@ def magnification(fish: Fish) -> float:
 
 
 class Problem:
-    """The residuals of a body at the points of a search; `base` has other parameters of the body than the package."""
+    """The residuals of a body at the points of a search.
 
-    def __init__(self, body: str, contractions: np.ndarray, finest: Motion, limit=LIMIT, base=None):
+    Args:
+        body: its name.
+        contractions: (S,K,M) that it is told.
+        finest: what the finest body makes of them.
+        limit: stable step of symplectic Euler that it must have, s.
+        base: parameters of the body that are other than those of the package, and that are not searched.
+        weights: (S,) factors on the errors of the scenes; None for ones.
+    """
+
+    def __init__(self, body: str, contractions: np.ndarray, finest: Motion, limit=LIMIT, base=None, weights=None):
         self.body, self.contractions, self.finest, self.limit = body, contractions, finest, limit
+        self.weights = np.ones(len(contractions)) if weights is None else np.asarray(weights)
         self.base = {} if base is None else base
         self.start, self.low, self.high = beginning(body)
 
@@ -195,7 +205,7 @@ class Problem:
         limit = np.log(self.limit / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
         near = NEAR * np.sqrt(len(self.contractions)) * (np.asarray(point) - self.start)
         return np.concatenate([
-            residuals(motion, self.finest, fish.control_interval).ravel(), LIVING * off_trout(fish),
+            (self.weights[:, None] * residuals(motion, self.finest, fish.control_interval)).ravel(), LIVING * off_trout(fish),
             ROLLING * np.maximum(np.log10(np.maximum(roll(fish), 1e-9) / UPRIGHT), 0.0),
             BUCKLING * beyond(KEPT, np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
             [STEP * max(limit, 0.0), MAGNIFIED * max(np.log10(magnification(fish) / PREDICTABLE), 0.0)], near,
