@@ -204,8 +204,9 @@ class Problem:
         motion = play(fish, self.contractions)
         limit = np.log(self.limit / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
         near = NEAR * np.sqrt(len(self.contractions)) * (np.asarray(point) - self.start)
+        apart = self.weights[:, None] * residuals(motion, self.finest, fish.control_interval)
         return np.concatenate([
-            (self.weights[:, None] * residuals(motion, self.finest, fish.control_interval)).ravel(), LIVING * off_trout(fish),
+            apart.ravel(), LIVING * off_trout(fish),
             ROLLING * np.maximum(np.log10(np.maximum(roll(fish), 1e-9) / UPRIGHT), 0.0),
             BUCKLING * beyond(KEPT, np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
             [STEP * max(limit, 0.0), MAGNIFIED * max(np.log10(magnification(fish) / PREDICTABLE), 0.0)], near,
