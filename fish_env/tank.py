@@ -49,7 +49,7 @@ class Tank(Conditioned, Generic[Elastic]):
         num_fish: B, at least 1.
         integrator: a key of `INTEGRATORS`; None takes the fish's own.
         dt: integrator step, s; None takes the fish's `time_step` for its own integrator, and for another the longest
-            that divides the control interval and is at most the method's `share` of the largest stable step at rest.
+            that divides the control interval and is at most half of the method's largest stable step at rest.
         water: `make_water(...)`, or None for vacuum.
         threads: over how many threads the fish are shared out; None takes the processors this process may use.
             Results do not depend on it.

@@ -151,6 +151,9 @@ def varied(body: Body, world: World, row) -> tuple[Body, World]:
     )
 
 
+PART = 0.5  # of the largest stable step, that is taken if none is given
+
+
 def own_step(fish: ElasticObject, integrator: Integrator) -> float:
     """The step a fish is moved with if none is given, s.
 
@@ -166,7 +169,7 @@ def own_step(fish: ElasticObject, integrator: Integrator) -> float:
             f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped; "
             f"choose from {others}"
         )
-    return fish.control_interval / max(1, math.ceil(fish.control_interval / (integrator.share * limit)))
+    return fish.control_interval / max(1, math.ceil(fish.control_interval / (PART * limit)))
 
 
 def available_processors() -> int:

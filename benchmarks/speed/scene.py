@@ -10,7 +10,7 @@ import numpy as np
 
 import fish_env
 
-STEP = 0.0003  # s: a seventh of the largest stable step for small motion of this body at rest
+STEP = 0.0003  # s: 0.4 of the largest stable step for small motion of this body at rest
 CHECKED = 1000  # steps after which positions are compared
 TOLERANCE = {"float64": 1e-12, "float32": 1e-6}  # of the body length: rounding adds up to less
 STRETCH, SHAKE, TURN = 0.01, 0.1, 3.0  # of the start: BL, BL/s and rad/s

@@ -72,9 +72,6 @@ class Integrator:
     """Longest step, s, that is sure to be stable for small motion about rest."""
     refuses: Callable[[Body, World], str] = limits.everything
     """Why it cannot move a body in a world; "" if it can."""
-    share: float = 0.5
-    """Part of the largest stable step that is taken if none is given: a half is as safe as it is accurate, but for a
-    method whose errors are large long before it is unstable."""
     advance: Callable | None = None
     """Without a `method`: `advance(body, world, state, control, h, n)` moves every valid body n h seconds."""
 
@@ -92,9 +89,7 @@ HAIRER, DOP853, RADAU = "Hairer, Lubich & Wanner 2003", "Hairer, Norsett & Wanne
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record
     for record in (
-        Integrator(
-            "semi_implicit", 1, "semi-implicit", 1, 1, 1, TU, semi_implicit, refuses=limits.whole_nodes, share=1 / 7
-        ),
+        Integrator("semi_implicit", 1, "semi-implicit", 1, 1, 1, TU, semi_implicit, refuses=limits.whole_nodes),
         Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, runge_kutta.SYMPLECTIC_EULER),
         Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", runge_kutta.RK4),
         Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.explicit_euler),
