@@ -55,6 +55,13 @@ TESTED, TEST_SEED = 12, 51_000  # scenes of each task, and the first's seed: nei
 UNSEEN_SEED, UNSEEN_EACH = 9_100, 24  # some square waves are ten times as far off as most: the mean needs many
 EVERY = {"two_layer": 6}  # it takes twenty times as long as the others, and is fitted to every sixth scene
 SEEDS = {"mass_spring": (1, 2, 3, 4, 5), "planar": (1, 2, 3, 4, 5), "two_layer": (1, 2)}
+EARLIER = {
+    "stiffness": [35.92, 629.9, 215.9], "taper": [1.0, 0.3619, 0.3633, 0.4721, 0.6145, 0.5107],
+    "contracted": [0.6788, 0.92, 0.9053], "relaxation_time": 0.000501, "damping_taper": [1.0] * 6,
+    "mass_factor": [1.0, 1.0, 1.0, 1.0, 1.0, 1.085, 1.109], "water_place": [0.5] * 6, "water_drag": [1.527] * 6,
+}  # fmt: skip
+"""The default fish that was calibrated by its gait alone (commit 8ef3fae), over which costs are given: the aim of at
+most 1.1 times its cost is of that day."""
 LIMITS, TRIED = (0.002, 0.0005), (1, 3)
 """Other stable steps of symplectic Euler, s, that are tried, and seeds: with longer ones the fish is less damped."""
 
@@ -223,7 +230,7 @@ def limited() -> list[dict]:
     found = np.array(searches(jobs), dtype=object).reshape(len(tried), len(TRIED), 2)
     given = [min(row.tolist(), key=lambda one: one[0])[1] for row in found]
     fishes = [make_fish("mass_spring", **one) for one in given]
-    _, *costs = relative_costs([make_fish("mass_spring"), *fishes], training("mass_spring")[0])
+    _, *costs = relative_costs([make_fish("mass_spring", **EARLIER), *fishes], training("mass_spring")[0])
     for limit, fish, cost in zip(tried, fishes, costs, strict=True):
         outcome = tested(fish, scenes)
         report(f"stable step {1e3 * limit:g} ms, cost {cost:.2f}", outcome)
