@@ -111,7 +111,7 @@ CONFIGS: dict[str, TrainConfig] = {
     "turn": TrainConfig("FishEnv/Turn-v0", slower(5.0), DENSER, timesteps=9_000_000, horizon=2.0),
     "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", slower(5.0), DENSER, timesteps=6_000_000, horizon=2.0),
     "target": TrainConfig("FishEnv/Target-v0", {}, {"patience": 3.0}, timesteps=6_000_000),
-    "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, {"patience": 3.0}, timesteps=4_000_000),
+    "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, {"patience": 3.0}, timesteps=8_000_000),
     "avoid": TrainConfig("FishEnv/Avoid-v0", slower(6.0), timesteps=3_500_000),
 }
 """A task of the package, or one of its forms, by its name in `train.py`."""
