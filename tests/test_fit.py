@@ -88,7 +88,10 @@ def test_parameters_at_the_beginning(body):
     assert rounded({"a": [0.123456, 12345.6], "b": 0.000123456}) == {"a": [0.1235, 12350.0], "b": 0.0001235}
 
 
-def test_parameters_are_shortened_as_far_as_there_is_a_body(monkeypatch):
+@pytest.mark.parametrize(
+    ("tolerance", "wanted"), [(1.0, 1.235), (1e-5, 1.23457), (1e-8, 1.23456789), (0.0, 1.234567890123)]
+)
+def test_parameters_are_shortened_as_far_as_there_is_a_body(monkeypatch, tolerance, wanted):
     """Four digits, or six where those of four make no body; and all of them where those of nine do not either."""
 
     def make(body, **given):
@@ -97,8 +100,7 @@ def test_parameters_are_shortened_as_far_as_there_is_a_body(monkeypatch):
             raise ValueError("there is no such body")
 
     monkeypatch.setattr(fit_search, "make_fish", make)
-    for tolerance, wanted in ((1.0, 1.235), (1e-5, 1.23457), (1e-8, 1.23456789), (0.0, 1.234567890123)):
-        assert shortened("planar", {"damping": 1.234567890123}, {"other": 2.0}) == {"damping": wanted}
+    assert shortened("planar", {"damping": 1.234567890123}, {"other": 2.0}) == {"damping": wanted}
 
 
 def test_scenes_that_count_more():

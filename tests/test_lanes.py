@@ -77,10 +77,10 @@ def harsh(tank, intervals=40):
 
 def test_steps_are_shortened_where_needed():
     """Only the fish whose springs change fast takes an interval again; its company makes no difference to anybody."""
-    tank = Tank(FISH, 11, water=FISH.water, refine=0.03)
+    tank = Tank(FISH, 11, water=FISH.water, refine=0.01)
     counts = harsh(tank)
     assert counts[0] > 5 and not counts[1:].any()
-    alone = Tank(FISH, 1, water=FISH.water, refine=0.03)
+    alone = Tank(FISH, 1, water=FISH.water, refine=0.01)
     assert (harsh(alone) == counts[:1]).all() and same(alone, tank, others=[0])
     calm = Tank(FISH, 11, water=FISH.water, refine=np.inf)
     harsh(calm)
@@ -107,14 +107,14 @@ def test_refining_rescues_a_fish():
     stiff = {"num_fish": 9, "dt": FISH.control_interval, "water": FISH.water}
     commands = np.random.default_rng(0).choice([-1.0, 1.0], (60, 9, FISH.num_muscles))
     alive = {}
-    for refine in (0.1, np.inf):
+    for refine in (0.05, np.inf):
         tank = Tank(FISH, refine=refine, **stiff)
         for i in range(9):
             tank.vary(i, stiffness=2.0)
         for command in commands:
             tank.swim(command, FISH.control_interval)
         alive[refine] = int(tank.alive.sum())
-    assert alive == {0.1: 9, np.inf: 0}
+    assert alive == {0.05: 9, np.inf: 0}
 
 
 def test_defaults():

@@ -50,8 +50,9 @@ def test_a_rejected_method_moves_one_lane():
 
 def test_meter():
     """Steps are counted with those that were thrown away: two force evaluations each, whatever their length."""
-    tank = Tank(FISH, 16, water=FISH.water, refine=0.03)
-    meter, steps = refinement.Meter(tank), problems.steps_of(FISH)
+    steps = 40  # so short that two stages do
+    tank = Tank(FISH, 16, water=FISH.water, dt=FISH.control_interval / steps, refine=0.003)
+    meter = refinement.Meter(tank)
     for action in actions(FISH, "random")[:20]:
         tank.swim(action, FISH.control_interval)
         meter.read(steps)

@@ -12,7 +12,8 @@ from fish_env.world import VACUUM
 def modes(body: Body) -> tuple[np.ndarray, np.ndarray]:
     """Squared frequencies (K,) 1/s2 and damping rates (K,) 1/s of the body's vibrations at rest, rigid motion left out.
 
-    The damping of a mode is its part of the springs' damping; exact where all springs have the same relaxation time.
+    The damping of a mode is its part of the springs' damping: exact where all springs have the same relaxation time,
+    an estimate for the default fish, whose damping differs along the body.
     """
     still = np.zeros_like(body.position)
     matrices = Evaluator(body, VACUUM).jacobian(body.springs.rest_length, body.position, still)
