@@ -111,11 +111,11 @@ def test_evaluation_is_repeatable():
 
 
 BARS = {
-    "swim": {"speed": 2.3},
+    "swim": {"speed": 2.45},
     "turn": {"success": 0.98},
     "left_after_right": {"success": 0.95},
-    "target": {"targets": 8.5},
-    "target_3d": {"success": 0.8},
+    "target": {"targets": 12.0},
+    "target_3d": {"success": 0.9},
     "avoid": {"avoided": 0.95},
 }
 """What a shipped policy must reach on the mean of the evaluation episodes."""
