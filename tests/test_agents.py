@@ -80,7 +80,7 @@ def test_a_slower_policy_moves_the_same_in_shorter_steps(groups):
     model = make_model(config, make_env(config, 2, seed=0), seed=0)
     with torch.no_grad():
         for parameter in model.policy.parameters():
-            parameter.add_(0.6 * torch.randn_like(parameter))
+            parameter.add_(0.8 * torch.randn_like(parameter))
     policy = export_policy(model, {"env_options": options})
     slow, fast = (make_eval_env(config.env_id, 2, chosen) for chosen in (options, evaluation_options(options)))
     places = []
@@ -91,7 +91,7 @@ def test_a_slower_policy_moves_the_same_in_shorter_steps(groups):
             seen.append(env.tank.position.copy())
         places.append(seen)
     moved = np.abs(places[0][-1] - places[0][0]).max()
-    assert len(places[1]) == 2 * len(places[0]) and moved > 0.001  # chance: half a per cent of its length
+    assert len(places[1]) == 2 * len(places[0]) and moved > 0.002  # chance commands: it moves, 1 % of its length
     np.testing.assert_allclose(places[1][1::2], places[0], atol=1e-3 * moved)
     with pytest.raises(ValueError, match=r"acts every 0.04 s, the environment every 0.03"):
         policy_controller(policy, make_eval_env(config.env_id, 1, {"muscle_groups": groups, "control_interval": 0.03}))

@@ -49,8 +49,8 @@ def test_a_rejected_method_moves_one_lane():
 
 
 def test_meter():
-    """Steps are counted with those that were thrown away: two force evaluations each, whatever their length."""
-    steps = 40  # so short that two stages do
+    """Steps are counted with those that were thrown away: two force evaluations each where the longest need no more."""
+    steps = 40
     tank = Tank(FISH, 16, water=FISH.water, dt=FISH.control_interval / steps, refine=0.003)
     meter = refinement.Meter(tank)
     for action in actions(FISH, "random")[:20]:
