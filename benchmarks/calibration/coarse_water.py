@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.calibration.commands import SEEDS, training_scenes
-from benchmarks.calibration.fit import SEED, finest_motion
+from benchmarks.calibration.commands import SEEDS, recorded
+from benchmarks.calibration.fit import finest_motion
 from benchmarks.common.motion import errors, play
 from benchmarks.common.tables import write_csv
 from fish_env import TASKS, make_fish
@@ -62,13 +62,12 @@ def variants() -> dict[str, Fish]:
 def main() -> None:
     """The command line."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    contractions, rows = training_scenes(SEED), []
+    contractions, rows = recorded()[-1], []
     finest = finest_motion(contractions)
     tasks = list(TASKS)
     for name, fish in variants().items():
-        motion = play(fish, contractions[: SEEDS * len(tasks)])
-        wanted = finest._replace(**{key: getattr(finest, key)[: len(motion.yaw)] for key in finest._fields[:5]})
-        off = errors(motion, wanted, fish.control_interval)
+        motion = play(fish, contractions)
+        off = errors(motion, finest, fish.control_interval)
         for k, task in enumerate(tasks):
             part = slice(SEEDS * k, SEEDS * (k + 1))
             rows.append({"faces": name, "task": task, "failed": sum(map(bool, motion.failure[part]))} | {

@@ -1,10 +1,11 @@
 """Commands under which bodies are compared in motion: families of contractions, each drawn from a seed.
 
 A family makes contractions (S,K,12), a control interval each, in which the upper muscle of a side contracts as the
-lower one does. What the motor controllers command in each task is recorded once, on the fish of its day, into
-`task_commands.npz`: a fit that read the controllers as they are would change them, and then itself.
+lower one does. What the motor controllers command in each task is recorded on the fish of its day and added to
+`task_commands.npz`: a fit that read the controllers as they are would change them, and then itself. Earlier recordings
+are kept: a body that is fitted to one fish's controllers is good at these, and its own go where it exaggerates.
 
-python -m benchmarks.calibration.commands     records task_commands.npz again
+python -m benchmarks.calibration.commands     adds what the motor controllers command today to task_commands.npz
 """
 
 import argparse
@@ -18,8 +19,10 @@ from fish_env.bodies import Fish
 from fish_env.control import Gait
 
 FILE = Path(__file__).with_name("task_commands.npz")
-FIRST_SEED, SEEDS = 7_000, 12  # of the recorded scenes of each task
-WEIGHTS = {"left_after_right": 2.0}  # on the errors of a task's scenes: the manoeuvre in which methods are compared
+FIRST_SEED, SEEDS = 7_000, 8  # of the recorded scenes of each task
+WEIGHTS = {"left_after_right": 2.0, "sprints": 2.0}
+"""On the errors of a task's or a family's scenes: the manoeuvre in which methods are compared, and what a search for the
+fastest gait tries."""
 
 
 def _pairs(fish: Fish, drawn) -> np.ndarray:
@@ -44,6 +47,13 @@ def gaits(fish, generator, times, highest=6.0):
     lag = np.cumsum([0.0, *generator.uniform(0.0, 2.5, 2)])
     gait = Gait(generator.uniform(1.0, highest), tuple(generator.uniform(0.2, 1.0, 3)), tuple(lag))
     return gait.contraction(fish, times)
+
+
+def sprints(fish, generator, times):
+    """Gaits as the fastest are: 3.5 to 4 Hz, nearly full contractions, short lags."""
+    lag = np.cumsum([0.0, *generator.uniform(-0.1, 0.7, 2)])
+    amplitude = 1.0, generator.uniform(0.85, 1.0), generator.uniform(0.6, 1.0)
+    return Gait(generator.uniform(3.5, 4.0), amplitude, tuple(lag)).contraction(fish, times)
 
 
 def held(fish, generator, times):
@@ -102,8 +112,8 @@ def bends(fish, generator, times):
     return np.where((np.arange(len(times)) < hold)[:, None], strength, found)
 
 
-TRAINING = {"gaits": gaits, "held": held, "bang-bang": bang_bang, "reversals": reversals}
-EACH = {"gaits": 16, "held": 8, "bang-bang": 8, "reversals": 12}
+TRAINING = {"gaits": gaits, "held": held, "bang-bang": bang_bang, "reversals": reversals, "sprints": sprints}
+EACH = {"gaits": 16, "held": 8, "bang-bang": 8, "reversals": 12, "sprints": 32}
 """Families that bodies are fitted to, and how many scenes of each."""
 UNSEEN = {"square": square, "chirp": chirp, "wandering": wandering, "bends": bends}
 """Families that they are only tested on."""
@@ -116,26 +126,30 @@ def drawn(family, seed: int, count: int) -> np.ndarray:
     return np.stack([family(fish, np.random.default_rng([seed, k]), times) for k in range(count)])
 
 
+def recorded() -> np.ndarray:
+    """What the motor controllers commanded in each task, (G,S,K,12): the fish of G days, the latest last."""
+    return np.load(FILE)["contraction"].astype(float)
+
+
 def training_scenes(seed: int) -> np.ndarray:
     """What bodies are fitted to: the recorded commands of the tasks, and scenes of every family of TRAINING."""
-    parts = [np.load(FILE)["contraction"].astype(float)]
+    parts = list(recorded())
     parts += [drawn(family, seed + k, EACH[name]) for k, (name, family) in enumerate(TRAINING.items())]
     return np.concatenate(parts)
 
 
-def weights(scenes: int) -> np.ndarray:
+def weights() -> np.ndarray:
     """Factors (scenes,) on the errors of the scenes of `training_scenes`."""
-    found = np.ones(scenes)
-    for k, task in enumerate(TASKS):
-        found[k * SEEDS : (k + 1) * SEEDS] = WEIGHTS.get(task, 1.0)
-    return found
+    names = [*np.tile(np.repeat(list(TASKS), SEEDS), len(recorded())), *np.repeat(list(TRAINING), list(EACH.values()))]
+    return np.array([WEIGHTS.get(name, 1.0) for name in names])
 
 
 def main() -> None:
     """Record what the motor controllers command."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    found = np.concatenate([record(task, SEEDS, FIRST_SEED) for task in TASKS])
-    np.savez_compressed(FILE, contraction=found.astype(np.float32))
+    found = np.concatenate([record(task, SEEDS, FIRST_SEED) for task in TASKS])[None]
+    found = np.concatenate([recorded(), found]) if FILE.exists() else found
+    np.savez_compressed(FILE, contraction=found.astype(np.float16))
     print(FILE, found.shape, FILE.stat().st_size)
 
 
