@@ -21,8 +21,8 @@ from fish_env.control import Gait
 FILE = Path(__file__).with_name("task_commands.npz")
 FIRST_SEED, SEEDS = 7_000, 8  # of the recorded scenes of each task
 WEIGHTS = {"left_after_right": 2.0, "sprints": 2.0}
-"""On the errors of a task's or a family's scenes: the manoeuvre in which methods are compared, and what a search for the
-fastest gait tries."""
+"""On the errors of a task's or a family's scenes: the manoeuvre in which methods are compared, and what a search for
+the fastest gait tries."""
 
 
 def _pairs(fish: Fish, drawn) -> np.ndarray:
