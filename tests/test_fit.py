@@ -119,9 +119,28 @@ def test_scenes_that_count_more():
     np.testing.assert_allclose(weighted[size : 2 * size], 3.0 * plain[size : 2 * size], rtol=1e-12)
     np.testing.assert_array_equal(weighted[2 * size :], plain[2 * size :])
     assert np.abs(plain[size : 2 * size]).max() > 0.0
-    found = commands.weights(104)
-    place = list(TASKS).index("left_after_right") * commands.SEEDS
-    assert found.shape == (104,) and (found[place : place + commands.SEEDS] == 2.0).all() and found.sum() == 104 + 12
+    found, recorded = commands.weights(), commands.recorded()
+    scenes = len(recorded) * len(TASKS) * commands.SEEDS
+    assert recorded.shape[1:] == (len(TASKS) * commands.SEEDS, 150, 12) and recorded.min() >= 0 and recorded.max() <= 1
+    assert found.shape == (scenes + sum(commands.EACH.values()),) and commands.EACH.keys() == commands.TRAINING.keys()
+    tasks = found[:scenes].reshape(len(recorded), len(TASKS), commands.SEEDS)
+    assert (tasks == [[commands.WEIGHTS.get(task, 1.0)] * commands.SEEDS for task in TASKS]).all()
+    assert (tasks[:, list(TASKS).index("left_after_right")] == 2.0).all() and (found[-24:] == 2.0).all()
+
+
+def test_recordings_of_the_controllers_are_added(monkeypatch, tmp_path):
+    """Each recording goes behind the earlier ones, which stay as they were."""
+    monkeypatch.setattr(commands, "FILE", tmp_path / "commands.npz")
+    monkeypatch.setattr(commands, "SEEDS", 1)
+    monkeypatch.setattr("sys.argv", ["commands"])
+    commands.main()
+    monkeypatch.setattr(commands, "record", lambda task, seeds, first: np.full((seeds, 150, 12), 0.5))
+    first = commands.recorded()
+    commands.main()
+    both = commands.recorded()
+    assert first.shape == (1, len(TASKS), 150, 12) and np.ptp(first) > 0.5
+    np.testing.assert_array_equal(both[0], first[0])
+    assert (both[1] == 0.5).all()
 
 
 def test_shipped_bodies_are_what_a_search_may_find():
