@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration import commands, fit_search
-from benchmarks.calibration.fit_search import SEARCHED, Problem, beginning, off_trout, parameters, rounded, shortened
+from benchmarks.calibration.fit_search import SEARCHED, Problem, beginning, off_trout, parameters, rounded
 from benchmarks.common.motion import FAILED, Motion, areas, errors, play, residuals
 from benchmarks.common.roll import roll, strong_gaits
 from fish_env import TASKS, Tank, make_fish
@@ -91,21 +91,6 @@ def test_parameters_at_the_beginning(body):
         assert least < min(values) and max(values) < most
     assert make_fish(body, **rounded(given)).body.mass.sum() > 0.0
     assert rounded({"a": [0.123456, 12345.6], "b": 0.000123456}) == {"a": [0.1235, 12350.0], "b": 0.0001235}
-
-
-@pytest.mark.parametrize(
-    ("tolerance", "wanted"), [(1.0, 1.235), (1e-5, 1.23457), (1e-8, 1.23456789), (0.0, 1.234567890123)]
-)
-def test_parameters_are_shortened_as_far_as_there_is_a_body(monkeypatch, tolerance, wanted):
-    """Four digits, or six where those of four make no body; and all of them where those of nine do not either."""
-
-    def make(body, **given):
-        assert body == "planar" and given["other"] == 2.0
-        if abs(given["damping"] - 1.234567890123) > tolerance:
-            raise ValueError("there is no such body")
-
-    monkeypatch.setattr(fit_search, "make_fish", make)
-    assert shortened("planar", {"damping": 1.234567890123}, {"other": 2.0}) == {"damping": wanted}
 
 
 def test_scenes_that_count_more():

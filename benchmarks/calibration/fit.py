@@ -33,8 +33,8 @@ from benchmarks.calibration.fit_search import (
     magnification,
     off_trout,
     parameters,
+    rounded,
     shipped,
-    shortened,
 )
 from benchmarks.common.motion import Motion, errors, play, record
 from benchmarks.common.roll import roll
@@ -121,7 +121,7 @@ def search(job) -> tuple[float, dict]:
     body, seed, limit, base = job
     contractions, finest, counts = training(body)
     found = Problem(body, contractions, finest, limit, base, counts).solve(seed)
-    return float(found.cost), shortened(body, parameters(body, found.x), base)
+    return float(found.cost), rounded(parameters(body, found.x))
 
 
 def kept_search(job) -> tuple[float, dict]:

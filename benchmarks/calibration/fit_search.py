@@ -102,24 +102,9 @@ def parameters(body: str, point) -> dict:
 
 
 def rounded(given: dict, digits=4) -> dict:
-    """Parameters of so many significant digits."""
+    """Parameters of so many significant digits, as they are shipped."""
     short = {name: [float(f"{v:.{digits}g}") for v in np.ravel(value)] for name, value in given.items()}
     return {name: value[0] if np.ndim(given[name]) == 0 else value for name, value in short.items()}
-
-
-def shortened(body: str, given: dict, base: dict) -> dict:
-    """Parameters of four significant digits, as they are shipped, or of more where those of four make no body.
-
-    A search may end at the border of the masses that have the outline's inertia.
-    """
-    for digits in (4, 6, 9):
-        short = rounded(given, digits)
-        try:
-            make_fish(body, **base, **short)
-        except ValueError:
-            continue
-        return short
-    return given
 
 
 def shipped(body: str) -> dict:

@@ -12,6 +12,7 @@ import numpy as np
 
 WATER_DENSITY = 1000.0  # kg/m3; the fish displaces its own mass of it
 MOST_STEPS, TOLERANCE = 60, 1e-12  # of Newton's method, and of what is left over the total
+ROUNDING = 1e-14  # of the potential, which is about one: no step is shortened for a rise that small
 LARGEST = 20.0  # logarithm of a factor on a mass
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact for polynomials of degree 11
 
@@ -112,7 +113,7 @@ def matched(mass, position, wanted: Moments, solid: bool) -> np.ndarray:
             return now * wanted.mass
         step = np.linalg.solve((rows * now) @ rows.T, off)
         part = 1.0
-        while potential(factors - part * step) > potential(factors) and part > 1e-6:
+        while potential(factors - part * step) > potential(factors) + ROUNDING and part > 1e-6:
             part *= 0.5
         factors = factors - part * step
     raise ValueError(
