@@ -93,6 +93,16 @@ def test_masses_are_the_nearest_in_relative_entropy():
         assert entropy(other) > entropy(found)
 
 
+def test_masses_are_found_whatever_is_given():
+    """Whether masses have the moments depends on where the nodes are, not on the masses to start from."""
+    generator = np.random.default_rng(0)
+    for factor in np.exp(generator.uniform(np.log(0.25), np.log(4.0), (500, 7))):
+        mass = tu.masses(replace(PARAMETERS, mass_factor=tuple(factor)))
+        found = moments(mass, tu.shape(PARAMETERS))
+        assert found.mass == pytest.approx(WANTED.mass, rel=1e-11) and mass.min() > 0.0
+        np.testing.assert_allclose([found.centre, found.inertia[2]], [WANTED.centre, WANTED.inertia[2]], rtol=1e-9)
+
+
 def test_what_cannot_be_had_is_refused():
     """Nodes on the outline cannot have its roll inertia; nor does any outline do."""
     position = tu.shape(PARAMETERS)
