@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.calibration import fit_search
+from benchmarks.calibration import commands, fit_search
 from benchmarks.calibration.commands import FILE, TRAINING, UNSEEN, drawn, training_scenes, weights
 from benchmarks.calibration.fit_search import (
     FOLDER,
@@ -125,8 +125,11 @@ def search(job) -> tuple[float, dict]:
 
 
 def kept_search(job) -> tuple[float, dict]:
-    """What `search` finds; read from KEPT if the same code has run this search to its end before."""
-    code = Path(__file__).read_bytes() + Path(fit_search.__file__).read_bytes() + FILE.read_bytes()
+    """What `search` finds; read from KEPT if the same code has run this search to its end before.
+
+    A job says of which `mass_spring` a body is made: the package may hold another one the next time.
+    """
+    code = b"".join(Path(path).read_bytes() for path in (__file__, fit_search.__file__, commands.__file__, FILE))
     name = hashlib.sha256(f"{job} {source_hash()}".encode() + code).hexdigest()[:16]
     path = KEPT / f"fit-{name}.json"
     if not path.exists():
@@ -198,10 +201,17 @@ def best_of(found: list) -> int:
 def fit(bodies) -> None:
     """Ship the best of the searches of each body; `planar` and `two_layer` are made of `mass_spring`."""
     for body in bodies:
-        found = searches([(body, seed, LIMIT, {}) for seed in SEEDS[body]])
+        base = {} if body == "mass_spring" else fitted()
+        found = searches([(body, seed, LIMIT, base) for seed in SEEDS[body]])
         best = best_of(found)
         print(f"{body}: half the squares {', '.join(f'{cost:.4f}' for cost, _ in found)}")
         write(body, found[best][1], SEEDS[body][best])
+
+
+def fitted() -> dict:
+    """The parameters of the package's `mass_spring` that a search finds."""
+    kept = shipped("mass_spring")
+    return {name: kept[name] for name in parameters("mass_spring", fit_search.beginning("mass_spring")[0])}
 
 
 def spread(bodies) -> list[dict]:
