@@ -12,14 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.calibration.commands import SEEDS, recorded
+from benchmarks.calibration.commands import recorded
 from benchmarks.calibration.fit import finest_motion
 from benchmarks.common.motion import errors, play
 from benchmarks.common.tables import write_csv
 from fish_env import TASKS, make_fish
 from fish_env.bodies import Fish
+from fish_env.body import make_body
 
 COMMAND = "python -m benchmarks.calibration.coarse_water"
+EACH = 3  # recorded scenes of each task
 SHORTER = 5  # times shorter steps, where the water pushes a few light nodes
 
 
@@ -45,12 +47,14 @@ def variants() -> dict[str, Fish]:
     marks = fish.landmarks
     coarse = np.ascontiguousarray(marks.node[marks.faces])
     middle = np.where(coarse[:, 2:3] == coarse[:, 3:4], [[1 / 3, 1 / 3, 1 / 6, 1 / 6]], 0.25)
-    own = fish.body.faces
+    solid, springs = fish.body, fish.body.springs
 
     def on(nodes, share, drag):
-        count = len(nodes)
-        faces = own._replace(nodes=nodes, share=share, drag=np.full(count, drag), depth=np.zeros(count))
-        return replace(fish, body=fish.body._replace(faces=faces), time_step=fish.time_step / SHORTER)
+        body = make_body(
+            solid.position, solid.mass, springs.nodes, springs.stiffness, springs.damping, springs.rest_length, nodes,
+            share=share, drag=np.full(len(nodes), drag), tets=solid.tets,
+        )  # fmt: skip
+        return replace(fish, body=body, time_step=fish.time_step / SHORTER)
 
     return {
         "its own faces": fish,
@@ -62,14 +66,15 @@ def variants() -> dict[str, Fish]:
 def main() -> None:
     """The command line."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    contractions, rows = recorded()[-1], []
+    scenes, rows = recorded()[-1], []
+    contractions = scenes.reshape(len(TASKS), -1, *scenes.shape[1:])[:, :EACH].reshape(-1, *scenes.shape[1:])
     finest = finest_motion(contractions)
     tasks = list(TASKS)
     for name, fish in variants().items():
         motion = play(fish, contractions)
         off = errors(motion, finest, fish.control_interval)
         for k, task in enumerate(tasks):
-            part = slice(SEEDS * k, SEEDS * (k + 1))
+            part = slice(EACH * k, EACH * (k + 1))
             rows.append({"faces": name, "task": task, "failed": sum(map(bool, motion.failure[part]))} | {
                 quantity: f"{off[quantity][part].mean():.4g}" for quantity in ("speed", "turn", "path", "sweep", "all")
             })  # fmt: skip
