@@ -399,7 +399,7 @@ CALIBRATION = (
     ),
     Result(
         "calibration.fit", "parameters of the other bodies, fitted in motion to the finest one",
-        "-m benchmarks.calibration.fit", 20,
+        "-m benchmarks.calibration.fit", 40,
         tuple(f"fish_env/bodies/{name}.json" for name in ("mass_spring", "planar", "two_layer")),
         ("benchmarks.calibration.fit:search",), data=(FINEST, "benchmarks/calibration/task_commands.npz"), by_name=True,
     ),
