@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.calibration import commands, fit_search
+from benchmarks.calibration import commands, fit, fit_search
 from benchmarks.calibration.fit_search import SEARCHED, Problem, beginning, off_trout, parameters, rounded
 from benchmarks.common.motion import FAILED, Motion, areas, errors, play, residuals
 from benchmarks.common.roll import roll, strong_gaits
@@ -126,6 +126,27 @@ def test_recordings_of_the_controllers_are_added(monkeypatch, tmp_path):
     assert first.shape == (1, len(TASKS), 150, 12) and np.ptp(first) > 0.5
     np.testing.assert_array_equal(both[0], first[0])
     assert (both[1] == 0.5).all()
+
+
+def test_kept_searches_say_of_which_body_they_are(monkeypatch, tmp_path):
+    """A search is read again for the same job and the same recordings, and made for another base or other ones."""
+    made = []
+
+    def search(job):
+        made.append(job)
+        return 1.0, {"shear": 0.5}
+
+    monkeypatch.setattr(fit, "search", search)
+    monkeypatch.setattr(fit, "KEPT", tmp_path)
+    monkeypatch.setattr(fit, "FILE", tmp_path / "commands.npz")
+    fit.FILE.write_bytes(b"one")
+    jobs = [("planar", 1, 0.001, {"damping": value}) for value in (1.0, 2.0)]
+    found = [fit.kept_search(job) for job in (jobs[0], jobs[0], jobs[1])]
+    assert made == jobs and found == [(1.0, {"shear": 0.5})] * 3
+    fit.FILE.write_bytes(b"two")
+    fit.kept_search(jobs[0])
+    assert made == [*jobs, jobs[0]]
+    assert make_fish("planar", **fit.fitted()).body.mass.tolist() == make_fish("planar").body.mass.tolist()
 
 
 def test_shipped_bodies_are_what_a_search_may_find():
