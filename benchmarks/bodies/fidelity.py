@@ -137,14 +137,14 @@ def chart(rows: list[dict]) -> Path:
             x, y = 1e3 * float(row["cost_s_per_s"]), 100 * float(row["error"])
             bars = [[y - 100 * float(row["low"])], [100 * float(row["high"]) - y]]
             ax.errorbar(x, y, bars, fmt="o", color=colours[row["body"]], capsize=3)
-            place = {"planar": (-14, -15), "tetrahedral 2": (-30, 8)}.get(label(row), (6, 4))
+            place = {"planar": (-14, -17), "two_layer": (4, 8), "tetrahedral 2": (-20, -15)}.get(label(row), (6, 4))
             ax.annotate(label(row), (x, y), xytext=place, textcoords="offset points", fontsize=8)
         for tolerance in TOLERANCES:
             ax.axhline(100 * tolerance, color="0.85", lw=0.8, zorder=0)
             best = least_expensive(rows, task, tolerance)
             if best:
                 ax.plot(1e3 * float(best["cost_s_per_s"]), 100 * float(best["error"]), "o", ms=13, mfc="none", mec="k")
-        ax.set(xscale="log", yscale="log", xlim=(0.1, 5000), ylim=(0.3, 100), title=task.replace("_", " "))
+        ax.set(xscale="log", yscale="log", xlim=(0.03, 5000), ylim=(0.3, 100), title=task.replace("_", " "))
         ax.set_yticks(ticks := [0.5, 1, 2, 5, 10, 20, 50, 100], [f"{tick:g}" for tick in ticks])
         ax.set_yticks([], minor=True)
     for ax in axes[-1]:
