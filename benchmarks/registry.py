@@ -393,7 +393,7 @@ CALIBRATION = (
         data=(), by_name=True,
     ),
     Result(
-        "calibration.commands", "what the motor controllers command in each task, to which bodies are fitted",
+        "calibration.commands", "adds what the motor controllers command in each task to what bodies are fitted to",
         "-m benchmarks.calibration.commands", 1, ("benchmarks/calibration/task_commands.npz",),
         ("benchmarks.calibration.commands:main",), data=(DEFAULT, MOTOR), by_name=True,
     ),

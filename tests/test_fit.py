@@ -110,7 +110,8 @@ def test_scenes_that_count_more():
     assert found.shape == (scenes + sum(commands.EACH.values()),) and commands.EACH.keys() == commands.TRAINING.keys()
     tasks = found[:scenes].reshape(len(recorded), len(TASKS), commands.SEEDS)
     assert (tasks == [[commands.WEIGHTS.get(task, 1.0)] * commands.SEEDS for task in TASKS]).all()
-    assert (tasks[:, list(TASKS).index("left_after_right")] == 2.0).all() and (found[-24:] == 2.0).all()
+    assert (tasks[:, list(TASKS).index("left_after_right")] == 2.0).all()
+    assert (found[-commands.EACH["sprints"] :] == 2.0).all()
 
 
 def test_recordings_of_the_controllers_are_added(monkeypatch, tmp_path):
