@@ -142,7 +142,8 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
                              "value": rounded(value), "low": rounded(low), "high": rounded(high), "seeds": len(runs),
                              "episodes": EPISODES})  # fmt: skip
                 print(rows[-1], flush=True)
-    write_csv(f"learning/trained_with_{integrator}.csv", rows, f"{COMMAND} --integrator {integrator}")
+    step = f" --dt {settings['dt']:g}" if "dt" in settings else ""
+    write_csv(f"learning/trained_with_{integrator}.csv", rows, f"{COMMAND} --integrator {integrator}{step}")
     write_text(PAGE, filled(PAGE.read_text()))
 
 

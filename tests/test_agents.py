@@ -252,6 +252,8 @@ def test_another_integrator_is_published(tmp_path, monkeypatch):
     rows = records.read_rows(tmp_path / "learning/trained_with_semi_implicit.csv")
     assert [row["moved_by"] for row in rows] == ["semi_implicit"] * 3 + ["the default"] * 3
     assert {row["dt"] for row in rows} == {"0.002"} and {row["seeds"] for row in rows} == {"1"}
+    text = (tmp_path / "learning/trained_with_semi_implicit.csv").read_text()
+    assert "# command: python train.py all --integrator semi_implicit --dt 0.002\n" in text
     text = page.read_text()
     assert text.startswith("before") and text.endswith("after\n") and text.count("| swim | speed, BL/s |") == 1
     assert len([line for line in text.splitlines() if line.startswith("| swim") and line.count("|") == 6]) == 3
