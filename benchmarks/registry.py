@@ -426,7 +426,7 @@ LEARNING = (
     ),
     Result(
         "learning.semi_implicit", "every task trained with Tu's method, three seeds each, beside the default",
-        "train.py all --integrator semi_implicit --dt 0.000625", 120,
+        "train.py all --integrator semi_implicit --dt 0.000625", 60,
         (f"{RESULTS}learning/trained_with_semi_implicit.csv",),
         ("agents.results:publish_method", "agents.train:train", BATCH), data=(DEFAULT,), by_name=True,
     ),
