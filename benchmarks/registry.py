@@ -487,6 +487,11 @@ LEARNING = (
         data=(DEFAULT, GAIT, POLICIES),
     ),
     Result(
+        "learning.optimal_control_feedback", "recorded commands of the policy, changed by little, without feedback",
+        "-m benchmarks.learning.optimal_control --feedback", 0.1, csv("optimal_control_feedback"),
+        ("benchmarks.learning.optimal_control:feedback_rows",), data=(DEFAULT, POLICIES),
+    ),
+    Result(
         "learning.muscles", "muscles at a limited rate beside first-order activation: swimming, reversals, transfer",
         "-m benchmarks.learning.muscles", 7, csv("muscles"), ("benchmarks.learning.muscles:run", BATCH),
     ),

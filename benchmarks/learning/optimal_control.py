@@ -1,6 +1,8 @@
 """How much faster could the fish swim? Optimal control with a receding horizon, beside gait and trained policy.
 
-    python -m benchmarks.learning.optimal_control     writes results/optimal_control.csv (half an hour on a core)
+    python -m benchmarks.learning.optimal_control              writes results/optimal_control.csv (half an hour on a core)
+    python -m benchmarks.learning.optimal_control --feedback   recorded commands of the policy, changed by little:
+                                                               results/optimal_control_feedback.csv (seconds)
 
 The commands of every segment's sides, for every 20 ms of the next 0.4 to 1 s, are variables of their own: no stroke is
 repeated and no waveform is assumed. L-BFGS-B maximises the distance from where the episode of 5 s began, with gradients
@@ -31,6 +33,8 @@ HORIZONS = (0.4, 0.6, 0.8, 1.0)  # s
 AGAIN = 0.1  # s, until plans are made again
 RANDOM = 3  # searches that begin with random commands
 DIFFERENCE = 1e-2  # of a command, by which the gradient is taken
+DEVIATIONS = (0.0, 1e-8, 1e-6, 1e-4, 1e-2, 0.1)  # standard deviations of a change of recorded commands
+REPLAYS = 100
 
 GoOn = Callable[[int], np.ndarray]
 """What a search begins with: commands (count,6) from where the fish of the episode is."""
@@ -156,13 +160,38 @@ def planned(episode: Episode, search: Search, plan: np.ndarray, go_on: GoOn, ite
     return of_next
 
 
+def feedback_rows(episode: Episode) -> list[dict]:
+    """Speeds under what the policy commanded in an episode, every command changed at random, with nobody to correct."""
+    interval, generator, rows = episode.fish.control_interval, np.random.default_rng(0), []
+    episode.begin()
+    commands = episode.by_policy(round(SECONDS / interval))
+    tank = Tank(episode.fish, REPLAYS, water=episode.fish.water)
+    for deviation in DEVIATIONS:
+        changed = commands + deviation * generator.standard_normal((REPLAYS, *commands.shape))
+        changed = np.clip(changed, 0.0, 1.0)
+        tank.reset()
+        for k in range(len(commands)):
+            tank.drive(changed[:, k, episode.pairs], round(interval / tank.dt))
+        speed = distances(tank, episode.mass) / SECONDS
+        rows.append({
+            "deviation": deviation, "speed": f"{speed.mean():.4g}", "least": f"{speed.min():.4g}",
+            "most": f"{speed.max():.4g}", "replays": REPLAYS,
+        })  # fmt: skip
+        print(rows[-1], flush=True)
+    return rows
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--iterations", type=int, default=15, help="at most, of each search (15)")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--feedback", action="store_true", help="only what becomes of the policy's recorded commands")
     chosen = parser.parse_args()
     episode, rows = Episode(), []
+    if chosen.feedback:
+        print(write_csv("optimal_control_feedback.csv", feedback_rows(episode), f"{COMMAND} --feedback"))
+        return
 
     def note(name: str, horizon: float | str, speeds: tuple[float, float]) -> None:
         rows.append({"begun_with": name, "horizon": horizon, "speed": f"{speeds[0]:.4g}", "steady": f"{speeds[1]:.4g}"})
