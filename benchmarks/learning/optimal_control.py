@@ -1,6 +1,6 @@
 """How much faster could the fish swim? Optimal control with a receding horizon, beside gait and trained policy.
 
-    python -m benchmarks.learning.optimal_control              writes results/optimal_control.csv (half an hour on a core)
+    python -m benchmarks.learning.optimal_control              results/optimal_control.csv (half an hour on a core)
     python -m benchmarks.learning.optimal_control --feedback   recorded commands of the policy, changed by little:
                                                                results/optimal_control_feedback.csv (seconds)
 
