@@ -145,7 +145,7 @@ RESULTS: dict[str, Result] = {
 }  # fmt: skip
 
 
-FINE_TUNING = {"timesteps": 98_304, "num_envs": 128, "rollout": 8, "batch_size": 512, "learning_rate": 2e-3}
+FINE_TUNING = {"timesteps": 98_304, "num_envs": 64, "rollout": 16, "batch_size": 512, "learning_rate": 2e-3}
 """What is different when a policy starts from a trained one: 96 small updates at a high rate, not twelve large ones. On
 another body it recovers so what it could (`benchmarks/learning/transfer.py` measures it)."""
 
