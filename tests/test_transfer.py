@@ -121,6 +121,7 @@ def test_runs_and_their_policies(tmp_path, monkeypatch):
     monkeypatch.setattr(transfer_runs, "TASKS", {"swim": 16_384})
     monkeypatch.setitem(FINE_TUNING, "timesteps", 8192)
     learnt, tuned = (transfer_runs.Run("swim", *rest) for rest in (("planar", 0), ("mass_spring", 0, "planar")))
+    assert tuned.begun_with() == tuned._replace(seed=3).begun_with() == learnt
     for run in (learnt, tuned):
         transfer_runs.learn(run, tmp_path)
     assert list(transfer_runs.stops_of(learnt, tmp_path)) == [0, 8192, 16_384]

@@ -91,7 +91,7 @@ def curve_rows(trained: list[Run], tuned: list[Run], root: Path) -> list[dict]:
     """The score on the finest body along every run; a fine-tuning counts the seconds of the run that it began with."""
     rows = []
     for run in (*trained, *(run for run in tuned if run.body == FINEST)):
-        before = max(stops_of(run._replace(body=run.source, source=""), root).values()) if run.source else 0.0
+        before = max(stops_of(run.begun_with(), root).values()) if run.source else 0.0
         for stop, seconds in stops_of(run, root).items():
             scores = measured(run, root, stop, FINEST, None, BODIES[FINEST])
             rows.append({

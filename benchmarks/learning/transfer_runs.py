@@ -25,7 +25,9 @@ from fish_env.control import Scores, evaluate, evaluation_options, load_policy, 
 TASKS = {"swim": 1_000_000, "left_after_right": 2_000_000}
 """Environment steps of training."""
 SEEDS = {"swim": 3, "left_after_right": 2}
-"""A seed of the second takes the tetrahedra a quarter of an hour."""
+"""Of training. A seed of the second takes the tetrahedra four minutes."""
+TUNINGS = {"swim": 3, "left_after_right": 6}
+"""Seeds of fine-tuning from every other body, which take the trained seeds in turn."""
 STOPS, SHORT_STOPS = 8, 4
 """Checkpoints of a run."""
 BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 50, "tetrahedral": 25}
@@ -44,6 +46,10 @@ class Run(NamedTuple):
 
     def folder(self, root: Path) -> Path:
         return root / self.task / (f"{self.source}_to_{self.body}" if self.source else self.body) / f"seed_{self.seed}"
+
+    def begun_with(self) -> "Run":
+        """The training that a fine-tuning begins with."""
+        return Run(self.task, self.source, self.seed % SEEDS[self.task])
 
     def config(self) -> TrainConfig:
         config = replace(on_body(CONFIGS[self.task], self.body), timesteps=TASKS[self.task])
@@ -82,7 +88,7 @@ def learn(run: Run, root: Path) -> None:
     env = make_env(config, config.num_envs, run.seed)
     model = make_model(config, env, run.seed)
     if run.source:
-        start_from(model, PPO.load(Run(run.task, run.source, run.seed).folder(root) / "model.zip", device="cpu"))
+        start_from(model, PPO.load(run.begun_with().folder(root) / "model.zip", device="cpu"))
     update = config.num_envs * config.rollout
     whole = -(-config.timesteps // update)
     stops = {update * round(whole * k / n) for n in [SHORT_STOPS if run.source else STOPS] for k in range(n + 1)}
@@ -151,12 +157,17 @@ def in_parallel(work: list[tuple], jobs: int | None, what: str) -> None:
 
 def runs(tasks: list[str], bodies: list[str]) -> tuple[list[Run], list[Run]]:
     """Training runs and fine-tuning runs, first seeds first."""
-    found = [
+    every = [
         Run(task, body, seed)
-        for seed in range(max(SEEDS.values()))
+        for seed in range(max(max(SEEDS.values()), max(TUNINGS.values())))
         for task in tasks
         for body in bodies
-        if seed < SEEDS[task]
     ]
-    tuned = [run._replace(source=source) for run in found for source in bodies if source != run.body]
+    found = [run for run in every if run.seed < SEEDS[run.task]]
+    tuned = [
+        run._replace(source=source)
+        for run in every
+        for source in bodies
+        if source != run.body and run.seed < TUNINGS[run.task]
+    ]
     return found, tuned
