@@ -26,6 +26,7 @@ from benchmarks.learning.transfer_chart import chart, saving_rows
 from benchmarks.learning.transfer_runs import (
     BODIES,
     FINEST,
+    SEEDS,
     TASKS,
     VALIDATION_EPISODES,
     VALIDATION_LEVEL,
@@ -88,9 +89,12 @@ def matrix_rows(trained: list[Run], tuned: list[Run], root: Path) -> list[dict]:
 
 
 def curve_rows(trained: list[Run], tuned: list[Run], root: Path) -> list[dict]:
-    """The score on the finest body along every run; a fine-tuning counts the seconds of the run that it began with."""
+    """The score on the finest body along every run; a fine-tuning counts the seconds of the run that it began with.
+
+    Of each run, only the first fine-tuning is one of these.
+    """
     rows = []
-    for run in (*trained, *(run for run in tuned if run.body == FINEST)):
+    for run in (*trained, *(run for run in tuned if run.body == FINEST and run.seed < SEEDS[run.task])):
         before = max(stops_of(run.begun_with(), root).values()) if run.source else 0.0
         for stop, seconds in stops_of(run, root).items():
             scores = measured(run, root, stop, FINEST, None, BODIES[FINEST])
