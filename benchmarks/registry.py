@@ -469,7 +469,7 @@ LEARNING = (
     ),
     Result(
         "learning.transfer", "policies trained on one body, replayed and fine-tuned on others; reuses finished runs",
-        "-m benchmarks.learning.transfer", 240,
+        "-m benchmarks.learning.transfer", 60,
         csv("transfer_matrix", "transfer_curves", "transfer_savings") + images("transfer.svg"),
         ("benchmarks.learning.transfer_runs:learn", "benchmarks.learning.transfer_runs:measured",
          "benchmarks.learning.transfer_runs:runs", "benchmarks.learning.transfer_chart:saving_rows", BATCH),
@@ -477,7 +477,7 @@ LEARNING = (
     ),
     Result(
         "learning.transfer_shipped", "the shipped policies and the motor controllers on every body",
-        "-m benchmarks.learning.transfer --shipped", 15, csv("transfer"),
+        "-m benchmarks.learning.transfer --shipped", 1, csv("transfer"),
         ("benchmarks.learning.transfer:shipped_rows", BATCH), data=(BODIES, POLICIES, MOTOR),
     ),
     Result(

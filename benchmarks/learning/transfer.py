@@ -2,7 +2,7 @@
 
 python -m benchmarks.learning.transfer             train on every body, replay on every other, fine-tune there:
                                                    results/transfer_*.csv and docs/images/transfer.svg
-                                                   (four hours; it can be interrupted and resumed at any time)
+                                                   (an hour on two cores; it can be interrupted and resumed at any time)
 python -m benchmarks.learning.transfer --chart     the chart only, from the CSVs
 python -m benchmarks.learning.transfer --shipped   the shipped policies on the other bodies: results/transfer.csv
 
