@@ -36,7 +36,7 @@ DIFFERENCE = 1e-2  # of a command, by which the gradient is taken
 DEVIATIONS = (0.0, 1e-8, 1e-6, 1e-4, 1e-2, 0.1)  # standard deviations of a change of recorded commands
 REPLAYS = 100
 
-GoOn = Callable[[int], np.ndarray]
+Continuation = Callable[[int], np.ndarray]
 """What a search begins with: commands (count,6) from where the fish of the episode is."""
 
 
@@ -144,7 +144,7 @@ def swum(episode: Episode, plan: Callable[[], np.ndarray], progress: str) -> tup
     return whole / SECONDS, (whole - half) / (SECONDS - STEADY)
 
 
-def planned(episode: Episode, search: Search, plan: np.ndarray, go_on: GoOn, iterations: int) -> Callable:
+def planned(episode: Episode, search: Search, plan: np.ndarray, extend: Continuation, iterations: int) -> Callable:
     """A function that returns the commands of the next 0.1 s; every plan begins with what is left of the last one."""
     again = round(AGAIN / episode.fish.control_interval)
 
@@ -154,7 +154,7 @@ def planned(episode: Episode, search: Search, plan: np.ndarray, go_on: GoOn, ite
         with episode.imagined():
             for command in better:
                 episode.execute(command)
-            plan = np.concatenate([better[again:], go_on(again)])
+            plan = np.concatenate([better[again:], extend(again)])
         return better[:again]
 
     return of_next
@@ -175,7 +175,7 @@ def feedback_rows(episode: Episode) -> list[dict]:
         speed = distances(tank, episode.mass) / SECONDS
         rows.append({
             "deviation": deviation, "speed": f"{speed.mean():.4g}", "least": f"{speed.min():.4g}",
-            "most": f"{speed.max():.4g}", "replays": REPLAYS,
+            "most": f"{speed.max():.4g}", "failed": int((~tank.alive).sum()), "replays": REPLAYS,
         })  # fmt: skip
         print(rows[-1], flush=True)
     return rows
@@ -197,22 +197,22 @@ def main() -> None:
         rows.append({"begun_with": name, "horizon": horizon, "speed": f"{speeds[0]:.4g}", "steady": f"{speeds[1]:.4g}"})
         print(rows[-1], flush=True)
 
-    def random(seed: int) -> GoOn:
-        """Random commands to begin a search with, and the last command of a plan, held, to go on with it."""
+    def random(seed: int) -> Continuation:
+        """Random commands to begin a search with, and the last command of a plan, held, to extend it."""
         generator = np.random.default_rng(seed)
         return lambda count: (
             np.repeat(episode.last[None], count, axis=0) if episode.periods else generator.uniform(size=(count, 6))
         )
 
     known = {"trained policy": episode.by_policy, "gait": episode.by_gait}
-    for name, go_on in known.items():
-        note(f"{name}, nothing planned", "", swum(episode, lambda go_on=go_on: go_on(1), name))
+    for name, extend in known.items():
+        note(f"{name}, nothing planned", "", swum(episode, lambda extend=extend: extend(1), name))
     for horizon in HORIZONS:
         periods = round(horizon / episode.fish.control_interval)
         search = Search(periods, episode, chosen.threads)
-        for name, go_on in (known | {f"random commands {k + 1}": random(k) for k in range(RANDOM)}).items():
+        for name, extend in (known | {f"random commands {k + 1}": random(k) for k in range(RANDOM)}).items():
             episode.begin()
-            plan = planned(episode, search, go_on(periods), go_on, chosen.iterations)
+            plan = planned(episode, search, extend(periods), extend, chosen.iterations)
             note(name, horizon, swum(episode, plan, f"{name}, {horizon} s"))
     print(write_csv("optimal_control.csv", rows, COMMAND))
 
