@@ -5,6 +5,7 @@ from typing import Any
 
 from gymnasium.spaces import flatdim
 from stable_baselines3 import PPO
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.config import TrainConfig
@@ -103,6 +104,6 @@ def start_from(model: PPO, other: PPO) -> None:
     model.policy.load_state_dict(mine)
 
 
-def export_policy(model: PPO, about: dict[str, Any]) -> Policy:
+def export_policy(model: BaseAlgorithm, about: dict[str, Any]) -> Policy:
     """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
-    return equivariant.export_policy(model.policy, about, synergies(batch_of(model.get_env())))
+    return equivariant.export_policy(model, about, synergies(batch_of(model.get_env())))

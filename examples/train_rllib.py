@@ -162,7 +162,7 @@ def policy_of(algorithm: PPO, args: Args) -> Policy:
     about = {"env_id": args.env_id, "env_options": json.loads(args.env_options), "seed": args.seed}
     algorithm.env_runner_group.sync_weights(from_worker_or_learner_group=algorithm.learner_group, inference_only=True)
     module = algorithm.get_module()
-    return export_policy(module.policy, about)
+    return export_policy(module.policy, about, raw=True)
 
 
 def train(algorithm: PPO, args: Args) -> None:

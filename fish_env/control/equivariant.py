@@ -11,12 +11,22 @@ This module loads torch and Stable-Baselines3, of the extra [train]; nothing els
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
 
 try:
     import torch
+    from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.policies import ActorCriticPolicy
+    from stable_baselines3.common.running_mean_std import RunningMeanStd
     from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor, MlpExtractor
+    from stable_baselines3.common.vec_env import (
+        VecCheckNan,
+        VecEnvWrapper,
+        VecMonitor,
+        VecNormalize,
+        VecVideoRecorder,
+    )
     from torch import nn
 except ImportError as error:
     raise ImportError(
@@ -25,6 +35,9 @@ except ImportError as error:
 
 from fish_env.control.policy import Policy
 from fish_env.envs import FishVectorEnv
+
+HARMLESS = (VecMonitor, VecCheckNan, VecNormalize, VecVideoRecorder)
+"""Wrappers that change neither observations nor actions, `VecNormalize` where it normalises returns only."""
 
 
 class Reflection(NamedTuple):
@@ -155,36 +168,109 @@ class EquivariantPolicy(ActorCriticPolicy):
         return super()._get_constructor_parameters() | {"reflection": self.reflection}
 
 
-def export_policy(policy: ActorCriticPolicy, about: Mapping[str, Any], combine: np.ndarray | None = None) -> Policy:
-    """The mean action of a trained policy as a `Policy`, which numpy alone can run.
+def export_policy(
+    model: BaseAlgorithm | ActorCriticPolicy,
+    about: Mapping[str, Any],
+    combine: np.ndarray | None = None,
+    raw: bool = False,
+) -> Policy:
+    """The mean action of a trained model as a `Policy`, which numpy alone can run.
+
+    The scaling of observations, that of `ScaledObservation` and of `VecNormalize`, is folded into the first layer.
 
     Args:
-        policy: `model.policy`, an `EquivariantPolicy` or an ordinary one, with `ScaledObservation` or without; its
-            hidden layers have tanh.
+        model: a PPO or A2C with the environment that it was trained in; or a policy alone, with `raw`. The policy is an
+            `EquivariantPolicy` or an ordinary one, with `ScaledObservation` or without; its hidden layers have tanh.
         about: what the file says of it: env_id, env_options, and whatever else a reader should know.
-        combine: matrix (A,A') from the policy's actions to those of the environment; None if they are the same.
+        combine: matrix (A,A') from the policy's actions to those of the environment, if a wrapper combines them; None
+            if they are the same.
+        raw: says of a policy alone, which does not know its environment, that its observations are the environment's.
 
     Raises:
-        ValueError: for hidden layers without tanh, or observations that are neither raw nor scaled by fixed numbers.
+        ValueError: for a model that does otherwise than such layers on the environment's observations, saying why: of
+            another algorithm, other layers, actions that are squashed, or a wrapper that changes what is observed or
+            done.
     """
-    _check_export(policy)
+    if isinstance(model, BaseAlgorithm):
+        policy, (offset, scale) = model.policy, _observed(model, combine is not None)
+    elif raw:
+        policy, offset, scale = model, 0.0, 1.0
+    else:
+        raise ValueError("a policy does not know whether its observations are normalised; give the model, or raw=True")
+    if not isinstance(policy, ActorCriticPolicy) or type(policy) not in (ActorCriticPolicy, EquivariantPolicy):
+        raise ValueError(f"a {type(policy).__name__} is not exported; train PPO or A2C with an MlpPolicy")
+    _check_export(policy, combine)
     weights, biases = plain_layers(policy)
     if combine is not None:
         weights[-1], biases[-1] = weights[-1] @ combine.T, combine @ biases[-1]
     scaler = policy.pi_features_extractor
-    if isinstance(scaler, ScaledObservation):  # its numbers are folded into the first layer
-        weights[0] /= scaler.scale.double().numpy()[:, None]
-        biases[0] -= scaler.offset.double().numpy() @ weights[0]
+    if isinstance(scaler, ScaledObservation):
+        offset = offset + scale * scaler.offset.double().numpy()
+        scale = scale * scaler.scale.double().numpy()
+    weights[0] = weights[0] / np.broadcast_to(scale, len(weights[0]))[:, None]
+    biases[0] = biases[0] - np.broadcast_to(offset, len(weights[0])) @ weights[0]
     weights, biases = (tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases))
+    if not all(np.isfinite(array).all() for array in (*weights, *biases)):
+        raise ValueError("the policy holds numbers that are not finite: its training has diverged")
     return Policy(weights, biases, about)
 
 
-def _check_export(policy: ActorCriticPolicy) -> None:
-    given = torch.linspace(-3.0, 3.0, 61)
+def _observed(model: BaseAlgorithm, combined: bool) -> tuple[Any, Any]:
+    """Offset and scale, (D,) or numbers, of a model's observations: (obs - offset) / scale; ValueError for others."""
+    env, offset, scale = model.get_env(), np.float64(0.0), np.float64(1.0)
+    if env is None:
+        raise ValueError("the model has no environment, which may normalise; give it one: model.set_env(env)")
+    for kind in (gym.ObservationWrapper, gym.ActionWrapper):
+        if any(env.env_is_wrapped(kind)):
+            raise ValueError(f"its environment has a {kind.__name__}, which a policy file does not have; leave it out")
+    while isinstance(env, VecEnvWrapper):
+        if isinstance(env, VecNormalize) and env.norm_obs:
+            _check_clipping(model, env)
+            statistics: Any = env.obs_rms
+            spread = np.sqrt(statistics.var + env.epsilon)
+            offset, scale = statistics.mean + spread * offset, spread * scale
+        elif not isinstance(env, HARMLESS) and not combined:
+            raise ValueError(f"its environment has a {type(env).__name__}, which a policy file does not have")
+        env = env.venv
+    assert env is not None  # under its wrappers there is one
+    seen, shown = model.observation_space.shape, env.observation_space.shape
+    if seen != shown:
+        raise ValueError(f"the policy sees observations of shape {seen}, the environment shows {shown}")
+    return offset, scale
+
+
+def _check_clipping(model: BaseAlgorithm, env: VecNormalize) -> None:
+    """Raise ValueError unless `clip_obs`, which layers cannot do, is beyond all that is, or was lately, observed."""
+    space, statistics = env.observation_space, env.obs_rms
+    if not isinstance(space, gym.spaces.Box) or not isinstance(statistics, RunningMeanStd):
+        raise ValueError(f"observations are a {type(space).__name__}; train on a Box")
+    reach = [(bound - statistics.mean) / np.sqrt(statistics.var + env.epsilon) for bound in (space.low, space.high)]
+    buffer = getattr(model, "rollout_buffer", None)
+    seen = buffer.observations if buffer is not None and buffer.full else np.inf
+    if min(np.abs(reach).max(), np.abs(seen).max()) >= env.clip_obs:
+        raise ValueError(
+            f"VecNormalize clips observations at {env.clip_obs}, which layers cannot do, and none may be beyond it in "
+            "the last rollout; train with clip_obs=numpy.inf, or export right after learn()"
+        )
+
+
+def _check_export(policy: ActorCriticPolicy, combine: np.ndarray | None) -> None:
+    """Raise ValueError unless a policy is tanh layers from a vector to actions that are clipped to [-1, 1]."""
+    given, actions = torch.linspace(-30.0, 30.0, 601), policy.action_space
+    if not isinstance(actions, gym.spaces.Box) or not isinstance(policy.action_net, nn.Linear | EquivariantActions):
+        raise ValueError(f"actions are a {type(actions).__name__}; train on a Box")
+    if combine is None and not (np.all(actions.low == -1.0) and np.all(actions.high == 1.0)):
+        raise ValueError("actions are not from -1 to 1, to which a policy file clips them; train without rescaling")
+    if policy.squash_output:
+        raise ValueError("actions are squashed by tanh, which a policy file cannot; train with squash_output=False")
+    if len(policy.observation_space.shape or ()) != 1:
+        raise ValueError(f"observations have shape {policy.observation_space.shape}; train on one vector, (D,)")
+    if type(policy.mlp_extractor) not in (MlpExtractor, EquivariantExtractor):
+        raise ValueError(f"hidden layers are a {type(policy.mlp_extractor).__name__}; train with net_arch=[...]")
     for layer in policy.mlp_extractor.policy_net:
         if not isinstance(layer, nn.Linear) and not torch.allclose(layer(given), given.tanh(), atol=1e-5):
             raise ValueError(f"a hidden layer has {type(layer).__name__}; train with activation_fn=torch.nn.Tanh")
-    if not isinstance(policy.pi_features_extractor, ScaledObservation | FlattenExtractor):
+    if type(policy.pi_features_extractor) not in (ScaledObservation, FlattenExtractor):
         name = type(policy.pi_features_extractor).__name__
         raise ValueError(f"observations pass {name}; train with equivariant_options(env), or on raw observations")
 
