@@ -16,9 +16,13 @@ python train.py play runs/swim/<time>/policy.npz     watch it in a window (or --
 
 import argparse
 import os
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
+MOST_THREADS = 1024
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
@@ -75,8 +79,8 @@ def parse() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Run a command."""
+def run(arguments: argparse.Namespace, came: list[int]) -> None:
+    """Run a command; `came` gets the signals that are to stop it."""
     if arguments.command == "evaluate":
         from agents.report import measure
 
@@ -105,7 +109,7 @@ def run(arguments: argparse.Namespace) -> None:
         runs = arguments.runs or Path("runs", f"all_{integrator}" if integrator else "all")
         if arguments.dt is not None and integrator is None:
             raise ValueError("--dt goes with --integrator: name the method whose step it is")
-        train_all(runs, arguments.tasks, arguments.jobs, integrator, arguments.dt, arguments.ray)
+        train_all(runs, arguments.tasks, arguments.jobs, integrator, arguments.dt, arguments.ray, lambda: bool(came))
         if integrator is None:
             publish(runs, arguments.tasks)
         else:
@@ -113,38 +117,83 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         import torch
 
-        torch.set_num_threads(arguments.torch_threads)
         from agents.train import Request, train
+
+        if not 1 <= arguments.torch_threads <= MOST_THREADS:
+            raise ValueError(f"--torch-threads is {arguments.torch_threads}; give 1 to {MOST_THREADS}")
+        torch.set_num_threads(arguments.torch_threads)
 
         train(
             Request(
                 arguments.command, arguments.seed, arguments.runs, arguments.folder, arguments.resume,
                 arguments.start_from, arguments.body, learner=arguments.learner, integrator=arguments.integrator,
                 dt=arguments.dt, pictures=not arguments.no_pictures,
-                changes={"timesteps": arguments.timesteps, "num_envs": arguments.num_envs},
+                changes={"timesteps": arguments.timesteps, "num_envs": arguments.num_envs}, stopped=lambda: bool(came),
             )
         )  # fmt: skip
 
 
-def main() -> int:
-    """Run a command; errors that a user can correct are printed without a traceback."""
-    for name in THREADS:  # before numpy and torch are loaded
-        os.environ.setdefault(name, "1")
-    arguments = parse()
-    from gymnasium.error import Error
+@contextmanager
+def stopped_once() -> Iterator[list[int]]:
+    """A context in which SIGTERM and SIGHUP do what Ctrl-C does; after the first of them, no other interrupts.
 
+    A second one would end the saving. It yields the list of those that came. `nohup` works as usual.
+    """
+    came: list[int] = []
+
+    def stop(number, frame):
+        came.append(number)
+        if len(came) == 1:
+            raise KeyboardInterrupt
+
+    numbers, hangup = [signal.SIGINT, signal.SIGTERM], getattr(signal, "SIGHUP", None)  # Windows has none
+    if hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN:
+        numbers.append(hangup)
+    before = {number: signal.signal(number, stop) for number in numbers}
     try:
-        run(arguments)
-    except (ValueError, OSError, RuntimeError, MemoryError, Error) as error:
-        print(f"train.py: {error}", file=sys.stderr)
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+
+
+def say(text: str) -> None:
+    """Print beside the output, unless the terminal is gone."""
+    with suppress(OSError):
+        print(text, file=sys.stderr)
+
+
+def carry_out(came: list[int]) -> int:
+    """Run the command of the command line; errors that a user can correct are printed without a traceback."""
+    known: tuple[type[Exception], ...] = (ValueError, OSError, RuntimeError, MemoryError)
+    try:
+        from gymnasium.error import Error
+
+        known += (Error,)
+        run(parse(), came)
+    except ImportError as error:
+        say(f'train.py: {error}; install it, in the checkout: pip install -c constraints.txt -e ".[train]"')
+        return 2
+    except known as error:
+        say(f"train.py: {error}")
         return 2
     except KeyboardInterrupt as stop:
         if type(stop) is KeyboardInterrupt:  # else it was said already what was saved
-            print("\nStopped.", file=sys.stderr)
-        if arguments.command == "all":
-            print(f"Resume: python train.py {' '.join(sys.argv[1:])}", file=sys.stderr)
-        return 130
+            say("\nStopped.")
+        if sys.argv[1:2] == ["all"]:
+            say(f"Resume: python train.py {' '.join(sys.argv[1:])}")
+        return 128 + signal.SIGINT
     return 0
+
+
+def main() -> int:
+    """The command line; its exit status is 128 and the number of the signal, if one has stopped it."""
+    for name in THREADS:  # before numpy and torch are loaded
+        os.environ.setdefault(name, "1")
+    saves = sys.argv[1:2] not in [["evaluate"], ["compare"], ["report"], ["play"]]
+    with stopped_once() if saves else nullcontext([]) as came:
+        status = carry_out(came)
+    return 128 + came[0] if came else status
 
 
 if __name__ == "__main__":

@@ -3,9 +3,9 @@
 None of what is written meanwhile is worth the training: what a full disk does not take is reported, and left out.
 """
 
-import os
 import threading
 import time
+from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -141,23 +141,17 @@ class Checkpoint(Writing):
             self._last = time.perf_counter()
 
 
-class EndsWith(BaseCallback):
-    """Stops the training, as Ctrl-C does, when the program that started it is gone: `train.py all`, if it was killed.
+class EndsIf(BaseCallback):
+    """Stops the training, as Ctrl-C does, as soon as a condition holds."""
 
-    Args:
-        starter: the number of its process.
-    """
-
-    def __init__(self, starter: int):
+    def __init__(self, condition: Callable[[], bool]):
         super().__init__()
-        self.starter = starter
+        self.condition = condition
 
     def _on_step(self) -> bool:
-        return True
-
-    def _on_rollout_end(self) -> None:
-        if os.getppid() != self.starter:
+        if self.condition():
             raise KeyboardInterrupt
+        return True
 
 
 class Events(KVWriter):
@@ -217,4 +211,4 @@ def without_tracebacks_of_writers():
 def save_model(model, path: Path) -> None:
     """Save a model so that an interruption leaves either the old file or the new one, never a part of it."""
     with replacing(path) as partial:
-        model.save(partial)
+        model.save(partial, exclude=["_last_obs", "_last_episode_starts"])  # large, and a run resumes with new episodes

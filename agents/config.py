@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 from fish_env import make_fish
-from fish_env.checks import is_whole, real
+from fish_env.checks import fits_memory, is_whole, real
 from fish_env.tank_options import check_scene, method_for, whole_steps
 
 
@@ -43,38 +44,65 @@ class TrainConfig:
         return math.exp(-control_interval / self.horizon)
 
 
+GIVEN = {"self", "id", "task", "num_envs", "seed", "monitor", "staggered", "autoreset_mode", "render_mode"}
+"""Keywords of environments that a training or an evaluation gives itself."""
+
+MOST = 2**53  # of any count: more are not told apart as floats, which logs hold
+LAYERS = 100
+SAMPLE, WEIGHT = 1024, 64  # bytes, about: a step of a fish in the buffer; a weight with what Adam keeps of it
+
+
 def settings_of(record: dict[str, Any]) -> TrainConfig:
     """The settings that `config.json` of a run holds, as JSON gave them back.
 
     Raises:
-        ValueError: if they are of another version of this program, or of another kind.
+        ValueError: if they are of another version of this program, of another kind, or not allowed.
     """
     try:
         lists: dict[str, Any] = {name: _tuples(value) for name, value in record.items()}
         config = TrainConfig(**lists)
     except TypeError as error:
         raise ValueError(
-            f"the settings {sorted(record)} are not those of this version ({error}); train again"
+            f"the settings {sorted(record)!s:.400} are not those of this version ({error!s:.200}); train again"
         ) from error
+    check_settings(config)
+    return config
+
+
+def check_settings(config: TrainConfig) -> None:
+    """Raise ValueError for a setting of another kind or out of its range, or for more than memory holds."""
     for name, usual in vars(TrainConfig("")).items():
         value = getattr(config, name)
         if isinstance(usual, float):
             fits, wanted = abs(real(value)) < math.inf, "a finite number"
         elif isinstance(usual, tuple) or type(usual) is int:
             numbers = value if isinstance(value, tuple) and isinstance(usual, tuple) else (value,)
-            fits, wanted = all(is_whole(each) and each >= 1 for each in numbers), "whole numbers, at least 1"
+            fits = 1 <= len(numbers) <= LAYERS and all(is_whole(each) and 1 <= each <= MOST for each in numbers)
+            wanted = f"whole numbers, at least 1 and at most {MOST}"
         else:
             fits, wanted = isinstance(value, type(usual)), f"a {type(usual).__name__}"
         if not fits:
-            raise ValueError(f"{name} is {value!r}; give {wanted}")
-    return config
+            raise ValueError(f"{name} is {value!r:.100}; give {wanted}")
+    samples = config.num_envs * config.rollout
+    if min(config.batch_size, samples) < 2:
+        raise ValueError("batch_size, or num_envs times rollout, is 1; give more, whose advantages can be normalised")
+    if config.horizon <= 0:
+        raise ValueError(f"horizon is {config.horizon!r}; give a positive number")
+    given = sorted(GIVEN & (config.env_options.keys() | config.training_options.keys()))
+    if given:
+        raise ValueError(f"{', '.join(given)} cannot be options of the environment here; leave them out")
+    fits_memory(samples, SAMPLE, "num_envs times rollout")
+    weights = sum(a * b for a, b in pairwise((256, *config.hidden, 256)))
+    fits_memory(weights, WEIGHT, f"the number of weights of layers of {config.hidden!r:.100}")
 
 
-def _tuples(value):
-    """Lists as tuples, also inside of dicts: as they were before they became JSON."""
+def _tuples(value, deepest: int = 8):
+    """Lists as tuples, also inside of dicts: as they were before they became JSON; ValueError for deeper ones."""
+    if not deepest:
+        raise ValueError("they are nested too deeply")
     if isinstance(value, dict):
-        return {name: _tuples(inner) for name, inner in value.items()}
-    return tuple(value) if isinstance(value, list) else value
+        return {name: _tuples(inner, deepest - 1) for name, inner in value.items()}
+    return tuple(_tuples(inner, deepest - 1) for inner in value) if isinstance(value, list) else value
 
 
 @dataclass(frozen=True)

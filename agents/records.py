@@ -7,6 +7,7 @@ import csv
 import os
 import platform
 import subprocess
+from contextlib import suppress
 from datetime import date
 from importlib.metadata import version
 from io import StringIO
@@ -29,7 +30,10 @@ def provenance(command: str) -> dict[str, str]:
     """
 
     def git(*arguments):
-        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+        with suppress(OSError):  # there is no git
+            done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
+            return done.stdout.strip()
+        return ""
 
     commit = git("describe", "--always")
     if commit and git("status", "--porcelain", "--", *CODE, *WRITTEN):

@@ -2,9 +2,8 @@
 
 import json
 import os
-import time
-from collections.abc import Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,40 +15,31 @@ from stable_baselines3.common.callbacks import CallbackList
 from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
 from agents.callbacks import (
     Checkpoint,
-    EndsWith,
+    EndsIf,
     LearningCurve,
     Progress,
     SurvivingEvents,
     save_model,
     without_tracebacks_of_writers,
 )
-from agents.config import CONFIGS, RESULTS, TrainConfig, fine_tuning, moved_by, settings_of
+from agents.config import CONFIGS, RESULTS, TrainConfig, check_settings, fine_tuning, moved_by, settings_of
 from agents.fast_ppo import FastPPO
 from agents.records import provenance
 from agents.report import report
-from agents.saved_run import joined_versions, keep_of_other_versions, read_curve, read_model, read_record
+from agents.run_folder import check_installed, checked_folder, locked, new_folder
+from agents.saved_run import (
+    joined_versions,
+    keep_of_other_versions,
+    read_curve,
+    read_record,
+    restore,
+)
 from agents.train_all import PARENT
 from fish_env import BODIES, make_fish
-from fish_env.control.files import writable_folder, write_text
+from fish_env.checks import is_whole
+from fish_env.control.files import write_text
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-
-
-def new_folder(root: Path, task: str) -> Path:
-    """An empty runs/<task>/<time>/, never one that exists."""
-    stamp = time.strftime("%Y-%m-%d_%H-%M-%S")
-    for suffix in ("", *(f"_{k}" for k in range(2, 100))):
-        folder = root / task / (stamp + suffix)
-        try:
-            writable_folder(folder.parent)
-            folder.mkdir()
-            return folder
-        except FileExistsError:
-            continue
-    raise FileExistsError(f"{root / task / stamp} and 98 like it exist")
+SEEDS = 2**32  # numpy's and Stable-Baselines3's are below
 
 
 @dataclass(frozen=True)
@@ -81,6 +71,8 @@ class Request:
     """Make the pictures, the video and the table beside the baselines; else only evaluate the policy."""
     changes: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `TrainConfig` to use instead of the task's; None is ignored."""
+    stopped: Callable[[], bool] = bool
+    """Whether it is to stop, as by Ctrl-C: where C calls Python, an interruption by an exception may be lost."""
 
 
 class Stopped(KeyboardInterrupt):
@@ -93,6 +85,7 @@ def train(request: Request) -> Path:
     Everything that is asked for is checked, and the folder is tried, before anything is computed or changed.
 
     Raises:
+        ImportError: if a package that is needed, or this one, is not installed.
         ValueError: for an unknown task, body or learner, a setting that is not allowed, a run to start from that does
             not fit, files of a saved run that cannot be used, a folder that holds a run already, or one that cannot be
             written to.
@@ -100,25 +93,28 @@ def train(request: Request) -> Path:
         RuntimeError: if another program is training in the folder, or if the trained model cannot be saved.
         Stopped: after Ctrl-C, when the model is saved and it was said how to resume.
     """
+    check_installed()
     task, resumed = request.task, None
     if request.learner not in LEARNERS:
         raise ValueError(f"unknown learner {request.learner!r}; choose from {', '.join(LEARNERS)}")
     if request.resume is not None:
         resumed = _saved_run(Path(request.resume), task, "resume")
     config, seed = _settings(request, resumed)
-    start = None if request.start is None else read_model(Path(request.start) / "model.zip", PPO)
-    folder = _folder(request)
-    with locked(folder):
-        env = make_env(config, config.num_envs, seed)
+    start = None if request.start is None else _start(Path(request.start), task)
+    with closing(make_env(config, config.num_envs, seed)) as env, locked(_folder(request)) as folder:
         model = _model(request, config, seed, env, folder, start)
         read_curve(folder / "curve.csv")
         if resumed is not None:
             keep_of_other_versions(folder, resumed)
         _write_config(folder, request, config, seed, resumed)
         print(how_it_learns(model))
-        finished = learn(model, config, folder, RESULTS[task].score)
-        env.close()
-        _save(model, folder, {"task": task, "env_id": config.env_id, "env_options": config.env_options})
+        finished = learn(model, config, folder, RESULTS[task].score, request.stopped)
+        about = {"task": task, "env_id": config.env_id, "env_options": config.env_options}
+        try:
+            _save(model, folder, about)
+        except KeyboardInterrupt:  # it came just then, and `train.py` hears no second one
+            _save(model, folder, about)
+            finished = False
         if not finished:
             print(f"\nStopped after {model.num_timesteps:,} environment steps; the model is saved in {folder}.")
             print(f"Resume:   python train.py {task} --resume {folder}")
@@ -154,12 +150,10 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
         usual = CONFIGS[task] if request.start is None else fine_tuning(CONFIGS[task])
-        config, seed = replace(usual, **changes), request.seed or 0
+        config, seed = replace(usual, **changes), 0 if request.seed is None else request.seed
         if request.body is not None:
             config = on_body(config, request.body)
         config = moved_by(config, request.integrator, request.dt)
-        if request.start is not None:
-            _saved_run(Path(request.start), task, "start from")
     else:
         if any(each is not None for each in (request.body, request.integrator, request.dt, request.start)):
             raise ValueError(
@@ -169,28 +163,29 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
         config, seed = replace(settings_of(resumed["config"]), **changes), resumed["seed"]
         if request.seed not in (None, seed):
             raise ValueError(f"the run was begun with --seed {seed}, not {request.seed}; leave --seed out to resume it")
-    for name, value, least in (("timesteps", config.timesteps, 1), ("num_envs", config.num_envs, 1), ("seed", seed, 0)):
-        if value < least:
-            raise ValueError(f"{name} is {value}; give a whole number, at least {least}")
+    if not is_whole(seed) or not 0 <= seed < SEEDS:
+        raise ValueError(f"seed is {seed!r}; give a whole number, at least 0 and below {SEEDS}")
+    check_settings(config)
     return config, seed
 
 
 def _folder(request: Request) -> Path:
     """The folder of the run, made if it is missing; ValueError if it holds another run or cannot be written to."""
     if request.resume is not None:
-        return writable_folder(request.resume)
+        return checked_folder(Path(request.resume), request.task)
     if request.folder is None:
-        return new_folder(request.root, request.task)
-    if (Path(request.folder) / "model.zip").exists():
-        how = f"python train.py {request.task} --resume {request.folder}"
-        raise ValueError(f"{request.folder} holds a run; resume it with: {how}")
-    return writable_folder(request.folder)
+        return new_folder(Path(request.root), request.task)
+    folder = Path(request.folder)
+    if os.path.lexists(folder / "model.zip"):
+        raise ValueError(f"{folder} holds a run; resume it with: python train.py {request.task} --resume {folder}")
+    return checked_folder(folder, request.task)
 
 
 def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, start: PPO | None) -> PPO:
     """The learner: a fresh one, one that starts from that of another run, or that of the run to resume."""
     if request.resume is not None:
-        model = read_model(folder / "model.zip", LEARNERS[request.learner], env)
+        model = make_model(config, env, seed, folder / "tensorboard", request.learner)
+        restore(model, folder / "model.zip")
         if request.changes.get("timesteps") and model.num_timesteps > config.timesteps:
             raise ValueError(
                 f"{folder} was trained for {model.num_timesteps:,} environment steps already; give --timesteps of at "
@@ -214,24 +209,12 @@ def how_it_learns(model: PPO) -> str:
     return "Learning with compiled kernels; the first time, compiling them takes some seconds."
 
 
-@contextmanager
-def locked(folder: Path):
-    """Lock the folder for this program; RuntimeError if another one is training in it. Ends when this program does."""
-    with (folder / "lock").open("w") as file:
-        if fcntl is not None:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise RuntimeError(f"another program is training in {folder}; wait for it, or end it first") from error
-        yield
-
-
-def learn(model: PPO, config: TrainConfig, folder: Path, score: str) -> bool:
-    """Train to the configured number of timesteps; False if Ctrl-C stopped it first."""
+def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Callable[[], bool]) -> bool:
+    """Train to the configured number of timesteps; False if Ctrl-C, or what `stopped` says, stopped it first."""
     checkpoint = Checkpoint(folder / "model.zip")
-    callbacks = [SurvivingEvents(), Progress(), LearningCurve(folder / "curve.csv", score), checkpoint]
-    if os.environ.get(PARENT, "").isdigit():
-        callbacks.append(EndsWith(int(os.environ[PARENT])))
+    callbacks = [SurvivingEvents(), Progress(), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
+    if os.environ.get(PARENT, "").isdigit():  # `train.py all`, which may be killed
+        callbacks.append(EndsIf(lambda: os.getppid() != int(os.environ[PARENT])))
     left = config.timesteps - model.num_timesteps
     if left <= 0:
         return True
@@ -264,6 +247,13 @@ def _saved_run(folder: Path, task: str, purpose: str) -> dict:
     if saved["task"] != task:
         raise ValueError(f"{folder} is a run of task {saved['task']!r}, not {task!r}")
     return saved
+
+
+def _start(folder: Path, task: str) -> PPO:
+    """The learner of the trained run of a task in a folder, to start another one from."""
+    config = settings_of(_saved_run(folder, task, "start from")["config"])
+    with closing(make_env(config, 2, 0)) as env:
+        return restore(make_model(config, env, 0), folder / "model.zip")
 
 
 def _write_config(folder: Path, request: Request, config: TrainConfig, seed: int, resumed: dict | None) -> None:

@@ -3,13 +3,13 @@
 For Linux and macOS.
 """
 
-import csv
 import os
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from agents.config import CONFIGS, RESULTS, TrainConfig, moved_by, settings_of
 from agents.ray_jobs import PARENT, run_on_ray
-from agents.saved_run import read_record
+from agents.saved_run import not_through_link, read_curve, read_record
 from fish_env.control.files import writable_folder
 
 POLL = 2.0  # s between two looks at the runs
@@ -49,11 +49,9 @@ class Job:
         """Environment steps so far."""
         if self.finished:
             return self.config.timesteps
-        try:
-            with (self.folder / "curve.csv").open() as file:
-                return int(list(csv.DictReader(file))[-1]["timesteps"])
-        except (OSError, IndexError, ValueError):
-            return 0
+        with suppress(ValueError, IndexError):  # there is no row yet
+            return int(read_curve(self.folder / "curve.csv")[-1].split(",")[0])
+        return 0
 
     def check(self) -> None:
         """ValueError if the folder holds what cannot be used, or was trained with other settings than the task has."""
@@ -86,7 +84,8 @@ class Job:
             if processor is not None:
                 os.sched_setaffinity(0, {processor})
 
-        with (self.folder / "log.txt").open("a") as log:  # in a session of its own: Ctrl-C reaches it once, from here
+        # in a session of its own: Ctrl-C reaches it once, from here
+        with open(self.folder / "log.txt", "a", opener=not_through_link) as log:
             self.process = subprocess.Popen(
                 self.command(), stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True,
                 env=os.environ | {PARENT: str(os.getpid())},
@@ -100,6 +99,7 @@ def train_all(
     integrator: str | None = None,
     dt: float | None = None,
     ray: str | None = None,
+    stopped: Callable[[], bool] = bool,
 ) -> list[Path]:
     """Train the runs that are not finished; returns the folders of all runs.
 
@@ -111,6 +111,7 @@ def train_all(
         integrator: a key of `fish_env.INTEGRATORS` to train with, FEWER seeds; None for the fish's own.
         dt: its step, s; None for the one that it has by itself.
         ray: address of a Ray cluster to run them on, "local" for one that is begun here; None for this machine without.
+        stopped: whether the runs are to be saved and ended, as by Ctrl-C.
 
     Raises:
         ValueError: for an unknown task, integrator or step, fewer than one job, a run with other settings than its
@@ -138,21 +139,23 @@ def train_all(
     for job in work:
         job.check()
     waiting = [job for job in work if not job.finished]
-    failed = run(waiting, work, jobs) if ray is None else run_on_ray(waiting, work, ray)
+    failed = run(waiting, work, jobs, stopped) if ray is None else run_on_ray(waiting, work, ray)
     if failed:
         logs = ", ".join(str(job.folder / "log.txt") for job in failed)
         raise RuntimeError(f"{len(failed)} of {len(work)} runs failed; see {logs}")
     return [job.folder for job in work]
 
 
-def run(waiting: list[Job], work: list[Job], jobs: int | None) -> list[Job]:
-    """Run those that wait, as many side by side as asked; returns those that failed."""
+def run(waiting: list[Job], work: list[Job], jobs: int | None, stopped: Callable[[], bool] = bool) -> list[Job]:
+    """Run those that wait, as many side by side as asked, until `stopped`; returns those that failed."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None] * (os.cpu_count() or 1)
     slots: list[Job | None] = [None] * (jobs or len(processors))
     total, done, failed = sum(job.config.timesteps for job in work), sum(job.steps for job in work), []
-    with interruptible(), tqdm(total=total, initial=done, unit=" steps", unit_scale=True, desc="all tasks") as bar:
+    with tqdm(total=total, initial=done, unit=" steps", unit_scale=True, desc="all tasks") as bar:
         try:
             while waiting or any(slots):
+                if stopped():
+                    raise KeyboardInterrupt
                 for k, job in enumerate(slots):
                     if job is not None and not job.running:
                         failed += [] if job.finished else [job]
@@ -169,17 +172,6 @@ def run(waiting: list[Job], work: list[Job], jobs: int | None) -> list[Job]:
         finally:
             stop([job for job in slots if job])
     return failed
-
-
-@contextmanager
-def interruptible():
-    """A context in which SIGTERM is like Ctrl-C, also for a program in the background that was told to ignore that."""
-    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def stop(jobs: list[Job]) -> None:

@@ -153,7 +153,7 @@ def test_errors_of_gymnasium_have_no_traceback(monkeypatch, capsys):
     """What Gymnasium refuses is said in one line by train.py as well."""
     train = pytest.importorskip("train")
 
-    def refuse(arguments):
+    def refuse(*arguments):
         raise gym.error.UnregisteredEnv("no such environment")
 
     monkeypatch.setattr(train, "run", refuse)

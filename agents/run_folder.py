@@ -1,0 +1,80 @@
+"""The folder that a run is saved in: made, looked at and locked, before anything of the run is written."""
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+from agents.saved_run import check_name, not_through_link, versions
+from fish_env.control.files import writable_folder
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+NEEDED = ("tensorboard", "tqdm", "matplotlib", "moviepy")  # modules that are loaded when there is something to write
+WRITTEN = ("config.json", "curve.csv", "model.zip", "policy.npz", "results.json", "curve.png", "path.png", "lock")
+
+
+def check_installed() -> None:
+    """Raise ImportError if a package that a training needs is not installed, or this one is not."""
+    versions()
+    for name in NEEDED:
+        if find_spec(name) is None:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+def new_folder(root: Path, task: str) -> Path:
+    """An empty runs/<task>/<time>/, never one that exists; ValueError if it cannot be made."""
+    check_name(root)
+    stamp = time.strftime("%Y-%m-%d_%H-%M-%S")
+    for suffix in ("", *(f"_{k}" for k in range(2, 100))):
+        folder = root / task / (stamp + suffix)
+        try:
+            writable_folder(folder.parent)
+            folder.mkdir()
+            return folder
+        except FileExistsError:
+            continue
+    raise FileExistsError(f"{root / task / stamp} and 98 like it exist")
+
+
+def checked_folder(folder: Path, task: str) -> Path:
+    """The folder of a run, made if it is missing.
+
+    Raises:
+        ValueError: if it cannot be written to, or if what is no file, or a link, lies where the run would write.
+    """
+    check_name(folder)
+    for path in (*(folder / name for name in WRITTEN), folder / f"{task}.mp4"):
+        if os.path.lexists(path) and not path.is_file():
+            raise ValueError(f"{path} is no file, and one would be written there; move it away")
+    events = folder / "tensorboard"
+    blocked = any(path.exists() and not path.is_dir() for path in (events, *events.glob("*")))
+    if blocked or any(path.is_symlink() for path in (events, *events.rglob("*"))):
+        raise ValueError(f"{events} is no folder of folders, or holds links, which lead elsewhere; move it away")
+    return writable_folder(folder)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[Path]:
+    """Lock the folder for this program, until the context or the program ends; it yields the folder.
+
+    Raises:
+        RuntimeError: if another program is training in it.
+        ValueError: if its lock is a link, or no file that can be written to.
+    """
+    try:
+        file = open(folder / "lock", "a", opener=not_through_link)  # noqa: SIM115 - closed below
+    except OSError as error:
+        raise ValueError(f"{folder / 'lock'} cannot be used ({error.strerror}); move it away") from error
+    with file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise RuntimeError(f"another program is training in {folder}; wait for it, or end it first") from error
+        yield folder

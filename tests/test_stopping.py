@@ -1,0 +1,214 @@
+"""Runs that are stopped by a signal, and those that cannot begin: all is said in a line, nothing is lost or left."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+
+import pytest
+from pages import ROOT
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("tensorboard")
+
+import train as program
+from agents import train as training
+
+LONG = ["swim", "--timesteps", "100000000", "--num-envs", "8", "--no-pictures"]
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+on_unix = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+
+
+def hear(handler=signal.SIG_DFL):
+    """Let a program hear SIGHUP, even if the tests were begun to ignore it."""
+    signal.signal(signal.SIGHUP, handler)
+
+
+def begun(*arguments, folder, ready="curve.csv", files=1, before=hear):
+    """A program that trains in a folder: as many files of a name are there as it makes first."""
+    command = [sys.executable, str(ROOT / "train.py"), *arguments]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, preexec_fn=before
+    )
+    while len(list(folder.rglob(ready))) < files:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    return process
+
+
+def counted(folder):
+    """Environment steps of the model in a folder."""
+    with zipfile.ZipFile(folder / "model.zip") as file:
+        return json.loads(file.read("data"))["num_timesteps"]
+
+
+@on_unix
+@pytest.mark.parametrize("name", SIGNALS)
+def test_a_signal_saves_the_run(name, tmp_path):
+    """Ctrl-C, SIGTERM and SIGHUP save the model and say how to resume; so does a hail of them."""
+    number = getattr(signal, name)
+    process = begun(*LONG, "--folder", "run", folder=tmp_path)
+    for other in (number, *(getattr(signal, each) for each in SIGNALS), number):
+        process.send_signal(other)
+    said, errors = process.communicate()
+    assert process.returncode in {128 + getattr(signal, each) for each in SIGNALS} and "Traceback" not in errors
+    assert "python train.py swim --resume run" in said and counted(tmp_path / "run") >= 0
+    assert (tmp_path / "run" / "policy.npz").exists() and not list((tmp_path / "run").glob(".*"))
+    process = begun("swim", "--resume", "run", "--no-pictures", folder=tmp_path, ready="events.*", files=2)
+    process.send_signal(number)
+    said, errors = process.communicate()
+    assert process.returncode == 128 + number and "--resume run" in said and "Traceback" not in errors
+
+
+@on_unix
+def test_nohup_works_as_usual(tmp_path):
+    """A run that was begun to ignore SIGHUP goes on; SIGTERM ends it."""
+    process = begun(*LONG, "--folder", "run", folder=tmp_path, before=lambda: hear(signal.SIG_IGN))
+    process.send_signal(signal.SIGHUP)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(1.0)
+    process.terminate()
+    process.communicate()
+    assert process.returncode == 128 + signal.SIGTERM
+
+
+@on_unix
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_all_runs_are_saved_by_a_signal(name, tmp_path):
+    """`train.py all` hands a signal on: every run that is under way saves its model and ends."""
+    arguments = ("all", "--runs", "runs", "--tasks", "swim", "--jobs", "2")
+    process = begun(*arguments, folder=tmp_path, files=2)
+    process.send_signal(getattr(signal, name))
+    _, errors = process.communicate()
+    assert process.returncode == 128 + getattr(signal, name) and "Resume: python train.py all" in errors
+    for seed in range(2):
+        folder = tmp_path / "runs" / "swim" / f"seed_{seed}"
+        assert counted(folder) >= 0 and "--resume" in (folder / "log.txt").read_text()
+        with training.locked(folder):  # nobody trains there any more
+            pass
+
+
+@on_unix
+def test_a_terminal_that_is_gone(tmp_path):
+    """When the terminal closes, nothing can be printed, and the run is saved all the same."""
+    pty = pytest.importorskip("pty")
+    child, terminal = pty.fork()
+    if not child:
+        hear()
+        os.chdir(tmp_path)
+        os.execv(sys.executable, [sys.executable, str(ROOT / "train.py"), *LONG, "--folder", "run"])
+    while not (tmp_path / "run" / "curve.csv").exists():
+        time.sleep(0.05)
+    os.close(terminal)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 128 + signal.SIGHUP
+    assert counted(tmp_path / "run") >= 0 and (tmp_path / "run" / "policy.npz").exists()
+
+
+def test_a_signal_while_the_finished_model_is_saved(tmp_path, monkeypatch, capsys):
+    """It waits until the model is there, and the run says how it is evaluated."""
+    save, calls = training.save_model, []
+
+    def pressed(model, path):
+        calls.append(path)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        save(model, path)
+
+    monkeypatch.setattr(training, "save_model", pressed)
+    changes = {"timesteps": 512, "num_envs": 8}
+    with pytest.raises(training.Stopped):
+        training.train(training.Request("swim", folder=tmp_path / "run", changes=changes, pictures=False))
+    assert counted(tmp_path / "run") == 512 and f"--resume {tmp_path / 'run'}" in capsys.readouterr().out
+
+
+def test_an_interruption_that_is_lost(tmp_path, capsys):
+    """If nothing came of the exception that a signal raised, as in a callback of C, the run ends with the next step."""
+    looks, changes = [], {"timesteps": 10**8, "num_envs": 8}
+
+    def stopped():
+        looks.append(len(looks))
+        return len(looks) > 100
+
+    request = training.Request("swim", folder=tmp_path / "run", changes=changes, pictures=False, stopped=stopped)
+    with pytest.raises(training.Stopped):
+        training.train(request)
+    assert 0 < counted(tmp_path / "run") < 1024 and "Resume:" in capsys.readouterr().out
+
+
+def test_only_the_first_signal_is_heard():
+    """The handlers of before are there again afterwards."""
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    with program.stopped_once() as came:
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+    assert came == [signal.SIGTERM, signal.SIGINT, signal.SIGTERM]
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+# What cannot begin
+
+OUT_OF_RANGE = [
+    ("seed", ["-1", str(2**32), str(2**64), str(10**30)]),
+    ("num-envs", ["0", "-1", str(10**9), str(10**30)]),
+    ("timesteps", ["0", "-5", str(10**30)]),
+    ("torch-threads", ["0", "-1", str(10**9), str(10**30)]),
+    ("dt", ["nan", "0", "-1", "inf", "1e9"]),
+]
+
+
+@pytest.mark.parametrize(("option", "value"), [(option, value) for option, values in OUT_OF_RANGE for value in values])
+def test_what_is_out_of_range_is_refused_before_a_folder_is_made(option, value, tmp_path, monkeypatch, capsys):
+    """One line, and nothing at all lies in the folder."""
+    monkeypatch.chdir(tmp_path)
+    for place in ([], ["--folder", "run"]):
+        monkeypatch.setattr("sys.argv", ["train.py", "swim", f"--{option}", value, "--no-pictures", *place])
+        assert program.main() == 2
+        said = capsys.readouterr().err
+        assert said.startswith("train.py: ") and said.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("changes", [
+    {"seed": True}, {"seed": 1.0}, {"changes": {"timesteps": 1.5}}, {"changes": {"num_envs": "8"}},
+    {"changes": {"hidden": ()}}, {"changes": {"hidden": (10**9,)}}, {"changes": {"horizon": 0.0}},
+    {"changes": {"learning_rate": float("nan")}}, {"changes": {"env_options": {"body": "eel"}}},
+    {"changes": {"env_options": {"seed": 1}}}, {"changes": {"env_options": {"fins": 3}}},
+])  # fmt: skip
+def test_requests_that_are_not_allowed(changes, tmp_path):
+    """In a script too, nothing is made before all is checked."""
+    with pytest.raises(ValueError):
+        training.train(training.Request("swim", root=tmp_path / "runs", **changes))
+    assert not list(tmp_path.iterdir())
+
+
+MISSING = """import importlib.metadata, runpy, sys
+missing = sys.argv.pop(1)
+distribution = importlib.metadata.distribution
+def without(name):
+    if name == missing:
+        raise importlib.metadata.PackageNotFoundError(name)
+    return distribution(name)
+importlib.metadata.distribution = without
+if missing != "fish_env":
+    sys.modules[missing] = None
+sys.path.insert(0, {root!r})
+sys.argv[0] = {root!r} + "/train.py"
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize(
+    "missing", ["fish_env", "stable_baselines3", "torch", "tqdm", "tensorboard", "matplotlib", "gymnasium", "numba"]
+)
+def test_a_checkout_that_is_not_installed(missing, tmp_path):
+    """Without a package, or without having been installed, training says in one line what to do, and makes nothing."""
+    command = [sys.executable, "-c", MISSING.format(root=str(ROOT)), missing, "swim", "--folder", "run"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and missing in done.stderr, done.stderr
+    assert 'pip install -c constraints.txt -e ".[train]"' in done.stderr and not list(tmp_path.iterdir())
