@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from agents.build import export_policy, make_env, make_model, start_from
 from agents.config import CONFIGS, TrainConfig, fine_tuning
+from agents.saved_run import restore
 from agents.train import on_body
 from benchmarks.common.tables import provenance
 from fish_env import make_fish
@@ -88,7 +88,9 @@ def learn(run: Run, root: Path) -> None:
     env = make_env(config, config.num_envs, run.seed)
     model = make_model(config, env, run.seed)
     if run.source:
-        start_from(model, PPO.load(run.begun_with().folder(root) / "model.zip", device="cpu"))
+        source = run.begun_with()
+        other = make_model(source.config(), make_env(source.config(), 2, source.seed), source.seed)
+        start_from(model, restore(other, source.folder(root) / "model.zip"))
     update = config.num_envs * config.rollout
     whole = -(-config.timesteps // update)
     stops = {update * round(whole * k / n) for n in [SHORT_STOPS if run.source else STOPS] for k in range(n + 1)}
