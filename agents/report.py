@@ -29,7 +29,7 @@ from fish_env.control import (
     shipped_policies,
     write_video,
 )
-from fish_env.control.files import write_text
+from fish_env.control.files import replacing, write_text
 from fish_env.envs import FishVectorEnv
 
 
@@ -105,7 +105,8 @@ def draw_curve(data: Path, picture: Path, metric: str, rows: dict[str, dict]) ->
         axes.axhline(rows[name][metric], color=colour, linestyle="--", label=name)
     axes.set(xlabel="environment steps", ylabel=metric, ylim=(0, None))
     axes.legend(frameon=False)
-    figure.savefig(picture, dpi=110)
+    with replacing(picture) as partial:
+        figure.savefig(partial, dpi=110)
     plt.close(figure)
 
 
@@ -120,7 +121,8 @@ def draw_path(config: TrainConfig, policy: Policy, beside: str, picture: Path, f
             axes.plot(*track.T, color=colour, lw=1.2, label=name if i == 0 else None)
     axes.set(xlabel="along the first command, body lengths", ylabel="across, body lengths", aspect="equal")
     axes.legend(frameon=False)
-    figure.savefig(picture, dpi=110)
+    with replacing(picture) as partial:
+        figure.savefig(partial, dpi=110)
     plt.close(figure)
 
 
@@ -158,8 +160,9 @@ def opened(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Policy
     """A policy file: its task, the policy, and an environment to evaluate it in; `changes` are options of that."""
     policy = load_policy(path)
     task = policy.about.get("task")
-    if task not in CONFIGS:
-        raise ValueError(f"{path} is for task {task!r}; choose a policy for one of {', '.join(CONFIGS)}")
+    if not isinstance(task, str) or task not in CONFIGS or policy.about["env_id"] != CONFIGS[task].env_id:
+        what = f"task {task!r} in {policy.about['env_id']!r}"
+        raise ValueError(f"{path} is for {what}; choose a policy for one of {', '.join(CONFIGS)}")
     return task, policy, make_policy_env(policy, episodes, **changes)
 
 

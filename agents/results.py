@@ -5,7 +5,6 @@ benchmarks/results/learning/ gets <task>_seeds.csv (a row for each seed and cond
 each method, condition and metric, with intervals) and <task>_curves.csv; docs/images/curves.svg shows the curves.
 """
 
-import json
 import re
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from agents.config import CONFIGS, RESULTS
 from agents.records import RESULTS as TABLES
 from agents.records import pyplot, read_rows, write_csv
 from agents.report import baselines
+from agents.saved_run import read_record
 from agents.statistics import interquartile_mean, interval, rounded, seed_mean
 from fish_env.control import (
     EPISODES,
@@ -74,7 +74,7 @@ def publish(root: Path, tasks=None) -> None:
             raise FileNotFoundError(
                 f"no run of {task} in {root} is finished; resume with: python train.py all --runs {root}"
             )
-        commits = sorted({json.loads((run / "config.json").read_text())["commit"] for run in runs})
+        commits = sorted({read_record(run / "config.json")["commit"] for run in runs})
         if len(commits) > 1:
             print(f"runs of {task} are of the commits {'; '.join(commits)}: look whether the task changed between them")
         publish_task(task, runs)
@@ -131,7 +131,7 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
         runs = sorted(path.parent for path in (root / task).glob("seed_*/results.json"))
         if not runs:
             raise FileNotFoundError(f"no run of {task} in {root} is finished; resume with the command that began it")
-        settings = json.loads((runs[0] / "config.json").read_text())["config"]["env_options"]
+        settings = read_record(runs[0] / "config.json")["config"]["env_options"]
         policies = [load_policy(run / "policy.npz", CONFIGS[task].env_id) for run in runs]
         for moved, options in ((integrator, settings), ("the default", CONFIGS[task].env_options)):
             env = make_eval_env(CONFIGS[task].env_id, EPISODES, evaluation_options(options))
@@ -161,7 +161,7 @@ def method_table(rows: list[dict], integrator: str) -> str:
 
 def seed_row(run: Path, condition: str, scores: Scores) -> dict:
     """One seed under one condition: the cost of its training and the mean of every metric."""
-    config = json.loads((run / "config.json").read_text())
+    config = read_record(run / "config.json")
     rows = read_rows(run / "curve.csv")
     row = {"condition": condition, "seed": config["seed"], "timesteps": config["config"]["timesteps"],
            "training_seconds": round(float(rows[-1]["seconds"])), "resumed": config.get("resumed", 0),
@@ -183,7 +183,7 @@ def ship(runs: list[Path], scores: list[Scores], metric: str, folder: Path) -> N
 
 def curve_rows(run: Path) -> list[dict]:
     """The learning curve of a run, at most CURVE_POINTS rows."""
-    seed, rows = json.loads((run / "config.json").read_text())["seed"], read_rows(run / "curve.csv")
+    seed, rows = read_record(run / "config.json")["seed"], read_rows(run / "curve.csv")
     keep = np.unique(np.linspace(0, len(rows) - 1, min(CURVE_POINTS, len(rows))).astype(int))
     return [{"seed": seed} | {k: rows[i][k] for k in ("timesteps", "seconds", "score", "return")} for i in keep]
 

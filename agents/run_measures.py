@@ -1,6 +1,5 @@
 """What a report says of a training run: its files, episodes on the fixed seeds, and the motion of a few of them."""
 
-import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.config import RESULTS
-from agents.records import read_rows
+from agents.saved_run import CURVE, check_name, read_curve, read_record
 from fish_env.bodies import Fish
 from fish_env.control import (
     FIRST_SEED,
@@ -27,7 +25,6 @@ from fish_env.control.evaluation import Scores, episode_scores, gathered
 from fish_env.envs import FishEnv
 
 FILES = ("config.json", "curve.csv", "policy.npz")
-CURVE = ("timesteps", "seconds", "episodes", "score", "return")
 SHOWN = 3  # episodes whose motion is drawn
 
 
@@ -62,18 +59,11 @@ def read_run(folder: str | Path) -> Run:
     if missing:
         what = f"holds no {', '.join(missing)}" if folder.is_dir() else "is not a folder"
         raise ValueError(f"{folder} is no training run: it {what}; give a folder that python train.py TASK has written")
-    try:
-        saved = json.loads((folder / "config.json").read_text())
-        rows = read_rows(folder / "curve.csv")
-        curve = {name: np.array([float(row[name]) for row in rows]) for name in CURVE}
-        seed, known = saved["seed"], saved["task"] in RESULTS
-        saved["config"]["env_id"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"{folder} is no training run: its config.json or curve.csv cannot be read ({error!r}); train again"
-        ) from error
-    if not known or not isinstance(seed, int):
-        raise ValueError(f"{folder} is a run of task {saved['task']!r}, seed {seed!r}; tasks are {', '.join(RESULTS)}")
+    check_name(folder)
+    saved, names = read_record(folder / "config.json"), CURVE.split(",")
+    rows = [[float(value) for value in row.split(",")] for row in read_curve(folder / "curve.csv")]
+    table = np.array(rows).reshape(-1, len(names))
+    curve = {str(name): table[:, k] for k, name in enumerate(names)}
     return Run(folder, saved, curve, load_policy(folder / "policy.npz", saved["config"]["env_id"]))
 
 

@@ -23,6 +23,7 @@ from agents.run_measures import (
     recorded_episodes,
     tail_beat,
 )
+from agents.saved_run import check_name
 from agents.statistics import interval
 from fish_env.bodies import Fish
 from fish_env.control import EPISODES, FIRST_SEED, Recording
@@ -73,6 +74,7 @@ def write_report(folders: Sequence[str | Path], path: Path | None = None, episod
         raise ValueError(f"there is no folder; give folders of runs, with {', '.join(FILES)}")
     if path is None:
         path = Path(os.path.commonpath([run.folder for run in runs])) / "report.html"
+    check_name(path)
     path = writable_file(path, (".html",))
     sections = []
     for task in dict.fromkeys(run.task for run in runs):

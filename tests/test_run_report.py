@@ -25,7 +25,14 @@ def runs(tmp_path_factory):
         (root / name).mkdir()
         config = replace(CONFIGS["swim"], timesteps=5000, learning_rate=rate)
         command = f"python train.py swim --seed {seed} --timesteps 5000"
-        saved = {"task": "swim", "seed": seed, "config": asdict(config), "command": command, "start": None}
+        saved = {
+            "task": "swim",
+            "seed": seed,
+            "config": asdict(config),
+            "command": command,
+            "commit": "-",
+            "start": None,
+        }
         (root / name / "config.json").write_text(json.dumps(saved))
         shutil.copy(shipped_policy("swim"), root / name)
         rows = [f"{1000 * k},{k},10,{gain * k},{2 * gain * k}" for k in range(1, 6)]
@@ -90,14 +97,17 @@ def test_no_run(runs, tmp_path):
     for name in ("config.json", "policy.npz", "curve.csv"):
         shutil.copy(runs / "seed0" / name, bad)
     good = (bad / "config.json").read_text()
-    for text, message in (("{", "config.json or curve.csv cannot be read"), ("[]", "cannot be read"),
-                          (good.replace('"task": "swim"', '"task": "fly"'), "a run of task 'fly'"),
-                          (good.replace("Swim-v0", "Turn-v0"), "was trained for FishEnv/Swim-v0")):  # fmt: skip
+    for text, message in (("{", "config.json cannot be used"), ("[]", "not an object"),
+                          (good.replace('"task": "swim"', '"task": "fly"'), "not that of a task 'fly'"),
+                          (good.replace("Swim-v0", "Turn-v0"), "'FishEnv/Turn-v0' is not that of a task 'swim'"),
+                          (good.replace("FishEnv/Swim-v0", "os:Swim-v0"), "'os:Swim-v0' is not that of"),
+                          (good.replace("Swim-v0", "Turn-v0").replace('"swim"', '"turn"'),
+                           "was trained for FishEnv/Swim-v0")):  # fmt: skip
         (bad / "config.json").write_text(text)
         refused(message)
     (bad / "config.json").write_text(good)
     (bad / "curve.csv").write_text("timesteps,seconds\n1,2\n")
-    refused("cannot be read")
+    refused("line 1 of .*curve.csv is 'timesteps,seconds'")
     (bad / "curve.csv").write_text("timesteps,seconds,episodes,score,return\n")
     assert run_report.write_report([bad], tmp_path / "empty.html", 2).exists()  # interrupted before the first row
     refused("--episodes is 0", episodes=0)
