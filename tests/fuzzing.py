@@ -98,6 +98,12 @@ def arrays(draw):
 odd = st.one_of(st.sampled_from(THINGS), numbers, arrays(), st.lists(numbers, max_size=6), st.tuples(numbers, numbers))
 
 
+JSON = st.recursive(st.one_of(st.none(), st.booleans(), st.integers(-5, 10**30), st.floats(), st.text(max_size=5)),
+                    lambda inner: st.one_of(st.lists(inner, max_size=2), st.dictionaries(st.text(max_size=5), inner,
+                                            max_size=2)), max_leaves=4)  # fmt: skip
+"""What a JSON file may hold."""
+
+
 def scaled(array):
     """Near what is allowed: an array of the right shape, one number of it anything."""
 

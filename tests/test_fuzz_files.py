@@ -10,7 +10,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from fuzzing import CALLS, call, examples, odd
+from fuzzing import CALLS, JSON, call, examples, odd
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -152,9 +152,6 @@ def test_odd_parts_of_policies(place, data):
     read_policy(place)
 
 
-JSON = st.recursive(st.one_of(st.none(), st.booleans(), st.integers(-5, 10**30), st.floats(), st.text(max_size=5)),
-                    lambda inner: st.one_of(st.lists(inner, max_size=2), st.dictionaries(st.text(max_size=5), inner,
-                                            max_size=2)), max_leaves=4)  # fmt: skip
 IDS = ["FishEnv/Stub-v0", "FishEnv/Stub", "Stub", "", "CartPole-v1", "nowhere:FishEnv/Stub-v0", ":", "fish_env:Stub-v0",
        "json:FishEnv/Stub-v0", "FishEnv/Stub-v99", "a b", "FishEnv/", "../x", "fish_env:"]  # fmt: skip
 KEYWORDS = st.dictionaries(

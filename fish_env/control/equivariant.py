@@ -20,13 +20,7 @@ try:
     from stable_baselines3.common.policies import ActorCriticPolicy
     from stable_baselines3.common.running_mean_std import RunningMeanStd
     from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor, MlpExtractor
-    from stable_baselines3.common.vec_env import (
-        VecCheckNan,
-        VecEnvWrapper,
-        VecMonitor,
-        VecNormalize,
-        VecVideoRecorder,
-    )
+    from stable_baselines3.common.vec_env import VecCheckNan, VecEnvWrapper, VecMonitor, VecNormalize, VecVideoRecorder
     from torch import nn
 except ImportError as error:
     raise ImportError(
