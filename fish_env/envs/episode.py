@@ -133,7 +133,7 @@ class Episodes(Settled):
         self._see = make_look(self._kernels)
         self._step = None
         if engine is not None:
-            self._step = make_step(engine.names, engine.method, self._kernels, self._env.type)
+            self._step = make_step(engine.names, engine.method.make_run, self._kernels, self._env.type)
 
     def __getstate__(self):
         return self.__dict__ | {"_env": None, "_envs": None, "_see": None, "_step": None}
