@@ -109,7 +109,7 @@ def _value(value: Any, seen) -> Iterator[bytes]:
         yield from _all(value, seen)
     elif isinstance(value, dict):
         yield from _all((tuple(value), tuple(value.values())), seen)
-    elif kind is frozenset:
+    elif isinstance(value, frozenset):
         yield b"".join(sorted(b"\n".join(_value(each, {})) for each in value))
     else:
         yield _name(value)
