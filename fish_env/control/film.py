@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fish_env._data import data
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.recording import Recording, env_of
 from fish_env.control.video import SLOWER, VIDEOS, load_writer, write_video
@@ -19,7 +20,7 @@ from fish_env.envs import FishEnv
 from fish_env.failures import FAILURES
 
 PAGE = ".html"
-HERE = Path(__file__).parent
+HERE = data("fish_env.control")
 SCRIPTS = ("film.js", "film_player.js")
 LARGEST = 3_000_000  # bytes of a page
 STATES = 10_000  # of all episodes together: a page with more leaves out every second, third ... one

@@ -16,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fish_env._data import data
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array, positive_array, real
 
-MOTOR_FILE = Path(__file__).parent / "motor_controllers.json"
+MOTOR_FILE = data("fish_env.control", "motor_controllers.json")
 
 
 @dataclass(frozen=True)

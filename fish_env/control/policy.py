@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
+from fish_env._data import data
+from fish_env.checks import as_floats
 from fish_env.control.files import DAMAGED, replacing
 from fish_env.envs.layout import LAYOUT_VERSION
 
 FORMAT = 2
 """Format of a policy file. Format 1 lacked the version of the observation layout."""
 
-PRETRAINED = Path(__file__).parent / "pretrained"
+PRETRAINED = data("fish_env.control", "pretrained")
 """Folder of the shipped policies: <task>/policy.npz, with the settings of its training in <task>/config.json."""
 
 
@@ -33,7 +35,12 @@ class Policy:
     """Version of the observation layout that it was trained with."""
 
     def __call__(self, obs: np.ndarray) -> np.ndarray:
-        """Actions (..., A) for observations (..., D)."""
+        """Actions (..., A) for observations (..., D); ValueError for what are no real numbers, such as text."""
+        if type(obs) is not np.ndarray or obs.dtype.kind not in "fiub":
+            try:
+                obs = as_floats(obs)
+            except (TypeError, OverflowError, RecursionError) as error:
+                raise ValueError(f"the observation is {obs!r} ({error}); give real numbers") from error
         h = np.array(obs, np.float32, order="C")  # in another order products are rounded otherwise
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             h = np.tanh(h @ weight + bias)
@@ -59,7 +66,8 @@ class Policy:
 
 def shipped_policies() -> dict[str, Path]:
     """The policy files that come with the package, by the name of what they were trained for."""
-    return {path.parent.name: path for path in sorted(PRETRAINED.glob("*/policy.npz"))}
+    found = {folder.name: folder / "policy.npz" for folder in PRETRAINED.iterdir()}
+    return {name: path for name, path in sorted(found.items()) if path.is_file()}
 
 
 def shipped_policy(task: str) -> Path:
@@ -86,7 +94,7 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
         ValueError: if it is truncated, pickled, of another format, observation layout or environment, or if its layers
             do not fit together.
     """
-    path = Path(path)
+    path = Path(path) if isinstance(path, str) else path  # one in a zip archive is no Path
     if not path.is_file():
         shipped = ", ".join(shipped_policies())
         raise FileNotFoundError(
