@@ -129,7 +129,7 @@ def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, layout: Layou
     b = num_envs
     return {
         "action": np.zeros((b, int(groups.max()) + 1)),
-        "groups": groups,
+        "groups": np.array(groups),  # the kernels' own: they do not look whether a muscle is there
         "contraction": np.zeros((b, groups.size)),
         "starts": np.array([part.start for part in layout]),
         "limits": np.array([part.limit for part in layout]),
