@@ -130,9 +130,9 @@ def gathered(results: list[dict[str, float]]) -> Scores:
 def episode_scores(infos: dict[str, Any], i: int) -> dict[str, float]:
     """The numbers of fish i in the infos of a batch."""
     scores = {"return": sum(v[i] for k, v in infos["terms"].items() if not k.startswith("_"))}
-    scores["failed"] = bool(infos["failure"][i]) if "failure" in infos else False
+    scores["failed"] = bool(infos["failure"][i])
     for name, values in infos.items():
-        if not name.startswith("_") and name not in ("terms", "failure"):
+        if not name.startswith("_") and name not in ("terms", "failure", "is_success"):  # a copy of "success"
             scores[name] = values[i]
     return {name: float(value) for name, value in scores.items()}
 

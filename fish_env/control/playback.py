@@ -115,6 +115,6 @@ def _episode(policy: Policy, env: gym.Env, bare: FishEnv, seed: int) -> Iterator
 
 def summary(info: dict[str, Any]) -> str:
     """The metrics of an episode in one line, from its `episode_info`."""
-    numbers = {name: float(value) for name, value in info.items() if name not in ("terms", "failure")}
+    numbers = {name: float(value) for name, value in info.items() if name not in ("terms", "failure", "is_success")}
     said = ", ".join(f"{name} {value:.2f}" for name, value in numbers.items() if np.isfinite(value))
-    return said + (f"; ended by {info['failure']}" if "failure" in info else "")
+    return said + (f"; ended by {info['failure']}" if info["failure"] else "")
