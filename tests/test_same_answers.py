@@ -233,13 +233,14 @@ def test_seeds(seed):
 def test_seeds_that_are_not_allowed(seed):
     """Anything else is refused with one error, and the generators stay."""
     single, batch, vec = gym.make(STUB), gym.make_vec(STUB, 2), sb3(num_envs=2)
-    states = []
     for env, seeded in ((single, single.reset), (batch, batch.reset), (vec, vec.seed)):
         env.reset()
-        states.append(drawn(env) if env is not vec else b"")
+        fish = {single: single.unwrapped.fish, batch: batch.unwrapped, vec: vec.fish}[env]
+        before = repr([generator.bit_generator.state for generator in fish.np_random])
         for error in (gym.error.Error, ValueError):
             with pytest.raises(error, match=r"seed is .*; give .*whole number, zero or more"):
                 seeded(seed=seed)
+        assert repr([generator.bit_generator.state for generator in fish.np_random]) == before
     with pytest.raises(gym.error.Error, match="seed is"):
         batch.reset(seed=[0, seed])
 
