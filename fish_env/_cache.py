@@ -15,12 +15,14 @@ import pickle
 import sys
 import tempfile
 import warnings
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
+from fish_env._data import data
 from fish_env._fingerprint import UnknownValueError, fingerprint
 from fish_env._progress import begin_progress, end_progress
 
@@ -28,13 +30,22 @@ CHECKSUM = 32  # bytes
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
-def source_hash(package: Path = Path(__file__).parent) -> str:
-    """Hash of every Python source file under `package` (names and bytes), 16 hexadecimal digits."""
+def source_hash(package: Path | None = None) -> str:
+    """Hash of every Python source file of a package, this one (names and bytes), 16 hexadecimal digits."""
     digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        digest.update(path.relative_to(package).as_posix().encode())
-        digest.update(path.read_bytes())
+    for name, content in _sources(data("fish_env") if package is None else package):
+        digest.update(name.encode())
+        digest.update(content)
     return digest.hexdigest()[:16]
+
+
+def _sources(folder: Path, above: str = "") -> Iterator[tuple[str, bytes]]:
+    """Names and bytes of the source files below a folder, which may lie in an archive."""
+    for each in sorted(folder.iterdir(), key=lambda each: each.name):
+        if each.is_dir():
+            yield from _sources(each, f"{above}{each.name}/")
+        elif each.name.endswith(".py"):
+            yield above + each.name, each.read_bytes()
 
 
 def cache_folder() -> str | None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,8 @@ def test_hash_sees_every_source_file(package):
     """The hash changes with the bytes of any source file, however deep, with a new one and with a renamed one."""
     first = _cache.source_hash(package)
     assert first == _cache.source_hash(package) == _cache.source_hash(PACKAGE)
+    archive = shutil.make_archive(str(package.parent / "archive"), "zip", package.parent, "fish_env")
+    assert _cache.source_hash(zipfile.Path(archive, "fish_env/")) == first
     seen = {first}
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
