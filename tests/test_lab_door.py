@@ -1,6 +1,7 @@
 """The laboratory's door: who may open its page, what it lets in, and what it keeps of that, which is nothing."""
 
 import contextlib
+import gc
 import os
 import socket
 import subprocess
@@ -14,6 +15,7 @@ viser = pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
 
 from viewer import CAMERA, PATIENCE, Viewer, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.frames import Frame, Opcode
 from websockets.sync.client import connect
 
 from fish_env.lab import door, server
@@ -25,6 +27,8 @@ FOREIGN = ["evil.example:{port}", "evil.example", "127.0.0.1.evil.example:{port}
            ""]  # fmt: skip
 OTHERS = ["http://evil.example", "http://evil.example:{port}", "null", "", "http://127.0.0.1", "http://127.0.0.1:1",
           "http://localhost:{port}", "https://127.0.0.1:{port}", None]  # fmt: skip
+UPGRADE = ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13",
+           "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]  # fmt: skip
 UPLOAD = {"source_component_uuid": "a", "transfer_uuid": "b"}
 STRANGE = {
     "start of an upload": {"type": "FileTransferStartUpload", "filename": "c", "mime_type": "d", "part_count": 9,
@@ -97,9 +101,7 @@ def test_a_name_of_another_is_refused(laboratory, host):
     """A name that leads here but is another's is refused in one line: the page, and a websocket of its own origin."""
     status, _, body = asked(laboratory.port, f"Host: {host}", f"Origin: http://{host}")
     assert status == 403 and body.count(b"\n") == 1 and b"no address of the laboratory" in body
-    upgrade = ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13",
-               "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]  # fmt: skip
-    assert asked(laboratory.port, f"Host: {host}", f"Origin: http://{host}", *upgrade)[0] == 403
+    assert asked(laboratory.port, f"Host: {host}", f"Origin: http://{host}", *UPGRADE)[0] == 403
     assert laboratory.sessions == {} and laboratory.server.get_clients() == {}
 
 
@@ -184,6 +186,36 @@ def test_a_long_message_ends_its_session(laboratory):
     client = socket_to(laboratory.port, camera=False)
     client.send(b"\0" * (door.LARGEST + 1))
     assert ended(client)[0] == 1009
+
+
+def test_empty_pieces_of_a_message_are_not_kept(laboratory):
+    """Of a message in pieces the empty ones are not kept, however many come."""
+    client, kept = socket_to(laboratory.port, camera=False), []
+
+    def pieces():
+        """A piece, many that are empty, and the last."""
+        yield b"a"
+        yield from [b""] * 3000
+        assert client.ping().wait(PATIENCE)  # all before it have come in
+        kept.append(sum(isinstance(each, Frame) for each in gc.get_objects()))
+        yield b"b"
+
+    client.send(pieces())
+    assert ended(client)[0] == 1008 and kept[0] < 100
+
+
+def test_who_asks_for_answers_and_does_not_read_them_is_sent_away(laboratory, monkeypatch):
+    """A connection that asks for answers without end and reads none of them is closed."""
+    monkeypatch.setattr(door, "UNREAD", 2**16)
+    own = f"127.0.0.1:{laboratory.port}"
+    head = [f"Host: {own}", f"Origin: http://{own}", f"Sec-WebSocket-Protocol: viser-v{viser.__version__}", *UPGRADE]
+    with socket.create_connection(("127.0.0.1", laboratory.port), timeout=PATIENCE) as client:
+        client.sendall("\r\n".join(["GET / HTTP/1.1", *head, "", ""]).encode())
+        assert b" 101 " in client.recv(1000)
+        ping = Frame(Opcode.PING, b"a" * 125).serialize(mask=True)
+        with pytest.raises(ConnectionError):
+            for _ in range(800):  # 100 MB
+                client.sendall(ping * 1000)
 
 
 def test_one_too_many_is_told_and_sent_away(laboratory, monkeypatch):
