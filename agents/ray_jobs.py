@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from agents.records import ROOT
+from fish_env.control.files import replacing
 
 if TYPE_CHECKING:
     from agents.train_all import Job
@@ -46,9 +47,8 @@ def write_files(folder: Path, files: dict[str, bytes]) -> None:
     for name in sorted(files, key=lambda name: name == "results.json"):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".partial")
-        partial.write_bytes(files[name])
-        os.replace(partial, path)
+        with replacing(path) as partial:
+            partial.write_bytes(files[name])
 
 
 def carry_out(words: list[str], files: dict[str, bytes]) -> tuple[int, dict[str, bytes]]:

@@ -21,6 +21,7 @@ from agents.train import on_body
 from benchmarks.common.tables import provenance
 from fish_env import make_fish
 from fish_env.control import Scores, evaluate, evaluation_options, load_policy, make_eval_env, policy_controller
+from fish_env.control.files import replacing
 
 TASKS = {"swim": 1_000_000, "left_after_right": 2_000_000}
 """Environment steps of training."""
@@ -119,9 +120,8 @@ def measured(run: Run, root: Path, steps: int, body: str, level: int | None, epi
         env = make_eval_env(CONFIGS[run.task].env_id, episodes, options)
         scores = evaluate(policy_controller(policy, env), env)
         env.close()
-        partial = cached.with_suffix(".partial.npz")
-        np.savez(partial, **scores)
-        os.replace(partial, cached)
+        with replacing(cached) as partial:
+            np.savez(partial, **scores)
     with np.load(cached) as file:
         return dict(file)
 
