@@ -158,7 +158,7 @@ def opened(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Policy
     """A policy file: its task, the policy, and an environment to evaluate it in; `changes` are options of that."""
     policy = load_policy(path)
     task = policy.about.get("task")
-    if task not in CONFIGS:
+    if not isinstance(task, str) or task not in CONFIGS:
         raise ValueError(f"{path} is for task {task!r}; choose a policy for one of {', '.join(CONFIGS)}")
     return task, policy, make_policy_env(policy, episodes, **changes)
 

@@ -174,9 +174,9 @@ def test_odd_numbers_are_numbers_or_refused():
 @pytest.mark.parametrize(
     ("part", "value", "message"),
     [
-        ("about", np.array("null"), "about is None"),
+        ("about", np.array("null"), "'about' is a NoneType"),
         ("about", np.array("[]"), "not a dictionary"),
-        ("about", np.array(3.0), "not a dictionary"),
+        ("about", np.array(3.0), "'about' is an array"),
         ("weight0", np.array([["a"]]), "give floating-point numbers"),
         ("weight0", np.zeros((156, 64), complex), "give floating-point numbers"),
         ("weight0", np.zeros((156, 64), int), "give floating-point numbers"),
