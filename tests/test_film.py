@@ -217,3 +217,38 @@ def test_in_a_browser(tmp_path):
         page.wait_for_function("film.playing && film.time > 0")
         assert not said
         browser.close()
+
+
+@pytest.mark.parametrize("ending", [".gif", ".html"])
+@pytest.mark.parametrize("number", [1e6, 1e12, 1e100, 1e300])
+@pytest.mark.parametrize("name", ["position", "velocity", "rest_length", "directions", "spheres", "time", "reward"])
+def test_numbers_of_any_size(one, name, number, ending, tmp_path):
+    """Numbers that no fish has, in a damaged file or one of a stranger, are drawn, or refused in a sentence."""
+    array = getattr(one, name)[-2:].copy()
+    array.flat[-1] = array.flat[array.size // 2] = number
+    shorter = {key: value[-2 if len(value) > one.steps else -1 :] for key, value in arrays_of(one).items()}
+    strange = Recording(about=one.about, **shorter | {"variation": one.variation, name: array[-len(shorter[name]) :]})
+    try:
+        write_film(strange, tmp_path / f"film{ending}")
+    except ValueError as error:
+        assert "too large or too small" in str(error) and not list(tmp_path.iterdir())
+    else:
+        if ending == ".html":
+            assert not re.search(r"NaN|Infinity", json.dumps(data_of((tmp_path / "film.html").read_text())))
+
+
+@pytest.mark.parametrize("interval", [1e-300, 0.021, 5.0])
+def test_a_recording_of_another_interval_is_not_drawn(one, interval, tmp_path):
+    """A film would be too fast or too slow: it is refused."""
+    other = replace(one, about=one.about | {"control_interval": interval})
+    for ending in (".gif", ".html"):
+        with pytest.raises(ValueError, match=rf"holds a state every {interval} s, and its environment makes one every"):
+            write_film(other, tmp_path / f"film{ending}")
+
+
+def test_a_video_that_no_memory_holds(one, tmp_path, monkeypatch):
+    """All pictures of a video are in memory at once: whether they fit is known before the first one is drawn."""
+    monkeypatch.setattr("fish_env.checks.available_memory", lambda: 10 * film.PICTURE)
+    monkeypatch.setattr(film, "_pictures", lambda *given: pytest.fail("it was drawn"))
+    with pytest.raises(ValueError, match="the number of states of the video is 13, which takes"):
+        write_film(one, tmp_path / "film.gif")
