@@ -130,14 +130,16 @@ def main() -> int:
     """Run a command; errors that a user can correct are printed without a traceback."""
     for name in THREADS:  # before numpy and torch are loaded
         os.environ.setdefault(name, "1")
-    arguments = parse()
-    from gymnasium.error import Error
+    from fish_env.control.console import answered
 
+    return answered("train.py", command)
+
+
+def command() -> int:
+    """Read the command line and run it; the exit status."""
+    arguments = parse()
     try:
         run(arguments)
-    except (ValueError, OSError, RuntimeError, MemoryError, Error) as error:
-        print(f"train.py: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt as stop:
         if type(stop) is KeyboardInterrupt:  # else it was said already what was saved
             print("\nStopped.", file=sys.stderr)

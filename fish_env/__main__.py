@@ -20,6 +20,7 @@ from pathlib import Path
 import gymnasium as gym
 
 import fish_env
+from fish_env.control.console import answered
 from fish_env.control.evaluation import (
     EPISODES,
     FIRST_SEED,
@@ -192,14 +193,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; errors that a user can correct are printed without a traceback."""
-    try:
-        return run(parse(arguments))
-    except (ValueError, FileNotFoundError, RuntimeError, gym.error.Error) as error:
-        print(f"fish_env: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nStopped.", file=sys.stderr)
-        return 130
+    return answered("fish_env", lambda: run(parse(arguments)))
 
 
 if __name__ == "__main__":
