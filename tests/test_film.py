@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+import tracemalloc
 from dataclasses import replace
 
 import gymnasium as gym
@@ -231,7 +232,7 @@ def test_numbers_of_any_size(one, name, number, ending, tmp_path):
     try:
         write_film(strange, tmp_path / f"film{ending}")
     except ValueError as error:
-        assert "too large or too small" in str(error) and not list(tmp_path.iterdir())
+        assert re.search("too large or too small|add up to", str(error)) and not list(tmp_path.iterdir())
     else:
         if ending == ".html":
             assert not re.search(r"NaN|Infinity", json.dumps(data_of((tmp_path / "film.html").read_text())))
@@ -252,3 +253,20 @@ def test_a_video_that_no_memory_holds(one, tmp_path, monkeypatch):
     monkeypatch.setattr(film, "_pictures", lambda *given: pytest.fail("it was drawn"))
     with pytest.raises(ValueError, match="the number of states of the video is 13, which takes"):
         write_film(one, tmp_path / "film.gif")
+
+
+@pytest.mark.parametrize(("radius", "count"), [(0.15, 1), (3.0, 1), (100.0, 1), (1e200, 1), (1.0, 26), (0.5, 60)])
+def test_videos_of_large_spheres(one, radius, count, tmp_path):
+    """Spheres are drawn with little memory, or refused where they are larger or more than any task has."""
+    spheres = np.full((one.steps + 1, count, 4), radius)
+    spheres[..., :3] = one.position[:, :1]
+    tracemalloc.start()
+    try:
+        if radius < 1e100 and count * radius**2 <= film.AREA:
+            assert write_film(replace(one, spheres=spheres), tmp_path / "film.gif").stat().st_size > 3000
+        else:
+            with pytest.raises(ValueError, match=r"spheres add up to .* write an \.html page|too large"):
+                write_film(replace(one, spheres=spheres), tmp_path / "film.gif")
+        assert tracemalloc.get_traced_memory()[1] < 200e6
+    finally:
+        tracemalloc.stop()

@@ -25,6 +25,7 @@ HERE = data("fish_env.control")
 SCRIPTS = ("film.js", "film_player.js")
 LARGEST = 3_000_000  # bytes of a page
 STATES = 10_000  # of all episodes together: a page with more leaves out every second, third ... one
+AREA = 25.0  # body lengths squared: pictures of such spheres take 100 MB
 PICTURE = 3 * 640 * 480  # bytes of a picture of a video, all of which are in memory
 STEPS = 65535  # of a number in 16 bits
 
@@ -71,6 +72,7 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
         load_writer(path)
         with representable("the film"):
             cast, reels = _shown(found)
+            _check_spheres(reels)
             fits_memory(sum(len(reel.points) for reel in reels), PICTURE, "the number of states of the video")
             pictures = [picture for reel in reels for picture in _pictures(cast, reel)]
         write_video(pictures, 1.0 / (SLOWER * reels[0].interval), path)
@@ -84,6 +86,16 @@ def film_text(recordings: Sequence[Recording]) -> str:
     if len(text) > LARGEST:
         raise ValueError(f"the page would have {len(text):,} bytes, more than {LARGEST:,}; give fewer episodes")
     return text
+
+
+def _check_spheres(reels: Sequence[Reel]) -> None:
+    """ValueError if the pictures of the spheres of a state would take much memory."""
+    area = max(float((reel.spheres[..., 3] ** 2).sum(axis=1).max()) for reel in reels)
+    if area > AREA:
+        raise ValueError(
+            f"the squares of the radii of the spheres add up to {area:g}, which is more than {AREA:g}, for a video; "
+            f"write an {PAGE} page"
+        )
 
 
 def _shown(recordings: Sequence[Recording]) -> tuple[Cast, list[Reel]]:
