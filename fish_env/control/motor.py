@@ -124,9 +124,11 @@ def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
         ValueError: if it holds no tables of motor controllers, or cannot be read.
     """
     try:
-        if path.stat().st_size > LARGEST:
-            raise ValueError(f"it has {path.stat().st_size:,} bytes; at most {LARGEST:,} are read")
-        found = json.loads(path.read_text())
+        with path.open("rb") as file:
+            text = file.read(LARGEST + 1)
+        if len(text) > LARGEST:
+            raise ValueError(f"it has more than {LARGEST:,} bytes")
+        found = json.loads(text)
         turns = [Turn(np.radians(row["angle"]), *(row[f.name] for f in fields(Turn)[1:])) for row in found["turns"]]
         swims = [Swim(**row) for row in found["swims"]]
         return MotorTables(Table(turns), Table(swims), found["front"], tuple(found["lag"]))

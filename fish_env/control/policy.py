@@ -1,6 +1,5 @@
 """A trained policy as plain numbers: a multilayer perceptron in a `.npz` file that numpy alone can read and run."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
