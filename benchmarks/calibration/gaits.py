@@ -23,6 +23,8 @@ class Swum:
     """Peak-to-peak excursion of the tail tip across the path, body lengths."""
     strouhal: float
     """Frequency times sweep over speed."""
+    nose: float
+    """Sweep of the nose over that of the tail tip."""
     wobble: float
     """Largest departure of the body's up axis from its mean in a beat, degrees: a fish that rolls shows it here."""
     failure: str
@@ -44,7 +46,7 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=1
     tank = Tank(fish, 1, integrator, 1 / (gait.frequency * points * steps), water, refine=refine)
     period = 1 / gait.frequency
     mass = fish.body.mass / fish.body.mass.sum()
-    centre, tail, up = [], [], []
+    centre, tips, up = [], [], []
     contraction = gait.contraction(fish, period / points * np.arange(1, points + 1))[:, None]
     tank.velocity[0] = np.random.default_rng(seed).normal(0.0, NOISE * fish.length, tank.velocity[0].shape)
     tank.velocity[0] *= fish.body.inverse_mass > 0.0
@@ -54,19 +56,20 @@ def swim(fish: Fish, gait: Gait, water: World, dt=None, integrator=None, beats=1
             tank.drive(contraction[k], steps)
             if beat >= beats - measured - 1:
                 centre.append(mass @ tank.position[0])
-                tail.append(tank.position[0, fish.tail].mean(axis=0))
+                tips.append([tank.position[0, fish.tail].mean(axis=0), tank.position[0, fish.nose].copy()])
                 up.append(pose_of(tank).axes[0, 2])
         if not tank.alive[0]:
-            return Swum(0.0, 0.0, 0.0, np.inf, 180.0, tank.failure[0])
-    centre, tail = np.array(centre)[points - 1 :], np.array(tail)[points - 1 :]
+            return Swum(0.0, 0.0, 0.0, np.inf, np.inf, 180.0, tank.failure[0])
+    centre, tips = np.array(centre)[points - 1 :], np.array(tips)[points - 1 :]
     path = centre[-1] - centre[0]
     distance = np.linalg.norm(path)
     across = np.cross([0.0, 0.0, 1.0], path / distance)
-    offset = (tail - centre[0]) @ across
-    sweep = np.mean([np.ptp(offset[k * points : (k + 1) * points + 1]) for k in range(measured)]) / fish.length
+    offset = (tips - centre[0]) @ across / fish.length
+    beat = [np.ptp(offset[k * points : (k + 1) * points + 1], axis=0) for k in range(measured)]
+    sweep, nose = map(float, np.mean(beat, axis=0))
     stride = distance / (measured * fish.length)
     # a fish that is pushed backwards has swum a negative distance
     stride = float(np.copysign(stride, path @ (fish.line @ tank.position[0])))
     tilt = np.array(up) @ np.mean(up, axis=0) / np.linalg.norm(np.mean(up, axis=0))
     wobble = float(np.degrees(np.arccos(min(1.0, tilt.min()))))
-    return Swum(stride * gait.frequency, stride, float(sweep), float(sweep / abs(stride)), wobble, "")
+    return Swum(stride * gait.frequency, stride, sweep, sweep / abs(stride), nose / sweep, wobble, "")
