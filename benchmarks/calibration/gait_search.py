@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.calibration.living_fish import living_gaits
 from benchmarks.calibration.midline import Midline, swim_gait
+from benchmarks.common.search import minimise
 from benchmarks.common.tables import provenance
 from fish_env import make_fish
 from fish_env.control import Gait, evaluate, gait_controller, make_eval_env
@@ -29,8 +30,6 @@ def write_gait(starts, command, generations=60) -> None:
     Best is fastest in the task itself: mean distance between start and end of eight episodes of Swim-v0, whatever its
     direction. The cruise it settles into, undisturbed, must be within the bars.
     """
-    import cma
-
     fish = make_fish("mass_spring")
     env = make_eval_env("FishEnv/Swim-v0", 8, {"muscle_groups": "pairs"})
 
@@ -47,12 +46,11 @@ def write_gait(starts, command, generations=60) -> None:
         missed = sum(max(0.0, low - value) + max(0.0, value - high) for value, low, high in measured)
         return -speed + 20 * missed + 10 * outside
 
-    options = {"seed": 1, "popsize": 16, "verbose": -9, "maxiter": generations}
     ends = []
     for guess in starts:
         start = np.array([1.0, *guess.amplitude, *(np.array(guess.lag[1:]) / (2 * np.pi))])
-        ends.append(cma.CMAEvolutionStrategy(start, 0.1, options).optimize(slowness).result)
-    found = gait(min(ends, key=lambda end: end.fbest).xbest)
+        ends.append(minimise(slowness, start, 0.1, generations, seed=1))
+    found = gait(min(ends, key=lambda end: end[1])[0])
     rounded = {"frequency": round(found.frequency, 3)} | {
         name: [float(f"{value:.{DIGITS}g}") for value in getattr(found, name)] for name in ("amplitude", "lag")
     }

@@ -13,14 +13,15 @@ import argparse
 import json
 import multiprocessing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 import fish_env.bodies
 from benchmarks.calibration.midline import Midline, swim_midlines
 from benchmarks.common.charts import pyplot, save
+from benchmarks.common.search import minimise
 from benchmarks.common.tables import RESULTS, provenance, write_csv
 from fish_env import make_fish
 from fish_env.bodies import mass_spring as tu
@@ -151,22 +152,11 @@ def cost_at(point) -> float:
 
 def calibrate(generations: int, seed: int) -> None:
     """Search, and write the best."""
-    import cma
-
-    options = {"seed": seed, "popsize": POPULATION, "verbose": -9, "maxiter": generations}
-    strategy, best = cma.CMAEvolutionStrategy(np.zeros(SIZE), SIGMA, options), (np.inf, np.zeros(SIZE))
-    with multiprocessing.get_context("spawn").Pool() as pool, tqdm(total=generations, mininterval=10) as bar:
-        while not strategy.stop():
-            points = strategy.ask()
-            costs = pool.map(cost_at, points, chunksize=1)
-            strategy.tell(points, costs)
-            k = int(np.argmin(costs))
-            if costs[k] < best[0]:
-                best = costs[k], points[k]
-            bar.update()
-            bar.set_postfix(cost=f"{best[0]:.4f}")
-    about = provenance(COMMAND) | {"cost": best[0], "evaluations": POPULATION * generations, "seed": seed}
-    FILE.write_text(json.dumps({"provenance": about} | decoded(best[1]), indent=2) + "\n")
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        point, cost = minimise(cost_at, np.zeros(SIZE), SIGMA, generations, seed, POPULATION,
+                               partial(pool.map, chunksize=1))  # fmt: skip
+    about = provenance(COMMAND) | {"cost": cost, "evaluations": POPULATION * generations, "seed": seed}
+    FILE.write_text(json.dumps({"provenance": about} | decoded(point), indent=2) + "\n")
 
 
 BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", ""), ("two_layer", ""))
