@@ -185,74 +185,35 @@ STABILITY = (
 
 SPEED = (
     Result(
-        "speed.environments", "environment steps a second, memory, time of a first use",
-        "-m benchmarks.speed.throughput --environments", 2, csv("throughput"),
-        ("benchmarks.speed.throughput:environments", BATCH, SINGLE),
-    ),
-    Result(
-        "speed.kinds", "cost of one and of many fish by every kind of kernel and precision",
-        "-m benchmarks.speed.throughput --kinds", 2, csv("kinds"),
-        ("benchmarks.speed.costs:kinds", "benchmarks.speed.costs:threads"), data=(DEFAULT, GAIT),
-    ),
-    Result(
-        "speed.steps", "cost of a step of every method",
-        "-m benchmarks.speed.throughput --integrators", 1, csv("steps"),
-        ("benchmarks.speed.costs:integrators",), data=(DEFAULT, GAIT),
-    ),
-    Result(
-        "speed.bodies", "cost of a control interval of every body",
-        "-m benchmarks.speed.throughput --bodies", 1, csv("bodies"),
-        ("benchmarks.speed.costs:bodies",), data=(BODIES, GAIT),
-    ),
-    Result(
-        "speed.scaling", "cost against the number of fish and against the number of nodes (needs 3 GB)",
-        "-m benchmarks.speed.scaling", 5, csv("scaling_fish", "scaling_nodes") + images("scaling.svg"),
-        ("benchmarks.speed.scaling:by_fish", "benchmarks.speed.scaling:by_nodes"), data=(BODIES, GAIT),
-    ),
-    Result(
-        "speed.factorisation", "the skyline factorisation against a general sparse solver",
-        "-m benchmarks.speed.factorisation", 1, csv("factorisation") + images("factorisation.svg"),
-        ("benchmarks.speed.factorisation:slender", "benchmarks.speed.factorisation:measure"), data=(), one_core=True,
-    ),
-    Result(
-        "speed.constant_matrix", "what the constant matrix of linear elasticity saves a step",
-        "-m benchmarks.speed.constant_matrix", 1, csv("constant_matrix"),
-        ("benchmarks.speed.constant_matrix:measure",), data=(), one_core=True,
-    ),
-    Result(
-        "speed.limits", "operations of a step against what the processor can do",
-        "-m benchmarks.speed.limits", 2, csv("speed/limits.csv"),
-        ("benchmarks.speed.limits:operations", "benchmarks.speed.limits:best_times",
-         "benchmarks.speed.limits:bounds", "benchmarks.speed.limits:measured"), data=(DEFAULT, GAIT), one_core=True,
-    ),
-    Result(
-        "speed.cluster", "sampling and learning with one and more runners of Ray RLlib (needs the extra [cluster])",
-        "-m benchmarks.speed.cluster", 1, csv("cluster"),
-        ("benchmarks.speed.cluster:measure", "fish_env.envs.rllib:FishEnvRunner", BATCH),
-        data=(DEFAULT, "examples/train_rllib.py"),
-    ),
-    Result(
-        "speed.cluster_trainings", "Swim trained by Ray RLlib with two runners (needs the extra [cluster])",
-        "-m benchmarks.speed.cluster --train", 4, csv("cluster_trainings"),
-        ("benchmarks.speed.cluster:trained", "fish_env.envs.rllib:FishEnvRunner", BATCH),
-        data=(DEFAULT, "examples/train_rllib.py"),
-    ),
-    Result(
-        "speed.laboratory", "updates a second of every object in the laboratory (needs the extra [browser], Chromium)",
-        "-m benchmarks.speed.laboratory --rates", 5, csv("speed/laboratory.csv"),
-        ("benchmarks.speed.laboratory:rates", "fish_env.lab.drawing:Drawing", "fish_env.lab.bench:Bench"),
+        "speed.throughput", "environment steps a second, memory, first use; kinds of kernels, methods and bodies",
+        "-m benchmarks.speed.throughput", 6, csv("throughput", "kinds", "costs"),
+        ("benchmarks.speed.throughput:environments", "benchmarks.speed.throughput:kinds",
+         "benchmarks.speed.throughput:integrators", "benchmarks.speed.throughput:bodies", BATCH, SINGLE),
         data=(BODIES, GAIT),
     ),
     Result(
-        "speed.laboratory_start", "time until the page of the laboratory is usable (needs the same)",
-        "-m benchmarks.speed.laboratory --start", 1, csv("speed/laboratory_start.csv"),
-        ("benchmarks.speed.laboratory:starts", "fish_env.lab.server:Laboratory"), data=(),
+        "speed.scaling", "cost against the number of fish and against the number of nodes (needs 3 GB)",
+        "-m benchmarks.speed.scaling", 5, csv("scaling") + images("scaling.svg"),
+        ("benchmarks.speed.scaling:by_fish", "benchmarks.speed.scaling:by_nodes"), data=(BODIES, GAIT),
     ),
     Result(
         "speed.peers", "other simulators on the same springs, other environments (needs the extra [peers])",
         "-m benchmarks.speed.peers", 5, csv("speed/peers.csv"),
         ("benchmarks.speed.peers:spring_rows", "benchmarks.speed.environments:singles",
          "benchmarks.speed.environments:vectors", BATCH, SINGLE),
+    ),
+    Result(
+        "speed.laboratory", "the laboratory: its start, and updates a second of every object (needs the extra "
+        "[browser], Chromium)",
+        "-m benchmarks.speed.laboratory", 6, csv("speed/laboratory.csv"),
+        ("benchmarks.speed.laboratory:starts", "benchmarks.speed.laboratory:rates", "fish_env.lab.drawing:Drawing",
+         "fish_env.lab.bench:Bench", "fish_env.lab.server:Laboratory"), data=(BODIES, GAIT),
+    ),
+    Result(
+        "speed.cluster", "sampling and learning with one and more runners of Ray RLlib (needs the extra [cluster])",
+        "-m benchmarks.speed.cluster", 2, csv("cluster"),
+        ("benchmarks.speed.cluster:measure", "fish_env.envs.rllib:FishEnvRunner", BATCH),
+        data=(DEFAULT, "examples/train_rllib.py"),
     ),
 )  # fmt: skip
 
@@ -263,23 +224,13 @@ FIDELITY = (
         ("benchmarks.bodies.fidelity:run",), data=(BODIES, MOTOR),
     ),
     Result(
-        "bodies.costs", "cost of every body beside the default one",
-        "-m benchmarks.bodies.fidelity --cost", 2, csv("body_costs"),
-        ("benchmarks.bodies.fidelity:costs", "benchmarks.bodies.fidelity:every_fish"), data=(BODIES, MOTOR),
-        one_core=True,
-    ),
-    Result(
-        "bodies.convergence", "what the finest body lacks: levels 1 to 3 against level 4, in a scene of every task",
-        "-m benchmarks.bodies.convergence", 30, csv("convergence"), ("benchmarks.bodies.convergence:run",),
+        "bodies.convergence", "levels 1 to 3 of the finest body against level 4, in scenes of two tasks",
+        "-m benchmarks.bodies.convergence", 8, csv("convergence"), ("benchmarks.bodies.convergence:run",),
         data=(FINEST, DEFAULT, MOTOR),
     ),
     Result(
-        "bodies.roll", "by how much every body rolls in strong gaits, after a small disturbance",
-        "-m benchmarks.bodies.roll", 0.5, csv("roll"), ("benchmarks.bodies.roll:measure",), data=(BODIES,),
-    ),
-    Result(
-        "bodies.inertia", "mass, centre and moments of inertia of every body beside those of the outline's continuum",
-        "-m benchmarks.bodies.inertia", 0.1, csv("inertia"), ("benchmarks.bodies.inertia:measure",), data=(BODIES,),
+        "bodies.inertia", "mass, centre and inertia of every body beside its outline's continuum; roll in strong gaits",
+        "-m benchmarks.bodies.inertia", 1, csv("inertia"), ("benchmarks.bodies.inertia:measure",), data=(BODIES,),
     ),
 )  # fmt: skip
 
@@ -354,10 +305,11 @@ OBJECTS = (
     ),
 )  # fmt: skip
 
+COMMANDS = "benchmarks/calibration/task_commands.npz"
 CALIBRATION = (
     Result(
-        "calibration.check", "the best open-loop gait against its bars",
-        "-m benchmarks.calibration.check", 1, csv("gait"), ("benchmarks.calibration.check:check",),
+        "calibration.check", "the best open-loop gait beside living fish",
+        "-m benchmarks.calibration.check", 0.2, csv("gait"), ("benchmarks.calibration.check:check",),
         data=(DEFAULT, GAIT),
     ),
     Result(
@@ -366,26 +318,9 @@ CALIBRATION = (
         ("benchmarks.calibration.living_fish:check",), data=(BODIES,),
     ),
     Result(
-        "calibration.fits", "five fits of each inexpensive body, on what they were not fitted to",
-        "-m benchmarks.calibration.fit --spread --body mass_spring planar", 8, csv("fits"),
-        ("benchmarks.calibration.fit:search", "benchmarks.calibration.fit:tested"),
-        data=(FINEST, "benchmarks/calibration/task_commands.npz", MOTOR),
-    ),
-    Result(
-        "calibration.limits", "what the default fish could be with other stable steps: distances, cost",
-        "-m benchmarks.calibration.fit --limits", 8, csv("fit_limits"),
-        ("benchmarks.calibration.fit:search", "benchmarks.calibration.fit:tested"),
-        data=(FINEST, "benchmarks/calibration/task_commands.npz", MOTOR),
-    ),
-    Result(
         "calibration.fit_tests", "the fitted bodies on seeds and families of commands that they were not fitted to",
         "-m benchmarks.calibration.fit --test", 8, csv("fit_tests"), ("benchmarks.calibration.fit:tested",),
         data=(BODIES, MOTOR),
-    ),
-    Result(
-        "calibration.coarse_water", "a fine solid with the water on coarse faces, beside the finest body",
-        "-m benchmarks.calibration.coarse_water", 3, csv("coarse_water"),
-        ("benchmarks.calibration.coarse_water:variants",), data=(FINEST, "benchmarks/calibration/task_commands.npz"),
     ),
     Result(
         "calibration.finest", "material of the finest body, and three gaits, calibrated to living fish",
@@ -394,14 +329,14 @@ CALIBRATION = (
     ),
     Result(
         "calibration.commands", "adds what the motor controllers command in each task to what bodies are fitted to",
-        "-m benchmarks.calibration.commands", 1, ("benchmarks/calibration/task_commands.npz",),
-        ("benchmarks.calibration.commands:main",), data=(DEFAULT, MOTOR), by_name=True,
+        "-m benchmarks.calibration.commands", 1, (COMMANDS,), ("benchmarks.calibration.commands:main",),
+        data=(DEFAULT, MOTOR), by_name=True,
     ),
     Result(
         "calibration.fit", "parameters of the other bodies, fitted in motion to the finest one",
         "-m benchmarks.calibration.fit", 40,
         tuple(f"fish_env/bodies/{name}.json" for name in ("mass_spring", "planar", "two_layer")),
-        ("benchmarks.calibration.fit:search",), data=(FINEST, "benchmarks/calibration/task_commands.npz"), by_name=True,
+        ("benchmarks.calibration.fit:search",), data=(FINEST, COMMANDS), by_name=True,
     ),
     Result(
         "calibration.gait_search", "the best open-loop gait",

@@ -191,7 +191,7 @@ def test_step_of_the_default_fish(cc):
     assert ptx.count(".visible .entry") == 1
     bytewise = len(re.findall(r"\bld\S*\.u8", ptx))
     assert bytewise < 10, "numbers are loaded byte by byte"
-    assert "Used 255 registers" in assembled(ptx, cc)  # docs/gpu.md
+    assert "Used 255 registers" in assembled(ptx, cc)  # all there are
 
 
 @needs_compiler
