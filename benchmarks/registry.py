@@ -17,7 +17,6 @@ DEFAULT = "fish_env/bodies/mass_spring.json"
 FINEST = "fish_env/bodies/tetrahedral.json"
 BATCH = "fish_env.envs.vector:FishVectorEnv"
 SINGLE = "fish_env.envs.single:FishEnv"
-RELIABILITY = ("benchmarks.stability.reliability:outcome", "benchmarks.stability.reliability:TRIALS")
 LEARNED = ("swim", "turn", "left_after_right", "target", "target_3d", "avoid")
 
 
@@ -70,17 +69,14 @@ def images(*names: str) -> tuple[str, ...]:
 
 ACCURACY = (
     Result(
-        "accuracy.work_precision", "error against computing time of every method on eight scenes; energy in vacuum",
+        "accuracy.work_precision", "error against computing time of every method on eight scenes",
         "-m benchmarks.accuracy.work_precision", 12,
-        csv("work_precision", "work_precision_references", "energy", "work_precision_time.svg",
-            "work_precision_turn.svg", "work_precision_forces.svg", "energy.svg"),
-        ("benchmarks.accuracy.work_precision:sweep", "benchmarks.accuracy.work_precision:reference_of",
-         "benchmarks.accuracy.work_precision:energy"), one_core=True,
+        csv("work_precision", "work_precision_references", "work_precision_time.svg", "work_precision_turn.svg"),
+        ("benchmarks.accuracy.work_precision:sweep", "benchmarks.accuracy.work_precision:reference_of"), one_core=True,
     ),
     Result(
         "accuracy.refinement", "steps a control interval and intervals that are repeated: error, cost and stability",
-        "-m benchmarks.accuracy.refinement", 3,
-        csv("refinement", "refinement_stable") + images("refinement.svg"),
+        "-m benchmarks.accuracy.refinement", 3, csv("refinement", "refinement_stable"),
         ("benchmarks.accuracy.refinement:errors", "benchmarks.accuracy.refinement:stability"),
     ),
     Result(
@@ -104,82 +100,36 @@ ACCURACY = (
         ("benchmarks.accuracy.beam_bending:converging", "benchmarks.accuracy.beam_bending:bending",
          "benchmarks.accuracy.block_recovery:recovering", "benchmarks.accuracy.beam_vibration:vibrating"), data=(),
     ),
-    Result(
-        "accuracy.rejected_methods", "rejected methods beside the default one: error against force evaluations",
-        "-m benchmarks.accuracy.rejected_methods.survey", 2, csv("ideas", "ideas.svg"),
-        ("benchmarks.accuracy.rejected_methods.survey:sweep",),
-    ),
 )  # fmt: skip
 
 STABILITY = (
     Result(
         "stability.survey", "step-size limits of every method, on every body and against stiffness",
-        "-m benchmarks.stability.survey", 9,
-        csv("stability", "stability_limits", "stability.svg", "stability_map.svg", "stability_published.svg"),
+        "-m benchmarks.stability.survey", 9, csv("stability", "stability_limits", "stability.svg", "stability_map.svg"),
         ("benchmarks.stability.runs:cases", "benchmarks.stability.runs:reference", "benchmarks.stability.runs:sweep",
          "benchmarks.stability.linear:linear_limit"), data=(BODIES,), one_core=True,
     ),
     Result(
-        "stability.margins", "the default step beside the largest stable one, in every task",
-        "-m benchmarks.stability.margins", 1, csv("stability_margins"), ("benchmarks.stability.margins:margins",),
-    ),
-    Result(
-        "stability.commands", "fish that fail in 10 s of random, bang-bang and oscillating commands, of every body",
-        "-m benchmarks.stability.commands", 20, csv("commands"),
-        ("benchmarks.stability.commands:measure", "benchmarks.stability.mistreatment:GOALS"), data=(BODIES,),
-    ),
-    Result(
-        "stability.heavy_water", "fish of half the mass and twice the drag in water of up to 16 times its density: "
-        "which fail, and how far the others are from a fine solution", "-m benchmarks.stability.heavy_water", 2,
-        csv("heavy_water"),
-        ("benchmarks.stability.heavy_water:measure", "benchmarks.stability.mistreatment:GOALS", BATCH), data=(BODIES,),
-    ),
-    Result(
-        "stability.soak", "every task on every body under all kinds of actions at the extremes of the variation: what "
-        "is not finite, failures, memory, speed",
-        "-m benchmarks.stability.soak --steps 100000000", 60, csv("soak", "soak_sessions"),
-        ("benchmarks.stability.soak:round_of", "benchmarks.stability.soak:extremes",
-         "benchmarks.stability.soak:speed", BATCH), data=(BODIES,), one_core=True,
-    ),
-    Result(
         "stability.attack", "failures of every body under random, bang-bang, oscillating and searched commands; also "
-        "tests/worst/",
-        "-m benchmarks.stability.attack", 10, csv("attack"),
+        "tests/worst.npz", "-m benchmarks.stability.attack", 10, csv("attack"),
         ("benchmarks.stability.attack:mistreat", "benchmarks.stability.attack_search:search",
          "benchmarks.stability.mistreatment:families"), data=(BODIES,),
     ),
     Result(
-        "stability.fuzz", "public calls, files and sequences of calls with odd arguments: refused, or done",
-        "-m benchmarks.stability.reliability fuzz", 30, csv("reliability_fuzz", "reliability_calls"),
-        (*RELIABILITY, BATCH, SINGLE), data=("tests/fuzzing.py", "tests/test_fuzz_*.py"),
+        "stability.reliability", "odd arguments, many processes, and the checkers of other packages: tests passed",
+        "-m benchmarks.stability.reliability", 20, csv("reliability"),
+        ("benchmarks.stability.reliability:outcome", "benchmarks.stability.reliability:TRIALS", BATCH, SINGLE),
+        data=("tests/fuzzing.py", "tests/test_fuzz_*.py"),
     ),
     Result(
-        "stability.bounds", "the tests of the physics with kernels that check their bounds",
-        "-m benchmarks.stability.reliability bounds", 60, csv("reliability_bounds"), (*RELIABILITY, BATCH),
-    ),
-    Result(
-        "stability.company", "start methods, threads, caches and many processes at once",
-        "-m benchmarks.stability.reliability company", 5, csv("reliability_company"), (*RELIABILITY, BATCH),
-    ),
-    Result(
-        "stability.checks", "checkers and wrappers of other packages over every id, body, option and method",
-        "-m benchmarks.stability.reliability checks", 5, csv("reliability_checks"), (*RELIABILITY, BATCH, SINGLE),
+        "stability.repeatability", "the same bits in other processes, checkouts and numbers of threads",
+        "-m benchmarks.stability.repeatability", 10, csv("repeatability"),
+        ("benchmarks.stability.repeatability:compare", BATCH, SINGLE),
     ),
     Result(
         "stability.versions", "built, installed and tested on other versions of Python and of the dependencies",
         "-m benchmarks.stability.versions", 60, csv("versions"),
-        ("benchmarks.stability.versions:trial", BATCH), data=("pyproject.toml", "constraints.txt"),
-    ),
-    Result(
-        "stability.repeatability", "the same bits in other processes, checkouts and numbers of threads",
-        "-m benchmarks.stability.repeatability", 30, csv("repeatability"),
-        ("benchmarks.stability.repeatability:compare", BATCH, SINGLE),
-    ),
-    Result(
-        "stability.published_again", "published scores of policies and controllers, measured again",
-        "-m benchmarks.stability.repeatability --published", 1, csv("published_again"),
-        ("benchmarks.stability.repeatability:published_again", "benchmarks.stability.repeatability:all_scores", BATCH),
-        data=(DEFAULT, GAIT, MOTOR, POLICIES, "benchmarks/results/learning/*.csv"),
+        ("benchmarks.stability.versions:trial", BATCH), data=("pyproject.toml", "constraints.txt"), by_name=True,
     ),
 )  # fmt: skip
 
@@ -355,47 +305,15 @@ LEARNING = (
     Result(
         "learning.all", "every task trained with all its seeds; reuses finished runs, replaces the shipped policies",
         "train.py all", 120,
-        tuple(f"{RESULTS}learning/{task}_{what}.csv" for task in LEARNED for what in ("seeds", "methods", "curves"))
-        + images("curves.svg"),
+        csv("learning/seeds.csv", "learning/methods.csv", "learning/curves.csv") + images("curves.svg"),
         ("agents.train:train", "agents.results:publish_task", BATCH), data=(DEFAULT, GAIT, MOTOR), by_name=True,
-    ),
-    Result(
-        "learning.semi_implicit", "every task trained with Tu's method, three seeds each, beside the default",
-        "train.py all --integrator semi_implicit --dt 0.000625", 60,
-        (f"{RESULTS}learning/trained_with_semi_implicit.csv",),
-        ("agents.results:publish_method", "agents.train:train", BATCH), data=(DEFAULT,), by_name=True,
     ),
     Result(
         "learning.integrators", "the shipped policies under every method and step",
         "train.py compare --integrators", 20,
-        csv("integrators_policies", "integrators_default", "integrators_policies.svg"),
+        csv("integrators_policies", "integrators_policies.svg"),
         ("agents.integrators:replay", "agents.integrators:settings", "agents.integrators:differences", BATCH),
         data=(DEFAULT, POLICIES),
-    ),
-    Result(
-        "learning.speed", "cost of an environment step during training, both learners",
-        "-m benchmarks.learning.learning_speed", 3, csv("learning_speed"),
-        ("benchmarks.learning.learning_speed:Run", BATCH),
-    ),
-    Result(
-        "learning.kills", "training that is killed at random and resumed: broken files, what is lost, the policy",
-        "-m benchmarks.learning.kills", 20, csv("kills"),
-        ("benchmarks.learning.kills:Killed", "benchmarks.learning.kills:start", BATCH),
-    ),
-    Result(
-        "learning.gait_seconds", "seconds of training to the speed of the best gait",
-        "-m benchmarks.learning.learning_speed --gait", 2, csv("gait_seconds"),
-        ("benchmarks.learning.learning_speed:time_to_gait", BATCH), data=(DEFAULT, GAIT),
-    ),
-    Result(
-        "learning.ablations", "LeftAfterRight-v0 trained with one choice undone at a time",
-        "-m benchmarks.learning.ablations --seeds 1 --fresh", 22, csv("ablations_left_after_right"),
-        ("benchmarks.learning.ablations:learn", "benchmarks.learning.ablations:LEFT_AFTER_RIGHT", BATCH),
-    ),
-    Result(
-        "learning.ablations_turn", "Turn-v0 trained with other weights of the overshoot",
-        "-m benchmarks.learning.ablations --task turn --seeds 1 --fresh", 24, csv("ablations_turn"),
-        ("benchmarks.learning.ablations:learn", "benchmarks.learning.ablations:TURN", BATCH),
     ),
     Result(
         "learning.algorithms", "PPO, SAC and TD3 on Swim-v0 for the same wall time",
@@ -403,43 +321,9 @@ LEARNING = (
         ("benchmarks.learning.algorithms:METHODS", "benchmarks.learning.algorithms:Looks", BATCH),
     ),
     Result(
-        "learning.transfer", "policies trained on one body, replayed and fine-tuned on others; reuses finished runs",
-        "-m benchmarks.learning.transfer", 60,
-        csv("transfer_matrix", "transfer_curves", "transfer_savings") + images("transfer.svg"),
-        ("benchmarks.learning.transfer_runs:learn", "benchmarks.learning.transfer_runs:measured",
-         "benchmarks.learning.transfer_runs:runs", "benchmarks.learning.transfer_chart:saving_rows", BATCH),
-        data=(BODIES,),
-    ),
-    Result(
-        "learning.transfer_shipped", "the shipped policies and the motor controllers on every body",
-        "-m benchmarks.learning.transfer --shipped", 1, csv("transfer"),
+        "learning.transfer", "the shipped policies and the motor controllers on every body",
+        "-m benchmarks.learning.transfer", 1, csv("transfer"),
         ("benchmarks.learning.transfer:shipped_rows", BATCH), data=(BODIES, POLICIES, MOTOR),
-    ),
-    Result(
-        "learning.optimal_control", "the fastest stroke by optimal control, replanned, beside gait and policy",
-        "-m benchmarks.learning.optimal_control", 30, csv("optimal_control"),
-        ("benchmarks.learning.optimal_control:Episode", "benchmarks.learning.optimal_control:planned"),
-        data=(DEFAULT, GAIT, POLICIES),
-    ),
-    Result(
-        "learning.optimal_control_feedback", "recorded commands of the policy, changed by little, without feedback",
-        "-m benchmarks.learning.optimal_control --feedback", 0.1, csv("optimal_control_feedback"),
-        ("benchmarks.learning.optimal_control:feedback_rows",), data=(DEFAULT, POLICIES),
-    ),
-    Result(
-        "learning.muscles", "muscles at a limited rate beside first-order activation: swimming, reversals, transfer",
-        "-m benchmarks.learning.muscles", 7, csv("muscles"), ("benchmarks.learning.muscles:run", BATCH),
-    ),
-    Result(
-        "learning.turning", "radius and rate of turns beside those of living fish",
-        "-m benchmarks.learning.turning", 1, csv("turning"),
-        ("benchmarks.learning.turning:bend", "benchmarks.learning.turning:turn_of",
-         "benchmarks.learning.turning:LIVING", BATCH), data=(DEFAULT, GAIT, MOTOR, POLICIES),
-    ),
-    Result(
-        "learning.reversals", "failures in 10,000 abrupt reversals",
-        "-m benchmarks.learning.turning --reversals", 5, csv("reversals"),
-        ("benchmarks.learning.turning:reversals", BATCH), data=(DEFAULT, POLICIES),
     ),
     Result(
         "learning.reversal", "one turn begun before another is over: path, heading, strain",
@@ -448,24 +332,11 @@ LEARNING = (
         data=(DEFAULT, MOTOR, POLICIES),
     ),
     Result(
-        "learning.waveforms", "the best periodic stroke beside the best sinusoidal gait",
-        "-m benchmarks.learning.waveforms --seeds 1 --generations 100", 10, csv("waveforms"),
-        ("benchmarks.learning.waveforms:speeds", "benchmarks.learning.waveforms:from_gait"), data=(DEFAULT, GAIT),
-    ),
-    Result(
-        "learning.pictures", "the picture of the README, from the shipped policy",
-        "-m benchmarks.learning.pictures", 0.5, images("swim.png"),
-        ("benchmarks.learning.pictures:play", BATCH), data=(DEFAULT, POLICIES),
-    ),
-    Result(
-        "learning.videos", "a short video of every task",
-        "-m benchmarks.learning.pictures --videos", 2, tuple(f"docs/videos/{task}.mp4" for task in LEARNED),
-        ("benchmarks.learning.pictures:play", BATCH), data=(DEFAULT, POLICIES),
-    ),
-    Result(
-        "learning.film", "episodes of the shipped policy of LeftAfterRight as a page that turns in 3-D",
-        "-m benchmarks.learning.pictures --film", 0.5, ("docs/videos/left_after_right.html",),
-        ("benchmarks.learning.pictures:film", BATCH), data=(DEFAULT, POLICIES),
+        "learning.pictures", "a picture of a swimming fish, a video of every task, a film in 3-D",
+        "-m benchmarks.learning.pictures", 3,
+        (*images("swim.png"), *(f"docs/videos/{task}.mp4" for task in LEARNED), "docs/videos/left_after_right.html"),
+        ("benchmarks.learning.pictures:play", "benchmarks.learning.pictures:film", BATCH), data=(DEFAULT, POLICIES),
+        by_name=True,
     ),
 )  # fmt: skip
 
