@@ -57,14 +57,19 @@ def error(thing: InRoom, name: str, steps: int, exact: np.ndarray) -> float:
     return float(np.linalg.norm(tank.position[0] - exact, axis=1).max() / thing.length) if tank.alive[0] else np.inf
 
 
+def column(what: str, steps: int) -> str:
+    """Name of a column: a quantity for so many steps in DURATION, by the length of a step."""
+    return f"{what}_{1e3 * DURATION / steps:g}_ms"
+
+
 def errors(thing: InRoom, name: str, exact: np.ndarray) -> dict[str, float]:
-    """Error of a method at every step, by the name of its column."""
-    return {f"error_{1e3 * DURATION / steps:g}_ms": error(thing, name, steps, exact) for steps in STEPS}
+    """Error of a method with every number of steps, by the name of its column."""
+    return {column("error", steps): error(thing, name, steps, exact) for steps in STEPS}
 
 
-def error_line(row: dict) -> tuple[np.ndarray, np.ndarray]:
-    """Steps, ms, and errors below 1 in a row of a table."""
-    found = np.array([(float(key.split("_")[1]), row[key]) for key in row if key.startswith("error_")], dtype=float)
+def line_of(row: dict, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Steps, ms, and a quantity in the row of a table, where it is below 1."""
+    found = np.array([(float(key.split("_")[1]), row[key]) for key in row if key.startswith(what)], dtype=float)
     return tuple(found[found[:, 1] < 1.0].T)
 
 

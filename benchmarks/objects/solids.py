@@ -16,10 +16,12 @@ from benchmarks.common.tables import RESULTS, read_table, write_csv
 from benchmarks.common.timing import interleaved
 from benchmarks.objects.methods import (
     DURATION,
-    error_line,
+    STEPS,
+    column,
     errors,
     largest_stable,
     largest_surviving,
+    line_of,
     reference,
     start,
     swing,
@@ -40,7 +42,7 @@ STARTS = ("swing", "twisted", "inverted")
 TRIED = [1 / 15 / 2**k for k in range(14)]  # s
 WATCHED, CHECKS, GAIN = 1.0, 20, 0.01  # s; times at which the energy is compared; what it may gain of that at the start
 SETTLED = 3.0  # s
-COST_STEP, COST_STEPS, ROUNDS = 1e-3, 50, 21  # s; steps of each timing; timings
+FIRST, COST_STEPS, ROUNDS = 160, 40, 15  # steps in 0.2 s of those that costs are over; steps of each timing; timings
 
 
 def released(thing: InRoom, how: str, name: str, dt: float) -> Tank:
@@ -73,28 +75,34 @@ def survives(thing: InRoom, how: str, name: str, dt: float) -> bool:
     return True
 
 
-def costs(things: dict[str, InRoom]) -> dict[tuple[str, str], float]:
-    """Median cost of a step over that of explicit Euler with linear strain, by measure of strain and method."""
-    keys = [(strain, name) for strain in things for name in METHODS]
+def add_costs(rows: list[dict], things: dict[str, InRoom]) -> None:
+    """Add to each row the median cost of a step of every length, over the first that is timed.
 
-    def timing(strain, name):
-        tank = start(things[strain], name, COST_STEP, gravity=False)
-        begun = tank.get_state()
-        return lambda: tank.set_state(begun), lambda: tank.advance(COST_STEPS), COST_STEPS
+    That is explicit Euler with linear strain and 1.25 ms. Steps that failed are not timed.
+    """
 
+    def timing(row, steps):
+        tank = start(things[row["strain"]], row["method"], DURATION / steps)
+        begun, count = tank.get_state(), min(COST_STEPS, steps)
+        return lambda: tank.set_state(begun), lambda: tank.advance(count), count
+
+    keys = [(row, steps) for row in rows for steps in STEPS if np.isfinite(row[column("error", steps)])]
+    keys.sort(key=lambda key: (key[0] is not rows[0], key[1] != FIRST))
     found = interleaved([timing(*key) for key in keys], ROUNDS)
-    return {key: round(float(cost.ratio[1]), 2) for key, cost in zip(keys, found, strict=True)}
+    for row in rows:
+        row.update({column("cost", steps): np.nan for steps in STEPS})
+    for (row, steps), cost in zip(keys, found, strict=True):
+        row[column("cost", steps)] = round(float(cost.ratio[1]), 2)
 
 
 def methods() -> list[dict]:
     """Rows of every method on a beam of every measure of strain."""
     things = {strain: make_beam(strain=strain) for strain in STRAINS}
-    ratios, rows = costs(things), []
+    rows = []
     for strain, thing in things.items():
         exact = reference(thing)
         for name in METHODS:
-            row = {"strain": strain, "method": name, "cost_over_euler": ratios[strain, name],
-                   **largest_stable(thing, name)}  # fmt: skip
+            row = {"strain": strain, "method": name, **largest_stable(thing, name)}
             for how in STARTS:
                 row[f"{how}_ms"] = np.nan
                 if strain == "corotational":
@@ -103,7 +111,14 @@ def methods() -> list[dict]:
                     )
             rows.append(row | errors(thing, name, exact))
             print(rows[-1], flush=True)
+    add_costs(rows, things)
     return rows
+
+
+def error_and_cost(row: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Errors below 1, and costs of 0.2 s, in steps of explicit Euler, of a row of the table."""
+    step, error = line_of(row, "error")
+    return error, DURATION / step * 1e3 * [row[f"cost_{each:g}_ms"] for each in step]
 
 
 def measure() -> None:
@@ -122,9 +137,8 @@ def draw() -> None:
     for panel, strain in zip(axes, ("linear", "corotational"), strict=False):
         for row in (row for row in rows if row["strain"] == strain):
             colour, marker = METHOD_STYLE[row["method"]]
-            step, off = error_line(row)
-            panel.loglog(1e3 * DURATION / step * row["cost_over_euler"], off, color=colour, marker=marker,
-                         markersize=4, linewidth=1.2, label=row["method"])  # fmt: skip
+            panel.loglog(*error_and_cost(row)[::-1], color=colour, marker=marker, markersize=4, linewidth=1.2,
+                         label=row["method"])  # fmt: skip
         panel.set(title=f"beam, {strain} strain", xlabel="cost of 0.2 s, in steps of explicit Euler",
                   ylabel="error, beam's lengths", ylim=(1e-10, 1.0))  # fmt: skip
     axes[0].legend(frameon=False, fontsize=8)

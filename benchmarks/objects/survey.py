@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.common.charts import METHOD_STYLE, panels, save
 from benchmarks.common.command import measure_and_draw
 from benchmarks.common.tables import IMAGES, RESULTS, read_table, write_csv
-from benchmarks.objects.methods import error_line, errors, largest_stable, largest_surviving, reference
+from benchmarks.objects.methods import errors, largest_stable, largest_surviving, line_of, reference
 from benchmarks.objects.scenes import FRAME, SCENES, energy_of_fall, outside, play, stage, watched
 from fish_env.bodies.objects import OBJECTS, SONG
 from fish_env.bodies.room import InRoom
@@ -102,7 +102,9 @@ def draw() -> None:
     figure, axes = panels(len(SONG), (14.0, 3.9))
     for row in read_table("objects_methods.csv"):
         panel, (colour, marker) = axes[list(SONG).index(row["object"])], METHOD_STYLE[row["method"]]
-        panel.loglog(*error_line(row), color=colour, marker=marker, markersize=4, linewidth=1.2, label=row["method"])
+        panel.loglog(
+            *line_of(row, "error"), color=colour, marker=marker, markersize=4, linewidth=1.2, label=row["method"]
+        )
         if row["stable_ms"] < 99:
             panel.axvline(row["stable_ms"], color=colour, linewidth=0.8, linestyle=":")
     for panel, kind in zip(axes, SONG, strict=True):
