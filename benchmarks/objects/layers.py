@@ -178,7 +178,7 @@ def draw() -> None:
         for layer in (thing.outer, thing.inner):
             loop = np.append(layer, layer[:1])
             name = ("one layer", "two layers")[layers - 1] if layer is thing.outer else None
-            middle.plot(*x[loop, :2].T, color=colour, marker=".", linewidth=1.2, label=name)
+            middle.plot(*x[loop, :2].T, color=colour, marker=".", label=name, zorder=4 - layers)
     middle.set(title="rings without gas on the floor", aspect="equal", xlabel="m", ylabel="m")
     middle.legend(frameon=False, fontsize=8)
     for factor, line in ((1.0, ":"), (HEAVY, "-")):
