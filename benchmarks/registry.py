@@ -276,18 +276,18 @@ FIDELITY = (
 OBJECTS = (
     Result(
         "objects.survey", "elastic objects dropped, thrown and dragged; largest steps and errors of Song's methods",
-        "-m benchmarks.objects.survey", 8,
+        "-m benchmarks.objects.survey", 3,
         csv("objects_scenes", "objects_methods", "objects_methods.svg") + images("objects.webp"),
         ("benchmarks.objects.survey:passes", "benchmarks.objects.survey:methods"), data=(),
     ),
     Result(
         "objects.layers", "one layer and two on a floor, by the pressure of their gas; layers against each other",
-        "-m benchmarks.objects.layers", 3, csv("objects_layers", "objects_layer_modes", "objects_layers.svg"),
+        "-m benchmarks.objects.layers", 1, csv("objects_layers", "objects_layer_modes", "objects_layers.svg"),
         ("benchmarks.objects.layers:collapse", "benchmarks.objects.layers:against_each_other"), data=(),
     ),
     Result(
         "objects.solids", "solids of finite elements: errors, costs and largest steps of every method; recovery",
-        "-m benchmarks.objects.solids", 5, csv("solids_methods", "solids_recovery", "solids_methods.svg"),
+        "-m benchmarks.objects.solids", 2, csv("solids_methods", "solids_recovery", "solids_methods.svg"),
         ("benchmarks.objects.solids:methods", "benchmarks.objects.solids:recovered"), data=(),
     ),
 )  # fmt: skip

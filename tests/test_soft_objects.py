@@ -36,13 +36,18 @@ def short(value, digits=2):
     return "0" if value == 0.0 else f"{value:.{digits}g}" if 1e-3 <= abs(value) < 1e4 else f"{value:.0e}"
 
 
+def step(value):
+    """A step, ms, with two digits."""
+    return f"{value:.0f}" if value > 99 else f"{value:.2g}"
+
+
 def scenes():
     """The worst of the scenes of every object."""
     for kind in OBJECTS:
         rows = select("objects_scenes.csv", object=kind)
         assert [row["scene"] for row in rows] == list(SCENES) and not any(row["escapes"] for row in rows)
         worst = [max(row[key] for row in rows) for key in ("growth", "growth_at_half_step", "depth_over_travel")]
-        yield kind, *map(short, worst), short(min(row["times_real_time"] for row in rows))
+        yield kind, *map(short, worst), f"{min(row['times_real_time'] for row in rows):.0f}"
 
 
 def collapse():
@@ -71,7 +76,7 @@ def of_methods(cell):
 
 def limits():
     """Largest stable step and largest step through the scenes."""
-    return of_methods(lambda row: "; ".join(f"{row[key]:.2g}" for key in ("stable_ms", "scenes_ms")))
+    return of_methods(lambda row: f"{step(row['stable_ms'])}; {step(row['scenes_ms'])}")
 
 
 def errors():
@@ -111,7 +116,7 @@ def moved_solids():
     """Methods on the corotational beam."""
     for name in solids.METHODS:
         (row,) = select("solids_methods.csv", strain="corotational", method=name)
-        steps = (f"{row[key]:.3g}" for key in ("swing_ms", "twisted_ms", "inverted_ms", "stable_ms"))
+        steps = (step(row[key]) for key in ("swing_ms", "twisted_ms", "inverted_ms", "stable_ms"))
         error, cost = solids.error_and_cost(row)
         yield f"`{name}`", *steps, short(row["error_1.25_ms"]), f"{cost[error < 1e-3].min():.0f}"
 

@@ -1,6 +1,6 @@
 """Why two layers: one layer and two on a floor, with gas and without; motion of the layers against each other.
 
-python -m benchmarks.objects.layers             tables and chart (about 3 min)
+python -m benchmarks.objects.layers             tables and chart (about 1 min)
 python -m benchmarks.objects.layers --draw      the chart again
 """
 

@@ -1,6 +1,6 @@
 """Solids of finite elements: which method moves them, and which come back to their shape.
 
-    python -m benchmarks.objects.solids             tables and chart (about 5 min)
+    python -m benchmarks.objects.solids             tables and chart (about 2 min)
     python -m benchmarks.objects.solids --draw      the chart again
 
 A beam oscillates in free flight: errors against a reference solution, and the largest stable step. Then it is let go

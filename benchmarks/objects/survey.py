@@ -1,6 +1,6 @@
 """Elastic objects dropped, thrown and dragged, and Song's methods on hers (Song 2009, ch. 5 and 7).
 
-    python -m benchmarks.objects.survey             tables, chart and picture (about 8 min)
+    python -m benchmarks.objects.survey             tables, chart and picture (about 3 min)
     python -m benchmarks.objects.survey --draw      chart and picture again
 
 Steps that survive are those of a sixtieth of a second divided by a whole number with which an object passes through
