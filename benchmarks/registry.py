@@ -82,23 +82,13 @@ ACCURACY = (
     Result(
         "accuracy.boundary", "prescribed displacements: a penalty against elimination",
         "-m benchmarks.accuracy.boundary", 0.5, csv("boundary") + images("boundary.svg"),
-        ("benchmarks.accuracy.boundary:measure",),
+        ("benchmarks.accuracy.boundary:compare",),
     ),
     Result(
-        "accuracy.strain_measures", "linear, corotational and quadratic strain in rotation, extension, bending; costs",
-        "-m benchmarks.accuracy.strain_measures", 3,
-        csv("strain_rotation", "strain_extension", "strain_bending", "strain_costs")
-        + images("strain_measures.svg"),
-        ("benchmarks.accuracy.strain_measures:rotated", "benchmarks.accuracy.strain_measures:drawn",
-         "benchmarks.accuracy.strain_measures:bent", "benchmarks.accuracy.strain_measures:costs"), data=(),
-    ),
-    Result(
-        "accuracy.finite_elements", "the finite-element body against beam theory; recovery, vibration",
-        "-m benchmarks.accuracy.finite_elements", 5,
-        csv(*(f"finite_elements_{name}" for name in ("beam", "bending", "shapes", "recovery", "vibration")))
-        + images(*(f"finite_elements_{name}.svg" for name in ("beam", "bending", "vibration"))),
-        ("benchmarks.accuracy.beam_bending:converging", "benchmarks.accuracy.beam_bending:bending",
-         "benchmarks.accuracy.block_recovery:recovering", "benchmarks.accuracy.beam_vibration:vibrating"), data=(),
+        "accuracy.finite_elements", "tetrahedra against beam theory; measures of strain in rotation and bending",
+        "-m benchmarks.accuracy.finite_elements", 3,
+        csv("elements_beam", "elements_strains") + images("elements.svg"),
+        ("benchmarks.accuracy.finite_elements:refined", "benchmarks.accuracy.finite_elements:strains"), data=(),
     ),
 )  # fmt: skip
 
@@ -186,72 +176,20 @@ FIDELITY = (
 
 OBJECTS = (
     Result(
-        "objects.survey", "elastic objects: scenes against their bars, Song's methods and estimates, roundness",
-        "-m benchmarks.objects.survey", 5,
-        csv(*(f"song_{name}" for name in ("estimates", "round", "scenes", "stable", "methods", "references")),
-            "song_methods.svg", "song_estimates.svg"),
-        ("benchmarks.objects.survey:scenes", "benchmarks.objects.shapes:estimates",
-         "benchmarks.objects.shapes:roundness", "benchmarks.objects.methods:largest_stable",
-         "benchmarks.objects.methods:sweep"), data=(),
+        "objects.survey", "elastic objects dropped, thrown and dragged; largest steps and errors of Song's methods",
+        "-m benchmarks.objects.survey", 3,
+        csv("objects_scenes", "objects_methods", "objects_methods.svg") + images("objects.webp"),
+        ("benchmarks.objects.survey:passes", "benchmarks.objects.survey:methods"), data=(),
     ),
     Result(
-        "objects.argument", "objects of one layer and of two on a floor, by the pressure of their gas",
-        "-m benchmarks.objects.argument", 2, csv("song_collapse", "song_collapse.svg"),
-        ("benchmarks.objects.argument:collapse",), data=(),
+        "objects.layers", "one layer and two on a floor, by the pressure of their gas; layers against each other",
+        "-m benchmarks.objects.layers", 1, csv("objects_layers", "objects_layer_modes", "objects_layers.svg"),
+        ("benchmarks.objects.layers:collapse", "benchmarks.objects.layers:against_each_other"), data=(),
     ),
     Result(
-        "objects.inner", "the inner layer against the outer: natural frequencies beside simulated ones, an impact",
-        "-m benchmarks.objects.inner", 1, csv("song_inner", "song_inner_impact", "song_inner.svg"),
-        ("benchmarks.objects.inner:compared", "benchmarks.objects.inner:thrown"), data=(),
-    ),
-    Result(
-        "objects.closed", "objects thrown in a closed room by every method; the energy of falls of rings that differ",
-        "-m benchmarks.objects.closed", 2, csv("song_room", "song_falls"),
-        ("benchmarks.objects.closed:survey", "benchmarks.objects.closed:fall"), data=(),
-    ),
-    Result(
-        "objects.impact", "Song's methods through impact and drag, what their steps cost, the forces of spheres",
-        "-m benchmarks.objects.impact", 15,
-        csv("song_impact", "song_costs", "song_forces", "song_impact.svg", "song_forces.svg"),
-        ("benchmarks.objects.impact:passages", "benchmarks.objects.impact:costs",
-         "benchmarks.objects.impact:force_errors"), data=(),
-    ),
-    Result(
-        "objects.detail", "what a level of detail of the uniform sphere costs, and from which distance on it is enough",
-        "-m benchmarks.objects.detail", 0.2, csv("song_detail"), ("benchmarks.objects.detail:costs",), data=(),
-    ),
-    Result(
-        "objects.hand", "a drag spring that has the hand's velocity, beside one whose hand jumps",
-        "-m benchmarks.objects.hand", 0.3, csv("song_hand"), ("benchmarks.objects.hand:compare",), data=(),
-    ),
-    Result(
-        "objects.parameters", "what each parameter of the ring does to a fall on the floor",
-        "-m benchmarks.objects.parameters", 0.5, csv("song_parameters", "song_parameters.svg"),
-        ("benchmarks.objects.parameters:fall",), data=(),
-    ),
-    Result(
-        "objects.solids", "solids of finite elements: scenes, every method's error against cost, and where each fails",
-        "-m benchmarks.objects.solids", 8,
-        csv("solid_scenes", "solid_recovery", "solid_methods", "solid_stable", "solid_robust", "solid_references",
-            "solid_methods.svg"),
-        ("benchmarks.objects.solids:scenes", "benchmarks.objects.solids:longest_step", "benchmarks.objects.methods:one",
-         "benchmarks.objects.methods:largest_stable"), data=(),
-    ),
-    Result(
-        "objects.solid_pictures", "the strip of pictures of solids in docs/elastic-objects.md",
-        "-m benchmarks.objects.solids --picture", 0.2, images("objects_solids.png"),
-        ("benchmarks.objects.solids:picture",), data=(),
-    ),
-    Result(
-        "objects.frames", "pictures a second of every elastic object, with drawing",
-        "-m benchmarks.objects.survey --frames", 0.5, csv("song_frames"), ("benchmarks.objects.survey:frames",),
-        data=(),
-    ),
-    Result(
-        "objects.pictures", "the strips of pictures of docs/elastic-objects.md",
-        "-m benchmarks.objects.survey --pictures", 0.5,
-        images("objects_dropped.png", "objects_thrown.png", "objects_dragged.png"),
-        ("benchmarks.objects.survey:pictures",), data=(),
+        "objects.solids", "solids of finite elements: errors, costs and largest steps of every method; recovery",
+        "-m benchmarks.objects.solids", 2, csv("solids_methods", "solids_recovery", "solids_methods.svg"),
+        ("benchmarks.objects.solids:methods", "benchmarks.objects.solids:recovered"), data=(),
     ),
 )  # fmt: skip
 
