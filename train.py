@@ -164,19 +164,20 @@ def say(text: str) -> None:
 
 
 def carry_out(came: list[int]) -> int:
-    """Run the command of the command line; errors that a user can correct are printed without a traceback."""
-    known: tuple[type[Exception], ...] = (ValueError, OSError, RuntimeError, MemoryError)
+    """Run the command of the command line; errors that a user can correct are one line without a traceback."""
     try:
-        from gymnasium.error import Error
+        from fish_env.control.console import answered
 
-        known += (Error,)
-        run(parse(), came)
+        return answered("train.py", lambda: command(came))
     except ImportError as error:
         say(f'train.py: {error}; install it, in the checkout: pip install -c constraints.txt -e ".[train]"')
         return 2
-    except known as error:
-        say(f"train.py: {error}")
-        return 2
+
+
+def command(came: list[int]) -> int:
+    """Read the command line and run it; the exit status."""
+    try:
+        run(parse(), came)
     except KeyboardInterrupt as stop:
         if type(stop) is KeyboardInterrupt:  # else it was said already what was saved
             say("\nStopped.")

@@ -1,9 +1,10 @@
 """Whether a policy exploits the integrator: replayed under RK4 at an eighth of the step, and every other method.
 
-`python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg, and, of many more
-episodes by the default method and the reference alone, integrators_default.csv.
+`python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg. The last rows of
+the table are those of many more episodes, by the reference and the default method alone.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -62,48 +63,30 @@ def places(env: FishVectorEnv) -> np.ndarray:
     return np.tensordot(mass, env.tank.position, (0, 1)) / mass.sum() / env.tank.fish.length
 
 
-def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODES) -> list[dict]:
-    """Replay policies under every method and print what changes; of the shipped ones, write table and chart too."""
-    rows = []
-    if not paths:
-        writable_folder(RESULTS)
-    for path in paths or shipped_policies().values():
-        task, _, env = opened(path, 1)
-        reference = None
-        for how in tqdm(settings(env.tank.fish), desc=task, unit=" settings"):
-            scores, track = replay(path, how, episodes)
-            if reference is None:
-                reference = (scores, track)
-            integrator, dt, refine = how
-            rows.append({"task": task, "integrator": integrator, "dt_ms": round(1e3 * dt, 6),
-                         "refine": refine or np.inf, "episodes": episodes}
-                        | differences(scores, track, *reference))  # fmt: skip
-    print_rows(rows)
-    if not paths:  # of other policies nothing is published
-        write_csv("integrators_policies.csv", rows, COMMAND)
-        draw(rows, RESULTS / "integrators_policies.svg")
-        check_default()
+def replays(path: Path, hows: Iterable[tuple[str, float, float | None]], episodes: int) -> list[dict]:
+    """A row for each of some `settings`: scores of the policy, and their differences from those of the first."""
+    rows, reference, task = [], None, opened(path, 1)[0]
+    for how in tqdm(hows, desc=task, unit=" settings"):
+        scores, track = replay(path, how, episodes)
+        reference = reference or (scores, track)
+        integrator, dt, refine = how
+        rows.append({"task": task, "integrator": integrator, "dt_ms": round(1e3 * dt, 6), "refine": refine or np.inf,
+                     "episodes": episodes} | differences(scores, track, *reference))  # fmt: skip
     return rows
 
 
-def check_default(episodes: int = MANY) -> list[dict]:
-    """Change of the return between the reference and the default method, with its standard error; writes a table."""
-    rows = []
-    for path in shipped_policies().values():
-        task, _, env = opened(path, 1)
-        fish = env.tank.fish
-        own = (fish.integrator, fish.time_step, fish.refine)
-        reference, default = (replay(path, how, episodes)[0] for how in (settings(fish)[0], own))
-        change, wanted = default["return"] - reference["return"], abs(reference["return"].mean())
-        rows.append(
-            {"task": task, "episodes": episodes, "return_reference": rounded(reference["return"].mean()),
-             "return_default": rounded(default["return"].mean()), "change": rounded(change.mean() / wanted),
-             "standard_error": rounded(change.std(ddof=1) / np.sqrt(episodes) / wanted)}
-            | {f"success_{name}": rounded(s["success"].mean()) if "success" in s else ""
-               for name, s in (("reference", reference), ("default", default))}
-        )  # fmt: skip
-        print(rows[-1])
-    write_csv("integrators_default.csv", rows, COMMAND)
+def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODES) -> list[dict]:
+    """Replay policies under every method and print what changes; of the shipped ones, write table and chart too."""
+    if not paths:
+        writable_folder(RESULTS)
+    fish = {path: opened(path, 1)[2].tank.fish for path in paths or shipped_policies().values()}
+    rows = [row for path in fish for row in replays(path, settings(fish[path]), episodes)]
+    if not paths:  # of other policies nothing is published
+        draw(rows, RESULTS / "integrators_policies.svg")
+        for path, own in fish.items():
+            rows += replays(path, (settings(own)[0], (own.integrator, own.time_step, own.refine)), MANY)
+        write_csv("integrators_policies.csv", rows, COMMAND)
+    print_rows(rows)
     return rows
 
 
@@ -113,10 +96,12 @@ def differences(scores: Scores, track: np.ndarray, reference: Scores, reference_
     apart = np.linalg.norm(track[:count] - reference_track[:count], axis=2)
     finite = np.isfinite(apart).any(axis=0)
     total, wanted = scores["return"].mean(), reference["return"].mean()
+    change = (scores["return"] - reference["return"]) / abs(wanted)
     success = "success" if "success" in scores else None
     return {
         "return": rounded(total),
-        "return_change": rounded((total - wanted) / abs(wanted)),
+        "return_change": rounded(change.mean()),
+        "standard_error": rounded(change.std(ddof=1) / np.sqrt(change.size)),
         "success": rounded(scores[success].mean()) if success else "",
         "success_change": rounded(scores[success].mean() - reference[success].mean()) if success else "",
         "path_difference": rounded(float(np.median(np.nanmax(apart[:, finite], axis=0)))) if finite.any() else "",
@@ -126,7 +111,8 @@ def differences(scores: Scores, track: np.ndarray, reference: Scores, reference_
 
 def print_rows(rows: list[dict]) -> None:
     """The table."""
-    columns = {"task": 18, "integrator": 32, "dt_ms": 10, "refine": 7, "return": 9, "return_change": 15, "success": 9,
+    columns = {"task": 18, "integrator": 32, "dt_ms": 10, "refine": 7, "return": 9, "return_change": 15,
+               "standard_error": 16, "success": 9,
                "success_change": 16, "path_difference": 17, "failed": 8}  # fmt: skip
     print("".join(name.rjust(width) for name, width in columns.items()))
     for row in rows:

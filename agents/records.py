@@ -52,13 +52,13 @@ def provenance(command: str) -> dict[str, str]:
     }
 
 
-def write_csv(name: str, rows: list[dict], command: str) -> Path:
-    """Write rows to benchmarks/results/name, preceded by the provenance as comment lines; returns the path.
+def write_csv(name: str, rows: list[dict], command: str, more: dict[str, str] | None = None) -> Path:
+    """Write rows to benchmarks/results/name, preceded by the provenance and more as comment lines; returns the path.
 
     A table that is there already is replaced as a whole, or stays if anything fails.
     """
     text = StringIO()
-    for key, value in provenance(command).items():
+    for key, value in (provenance(command) | (more or {})).items():
         text.write(f"# {key}: {value}\n")
     writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
     writer.writeheader()

@@ -1,11 +1,13 @@
 """Publish the results of `train.py all`: interquartile means over seeds beside the baselines, curves, median policies.
 
-For every task, fish_env/control/pretrained/<task>/ gets the policy of the median seed with its configuration, and
-benchmarks/results/learning/ gets <task>_seeds.csv (a row for each seed and condition), <task>_methods.csv (a row for
-each method, condition and metric, with intervals) and <task>_curves.csv; docs/images/curves.svg shows the curves.
+For every task, fish_env/control/pretrained/<task>/ gets the policy of the median seed with its configuration, and the
+tables of benchmarks/results/learning/ get its rows: seeds.csv (one for each seed and condition), methods.csv (one for
+each method, condition and metric, with intervals) and curves.csv. The page of results shows some of the metrics, and
+docs/images/curves.svg the curves.
 """
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ import numpy as np
 from agents.avoidability import avoidable
 from agents.config import CONFIGS, RESULTS
 from agents.records import RESULTS as TABLES
-from agents.records import pyplot, read_rows, write_csv
+from agents.records import ROOT, provenance, pyplot, read_rows, write_csv
 from agents.report import baselines
 from agents.saved_run import read_record
 from agents.statistics import interquartile_mean, interval, rounded, seed_mean
@@ -31,10 +33,8 @@ from fish_env.control.policy import PRETRAINED
 
 COMMAND = "python train.py all"
 CURVE_POINTS = 60
-IMAGES = Path(__file__).parent.parent / "docs" / "images"
-LEARNING = TABLES / "learning"
-PAGE = Path(__file__).parent.parent / "docs" / "results.md"
-README = Path(__file__).parent.parent / "README.md"
+IMAGES, LEARNING = ROOT / "docs" / "images", TABLES / "learning"
+PAGE, README = ROOT / "docs" / "results.md", ROOT / "README.md"
 UNITS = {
     "speed": ("speed, BL/s", 1, 2),
     "sideways": ("sideways, BL/s", 1, 2),
@@ -56,6 +56,20 @@ UNITS = {
     "failed": ("physics failed, %", 100, 2),
 }
 """Heading, factor and digits of a metric in the tables of the page."""
+TURNS = ("success", "latency", "overshoot", "radius", "speed_lost", "work")
+SHOWN = {
+    "swim": ("speed", "sideways", "return"),
+    "turn": TURNS,
+    "left_after_right": TURNS,
+    "target": ("targets", "success", "time_per_target"),
+    "target_3d": ("targets", "success", "time_per_target"),
+    "avoid": ("avoided", "passed", "success", "clearance", "return"),
+}
+"""The metrics of a task on the page."""
+EVERYWHERE = ("motor controllers", "PPO")
+"""Methods that the page shows under every condition, and not only under that of the training."""
+MIRRORED = ("90 right", "left after right", "right after left")
+"""Conditions that the page leaves out: the mirror image of another one, or half of all episodes."""
 
 
 def publish(root: Path, tasks=None) -> None:
@@ -78,11 +92,30 @@ def publish(root: Path, tasks=None) -> None:
         if len(commits) > 1:
             print(f"runs of {task} are of the commits {'; '.join(commits)}: look whether the task changed between them")
         publish_task(task, runs)
-    if all((LEARNING / f"{task}_curves.csv").exists() for task in CONFIGS):
+    if {row["task"] for row in stored("curves")} == set(CONFIGS):
         draw_curves(IMAGES / "curves.svg")
     write_text(PAGE, filled(PAGE.read_text()))
     pattern = r"(?<=<!-- summary -->\n).*?(?=<!-- end -->)"
     write_text(README, re.sub(pattern, lambda _: summary(), README.read_text(), flags=re.DOTALL))
+
+
+def stored(table: str) -> list[dict]:
+    """The rows of a table that are there already, of all tasks."""
+    path = LEARNING / f"{table}.csv"
+    return read_rows(path) if path.exists() else []
+
+
+def key_of(row: dict) -> tuple[str, str, str, str]:
+    """What a row of methods.csv is about: task, condition, method and metric."""
+    return row["task"], row["condition"], row["method"], row["metric"]
+
+
+def replace_rows(table: str, task: str, rows: list[dict]) -> None:
+    """Write the rows of a task into a table in place of those that were there; other tasks keep theirs."""
+    rows = [row for row in stored(table) if row["task"] != task] + [{"task": task} | row for row in rows]
+    rows.sort(key=lambda row: list(CONFIGS).index(row["task"]))
+    columns = dict.fromkeys(name for row in rows for name in row)
+    write_csv(f"learning/{table}.csv", [{name: row.get(name, "") for name in columns} for row in rows], COMMAND)
 
 
 def publish_task(task: str, runs: list[Path]) -> None:
@@ -108,23 +141,23 @@ def publish_task(task: str, runs: list[Path]) -> None:
                                     "episodes": EPISODES})  # fmt: skip
         if not condition:
             ship(runs, methods["PPO"], result.score, PRETRAINED / task)
-    write_csv(f"learning/{task}_seeds.csv", seed_rows, COMMAND)
-    write_csv(f"learning/{task}_methods.csv", method_rows, COMMAND)
-    write_csv(f"learning/{task}_curves.csv", [row for run in runs for row in curve_rows(run)], COMMAND)
-    print(f"\n{task}\n{table_of(method_rows)}")
+    measured = {"measured": provenance(COMMAND)["commit"]}
+    replace_rows("seeds", task, [row | measured for row in seed_rows])
+    replace_rows("methods", task, [row | measured for row in method_rows])
+    replace_rows("curves", task, [row for run in runs for row in curve_rows(run)])
+    print(f"\n{task}\n{table_of(method_rows, dict.fromkeys(row['metric'] for row in method_rows))}")
 
 
 def publish_method(root: Path, integrator: str, tasks=None) -> None:
     """Measure what was trained with another integrator, moved by it and by the default one, beside the default.
 
-    It writes learning/trained_with_<integrator>.csv and fills in its table on the page of results; nothing is shipped.
+    It prints a table and writes root/trained_with_<integrator>.csv; nothing is shipped.
 
     Raises:
         FileNotFoundError: if no seed of a task is finished.
-        ValueError: if a folder that the results go to cannot be written to.
+        ValueError: if the folder of the runs cannot be written to.
     """
-    for folder in (LEARNING, PAGE.parent):
-        writable_folder(folder)
+    writable_folder(root)
     rows, generator = [], np.random.default_rng(0)
     for task in CONFIGS if tasks is None else tasks:
         result = RESULTS[task]
@@ -141,10 +174,11 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
                 rows.append({"task": task, "moved_by": moved, "dt": settings.get("dt", ""), "metric": metric,
                              "value": rounded(value), "low": rounded(low), "high": rounded(high), "seeds": len(runs),
                              "episodes": EPISODES})  # fmt: skip
-                print(rows[-1], flush=True)
     step = f" --dt {settings['dt']:g}" if "dt" in settings else ""
-    write_csv(f"learning/trained_with_{integrator}.csv", rows, f"{COMMAND} --integrator {integrator}{step}")
-    write_text(PAGE, filled(PAGE.read_text()))
+    path = (root / f"trained_with_{integrator}.csv").absolute()
+    print(
+        f"{method_table(rows, integrator)}\n{write_csv(str(path), rows, f'{COMMAND} --integrator {integrator}{step}')}"
+    )
 
 
 def method_table(rows: list[dict], integrator: str) -> str:
@@ -152,8 +186,7 @@ def method_table(rows: list[dict], integrator: str) -> str:
     heads = ("Task", "Metric", "trained with the default", f"with `{integrator}`", "the same, moved by the default")
     lines = [f"| {' | '.join(heads)} |", "|---|---|---|---|---|"]
     for task, metric in dict.fromkeys((row["task"], row["metric"]) for row in rows):
-        cells = [row for row in read_rows(LEARNING / f"{task}_methods.csv")
-                 if (row["condition"], row["method"], row["metric"]) == ("", "PPO", metric)]  # fmt: skip
+        cells = [row for row in stored("methods") if key_of(row) == (task, "", "PPO", metric)]
         cells += [row for row in rows if (row["task"], row["metric"]) == (task, metric)]
         lines.append(f"| {task} | {UNITS[metric][0]} | {' | '.join(cell(row) for row in cells)} |")
     return "\n".join(lines) + "\n"
@@ -191,11 +224,10 @@ def curve_rows(run: Path) -> list[dict]:
 def draw_curves(path: Path) -> None:
     """Score against environment steps for every task: a thin line for each seed, their interquartile mean bold."""
     plt = pyplot()
-    plt.rcParams["svg.hashsalt"] = "fish_env"
     figure, grid = plt.subplots(2, 3, figsize=(10, 5.4), layout="constrained")
     for axes, task in zip(grid.flat, CONFIGS, strict=True):
         lines = {}
-        for row in read_rows(LEARNING / f"{task}_curves.csv"):
+        for row in (row for row in stored("curves") if row["task"] == task):
             lines.setdefault(row["seed"], []).append((float(row["timesteps"]) / 1e6, float(row["score"])))
         lines = [np.array(line).T for line in lines.values()]
         points = np.linspace(max(line[0, 0] for line in lines), min(line[0, -1] for line in lines), CURVE_POINTS)
@@ -203,29 +235,28 @@ def draw_curves(path: Path) -> None:
         for line in lines:
             axes.plot(*line, color="#0b7a99", alpha=0.3, lw=0.8)
         axes.plot(points, [interquartile_mean(column) for column in levels.T], color="#0b7a99", lw=2)
-        wanted = ("", "motor controllers", RESULTS[task].score)
-        rows = read_rows(LEARNING / f"{task}_methods.csv")
-        level = next(float(r["value"]) for r in rows if (r["condition"], r["method"], r["metric"]) == wanted)
-        axes.axhline(level, color="#c0562f", ls="--", lw=1)
-        axes.set(
-            title=task.replace("_", " "), xlabel="million environment steps", ylabel=RESULTS[task].score, ylim=(0, None)
-        )
+        score = RESULTS[task].score
+        levels_of = {key_of(row): row["value"] for row in stored("methods")}
+        axes.axhline(float(levels_of[task, "", "motor controllers", score]), color="#c0562f", ls="--", lw=1)
+        axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=score, ylim=(0, None))
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
 
 
 def filled(page: str) -> str:
-    """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, filled in from the CSV files."""
+    """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, filled in from the CSV file."""
 
     def table(match: re.Match) -> str:
-        other = LEARNING / f"{match[1]}.csv"
-        if match[1].startswith("trained_with_") and other.exists():
-            rows = method_table(read_rows(other), match[1].removeprefix("trained_with_"))
-            return f"<!-- {match[1]} -->\n\n{rows}\n<!-- end -->"
-        path = LEARNING / f"{match[1]}_methods.csv"
-        return f"<!-- {match[1]} -->\n\n{table_of(read_rows(path))}\n<!-- end -->" if path.exists() else match[0]
+        rows = [row for row in stored("methods") if row["task"] == match[1] and shown(row)]
+        return f"<!-- {match[1]} -->\n\n{table_of(rows, SHOWN[match[1]])}\n<!-- end -->" if rows else match[0]
 
     return re.sub(r"<!-- (\w+) -->.*?<!-- end -->", table, page, flags=re.DOTALL)
+
+
+def shown(row: dict) -> bool:
+    """True for the rows of methods.csv that the page shows."""
+    allowed = not row["condition"] or (row["method"] in EVERYWHERE and row["condition"] not in MIRRORED)
+    return allowed and row["metric"] in SHOWN[row["task"]]
 
 
 def summary() -> str:
@@ -234,27 +265,26 @@ def summary() -> str:
         name: name.removeprefix("best ") for name in ("random", "best open-loop gait", "motor controllers", "PPO")
     }
     lines = [f"| Task | Goal | Metric | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
+    found = {key_of(row): row for row in stored("methods")}
     for task, result in RESULTS.items():
-        path = LEARNING / f"{task}_methods.csv"
-        rows = read_rows(path) if path.exists() else []
-        for metric in result.headline if rows else ():
-            found = {row["method"]: row for row in rows if (row["condition"], row["metric"]) == ("", metric)}
+        for metric in result.headline if (task, "", "PPO", "return") in found else ():
+            rows = [found.get((task, "", method, metric)) for method in methods]
             name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
-            cells = " | ".join(cell(found[method], False) if method in found else "-" for method in methods)
+            cells = " | ".join(cell(row, False) if row else "-" for row in rows)
             lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {cells} |")
     return "\n" + "\n".join(lines) + "\n\n"
 
 
-def table_of(rows: list[dict]) -> str:
-    """The results of a task as Markdown, a line for each method and condition."""
-    metrics = list(dict.fromkeys(row["metric"] for row in rows))
+def table_of(rows: list[dict], metrics: Iterable[str]) -> str:
+    """The results of a task as Markdown, a line for each method and condition, and a column for each metric."""
     lines = {}
     for row in rows:
         method = row["method"] if row["method"] != "PPO" else f"PPO, {row['seeds']} seeds"
-        lines.setdefault((row["condition"], method), []).append(cell(row))
+        lines.setdefault((row["condition"], method), {})[row["metric"]] = cell(row)
+    metrics = list(metrics)
     head = f"| | {' | '.join(UNITS[metric][0] for metric in metrics)} |\n|---|{'---|' * len(metrics)}\n"
     return head + "".join(
-        f"| {method}{', ' * bool(condition)}{condition} | {' | '.join(cells)} |\n"
+        f"| {method}{', ' * bool(condition)}{condition} | {' | '.join(cells[metric] for metric in metrics)} |\n"
         for (condition, method), cells in lines.items()
     )
 
@@ -265,4 +295,6 @@ def cell(row: dict, intervals: bool = True) -> str:
         return "-"
     _, factor, digits = UNITS[row["metric"]]
     value, low, high = (f"{factor * float(row[name]):.{digits}f}" for name in ("value", "low", "high"))
-    return value if low == value == high or not intervals else f"{value} ({low} to {high})"
+    if low == value == high or not intervals:
+        return value
+    return f"{value} ({low} to {high})" if low.startswith("-") else f"{value} ({low}\N{EN DASH}{high})"

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from agents.saved_run import CURVE, check_name, read_curve, read_record
@@ -22,6 +21,7 @@ from fish_env.control import (
     run_episodes,
 )
 from fish_env.control.evaluation import Scores, episode_scores, gathered
+from fish_env.control.stated import one_fish, stated
 from fish_env.envs import FishEnv
 
 FILES = ("config.json", "curve.csv", "policy.npz")
@@ -111,8 +111,8 @@ class Motion:
 
 def recorded_episodes(run: Run, count: int = SHOWN) -> tuple[list[Recording], Fish]:
     """Recordings of the first episodes of the evaluation, and the fish that swam."""
-    options = evaluation_options(run.policy.about.get("env_options", {}))
-    env = gym.make(run.policy.about["env_id"], **options)
+    env_id, options = stated(run.policy.about)
+    env = one_fish(env_id, evaluation_options(options))
     bare = env.unwrapped
     assert isinstance(bare, FishEnv)  # the tasks of `RESULTS` are
     found = [record(env, run.policy, FIRST_SEED + k) for k in range(count)]

@@ -1,13 +1,13 @@
-"""Published numbers: what makes them, how long that takes, and whether they are older than the code.
+"""Published numbers: what makes them, how long that takes, and whether they are stale.
 
     python -m benchmarks                      list every published number
     python -m benchmarks stability.survey     make one of them again, or several; a room stands for all of its numbers
-    python -m benchmarks --stale              make those again that are older than the code
-    python -m benchmarks --all                make all of them again
+    python -m benchmarks --stale              make those again that are stale
+    python -m benchmarks --all                make all of them again but those made at this very commit
 
 Each runs in a process of its own; a failure does not stop the others. Those that replace parameters or policies of the
-package run only when they are named. What "older than the code" means is in benchmarks/freshness.py. Every command can
-be run by itself, too, and most have options: see its --help.
+package run only when they are named. A number is stale where a reference trajectory that it follows has changed
+(benchmarks/common/reference.py). Every command can be run by itself, too, and most have options: see its --help.
 """
 
 import argparse
@@ -16,8 +16,8 @@ import sys
 import textwrap
 import time
 
-from agents.records import ROOT
-from benchmarks.freshness import MISSING, STALE, Repository, Status
+from agents.records import ROOT, provenance
+from benchmarks.freshness import CURRENT, MISSING, STALE, status_of
 from benchmarks.registry import REGISTRY, Result
 
 WHOLE_WORDS = {"break_long_words": False, "break_on_hyphens": False}
@@ -28,22 +28,14 @@ def span(minutes: float) -> str:
     return f"{minutes / 60:.3g} h" if minutes >= 90 else f"{60 * minutes:.0f} s" if minutes < 1 else f"{minutes:g} min"
 
 
-def status_of(result: Result, repository: Repository) -> Status:
-    """Whether what a command publishes is current."""
-    return repository.status(result.outputs, result.makes, result.data)
-
-
-def show(results: list[Result], repository: Repository) -> None:
+def show(results: list[Result]) -> None:
     """Print every number with its command and its status."""
-    if repository.without_history:
-        print(f"There is no history to compare with ({repository.without_history}):")
-        print("whether a number is older than the code cannot be told.\n")
     room, count = "", {}
     for result in results:
         if result.room != room:
             room = result.room
             print(f"{room}\n{'-' * len(room)}")
-        status = status_of(result, repository)
+        status = status_of(result.outputs, result.follows)
         count[status.state] = count.get(status.state, 0) + 1
         about = f"{status.commit} {status.date}".strip()
         print(f"{result.name:32}{status.state:22}{about:26}{span(result.minutes)}")
@@ -56,7 +48,7 @@ def show(results: list[Result], repository: Repository) -> None:
     print(", ".join(f"{number} {state}" for state, number in count.items()))
 
 
-def chosen(names: list[str], everything: bool, stale: bool, repository: Repository) -> list[Result]:
+def chosen(names: list[str], everything: bool, stale: bool) -> list[Result]:
     """The results that are asked for.
 
     Raises:
@@ -72,9 +64,10 @@ def chosen(names: list[str], everything: bool, stale: bool, repository: Reposito
             found += [REGISTRY[name]] if name in REGISTRY else of_room
         return list(dict.fromkeys(found))
     found = [result for result in REGISTRY.values() if not result.by_name]
-    if everything:
-        return found
-    return [result for result in found if stale and status_of(result, repository).state in (STALE, MISSING)]
+    if everything:  # what an interrupted run has made already has the commit in its head
+        commit = provenance("")["commit"]
+        return [result for result in found if status_of(result.outputs, result.follows)[:2] != (CURRENT, commit)]
+    return [result for result in found if stale and status_of(result.outputs, result.follows).state in (STALE, MISSING)]
 
 
 def run(results: list[Result]) -> list[str]:
@@ -82,7 +75,8 @@ def run(results: list[Result]) -> list[str]:
     print(f"{len(results)} to make, about {span(sum(result.minutes for result in results))} on two cores", flush=True)
     failed = []
     for number, result in enumerate(results, start=1):
-        print(f"\n[{number}/{len(results)}] {result.name}, {span(result.minutes)}: {result.command_line}", flush=True)
+        left = span(sum(each.minutes for each in results[number - 1 :]))
+        print(f"\n[{number}/{len(results)}] {result.name}, about {left} left: {result.command_line}", flush=True)
         begin = time.perf_counter()
         code = subprocess.run(result.arguments(sys.executable), cwd=ROOT, check=False).returncode
         verdict = "done" if code == 0 else f"FAILED with exit status {code}"
@@ -101,19 +95,15 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("names", nargs="*", metavar="name", help="a number or a room; default: list them all")
     parser.add_argument("--all", action="store_true", help="make all of them again")
-    parser.add_argument("--stale", action="store_true", help="make those again that are older than the code")
+    parser.add_argument("--stale", action="store_true", help="make those again that are stale")
     given = parser.parse_args(arguments)
     if (given.names and (given.all or given.stale)) or (given.all and given.stale):
         parser.error("give names, or --all, or --stale")
-    repository = Repository()
     if not (given.names or given.all or given.stale):
-        show(list(REGISTRY.values()), repository)
+        show(list(REGISTRY.values()))
         return 0
-    if given.stale and repository.without_history:
-        print(f"--stale needs the history of the files: {repository.without_history}", file=sys.stderr)
-        return 2
     try:
-        results = chosen(given.names, given.all, given.stale, repository)
+        results = chosen(given.names, given.all, given.stale)
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2

@@ -20,6 +20,7 @@ from pathlib import Path
 import gymnasium as gym
 
 import fish_env
+from fish_env.control.console import answered
 from fish_env.control.evaluation import (
     EPISODES,
     FIRST_SEED,
@@ -49,8 +50,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         prog="python -m fish_env", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     commands = parser.add_subparsers(dest="command")
-    laboratory = commands.add_parser("lab", help="open the laboratory in the browser, on this machine only")
-    laboratory.add_argument("--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK})")
+    laboratory = commands.add_parser("lab", help="open the laboratory in the browser, for this machine only")
+    laboratory.add_argument(
+        "--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK}, which only this machine can open; "
+        "0.0.0.0 can be opened by every machine that reaches this one, without a password)",
+    )  # fmt: skip
     laboratory.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
     command = commands.add_parser("compile", help="compile kernels ahead of their first use, into FISH_ENV_CACHE")
     command.add_argument("task", nargs="*", metavar="task", help=f"which (default all): {', '.join(fish_env.TASKS)}")
@@ -189,14 +193,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; errors that a user can correct are printed without a traceback."""
-    try:
-        return run(parse(arguments))
-    except (ValueError, FileNotFoundError, RuntimeError, gym.error.Error) as error:
-        print(f"fish_env: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nStopped.", file=sys.stderr)
-        return 130
+    return answered("fish_env", lambda: run(parse(arguments)))
 
 
 if __name__ == "__main__":

@@ -15,27 +15,37 @@ import pickle
 import sys
 import tempfile
 import warnings
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
-from numba.core.dispatcher import Dispatcher
 
+from fish_env._data import data
+from fish_env._fingerprint import UnknownValueError, fingerprint
 from fish_env._progress import begin_progress, end_progress
 
 CHECKSUM = 32  # bytes
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
-def source_hash(package: Path = Path(__file__).parent) -> str:
-    """Hash of every Python source file under `package` (names and bytes), 16 hexadecimal digits."""
+def source_hash(package: Path | None = None) -> str:
+    """Hash of every Python source file of a package, this one (names and bytes), 16 hexadecimal digits."""
     digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        digest.update(path.relative_to(package).as_posix().encode())
-        digest.update(path.read_bytes())
+    for name, content in _sources(data("fish_env") if package is None else package):
+        digest.update(name.encode())
+        digest.update(content)
     return digest.hexdigest()[:16]
+
+
+def _sources(folder: Path, above: str = "") -> Iterator[tuple[str, bytes]]:
+    """Names and bytes of the source files below a folder, which may lie in an archive."""
+    for each in sorted(folder.iterdir(), key=lambda each: each.name):
+        if each.is_dir():
+            yield from _sources(each, f"{above}{each.name}/")
+        elif each.name.endswith(".py"):
+            yield above + each.name, each.read_bytes()
 
 
 def cache_folder() -> str | None:
@@ -56,22 +66,36 @@ def cache_folder() -> str | None:
         bases.append(private)
     for base in bases:
         folder = base / "fish_env" / name
-        try:
+        with contextlib.suppress(OSError):
             if base is private:
                 base.mkdir(mode=0o700, exist_ok=True)
-                if hasattr(os, "getuid") and base.stat().st_uid != os.getuid():
-                    continue  # somebody else made it
             folder.mkdir(parents=True, exist_ok=True)
-            if os.access(folder, os.W_OK):
+            if os.access(folder, os.W_OK) and not others_write(folder):
                 return str(folder)
-        except OSError:
-            continue
     warnings.warn(
         f"fish_env cannot write to {' or '.join(map(str, bases)) or 'any folder'}, so kernels are compiled again in "
         "every process (about 15 s); set FISH_ENV_CACHE to a writable folder",
         RuntimeWarning,
         stacklevel=2,
     )
+    return None
+
+
+def others_write(path: Path) -> Path | None:
+    """The first of a path and the folders above it whose content somebody else can change, or None.
+
+    The administrator may, and in a folder with the sticky bit, as that of temporary files, everybody may add files but
+    not replace those of others. A group that has its user's number is that user's own.
+    """
+    if not hasattr(os, "getuid"):
+        return None
+    for each in (path, *path.resolve().parents):
+        status = each.stat()
+        shared = 0o002 if status.st_gid in (0, os.getuid()) else 0o022
+        if each is not path and status.st_mode & 0o1000:
+            shared = 0
+        if status.st_uid not in (0, os.getuid()) or status.st_mode & shared:
+            return each
     return None
 
 
@@ -86,7 +110,10 @@ def chosen_folder(folder: Path) -> str | None:
     except OSError as error:
         reason = error.strerror or str(error)
     if folder.is_dir() and (os.access(folder, os.W_OK) or any(folder.rglob("*.nbc"))):
-        return str(folder)
+        path = others_write(folder)
+        if path is None:
+            return str(folder)
+        reason = f"somebody else owns {path} or can write to it, and compiled kernels are run unseen"
     warnings.warn(
         f"fish_env cannot store compiled kernels in {folder} ({reason}), so they are compiled again in every process "
         "(about 15 s); set FISH_ENV_CACHE to a folder that can be written to, or fill it by python -m fish_env compile",
@@ -164,7 +191,10 @@ class KeyedFiles(IndexDataCacheFile):
         return hashlib.sha256(data).digest() + data
 
     def _load_data(self, name):
-        content = Path(self._data_path(name)).read_bytes()
+        path = Path(self._data_path(name))
+        if others_write(path):
+            return None
+        content = path.read_bytes()
         digest, data = content[:CHECKSUM], content[CHECKSUM:]
         return pickle.loads(data) if hashlib.sha256(data).digest() == digest else None
 
@@ -174,7 +204,7 @@ class KeyedFiles(IndexDataCacheFile):
 
 
 class SourceCache(FunctionCache):
-    """Numba's cache of one function, for closures too: kernels that a closure holds enter the key by their code."""
+    """Numba's cache of one function, for closures too: its key is all that the function is compiled from."""
 
     _impl_class = Stored
 
@@ -185,7 +215,9 @@ class SourceCache(FunctionCache):
 
     def load_overload(self, sig, target_context):
         """What was compiled before, or None: then it is compiled now, and said so."""
-        found = super().load_overload(sig, target_context)
+        found = None
+        with contextlib.suppress(UnknownValueError):
+            found = super().load_overload(sig, target_context)
         if found is None:
             begin_progress()
         return found
@@ -196,43 +228,18 @@ class SourceCache(FunctionCache):
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            unstored(str(_FOLDER), error.strerror or str(error))
+            unstored(
+                f"compiled kernels in {_FOLDER} ({error.strerror or error}): they are compiled again in every process; "
+                "make room there, or set FISH_ENV_CACHE to another folder"
+            )
+        except UnknownValueError as error:
+            unstored(f"the compiled {self._py_func.__name__}, which every process compiles again: {error}")
 
     def _index_key(self, sig, codegen):
-        digest = hashlib.sha256(b"".join(code_of(self._py_func, set())))
-        return sig, codegen.magic_tuple(), numba.config.BOUNDSCHECK, digest.hexdigest()
+        return sig, codegen.magic_tuple(), numba.config.BOUNDSCHECK, fingerprint(self._py_func)
 
 
 @cache
-def unstored(folder: str, reason: str) -> None:
+def unstored(what: str) -> None:
     """Say, once a process, that a compiled kernel stays in memory only."""
-    warnings.warn(
-        f"fish_env cannot store compiled kernels in {folder} ({reason}): they are compiled again in every process; "
-        "make room there, or set FISH_ENV_CACHE to another folder",
-        RuntimeWarning,
-        stacklevel=2,
-    )
-
-
-def code_of(value, seen: set) -> list[bytes]:
-    """What a function does, as bytes: its code, and that of the kernels and the numbers it takes from outside."""
-    if isinstance(value, Dispatcher):
-        value = value.py_func
-    if not isinstance(value, FunctionType):
-        return [str(getattr(value, "cache_key", repr(value))).encode()]
-    if value in seen:
-        return [value.__qualname__.encode()]
-    seen.add(value)
-    code = value.__code__
-    constants = [const for const in code.co_consts if not isinstance(const, CodeType)]
-    found = [value.__module__.encode(), value.__qualname__.encode(), code.co_code, repr(constants).encode()]
-    for cell in value.__closure__ or ():
-        found += code_of(cell.cell_contents, seen)
-    for name in code.co_names:
-        outside = value.__globals__.get(name)
-        if isinstance(outside, Dispatcher | FunctionType | int | float | tuple):
-            found += code_of(outside, seen)
-        elif isinstance(outside, ModuleType) and outside.__name__.split(".")[0] != "fish_env":
-            path = getattr(outside, "__file__", None)
-            found.append(Path(path).read_bytes() if path and path.endswith(".py") else name.encode())
-    return found
+    warnings.warn(f"fish_env cannot store {what}", RuntimeWarning, stacklevel=2)

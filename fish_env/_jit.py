@@ -1,10 +1,10 @@
 """Compilation: `njit` with the flags every kernel of this package uses, stored on disk by `fish_env._cache`."""
 
 import gc
-import hashlib
 import os
-import sys
+from contextlib import contextmanager
 from functools import cache
+from uuid import uuid4
 
 import numba
 import numpy as np
@@ -18,7 +18,9 @@ from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRew
 from numba.core.untyped_passes import InlineClosureLikes
 
 from fish_env import _cache
-from fish_env._cache import SourceCache, code_of
+from fish_env._cache import SourceCache
+from fish_env._fingerprint import UnknownValueError, fingerprint
+from fish_env.threads import signals_held
 
 # No fastmath at all: nothing is reordered or contracted, so that a fish has the same bits alone and in any lane, and
 # the failure check sees a NaN.
@@ -36,26 +38,40 @@ if hasattr(os, "register_at_fork"):
     )
 
 
-def named(function):
-    """Name a closure after what it does, besides where it stands.
+@contextmanager
+def compiling(function):
+    """Compile a function in this block, where its name says what it is compiled from.
 
     The loader takes the first part of a name that is not inlined for all others of that name, and numba's numbers tell
-    closures apart only within a process: of two that two processes kept on disk, a third would run one for the other.
+    functions of one name apart only within a process: of two that two processes kept on disk, a third would run one for
+    the other.
     """
-    home = getattr(sys.modules.get(function.__module__), "__dict__", None)
-    if function.__closure__ or function.__globals__ is not home:
-        function.__qualname__ += "_" + hashlib.sha256(b"".join(code_of(function, set()))).hexdigest()[:16]
-    return function
+    with global_compiler_lock:
+        plain = function.__qualname__
+        try:
+            made_of = fingerprint(function)
+        except UnknownValueError:
+            made_of = uuid4().hex
+        function.__qualname__ = f"{plain}_{made_of[:16]}"
+        try:
+            yield
+        finally:
+            function.__qualname__ = plain
 
 
 class Kernel(CPUDispatcher):
-    """A kernel that Python calls. The garbage collector, which would find nothing, waits while it is compiled."""
+    """A kernel that Python calls.
+
+    While it is compiled, the garbage collector waits, which would find nothing, and so do signals: an exception would
+    leave numba with half of what it needs.
+    """
 
     def compile(self, sig):
         collecting = gc.isenabled()
         gc.disable()
         try:
-            return super().compile(sig)
+            with signals_held(), compiling(self.py_func):
+                return super().compile(sig)
         finally:
             if collecting:
                 gc.enable()
@@ -63,7 +79,7 @@ class Kernel(CPUDispatcher):
 
 def njit(function):
     """Compile a function that Python calls: no objects, no GIL, numpy's division rules, cached by its sources."""
-    compiled = numba.njit(**OPTIONS)(named(function))
+    compiled = numba.njit(**OPTIONS)(function)
     if isinstance(compiled, CPUDispatcher):
         compiled.__class__ = Kernel
     if _cache._FOLDER is not None and isinstance(compiled, Dispatcher):
@@ -131,10 +147,14 @@ class Part(CPUDispatcher):
     def __call__(self, *args):
         return self.py_func(*args)
 
+    def compile(self, sig):
+        with compiling(self.py_func):
+            return super().compile(sig)
+
 
 def part(function, **options):
     """Compile a part of kernels, without the wrappers that Python would call it by: a quarter of the time."""
-    compiled = numba.njit(**PART, **options, pipeline_class=PartCompiler)(named(function))
+    compiled = numba.njit(**PART, **options, pipeline_class=PartCompiler)(function)
     if isinstance(compiled, CPUDispatcher):
         compiled.__class__ = Part
     return compiled

@@ -42,11 +42,17 @@ def as_floats(value) -> np.ndarray:
     """`value` as a float64 array, itself if it is one.
 
     Raises:
-        TypeError: for what numpy would read numbers out of: text, dates, complex numbers, what is under a mask.
+        TypeError: for what numpy would read numbers out of: text, dates, complex numbers, what is under a mask; and for
+            a tensor of torch that requires a gradient, which would end here.
         ValueError: for rows of different lengths.
         OverflowError: for a whole number beyond the largest float.
     """
-    array = np.asarray(value)
+    if getattr(getattr(value, "dtype", None), "is_floating_point", False):  # torch's, perhaps one that numpy lacks
+        value = value.double()
+    try:
+        array = np.asarray(value)
+    except RuntimeError as error:  # torch's
+        raise TypeError(str(error)) from error
     masked = isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)
     texts = array.dtype.kind == "O" and any(isinstance(each, str | bytes | complex) for each in array.flat)
     if array.dtype.kind not in "biufO" or masked or texts:
@@ -60,7 +66,8 @@ def finite_array(value, shape, name) -> np.ndarray:
     try:
         array = np.array(as_floats(value), order="C")
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise ValueError(f"{name} is {value!r}; give finite numbers of shape {shape}") from error
+        why = f" ({error})" if hasattr(value, "requires_grad") else ""  # torch's own words
+        raise ValueError(f"{name} is {value!r}{why}; give finite numbers of shape {shape}") from error
     if array.shape != tuple(shape):
         raise ValueError(f"{name} has shape {array.shape}; give shape {tuple(shape)}")
     if not np.isfinite(array).all():

@@ -3,7 +3,7 @@
 By elimination, a degree of freedom has no inverse mass (`fish_env.body.fix`) and keeps the velocity that it is given;
 what is prescribed holds to the bit. By penalty, a spring without length draws the node to its place; it is stiffer than
 the body by PENALTY, so what is prescribed holds but for an error in proportion to 1 / PENALTY.
-`fish_env.conditioned` is the part of a tank that sets them.
+A `Tank` has them in `Tank._conditions`; the functions here say what they become.
 """
 
 from collections.abc import Callable
@@ -14,8 +14,9 @@ import numpy as np
 from fish_env import forces
 from fish_env.body import Body
 from fish_env.checks import finite_array
+from fish_env.integrators import Integrator, leapfrog_chebyshev
 from fish_env.linalg import rates
-from fish_env.world import Anchors, World, make_anchors
+from fish_env.world import Anchors, World, joined, make_anchors
 
 PENALTY = 1e4  # of the largest entry of the stiffness matrix: the multiple that textbooks recommend
 METHODS = ("elimination", "penalty")
@@ -108,3 +109,81 @@ def alike(one: Anchors | None, other: Anchors | None) -> bool:
         return one is other
     return all(np.array_equal(getattr(one, name), getattr(other, name))
                for name in ("node", "stiffness", "damping", "rest_length"))  # fmt: skip
+
+
+def moved(was: Conditions, nodes: np.ndarray, chosen: np.ndarray, along, penalty: Anchors | None) -> Conditions:
+    """The conditions when nodes (K,) are moved along a way from now on, by elimination or by a penalty that is given.
+
+    Args:
+        was: the conditions until now.
+        nodes: numbers of nodes.
+        chosen: (3,) True for the axes along which they are moved.
+        along: a velocity, m/s, (3,) or (K,3), or a function of the time that returns a displacement, m.
+        penalty: what draws them to their places, with no velocity yet; None for elimination.
+
+    Raises:
+        ValueError: for velocities or displacements of another shape, not finite, or along an axis that is left free.
+    """
+    velocity, motions = np.zeros((nodes.size, 3)), ()
+    if callable(along):
+        way = Motion(nodes, chosen, along, np.tile(chosen, (nodes.size, 1)))
+        start = way.at(0.0)
+        if start.any():
+            raise ValueError(f"along(0.0) is {start[0]} m; a way begins where the nodes are, with zero")
+        motions = (way._replace(now=start),)
+    else:
+        along = np.asarray(along)
+        shape = (3,) if along.shape == (3,) else (nodes.size, 3)
+        given = np.broadcast_to(finite_array(along, shape, "velocity (m/s)"), (nodes.size, 3))
+        velocity = along_axes(given, chosen, "the velocity", "m/s")
+    if penalty is not None:
+        left = released(was, nodes, drag=False)
+        penalties = joined(left.penalties, penalty._replace(velocity=np.ascontiguousarray(velocity)))
+        return left._replace(penalties=penalties, motions=(*left.motions, *motions))
+    held, prescribed, taken = was.held.copy(), was.velocity.copy(), np.zeros_like(was.held)
+    held[np.ix_(nodes, chosen)] = taken[np.ix_(nodes, chosen)] = True
+    prescribed[np.ix_(nodes, chosen)] = velocity[:, chosen]
+    penalties = was.penalties
+    if penalties is not None:
+        taken[np.intersect1d(nodes, penalties.node)] = True  # a penalty is taken away whole
+        penalties = without(penalties, nodes)
+    return was._replace(held=held, velocity=prescribed, penalties=penalties,
+                        motions=(*remaining(was.motions, taken), *motions))  # fmt: skip
+
+
+def released(was: Conditions, nodes: np.ndarray, drag=True) -> Conditions:
+    """The conditions that are left when nodes are let go, of a drag spring too unless that stays."""
+    held, velocity, taken = was.held.copy(), was.velocity.copy(), np.zeros_like(was.held)
+    held[nodes], velocity[nodes], taken[nodes] = False, 0.0, True
+    penalties, pulled = (None if part is None else without(part, nodes) for part in (was.penalties, was.drag))
+    return Conditions(held, velocity, penalties, pulled if drag else was.drag, remaining(was.motions, taken))
+
+
+def set_out(was: Conditions, dt: float) -> Conditions:
+    """The conditions of a step of dt s: nodes that are moved along ways have the velocities that take them there."""
+    moved, speed, motions = np.zeros_like(was.held), np.zeros_like(was.velocity), []
+    for motion in was.motions:
+        ahead = motion.at(motion.time + dt)
+        moved[motion.nodes] |= motion.moved
+        speed[motion.nodes] += np.where(motion.moved, (ahead - motion.now) / dt, 0.0)
+        motions.append(motion._replace(time=motion.time + dt, now=ahead))
+    velocity, penalties = np.where(was.held & moved, speed, was.velocity), was.penalties
+    if penalties is not None:
+        i = penalties.node
+        penalties = penalties._replace(velocity=np.where(moved[i], speed[i], penalties.velocity))
+    return was._replace(velocity=velocity, penalties=penalties, motions=tuple(motions))
+
+
+def too_stiff(body: Body, world: World, integrator: Integrator, dt: float) -> str:
+    """Why a method has no stable step of dt s with the penalties in a world; "" if it has."""
+    own = (body.max_stiffness_eigenvalue, body.max_damping_eigenvalue)
+    elastic, viscous = (sum(part) for part in zip(own, *forces.bounds(body, world), strict=True))
+    stiffer = body._replace(max_stiffness_eigenvalue=elastic, max_damping_eigenvalue=viscous)
+    if integrator.kind == "explicit" and dt > integrator.limit(stiffer):
+        limit = integrator.limit(stiffer)
+        return f"beside the penalty, its stable steps are shorter than {limit:.2g} s, and dt is {dt:.2g} s"
+    if integrator.kind == "stabilised":
+        stages = leapfrog_chebyshev.stages_for(elastic, viscous, dt)
+        if stages >= leapfrog_chebyshev.MOST_STAGES:
+            return f"beside the penalty, a step of {dt:.2g} s would need more stages than {stages}"
+    return ""

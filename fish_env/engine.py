@@ -8,13 +8,11 @@ Legend: b fish; i node; k axis; m lane; e spring; d driven spring; p, q where a 
 `todo`.
 """
 
-from functools import cache
-
 import numpy as np
 
 from fish_env import forces
 from fish_env._jit import INDEX, kernel, njit, part
-from fish_env.failures import NON_FINITE, UNTRUSTED_SOLVE
+from fish_env.failures import NON_FINITE, OUT_OF_RANGE, UNTRUSTED_SOLVE
 from fish_env.forces.control import CURRENT, DRAG, MASS, STIFFNESS, make_control
 from fish_env.forces.plan import H
 from fish_env.simd import Kind, Pack, block_size, dot, floats, lane, nowhere, packed, select, zero
@@ -23,11 +21,14 @@ from fish_env.world import Anchors
 MOST_KEYS = 10_000  # stiffnesses whose plans are remembered
 DEEPEST = 3  # times that steps are halved
 COUNTED = 3  # force evaluations, factorisations and solves of a step
+FARTHEST = 1000.0  # lengths from the origin, in float32, where a force depends on the place: 6e-5 lengths are resolved
 FACTORISATIONS = 1  # which of them factors that are used again save
 
 
-def make_block(fish_count: int, body, world, kind: Kind, driven, plans, costs, method) -> Pack:
+def make_block(fish_count: int, fish, world, kind: Kind, plans, costs, method) -> Pack:
     """What one thread needs to move blocks of fish: their lanes, the forces' cache and the method's scratch."""
+    body, driven, single = fish.body, np.unique(fish.fibres), kind.dtype == "float32"
+    placed = forces.placed(forces.present(body, world))
     control = make_control(body, kind, driven, plans, costs, forces.constant_system(body, world))
     n = len(body.mass)
     return Pack(
@@ -40,21 +41,27 @@ def make_block(fish_count: int, body, world, kind: Kind, driven, plans, costs, m
         work=method.make_work(body, kind),
         cache=forces.make_cache(body, world, kind),
         todo=kind.scratch(fish_count, "int64"),
+        relative=single and not placed,
+        reach=(FARTHEST * fish.length) ** 2 if single and placed else np.inf,
     )
 
 
 @kernel
 def gather(tank, block, todo, p, q):
-    """Copy fish todo[p:q] into the lanes of a block; the last one fills those that are left over."""
+    """Copy fish todo[p:q] into the lanes of a block; the last one fills those that are left over.
+
+    Positions are relative to each fish's first node if `block.relative`: single precision is not enough far away.
+    """
     control = block.control
     x, v, start, rate = floats(block.x), floats(block.v), floats(control.start), floats(control.rate)
     rest, stiffness, drag = floats(control.rest_length), floats(control.stiffness), floats(control.drag)
     lightness, current = floats(control.lightness), floats(control.current)
     for m in range(block_size(block.x)):
         b = INDEX(todo[min(p + m, q - 1)])
-        for i in range(x.shape[0]):
-            for k in range(3):
-                x[i, k, m] = tank.x[b, i, k]
+        for k in range(3):
+            origin = tank.x[b, 0, k] if block.relative else 0.0
+            for i in range(x.shape[0]):
+                x[i, k, m] = tank.x[b, i, k] - origin
                 v[i, k, m] = tank.v[b, i, k]
         for e in range(rest.shape[0]):
             rest[e, m] = tank.rest_length[b, e]
@@ -78,9 +85,10 @@ def gather(tank, block, todo, p, q):
 def scatter(tank, block, b, m):
     """Copy lane m of a block back to fish b."""
     x, v = floats(block.x), floats(block.v)
-    for i in range(x.shape[0]):
-        for k in range(3):
-            tank.x[b, i, k] = x[i, k, m]
+    for k in range(3):
+        origin = tank.x[b, 0, k]
+        for i in range(x.shape[0]):
+            tank.x[b, i, k] = origin + x[i, k, m] if block.relative else x[i, k, m]
             tank.v[b, i, k] = v[i, k, m]
 
 
@@ -103,13 +111,13 @@ def together(queue, todo, p, count, lanes):
     return q
 
 
-@cache
+@forces.cached
 def make_judge(names: tuple[str, ...]):
     """The kernel that says why the fish of a block fail, for bodies and worlds on which the forces of these names act.
 
     It returns a number a lane: 0, or an index into FAILURES.
     """
-    failed = forces.total(names, "failed")
+    failed, placed = forces.total(names, "failed"), forces.placed(names)
 
     @part
     def judge(block):
@@ -118,13 +126,18 @@ def make_judge(names: tuple[str, ...]):
         for i in range(x.size):
             infinite = infinite | (select(dot(x[i], x[i]) + dot(v[i], v[i]) < np.inf, 0.0, 1.0) > 0.0)
         code = failed(body, world, control, x, v, x, c)
+        if placed:
+            far = nowhere(x)
+            for i in range(x.size):
+                far = far | (select(dot(x[i], x[i]) < block.reach, 0.0, 1.0) > 0.0)
+            code = select(far, 1.0 * OUT_OF_RANGE, code)
         code = select(infinite, 1.0 * NON_FINITE, code)
         return select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)  # what is infinite came of it
 
     return judge
 
 
-@cache
+@forces.cached
 def make_finish(names: tuple[str, ...]):
     """The kernel that ends an attempt to move a block of fish: each is stored, has failed, or must be moved again."""
     judge = make_judge(names)
@@ -133,7 +146,7 @@ def make_finish(names: tuple[str, ...]):
     def put_back(tank, block, p, q):
         """Put fish that were broken when they were handed over, a user's state, into the body's rest position.
 
-        A clock that is not finite, a user's too, is put to zero.
+        Rest lengths that are not finite, a user's too, become natural, and such a clock zero.
         """
         gather(tank, block, block.todo, p, q)
         code = judge(block)
@@ -145,6 +158,9 @@ def make_finish(names: tuple[str, ...]):
                     for k in range(3):
                         tank.x[b, i, k] = tank.rest_position[i, k]
                         tank.v[b, i, k] = 0.0
+            for e in range(tank.rest_length.shape[1]):
+                if tank.failure[b] != 0 and not abs(tank.rest_length[b, e]) < np.inf:
+                    tank.rest_length[b, e] = tank.spring_length[e]
             if not abs(tank.clock[b]) < np.inf:
                 tank.clock[b] = 0.0
 
@@ -184,10 +200,10 @@ def make_finish(names: tuple[str, ...]):
     return finish
 
 
-@cache
-def make_advance(names: tuple[str, ...], method):
-    """The kernel `advance` of a method, for bodies and worlds on which the forces of these names act."""
-    run, finish = method.make_run(names), make_finish(names)
+@forces.cached
+def make_advance(names: tuple[str, ...], make_run):
+    """The kernel `advance` of a method, by its `make_run`, for bodies and worlds on which these forces act."""
+    run, finish = make_run(names), make_finish(names)
 
     @part
     def advance(tank, queue, block, first, last, n):
@@ -214,10 +230,10 @@ def make_advance(names: tuple[str, ...], method):
     return advance
 
 
-@cache
-def make_call(names: tuple[str, ...], method):
+@forces.cached
+def make_call(names: tuple[str, ...], make_run):
     """`advance`, compiled for Python to call."""
-    advance = make_advance(names, method)
+    advance = make_advance(names, make_run)
 
     @njit
     def call(tank, queue, block, first, last, n):
@@ -237,7 +253,7 @@ class Engine:
         fish, world, b = tank.fish, tank.world, tank.num_fish
         self.tank, self.method = tank, tank.integrator.method
         self.names = forces.present(fish.body, world)
-        self.compiled = make_call(self.names, self.method)
+        self.compiled = make_call(self.names, self.method.make_run)
         own = (fish.body.max_stiffness_eigenvalue, fish.body.max_damping_eigenvalue)
         self.bounds = [sum(rates) for rates in zip(own, *forces.bounds(fish.body, world), strict=True)]
         self.levels, self._rows, self._plans = (1 + DEEPEST if np.isfinite(tank.refine) else 1), {}, []
@@ -252,7 +268,7 @@ class Engine:
         """A block for a thread that moves so many fish."""
         fish, world = self.tank.fish, self.tank.world
         plans, costs = self._tables()
-        return make_block(fish_count, fish.body, world, kind, np.unique(fish.fibres), plans, costs, self.method)
+        return make_block(fish_count, fish, world, kind, plans, costs, self.method)
 
     def plan(self, i: int) -> None:
         """Choose the plan of fish i by how stiff it is; fish of one plan share blocks."""
@@ -263,18 +279,19 @@ class Engine:
             rows = [self.method.plan(elastic, viscous, self.tank.dt / 2**level) for level in range(self.levels)]
             same = tuple(row.tobytes() for row in rows)
             if same not in self._rows:
-                self._rows[same] = len(self._plans)
+                row = len(self._plans)
                 self._plans.extend(rows)
                 if self.blocks:
                     plans, costs = self._tables()
                     for block in self.blocks:
                         block.control.set(plans=plans, costs=costs)
+                self._rows[same] = row  # last: an interruption leaves nothing but rows that nobody uses
             if len(self._rows) > MOST_KEYS:
                 self._rows = {name: row for name, row in self._rows.items() if isinstance(name, tuple)}
             self._rows[key] = self._rows[same]
         if self.row[i] != self._rows[key]:
-            self.row[i] = self._rows[key]
             self._sorted = False
+            self.row[i] = self._rows[key]
 
     def follow(self, anchors: Anchors) -> None:
         """Let the anchors of the world, the same ones, be elsewhere, or move otherwise."""

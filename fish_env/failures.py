@@ -8,5 +8,6 @@ FAILURES = (
     "untrusted solve: a pivot of the system matrix has lost nine digits or is not finite",
     "no convergence: the adaptive method gave up",
     "escaped: a gas compartment has no volume left, or a node of an inner layer has left the outer one",
+    "out of range: too far from the origin for float32, in a world that is not the same everywhere",
 )
-NON_FINITE, TORN, UNTRUSTED_SOLVE, NO_CONVERGENCE, ESCAPED = 1, 2, 3, 4, 5
+NON_FINITE, TORN, UNTRUSTED_SOLVE, NO_CONVERGENCE, ESCAPED, OUT_OF_RANGE = 1, 2, 3, 4, 5, 6

@@ -3,7 +3,7 @@
 Legend: b fish; m fibre (a muscle has one or several); e spring.
 """
 
-from math import exp
+from math import exp, inf
 
 from fish_env._jit import INDEX, kernel, njit
 
@@ -29,7 +29,8 @@ def command(tank, contraction, b, duration):
             change = min(max(wanted, -limit), limit)  # (14)
         tank.rate[b, e] = change / duration
         squares += (change / limit) * (change / limit)
-    tank.effort[b] = squares / tank.fibres.size
+    effort = squares / tank.fibres.size
+    tank.effort[b] = effort if effort < inf else 0.0  # of a rest length that is not finite, which ends the motion
 
 
 @njit

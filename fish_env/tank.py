@@ -2,18 +2,31 @@
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Generic
 
 import numpy as np
 
+from fish_env import forces
 from fish_env.bodies.fish import Elastic
-from fish_env.body import COUNTERS, FAILURES, Control, State
-from fish_env.checks import fits_memory, frozen, is_whole, own
-from fish_env.conditioned import Conditioned
-from fish_env.conditions import no_conditions
+from fish_env.body import COUNTERS, FAILURES, Control, State, chosen_axes, fix_where, node_numbers
+from fish_env.checks import Settled, finite_array, fits_memory, frozen, is_whole, own
+from fish_env.conditions import (
+    METHODS,
+    Conditions,
+    alike,
+    carried,
+    make_penalty,
+    moved,
+    no_conditions,
+    released,
+    set_out,
+    too_stiff,
+)
 from fish_env.engine import Engine
 from fish_env.forces.control import NOMINAL
+from fish_env.forces.evaluate import Evaluator
 from fish_env.integrity import check_numbers
 from fish_env.muscles import command_all
 from fish_env.simd import Pack
@@ -27,19 +40,21 @@ from fish_env.tank_options import (
     checked_state,
     checked_steps,
     checked_variation,
+    chosen_nodes,
     described,
     kind_for,
     method_for,
+    refused,
     varied,
     whole_steps,
 )
 from fish_env.threads import Threads
-from fish_env.world import VACUUM, World
+from fish_env.world import VACUUM, Anchors, World, joined, make_anchors
 
 FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
 
 
-class Tank(Conditioned, Generic[Elastic]):
+class Tank(Settled, Generic[Elastic]):
     """B fish of one kind, each alone in the same water, advanced together by one integrator.
 
     `fish` and `world` of a tank are its own, read-only copies of what it was given: kernels read them and do not look.
@@ -223,7 +238,9 @@ class Tank(Conditioned, Generic[Elastic]):
             return
         rate = self.control.rate.copy()
         for _ in range(steps):
-            self._set_out()
+            self._conditions = set_out(self._conditions, self.dt)
+            if self._conditions.penalties is not None:
+                self._place(joined(self._conditions.drag, self._conditions.penalties))
             alive = self.alive
             self.control.rate[alive] = rate[alive]  # a run ends the motion of the rest lengths
             self._run_evenly(1)
@@ -296,3 +313,174 @@ class Tank(Conditioned, Generic[Elastic]):
         for i, row in enumerate(checked["variation"]):
             self._set_variation(i, row)
         self._impose()
+
+    def nearest(self, point, nodes=None, i=0) -> int:
+        """The node of body i nearest to a point (3,) m: of `nodes`, their numbers, or of all; ValueError if missing."""
+        which = chosen_nodes(nodes, i, self.state.x.shape)
+        away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
+        return int(which[np.argmin((away**2).sum(axis=1))])
+
+    def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> None:
+        """Pull a node of every body by a drag spring to a point (3,) m, in place of any before (`make_anchors`).
+
+        The point moves on at `velocity` (3,) m/s, that of a hand, and the damping of the spring compares the node's
+        velocity with it. A hand that is given its velocity does its work along its way; one that is put elsewhere
+        before every call jumps, and stretches the spring at once.
+
+        Raises:
+            ValueError: for a missing node or a number that is not allowed.
+        """
+        if not (is_whole(node) and 0 <= node < self.state.x.shape[1]):
+            raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
+        self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length, velocity))
+
+    def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
+        """Hold nodes of every body where they are, until `release`; the rest of the state stays as it is.
+
+        What a node held before gives way to it: its speed along these axes is lost. By elimination, the nodes stay
+        where they are to the bit. By penalty they are drawn back there by a stiff, damped spring (`make_penalty`), and
+        give way a little; explicit methods need short steps for it.
+
+        Args:
+            nodes: their numbers, or a boolean mask (N,).
+            axes: of "x", "y" and "z"; by penalty all three.
+            method: "elimination" or "penalty".
+
+        Raises:
+            ValueError: for a missing node, another axis or method, if nothing were left to move, or if the tank's
+                integrator cannot serve the condition, with the reason; nothing is changed then.
+        """
+        self.move(nodes, np.zeros(3), axes, method)
+
+    def move(self, nodes, along, axes: str = "xyz", method: str = "elimination") -> None:
+        """Move nodes of every body along a way, until `fix`, `release` or another `move`; otherwise as `fix`.
+
+        A node takes its velocity at once, without the time that its inertia would need. A function is asked before
+        every step of dt where the step ends, and within the step the node moves there evenly: at the end of every step
+        it is on its way. A body that is reset goes on from where it is put, by what its way has left.
+
+        Args:
+            nodes: their numbers (K,), or a boolean mask (N,).
+            along: a constant velocity, m/s, (3,) for all nodes, or (K,3), one each; or a function of the time since
+                now, s, that returns their displacement from where they are now, m, (3,) or (K,3), zero at time 0.
+                Zero along axes that are left free.
+            axes: of "x", "y" and "z", along which they are moved; by penalty all three.
+            method: "elimination" or "penalty".
+
+        Raises:
+            ValueError: as `fix`, and for velocities or displacements of another shape, not finite, or along an axis
+                that is left free; `advance` raises it for a displacement that a function returns later, and has then
+                moved the bodies up to there.
+        """
+        if method not in METHODS:
+            raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
+        nodes, chosen = node_numbers(self._own, nodes), chosen_axes(axes)
+        if method == "penalty" and not chosen.all():
+            raise ValueError(f"a penalty holds a node along all axes, not along {axes!r} only; use elimination")
+        penalty = make_penalty(self._own, nodes, self._common_place(nodes)) if method == "penalty" else None
+        self._apply(moved(self._conditions, nodes, chosen, along, penalty))
+
+    def release(self, nodes=None) -> None:
+        """Let go of what `grab` holds; or of nodes, whatever holds them: `grab`, `fix` or `move`.
+
+        They go on at the velocity that they have. What the body itself fixes (`fish_env.body.fix`) stays fixed.
+
+        Args:
+            nodes: their numbers, or a boolean mask (N,); None for the drag spring alone.
+
+        Raises:
+            ValueError: for a missing node.
+        """
+        if nodes is None:
+            self._set_anchors(None)
+        else:
+            self._apply(released(self._conditions, node_numbers(self._own, nodes)))
+
+    @property
+    def conditioned(self) -> bool:
+        """Whether a node is held by elimination, or an anchor is on the move: `advance` sees to both."""
+        anchors, conditions = self.world.anchors, self._conditions
+        moving = bool(conditions.motions) or (anchors is not None and bool(anchors.velocity.any()))
+        return moving or bool(conditions.held.any())
+
+    @property
+    def fixed(self) -> np.ndarray:
+        """(N,3) True for each degree of freedom that is fixed or moved: by `fix`, by `move`, or by the body itself."""
+        found = self.fish.body.inverse_mass == 0.0
+        if self._conditions.penalties is not None:
+            found[self._conditions.penalties.node] = True
+        return found
+
+    def reactions(self) -> np.ndarray:
+        """Force on every body that holds its fixed and moved nodes, (B,N,3) N; zero on all others.
+
+        By elimination, what all other forces leave to balance at the present positions and velocities; by penalty, the
+        pull of its springs. A wall that such a node touches carries no part of it.
+        """
+        body, found = self.fish.body, np.zeros_like(self.state.x)
+        world = self.world._replace(anchors=self._conditions.drag)
+        names = tuple(name for name in forces.present(body, world) if not hasattr(forces.FORCES[name], "JUMPS"))
+        bearing, rest = body.inverse_mass == 0.0, self.control.rest_length
+        if bearing.any():
+            for i, row in enumerate(self.variation):
+                force = Evaluator(*varied(body, world, row), names).force(rest[i], self.state.x[i], self.state.v[i])
+                found[i][bearing] = -force[bearing]
+        pulling = self._conditions.penalties
+        if pulling is not None:
+            i, c, k = pulling.node, pulling.stiffness[:, None], pulling.damping[:, None]
+            found[:, i] += c * (pulling.point - self.state.x[:, i]) + k * (pulling.velocity - self.state.v[:, i])
+        return found
+
+    def _common_place(self, nodes) -> np.ndarray:
+        """Where the nodes (K,) of all bodies are, (K,3) m; ValueError unless it is the same for all."""
+        places = self.state.x[:, nodes]
+        if (places != places[0]).any():
+            raise ValueError(
+                "the nodes of the bodies of this tank are in different places, and a penalty draws all to the same; "
+                "use elimination, or a tank of one body"
+            )
+        return places[0]
+
+    def _set_anchors(self, anchors: Anchors | None) -> None:
+        self._apply(self._conditions._replace(drag=anchors))
+
+    def _apply(self, new: Conditions) -> None:
+        """Let these conditions hold from now on, unless the method cannot serve them."""
+        was, before = self._conditions, self.fish.body
+        same = np.array_equal(new.held, was.held)
+        body = before if same else fix_where(self._own, new.held) if new.held.any() else self._own
+        world = self.world._replace(anchors=joined(new.drag, new.penalties))
+        reason = self.integrator.refuses(body, world) or (
+            new.penalties and too_stiff(body, world, self.integrator, self.dt)
+        )
+        if reason:
+            raise refused(self.fish, self.integrator, reason)
+        follows = same and alike(self.world.anchors, world.anchors)
+        fish = self.fish if same else frozen(replace(self.fish, body=body))
+        self._settle_anew(fish=fish, world=frozen(world))
+        self._conditions = new
+        if self._engine is not None and not follows:
+            self._engine = Engine(self)
+        elif self._engine is not None and world.anchors is not None:
+            self._engine.follow(world.anchors)
+        self._impose()
+
+    def _impose(self) -> None:
+        """Give the eliminated degrees of freedom of the bodies that are alive their velocities."""
+        held = self._conditions.held
+        if held.any():
+            alive = self.state.failure == 0
+            self.state.v[:] = np.where(held & alive[:, None, None], self._conditions.velocity, self.state.v)
+
+    def _carry(self, duration: float) -> None:
+        """Move the points of moving anchors on by the time that has gone by."""
+        if self.world.anchors is not None and self.world.anchors.velocity.any():
+            drag, penalties = (carried(part, duration) for part in (self._conditions.drag, self._conditions.penalties))
+            self._conditions = self._conditions._replace(drag=drag, penalties=penalties)
+            self._place(joined(drag, penalties))
+
+    def _place(self, anchors: Anchors | None) -> None:
+        """Let the anchors, the same ones, be elsewhere, or move otherwise."""
+        self._settle_anew(world=frozen(self.world._replace(anchors=anchors)))
+        if self._engine is not None and anchors is not None:
+            self._engine.follow(anchors)

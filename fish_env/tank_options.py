@@ -8,7 +8,7 @@ import numpy as np
 
 from fish_env.bodies.fish import ElasticObject, Fish
 from fish_env.body import FAILURES, Body, scaled
-from fish_env.checks import as_floats, finite_array, is_whole, positive_array, real
+from fish_env.checks import as_floats, finite_array, frozen, is_whole, positive_array, real
 from fish_env.integrators import INTEGRATORS, Integrator
 from fish_env.integrity import check_fish, check_numbers, check_world
 from fish_env.simd import LANES, SUPPORTED, Kind, Pack, Vectors
@@ -234,17 +234,16 @@ def described(tank) -> Pack:
             "line": fish.line, "left": fish.left, "right": fish.right, "nose": fish.nose,
             "node": fish.landmarks.node, "height": fish.landmarks.height,
         }  # fmt: skip
-        fields = {name: np.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
     fibres, drives, natural, span = tank._fibres
-    return Pack(
+    fields |= {"muscles": fish.muscles, "fibres": fibres, "drives": drives, "spring_nodes": springs.nodes}
+    named = {name: frozen(np.array(each)) if isinstance(each, np.ndarray) else each for name, each in fields.items()}
+    return Pack(  # kernels do not look whether there is what these arrays name
         "tank",
         x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
         clock=state.t, failure=state.failure, counters=state.counters,
         rest_length=control.rest_length, rate=control.rate, variation=tank.variation, effort=tank.effort,
         rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
         contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
-        muscles=np.array(fish.muscles), natural=tank.natural, span=tank.span,
-        fibres=np.array(fibres), drives=np.array(drives), fibre_natural=natural, fibre_span=span,
-        spring_nodes=np.array(springs.nodes), spring_stiffness=springs.stiffness, spring_length=springs.rest_length,
-        **fields,
+        natural=tank.natural, span=tank.span, fibre_natural=natural, fibre_span=span,
+        spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **named,
     )  # fmt: skip

@@ -234,28 +234,23 @@ def test_another_integrator_for_all(tmp_path, monkeypatch):
         train_all.train_all(tmp_path, ["swim"], 1, "euler")
 
 
-def test_another_integrator_is_published(tmp_path, monkeypatch):
+def test_another_integrator_is_published(tmp_path, monkeypatch, capsys):
     """What was trained with another integrator is measured under it and under the default, in a table of its own."""
-    runs, page = tmp_path / "runs", tmp_path / "results.md"
+    runs = tmp_path / "runs"
     folder = train("swim", folder=runs / "swim/seed_0", pictures=False, integrator="semi_implicit", dt=0.002)
     assert json.loads((folder / "config.json").read_text())["config"]["env_options"]["integrator"] == "semi_implicit"
     monkeypatch.setattr(results, "EPISODES", 3)
     monkeypatch.setattr(statistics, "RESAMPLES", 20)
-    monkeypatch.setattr(results, "LEARNING", tmp_path / "learning")
-    monkeypatch.setattr(records, "RESULTS", tmp_path)
-    monkeypatch.setattr(results, "PAGE", page)
-    page.write_text("before\n<!-- trained_with_semi_implicit -->\n<!-- end -->\nafter\n")
-    (tmp_path / "learning").mkdir()
-    shutil.copy(ROOT / "benchmarks/results/learning/swim_methods.csv", tmp_path / "learning")
+    capsys.readouterr()
     results.publish_method(runs, "semi_implicit", ["swim"])
-    rows = records.read_rows(tmp_path / "learning/trained_with_semi_implicit.csv")
+    rows = records.read_rows(runs / "trained_with_semi_implicit.csv")
     assert [row["moved_by"] for row in rows] == ["semi_implicit"] * 3 + ["the default"] * 3
     assert {row["dt"] for row in rows} == {"0.002"} and {row["seeds"] for row in rows} == {"1"}
-    text = (tmp_path / "learning/trained_with_semi_implicit.csv").read_text()
+    text = (runs / "trained_with_semi_implicit.csv").read_text()
     assert "# command: python train.py all --integrator semi_implicit --dt 0.002\n" in text
-    text = page.read_text()
-    assert text.startswith("before") and text.endswith("after\n") and text.count("| swim | speed, BL/s |") == 1
-    assert len([line for line in text.splitlines() if line.startswith("| swim") and line.count("|") == 6]) == 3
+    out = capsys.readouterr().out
+    assert out.count("| swim | speed, BL/s |") == 1
+    assert len([line for line in out.splitlines() if line.startswith("| swim") and line.count("|") == 6]) == 3
     with pytest.raises(FileNotFoundError, match="no run of turn"):
         results.publish_method(runs, "semi_implicit", ["turn"])
 
@@ -324,9 +319,21 @@ def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
     )
     assert "[`Swim-v0`](docs/envs/swim.md)" in results.README.read_text() and "old" not in results.README.read_text()
     assert load_policy(tmp_path / "pretrained" / "swim" / "policy.npz")
-    assert [row["seed"] for row in results.read_rows(tmp_path / "learning" / "swim_seeds.csv")] == ["0", "1"]
+    assert [row["seed"] for row in results.stored("seeds")] == ["0", "1"]
+    results.replace_rows("seeds", "turn", [{"seed": 5, "latency": 0.5}])
+    results.replace_rows("seeds", "swim", [{"seed": 7, "speed": 2.0}])
+    found = [(row["task"], row["seed"], row["latency"], row["speed"]) for row in results.stored("seeds")]
+    assert found == [("swim", "7", "", "2.0"), ("turn", "5", "0.5", "")]
     with pytest.raises(FileNotFoundError, match=r"no run of swim in .* is finished"):
         results.publish(tmp_path / "nowhere", ["swim"])
+
+
+def test_the_pages_hold_what_the_tables_hold():
+    """The tables of the page of results and of the README are those of the CSV file; no trained policy has failed."""
+    page = results.PAGE.read_text()
+    assert results.filled(page) == page and all(f"<!-- {task} -->" in page for task in CONFIGS)
+    assert f"<!-- summary -->\n{results.summary()}<!-- end -->" in results.README.read_text()
+    assert {float(row["value"]) for row in results.stored("methods") if row["metric"] == "failed"} == {0.0}
 
 
 def test_integrator_check_sees_a_difference(tmp_path, monkeypatch):

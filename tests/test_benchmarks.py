@@ -1,9 +1,9 @@
-"""The registry of published numbers, and how it tells whether they are older than the code."""
+"""The registry of published numbers, and how it tells whether they are stale."""
 
-import json
 import shlex
-import subprocess
 import sys
+from dataclasses import replace
+from fnmatch import fnmatch
 from importlib import import_module
 
 import pytest
@@ -11,18 +11,15 @@ import pytest
 from agents import records
 from benchmarks import __main__ as entry
 from benchmarks.bodies import convergence
-from benchmarks.common import motion
-from benchmarks.definitions import Code
-from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Repository
+from benchmarks.common import motion, reference
+from benchmarks.common.reference import TRAJECTORIES
+from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
+from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Status, status_of
 from benchmarks.registry import REGISTRY, RESULTS, Result
+from fish_env import make_fish
+from fish_env.body import scaled
 
 each_result = pytest.mark.parametrize("result", REGISTRY.values(), ids=REGISTRY)
-
-
-@pytest.fixture(scope="module")
-def repository():
-    """That of this project."""
-    return Repository()
 
 
 # The registry
@@ -38,12 +35,11 @@ def test_every_table_has_a_command():
 
 
 @each_result
-def test_what_a_number_depends_on_exists(result, repository):
-    """The definitions that make it, and its data files; their code reaches the package's."""
-    keys = [tuple(each.split(":")) for each in result.makes]
-    assert [key for key in keys if key not in repository.code.graph] == []
-    assert any(module.startswith("fish_env") for module, _ in repository.code.reached(keys))
-    assert [pattern for pattern in result.data if not repository.files(pattern)] == []
+def test_what_a_number_follows_exists(result):
+    """Every pattern names a reference trajectory."""
+    assert result.follows
+    for pattern in result.follows:
+        assert any(fnmatch(name, pattern) for name in TRAJECTORIES), pattern
 
 
 @each_result
@@ -59,182 +55,61 @@ def test_every_command_answers(result, monkeypatch, capsys):
     assert [option for option in arguments if option.startswith("--") and option not in text] == []
 
 
-# Digests of definitions
-
-SOURCES = {
-    "package.__init__": "from package.kernels import step\n",
-    "package.kernels": '''
-"""Kernels."""
-import numpy as np
-from package import constants
-from package.constants import DEEP
-
-def step(x, count=2):
-    """Doc."""
-    if count < 1:
-        raise ValueError(f"count is {count}; give at least one")
-    for k in range(count):  # why
-        x = np.sqrt(x) + constants.SHIFT * DEEP
-    return x
-''',
-    "package.constants": "SHIFT = 1.5\nDEEP = sum(k for k in (1, 2))\nOTHER = 7\n",
-    "program": "from package import step\n\ndef measure(tank):\n    return step(tank.x, count=3)\n",
-}
-MOVED = {
-    "package.__init__": "",
-    "package.inner.__init__": '"""Moved."""\n',
-    "package.inner.motion": """
-import numpy
-from ..numbers import OFFSET as SHIFT, INNER
-def advance(value: float, times: int = 2) -> float:
-    "Another text."
-    print("a word")
-    if times < 1:
-        raise ValueError("no")
-    for i in range(times):
-        value = numpy.sqrt(value) + SHIFT * INNER
-    return value
-""",
-    "package.numbers": "INNER = sum(j for j in (1, 2))\nOFFSET = 1.5\n",
-    "rooms.program": "from package.inner.motion import advance\ndef find(t):\n    return advance(t.x, times=3)\n",
-}
-
-
-def test_digests_see_through_moves_and_new_names():
-    """Moved and renamed modules, functions, constants, parameters and local variables; texts and annotations."""
-    code = Code(MOVED)
-    assert code.changes([("rooms.program", "find")], Code(SOURCES)) == []
-    reached = {("package.inner.motion", "advance"), ("package.numbers", "OFFSET"), ("package.numbers", "INNER")}
-    assert code.reached([("rooms.program", "find")]) == {("rooms.program", "find"), *reached}
-
-
-@pytest.mark.parametrize(
-    ("module", "old", "new", "changed"),
-    [
-        ("package.constants", "1.5", "1.6", "SHIFT"),
-        ("package.constants", "(1, 2)", "(1, 3)", "DEEP"),
-        ("package.kernels", "np.sqrt", "np.cbrt", "step"),
-        ("package.kernels", "SHIFT * DEEP", "OTHER * DEEP", "step"),
-        ("package.kernels", "count < 1", "count < 2", "step"),
-        ("package.kernels", "ValueError", "TypeError", "step"),
-        ("program", "tank.x", "tank.v", "measure"),
-        ("program", "count=3", "x=3", "measure"),
-    ],
-)
-def test_digests_see_changes(module, old, new, changed):
-    """A change of a number, a function, an attribute or a keyword, however deep; it is named."""
-    now = Code(SOURCES | {module: SOURCES[module].replace(old, new)})
-    if changed == "step" and "OTHER" in new:
-        assert ("package.kernels", "step") in now.changes([("program", "measure")], Code(SOURCES))
-    else:
-        assert now.changes([("program", "measure")], Code(SOURCES)) == [(module, changed)]
-
-
-def test_digests_of_classes_tables_and_modules():
-    """Methods and fields count; so does what is put into a table later; a module as a value counts as a whole."""
-    source = {
-        "a": "from m import FORCES\nclass Fish:\n    length: float = 1.0\n"
-        "    def swim(self):\n        return self.length\n"
-        "TABLE = {}\nTABLE['fish'] = Fish\ndef run(key):\n    return TABLE[key]().swim(), FORCES\n",
-        "m": "import n\nFORCES = (n,)\n",
-        "n": "def first():\n    return 1\ndef second():\n    return first()\n",
-    }
-    code = Code(source)
-    assert {("a", "TABLE"), ("a", "Fish"), ("n", "*"), ("n", "second")} < code.reached([("a", "run")])
-    for module, old, new in (("a", "= 1.0", "= 2.0"), ("a", "swim", "dive"), ("a", "'fish'", "'shark'"),
-                             ("n", "first():\n    return 1", "first():\n    return 2")):  # fmt: skip
-        other = Code(source | {module: source[module].replace(old, new)})
-        assert other.changes([("a", "run")], code), (old, new)
-    assert Code(source, ignored=("a:Fish", "m")).reached([("a", "run")]) == {("a", "run"), ("a", "TABLE")}
-
-
-# Against history
-
-
-def git(folder, *arguments):
-    """Run git in a folder."""
-    settings = ("-c", "user.name=Somebody", "-c", "user.email=some@body.org", "-c", "commit.gpgsign=false")
-    done = subprocess.run(["git", *settings, *arguments], cwd=folder, check=True, capture_output=True, text=True)
-    return done.stdout.strip()
+# Reference trajectories
 
 
 @pytest.fixture
-def project(tmp_path):
-    """A small repository with code, a parameter file, and a table that was made at its first commit."""
-    (tmp_path / "fish_env").mkdir()
-    (tmp_path / "fish_env" / "__init__.py").write_text("from fish_env.kernel import step\n")
-    (tmp_path / "fish_env" / "kernel.py").write_text("GAIN = 2.0\n\n\ndef step(x):\n    return GAIN * x\n")
-    (tmp_path / "fish_env" / "unused.py").write_text("def other():\n    return 1\n")
-    (tmp_path / "fish_env" / "body.json").write_text(json.dumps({"provenance": {"date": "then"}, "mass": 1.0}))
-    (tmp_path / "benchmarks").mkdir()
-    (tmp_path / "benchmarks" / "speed.py").write_text(
-        "from fish_env import step\n\n\ndef measure():\n    return step(3.0)\n"
-    )
-    git(tmp_path, "init", "-q")
-    git(tmp_path, "add", ".")
-    git(tmp_path, "commit", "-q", "-m", "one")
-    table(tmp_path, git(tmp_path, "rev-parse", "--short", "HEAD"))
-    return tmp_path
+def project(tmp_path, monkeypatch):
+    """A folder with a table, and the numbers of two trajectories, which may be changed."""
+    now = {"body fast": 1.0, "body slow": -2000.0, "task swim": 0.0}
+    monkeypatch.setattr(reference, "trajectories", lambda: now)
 
+    def table(numbers):
+        head = f"# commit: abc\n# date: 2026-01-02\n# {TRAJECTORIES_KEY}: {reference.as_text(numbers)}\n"
+        (tmp_path / "speed.csv").write_text(head + "x\n6.0\n")
 
-def table(folder, commit):
-    """Write the table of a commit."""
-    (folder / "speed.csv").write_text(f"# command: python x\n# commit: {commit}\n# date: 2026-01-02\nx\n6.0\n")
-
-
-def status(folder):
-    """The status of the table."""
-    return Repository(folder).status(["speed.csv"], ["benchmarks.speed:measure"], ["fish_env/*.json"])
+    table(now)
+    return tmp_path, now, table
 
 
 def test_status_of_a_table(project):
-    """Current; current after moves and texts, and after changes of what it does not reach; stale after the others."""
-    found = status(project)
-    assert (found.state, found.date, found.why) == (CURRENT, "2026-01-02", "")
-    (project / "benchmarks" / "room").mkdir()
-    git(project, "mv", "benchmarks/speed.py", "benchmarks/room/speed.py")
-    git(project, "mv", "benchmarks/room", "benchmarks/speed")
-    (project / "benchmarks" / "speed" / "__init__.py").write_text("from benchmarks.speed.speed import measure\n")
-    (project / "fish_env" / "unused.py").write_text("def other():\n    return 2\n")
-    (project / "fish_env" / "body.json").write_text(json.dumps({"mass": 1.0, "provenance": {"date": "now"}}, indent=2))
-    moved = Repository(project)
-    outputs, data = ["speed.csv"], ["fish_env/*.json"]
-    assert moved.status(outputs, ["benchmarks.speed.speed:measure"], data).state == CURRENT
-    (project / "fish_env" / "body.json").write_text(json.dumps({"mass": 1.1}))
-    found = Repository(project).status(outputs, ["benchmarks.speed.speed:measure"], data)
-    assert (found.state, found.why) == (STALE, "changed since: fish_env/body.json")
-    kernel = project / "fish_env" / "kernel.py"
-    kernel.write_text(kernel.read_text().replace("2.0", "2.5"))
-    git(project, "add", ".")
-    git(project, "commit", "-q", "-m", "two")
-    found = Repository(project).status(outputs, ["benchmarks.speed.speed:measure"], data)
-    assert (found.state, found.why) == (STALE, "changed since: fish_env.kernel.GAIN, fish_env/body.json")
-    table(project, git(project, "rev-parse", "--short", "HEAD"))
-    assert Repository(project).status(outputs, ["benchmarks.speed.speed:measure"], data).state == CURRENT
+    """Stale where a trajectory that it follows has changed beyond the tolerance, or is new; current otherwise."""
+    folder, now, table = project
+    outputs = ["speed.csv", "speed.csv"]
+    assert status_of(outputs, ["body *"], folder) == (CURRENT, "abc", "2026-01-02", "")
+    now["body slow"] *= 1 + 1e-8  # another processor
+    assert status_of(outputs, ["body *"], folder).state == CURRENT
+    now["body slow"] *= 1 + 1e-4
+    assert status_of(outputs, ["body *"], folder)[0::3] == (STALE, "other now: body slow")
+    assert status_of(outputs, ["body fast", "task *"], folder).state == CURRENT
+    now["body new"] = 1.0
+    assert status_of(outputs, ["body new"], folder).state == STALE
+    table(now)
+    assert status_of(outputs, ["*"], folder).state == CURRENT
+    now["task swim"] = float("nan")
+    assert status_of(outputs, ["*"], folder).state == STALE
 
 
-def test_status_that_cannot_be_told(project, tmp_path_factory):
-    """Uncommitted changes are mentioned; an unknown commit, a table without one, and an archive are said to be so."""
-    commit = git(project, "rev-parse", "--short", "HEAD")
-    table(project, f"{commit}-dirty")
-    found = status(project)
-    assert found.state == CURRENT and "not committed" in found.why
-    table(project, "unknown")
-    assert status(project).state == UNKNOWN and "without git" in status(project).why
-    table(project, "0123abc")
-    assert status(project).state == UNKNOWN and "not in this repository" in status(project).why
-    (project / "speed.csv").write_text("x\n6.0\n")
-    assert status(project).state == UNKNOWN and "no commit is recorded" in status(project).why
-    (project / "speed.csv").unlink()
-    assert status(project)[0::3] == (MISSING, "speed.csv")
-    table(project, commit)
-    archive = tmp_path_factory.mktemp("archive") / "project"
-    project.rename(archive)
-    (archive / ".git").rename(archive / "git-was-here")
-    found = status(archive)
-    assert found.state == UNKNOWN and found.why.startswith("no history here")
-    with pytest.raises(KeyError):
-        Repository(archive).code.reached([("benchmarks.speed", "nothing")])
+def test_status_that_cannot_be_told(project):
+    """A table without trajectories, and files without a head, are said to be so; a missing file comes first."""
+    folder, _, _ = project
+    (folder / "speed.csv").write_text("# commit: abc\nx\n6.0\n")
+    assert status_of(["speed.csv"], ["*"], folder).state == UNKNOWN
+    (folder / "chart.svg").touch()
+    assert status_of(["chart.svg"], ["*"], folder).state == UNKNOWN
+    assert status_of(["chart.svg", "gone.csv"], ["*"], folder)[0::3] == (MISSING, "gone.csv")
+
+
+def test_trajectories_see_the_physics(monkeypatch):
+    """A body that is a millionth stiffer, or a reward that weighs more, gives other numbers; the same code the same."""
+    first, task = reference.swim("mass_spring"), reference.perform("swim")
+    assert (reference.swim("mass_spring"), reference.perform("swim")) == (first, task)
+    fish = make_fish("mass_spring")
+    stiffer = replace(fish, body=scaled(fish.body, stiffness=1.0 + 1e-6))
+    monkeypatch.setattr(reference, "make_fish", lambda name: stiffer)
+    assert abs(reference.swim("mass_spring") / first - 1.0) > 1e-8
+    numbers = {"body a": 1.25e-7, "task b c": -3.0}
+    assert reference.from_text(reference.as_text(numbers)) == numbers
 
 
 # The command line
@@ -242,7 +117,7 @@ def test_status_that_cannot_be_told(project, tmp_path_factory):
 
 def result(name, command, **options):
     """A registered command."""
-    return Result(name, "a number", command, 0.1, ("speed.csv",), (), (), **options)
+    return Result(name, "a number", command, 0.1, ("speed.csv",), **options)
 
 
 def test_a_failure_does_not_stop_the_others(monkeypatch, capfd):
@@ -265,18 +140,18 @@ def test_names_and_stale_ones(monkeypatch, capfd):
     assert "unknown name 'nonsense'" in capfd.readouterr().err
     with pytest.raises(SystemExit):
         entry.main(["--all", "--stale"])
-    made = {name: result(f"a.{name}", f"-c print('{name}')") for name in ("current", "old", "missing", "unknown")}
-    states = {"a.current": CURRENT, "a.old": STALE, "a.missing": MISSING, "a.unknown": UNKNOWN}
+    states = {"current": CURRENT, "old": STALE, "missing": MISSING, "unknown": UNKNOWN}
+    made = {name: Result(f"a.{name}", "", f"-c print('{name}')", 0.1, (name,)) for name in states}
     monkeypatch.setattr(entry, "REGISTRY", made)
-    monkeypatch.setattr(entry, "status_of", lambda each, _: entry.Status(states[each.name], "", "", ""))
-    monkeypatch.setattr(Repository, "without_history", "")
+    monkeypatch.setattr(entry, "status_of", lambda outputs, follows: Status(states[outputs[0]], commit, "", ""))
+    commit = records.provenance("")["commit"]
     capfd.readouterr()
     assert entry.main(["--stale"]) == 0
     assert [line for line in capfd.readouterr().out.splitlines() if line in made] == ["old", "missing"]
     assert entry.main([]) == 0
-    assert "1 current, 1 older than the code, 1 missing, 1 cannot be told" in capfd.readouterr().out
-    monkeypatch.setattr(Repository, "without_history", "git is not installed")
-    assert entry.main(["--stale"]) == 2
+    assert "1 current, 1 stale, 1 missing, 1 cannot be told" in capfd.readouterr().out
+    assert entry.main(["--all"]) == 0  # what was made at this commit is left out
+    assert [line for line in capfd.readouterr().out.splitlines() if line in made] == ["old", "missing", "unknown"]
 
 
 def test_the_list_of_this_project(capsys):

@@ -12,6 +12,7 @@ from benchmarks.accuracy import boundary
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import fix
+from fish_env.conditions import PENALTY
 from fish_env.integrators import limits
 from fish_env.prescribed import prescribed_displacement
 from fish_env.tank_options import own_step
@@ -155,12 +156,12 @@ def test_static_elimination(task):
 def test_penalty_of_the_textbook(task):
     """Ten thousand largest entries on the diagonal, and that times the displacement on the right: solved alike."""
     body, nodes, displacement = task = boundary.TASKS[task]()
-    penalties = boundary.penalty(task, boundary.TEXTBOOK)
+    penalties = boundary.penalty(task, PENALTY)
     entry = np.abs(naive.stiffness_matrix(body)).max()
     np.testing.assert_allclose(penalties.stiffness, 1e4 * entry, rtol=1e-14)
     still = np.zeros_like(body.position)
     wanted = reduced(body, still, still, penalties)
-    found = boundary.by_penalty(task, boundary.TEXTBOOK)
+    found = boundary.by_penalty(task, PENALTY)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
     size = np.abs(displacement).max()
     assert 0 < np.abs(found[nodes] - displacement).max() < 1e-4 * size
@@ -182,7 +183,7 @@ def test_penalty_error(task):
 def bent_fish():
     """The fish's task with the 1e4 penalty: body, anchors, and the world they make."""
     task = boundary.fish_task()
-    pulling = boundary.penalty(task, boundary.TEXTBOOK)
+    pulling = boundary.penalty(task, PENALTY)
     task = task._replace(body=small_bodies.completed(task.body))
     return task, pulling, small_bodies.completed_world(VACUUM)._replace(anchors=pulling)
 

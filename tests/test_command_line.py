@@ -15,6 +15,7 @@ import fish_env
 from fish_env import __main__ as command_line
 from fish_env import control
 from fish_env.control import load_policy, make_policy_env, play, shipped_policies, shipped_policy
+from fish_env.control.console import answered
 from fish_env.control.evaluation import evaluate, means, policy_controller
 
 ROOT = Path(__file__).parent.parent
@@ -85,7 +86,7 @@ def test_a_policy_of_another_environment_is_not_played(tmp_path):
     """A policy whose file names an environment without a fish is refused."""
     pytest.importorskip("moviepy")
     policy = replace(load_policy(shipped_policy("swim")), about={"env_id": "CartPole-v1"})
-    with pytest.raises(ValueError, match="the policy is for CartPole-v1, which is not an environment of fish"):
+    with pytest.raises(ValueError, match="CartPole-v1 is not an environment of fish"):
         play(policy, video=tmp_path / "pole.gif")
 
 
@@ -180,3 +181,69 @@ def test_train_py(tmp_path):
     wrong = run("train.py", "play", tmp_path / "none.npz")
     assert wrong.returncode == 2 and "no policy file" in wrong.stderr and "Traceback" not in wrong.stderr
     assert run("train.py", "fly").returncode == 2
+
+
+LONG = "x" * 300
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["replay", f"{LONG}.npz"], ["evaluate", "--policy", f"{LONG}.npz"], ["play", "swim", "--to", f"{LONG}.html"],
+        ["evaluate", "swim", "--to", f"{LONG}.json"], ["evaluate", "--policy", "\0.npz"], ["replay", "."],
+    ],
+)  # fmt: skip
+def test_names_that_no_file_has(arguments, capsys, monkeypatch, tmp_path):
+    """Names that are too long, or are those of folders, are mistakes like others, found before anything is computed."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command_line, "evaluate", lambda *given: pytest.fail("it was computed"))
+    assert command_line.main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("fish_env: ") and printed.err.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (OSError(28, "No space left on device"), 2, "No space left"), (PermissionError(13, "denied"), 2, "denied"),
+        (MemoryError(), 2, "MemoryError"), (RecursionError("too deep"), 2, "too deep"),
+        (ValueError("one\ntwo\n" * 9), 2, "one two one"), (ValueError("x" * 10**6), 2, "xxx ..."),
+        (BrokenPipeError(), 141, ""), (KeyboardInterrupt(), 130, "Stopped."),
+    ],
+    ids=lambda value: type(value).__name__,
+)  # fmt: skip
+def test_how_commands_end(error, status, said, capsys):
+    """What can go wrong outside the program is one line and a status, however long its text; a reader may leave."""
+
+    def fail():
+        raise error
+
+    assert answered("fish_env", fail) == status
+    printed = capsys.readouterr().err
+    assert said in printed and len(printed.strip().splitlines()) == bool(said) and len(printed) < 3000
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full disk to write to")
+@pytest.mark.parametrize("arguments", [["-m", "fish_env", "versions"], ["-u", "-m", "fish_env"]], ids=" ".join)
+@pytest.mark.parametrize("errors_too", [False, True])
+def test_a_full_disk(arguments, errors_too):
+    """Output that cannot be written is a mistake of status 2, said in one line where that can be read."""
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, *arguments], stdout=full, stderr=full if errors_too else subprocess.PIPE,
+                              cwd=ROOT, text=True, check=False)  # fmt: skip
+    assert done.returncode == 2
+    assert errors_too or (done.stderr.count("\n") == 1 and "No space left on device" in done.stderr)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes end otherwise")
+@pytest.mark.parametrize("options", [[], ["-u"]])
+@pytest.mark.parametrize("arguments", [["-m", "fish_env", "versions"], ["train.py", "--help"]], ids=" ".join)
+def test_a_reader_that_leaves(arguments, options):
+    """`| head -0` ends a command without a word."""
+    done = subprocess.Popen([sys.executable, *options, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                            cwd=ROOT, text=True)  # fmt: skip
+    assert done.stdout is not None and done.stderr is not None
+    done.stdout.close()
+    said = done.stderr.read()
+    done.stderr.close()
+    assert not said and done.wait() in (0, 141)  # argparse itself may take no notice

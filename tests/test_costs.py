@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.speed import costs, scaling, throughput
+from benchmarks.speed import scaling, throughput
 from fish_env import make_fish
 
 FISH = make_fish()
@@ -11,13 +11,13 @@ FISH = make_fish()
 
 def test_swimming_fish_are_alike_until_they_are_varied():
     """Fish that have swum are where one has swum, wherever they are; varied ones differ by a fifth at most."""
-    one, many = (costs.swimming(FISH, count) for count in (1, 9))
+    one, many = (throughput.swimming(FISH, count) for count in (1, 9))
     assert one.time[0] == pytest.approx(1.0) and one.counters["force_evaluations"][0] == 0
     np.testing.assert_array_equal(many.position, np.repeat(one.position, 9, axis=0))
     assert one.position[0, FISH.nose, 0] > FISH.body.position[FISH.nose, 0] + FISH.length
-    varied = costs.vary(many).variation
-    assert len(np.unique(varied[:, 0])) == 9 and np.abs(varied[:, :3] - 1.0).max() <= costs.SPREAD
-    work = costs.Swim(many)
+    varied = throughput.vary(many).variation
+    assert len(np.unique(varied[:, 0])) == 9 and np.abs(varied[:, :3] - 1.0).max() <= throughput.SPREAD
+    work = throughput.Swim(many)
     work.run(3)
     assert len(np.unique(many.position[:, 0, 0])) == 9
     work.start()
@@ -26,15 +26,18 @@ def test_swimming_fish_are_alike_until_they_are_varied():
 
 def test_ratios():
     """The first thing's ratio is one; four fish take more than two intervals of one fish and less than four."""
-    found = costs.costs(lambda: [costs.Swim(costs.swimming(FISH, count, lanes="xyz")) for count in (1, 4)], 3, 1)
+    found = throughput.costs(
+        lambda: [throughput.Swim(throughput.swimming(FISH, count, lanes="xyz")) for count in (1, 4)], 3, 1
+    )
     np.testing.assert_array_equal(found[0].ratio, 1.0)
-    row = costs.row("table", "name", found[1], "one", 4)
+    row = throughput.row("table", "name", found[1], "one", 4)
     assert 0.3 < float(row["ratio"]) < 1.5 and float(row["us_q1"]) <= float(row["us"]) <= float(row["us_q3"])
 
 
 def test_bodies_of_the_scaling():
     """The bars swing, and grow to ten thousand nodes."""
-    work = dict(scaling.bodies())["bar, 2 cells through"](1)
+    ((name, work),) = scaling.bodies(levels=(), through=(2,))
+    assert name == "bar"
     assert len(work.tank.fish.body.mass) == 189
     assert work.tank.velocity[0, :, 2].max() == scaling.SPEED
     work.run(3)
@@ -45,8 +48,5 @@ def test_bodies_of_the_scaling():
 
 
 def test_in_process():
-    """A fresh process prints a number; what a first use runs can be told which clock to read."""
+    """A fresh process prints a number."""
     assert throughput.in_process("print('no'); print(2.5)") == 2.5
-    for code in (throughput.FIRST_EPISODE, throughput.FIRST_BATCH):
-        compile(code.format(clock="process_time"), "first", "exec")
-    assert "make_vec(" in throughput.FIRST_BATCH

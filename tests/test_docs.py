@@ -350,6 +350,6 @@ def test_info_keys(task, keywords, single):
         over = np.any(terminated) or np.any(truncated)
     keys = [{key for key in info if not key.startswith("_")} for info in infos]
     assert all(key == of_step for key in keys[:-1])
-    assert keys[-1] == of_step | of_episode - {"failure"}
+    assert keys[-1] == of_step | of_episode
     terms = {key for key in infos[-1]["terms"] if not key.startswith("_")}
     assert terms == set(re.findall(r"`(\w+)`", stated[0][1]))

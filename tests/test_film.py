@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+import tracemalloc
 from dataclasses import replace
 
 import gymnasium as gym
@@ -217,3 +218,55 @@ def test_in_a_browser(tmp_path):
         page.wait_for_function("film.playing && film.time > 0")
         assert not said
         browser.close()
+
+
+@pytest.mark.parametrize("ending", [".gif", ".html"])
+@pytest.mark.parametrize("number", [1e6, 1e12, 1e100, 1e300])
+@pytest.mark.parametrize("name", ["position", "velocity", "rest_length", "directions", "spheres", "time", "reward"])
+def test_numbers_of_any_size(one, name, number, ending, tmp_path):
+    """Numbers that no fish has, in a damaged file or one of a stranger, are drawn, or refused in a sentence."""
+    array = getattr(one, name)[-2:].copy()
+    array.flat[-1] = array.flat[array.size // 2] = number
+    shorter = {key: value[-2 if len(value) > one.steps else -1 :] for key, value in arrays_of(one).items()}
+    strange = Recording(about=one.about, **shorter | {"variation": one.variation, name: array[-len(shorter[name]) :]})
+    try:
+        write_film(strange, tmp_path / f"film{ending}")
+    except ValueError as error:
+        assert re.search("too large or too small|add up to", str(error)) and not list(tmp_path.iterdir())
+    else:
+        if ending == ".html":
+            assert not re.search(r"NaN|Infinity", json.dumps(data_of((tmp_path / "film.html").read_text())))
+
+
+@pytest.mark.parametrize("interval", [1e-300, 0.021, 5.0])
+def test_a_recording_of_another_interval_is_not_drawn(one, interval, tmp_path):
+    """A film would be too fast or too slow: it is refused."""
+    other = replace(one, about=one.about | {"control_interval": interval})
+    for ending in (".gif", ".html"):
+        with pytest.raises(ValueError, match=rf"holds a state every {interval} s, and its environment makes one every"):
+            write_film(other, tmp_path / f"film{ending}")
+
+
+def test_a_video_that_no_memory_holds(one, tmp_path, monkeypatch):
+    """All pictures of a video are in memory at once: whether they fit is known before the first one is drawn."""
+    monkeypatch.setattr("fish_env.checks.available_memory", lambda: 10 * film.PICTURE)
+    monkeypatch.setattr(film, "_pictures", lambda *given: pytest.fail("it was drawn"))
+    with pytest.raises(ValueError, match="the number of states of the video is 13, which takes"):
+        write_film(one, tmp_path / "film.gif")
+
+
+@pytest.mark.parametrize(("radius", "count"), [(0.15, 1), (3.0, 1), (100.0, 1), (1e200, 1), (1.0, 26), (0.5, 60)])
+def test_videos_of_large_spheres(one, radius, count, tmp_path):
+    """Spheres are drawn with little memory, or refused where they are larger or more than any task has."""
+    spheres = np.full((one.steps + 1, count, 4), radius)
+    spheres[..., :3] = one.position[:, :1]
+    tracemalloc.start()
+    try:
+        if radius < 1e100 and count * radius**2 <= film.AREA:
+            assert write_film(replace(one, spheres=spheres), tmp_path / "film.gif").stat().st_size > 3000
+        else:
+            with pytest.raises(ValueError, match=r"spheres add up to .* write an \.html page|too large"):
+                write_film(replace(one, spheres=spheres), tmp_path / "film.gif")
+        assert tracemalloc.get_traced_memory()[1] < 200e6
+    finally:
+        tracemalloc.stop()

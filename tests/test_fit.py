@@ -141,7 +141,7 @@ def test_kept_searches_say_of_which_body_they_are(monkeypatch, tmp_path):
     monkeypatch.setattr(fit, "KEPT", tmp_path)
     monkeypatch.setattr(fit, "FILE", tmp_path / "commands.npz")
     fit.FILE.write_bytes(b"one")
-    jobs = [("planar", 1, 0.001, {"damping": value}) for value in (1.0, 2.0)]
+    jobs = [("planar", 1, {"damping": value}) for value in (1.0, 2.0)]
     found = [fit.kept_search(job) for job in (jobs[0], jobs[0], jobs[1])]
     assert made == jobs and found == [(1.0, {"shear": 0.5})] * 3
     fit.FILE.write_bytes(b"two")

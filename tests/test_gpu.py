@@ -48,7 +48,7 @@ def test_memory_of_a_thread(options, dtype):
     tanks[0].vary(1, stiffness=1.2, mass=0.9, current=(0.1, 0.0, 0.0))
     tanks[1].set_state(tanks[0].get_state())
     engine = tanks[1]._engine
-    block, call = engine.new_block(2, Kind(THREAD, dtype)), make_call(engine.names, engine.method)
+    block, call = engine.new_block(2, Kind(THREAD, dtype)), make_call(engine.names, engine.method.make_run)
     shared = {name: value for name, value in arrays_of(block).items() if not is_own(value)}
     before = {name: memory_of(value).copy() for name, value in shared.items()}
     for _ in range(3):
@@ -191,7 +191,7 @@ def test_step_of_the_default_fish(cc):
     assert ptx.count(".visible .entry") == 1
     bytewise = len(re.findall(r"\bld\S*\.u8", ptx))
     assert bytewise < 10, "numbers are loaded byte by byte"
-    assert "Used 255 registers" in assembled(ptx, cc)  # docs/gpu.md
+    assert "Used 255 registers" in assembled(ptx, cc)  # all there are
 
 
 @needs_compiler

@@ -1,7 +1,6 @@
 """Training that is killed, that shares a folder, and that runs while the clock jumps."""
 
 import json
-import mmap
 import os
 import signal
 import subprocess
@@ -17,10 +16,14 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 import tqdm.std
+from stable_baselines3 import PPO
 
+from agents import callbacks
 from agents import train as training
 from agents.records import read_rows
+from fish_env.control import load_policy
 
+KILLED = {"timesteps": 400_000}
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
 
 
@@ -30,51 +33,56 @@ def one_thread():
     torch.set_num_threads(1)
 
 
+def read_run(folder):
+    """Read every file of a run that is there; environment steps of its model, 0 without one."""
+    if (folder / "config.json").exists():
+        assert json.loads((folder / "config.json").read_text())["config"]
+    if (folder / "curve.csv").exists():
+        assert all(float(value) >= 0.0 for row in read_rows(folder / "curve.csv") for value in row.values())
+    if (folder / "policy.npz").exists():
+        load_policy(folder / "policy.npz")
+    return PPO.load(folder / "model.zip", device="cpu").num_timesteps if (folder / "model.zip").exists() else 0
+
+
+def saved_since(path, begun):
+    """True if a file was written after a time."""
+    return path.exists() and path.stat().st_mtime > begun
+
+
+def alive(process):
+    """True until a child process has ended; it is not reaped."""
+    return os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
+
+
 @needs_fork
 @pytest.mark.slow
-@pytest.mark.parametrize("interval", [0.0, 0.3])
-def test_a_run_that_is_killed(tmp_path, interval):
-    """Killed at random times and resumed: no file is broken, little is lost, and the run ends as any other."""
-    from benchmarks.learning import kills
-
-    run = kills.Killed(tmp_path / "run", seed=0, timesteps=400_000, kills=8, interval=interval)
-    assert run.done == 8 and run.half_written >= 1 and run.before_first >= 1
-    assert run.bad == [] and run.finished and run.too_much == 0
-    assert kills.trained(tmp_path / "run") >= 400_000 and kills.score(tmp_path / "run") > 0.5
-    assert json.loads((tmp_path / "run" / "config.json").read_text())["resumed"] >= 1
-
-
-@needs_fork
-def test_what_a_kill_leaves_is_looked_at(tmp_path):
-    """Broken files are named, and what was lost is the time since the environment steps that were saved."""
-    from benchmarks.learning import kills
-
-    (tmp_path / "model.zip").write_bytes(b"half")
-    (tmp_path / "config.json").write_text('{"config": {')
-    (tmp_path / "curve.csv").write_text("timesteps,seconds\n512,half\n")
-    (tmp_path / "results.json").write_text('{"rows": {}}')
-    assert [text.split(":")[0] for text in kills.broken_files(tmp_path)] == ["model.zip", "config.json", "curve.csv"]
-    memory = mmap.mmap(-1, 8 + kills.RECORD.size * 10)
-    diary = kills.Diary(memory)
-    for steps in (0, 100, 200):
-        diary.num_timesteps = steps
-        diary._on_rollout_start()
-    found = kills.Diary.read(memory)
-    assert [steps for steps, _ in found] == [0, 100, 200]
-    run = kills.Killed.__new__(kills.Killed)
-    run.folder, run.interval, run.lost, run.bad = tmp_path, 0.0, 0.0, []
-    run.done = run.half_written = run.before_first = run.too_much = 0
-    for path in tmp_path.iterdir():
-        path.unlink()
-    begun = time.time_ns() - 10**9
-    (tmp_path / ".model.partial.zip").touch()
-    assert kills.half_written(tmp_path, begun) and not kills.half_written(tmp_path, begun + 10**11)
-    process = os.fork()
-    if not process:
-        signal.pause()
-    run.kill(process, 0.2, memory, begun)
-    assert (run.done, run.half_written, run.before_first, run.bad) == (1, 1, 1, [])
-    assert run.lost >= 0.2 and run.too_much == 0  # the last update was the slowest
+def test_a_run_that_is_killed(tmp_path, monkeypatch):
+    """Killed at random times, also while it writes, and resumed: no file is broken, nothing saved is lost; it ends."""
+    monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
+    folder, generator, saved = tmp_path / "run", np.random.default_rng(0), 0
+    for kill in count():
+        request = {"resume": folder} if (folder / "model.zip").exists() else {"folder": folder, "changes": KILLED}
+        process = os.fork()
+        if not process:
+            status = 1
+            try:
+                training.train(training.Request("swim", pictures=False, **request))
+                status = 0
+            finally:
+                os._exit(status)
+        begun = time.time()
+        while 0 < kill < 8 and not saved_since(folder / "model.zip", begun) and alive(process):
+            time.sleep(0.01)
+        if kill < 8:
+            time.sleep(generator.uniform(0.0, 0.3))
+            os.kill(process, signal.SIGKILL)
+        ended = os.waitpid(process, 0)[1]
+        assert read_run(folder) >= saved
+        saved = read_run(folder)
+        if ended == 0:
+            break
+        assert kill < 8
+    assert saved >= KILLED["timesteps"] and json.loads((folder / "config.json").read_text())["resumed"] >= 1
 
 
 def test_two_programs_and_one_folder(tmp_path):

@@ -9,12 +9,14 @@ Waiting is bounded by PATIENCE only: software rendering on a busy machine is slo
 
 import os
 import shutil
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import numpy as np
 import pytest
 
 playwright = pytest.importorskip("playwright.sync_api", reason='needs pip install -e ".[browser]"')
-pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
+viser = pytest.importorskip("viser", reason='needs pip install -e ".[lab]"')
 
 from viewer import PATIENCE, until
 
@@ -26,7 +28,8 @@ pytestmark = pytest.mark.slow
 SIZE = {"width": 760, "height": 460}
 CHROMIUM = os.environ.get("FISH_ENV_CHROMIUM") or shutil.which("chromium")
 PASSIVE = "Unable to preventDefault inside passive event listener"  # viser's page says so at the end of every drag
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+         "--host-resolver-rules=MAP evil.example 127.0.0.1"]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -312,3 +315,49 @@ def test_a_client_that_vanishes_in_mid_drag_does_no_harm(visitor, laboratory, br
     until(lambda: after.bench.clock > clock + 0.2)
     assert after.errors == []
     after.page.close()
+
+
+INTRUDER = """<p id=said></p><iframe src="http://ADDRESS"></iframe><script>
+    let left = 10
+    for (let k = 0; k < 10; k++) {
+        const socket = new WebSocket("ws://ADDRESS", ["viser-vVERSION"])
+        socket.onopen = () => said.textContent += "opened "
+        socket.onclose = () => { left -= 1; if (!left) said.textContent += "all are closed" }
+    }
+</script>"""
+"""Another page, which shows the laboratory's in a frame and connects to it as often as it can."""
+
+
+class Elsewhere(BaseHTTPRequestHandler):
+    """Answers with that page."""
+
+    def do_GET(self):
+        """Answer."""
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(self.server.page.encode())
+
+    def log_message(self, *_):
+        """Say nothing."""
+
+
+def test_another_page_in_the_same_browser_gets_nothing(laboratory, browser):
+    """A page of another origin gets no session, by sockets, in a frame or by a name that leads here."""
+    until(lambda: not laboratory.sessions)
+    other = HTTPServer(("127.0.0.1", 0), Elsewhere)
+    other.page = INTRUDER.replace("ADDRESS", f"127.0.0.1:{laboratory.port}").replace("VERSION", viser.__version__)
+    threading.Thread(target=other.serve_forever, daemon=True).start()
+    page = browser.new_page()
+    try:
+        page.goto(f"http://127.0.0.1:{other.server_port}")
+        page.get_by_text("all are closed").wait_for(timeout=1e3 * PATIENCE)
+        assert page.locator("#said").text_content() == "all are closed"
+        until(lambda: page.frames[1].url.startswith("chrome-error:"))
+        refused = page.goto(f"http://evil.example:{laboratory.port}")
+        assert refused.status == 403 and "no address of the laboratory" in page.content()
+        assert laboratory.sessions == {} and laboratory.server.get_clients() == {}
+    finally:
+        page.close()
+        other.shutdown()
+        other.server_close()

@@ -1,5 +1,9 @@
 """A force of one's own: one file and one entry of the list make it act under every method, in lanes and alone."""
 
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
 import numpy as np
 import pytest
 import soft_floor
@@ -8,10 +12,12 @@ from scipy.sparse import issparse
 from soft_floor import Floor
 
 from fish_env import INTEGRATORS, Tank, forces, make_fish, make_world, statics
+from fish_env._jit import part
 from fish_env.bodies.fish import ElasticObject
 from fish_env.body import make_body
 from fish_env.forces import sparse
 from fish_env.forces.evaluate import Evaluator
+from fish_env.integrators import leapfrog_chebyshev
 from fish_env.linalg import rates
 from fish_env.world import VACUUM, make_anchors
 
@@ -134,3 +140,71 @@ def test_walls_take_from_it():
 def test_taken_out_again():
     """Where the world has no such floor, no kernel is compiled with it."""
     assert forces.present(pair().body, VACUUM) == ("springs",)
+
+
+EDITED = Path(soft_floor.__file__).read_text().replace("(world.floor.stiffness", "(3.0 * world.floor.stiffness")
+
+
+def replaced():
+    """A cell of a notebook that is run again: another force under the same name."""
+    forces.FORCES["floor"] = module = ModuleType("soft_floor")
+    exec(EDITED, module.__dict__)
+
+
+def reloaded():
+    """`importlib.reload` after an edit: the same module with other functions."""
+    exec(EDITED, forces.FORCES["floor"].__dict__)
+
+
+@pytest.mark.parametrize("change", [replaced, reloaded])
+def test_defined_again(change, monkeypatch):
+    """New tanks and new evaluators have the force as it is defined now, and those of before go on as they were."""
+    first = ModuleType("soft_floor")
+    first.__dict__.update(soft_floor.__dict__)
+    monkeypatch.setitem(forces.FORCES, "floor", first)
+    world, still = VACUUM._replace(extra={"floor": FLOOR}), np.zeros((2, 3))
+    body, sunk = pair().body, pair().body.position - [0.0, 0.0, 0.01]
+
+    def made():
+        tank, evaluator = Tank(pair(), 1, "leapfrog_chebyshev", 1e-5, water=world, threads=1), Evaluator(body, world)
+        tank.position[...] = sunk
+        return tank, evaluator
+
+    def pushed(tank, evaluator):
+        before = tank.velocity[0, 0, 2]
+        tank.position[...] = sunk
+        tank.advance(1)
+        force = evaluator.force(body.springs.rest_length, sunk, still)[0, 2]
+        return (tank.velocity[0, 0, 2] - before) * MASS / 1e-5, force
+
+    old = made()
+    np.testing.assert_allclose(pushed(*old), 0.01 * FLOOR.stiffness, rtol=1e-4)
+    change()
+    np.testing.assert_allclose(pushed(*made()), 3 * 0.01 * FLOOR.stiffness, rtol=1e-4)
+    np.testing.assert_allclose(pushed(*old), 0.01 * FLOOR.stiffness, rtol=1e-4)
+
+
+def test_a_method_defined_again(monkeypatch):
+    """So it is with a user's method: its kernels are those that it has now."""
+    method = ModuleType("own_method")
+    method.__dict__.update({name: getattr(leapfrog_chebyshev, name) for name in ("plan", "costs", "make_work")})
+    method.make_run = leapfrog_chebyshev.make_run
+    record = replace(INTEGRATORS["leapfrog_chebyshev"], name="own", method=method)
+    monkeypatch.setitem(INTEGRATORS, "own", record)
+
+    def fallen():
+        tank = Tank(pair(), 1, "own", 1e-3, water=make_world((0.0, 0.0, -9.8)), threads=1)
+        tank.advance(10)
+        return tank.velocity[0, 0, 2]
+
+    np.testing.assert_allclose(fallen(), -0.098, rtol=1e-9)
+
+    def stands(names):
+        @part
+        def run(body, world, control, x, v, work, cache, n):
+            pass
+
+        return run
+
+    method.make_run = stands
+    assert fallen() == 0.0

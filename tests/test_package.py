@@ -145,3 +145,45 @@ def test_wheel_of_the_source_archive(tmp_path):
     assert run("-c", INSTALLED, str(unpacked)).strip() == "all is there"
     assert "speed" in run("-m", "fish_env", "evaluate", "swim", "--episodes", "1")
     assert not list(empty.iterdir())
+
+
+IN_AN_ARCHIVE = """
+import sys
+import gymnasium as gym
+import numpy as np
+import fish_env
+from fish_env.bodies import BODIES, make_fish
+from fish_env.control import best_gait, load_policy, record, shipped_policies, write_film
+from fish_env.control.motor import load_tables
+assert sys.argv[1] in fish_env.__file__, fish_env.__file__
+for name in BODIES:
+    if name != "tetrahedral" or "--all" in sys.argv:
+        make_fish(name)
+best_gait(), load_tables()
+assert len(shipped_policies()) == 6
+for task, path in shipped_policies().items():
+    policy = load_policy(path)
+    assert policy.about["task"] == task
+env = gym.make("FishEnv/Stub-v0")
+env.reset(seed=0)
+env.step(np.zeros(12))
+kept = record(env, load_policy(shipped_policies()["swim"]), 0, steps=3)
+print(write_film(kept, sys.argv[2]).stat().st_size)
+fish_env.control.shipped_policy("swim")
+"""
+
+
+def test_in_an_archive(tmp_path):
+    """From a zip archive on the path the package finds bodies, gaits, tables, policies and the parts of a film."""
+    archive = tmp_path / "fish.zip"
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        for path in sorted((ROOT / "fish_env").rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                file.write(path, path.relative_to(ROOT))
+    done = subprocess.run(
+        [sys.executable, "-c", IN_AN_ARCHIVE, str(archive), str(tmp_path / "film.html")],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(archive), "NUMBA_DISABLE_JIT": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 100_000

@@ -1,14 +1,18 @@
 """The scenes methods are compared on: what they hold, their references, and the default's error on the hardest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import work_precision
+from benchmarks.accuracy import refinement, work_precision
 from benchmarks.common import problems
+from benchmarks.common.actions import actions
 from benchmarks.common.charts import METHOD_STYLE
-from fish_env import INTEGRATORS, Tank
+from fish_env import INTEGRATORS, Tank, make_fish
+from fish_env.control import best_gait
 
-TURN = problems.problems()["turn"]
+TURN, FISH = problems.problems()["turn"], make_fish()
 
 
 def test_scaled():
@@ -68,6 +72,17 @@ def test_the_manoeuvre_is_predictable(truth):
     assert 1.0 < problems.magnified(TURN, truth, 128) < 1000.0
 
 
+@pytest.mark.parametrize(("frequency", "by_default", "by_midpoint"), [(4.0, 0.0093, 0.0001), (5.0, 0.069, 0.002)])
+def test_fast_strokes(frequency, by_default, by_midpoint):
+    """Errors of the best gait and of the same at 5 Hz, as the page gives them; midpoint with 24 steps is better."""
+    goal = replace(best_gait(), frequency=frequency).contraction(FISH, FISH.control_interval * np.arange(1, 101))
+    scene = problems.Problem("fast", "a fast stroke", FISH, FISH.water, goal)
+    reference = problems.run(scene, "rk4", 64)[0]
+    for name, steps, error in ((FISH.integrator, problems.steps_of(FISH), by_default), ("midpoint", 24, by_midpoint)):
+        path, _ = problems.run(scene, name, steps)
+        assert problems.distance(FISH, path, reference) == pytest.approx(error, rel=0.1)
+
+
 def test_few_steps_do(truth):
     """Five steps a control interval do for that by default; Tu's method fails with 20, and is stable with 28."""
     path, _ = problems.run(TURN, "leapfrog_chebyshev", 5)
@@ -110,3 +125,41 @@ def test_least_expensive():
 def test_every_method_has_a_style():
     """Every fixed-step method is told apart in the charts."""
     assert set(METHOD_STYLE) == {n for n, record in INTEGRATORS.items() if record.kind != "adaptive"}
+
+
+# Refined intervals
+
+
+def test_meter():
+    """Steps are counted with those that were thrown away: two force evaluations each where the longest need no more."""
+    steps = 40
+    tank = Tank(FISH, 16, water=FISH.water, dt=FISH.control_interval / steps, refine=0.003)
+    meter = refinement.Meter(tank)
+    for action in actions(FISH, "random")[:20]:
+        tank.swim(action, FISH.control_interval)
+        meter.read(steps)
+    row = meter.row()
+    assert 0.1 < row["intervals_refined"] < 1.0 and row["steps_taken"] > 1.2 * steps
+    assert row["forces_per_interval"] == pytest.approx(2.0 * row["steps_taken"], rel=1e-4)
+
+
+def test_a_row_of_refinement(truth):
+    """In float32 the default is as it is in float64, to its bar; steps of a whole interval tear it unrefined."""
+    steps = problems.steps_of(FISH)
+    double, _ = problems.run(TURN, FISH.integrator, steps, refine=FISH.refine)
+    row = refinement.measure(TURN, steps, FISH.refine, double, dtype="float32")
+    assert 0.0 < row["error"] <= refinement.SINGLE and row["against"] == "float64"
+    assert refinement.measure(TURN, 1, np.inf, truth)["error"] == np.inf
+    assert refinement.measure(TURN, 1, FISH.refine, truth)["error"] < np.inf
+
+
+def test_largest_stable():
+    """Unrefined, the turn tears the fish at a step of 20 ms; refined it does not."""
+    fixed, refined = (refinement.stable(FISH, "turn", refine) for refine in (np.inf, FISH.refine))
+    assert fixed["fewest_steps"] > 1 and fixed["beyond"].startswith("torn")
+    assert refined["largest_stable_ms"] == pytest.approx(20.0) and not refined["beyond"]
+
+
+def test_the_published_default_meets_its_bars():
+    """Its error, that of float32, and the margin of its step on fish half to twice as stiff, as they are published."""
+    assert refinement.bars()

@@ -371,3 +371,35 @@ def test_an_object_is_painted_in_its_room():
     assert Painter(ring).reach > 0
     with pytest.raises(ValueError, match=r"has no walls around it; give it a room"):
         Painter(replace(ring, water=VACUUM))
+
+
+FAR_AWAY = """
+import gymnasium as gym, numpy as np, fish_env
+for id in ("FishEnv/Stub-v0", "FishEnv/Target-v0"):
+    env = gym.make(id, render_mode={mode!r})
+    tank = env.unwrapped.tank
+    for how in ("all", "down", "node", "stretched", "fast", "path", "muscles"):
+        for far in (1e6, 1e15, -1e15, 1e300, np.inf, np.nan):
+            env.reset(seed=0)
+            if how == "all": tank.position[:] += far
+            elif how == "down": tank.position[..., 2] = far
+            elif how == "node": tank.position[0, 3] = far
+            elif how == "stretched": tank.position[:] *= far
+            elif how == "fast": tank.velocity[:] = far
+            elif how == "path": env.render(); tank.position[..., 0] += far
+            else: tank.rest_length[0, tank.fish.muscles[0]] = far; tank.time[:] = far
+            env.unwrapped.fish._measure()
+            picture = env.render()
+            assert picture is None or (picture.shape == (480, 640, 3) and picture.std() > 5)
+    env.close()
+print("drawn")
+"""
+
+
+@pytest.mark.parametrize("mode", ["rgb_array", "human"])
+def test_far_away(mode):
+    """A fish, or a part of it, at 1e15 m, at 1e300 m or nowhere is drawn, and ends no process."""
+    code = FAR_AWAY.format(mode=mode)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False,
+                          env=os.environ | {"SDL_VIDEODRIVER": "dummy"})  # fmt: skip
+    assert done.returncode == 0 and done.stdout == "drawn\n", (done.returncode, done.stderr[-2000:])

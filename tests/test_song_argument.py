@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from benchmarks.objects.argument import collapse, enclosed
-from benchmarks.objects.inner import compared, measured, opposed_mode, thrown, twist_rate
+from benchmarks.objects.layers import (
+    HEAVY,
+    against_each_other,
+    collapse,
+    enclosed,
+    frequency_and_decay,
+    opposed_mode,
+    opposed_time,
+    twist_rate,
+)
 from fish_env.bodies.objects import OBJECTS, RING, make_ring, make_sphere, make_uniform_sphere
 from fish_env.bodies.skins import KINDS
 from fish_env.forces.evaluate import Evaluator
@@ -114,21 +122,21 @@ def test_layers_turn_against_each_other():
     turning = shape[:12, :2] @ np.array([[0.0, 1.0], [-1.0, 0.0]])  # a turn displaces along these
     around = np.sum(turning * make_ring().body.position[:12, :2], axis=1)
     np.testing.assert_allclose(around, around[0], rtol=1e-6)
-    row = compared("ring")
-    assert row["undamped_measured_hz"] == pytest.approx(frequency, rel=1e-9)
-    assert abs(row["undamped_measured_decay"]) < 1e-5
-    assert row["damped_measured_hz"] == pytest.approx(row["damped_hz"], rel=1e-7)
-    assert row["damped_measured_decay"] == pytest.approx(0.5 * 0.002 * twist_rate(12, RING) ** 2, rel=1e-6)
+    row = against_each_other("ring")
+    assert row["undamped_simulated_hz"] == pytest.approx(frequency, rel=1e-9)
+    assert abs(row["undamped_simulated_decay"]) < 1e-5
+    assert row["damped_simulated_hz"] == pytest.approx(row["damped_hz"], rel=1e-7)
+    assert row["damped_simulated_decay"] == pytest.approx(0.5 * 0.002 * twist_rate(12, RING) ** 2, rel=1e-6)
 
 
-def test_measured():
+def test_frequency_and_decay():
     """Frequency and decay of a given oscillation are found."""
     time = np.linspace(0.0, 2.0, 20001)
-    found = measured(time, np.exp(-0.7 * time) * np.cos(2 * np.pi * 5.0 * time))
+    found = frequency_and_decay(time, np.exp(-0.7 * time) * np.cos(2 * np.pi * 5.0 * time))
     assert found == pytest.approx((5.0, 0.7), rel=1e-5)
 
 
 def test_layers_move_against_each_other_after_an_impact():
     """A heavy inner layer flies on for 10 ms while the outer one has turned back at a wall; a light one hardly does."""
-    opposed = [sum(row["outer"] * row["inner"] < 0 for row in thrown(mass)) / 1920 for mass in (0.12, 0.72)]
-    assert opposed[0] < 0.003 and 0.008 < opposed[1] < 0.013
+    opposed = [opposed_time("ring", factor * RING.inner_mass) for factor in (1.0, HEAVY)]
+    assert opposed[0] < 3.0 and 8.0 < opposed[1] < 13.0

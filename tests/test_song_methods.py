@@ -1,23 +1,36 @@
-"""A closed room, Song's methods through impacts, level of detail, forces of spheres, parameters."""
+"""A closed room, Song's methods through impacts, a moving hand, level of detail, parameters."""
 
 import numpy as np
 import pytest
 
-from benchmarks.objects import detail
-from benchmarks.objects.closed import SIZE, thrown
-from benchmarks.objects.hand import dragged
-from benchmarks.objects.impact import costs, force_error, icosphere, longest, track
-from benchmarks.objects.parameters import fall
+from benchmarks.objects.methods import largest_surviving
+from benchmarks.objects.scenes import DRAG_SPRING, FRAME
+from benchmarks.objects.survey import survives
 from fish_env import INTEGRATORS, Tank
 from fish_env.bodies.detail import LevelOfDetail, carried_over, facet_gap, projected_size
 from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import FINEST, OBJECTS, make_ring, room
-from fish_env.bodies.skins import globe, octasphere
 from fish_env.body import make_body
+from fish_env.world import VACUUM
 
 USUAL = ("explicit_euler", "midpoint", "rk4", "leapfrog_chebyshev")
 METHODS = [pytest.param(name, marks=() if name in USUAL else pytest.mark.slow)
            for name, method in INTEGRATORS.items() if method.kind != "adaptive"]  # fmt: skip
+
+SIZE = 0.3  # m from the middle of the closed room to every wall
+
+
+def thrown(thing, name, seed, dt=None, seconds=0.3):
+    """A throw in a closed room: the failure, how far a node was behind a wall, and how far one moved in a step, m."""
+    tank = Tank(thing, integrator=name, dt=dt, water=room(thing.down, SIZE, 0.5, closed=True), threads=1)
+    tank.velocity[0] = 2.0 * np.random.default_rng(seed).normal(size=3) * (thing.body.inverse_mass > 0)
+    depth = travel = 0.0
+    while tank.alive[0] and tank.time[0] < seconds:
+        before = tank.position[0].copy()
+        tank.advance(1)
+        depth = max(depth, float((np.abs(tank.position[0]) - SIZE).max()))
+        travel = max(travel, float(np.linalg.norm(tank.position[0] - before, axis=1).max()))
+    return tank.failure[0], depth, travel
 
 
 def test_room():
@@ -34,16 +47,15 @@ def test_room():
 def test_nothing_leaves_a_closed_room(name):
     """A thrown ring is never further behind a wall than its nodes move in two steps, with any method."""
     for seed in (0, 1):
-        found = thrown(make_ring(), name, seed, 1e-4 if name == "explicit_euler" else None, seconds=0.3)
-        assert not found["failure"]
-        assert 0.0 < found["depth"] < 2.0 * found["travel"]
+        failure, depth, travel = thrown(make_ring(), name, seed, 1e-4 if name == "explicit_euler" else None)
+        assert not failure and 0.0 < depth < 2.0 * travel
 
 
 @pytest.mark.parametrize("name", ["string", "uniform sphere"])
 def test_no_other_object_leaves_either(name):
     """Nor is any other object, with the default method, further behind than its nodes move in one step."""
-    found = thrown(OBJECTS[name].make(), "leapfrog_chebyshev", 3, seconds=0.3)
-    assert not found["failure"] and 0.0 < found["depth"] < found["travel"]
+    failure, depth, travel = thrown(OBJECTS[name].make(), "leapfrog_chebyshev", 3)
+    assert not failure and 0.0 < depth < travel
 
 
 @pytest.mark.parametrize("name", USUAL)
@@ -63,57 +75,61 @@ def test_a_ball_in_a_closed_room(name):
 
 
 def test_song_methods_through_an_impact():
-    """A step at which RK4 brings the ring through a fall ends it with explicit Euler."""
-    assert not track("ring", "dropped", "rk4", 8)["failure"]
-    assert track("ring", "dropped", "explicit_euler", 8)["failure"]
+    """A step with which RK4 brings the ring through all scenes is too long for explicit Euler."""
+    assert survives(make_ring(), "rk4", FRAME / 8) and not survives(make_ring(), "explicit_euler", FRAME / 8)
+
+
+def test_largest_step():
+    """The first of three successive steps that survive, else the first of those at the end; 0 if the last fails."""
+    steps = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25]
+    for good, found in (({8, 2, 1, 0.5}, 2.0), ({4, 2, 1}, 4.0), ({8, 0.5, 0.25}, 0.5), ({8, 4}, 0.0)):
+        assert largest_surviving(good.__contains__, steps) == found
+
+
+def dragged(rate, moves, dt=1 / 1920):
+    """Nodes of a ring (20,24,3) m dragged along a circle by a hand that is told `rate` times a second, None: always."""
+    thing, found = make_ring(), []
+    tank = Tank(thing, dt=dt, water=VACUUM, threads=1)
+    node = tank.nearest((1.0, 0.0, 0.0), thing.outer)
+    begin, each = tank.position[0, node].copy(), 1 if rate is None else round(1 / (rate * dt))
+    for k in range(0, 1920, each):
+        here, there = (begin + 0.1 * np.array([np.sin(a), 1.0 - np.cos(a), 0.0]) for a in
+                       (2 * np.pi * dt * j for j in (k, k + each)))  # fmt: skip
+        tank.grab(node, here, *DRAG_SPRING, velocity=(there - here) / (each * dt) if moves else (0.0, 0.0, 0.0))
+        tank.advance(each)
+        if (k + each) % 96 == 0:
+            found.append(tank.position[0].copy())
+    assert tank.alive[0]
+    return np.array(found)
 
 
 def test_a_hand_that_jumps_does_not_converge():
     """A hand of evenly spaced events that has its velocity errs by a tenth when told four times as often."""
-    exact = dragged("ring", None, True, 1 / 1920)
-    off = {(rate, moves): np.linalg.norm(dragged("ring", rate, moves, 1 / 1920) - exact, axis=2).max() / 0.2
+    exact = dragged(None, True)
+    off = {(rate, moves): np.linalg.norm(dragged(rate, moves) - exact, axis=2).max() / 0.2
            for rate in (20, 80) for moves in (True, False)}  # fmt: skip
     assert off[80, True] < 0.15 * off[20, True] < 0.03
     assert min(off[20, False], off[80, False]) > 0.5
 
 
-def test_longest_step():
-    """The longest step that survives with all shorter ones; 0 where the shortest fails."""
-    cases = {"rk4": [(4.0, True), (2.0, False), (1.0, True), (0.5, True)], "midpoint": [(1.0, False), (2.0, True)]}
-    rows = [{"object": "ring", "scene": "dropped", "integrator": name, "step_ms": step, "survives": survives}
-            for name, line in cases.items() for step, survives in line]  # fmt: skip
-    assert [longest(rows, "ring", "dropped", name) for name in cases] == [1.0, 0.0]
-
-
-def test_costs():
-    """Every method is timed, and the ratios are over explicit Euler."""
-    rows = costs("string", 5)
-    assert [row["integrator"] for row in rows] == ["explicit_euler", "midpoint", "rk4"]
-    assert rows[0]["over_euler"] == 1.0 and all(row["us_per_step"] > 0 for row in rows)
-
-
-def test_icosphere():
-    """An icosahedron divided n times: 10 4^n + 2 nodes, of which 12 have 5 neighbours and all others 6."""
-    for level in range(3):
-        skin = icosphere(level)
-        assert (len(skin.place), len(skin.edges), len(skin.faces)) == (10 * 4**level + 2, 30 * 4**level, 20 * 4**level)
-        around = np.bincount(skin.edges.ravel())
-        assert np.sum(around == 5) == 12 and set(around.tolist()) <= {5, 6}
-
-
-def test_force_error():
-    """Regular solids have equal forces; the poles of circles of latitude are worse, the finer the worse."""
-    for skin in (octasphere(0), icosphere(0)):
-        assert force_error("", skin)["largest"] < 1e-13
-    few, many = (force_error("", globe(n, 2 * n // 3))["largest"] for n in (12, 24))
-    assert many > 2.0 * few > 2.0
+def fall(**materials):
+    """Least height of a ring that falls 0.2 m, over its diameter, and the rebound of its middle, over the fall."""
+    thing, height, middle = make_ring(**materials), [], []
+    tank = Tank(thing, water=room(thing.down, 0.3, 0.5), threads=1)
+    while tank.time[0] < 1.2:
+        tank.advance(4)
+        height.append(np.ptp(tank.position[0, thing.outer, 1]) / 0.2)
+        middle.append(thing.body.mass @ tank.position[0, :, 1] / thing.body.mass.sum())
+    assert tank.alive[0]
+    low = int(np.argmin(middle[: len(middle) // 2]))
+    return min(height), (max(middle[low:]) + 0.2) / 0.2
 
 
 def test_parameters():
     """The harder the radius springs, the less a ring is flattened; the more gas, the higher it rebounds."""
-    heights = [fall("radius_stiffness", value)["least_height"] for value in (40.0, 150.0, 600.0)]
+    heights = [fall(radius_stiffness=value)[0] for value in (40.0, 150.0, 600.0)]
     assert heights == sorted(heights)
-    rebounds = [fall("pressure", value)["rebound"] for value in (0.0, 20.0, 45.0)]
+    rebounds = [fall(pressure=value)[1] for value in (0.0, 20.0, 45.0)]
     assert rebounds == sorted(rebounds)
 
 
@@ -160,16 +176,6 @@ def test_a_motion_is_carried_over_to_another_level():
         assert common == 36  # all nodes of the coarse level
     with pytest.raises(ValueError, match="no inner layer"):
         carried_over(coarse, OBJECTS["uniform sphere"].make(2, layers=1), coarse.body.position)
-
-
-def test_what_a_level_of_detail_costs(monkeypatch):
-    """Each level is taken from its own distance on, where its gap covers a pixel; finer ones cost more."""
-    monkeypatch.setattr(detail, "SECONDS", 0.01)
-    rows = detail.costs((0, 1))
-    assert [row["nodes"] for row in rows] == [12, 36] and all(row["alive"] for row in rows)
-    for row in rows:
-        gap = facet_gap(row["level"]) * detail.RADIUS
-        assert float(row["from_m"]) == pytest.approx(gap * detail.FOCAL, rel=2e-4)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Stability: linear theory against formulas, the default step's margin, and the worst that was found, done again."""
+"""Stability: linear theory against formulas, the survey of steps, and the worst that was found, done again."""
 
 import naive
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 from moving import tiered
 
 from benchmarks.common.problems import scaled
-from benchmarks.stability import attack, attack_search, cases, commands, linear, margins, mistreatment, runs
+from benchmarks.stability import attack, attack_search, cases, linear, mistreatment, runs
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.failures import FAILURES, STRETCH_LIMIT, TORN
@@ -94,27 +94,13 @@ def test_verdicts():
     assert cells[0]["failure"] == "" and cells[2]["failure"] in [text.split(":")[0] for text in FAILURES[1:]]
 
 
-# Margins
-
-
-def test_margin_of_the_default_step():
-    """Bang-bang actions in every task: the default step is at most half the largest stable one."""
-    assert margins.margins(kinds=("bang-bang",), stiffness=(1.0,), save=False)
-
-
-@pytest.mark.slow
-def test_margin_can_be_missed():
-    """Symplectic Euler is stable at its linear limit's nine tenths, so it has no margin of two there."""
-    assert not margins.margins("symplectic_euler", 10, kinds=("gait",), stiffness=(1.0,), save=False)
-
-
 # The worst that was found
 
 
 def test_worst_cases_are_there():
     """Every body has survivors, and the kept cases are small."""
     assert {case["body"] for case in CASES.values() if not case["failure"]} == set(BODIES)
-    assert sum(path.stat().st_size for path in cases.WORST.iterdir()) < 100_000
+    assert cases.WORST.stat().st_size < 100_000
 
 
 @each_case
@@ -140,7 +126,7 @@ def test_replay(case):
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case["body"] == FISH.name])
 def test_the_worst_at_the_default_step(name):
     """What stretched the default fish most, at the step it has now: it survives, and what it stretches is bounded."""
-    tank, stretch = cases.replay(CASES[name], cases.Settings(*margins.settings(FISH, None, None)))
+    tank, stretch = cases.replay(CASES[name], cases.own_settings(FISH))
     assert tank.alive[0] and stretch[0] < 0.9 * STRETCH_LIMIT
 
 
@@ -166,7 +152,7 @@ def test_every_body_can_be_attacked(name):
 def test_attack_of_a_flat_fish():
     """A family of flat fish, turned inside out in part, is mistreated from beginning to end."""
     family = mistreatment.Family("inverted, bang-bang", 1.0, "bang-bang", "inverted")
-    how = cases.Settings(*margins.settings(make_fish("planar"), None, None))
+    how = cases.own_settings(make_fish("planar"))
     assert how.refine < 1.0
     row, kept = attack.mistreat("planar", family, 3, how, 0, attack.usual_energy(make_fish("planar"), how), Silent())
     assert row["fish"] == 3 and row["refine"] == how.refine and row["worst_stretch"] > 1.0
@@ -201,15 +187,6 @@ class Silent:
         """Nothing."""
 
 
-def test_commands_break_no_fish(monkeypatch):
-    """Two layers bear what the survey of commands gives them: every kind of command moves them, and none breaks one."""
-    monkeypatch.setattr(mistreatment, "INTERVALS", 100)
-    rows = commands.measure("two_layer", 25)
-    assert [row["family"] for row in rows] == list(mistreatment.GOALS) and sum(row["fish"] for row in rows) == 25
-    for row in rows:
-        assert row["failures"] == 0 and row["reasons"] == "" and 1.0 < row["worst_stretch"] < STRETCH_LIMIT, row
-
-
 def test_oscillating_commands():
     """Goals cross from side to side at 1 to 12 Hz; half of them are all or nothing, half of them are the same along."""
     goals = mistreatment.oscillating_goals(FISH, 200, np.random.default_rng(1)) / mistreatment.LEVELS
@@ -220,6 +197,17 @@ def test_oscillating_commands():
     harsh = [len(np.unique(goals[:, b])) <= 4 for b in range(200)]
     assert 60 < steady.sum() < 140 and 60 < np.sum(harsh) < 140
     np.testing.assert_allclose(left + right[..., [1, 0, 3, 2, 5, 4]], 1.0, rtol=0, atol=1.5 / mistreatment.LEVELS)
+
+
+def test_stored_cases_are_read_back(tmp_path):
+    """What is stored is read back: settings, states to 32 bits, and commands."""
+    case = next(iter(CASES.values()))
+    cases.store([case, case | {"failure": "torn"}], tmp_path / "worst.npz")
+    found = cases.stored(tmp_path / "worst.npz")
+    assert [again["failure"] for again in found.values()] == ["", "torn"]
+    for again in found.values():
+        assert again.keys() == case.keys() and np.array_equal(again["goals"], case["goals"])
+        assert np.array_equal(again["position"], case["position"])
 
 
 def test_a_failure_leaves_its_neighbours_alone():

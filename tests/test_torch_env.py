@@ -143,10 +143,22 @@ def test_what_is_refused(emulated, monkeypatch):
         (action.numpy(), "actions are ndarray"),
         (action.to("meta"), "actions are on meta"),
         (action + np.nan, "not finite"),
+        (action.clone().requires_grad_(), "require a gradient"),
+        (action.to(torch.complex64), "are complex"),
     ):
         with pytest.raises(ValueError, match=message):
             env.step(bad)
     np.testing.assert_array_equal(env._arrays["observation"], before)
+    env.step(action.to(torch.bfloat16))
+    env.max_episode_steps = 1
+    env.reset(seed=0)
+    assert env.step(action)[3].all()
+    for bad in (0, -5, 1.5):
+        with pytest.raises(ValueError, match="max_episode_steps is"):
+            env.max_episode_steps = bad
+    for bad in (-1, 1.5, "3"):
+        with pytest.raises(ValueError, match=r"seed is .*; give a whole number, zero or more"):
+            env.reset(seed=bad)
     for options, message in (({"lanes": 8}, "lanes is for the processor"), ({"integrator": "radau"}, "processor only")):
         with pytest.raises(ValueError, match=message):
             FishTorchEnv(FISH, "cpu", **options)

@@ -1,4 +1,4 @@
-"""Learning on one body, going on on another; and the tables of what that saves."""
+"""Training on one body, resuming on another; and the table of policies on other bodies."""
 
 import json
 from dataclasses import replace
@@ -13,9 +13,9 @@ from agents import report
 from agents import train as training
 from agents.build import export_policy, make_env, make_model, start_from
 from agents.config import CONFIGS, FINE_TUNING
-from benchmarks.learning import transfer, transfer_chart, transfer_runs
+from benchmarks.learning import transfer
 from fish_env import make_fish
-from fish_env.control import evaluate, load_policy, make_eval_env, policy_controller
+from fish_env.control import evaluate, load_policy, policy_controller
 
 SHORT = {"timesteps": 1024, "num_envs": 8}
 
@@ -97,42 +97,14 @@ def test_train_on_another_body(tmp_path, monkeypatch):
         train("turn", root=tmp_path, start=first)
 
 
-def test_seconds_to_a_score():
-    """The seconds to a score are read off between the stops, and a fine-tuning goes on where the learning ended."""
-    way = np.array([[0.0, 0.0], [10.0, 1.0], [20.0, 3.0], [30.0, 2.0]])
-    assert transfer_chart.reached(way, 2.0) == 15.0
-    assert transfer_chart.reached(way, 0.0) == 0.0
-    assert transfer_chart.reached(way, 3.5) == np.inf
-    row = {"task": "swim", "seed": 0, "metric": "speed"}
-    rows = [row | {"learnt_on": body, "fine_tuned": tuned, "decisions": stop, "seconds": time, "score_on_finest": score}
-            for body, tuned, stop, time, score in (
-                ("tetrahedral", 0, 0, 0, 0.0), ("tetrahedral", 0, 100, 1000, 2.0),
-                ("planar", 0, 0, 0, 0.0), ("planar", 0, 100, 50, 1.0),
-                ("planar", 1, 0, 50, 1.0), ("planar", 1, 10, 150, 3.0))]  # fmt: skip
-    np.testing.assert_array_equal(transfer_chart.ways(rows, "swim", "planar")["0"], [[0, 0], [50, 1], [150, 3]])
-    found = {r["learnt_on"]: r for r in transfer_chart.saving_rows(rows, ("planar", "tetrahedral"))
-              if r["of_what_the_finest_learns"] == 1.0}  # fmt: skip
-    assert found["planar"]["seconds"] == 100.0 and found["tetrahedral"]["seconds"] == 1000.0
-    assert found["planar"]["times_faster"] == 10.0
-
-
-def test_runs_and_their_policies(tmp_path, monkeypatch):
-    """A run keeps the policies on its way, a fine-tuning begins where its source ended, and scores are kept."""
-    monkeypatch.setattr(transfer_runs, "TASKS", {"swim": 16_384})
-    monkeypatch.setitem(FINE_TUNING, "timesteps", 8192)
-    learnt, tuned = (transfer_runs.Run("swim", *rest) for rest in (("planar", 0), ("mass_spring", 0, "planar")))
-    assert tuned.begun_with() == tuned._replace(seed=3).begun_with() == learnt
-    for run in (learnt, tuned):
-        transfer_runs.learn(run, tmp_path)
-    assert list(transfer_runs.stops_of(learnt, tmp_path)) == [0, 8192, 16_384]
-    assert list(transfer_runs.stops_of(tuned, tmp_path)) == [0, 2048, 4096, 6144, 8192]
-    end, begin = (
-        load_policy(run.folder(tmp_path) / f"policy_{stop}.npz") for run, stop in ((learnt, 16_384), (tuned, 0))
-    )
-    obs = make_eval_env("FishEnv/Swim-v0", 3, {}).reset(seed=0)[0]
-    np.testing.assert_allclose(begin(obs), end(obs)[:, make_fish().grouping("pairs")], atol=1e-5)
-    scores = transfer_runs.measured(learnt, tmp_path, 16_384, "mass_spring", None, 2)
-    again = transfer_runs.measured(learnt, tmp_path, 16_384, "mass_spring", None, 2)
-    np.testing.assert_array_equal(scores["speed"], again["speed"])
-    calls = transfer.measurements([learnt], [tuned], tmp_path)
-    assert len(calls) == len(set(calls)) and (tuned, tmp_path, 8192, "mass_spring", None, 100) in calls
+def test_policies_on_other_bodies(monkeypatch):
+    """The shipped policy and the motor controllers are measured on each body, with intervals."""
+    monkeypatch.setattr(transfer, "SHIPPED", ("swim",))
+    monkeypatch.setattr(transfer, "BODIES", {"planar": 2, "mass_spring": 3})
+    rows = transfer.shipped_rows()
+    found = [(row["body"], row["who"], row["metric"], row["episodes"]) for row in rows]
+    assert found == [(body, who, metric, count) for body, count in (("planar", 2), ("mass_spring", 3))
+                     for who in ("policy", "motor controllers") for metric in ("speed", "failed")]  # fmt: skip
+    for row in rows:
+        assert float(row["low"]) <= float(row["mean"]) <= float(row["high"])
+        assert row["mean"] == "0" if row["metric"] == "failed" else float(row["mean"]) > 1.0

@@ -12,6 +12,7 @@ import viser
 import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 PATIENCE = 180.0  # s; no time is asserted, but a test that waits in vain ends
 CAMERA = {
@@ -58,7 +59,10 @@ class Viewer:
         self.controls, self.commands, self.nodes = {}, {}, {}
         self.notes, self.errors = [], []
         protocol = f"viser-v{viser.__version__}"
-        self._socket = connect(f"ws://127.0.0.1:{laboratory.port}", subprotocols=[protocol], max_size=None)
+        address = f"127.0.0.1:{laboratory.port}"
+        self._socket = connect(
+            f"ws://{address}", origin=Origin(f"http://{address}"), subprotocols=[protocol], max_size=None
+        )
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
         before = set(laboratory.sessions)

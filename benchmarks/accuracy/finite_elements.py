@@ -1,88 +1,173 @@
-"""Checks of the finite-element body: a beam against beam theory, large bending, recovery, damping.
+"""Tetrahedra against theory: a cantilever under refinement; three measures of strain in rotation, extension, bending.
 
-    python -m benchmarks.accuracy.finite_elements           everything (about 5 min): CSVs, charts, and the bars
-    python -m benchmarks.accuracy.finite_elements --draw    the charts again, from the CSVs
-    python -m benchmarks.accuracy.finite_elements --bars    the CSVs against their bars, exit 1 if one is missed
+    python -m benchmarks.accuracy.finite_elements           tables and chart (about 3 min)
+    python -m benchmarks.accuracy.finite_elements --draw    the chart again
 
-The beam is that of `benchmarks/common/beam.py`.
+The beam is that of `benchmarks/common/beam.py`. What is known without a mesh stands beside each: the theory of beams,
+no energy, the law of the material, the elastica.
 """
 
-import argparse
-import sys
-
 import numpy as np
+from scipy.integrate import solve_bvp
 
-from benchmarks.accuracy.beam_bending import bending, converging, order
-from benchmarks.accuracy.beam_vibration import vibrating
-from benchmarks.accuracy.block_recovery import recovering
-from benchmarks.accuracy.finite_element_charts import draw_beam, draw_bending, draw_vibration
-from benchmarks.common.beam import SHEAR
-from benchmarks.common.tables import IMAGES, RESULTS, read_table, write_csv
+from benchmarks.common.beam import (
+    LENGTH,
+    SHEAR,
+    YOUNG,
+    cantilever,
+    first_frequency,
+    rigidity,
+    solid,
+    tip,
+    tip_load,
+    vertical,
+)
+from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.command import measure_and_draw
+from benchmarks.common.tables import IMAGES, read_table, write_csv
+from fish_env import statics
+from fish_env.bodies.mesh import box
+from fish_env.body import Body
+from fish_env.elements import STRAINS
+from fish_env.forces.evaluate import Evaluator
+from fish_env.world import VACUUM
 
 COMMAND = "python -m benchmarks.accuracy.finite_elements"
+REFINED = (2, 4, 8, 16)  # cells through the thickness
+BENDING = 8  # cells through the thickness of the beam that is bent far
+SIDE = 0.1  # m, of the block and of the bar
+CASES = {
+    "rotation": tuple(range(0, 181, 15)),
+    "extension": tuple(np.arange(8, 31) / 20),
+    "bending": tuple(range(1, 11)),
+}
+"""Angles, degrees; lengths of a bar over that at rest; end loads P L^2 / E I."""
+STYLES = {"linear": (ORANGE, "--s"), "corotational": (BLUE, "-o"), "green_lagrange": ("#009E73", "-.^")}
 
 
-def bars() -> bool:
-    """Print what was measured beside its bar; True if all are met."""
-    beam, bent = read_table("finite_elements_beam.csv"), read_table("finite_elements_bending.csv")
-    back, rung = read_table("finite_elements_recovery.csv"), read_table("finite_elements_vibration.csv")
-    cells, finest, last = [row["cells"] for row in beam], beam[-1], bent[-1]
-    deflections = order(cells[1:], [1.0 + SHEAR - row["deflection"] for row in beam[1:]])
-    apart = max(
-        np.hypot(row["corotational_x"] - row["elastica_x"], row["corotational_z"] - row["elastica_z"]) for row in bent
-    )
-    slow = [row for row in rung if row["method"] == "linearly_implicit" and row["steps_a_period"] == 2000]
-    fine = [row for row in rung if row["method"] == "leapfrog_chebyshev" and row["steps_a_period"] == 500]
-    large = next(row for row in rung if row["method"] == "linearly_implicit")
-    found = (
-        ("order of the deflection from 4 cells on", deflections, deflections > 1.8, "above 1.8"),
-        *(
-            (f"{name} over Euler's, {int(cells[-1])} cells", finest[name], abs(finest[name] - 1.0) < 0.02, "1 +- 0.02")
-            for name in ("deflection", "frequency_quarter", "frequency_uniform")
-        ),
-        ("tip of the bent beam from the elastica's, over the length", apart, apart < 0.03, "below 0.03"),
-        *(
-            (f"volume under the largest load, {kind}", last[f"{kind}_volume"], met, bar)
-            for kind, met, bar in (
-                ("corotational", abs(last["corotational_volume"] - 1.0) < 0.03, "1 +- 0.03"),
-                ("linear", abs(last["linear_volume"] - 1.0) > 0.2, "off by more than 0.2"),
-            )
-        ),
-        *(
-            (f"{start} blocks back in shape to 1e-6, of {len(mine)}", sum(mine), all(mine), "all")
-            for start in ("reflected", "flattened", "scrambled")
-            for mine in [[row["out_of_shape"] < 1e-6 and not row["failure"] for row in back if row["start"] == start]]
-        ),
-        ("frequency of implicit Euler at 2000 steps", slow[0]["frequency"], abs(slow[0]["frequency"] - 1) < 1e-3,
-         "1 +- 0.001"),
-        ("energy after a period at 10 steps", large["energy_after_a_period"], large["energy_after_a_period"] < 0.1,
-         "below 0.1"),
-        ("decay over s w^2 / 2", fine[1]["decay"] / fine[1]["decay_wanted"],
-         abs(fine[1]["decay"] / fine[1]["decay_wanted"] - 1.0) < 0.01, "1 +- 0.01"),
+def order(cells, error) -> float:
+    """Slope of the errors' line of best fit against the size of the elements, both logarithmic."""
+    return float(-np.polyfit(np.log(cells), np.log(np.abs(error)), 1)[0])
+
+
+def refined() -> list[dict]:
+    """Rows of deflection under a small end load and first frequency over those of the Euler-Bernoulli beam."""
+    rows = []
+    for n in REFINED:
+        body, even = cantilever(n), cantilever(n, rule="uniform")
+        force = 1e-4 * rigidity(body) / LENGTH**2
+        deflection = tip(body, statics.linear_deflection(body, tip_load(body, force)))[2]
+        rows.append({
+            "cells": n, "nodes": len(body.mass),
+            "deflection": deflection / (force * LENGTH**3 / (3.0 * rigidity(body))),
+            "frequency": vertical(body)[0] / first_frequency(body),
+            "frequency_equal_masses": vertical(even)[0] / first_frequency(body),
+        })  # fmt: skip
+        print(rows[-1], flush=True)
+    return rows
+
+
+def elastica(load: float, points=201) -> np.ndarray:
+    """Shape (points,2), over the length, of a thin clamped beam under an end force P L^2 / E I of fixed direction.
+
+    The angle t along the beam obeys t'' = -load cos t, t(0) = 0, t'(1) = 0 (Euler 1744).
+    """
+    s = np.linspace(0.0, 1.0, points)
+    found = solve_bvp(
+        lambda s, y: np.stack([y[1], -load * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])]),
+        lambda a, b: np.array([a[0], b[1], a[2], a[3]]),
+        s, np.zeros((4, points)), tol=1e-10, max_nodes=100_000,
     )  # fmt: skip
-    for name, value, met, bar in found:
-        print(f"{name}: {value:.6g}, bar {bar}: {'met' if met else 'MISSED'}")
-    return all(met for _, _, met, _ in found)
+    return found.sol(s)[2:].T
 
 
-def main() -> int:
+def volume(body: Body, x) -> float:
+    """Volume of all tetrahedra at x, over that at rest."""
+    edges = x[body.tets.nodes[:, 1:]] - x[body.tets.nodes[:, :1]]
+    return float(np.linalg.det(edges).sum() / 6 / body.tets.volume.sum())
+
+
+def bend(body: Body, loads):
+    """Positions (N,3) of the beam at rest under each end load P L^2 / E I, one after the other."""
+    x = None
+    for load in loads:
+        x = statics.equilibrium(body, start=x, load=tip_load(body, load * rigidity(body) / LENGTH**2))
+        yield load, x
+
+
+def rotated(strain: str, degrees: float) -> float:
+    """Energy of a block that is turned about z, over E V."""
+    position, nodes = box((SIDE, SIDE, SIDE), (3, 3, 3))
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    x = position @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T
+    stored = Evaluator(solid(position, nodes, 0.3, strain=strain), VACUUM).energies(np.zeros(0), x, 0.0 * x)
+    return sum(stored.values()) / (YOUNG * SIDE**3)
+
+
+def law(strain: str, stretch: float) -> float:
+    """The force on a bar of Poisson's ratio 0, over E times its area at rest."""
+    return 0.5 * stretch * (stretch**2 - 1.0) if strain == "green_lagrange" else stretch - 1.0
+
+
+def extended(strain: str, stretch: float) -> float:
+    """The force on the end of a bar of Poisson's ratio 0, over E times its area at rest."""
+    position, nodes = box((SIDE, SIDE / 2, SIDE / 2), (4, 2, 2))
+    x = position * [stretch, 1.0, 1.0]
+    force = Evaluator(solid(position, nodes, 0.0, strain=strain), VACUUM).force(np.zeros(0), x, 0.0 * x)
+    return float(-force[position[:, 0] == position[:, 0].max(), 0].sum() / (YOUNG * SIDE**2 / 4))
+
+
+def strains() -> list[dict]:
+    """Rows of each measure of strain and case: energy, force, or distance of the tip from the elastica's and volume."""
+    rows = []
+    for strain in STRAINS:
+        for case, measure in (("rotation", rotated), ("extension", extended)):
+            rows += [{"case": case, "strain": strain, "at": at, "value": measure(strain, at), "volume": ""}
+                     for at in CASES[case]]  # fmt: skip
+        body = cantilever(BENDING, strain=strain)
+        for load, x in bend(body, CASES["bending"]):
+            off = np.linalg.norm(tip(body, x)[[0, 2]] / LENGTH - elastica(load)[-1])
+            rows.append({"case": "bending", "strain": strain, "at": load, "value": off, "volume": volume(body, x)})
+            print(rows[-1], flush=True)
+    return rows
+
+
+def measure() -> None:
+    """Write the tables."""
+    write_csv("elements_beam.csv", refined(), COMMAND)
+    write_csv("elements_strains.csv", strains(), COMMAND)
+
+
+def draw() -> None:
+    """Draw the errors under refinement and the three cases of the measures of strain."""
+    beam, rows = read_table("elements_beam.csv"), read_table("elements_strains.csv")
+    figure, (refinement, *axes) = panels(4, (16.0, 3.9))
+    cells = [row["cells"] for row in beam]
+    for label, colour, errors in (
+        ("deflection, from Timoshenko's", BLUE, [1.0 + SHEAR - row["deflection"] for row in beam]),
+        ("first frequency, from Euler's", ORANGE, [row["frequency"] - 1.0 for row in beam]),
+    ):
+        refinement.loglog(cells, np.abs(errors), "o-", color=colour, label=label)
+    refinement.loglog(cells, [1.7 / n**2 for n in cells], "--", color=GREY, label="second order")
+    refinement.set_xticks(cells, [f"{n:g}" for n in cells])
+    refinement.set_xticks([], minor=True)
+    refinement.set(xlabel="cells through the beam's thickness", ylabel="relative error")
+    for strain, (colour, style) in STYLES.items():
+        for panel, case in zip(axes, CASES, strict=True):
+            line = [(row["at"], row["value"]) for row in rows if (row["case"], row["strain"]) == (case, strain)]
+            panel.plot(*np.transpose(line), style, color=colour, markersize=4, fillstyle="none", label=strain)
+    axes[0].set(xlabel="rotation of a block, degrees", ylabel="energy, over E V", xticks=range(0, 181, 45))
+    axes[1].set(xlabel="length of a bar, over that at rest", ylabel="force, over E A")
+    axes[2].set(xlabel="end load on the beam, EI/L$^2$", ylabel="tip from the elastica's, lengths", yscale="log")
+    for panel in (refinement, axes[0]):
+        panel.legend(frameon=False, fontsize=8)
+    save(figure, IMAGES / "elements.svg")
+
+
+def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    action = parser.add_mutually_exclusive_group()
-    action.add_argument("--draw", action="store_true", help="draw the charts again from the CSVs")
-    action.add_argument("--bars", action="store_true", help="compare the CSVs with the bars, exit 1 if one is missed")
-    arguments = parser.parse_args()
-    if not (arguments.draw or arguments.bars):
-        for name, measure in (("vibration", vibrating), ("recovery", recovering), ("beam", converging)):
-            write_csv(f"finite_elements_{name}.csv", measure(), COMMAND)
-        for name, rows in zip(("bending", "shapes"), bending(), strict=True):
-            write_csv(f"finite_elements_{name}.csv", rows, COMMAND)
-    if not arguments.bars:
-        for chart in (draw_beam, draw_bending, draw_vibration):
-            chart()
-        print(f"written to {RESULTS} and {IMAGES}")
-    return 0 if arguments.draw or bars() else 1
+    measure_and_draw(__doc__, measure, draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,7 +1,6 @@
 """Steps a control interval, and intervals that are repeated with shorter ones: error, cost and stability.
 
-    python -m benchmarks.accuracy.refinement            two CSVs and the chart (about 3 min)
-    python -m benchmarks.accuracy.refinement --draw     the chart again, from the CSVs
+    python -m benchmarks.accuracy.refinement            two CSVs (about 3 min)
     python -m benchmarks.accuracy.refinement --bars     the default against its bars; exit 1 if one is missed
 
 The default method repeats an interval, with steps half as long, when a spring changes its length by more than the
@@ -17,25 +16,21 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.actions import BOUND, REFERENCE_SUBSTEPS, STIFFNESS, actions
-from benchmarks.common.charts import pyplot, save
 from benchmarks.common.energy import stretch_and_energy
 from benchmarks.common.problems import Problem, distance, problems, run, scaled, steps_of, tank_of
-from benchmarks.common.tables import IMAGES, RESULTS, read_table, write_csv
+from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
 
 SCENES = ("gait", "turn")
 STEPS = (3, 4, 5, 6, 7, 8, 10, 12)
 REFINE = (np.inf, 0.2, 0.1, 0.05)
-BEFORE = (12, np.inf)  # what the default was before intervals were refined
 REFERENCE_STEPS = 1024  # of RK4
 KINDS = ("random", "bang-bang", "turn")
 SINGLE = 5e-5  # body lengths that float32 may be off float64 over the manoeuvre
 ACCURATE = 0.01  # body lengths that the default may be off the reference solution
 COMMAND = "python -m benchmarks.accuracy.refinement"
 ERRORS, STABLE = "refinement.csv", "refinement_stable.csv"
-CHART = IMAGES / "refinement.svg"
-COLOURS = dict(zip(REFINE, ("#000000", "#0072B2", "#D55E00", "#009E73"), strict=True))
 
 
 class Meter:
@@ -144,80 +139,6 @@ def worst(limits: list[dict], refine: float, kinds=KINDS) -> float:
     return min(row["largest_stable_ms"] for row in limits if row["actions"] in kinds and row["refine"] == refine)
 
 
-def front(rows: list[dict], shortest: float) -> list[dict]:
-    """The rows that no other beats in both cost and error, the least expensive first.
-
-    Of rows with at least `shortest` steps: from there on a step is at most half the largest stable one.
-    """
-    rows = [row for row in rows if row["steps"] >= shortest * (1.0 - 1e-9)]
-    best, found = np.inf, []
-    for row in sorted(rows, key=lambda row: (row["forces_per_interval"], row["error"])):
-        if row["error"] < best:
-            best = row["error"]
-            found.append(row)
-    return found
-
-
-def draw() -> None:
-    """Error against cost on both scenes, and beside it the largest stable base step of the worst fish.
-
-    The lines are the best that a margin of two in the step leaves, with and without refinement.
-    """
-    plt = pyplot()
-
-    rows, limits = [row for row in read_table(ERRORS) if row["dtype"] == "float64"], read_table(STABLE)
-    figure, panels = plt.subplots(1, 3, figsize=(14, 4.6), layout="constrained")
-    panels[1].sharey(panels[0])
-    for panel, scene in zip(panels, SCENES, strict=False):
-        draw_scene(panel, [row for row in rows if row["scene"] == scene], limits)
-        panel.set(title=problems()[scene].title, xlabel="force evaluations a control interval", yscale="log")
-    panels[0].set_ylabel("error, body lengths (small: steps an interval)")
-    draw_stable(panels[2], limits)
-    handles, names = panels[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
-    save(figure, CHART)
-
-
-def draw_scene(panel, rows: list[dict], limits: list[dict]) -> None:
-    """One scene: a mark for each setting, the fronts, and the default before and now."""
-    fish = make_fish()
-    for refine, size in zip(REFINE, (11, 8, 5.5, 3), strict=True):  # where nothing is refined, all lie on one another
-        line = [row for row in rows if row["refine"] == refine and np.isfinite(row["error"])]
-        label = f"refined beyond {refine:g}" if np.isfinite(refine) else "never refined"
-        panel.plot([row["forces_per_interval"] for row in line], [row["error"] for row in line], "o", markersize=size,
-                   color=COLOURS[refine], fillstyle="none" if size > 6 else "full", label=label)  # fmt: skip
-        for row in line if not np.isfinite(refine) else ():
-            panel.annotate(f"{row['steps']:g}", (row["forces_per_interval"], row["error"]), xytext=(0, -15),
-                           textcoords="offset points", fontsize=7, ha="center", color="#555555")  # fmt: skip
-    for refine, style in ((np.inf, "-"), (fish.refine, "--")):
-        half = 2e3 * fish.control_interval / worst(limits, refine)
-        line = front([row for row in rows if row["refine"] == refine], half)
-        label = f"front with a margin of two, {'refined' if np.isfinite(refine) else 'fixed steps'}"
-        panel.plot([row["forces_per_interval"] for row in line], [row["error"] for row in line], style,
-                   color=COLOURS[refine], linewidth=1.2, zorder=0, label=label)  # fmt: skip
-    own = (steps_of(fish), fish.refine)
-    for label, colour, key in (("default before", "#999999", BEFORE), ("default", "#CC79A7", own)):
-        row = next(row for row in rows if (row["steps"], row["refine"]) == key)
-        panel.plot(row["forces_per_interval"], row["error"], "*", color=colour, markersize=15, mec="black", mew=0.6,
-                   zorder=5, label=label)  # fmt: skip
-    panel.axhline(ACCURATE, color="#bbbbbb", linewidth=0.8, linestyle=":", zorder=0)
-    panel.grid(alpha=0.2)
-
-
-def draw_stable(panel, rows: list[dict]) -> None:
-    """The largest stable base step of the worst of the fish, a group of bars for each kind of command."""
-    fish, width = make_fish(), 0.8 / len(REFINE)
-    for m, refine in enumerate(REFINE):
-        heights = [worst(rows, refine, (kind,)) for kind in KINDS]
-        panel.bar(np.arange(len(KINDS)) + (m - 1.5) * width, heights, 0.9 * width, color=COLOURS[refine])
-    panel.axhline(1e3 * fish.time_step, color="#CC79A7", linewidth=1.6, label="default step")
-    panel.legend(loc="upper left", fontsize=8)
-    panel.set_ylim(top=1.2e3 * fish.control_interval)
-    panel.set(xticks=range(len(KINDS)), xticklabels=KINDS, ylabel="largest stable base step, ms",
-              title="half to twice as stiff: the worst")  # fmt: skip
-    panel.grid(alpha=0.2, axis="y")
-
-
 def bars() -> bool:
     """Print what the default reaches beside what it has to; True if all is met."""
     fish, rows, limits = make_fish(), read_table(ERRORS), read_table(STABLE)
@@ -240,18 +161,12 @@ def bars() -> bool:
 def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    action = parser.add_mutually_exclusive_group()
-    action.add_argument("--draw", action="store_true", help="draw the chart again from the CSVs")
-    action.add_argument("--bars", action="store_true", help="compare the CSVs with the bars, exit 1 if one is missed")
-    chosen = parser.parse_args()
-    if chosen.bars:
-        return 0 if bars() else 1
-    if not chosen.draw:
+    parser.add_argument("--bars", action="store_true", help="compare the CSVs with the bars, exit 1 if one is missed")
+    if not parser.parse_args().bars:
         write_csv(ERRORS, errors(), COMMAND)
         write_csv(STABLE, stability(), COMMAND)
-    draw()
-    print(f"written to {RESULTS / ERRORS}, {STABLE} beside it, and {CHART}")
-    return 0 if chosen.draw or bars() else 1
+        print(f"written to {RESULTS / ERRORS} and {STABLE} beside it")
+    return 0 if bars() else 1
 
 
 if __name__ == "__main__":

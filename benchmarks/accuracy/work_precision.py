@@ -1,6 +1,6 @@
 """Speed charted against accuracy: every integrator, at many steps, on every scene of `benchmarks/common/problems.py`.
 
-    taskset -c 1 python -m benchmarks.accuracy.work_precision            all scenes (about 12 min): CSV and charts
+    taskset -c 1 python -m benchmarks.accuracy.work_precision            all scenes (about 12 min): CSVs and charts
     taskset -c 1 python -m benchmarks.accuracy.work_precision --draw     the charts again, from the CSV
     taskset -c 1 python -m benchmarks.accuracy.work_precision --bars     against their bars; exit 1 if one is missed
 
@@ -19,7 +19,6 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.charts import METHOD_STYLE, pyplot, save
-from benchmarks.common.energy import stretch_and_energy
 from benchmarks.common.problems import (
     Problem,
     distance,
@@ -28,10 +27,8 @@ from benchmarks.common.problems import (
     problems,
     reference,
     run,
-    scaled,
     steps_of,
     tank_of,
-    vibration,
 )
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import INTEGRATORS, make_fish
@@ -121,27 +118,9 @@ def reference_of(problem: Problem) -> tuple[np.ndarray, dict]:
     return reference_path, row
 
 
-def energy(name: str, substeps: int, seconds=4.0) -> tuple[np.ndarray, np.ndarray]:
-    """Total energy over that at the start, of the undamped fish vibrating in vacuum, at each control interval."""
-    problem = vibration(scaled(make_fish(), damping=0.0))
-    fish = problem.fish
-    tank = tank_of(problem, name, substeps)
-    times, values = [], []
-    for k in range(round(seconds / fish.control_interval)):
-        values.append(stretch_and_energy(tank)[1][0])
-        times.append(k * fish.control_interval)
-        tank.advance(substeps)
-        if not tank.alive[0]:
-            values += [np.inf]
-            times += [(k + 1) * fish.control_interval]
-            break
-    return np.array(times), np.array(values) / values[0]
-
-
-def draw(rows: list[dict], across: str, label: str, path: Path, only=()) -> None:
-    """One panel a scene (those of `only`, or all): error against `across`, a line a method; failed runs on top."""
-    plt = pyplot()
-
+def draw(rows: list[dict], path: Path, only=()) -> None:
+    """One panel a scene (those of `only`, or all): error against time, a line a method; failed runs on top."""
+    plt, across = pyplot(), "us_per_interval"
     scenes = {name: problem for name, problem in problems().items() if not only or name in only}
     shape, size = ((1, len(only)), (5.2 * len(only), 4.6)) if only else ((2, 4), (16, 8.2))
     figure, panels = plt.subplots(*shape, figsize=size, sharey=True, squeeze=False, layout="constrained")
@@ -164,7 +143,7 @@ def draw(rows: list[dict], across: str, label: str, path: Path, only=()) -> None
                 panel.plot(failed, [top] * len(failed), linestyle="", color=colour, marker=marker,
                            markersize=size, fillstyle="none")  # fmt: skip
         panel.axhline(ACCURATE, color="#bbbbbb", linewidth=0.8, zorder=0)
-        panel.set(ylim=(bottom, 1.6 * top), xlabel=label)
+        panel.set(ylim=(bottom, 1.6 * top), xlabel="time, us per control interval")
         panel.set_title(problem.title.replace(", ", ",\n"), fontsize=10)
         panel.grid(alpha=0.2)
     for row in panels:
@@ -174,36 +153,11 @@ def draw(rows: list[dict], across: str, label: str, path: Path, only=()) -> None
     save(figure, path)
 
 
-def draw_energy(path: Path) -> list[dict]:
-    """Energy of the undamped fish in vacuum against time, for every method, at two steps; returns the CSV's rows."""
-    plt = pyplot()
-
-    rows = []
-    figure, panels = plt.subplots(1, 2, figsize=(11, 4), sharey=True, layout="constrained")
-    for panel, substeps in zip(panels, (16, 64), strict=True):
-        for name in FIXED:
-            times, values = energy(name, substeps)
-            colour, _ = METHOD_STYLE.get(name, ("#444444", "P"))
-            shown = np.clip(values, 0.0, 2.0)
-            panel.plot(times, shown, color=colour, label=name, linewidth=1.3)
-            rows.append({"integrator": name, "substeps": substeps, "seconds": round(times[-1], 3),
-                         "energy_at_end": values[-1], "largest": values.max()})  # fmt: skip
-        panel.set(title=f"{20 / substeps:g} ms a step", xlabel="time, s", ylim=(0.0, 2.05))
-        panel.grid(alpha=0.2)
-    panels[0].set_ylabel("energy over that at the start (2: that or more)")
-    handles, names = panels[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside right center", frameon=False)
-    save(figure, path)
-    return rows
-
-
 def draw_all() -> None:
     """Every chart from the CSV."""
     rows = read_table(CSV)
-    draw(rows, "us_per_interval", "time, us per control interval", RESULTS / "work_precision_time.svg")
-    path = RESULTS / "work_precision_turn.svg"
-    draw(rows, "us_per_interval", "time, us per control interval", path, only=("turn", "turn_x10"))
-    draw(rows, "forces_per_interval", "force evaluations per control interval", RESULTS / "work_precision_forces.svg")
+    draw(rows, RESULTS / "work_precision_time.svg")
+    draw(rows, RESULTS / "work_precision_turn.svg", only=("turn", "turn_x10"))
 
 
 def least_expensive(rows: list[dict], scene: str, names) -> dict:
@@ -259,7 +213,6 @@ def main() -> int:
                 rows += sweep(problem, reference_path, bar)
                 write_csv(CSV, rows, COMMAND)  # as it comes: Ctrl-C leaves what is done
         write_csv("work_precision_references.csv", references, COMMAND)
-        write_csv("energy.csv", draw_energy(RESULTS / "energy.svg"), COMMAND)
     draw_all()
     print(f"written to {RESULTS / CSV} and the charts beside it")
     return 0

@@ -2,8 +2,6 @@
 
 python -m benchmarks.calibration.fit --body mass_spring     fits, writes fish_env/bodies/<body>.json (minutes)
 python -m benchmarks.calibration.fit                        all bodies, in the order in which they depend on each other
-python -m benchmarks.calibration.fit --spread               all searches of each body, tested: fits.csv
-python -m benchmarks.calibration.fit --limits               mass_spring with other stable steps: fit_limits.csv
 python -m benchmarks.calibration.fit --test                 what is shipped, tested: results/fit_tests.csv
 
 The finest body is that of tetrahedra at level 3. Its motions and the searches that have ended are kept in
@@ -18,7 +16,6 @@ import argparse
 import hashlib
 import json
 import multiprocessing
-import time
 from pathlib import Path
 
 import numpy as np
@@ -26,25 +23,14 @@ from tqdm import tqdm
 
 from benchmarks.calibration import commands, fit_search
 from benchmarks.calibration.commands import FILE, TRAINING, UNSEEN, drawn, training_scenes, weights
-from benchmarks.calibration.fit_search import (
-    FOLDER,
-    LIMIT,
-    Problem,
-    magnification,
-    off_trout,
-    parameters,
-    rounded,
-    shipped,
-)
+from benchmarks.calibration.fit_search import FOLDER, Problem, parameters, rounded, shipped
 from benchmarks.common.motion import Motion, errors, play, record
-from benchmarks.common.roll import roll
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import provenance, write_csv
 from fish_env import TASKS, make_fish
 from fish_env._cache import source_hash
 from fish_env.bodies import Fish
 from fish_env.control.files import write_text
-from fish_env.integrators import limits
 
 COMMAND = "python -m benchmarks.calibration.fit"
 KEPT = Path("runs/calibration")
@@ -55,15 +41,6 @@ TESTED, TEST_SEED = 12, 61_000  # scenes of each task, and the first's seed: nei
 UNSEEN_SEED, UNSEEN_EACH = 9_300, 24  # some square waves are ten times as far off as most: the mean needs many
 EVERY = {"two_layer": 10}  # it takes twenty times as long as the others, and is fitted to every tenth scene
 SEEDS = {"mass_spring": (1, 2, 3, 4, 5), "planar": (1, 2, 3, 4, 5), "two_layer": (1, 2)}
-EARLIER = {
-    "stiffness": [35.92, 629.9, 215.9], "taper": [1.0, 0.3619, 0.3633, 0.4721, 0.6145, 0.5107],
-    "contracted": [0.6788, 0.92, 0.9053], "relaxation_time": 0.000501, "damping_taper": [1.0] * 6,
-    "mass_factor": [1.0, 1.0, 1.0, 1.0, 1.0, 1.085, 1.109], "water_place": [0.5] * 6, "water_drag": [1.527] * 6,
-}  # fmt: skip
-"""The default fish that was calibrated by its gait alone (commit 8ef3fae), over which costs are given: the aim of at
-most 1.1 times its cost is of that day."""
-LIMITS, TRIED = (0.002, 0.0005), (1, 3)
-"""Other stable steps of symplectic Euler, s, that are tried, and seeds: with longer ones the fish is less damped."""
 
 
 def digest(fish: Fish, contractions: np.ndarray) -> str:
@@ -115,12 +92,12 @@ def search(job) -> tuple[float, dict]:
     """One search: half its squares, and the parameters there.
 
     Args:
-        job: the body, the seed, the limit of the stable step (s), and the parameters of `mass_spring` that the body is
-            made of where they are not those of the package.
+        job: the body, the seed, and the parameters of `mass_spring` that the body is made of where they are not those
+            of the package.
     """
-    body, seed, limit, base = job
+    body, seed, base = job
     contractions, finest, counts = training(body)
-    found = Problem(body, contractions, finest, limit, base, counts).solve(seed)
+    found = Problem(body, contractions, finest, base, counts).solve(seed)
     return float(found.cost), rounded(parameters(body, found.x))
 
 
@@ -187,23 +164,12 @@ def tested(fish: Fish, scenes: dict) -> list[dict]:
     return rows
 
 
-def report(label: str, rows: list[dict]) -> None:
-    """A line: the distances over all quantities."""
-    text = " ".join(f"{r['scene']} {100 * float(r['distance']):.1f}" for r in rows if r["quantity"] == "all")
-    print(f"{label}: {text} %", flush=True)
-
-
-def best_of(found: list) -> int:
-    """The search with the least squares."""
-    return int(np.argmin([cost for cost, _ in found]))
-
-
 def fit(bodies) -> None:
     """Ship the best of the searches of each body; `planar` and `two_layer` are made of `mass_spring`."""
     for body in bodies:
         base = {} if body == "mass_spring" else fitted()
-        found = searches([(body, seed, LIMIT, base) for seed in SEEDS[body]])
-        best = best_of(found)
+        found = searches([(body, seed, base) for seed in SEEDS[body]])
+        best = int(np.argmin([cost for cost, _ in found]))
         print(f"{body}: half the squares {', '.join(f'{cost:.4f}' for cost, _ in found)}")
         write(body, found[best][1], SEEDS[body][best])
 
@@ -214,80 +180,22 @@ def fitted() -> dict:
     return {name: kept[name] for name in parameters("mass_spring", fit_search.beginning("mass_spring")[0])}
 
 
-def spread(bodies) -> list[dict]:
-    """Rows of all searches of the bodies, made of the best `mass_spring` that is found here; nothing is shipped."""
-    scenes, rows, base = test_scenes(), [], {}
-    for body in bodies:
-        found = searches([(body, seed, LIMIT, base) for seed in SEEDS[body]])
-        for seed, (cost, given) in zip(SEEDS[body], found, strict=True):
-            fish = make_fish(body, **base, **given)
-            outcome, distance = tested(fish, scenes), trained(body, fish)
-            about = {
-                "body": body, "fit_seed": seed, "half_squares": f"{cost:.4g}", "training": f"{distance:.4g}",
-                "roll_degrees": f"{np.degrees(roll(fish)).max():.3g}",
-                "off_trout": f"{np.abs(off_trout(fish)).max():.2g}",
-            }  # fmt: skip
-            report(f"{body}, seed {seed}, {100 * distance:.2f} % trained, {about}", outcome)
-            rows += [about | row for row in outcome]
-        base = found[best_of(found)][1] if body == "mass_spring" else base
-    return rows
-
-
-def limited() -> list[dict]:
-    """Rows of the default fish with other stable steps, which leave more or less room for damping: distances, cost."""
-    scenes, rows, tried = test_scenes(), [], (LIMIT, *LIMITS)
-    jobs = [("mass_spring", seed, limit, {}) for limit in tried for seed in TRIED]
-    found = np.array(searches(jobs), dtype=object).reshape(len(tried), len(TRIED), 2)
-    given = [min(row.tolist(), key=lambda one: one[0])[1] for row in found]
-    fishes = [make_fish("mass_spring", **one) for one in given]
-    _, *costs = relative_costs([make_fish("mass_spring", **EARLIER), *fishes], training("mass_spring")[0])
-    for limit, fish, cost in zip(tried, fishes, costs, strict=True):
-        outcome = tested(fish, scenes)
-        report(f"stable step {1e3 * limit:g} ms, cost {cost:.2f}", outcome)
-        about = {
-            "limit_ms": 1e3 * limit, "stable_step_ms": f"{1e3 * limits.leapfrog(fish.body):.3g}",
-            "cost": f"{cost:.3g}", "magnification": f"{magnification(fish):.3g}",
-            "roll_degrees": f"{np.degrees(roll(fish)).max():.3g}",
-            "off_trout": f"{np.abs(off_trout(fish)).max():.2g}",
-        }  # fmt: skip
-        rows += [about | row for row in outcome]
-    return rows
-
-
-def relative_costs(fishes: list[Fish], contractions, repeats=7) -> list[float]:
-    """Medians of the times that fish need for the same scenes, in turn, over that of the first."""
-    seconds = np.empty((repeats, len(fishes)))
-    for row in seconds:
-        for k, fish in enumerate(fishes):
-            start = time.perf_counter()
-            play(fish, contractions)
-            row[k] = time.perf_counter() - start
-    return (np.median(seconds, axis=0) / np.median(seconds[:, 0])).tolist()
-
-
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--body", choices=BODIES, nargs="+", default=BODIES, help="only these")
-    parser.add_argument("--spread", action="store_true", help="all searches of each; nothing is shipped")
-    parser.add_argument("--limits", action="store_true", help="with other stable steps; nothing is shipped")
+    parser.add_argument("--body", choices=BODIES, nargs="+", default=BODIES, help="fit only these")
     parser.add_argument("--test", action="store_true", help="only test what is shipped")
     chosen = parser.parse_args()
-    bodies = [body for body in BODIES if body in chosen.body]
-    only = "" if len(bodies) == len(BODIES) else f" --body {' '.join(bodies)}"
-    if chosen.test:
-        rows, scenes = [], test_scenes()
-        for body in bodies:
-            found = tested(make_fish(body), scenes)
-            report(body, found)
-            rows += [{"body": body} | row for row in found]
-        write_csv("fit_tests.csv", rows, f"{COMMAND} --test{only}")
-    elif chosen.spread:
-        write_csv("fits.csv", spread(bodies), f"{COMMAND} --spread{only}")
-    elif chosen.limits:
-        write_csv("fit_limits.csv", limited(), f"{COMMAND} --limits")
-    else:
-        fit(bodies)
+    if not chosen.test:
+        fit([body for body in BODIES if body in chosen.body])
+        return
+    rows, scenes = [], test_scenes()
+    for body in BODIES:
+        found = tested(make_fish(body), scenes)
+        text = " ".join(f"{r['scene']} {100 * float(r['distance']):.1f}" for r in found if r["quantity"] == "all")
+        print(f"{body}: {text} %", flush=True)
+        rows += [{"body": body} | row for row in found]
+    write_csv("fit_tests.csv", rows, f"{COMMAND} --test")
 
 
 if __name__ == "__main__":

@@ -164,13 +164,12 @@ class Problem:
         body: its name.
         contractions: (S,K,M) that it is told.
         finest: what the finest body makes of them.
-        limit: stable step of symplectic Euler that it must have, s.
         base: parameters of the body that are other than those of the package, and that are not searched.
         weights: (S,) factors on the errors of the scenes; None for ones.
     """
 
-    def __init__(self, body: str, contractions: np.ndarray, finest: Motion, limit=LIMIT, base=None, weights=None):
-        self.body, self.contractions, self.finest, self.limit = body, contractions, finest, limit
+    def __init__(self, body: str, contractions: np.ndarray, finest: Motion, base=None, weights=None):
+        self.body, self.contractions, self.finest = body, contractions, finest
         self.weights = np.ones(len(contractions)) if weights is None else np.asarray(weights)
         self.base = {} if base is None else base
         self.start, self.low, self.high = beginning(body)
@@ -187,7 +186,7 @@ class Problem:
         """What least squares are taken of."""
         fish = self.fish(point)
         motion = play(fish, self.contractions)
-        limit = np.log(self.limit / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
+        limit = np.log(LIMIT / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
         near = NEAR * np.sqrt(len(self.contractions)) * (np.asarray(point) - self.start)
         apart = self.weights[:, None] * residuals(motion, self.finest, fish.control_interval)
         return np.concatenate([

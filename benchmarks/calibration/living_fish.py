@@ -13,17 +13,17 @@ import argparse
 import json
 import multiprocessing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 import fish_env.bodies
 from benchmarks.calibration.midline import Midline, swim_midlines
 from benchmarks.common.charts import pyplot, save
+from benchmarks.common.search import minimise
 from benchmarks.common.tables import RESULTS, provenance, write_csv
 from fish_env import make_fish
-from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
 
@@ -152,49 +152,29 @@ def cost_at(point) -> float:
 
 def calibrate(generations: int, seed: int) -> None:
     """Search, and write the best."""
-    import cma
-
-    options = {"seed": seed, "popsize": POPULATION, "verbose": -9, "maxiter": generations}
-    strategy, best = cma.CMAEvolutionStrategy(np.zeros(SIZE), SIGMA, options), (np.inf, np.zeros(SIZE))
-    with multiprocessing.get_context("spawn").Pool() as pool, tqdm(total=generations, mininterval=10) as bar:
-        while not strategy.stop():
-            points = strategy.ask()
-            costs = pool.map(cost_at, points, chunksize=1)
-            strategy.tell(points, costs)
-            k = int(np.argmin(costs))
-            if costs[k] < best[0]:
-                best = costs[k], points[k]
-            bar.update()
-            bar.set_postfix(cost=f"{best[0]:.4f}")
-    about = provenance(COMMAND) | {"cost": best[0], "evaluations": POPULATION * generations, "seed": seed}
-    FILE.write_text(json.dumps({"provenance": about} | decoded(best[1]), indent=2) + "\n")
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        point, cost = minimise(cost_at, np.zeros(SIZE), SIGMA, generations, seed, POPULATION,
+                               partial(pool.map, chunksize=1))  # fmt: skip
+    about = provenance(COMMAND) | {"cost": cost, "evaluations": POPULATION * generations, "seed": seed}
+    FILE.write_text(json.dumps({"provenance": about} | decoded(point), indent=2) + "\n")
 
 
-def rows_of(name: str, level, fish: Fish, found: list[Midline]) -> list[dict]:
-    """A row for each of the trout's speeds."""
-    rows = []
-    for one, real in zip(found, TROUT, strict=True):
-        wanted = 0.5 * real.sweep * ENVELOPE
-        rows.append({
-            "body": name, "level": level, "frequency_hz": real.frequency,
-            "speed_trout": real.speed, "speed": round(one.speed, 3),
-            "speed_off_percent": round(100 * (one.speed / real.speed - 1), 1),
-            "sweep_trout": round(real.sweep, 4), "sweep": round(one.sweep, 4),
-            "sweep_off_percent": round(100 * (one.sweep / real.sweep - 1), 1),
-            "nose_over_tail": round(one.nose, 3), "strouhal_trout": round(real.frequency * real.sweep / real.speed, 3),
-            "strouhal": round(one.strouhal, 3), "stride_trout": round(real.speed / real.frequency, 3),
-            "stride": round(one.stride, 3),
-            "envelope_off": round(float(np.abs(one.amplitude - wanted).max()), 4),
-            **{f"amplitude_{k}": round(float(a), 4) for k, a in enumerate(one.amplitude)},
-            **{f"amplitude_{k}_wanted": round(float(a), 4) for k, a in enumerate(wanted)},
-            **{f"phase_{k}": round(float(a), 3) for k, a in enumerate(one.phase)},
-            "failure": one.failure,
-        })  # fmt: skip
-    return rows
-
-
-SHOWN = ("speed", "speed_off_percent", "sweep", "sweep_off_percent", "nose_over_tail", "strouhal", "envelope_off")
 BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", ""), ("two_layer", ""))
+
+
+def rows_of(name: str, level, found: list[Midline]) -> list[dict]:
+    """A row for each of the trout's speeds."""
+    return [
+        {
+            "body": name, "level": level, "frequency_hz": real.frequency, "speed_trout": real.speed,
+            "speed": round(one.speed, 3), "sweep_trout": round(real.sweep, 4), "sweep": round(one.sweep, 4),
+            "nose_over_tail": round(one.nose, 3), "strouhal": round(one.strouhal, 3), "stride": round(one.stride, 3),
+            "envelope_off": round(float(np.abs(one.amplitude - 0.5 * real.sweep * ENVELOPE).max()), 4),
+            **{f"amplitude_{k}": round(float(a), 4) for k, a in enumerate(one.amplitude)},
+            **{f"phase_{k}": round(float(a), 3) for k, a in enumerate(one.phase)}, "failure": one.failure,
+        }
+        for one, real in zip(found, TROUT, strict=True)
+    ]  # fmt: skip
 
 
 def check() -> list[dict]:
@@ -202,34 +182,32 @@ def check() -> list[dict]:
     rows = []
     for name, level in BODIES:
         fish = make_fish(name, length=TROUT_LENGTH, **({"level": level} if level else {}))
-        found = swim_midlines(fish, living_gaits(), [row.speed for row in TROUT], 5.0, 4)
-        rows += rows_of(name, level, fish, found)
-        for row in rows[-3:]:
-            text = " ".join(f"{key} {row[key]}" for key in SHOWN)
-            print(f"{name} {level}, {row['frequency_hz']} Hz: {text}", flush=True)
+        rows += rows_of(name, level, swim_midlines(fish, living_gaits(), [row.speed for row in TROUT], 5.0, 4))
     return rows
 
 
+COLUMNS = {"speed": ".2f", "sweep": ".3f", "nose_over_tail": ".2f", "strouhal": ".2f", "envelope_off": ".3f"}
+
+
 def table(rows) -> str:
-    """The table of the page: what is beside the trout, and how far from it."""
+    """The table of the page: a row for the trout and for each body, the three speeds side by side."""
+    trout = {
+        "speed": [row.speed for row in TROUT], "sweep": [row.sweep for row in TROUT],
+        "strouhal": [row.frequency * row.sweep / row.speed for row in TROUT],
+    }  # fmt: skip
+
+    def cells(values: dict) -> str:
+        found = [", ".join(f"{v:{form}}" for v in values.get(key, ())) for key, form in COLUMNS.items()]
+        return " | ".join(found)
+
     lines = [
-        "| body | beats, Hz | speed, BL/s | off, % | tail sweep, BL | off, % | nose over tail | Strouhal | stride, BL "
-        "| midline off, BL |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for real in TROUT:
-        strouhal, stride = real.frequency * real.sweep / real.speed, real.speed / real.frequency
-        lines.append(
-            f"| trout | {real.frequency} | {real.speed} | | {real.sweep:.3f} | | 0.10 to 0.14 | {strouhal:.2f} "
-            f"| {stride:.2f} | |"
-        )
-    for row in rows:
-        name = f"`{row['body']}`" + (f", level {row['level']}" if row["body"] == "tetrahedral" else "")
-        lines.append(
-            f"| {name} | {row['frequency_hz']} | {row['speed']:.2f} | {row['speed_off_percent']:+.0f} "
-            f"| {row['sweep']:.3f} | {row['sweep_off_percent']:+.0f} | {row['nose_over_tail']:.2f} "
-            f"| {row['strouhal']:.2f} | {row['stride']:.2f} | {row['envelope_off']:.3f} |"
-        )
+        "| | speed, BL/s | tail sweep, BL | nose over tail | Strouhal | midline off, BL |", "|---|---|---|---|---|---|",
+        f"| trout | {cells(trout).replace('|  |', '| 0.10 to 0.14 |', 1)} |",
+    ]  # fmt: skip
+    for name, level in BODIES:
+        mine = [row for row in rows if (row["body"], row["level"]) == (name, level)]
+        label = f"`{name}`{f', level {level}' if level else ''}"
+        lines.append(f"| {label} | {cells({key: [row[key] for row in mine] for key in COLUMNS})} |")
     return "\n".join(lines)
 
 

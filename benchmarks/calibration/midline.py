@@ -13,6 +13,8 @@ from fish_env.control import Gait
 from fish_env.tank import Tank
 
 INTERVAL = 0.01  # s between two commands, and between two samples
+NOISE, PUSH = 0.05, 0.4  # node velocities, body lengths/s, and body lengths a beat at the start of `swim_gait`
+BEATS, MEASURED = 14, 6
 
 
 @dataclass(frozen=True)
@@ -52,13 +54,25 @@ class Midline:
         return self.speed / self.frequency
 
 
-def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: int) -> list[Midline]:
-    """Swim gaits side by side for some seconds, from speeds `start` (G,) in body lengths/s; measure the last beats."""
-    tank = Tank(fish, len(gaits), water=fish.water, threads=1)
-    steps = round(INTERVAL / tank.dt)
-    if abs(steps * tank.dt - INTERVAL) > 1e-9:
-        steps = int(np.ceil(INTERVAL / tank.dt))
-        tank = Tank(fish, len(gaits), dt=INTERVAL / steps, water=fish.water, threads=1, refine=fish.refine)
+def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: int, noise=0.0, integrator=None,
+                  dt=None) -> list[Midline]:  # fmt: skip
+    """Swim gaits side by side, and measure the last beats.
+
+    Args:
+        fish: any that has the default one's landmarks.
+        gaits: G of them.
+        start: speeds (G,) at the start, body lengths/s.
+        seconds: how long they swim.
+        beats: how many are measured.
+        noise: of the node velocities at the start, body lengths/s, so that an unstable gait has something to grow from.
+        integrator: a method; None is the fish's own.
+        dt: longest step, s; None is the fish's own.
+    """
+    refine = fish.refine if integrator is None and dt is None else None
+    steps = int(np.ceil(INTERVAL / (dt or fish.time_step) - 1e-9))
+    tank = Tank(fish, len(gaits), integrator, INTERVAL / steps, fish.water, threads=1, refine=refine)
+    shaken = np.random.default_rng(0).normal(0.0, noise * fish.length, tank.velocity[0].shape)
+    tank.velocity[:] += shaken * (fish.body.inverse_mass > 0.0)
     tank.velocity[:, :, 0] += np.asarray(start)[:, None] * fish.length
     count = round(seconds / INTERVAL)
     times = INTERVAL * np.arange(1, count + 1)
@@ -86,6 +100,12 @@ def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: i
         last = round(beats / gait.frequency / INTERVAL) + 1
         found.append(_measured(fish, gait, *(np.array(rows)[-last:, i] for rows in (stations, tips, centre))))
     return found
+
+
+def swim_gait(fish: Fish, gait: Gait, **method) -> Midline:
+    """Measure the cruise that a gait settles into; `method` as for `swim_midlines`."""
+    start, seconds = [PUSH * gait.frequency], BEATS / gait.frequency
+    return swim_midlines(fish, [gait], start, seconds, MEASURED, NOISE, **method)[0]
 
 
 def _measured(fish, gait, stations, tips, centre) -> Midline:

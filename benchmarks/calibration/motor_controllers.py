@@ -15,6 +15,7 @@ from dataclasses import astuple, fields
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.common.search import minimise
 from benchmarks.common.tables import provenance
 from fish_env import make_fish
 from fish_env.control import MotorTables, best_gait, load_tables
@@ -129,21 +130,6 @@ def turns_table(point: np.ndarray) -> tuple[Table, float]:
     return Table(rows), float(np.sum((numbers - inside) ** 2))
 
 
-def minimise(cost, start, step, scales, generations, seed, name):
-    """The best point that CMA-ES finds, with a progress bar."""
-    import cma
-
-    options = {"seed": seed, "popsize": 16, "verbose": -9, "maxiter": generations, "CMA_stds": scales}
-    strategy = cma.CMAEvolutionStrategy(start, step, options)
-    with tqdm(total=generations, desc=name) as bar:
-        while not strategy.stop():
-            points = strategy.ask()
-            strategy.tell(points, [cost(point) for point in points])
-            bar.update()
-            bar.set_postfix(cost=f"{strategy.result.fbest:.4f}")
-    return strategy.result.xbest
-
-
 def search_turns(generations: int, seed: int) -> list[Turn]:
     """Rows of the turns' table: first on a line between 30 and 90 degrees, then each row on its own."""
     cruise = Cruise(BETWEEN)
@@ -152,10 +138,9 @@ def search_turns(generations: int, seed: int) -> list[Turn]:
     def on_a_line(ends):
         return (ends[:7] * (1.0 - part) + ends[7:] * part).ravel()
 
-    ends = minimise(
-        lambda e: cruise.cost(on_a_line(e)), np.concatenate(FIRST), 0.2, [*STEPS] * 2, generations, seed, "line"
-    )
-    point = minimise(cruise.cost, on_a_line(ends), 0.06, [*STEPS] * len(ANGLES), generations, seed, "rows")
+    ends, _ = minimise(lambda e: cruise.cost(on_a_line(e)), np.concatenate(FIRST), 0.2, generations, seed,
+                       CMA_stds=[*STEPS] * 2)  # fmt: skip
+    point, _ = minimise(cruise.cost, on_a_line(ends), 0.06, generations, seed, CMA_stds=[*STEPS] * len(ANGLES))
     return list(turns_table(point)[0].rows)
 
 

@@ -11,8 +11,6 @@ from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.mesh import box, lumped_mass
 from fish_env.body import Body, fix, make_body
 from fish_env.elements import make_tets
-from fish_env.forces.evaluate import Evaluator
-from fish_env.world import VACUUM
 
 THICK, RATIO, YOUNG, DENSITY = 0.02, 10, 2e5, 1000.0
 LENGTH = RATIO * THICK
@@ -71,8 +69,3 @@ def loose(body: Body, step: float, name="body") -> ElasticObject:
     """What a tank moves."""
     size = float(np.ptp(body.position, axis=0).max())
     return ElasticObject(name=name, body=body, length=size, time_step=step, control_interval=step)
-
-
-def elastic_energy(body: Body, x) -> float:
-    """Of all elements, J."""
-    return Evaluator(body, VACUUM).energies(body.springs.rest_length, x, np.zeros_like(x))["tets"]

@@ -1,14 +1,24 @@
-"""Tables of results: reading and writing the CSV files of `benchmarks/results/`."""
+"""Tables of results: CSV files in `benchmarks/results/` with the reference trajectories of the day in their heads."""
 
-from agents.records import RESULTS, ROOT, provenance, read_rows, write_csv
+from pathlib import Path
+
+from agents import records
+from agents.records import RESULTS, ROOT, provenance, read_rows
+from benchmarks.common.reference import as_text, trajectories
 
 IMAGES = ROOT / "docs" / "images"
+TRAJECTORIES = "reference trajectories"
 
-__all__ = ["IMAGES", "RESULTS", "ROOT", "provenance", "read_rows", "read_table", "write_csv"]
+__all__ = ["IMAGES", "RESULTS", "ROOT", "TRAJECTORIES", "provenance", "read_rows", "read_table", "write_csv"]
+
+
+def write_csv(name: str, rows: list[dict], command: str) -> Path:
+    """Write rows to results/name, preceded by their provenance and the reference trajectories; return the path."""
+    return records.write_csv(name, rows, command, {TRAJECTORIES: as_text(trajectories())})
 
 
 def number(text: str) -> int | float | str:
-    """The number that a text is, or the text."""
+    """Convert a text to the number that it is, or return the text."""
     for kind in (int, float):
         try:
             return kind(text)
@@ -18,5 +28,5 @@ def number(text: str) -> int | float | str:
 
 
 def read_table(name: str) -> list[dict]:
-    """The rows of results/name, numbers as numbers."""
+    """Return the rows of results/name, numbers as numbers."""
     return [{key: number(value) for key, value in row.items()} for row in read_rows(RESULTS / name)]

@@ -1,8 +1,6 @@
-"""The pictures and videos of the documentation, from the shipped policies.
+"""The pictures, videos and film of the documentation, from the shipped policies.
 
-python -m benchmarks.learning.pictures            writes docs/images/swim.png
-python -m benchmarks.learning.pictures --videos   writes docs/videos/<task>.mp4
-python -m benchmarks.learning.pictures --film     writes docs/videos/left_after_right.html
+python -m benchmarks.learning.pictures     writes docs/images/swim.png, docs/videos/<task>.mp4 and left_after_right.html
 """
 
 import argparse
@@ -84,11 +82,10 @@ def film(task: str = "left_after_right", episodes: int = 3) -> None:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--videos", action="store_true", help="the videos instead")
-    parser.add_argument("--film", action="store_true", help="the page that turns in 3-D instead")
-    arguments = parser.parse_args()
-    videos() if arguments.videos else film() if arguments.film else picture()
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    picture()
+    videos()
+    film()
 
 
 if __name__ == "__main__":

@@ -1,25 +1,22 @@
-"""Song's integrators on the elastic objects: error against step and cost, and the largest stable step (ch. 5)."""
+"""Time-stepping methods on elastic objects: their error in free flight, and the largest steps that they survive."""
 
-import time
-from statistics import median
+from collections.abc import Callable
 
 import numpy as np
 
 from fish_env import INTEGRATORS, Tank
-from fish_env.bodies.objects import OBJECTS
 from fish_env.bodies.room import InRoom
 from fish_env.forces.evaluate import Evaluator
 from fish_env.integrators.adaptive import solve
 from fish_env.world import VACUUM, make_world
 
-METHODS = ("explicit_euler", "midpoint", "rk4", "leapfrog_chebyshev")
-DURATION = 0.2  # s of free fall, swinging: before any impact
-SPEED = 0.5  # m/s at the outer layer, of the swing it starts with
-STEPS = [10 * 2**k for k in range(12)]
-TOLERANCE = 1e-12  # of the reference
-ACCURATE = 1e-9  # of the object's length: smaller steps show the reference's own error
-LONGEST, SHORTEST = 0.1, 1e-5  # s, between which the largest stable step is looked for
+DURATION = 0.2  # s of free flight, oscillating: before any impact
+SPEED = 0.5  # m/s, largest velocity of the oscillation at the start
+STEPS = [10 * 2**k for k in range(9)]
+TOLERANCE = 1e-12  # of the reference solution
+LONGEST, SHORTEST = 0.1, 1e-5  # s, between which the largest stable step is sought
 WATCHED = 3.0  # s that a step is tried for
+CONFIRMED = 3  # successive steps that must survive before the search for the largest one ends
 
 
 def swing(thing: InRoom, speed: float) -> np.ndarray:
@@ -33,53 +30,50 @@ def swing(thing: InRoom, speed: float) -> np.ndarray:
 
 
 def start(thing: InRoom, name: str, dt: float, gravity=True) -> Tank:
-    """The object in free fall, swinging."""
+    """Tank with the object in free flight, oscillating."""
     world = make_world(9.81 * thing.down) if gravity else VACUUM
     tank = Tank(thing, integrator=name, dt=dt, water=world, threads=1)
     tank.velocity[0] = swing(thing, SPEED)
     return tank
 
 
-def reference(thing: InRoom) -> tuple[np.ndarray, float]:
-    """Where the nodes are after DURATION, (N,3) m, and how far rk4 with the smallest step is from that, in lengths."""
+def reference(thing: InRoom) -> np.ndarray:
+    """Positions (N,3) m after DURATION by DOP853.
+
+    Raises:
+        ArithmeticError: if that method fails.
+    """
     tank = start(thing, "rk4", DURATION)
     solve(thing.body, tank.world, tank.state, tank.control, DURATION, "DOP853", TOLERANCE)
     if not tank.alive[0]:
         raise ArithmeticError(f"the reference of {thing.name} failed: {tank.failure[0]}")
-    return tank.position[0].copy(), one(thing, "rk4", 4 * STEPS[-1] // 8, tank.position[0])["error"]
+    return tank.position[0].copy()
 
 
-def one(thing: InRoom, name: str, steps: int, exact: np.ndarray, repeats=1, clock=time.perf_counter) -> dict:
-    """A row: error of a method with so many steps, in object's lengths, and what it costs, ms; inf where it failed."""
-    taken = []
-    for _ in range(repeats):
-        tank = start(thing, name, DURATION / steps)
-        begin = clock()
-        tank.advance(steps)
-        taken.append(1e3 * (clock() - begin))
-    error = np.linalg.norm(tank.position[0] - exact, axis=1).max() / thing.length if tank.alive[0] else np.inf
-    forces = int(tank.counters["force_evaluations"][0])
-    return {"object": thing.name, "integrator": name, "step_ms": 1e3 * DURATION / steps, "error": error,
-            "forces": forces, "ms": round(median(taken), 4), "failure": tank.failure[0]}  # fmt: skip
+def error(thing: InRoom, name: str, steps: int, exact: np.ndarray) -> float:
+    """Largest distance of a node from the reference after so many steps, over the object's length; inf if it fails."""
+    tank = start(thing, name, DURATION / steps)
+    tank.advance(steps)
+    return float(np.linalg.norm(tank.position[0] - exact, axis=1).max() / thing.length) if tank.alive[0] else np.inf
 
 
-def sweep(names) -> tuple[list[dict], list[dict]]:
-    """Rows of every method and step on every object, and a row an object of how good the reference is."""
-    rows, references = [], []
-    for kind in names:
-        thing = OBJECTS[kind].make()
-        exact, apart = reference(thing)
-        references.append({"object": kind, "tolerance": TOLERANCE, "rk4_apart": apart})
-        for name in METHODS:
-            one(thing, name, STEPS[0], exact)  # compiles
-            for steps in STEPS:
-                rows.append(one(thing, name, steps, exact, 3))
-                if rows[-1]["error"] < ACCURATE:
-                    break
-    return rows, references
+def column(what: str, steps: int) -> str:
+    """Name of a column: a quantity for so many steps in DURATION, by the length of a step."""
+    return f"{what}_{1e3 * DURATION / steps:g}_ms"
 
 
-def level(tank: Tank) -> float:
+def errors(thing: InRoom, name: str, exact: np.ndarray) -> dict[str, float]:
+    """Error of a method with every number of steps, by the name of its column."""
+    return {column("error", steps): error(thing, name, steps, exact) for steps in STEPS}
+
+
+def line_of(row: dict, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Steps, ms, and a quantity in the row of a table, where it is below 1."""
+    found = np.array([(float(key.split("_")[1]), row[key]) for key in row if key.startswith(what)], dtype=float)
+    return tuple(found[found[:, 1] < 1.0].T)
+
+
+def energy_over_rest(tank: Tank) -> float:
     """Energy, J, over that at rest."""
     body, rest = tank.fish.body, tank.rest_length[0]
     evaluator = Evaluator(body, VACUUM)
@@ -89,24 +83,33 @@ def level(tank: Tank) -> float:
 
 
 def is_stable(thing: InRoom, name: str, dt: float) -> bool:
-    """Whether a small swing does not grow in WATCHED seconds."""
+    """Return True if a small oscillation does not grow in WATCHED seconds."""
     tank = start(thing, name, dt, gravity=False)
-    tank.velocity[0] *= 0.02
-    tank.velocity[0] += (
-        1e-3 * np.random.default_rng(0).normal(size=tank.velocity[0].shape) * (thing.body.inverse_mass > 0)
-    )
-    before = level(tank)
+    noise = 1e-3 * np.random.default_rng(0).normal(size=tank.velocity[0].shape)
+    tank.velocity[0] = 0.02 * tank.velocity[0] + noise * (thing.body.inverse_mass > 0)
+    before = energy_over_rest(tank)
     tank.advance(round(WATCHED / dt))
-    return bool(tank.alive[0] and level(tank) <= before)
+    return bool(tank.alive[0] and energy_over_rest(tank) <= before)
 
 
-def largest_stable(thing: InRoom, name: str) -> dict:
-    """A row: the largest stable step, ms, to 2 %, and that of linear theory."""
+def largest_stable(thing: InRoom, name: str) -> dict[str, float]:
+    """Largest stable step, ms, to 2 %, by bisection; for explicit methods also that of linear theory."""
+    method = INTEGRATORS[name]
+    theory = method.limit(thing.body) if method.kind == "explicit" else np.nan
     low, high = SHORTEST, LONGEST
     if is_stable(thing, name, high):
         low = high
     while high / low > 1.02:
         middle = (low * high) ** 0.5
         low, high = (middle, high) if is_stable(thing, name, middle) else (low, middle)
-    return {"object": thing.name, "integrator": name, "stable_ms": 1e3 * low,
-            "promised_ms": 1e3 * INTEGRATORS[name].limit(thing.body)}  # fmt: skip
+    return {"stable_ms": 1e3 * low, "theory_ms": 1e3 * theory}
+
+
+def largest_surviving(survives: Callable[[float], bool], steps) -> float:
+    """Largest of these falling steps, s, that survives and is followed by CONFIRMED survivors at most; 0 if none."""
+    run: list[float] = []
+    for step in steps:
+        run = [*run, step] if survives(step) else []
+        if len(run) == CONFIRMED:
+            break
+    return run[0] if run else 0.0

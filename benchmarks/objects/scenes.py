@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fish_env import Tank
-from fish_env.bodies.objects import room
+from fish_env.bodies.objects import GRAVITY, room
 from fish_env.bodies.room import InRoom
 from fish_env.forces.evaluate import Evaluator
 
@@ -134,19 +134,20 @@ def outside(thing: InRoom, x) -> int:
     return int(np.sum(np.round(angle.sum(axis=1) / (4 * np.pi)) != 1))
 
 
+def energy_of_fall(thing: InRoom) -> float:
+    """Energy, J, that gravity gives an object until it touches the floor."""
+    return float(thing.body.mass.sum() * GRAVITY * (-thing.water.planes[0, 3] - 0.5 * thing.length))
+
+
 def watched(
     thing: InRoom, scene: Scene, integrator: str | None = None, dt: float | None = None, seed: int | None = None
 ) -> dict:
-    """The bars of a scene: energy gained beyond the drag spring's work, depth behind planes, escapes of inner nodes."""
-    lowest, growth, depth, escapes, first, least = np.inf, 0.0, -np.inf, 0, None, np.inf
+    """Energy gained beyond the drag spring's work, depth behind planes, escapes of inner nodes."""
+    lowest, growth, depth, escapes = np.inf, 0.0, -np.inf, 0
     for k, now in enumerate(play(thing, scene, integrator, dt, seed)):
-        level = now.energy - now.work
-        first = level if first is None else first
-        lowest = min(lowest, level)
-        growth, depth, least = max(growth, level - lowest), max(depth, now.depth), min(least, level)
+        lowest = min(lowest, now.energy - now.work)
+        growth, depth = max(growth, now.energy - now.work - lowest), max(depth, now.depth)
         if k % 8 == 0:
             escapes += outside(thing, now.position)
-    fall = thing.body.mass.sum() * 9.81 * (-thing.water.planes[0, 3] - 0.5 * thing.length)
-    return {"object": thing.name, "scene": scene.name, "step_ms": (now.time / (k + 1)) * 1e3,
-            "growth": growth / fall, "work": now.work / fall, "lost": (first - least) / fall, "depth_mm": depth * 1e3,
-            "travel_mm": now.travel * 1e3, "depth_over_travel": depth / now.travel, "escapes": escapes}  # fmt: skip
+    return {"growth": growth / energy_of_fall(thing), "work": now.work / energy_of_fall(thing),
+            "depth_over_travel": depth / now.travel, "escapes": escapes}  # fmt: skip

@@ -1,7 +1,6 @@
 """How many environment steps a second Ray RLlib samples and learns from, with one runner and with more.
 
-    python -m benchmarks.speed.cluster             results/cluster.csv (2 min on a quiet machine)
-    python -m benchmarks.speed.cluster --train     results/cluster_trainings.csv: Swim, three seeds (4 min)
+    python -m benchmarks.speed.cluster     results/cluster.csv (2 minutes on a quiet machine)
 
 One iteration of `examples/train_rllib.py` consists of sampling, learning and copying weights. Sampling is measured with
 one runner, with two, and so on up to one for each processor, in turn, by wall time: what a runner hands over is copied
@@ -11,14 +10,10 @@ to this process, as in training. It means something on a quiet machine only. Nee
 import argparse
 import gc
 import importlib.util
-import json
 import os
 import pickle
-import subprocess
 import sys
-import tempfile
 import time
-from pathlib import Path
 from statistics import median
 
 from benchmarks.common.tables import ROOT, write_csv
@@ -26,7 +21,6 @@ from benchmarks.common.tables import ROOT, write_csv
 COMMAND = "python -m benchmarks.speed.cluster"
 REPEATS = 31
 FISH, ROLLOUT = 128, 32
-SEEDS = (0, 1, 2)  # of the trainings
 
 
 def example():
@@ -100,32 +94,14 @@ def measure(cores: int, repeats: int = REPEATS) -> list[dict]:
     ]
 
 
-def trained(seed: int) -> dict:
-    """A row: a training of Swim by the example as it is, in a process of its own, and what it scores."""
-    with tempfile.TemporaryDirectory() as folder:
-        begun = time.perf_counter()
-        command = [sys.executable, ROOT / "examples" / "train_rllib.py", "--seed", str(seed), "--folder", folder]
-        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-        seconds = time.perf_counter() - begun
-        settings, scores = (json.loads((Path(folder) / name).read_text()) for name in ("args.json", "scores.json"))
-    return {"seed": seed, "steps": settings["steps"], "runners": settings["runners"],
-            "seconds_with_start": round(seconds, 1), "episodes": settings["evaluations"],
-            "speed": round(scores["speed"], 3), "failed": scores["failed"]}  # fmt: skip
-
-
 def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cores", type=int, default=len(os.sched_getaffinity(0)), help="most runners")
-    parser.add_argument("--train", action="store_true", help="train Swim, instead of measuring the parts")
-    chosen = parser.parse_args()
-    if chosen.train:
-        rows, name, command = [trained(seed) for seed in SEEDS], "cluster_trainings.csv", f"{COMMAND} --train"
-    else:
-        rows, name, command = measure(chosen.cores), "cluster.csv", COMMAND
+    rows = measure(parser.parse_args().cores)
     for row in rows:
         print(row)
-    print(f"written to {write_csv(name, rows, command)}")
+    print(f"written to {write_csv('cluster.csv', rows, COMMAND)}")
 
 
 if __name__ == "__main__":

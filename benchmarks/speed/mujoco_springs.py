@@ -1,14 +1,15 @@
-"""The scene in MuJoCo: a body with three slide joints for each mass, and springs as tendons or as edges of flexes.
+"""The scene in MuJoCo: a body with three slide joints for each mass, and springs as edges of one-dimensional flexes.
 
-Both kinds of spring have the law of ours: force = stiffness (length - rest length) + damping x rate of length. MuJoCo's
-Euler integrator is symplectic Euler once `eulerdamp`, its implicit treatment of joint damping, is off.
+The springs have the law of ours: force = stiffness (length - rest length) + damping x rate of length. MuJoCo's Euler
+integrator is symplectic Euler once `eulerdamp`, its implicit treatment of joint damping, is off. Spatial tendons for
+springs, and `mujoco.rollout` for batches, were slower (results/speed/peers.csv at commit b9e2c18).
 """
 
 from collections.abc import Iterator
 
 import mujoco
 import numpy as np
-from mujoco import batch, rollout
+from mujoco import batch
 
 from benchmarks.speed.scene import STEP, Peer, Scene, make_scene
 
@@ -23,34 +24,22 @@ def text(values) -> str:
     return " ".join(repr(float(value)) for value in np.atleast_1d(values))
 
 
-def model(scene: Scene, encoding: str) -> mujoco.MjModel:
-    """The scene with its springs as "tendons" or "flexes"; qpos is how far the masses are from fish 0's start."""
+def model(scene: Scene) -> mujoco.MjModel:
+    """The scene; qpos is how far the masses are from fish 0's start."""
     bodies = [
         f'<body name="n{n}" pos="{text(position)}">'
         f'<inertial pos="0 0 0" mass="{text(mass)}" diaginertia="1e-6 1e-6 1e-6"/>'
         + "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
-        + (f'<site name="n{n}"/></body>' if encoding == "tendons" else "</body>")
+        + "</body>"
         for n, (position, mass) in enumerate(zip(scene.position[0], scene.mass, strict=True))
     ]
     flags = " ".join(f'{flag}="disable"' for flag in OFF.split())
-    springs = tendons(scene) if encoding == "tendons" else flexes(scene)
     made = mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{STEP}" integrator="Euler"><flag {flags}/></option>'
-        f"<worldbody>{''.join(bodies)}</worldbody>{''.join(springs)}</mujoco>"
+        f"<worldbody>{''.join(bodies)}</worldbody>{''.join(flexes(scene))}</mujoco>"
     )
-    if encoding == "flexes":
-        set_rest_lengths(made, scene)
+    set_rest_lengths(made, scene)
     return made
-
-
-def tendons(scene: Scene) -> Iterator[str]:
-    """A spatial tendon for each spring."""
-    yield "<tendon>"
-    for (i, j), *law in zip(scene.nodes, scene.stiffness, scene.damping, scene.rest_length, strict=True):
-        stiffness, damping, rest = map(text, law)
-        yield f'<spatial stiffness="{stiffness}" damping="{damping}" springlength="{rest}">'
-        yield f'<site site="n{i}"/><site site="n{j}"/></spatial>'
-    yield "</tendon>"
 
 
 def flexes(scene: Scene) -> Iterator[str]:
@@ -80,13 +69,13 @@ def set_rest_lengths(made: mujoco.MjModel, scene: Scene) -> None:
 class MujocoSprings:
     """One fish, by `mj_step`."""
 
+    name = "MuJoCo flexes"
     package = f"mujoco {mujoco.__version__}"
     precision = "float64"
     chunk = 1
 
-    def __init__(self, scene: Scene, encoding: str):
-        self.scene, self.name = scene, f"MuJoCo {encoding}"
-        self.model = model(scene, encoding)
+    def __init__(self, scene: Scene):
+        self.scene, self.model = scene, model(scene)
         self.data = mujoco.MjData(self.model)
         b = len(scene.position)
         self.begin = (scene.position - scene.position[0]).reshape(b, -1), scene.velocity.reshape(b, -1)
@@ -108,11 +97,11 @@ class MujocoSprings:
 class MujocoBatch(MujocoSprings):
     """A batch, by `mujoco.batch` on this thread."""
 
+    name = "MuJoCo flexes, batch"
     chunk = 10
 
-    def __init__(self, scene: Scene, encoding: str):
-        super().__init__(scene, encoding)
-        self.name += ", batch"
+    def __init__(self, scene: Scene):
+        super().__init__(scene)
         self.batch = batch.Batch(self.model, len(scene.position), nthread=1)
 
     def start(self) -> None:
@@ -125,33 +114,6 @@ class MujocoBatch(MujocoSprings):
         return self.batch.qpos
 
 
-class MujocoRollout(MujocoSprings):
-    """A batch, by `mujoco.rollout` on this thread; it writes out the state of every step."""
-
-    chunk = 10
-
-    def __init__(self, scene: Scene, encoding: str):
-        super().__init__(scene, encoding)
-        self.name += ", rollout"
-        size = mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)  # time, qpos and qvel
-        self.trace = np.zeros((len(scene.position), self.chunk, size))
-        self.rollout = rollout.Rollout(nthread=0)
-
-    def start(self) -> None:
-        self.trace[:, -1, 1:] = np.concatenate(self.begin, axis=1)
-
-    def advance(self, steps: int) -> None:
-        if steps % self.chunk:
-            raise ValueError(f"{steps} steps are no multiple of {self.chunk}, those of a call")
-        for _ in range(steps // self.chunk):
-            begin = self.trace[:, -1].copy()
-            self.rollout.rollout(self.model, self.data, begin, nstep=self.chunk, state=self.trace)
-
-    def moved(self) -> np.ndarray:
-        return self.trace[:, -1, 1 : 1 + self.model.nq]
-
-
 def peers(num_fish: int) -> list[Peer]:
-    """Tendons and flexes; a batch by both of MuJoCo's ways."""
-    ways = (MujocoSprings,) if num_fish == 1 else (MujocoBatch, MujocoRollout)
-    return [way(make_scene(num_fish), encoding) for way in ways for encoding in ("tendons", "flexes")]
+    """One fish, or a batch."""
+    return [(MujocoSprings if num_fish == 1 else MujocoBatch)(make_scene(num_fish))]

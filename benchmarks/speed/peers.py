@@ -18,17 +18,16 @@ from benchmarks.common.timing import interleaved
 
 ROUNDS = 15
 SAMPLE = 0.04  # s that a peer runs in a round, about
-BATCH = 256
-PACKAGES = ("mujoco", "warp", "newton")
-BARS = {1: 15.0, BATCH: 60.0}  # how many of our steps one of MuJoCo's is to take at least, by the number of fish
+BATCHES = (1, 256)
+PACKAGES = ("mujoco", "newton")
 
 
 def spring_rows(num_fish: int) -> list[dict]:
     """Check, then time, every peer on the same springs; ours first."""
-    from benchmarks.speed import mujoco_springs, newton_springs, scene, warp_springs
+    from benchmarks.speed import mujoco_springs, newton_springs, scene
 
     peers = [*scene.ours(num_fish)]
-    for module in (mujoco_springs, newton_springs, warp_springs):
+    for module in (mujoco_springs, newton_springs):
         peers += module.peers(num_fish)
     runs, agreed = [], []
     for peer in peers:
@@ -64,23 +63,8 @@ def row(what, name, package, copies, cost, precision, interval, found=None) -> d
     }  # fmt: skip
 
 
-def bars(rows: list[dict]) -> bool:
-    """Print whether MuJoCo's fastest way takes as many of our steps as it should; True if so for each batch."""
-    met = True
-    for num_fish, least in BARS.items():
-        ratio, name = min(
-            (float(each["times_ours"]), each["name"])
-            for each in rows
-            if each["copies"] == num_fish and each["name"].startswith("MuJoCo")
-        )
-        met &= ratio >= least
-        verdict = "met" if ratio >= least else "MISSED"
-        print(f"{num_fish:3} fish: {name} takes {ratio:.3g} of our steps, bar {least:g}: {verdict}")
-    return met
-
-
 def main() -> int:
-    """Measure, print, write, and compare with the bars; exit 1 if one is missed."""
+    """Measure, print and write."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
@@ -90,14 +74,13 @@ def main() -> int:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     from benchmarks.speed import environments
 
-    rows = [each for num_fish in BARS for each in spring_rows(num_fish)]
-    met = bars(rows)
+    rows = [each for num_fish in BATCHES for each in spring_rows(num_fish)]
     rows += environment_rows(environments.singles(), ROUNDS) + environment_rows(environments.vectors(), ROUNDS // 3)
     for each in rows:
         spread = f"{each['times_ours']} ({each['times_q1']}-{each['times_q3']})"
         print(f"{each['name']:44}{each['precision']:9}{each['copies']:4}{each['us']:>9} us  {spread} of ours")
     print(f"written to {write_csv('speed/peers.csv', rows, 'python -m benchmarks.speed.peers')}")
-    return 0 if met else 1
+    return 0
 
 
 if __name__ == "__main__":

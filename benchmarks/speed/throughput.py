@@ -1,13 +1,10 @@
-"""How fast fish and environments are, what a process costs, and what a first use takes.
+"""Cost of fish and environments: kinds of kernels, methods, bodies, environment steps, memory, first use.
 
-    python -m benchmarks.speed.throughput                  everything below (about 6 min on a quiet machine)
-    python -m benchmarks.speed.throughput --environments   steps a second, memory, first use: results/throughput.csv
-    python -m benchmarks.speed.throughput --kinds          kinds of kernels, precisions, varied fish: results/kinds.csv
-    python -m benchmarks.speed.throughput --integrators    what a step of each method costs: results/steps.csv
-    python -m benchmarks.speed.throughput --bodies         what an interval of each body costs: results/bodies.csv
+    python -m benchmarks.speed.throughput     results/throughput.csv, kinds.csv, costs.csv (6 minutes)
 
-What is compared runs in turn, within one process, and is counted in processor time: other processes count less. The
-first two bars are of Gymnasium's own functions and of the clock: they mean something on a quiet machine only.
+What is compared runs in turn, within one process, and is counted in processor time: other processes count less. Ratios
+are medians of those of each round. Everything is made several times: where its arrays come to lie in memory can cost a
+tank twice its time. Environment steps and first use are by the clock: they mean something on a quiet machine only.
 """
 
 import argparse
@@ -15,28 +12,37 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
 from statistics import median
 
 import numpy as np
 
-from benchmarks.common.tables import RESULTS, write_csv
-from benchmarks.speed import costs
+from benchmarks.common.tables import write_csv
+from benchmarks.common.timing import Cost, interleaved
+from fish_env import BODIES, INTEGRATORS, Tank, make_fish
+from fish_env.bodies import Fish
+from fish_env.control import best_gait
 
-REPEATS = 5
 COMMAND = "python -m benchmarks.speed.throughput"
+SETS, ROUNDS = 3, 5  # how often all tanks are made, and are timed in turn
+SAMPLE = 0.04  # s of each run in a round, about
+EXPLICIT_STEP = 0.0003  # s, at which methods are compared; the default takes its own
+TOGETHER = 64  # fish in lanes
+SPREAD = 0.2  # by which the factors of varied fish differ from 1
+BATCHES = (256, 1024)
+REPEATS, SECONDS = 5, 2  # of environments
 
 FIRST_EPISODE = """
 import time
-begin = time.{clock}()
+begin = time.perf_counter()
 import gymnasium as gym, fish_env
 env = gym.make("FishEnv/Swim-v0")
 env.reset(seed=0)
 env.step(env.action_space.sample())
-print(time.{clock}() - begin)
+print(time.perf_counter() - begin)
 """
-
-FIRST_BATCH = FIRST_EPISODE.replace('make("FishEnv/Swim-v0")', 'make_vec("FishEnv/Swim-v0", num_envs=64, threads=1)')
-
 MEMORY = """
 import sys, gymnasium as gym, fish_env
 env = gym.make("FishEnv/Swim-v0")
@@ -47,66 +53,161 @@ fields = dict(line.split(":") for line in open("/proc/self/status") if ":" in li
 print(int(fields["VmRSS"].split()[0]) / 1024)
 """
 
-# Steps of symplectic Euler that one step of a method may cost: 1.3 times what trial code took before this package was
-COST = {"explicit_euler": 1.3, "midpoint": 1.3 * 2.1, "rk4": 1.3 * 4.2, "semi_implicit": 1.3 * 1.85,
-        "linearly_implicit": 1.3 * 16}  # fmt: skip
+
+def swimming(fish: Fish, num_fish: int, **options) -> Tank:
+    """Fish that have swum for a second, all in the same state."""
+    swimmer, gait = Tank(fish, 1, water=fish.water), best_gait()
+    steps = round(fish.control_interval / swimmer.dt)
+    for k in range(round(1.0 / fish.control_interval)):
+        swimmer.drive(gait.contraction(fish, k * fish.control_interval)[None], steps)
+    tank = Tank(fish, num_fish, water=fish.water, **{"threads": 1} | options)
+    state = swimmer.get_state() | {"counters": np.zeros((1, 5), dtype=np.int64)}
+    tank.set_state({name: np.repeat(value, num_fish, axis=0) for name, value in state.items()})
+    return tank
 
 
-def integrators() -> bool:
-    """Print and write what a step of each fixed-step method costs beside symplectic Euler's; True if all is met."""
-    rows = []
-    for row in costs.integrators():
-        highest = COST.get(row["integrator"], np.inf)
-        met = float(row["symplectic_steps"]) <= highest
-        rows.append(row | {"highest": highest, "met": met})
-        bar = f"at most {highest:.2f}: {'met' if met else 'MISSED'}" if np.isfinite(highest) else ""
-        print(f"{row['integrator']:28}{row['us_per_step']:>8} us{row['symplectic_steps']:>8} steps of symplectic Euler "
-              f" {bar:24}one of {row['fish_in_lanes']} in lanes: {row['over_alone']} of it")  # fmt: skip
-    print(f"written to {write_csv('steps.csv', rows, COMMAND + ' --integrators')}")
-    return all(row["met"] for row in rows)
+def vary(tank: Tank) -> Tank:
+    """Make every fish differ from the others."""
+    generator = np.random.default_rng(0)
+    for i in range(tank.num_fish):
+        stiffness, mass, drag = generator.uniform(1.0 - SPREAD, 1.0 + SPREAD, 3)
+        current = 0.1 * tank.fish.length * generator.uniform(-1.0, 1.0, 3) * (not tank.fish.flat, 1.0, 0.0)
+        tank.vary(i, stiffness, mass, drag, current)
+    return tank
 
 
-def bodies() -> bool:
-    """Print and write what a control interval of each body costs."""
-    rows = costs.bodies()
-    for row in rows:
-        print(row)
-    print(f"written to {write_csv('bodies.csv', rows, COMMAND + ' --bodies')}")
-    return True
+class Glide:
+    """Steps of a tank whose fish are left alone."""
+
+    steps = 1
+    """Steps of what is timed."""
+
+    def __init__(self, tank: Tank):
+        self.tank, self.state = tank, tank.get_state()
+
+    def start(self) -> None:
+        """Back to where all began."""
+        self.tank.set_state(self.state)
+
+    def run(self, times: int) -> None:
+        """Glide on."""
+        self.tank.advance(times)
+        assert self.tank.alive.all(), self.tank.failure
 
 
-def kinds() -> bool:
-    """Print and write what kinds of kernels cost beside one another."""
-    rows = costs.kinds()
-    if (os.cpu_count() or 1) > 1:
-        rows.append(costs.threads())
-    for row in rows:
-        print(f"{row['table']:22}{row['name']:28}{row['us']:>8} us{row['ratio']:>8} of {row['against']}")
-    print(f"written to {write_csv('kinds.csv', rows, COMMAND + ' --kinds')}")
-    return True
+class Swim(Glide):
+    """Control intervals of a gait, of all fish of a tank."""
+
+    def __init__(self, tank: Tank):
+        super().__init__(tank)
+        fish, gait = tank.fish, best_gait()
+        self.steps = round(fish.control_interval / tank.dt)
+        beat = [gait.contraction(fish, k * fish.control_interval) for k in range(13)]
+        self.goals = [np.repeat(goal[None], tank.num_fish, axis=0) for goal in beat]
+
+    def run(self, times: int) -> None:
+        """Swim on."""
+        for k in range(times):
+            self.tank.drive(self.goals[k % len(self.goals)], self.steps)
+        assert self.tank.alive.all(), self.tank.failure
 
 
-def env_rate(seconds: int) -> float:
-    """Steps a second of `gym.make("FishEnv/Swim-v0")`, random actions, `gymnasium.utils.performance.benchmark_step`."""
+def costs(make: Callable[[], list[Glide]], rounds: int = ROUNDS, sets: int = SETS) -> list[Cost]:
+    """Cost of an interval, or a step, and fish of each, and its ratio to the first's: medians over what is made."""
+    found = [timed(make(), rounds) for _ in range(sets)]
+    return [Cost(*np.median([tuple(cost) for cost in same], axis=0)) for same in zip(*found, strict=True)]
+
+
+def timed(works: list[Glide], rounds: int) -> list[Cost]:
+    """Costs of works that are at hand."""
+    runs = []
+    for work in works:
+        work.start()
+        work.run(1)  # compiles
+        work.start()
+        begin = time.process_time()
+        work.run(1)
+        often = max(1, min(200, round(SAMPLE / max(time.process_time() - begin, 1e-6))))
+        runs.append((work.start, partial(work.run, often), often * work.tank.num_fish))
+    return interleaved(runs, rounds)
+
+
+def row(table: str, name: str, cost: Cost, against: str, num_fish: int) -> dict:
+    """A row: time a fish, and its ratio to that of what it is compared with."""
+    (low, middle, high), ratio = cost.time, cost.ratio
+    return {
+        "table": table, "name": name, "fish": num_fish, "us": f"{middle:.4g}", "us_q1": f"{low:.4g}",
+        "us_q3": f"{high:.4g}", "against": against, "ratio": f"{ratio[1]:.3f}", "ratio_q1": f"{ratio[0]:.3f}",
+        "ratio_q3": f"{ratio[2]:.3f}",
+    }  # fmt: skip
+
+
+def kinds() -> list[dict]:
+    """A control interval of the default fish by every kind of kernel, one fish and many; varied fish."""
+    fish, rows = make_fish(), []
+    one = {"xyz": {}, "lanes=1": {"lanes": 1}, "xyz, float32": {"dtype": "float32"}}
+    found = costs(lambda: [Swim(swimming(fish, 1, **options)) for options in one.values()])
+    rows += [row("one fish", name, cost, "xyz", 1) for name, cost in zip(one, found, strict=True)]
+    for count in BATCHES:
+        many = {
+            "8 lanes": {}, "16 lanes, float32": {"dtype": "float32"}, "xyz": {"lanes": "xyz"}, "lanes=1": {"lanes": 1},
+            "4 lanes": {"lanes": 4}, "16 lanes": {"lanes": 16},
+        }  # fmt: skip
+        varied = {f"{name}, varied": many[name] for name in ("8 lanes", "16 lanes, float32")}
+
+        def make(count=count, many=many, varied=varied):
+            equal = [swimming(fish, count, **options) for options in many.values()]
+            different = [vary(swimming(fish, count, **options)) for options in varied.values()]
+            return [Swim(tank) for tank in (*equal, *different)]
+
+        names = (*many, *varied)
+        rows += [row(f"{count} fish", *each, "8 lanes", count) for each in zip(names, costs(make), strict=True)]
+    return rows
+
+
+def in_lanes(what: str, names: list[str], make: Callable[[str, int], Glide]) -> list[dict]:
+    """A row for each name: one fish by itself beside the first's, and one of many in lanes beside it by itself."""
+    alone = costs(lambda: [make(name, 1) for name in names])
+    beside = [costs(lambda name=name: [make(name, 1), make(name, TOGETHER)])[1] for name in names]
+    return [
+        {
+            "what": what, "name": name, "us": f"{one.time[1]:.4g}", "over_first": f"{one.ratio[1]:.3f}",
+            "fish_in_lanes": TOGETHER, "us_in_lanes": f"{many.time[1]:.4g}", "over_alone": f"{many.ratio[1]:.3f}",
+        }
+        for name, one, many in zip(names, alone, beside, strict=True)
+    ]  # fmt: skip
+
+
+def integrators() -> list[dict]:
+    """A step of every method with steps of its own, beside symplectic Euler's."""
+    fish, default = make_fish(), make_fish().integrator
+    names = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]
+    names.sort(key=lambda name: name != "symplectic_euler")
+
+    def glide(name, count):
+        return Glide(swimming(fish, count, integrator=name, dt=fish.time_step if name == default else EXPLICIT_STEP))
+
+    return in_lanes("step", names, glide)
+
+
+def bodies() -> list[dict]:
+    """A control interval of every body, beside the default's."""
+    fish = {name: make_fish(name) for name in BODIES}
+    names = sorted(fish, key=lambda name: name != make_fish().name)
+    return in_lanes("control interval", names, lambda name, count: Swim(swimming(fish[name], count)))
+
+
+def env_rate(num_envs: int = 1, **options) -> float:
+    """Environment steps a second with random actions, by Gymnasium's own functions."""
     import gymnasium as gym
-    from gymnasium.utils.performance import benchmark_step
+    from gymnasium.utils.performance import benchmark_step, benchmark_vector_step
 
-    import fish_env  # noqa: F401
-
-    env = gym.make("FishEnv/Swim-v0")
-    return median(benchmark_step(env, seconds, seed=0) for _ in range(REPEATS))
-
-
-def vector_rate(seconds: int, num_envs: int, **options) -> float:
-    """Fish-steps a second of a batch, random actions, `gymnasium.utils.performance.benchmark_vector_step`."""
-    import gymnasium as gym
-    from gymnasium.utils.performance import benchmark_vector_step
-
-    import fish_env  # noqa: F401
-
-    env = gym.make_vec("FishEnv/Swim-v0", num_envs=num_envs, **options)
-    rate = median(benchmark_vector_step(env, seconds, seed=0) for _ in range(REPEATS))
-    env.close()
+    if num_envs == 1:
+        env = gym.make("FishEnv/Swim-v0")
+        return median(benchmark_step(env, SECONDS, seed=0) for _ in range(REPEATS))
+    envs = gym.make_vec("FishEnv/Swim-v0", num_envs=num_envs, **options)
+    rate = median(benchmark_vector_step(envs, SECONDS, seed=0) for _ in range(REPEATS))
+    envs.close()
     return rate
 
 
@@ -117,57 +218,34 @@ def in_process(code: str, cache: str | None = None) -> float:
     return float(done.stdout.split()[-1])
 
 
-def starts() -> list[tuple]:
-    """First make, reset and step in a fresh process, nothing compiled and then all of it, by two clocks."""
-    rows = []
-    for name, code in (("one fish", FIRST_EPISODE), ("a batch of 64", FIRST_BATCH)):
-        for clock, text in (("perf_counter", "s"), ("process_time", "s of processor time")):
-            with tempfile.TemporaryDirectory() as cache:
-                first = in_process(code.format(clock=clock), cache)
-                again = median(in_process(code.format(clock=clock), cache) for _ in range(REPEATS))
-            bars = (0.0, 25.0), (0.0, 2.0)
-            rows.append((f"first make + reset + step of {name}, nothing compiled, {text}", first, *bars[0]))
-            rows.append((f"first make + reset + step of {name}, compiled before, {text}", again, *bars[1]))
-    return rows
-
-
-def environments(seconds: int = 2) -> bool:
-    """Print and write steps a second, memory and first use, beside their bars; True if all are met."""
+def environments() -> list[dict]:
+    """Steps a second, memory, and the first make, reset and step of a process."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    with tempfile.TemporaryDirectory() as cache:
+        first = in_process(FIRST_EPISODE, cache)
+        again = median(in_process(FIRST_EPISODE, cache) for _ in range(REPEATS))
     rows = [
-        ("gym.make environment, steps/s", env_rate(seconds), 12_000, np.inf),
-        ("256 fish on one thread, steps/s", vector_rate(seconds, 256, threads=1), 20_000, np.inf),
-        ("256 fish on one thread, float32, steps/s", vector_rate(seconds, 256, threads=1, dtype="float32"), np.nan,
-         np.nan),
-        (f"256 fish on {cores} processors, steps/s", vector_rate(seconds, 256, threads=cores), np.nan, np.nan),
-        *starts(),
-        ("memory of a process with one environment, MB", in_process(MEMORY), 0.0, 250.0),
-    ]  # fmt: skip
-    table = [
-        {"quantity": name, "value": round(float(value), 3), "lowest": low, "highest": high,
-         "met": "" if np.isnan(low) else bool(low <= value <= high)}
-        for name, value, low, high in rows
-    ]  # fmt: skip
-    for row in table:
-        bar = "" if row["met"] == "" else f"{row['lowest']:g} to {row['highest']:g} {'met' if row['met'] else 'MISSED'}"
-        print(f"{row['quantity']:82}{row['value']:12,.2f}   {bar}")
-    print(f"written to {write_csv('throughput.csv', table, COMMAND + ' --environments')}")
-    return all(row["met"] != False for row in table)  # noqa: E712 - "" means no bar
+        ("gym.make environment, steps/s", env_rate()),
+        ("256 fish on one thread, steps/s", env_rate(256, threads=1)),
+        ("256 fish on one thread, float32, steps/s", env_rate(256, threads=1, dtype="float32")),
+        (f"256 fish on {cores} processors, steps/s", env_rate(256, threads=cores)),
+        ("first make + reset + step of one fish, nothing compiled, s", first),
+        ("first make + reset + step of one fish, compiled before, s", again),
+        ("memory of a process with one environment, MB", in_process(MEMORY)),
+    ]
+    return [{"quantity": name, "value": round(float(value), 3)} for name, value in rows]
 
 
-PARTS = {"environments": environments, "kinds": kinds, "integrators": integrators, "bodies": bodies}
-
-
-def main() -> int:
-    """Measure, write, and compare with the bars; exit 1 if one is missed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, part in PARTS.items():
-        parser.add_argument(f"--{name}", action="store_true", help=part.__doc__.split(";")[0].rstrip("."))
-    chosen = vars(parser.parse_args())
-    RESULTS.mkdir(exist_ok=True)
-    met = [part() for name, part in PARTS.items() if chosen[name] or not any(chosen.values())]
-    return 0 if all(met) else 1
+def main() -> None:
+    """Measure, print and write."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    tables = {"throughput.csv": environments, "kinds.csv": kinds, "costs.csv": lambda: integrators() + bodies()}
+    for name, measure in tables.items():
+        rows = measure()
+        for each in rows:
+            print(*each.values(), sep="  ")
+        print(write_csv(name, rows, COMMAND), flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

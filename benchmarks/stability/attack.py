@@ -7,7 +7,7 @@ Thousands of fish at the defaults are driven at random, bang-bang at their own n
 right, from perturbed, fast, crumpled and inverted starts, softer and stiffer, lighter and heavier; then a search
 (CMA-ES) looks for the actions that stretch them most. A fish that fails is run again from its start with RK4 at an
 eighth of the step: if that fails too, the cause is what was done to the fish, not the method. The worst cases are
-stored in tests/worst/.
+stored in tests/worst.npz.
 """
 
 import argparse
@@ -28,11 +28,11 @@ from benchmarks.stability.cases import (
     case_of,
     drive,
     explained,
+    own_settings,
     step_of,
     store,
     tank_at,
 )
-from benchmarks.stability.margins import settings
 from benchmarks.stability.mistreatment import GOALS, LEVELS, Family, at_rest, beginning, families
 from fish_env import BODIES, make_fish
 from fish_env.bodies import Fish
@@ -99,20 +99,19 @@ def attack_body(name: str, how: Settings, fish: int, evaluations: int, bar) -> t
     return rows + more_rows, cases + more_cases
 
 
-def attack(bodies=tuple(BODIES), integrator=None, substeps=None, fish=FISH, evaluations=EVALUATIONS) -> list[dict]:
+def attack(bodies=tuple(BODIES), fish=FISH, evaluations=EVALUATIONS) -> list[dict]:
     """Attack bodies; a row of the table for each family and search, those found before Ctrl-C.
 
-    What is asked for belongs to the default fish; other bodies take their own method, and OTHERS times fewer fish and
-    evaluations. The CSV and the stored cases are replaced only by an attack on every body with the default numbers.
+    Other bodies than the default one take OTHERS times fewer fish and evaluations. The CSV and the stored cases are
+    replaced only by an attack on every body with the default numbers.
     """
     rows, cases, default, complete = [], [], make_fish().name, False
     effort = {name: 1 if name == default else OTHERS for name in bodies}
-    publish = (set(bodies), integrator, substeps, fish, evaluations) == (set(BODIES), None, None, FISH, EVALUATIONS)
+    publish = (set(bodies), fish, evaluations) == (set(BODIES), FISH, EVALUATIONS)
     with tqdm(total=sum((fish + evaluations) // less for less in effort.values()), unit="fish") as bar:
         try:
             for name, less in effort.items():
-                given = (integrator, substeps) if name == default else (None, None)
-                how = Settings(*settings(make_fish(name), *given))
+                how = own_settings(make_fish(name))
                 found = attack_body(name, how, fish / less, evaluations // less, bar)
                 rows += found[0]
                 cases += found[1]
@@ -140,13 +139,11 @@ def main() -> int:
     """The command line; exit 1 if the default fish fails where RK4 does not."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--body", choices=BODIES, help="only this one")
-    parser.add_argument("--integrator", help="of the default fish, instead of its own")
-    parser.add_argument("--substeps", type=int, help="steps a control interval of the default fish, with --integrator")
     parser.add_argument("--fish", type=int, default=FISH, help=f"in all families of random actions ({FISH:,})")
     parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help=f"of the search ({EVALUATIONS:,})")
     chosen = parser.parse_args()
     bodies = (chosen.body,) if chosen.body else tuple(BODIES)
-    return 0 if report(attack(bodies, chosen.integrator, chosen.substeps, chosen.fish, chosen.evaluations)) else 1
+    return 0 if report(attack(bodies, chosen.fish, chosen.evaluations)) else 1
 
 
 if __name__ == "__main__":

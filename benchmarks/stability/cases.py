@@ -1,4 +1,4 @@
-"""Cases: fish driven through given commands, the worst of them stored in `tests/worst/`, and done again."""
+"""Cases: fish driven through given commands, the worst of them stored in `tests/worst.npz`, and done again."""
 
 import json
 from collections import Counter
@@ -15,7 +15,7 @@ from fish_env import make_fish
 from fish_env.bodies import Fish
 from fish_env.tank import Tank
 
-WORST = ROOT / "tests" / "worst"
+WORST = ROOT / "tests" / "worst.npz"
 STORED = 2  # worst sequences of a batch considered, and of each kind of failure of a body stored
 EXPLAINED = 50  # failures of a family that are run again with RK4
 
@@ -43,6 +43,18 @@ class Settings(NamedTuple):
     integrator: str
     substeps: int
     refine: float = np.inf
+
+
+def own_settings(fish: Fish) -> Settings:
+    """Method, steps a control interval and refinement that a fish has of its own.
+
+    Raises:
+        ValueError: if the fish's control interval is not a whole number of its steps.
+    """
+    steps = fish.control_interval / fish.time_step
+    if abs(steps - round(steps)) > 1e-9:
+        raise ValueError(f"{fish.name}: a control interval is {steps:g} steps; give a whole number")
+    return Settings(fish.integrator, round(steps), fish.refine)
 
 
 def tank_at(fish: Fish, how: Settings, position, velocity, threads=None) -> Tank:
@@ -85,7 +97,7 @@ def step_of(fish: Fish, how: Settings) -> dict:
     return {"integrator": how.integrator, "step_s": fish.control_interval / how.substeps, "refine": how.refine}
 
 
-def store(cases: list[dict], folder: Path = WORST) -> None:
+def store(cases: list[dict], path: Path = WORST) -> None:
     """Write the worst survivor of each kind of mistreatment and the first of each kind of failure, for each body.
 
     Replaces what is there.
@@ -94,25 +106,23 @@ def store(cases: list[dict], folder: Path = WORST) -> None:
     for case in sorted(cases, key=lambda case: (len(case["goals"]) if case["failure"] else 0, -case["stretch"])):
         kind = case["family"].split(",")[0].split(" ")[0]  # all stiffnesses and masses are one kind, all searches too
         chosen.setdefault((case["body"], case["failure"], kind), case)
-    failures = Counter()
-    folder.mkdir(exist_ok=True)
-    for path in folder.glob("*.npz"):
-        path.unlink()
+    failures, arrays = Counter(), {}
     for number, ((body, failure, kind), case) in enumerate(sorted(chosen.items(), key=lambda item: item[0])):
         failures[body, failure] += 1
         if failure and failures[body, failure] > STORED:
             continue
         parts = {key: value for key, value in case.items() if isinstance(value, np.ndarray)}
-        about = json.dumps({key: value for key, value in case.items() if key not in parts})
-        exact = {key: value if key == "goals" else value.astype(np.float32) for key, value in parts.items()}
-        np.savez_compressed(folder / f"{body}-{number:02d}-{kind}.npz", about=about, **exact)
+        arrays[f"{body}-{number:02d}-{kind}/about"] = json.dumps({k: v for k, v in case.items() if k not in parts})
+        for key, value in parts.items():
+            arrays[f"{body}-{number:02d}-{kind}/{key}"] = value if key == "goals" else value.astype(np.float32)
+    np.savez_compressed(path, **arrays)
 
 
-def stored(folder: Path = WORST) -> dict[str, dict]:
+def stored(path: Path = WORST) -> dict[str, dict]:
     """The stored cases by name."""
     cases = {}
-    for path in sorted(folder.glob("*.npz")):
-        with np.load(path) as file:
-            exact = {name: file[name].astype(float) for name in ("position", "velocity")}
-            cases[path.stem] = json.loads(str(file["about"])) | exact | {"goals": file["goals"]}
+    with np.load(path) as file:
+        for name in sorted({key.split("/")[0] for key in file.files}):
+            exact = {part: file[f"{name}/{part}"].astype(float) for part in ("position", "velocity")}
+            cases[name] = json.loads(str(file[f"{name}/about"])) | exact | {"goals": file[f"{name}/goals"]}
     return cases

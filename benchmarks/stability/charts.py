@@ -1,6 +1,5 @@
 """Charts of the stability survey, and its tables on the screen."""
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from benchmarks.stability.runs import ACCURATE, FINEST, FIXED, INTERVALS_PER_STE
 from fish_env import INTEGRATORS, make_fish
 
 THESIS = "100 to 150 (Tu 1996)"
-PUBLISHED_STEP = 0.055  # s, of the published fish: see docs/physics.md
 COLOURS = ("#0072B2", "#F5C26B", "#4A4A4A")  # of VERDICTS
 
 
@@ -72,7 +70,7 @@ def edges(values) -> np.ndarray:
     return np.exp(np.concatenate([ends[:1], middle, ends[1:]]))
 
 
-def draw_verdicts(plt, figure, columns=5) -> None:
+def draw_verdicts(plt, figure) -> None:
     """The legend below a map."""
     handles = [plt.Rectangle((0, 0), 1, 1, color=colour) for colour in COLOURS]
     texts = [f"accurate: within {ACCURATE:.0%} of a body length", "bounded but wrong", "blown up"]
@@ -82,7 +80,7 @@ def draw_verdicts(plt, figure, columns=5) -> None:
     ):
         handles.append(plt.Line2D([], [], ls="", marker=marker, ms=size, color=colour, mec="black", mew=width))
         texts.append(text)
-    figure.legend(handles, texts, loc="outside lower center", ncols=columns, frameon=False, handlelength=1.2)
+    figure.legend(handles, texts, loc="outside lower center", ncols=5, frameon=False, handlelength=1.2)
 
 
 def draw_map(rows: list[dict], path: Path) -> None:
@@ -122,26 +120,3 @@ def draw_map(rows: list[dict], path: Path) -> None:
         panel.set_ylabel("step, ms (dotted line: control interval)")
     draw_verdicts(plt, figure)
     save(figure, path, dpi=200)
-
-
-def draw_published(rows: list[dict], path: Path, body="published") -> None:
-    """The same for the published fish as it is: a row a method, the published step marked."""
-    plt, fish = pyplot(), make_fish(body)
-    figure, panel = plt.subplots(figsize=(9.5, 4.6), layout="constrained")
-    for number, name in enumerate(reversed(FIXED)):
-        line = sorted((row for row in rows if row["body"] == body and row["integrator"] == name),
-                      key=lambda row: row["step_s"])  # fmt: skip
-        border = edges([row["step_s"] for row in line]) if line else ()
-        for row, (left, right) in zip(line, pairwise(border), strict=False):
-            panel.barh(number, right - left, left=left, height=0.86, color=COLOURS[VERDICTS.index(row["verdict"])],
-                       edgecolor="white", linewidth=0.3)  # fmt: skip
-            if row["non_positive_pivots"]:
-                panel.plot(row["step_s"], number, "o", color="white", mec="black", mew=0.4, markersize=3)
-    own = FIXED[::-1].index(fish.integrator)
-    panel.plot(fish.time_step, own, "D", color="white", mec="black", mew=1.6, markersize=8)
-    panel.axvline(PUBLISHED_STEP, color="black", linewidth=0.9, linestyle=":")
-    panel.set(xscale="log", xlabel=f"step, s (dotted line: the published {PUBLISHED_STEP} s)", yticks=range(len(FIXED)),
-              yticklabels=FIXED[::-1], title="the published fish in its own water")  # fmt: skip
-    panel.set_ylim(-0.6, len(FIXED) - 0.4)
-    draw_verdicts(plt, figure, 3)
-    save(figure, path)

@@ -1,18 +1,13 @@
 """The same seed, the same bits: simulations and trainings in other processes, folders and numbers of threads.
 
-    python -m benchmarks.stability.repeatability                 results/repeatability.csv; exit 1 if a bit differed
-    python -m benchmarks.stability.repeatability --published     results/published_again.csv: what is published, again
+    python -m benchmarks.stability.repeatability         results/repeatability.csv (10 min); exit 1 if a bit differed
 
-The first command clones the last commit into two folders and computes the digests of TRIALS there, one process for each
-of CONFIGURATIONS: one that compiles all kernels, one that finds them, with one to four threads for the fish and for
-learning, with several threads of numpy's and torch's own libraries, and in the other folder, which compiles kernels of
-its own; and the same with numpy's library as it is on processors of the kind HASWELL, where the order of its sums, and
-so the bits of a training, depends on its threads: train.py has one. A digest is of all that is observed and rewarded
-and of all positions and velocities, or of all parameters of a trained policy and of its optimizer.
-
-The second command measures the shipped policies and the controllers without learning again, in the 100 episodes of the
-published tables, and says whether their numbers are the same, on this processor or as on HASWELL, and inside the
-published intervals.
+The command clones the last commit into two folders and computes the digests of TRIALS there, one process for each of
+CONFIGURATIONS: one that compiles all kernels, one that finds them and has four threads for the fish and for learning,
+one with four threads of numpy's and torch's own libraries, where the order of sums, and so the bits of a training,
+depends on their number (train.py has one), and one in the other folder, which compiles kernels of its own. A digest is
+of all that is observed and rewarded and of all positions and velocities, or of all parameters of a trained policy and
+of its optimizer.
 """
 
 import argparse
@@ -31,16 +26,13 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from agents.statistics import rounded, seed_mean
-from benchmarks.common.tables import ROOT, read_table, write_csv
+from benchmarks.common.tables import ROOT, write_csv
 from fish_env import BODIES, INTEGRATORS, TASKS
-from fish_env.control import EPISODES, evaluate, evaluation_options, load_policy, make_eval_env, policy_controller
 from fish_env.envs import VARIATIONS, FishVectorEnv
 
 COMMAND = "python -m benchmarks.stability.repeatability"
 FISH = 64  # four threads of at least 16
 LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-HASWELL = "Haswell"  # OPENBLAS_CORETYPE of processors without AVX-512
 
 
 @dataclass(frozen=True)
@@ -54,24 +46,15 @@ class Configuration:
     """For the fish, and for learning by compiled kernels."""
     libraries: int = 1
     """Threads of the libraries of numpy, scipy and torch."""
-    processor: str = ""
-    """The kind that OpenBLAS is told it runs on; empty for the one that it finds."""
 
 
 CONFIGURATIONS = (
     Configuration("kernels compiled", "first", 1),
-    Configuration("kernels found", "first", 1),
-    Configuration("two threads", "first", 2),
-    Configuration("three threads", "first", 3),
     Configuration("four threads", "first", 4),
-    Configuration("two threads of libraries", "first", 2, 2),
     Configuration("four threads of libraries", "first", 1, 4),
     Configuration("another folder, kernels compiled", "second", 2),
-    Configuration("as on Haswell", "first", 1, 1, HASWELL),
-    Configuration("as on Haswell, four threads", "first", 4, 1, HASWELL),
-    Configuration("as on Haswell, four threads of libraries", "first", 1, 4, HASWELL),
 )
-"""Digests are compared with those of the first configuration for the same kind of processor."""
+"""Digests are compared with those of the first."""
 
 
 def swum(keywords: dict, threads: int, steps: int = 20) -> str:
@@ -138,26 +121,19 @@ TRIALS: dict[str, Callable[[int], str]] = {
 """What is computed of a number of threads."""
 
 
-def answer_of(*arguments: str, checkout: Path = ROOT, **variables: str) -> dict:
-    """What this module answers in a process of its own, in a checkout, with variables of the environment."""
+def digests(names: list[str], how: Configuration, checkout: Path = ROOT, **variables: str) -> dict[str, str]:
+    """The digests of trials, from a process of its own in a checkout, with variables of the environment."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "answer.json")
-        command = [sys.executable, "-m", "benchmarks.stability.repeatability", *arguments, "--answer", str(path)]
-        subprocess.run(command, cwd=checkout, check=True, stdout=subprocess.DEVNULL,
-                       env=os.environ | {"PYTHONPATH": str(checkout)} | variables)  # fmt: skip
+        command = [sys.executable, "-m", "benchmarks.stability.repeatability", "--threads", str(how.threads)]
+        subprocess.run([*command, "--answer", str(path), "--trials", *names], cwd=checkout, check=True,
+                       stdout=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": str(checkout)} | variables
+                       | dict.fromkeys(LIBRARIES, str(how.libraries)))  # fmt: skip
         return json.loads(path.read_text())
 
 
-def digests(names: list[str], how: Configuration, **keywords) -> dict[str, str]:
-    """The digests of trials, from a process of its own."""
-    variables = dict.fromkeys(LIBRARIES, str(how.libraries))
-    if how.processor:
-        variables["OPENBLAS_CORETYPE"] = how.processor
-    return answer_of("--threads", str(how.threads), "--trials", *names, **variables, **keywords)
-
-
 def compare(names: list[str], configurations: Sequence[Configuration] = CONFIGURATIONS) -> list[dict]:
-    """A row for every configuration and trial: whether its bits are those of the first of its kind of processor."""
+    """A row for every configuration and trial: whether its bits are those of the first."""
     rows, first = [], {}
     with tempfile.TemporaryDirectory() as place:
         for folder in dict.fromkeys(how.folder for how in configurations):
@@ -165,13 +141,12 @@ def compare(names: list[str], configurations: Sequence[Configuration] = CONFIGUR
         for how in configurations:
             cache = str(Path(place, f"kernels_{how.folder}"))
             found = digests(names, how, checkout=Path(place, how.folder), NUMBA_CACHE_DIR=cache)
-            known = first.setdefault(how.processor, found)
+            first = first or found
             rows += [{"configuration": how.name, "folder": how.folder, "threads": how.threads,
-                      "libraries": how.libraries, "processor": how.processor, "trial": trial, "digest": digest[:16],
-                      "same": int(digest == known[trial])} for trial, digest in found.items()]  # fmt: skip
-            print(
-                f"{how.name}: {sum(known[each] == found[each] for each in found)} of {len(found)} the same", flush=True
-            )
+                      "libraries": how.libraries, "trial": trial, "digest": digest[:16],
+                      "same": int(digest == first[trial])} for trial, digest in found.items()]  # fmt: skip
+            same = sum(first[each] == found[each] for each in found)
+            print(f"{how.name}: {same} of {len(found)} the same", flush=True)
     return rows
 
 
@@ -180,82 +155,21 @@ def promised(row: dict) -> bool:
     return row["libraries"] == 1 or not ("trained" in row["trial"] or row["trial"] == "swim by radau")
 
 
-def scored(task: str, condition: str) -> dict[str, dict[str, float | str]]:
-    """Means of every metric over the fixed episodes, by method: the shipped policy, and those without learning.
-
-    The metrics are those of the published tables, but for the one that all seeds of a policy are needed for.
-    """
-    from agents.config import CONFIGS, RESULTS
-    from agents.report import baselines
-    from fish_env.control.policy import PRETRAINED
-
-    config, result = CONFIGS[task], RESULTS[task]
-    keywords, options = ({"": ({}, {})} | result.conditions)[condition]
-    env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | keywords)
-    policy = load_policy(PRETRAINED / task / "policy.npz")
-    controllers = baselines(env) | {"PPO": policy_controller(policy, env)}
-    found = {}
-    for name, controller in controllers.items():
-        scores = evaluate(controller, env, options=options)
-        metrics = {*result.metrics, "return", "failed"} - {"avoided_possible"}
-        found[name] = {metric: rounded(seed_mean(scores, metric)) for metric in sorted(metrics)}
-    env.close()
-    return found
-
-
-def all_scores() -> dict[str, dict]:
-    """The scores of every task and condition, by "task/condition"."""
-    from agents.config import RESULTS
-
-    return {f"{task}/{condition}": scored(task, condition)
-            for task, result in RESULTS.items() for condition in ("", *result.conditions)}  # fmt: skip
-
-
-def published_again() -> list[dict]:
-    """Every published number of a shipped policy and of the controllers without learning, beside its measurements."""
-    from agents.config import RESULTS
-    from fish_env.control.policy import PRETRAINED
-
-    alone = dict.fromkeys(LIBRARIES, "1")
-    here, there = (answer_of("--published", **alone, **kind) for kind in ({}, {"OPENBLAS_CORETYPE": HASWELL}))
-    rows = []
-    for task in RESULTS:
-        seed = json.loads((PRETRAINED / task / "config.json").read_text())["seed"]
-        of_seeds = {row["condition"]: row for row in read_table(f"learning/{task}_seeds.csv") if row["seed"] == seed}
-        for row in read_table(f"learning/{task}_methods.csv"):
-            condition, method, metric, low, high = (row[k] for k in ("condition", "method", "metric", "low", "high"))
-            again, other = (found[f"{task}/{condition}"][method].get(metric, "") for found in (here, there))
-            if row["value"] == "" or again == "":
-                continue  # a mean over nothing, or over all seeds together
-            was = of_seeds[condition][metric] if method == "PPO" else row["value"]
-            rows.append({"task": task, "condition": condition, "method": method, "metric": metric, "published": was,
-                         "again": again, "as_haswell": other, "low": low, "high": high,
-                         "same": int(was in (again, other)), "inside": int(low <= again <= high)})  # fmt: skip
-    return rows
-
-
 def main() -> int:
-    """The command line; exit 1 if a bit that is promised, or a published number, differed."""
+    """The command line; exit 1 if a bit that is promised differed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--published", action="store_true", help="measure what is published again")
     parser.add_argument("--trials", nargs="+", choices=TRIALS, default=list(TRIALS), help="only these; no table then")
     parser.add_argument("--answer", type=Path, help="write what this process finds to a file, and no table")
     parser.add_argument("--threads", type=int, default=1, help="of a process with --answer (default 1)")
     chosen = parser.parse_args()
     if chosen.answer is not None:
-        answer = all_scores() if chosen.published else {name: TRIALS[name](chosen.threads) for name in chosen.trials}
-        chosen.answer.write_text(json.dumps(answer))
+        chosen.answer.write_text(json.dumps({name: TRIALS[name](chosen.threads) for name in chosen.trials}))
         return 0
-    if chosen.published:
-        rows = needed = published_again()
-        write_csv("published_again.csv", rows, f"{COMMAND} --published")
-    else:
-        rows = compare(chosen.trials)
-        needed = [row for row in rows if promised(row)]
-        if set(chosen.trials) == set(TRIALS):
-            write_csv("repeatability.csv", rows, COMMAND)
+    rows = compare(chosen.trials)
+    if set(chosen.trials) == set(TRIALS):
+        write_csv("repeatability.csv", rows, COMMAND)
     print(f"{sum(row['same'] for row in rows)} of {len(rows)} are the same")
-    return int(not all(row["same"] for row in needed))
+    return int(not all(row["same"] for row in rows if promised(row)))
 
 
 if __name__ == "__main__":

@@ -71,8 +71,7 @@ def draw_all(rows: list[dict]) -> None:
     charts.report(rows, table)
     charts.draw_limits(table, RESULTS / "stability.svg")
     charts.draw_map(rows, RESULTS / "stability_map.svg")
-    charts.draw_published(rows, RESULTS / "stability_published.svg")
-    print(f"written to {RESULTS / 'stability.csv'} and stability_*.csv, stability*.svg beside it")
+    print(f"written to {RESULTS / 'stability.csv'}, stability_limits.csv and stability*.svg beside it")
 
 
 def main() -> int:

@@ -1,10 +1,10 @@
 """What `benchmarks/calibration/fit.py` fitted for a body."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 
+from fish_env._data import data
 from fish_env.checks import positive_array
 
 
@@ -15,6 +15,6 @@ def fitted(body: str, shapes: dict[str, tuple], **given) -> list[np.ndarray]:
         ValueError: for an array of another shape, or a number that is not positive.
     """
     if any(value is None for value in given.values()):
-        found = json.loads(Path(__file__).with_name(f"{body}.json").read_text())["parameters"]
+        found = json.loads(data("fish_env.bodies", f"{body}.json").read_text())["parameters"]
         given = {name: found[name] if value is None else value for name, value in given.items()}
     return [positive_array(value, shapes[name], name) for name, value in given.items()]

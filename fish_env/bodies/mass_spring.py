@@ -7,17 +7,16 @@ constants, which barely swim.
 
 import json
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 
 import numpy as np
 
+from fish_env._data import data
 from fish_env.bodies.fish import Fish
 from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, shared_by_layers
 from fish_env.body import make_body
 from fish_env.checks import finite_array, positive_array
 from fish_env.world import make_water
 
-CALIBRATED_FILE = Path(__file__).with_suffix(".json")
 REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this length
 
 NOSE, TAIL = 0, (21, 22)
@@ -153,7 +152,7 @@ class MassSpringParameters:
 
 def calibrated() -> dict:
     """The calibrated parameters, from `mass_spring.json` (which also says how they were found)."""
-    return json.loads(CALIBRATED_FILE.read_text())["parameters"]
+    return json.loads(data("fish_env.bodies", "mass_spring.json").read_text())["parameters"]
 
 
 def shape(parameters: MassSpringParameters) -> np.ndarray:

@@ -9,10 +9,10 @@ calibrated it to living fish.
 
 import json
 from numbers import Integral
-from pathlib import Path
 
 import numpy as np
 
+from fish_env._data import data
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fish import Fish, Landmarks
 from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline
@@ -46,7 +46,7 @@ def make_tetrahedral(
     if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= int(level) <= MOST):
         raise ValueError(f"level is {level!r}; give a whole number from 1 to {MOST}")
     level = int(level)
-    own = json.loads(Path(__file__).with_suffix(".json").read_text())
+    own = json.loads(data("fish_env.bodies", "tetrahedral.json").read_text())
     p = tu.checked_parameters("tetrahedral", parameters, own["parameters"])
     young = positive_array(own["young"] if young is None else young, (6,), "young")
     mesh, section = meshed(p, level)

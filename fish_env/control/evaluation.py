@@ -8,6 +8,7 @@ import numpy as np
 from fish_env.checks import is_whole
 from fish_env.control.gait import Gait
 from fish_env.control.policy import Policy
+from fish_env.control.stated import many_fish, stated
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.vector import make_batch
 from fish_env.tank_options import checked_count
@@ -39,7 +40,7 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             the environment.
     """
     policy.check(env.single_observation_space, env.single_action_space)
-    interval = policy.about.get("env_options", {}).get("control_interval", env.tank.fish.control_interval)
+    interval = policy.about.get("env_options", {}).get("control_interval") or env.tank.fish.control_interval
     every = round(interval / env.control_interval)
     if every < 1 or abs(every * env.control_interval - interval) > 1e-9:
         raise ValueError(
@@ -83,11 +84,12 @@ def make_policy_env(policy: Policy, num_envs: int = EPISODES, **changes) -> Fish
     """The batch that a policy is evaluated in; `changes` replace options that it was trained with, None is ignored.
 
     Raises:
-        ValueError: for an option that is not allowed.
+        ValueError: for an option that is not allowed, or an environment that is not registered, or is not one of fish.
+        gymnasium.error.Error: for an environment without batches.
     """
-    options = evaluation_options(policy.about.get("env_options", {}))
-    options |= {name: value for name, value in changes.items() if value is not None}
-    return make_eval_env(policy.about["env_id"], num_envs, options)
+    env_id, options = stated(policy.about)
+    changed = {name: value for name, value in changes.items() if value is not None}
+    return many_fish(env_id, evaluation_options(options) | changed, num_envs)
 
 
 def run_episodes(
@@ -130,9 +132,9 @@ def gathered(results: list[dict[str, float]]) -> Scores:
 def episode_scores(infos: dict[str, Any], i: int) -> dict[str, float]:
     """The numbers of fish i in the infos of a batch."""
     scores = {"return": sum(v[i] for k, v in infos["terms"].items() if not k.startswith("_"))}
-    scores["failed"] = bool(infos["failure"][i]) if "failure" in infos else False
+    scores["failed"] = bool(infos["failure"][i])
     for name, values in infos.items():
-        if not name.startswith("_") and name not in ("terms", "failure"):
+        if not name.startswith("_") and name not in ("terms", "failure", "is_success"):  # a copy of "success"
             scores[name] = values[i]
     return {name: float(value) for name, value in scores.items()}
 

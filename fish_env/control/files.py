@@ -1,19 +1,11 @@
 """Files that are written whole or not at all, in folders that are tried before anything is computed."""
 
 import os
+import secrets
 import tempfile
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-
-DAMAGED = (
-    ValueError, TypeError, AttributeError, OSError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
-    tokenize.TokenError,
-)  # fmt: skip
-"""What numpy raises for files that are truncated, pickled, encrypted or something else, which it may read as Python."""
 
 TRIAL = 4096  # bytes
 
@@ -49,19 +41,27 @@ def writable_file(path: str | Path, endings: tuple[str, ...]) -> Path:
     path = Path(path)
     if path.suffix.lower() not in endings:
         raise ValueError(f"the file {path} ends in {path.suffix!r}; give a name that ends in {' or '.join(endings)}")
-    if path.is_dir():
+    if os.path.isdir(path):  # `Path.is_dir` raises an error for names that are too long
         raise ValueError(f"{path} is a folder; give the name of a file")
     writable_folder(path.parent)
+    try:
+        with suppress(FileNotFoundError):
+            path.lstat()
+    except OSError as error:
+        raise ValueError(f"no file can be written as {path} ({error.strerror}); give another name") from error
     return path
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A file beside `path` to write to, which replaces `path` when the block ends without an error.
+    """A new file beside `path` to write to, which replaces `path` when the block ends without an error.
 
-    An interruption leaves the old file or the new one, never a part of it.
+    An interruption leaves the old file or the new one, never a part of it; a kill may leave the part, under a name of
+    its own that begins with a point. Nobody can guess that name, and what has it already is not written to: neither
+    another writer of `path` nor the target of a link is.
     """
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    partial = path.with_name(f".{path.stem[:40]}-partial-{secrets.token_hex(8)}{path.suffix}")  # of 255 bytes
+    partial.touch(exist_ok=False)
     try:
         yield partial
         os.replace(partial, path)

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fish_env._data import data
+from fish_env.checks import fits_memory, representable
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.recording import Recording, env_of
 from fish_env.control.video import SLOWER, VIDEOS, load_writer, write_video
@@ -19,10 +21,12 @@ from fish_env.envs import FishEnv
 from fish_env.failures import FAILURES
 
 PAGE = ".html"
-HERE = Path(__file__).parent
+HERE = data("fish_env.control")
 SCRIPTS = ("film.js", "film_player.js")
 LARGEST = 3_000_000  # bytes of a page
 STATES = 10_000  # of all episodes together: a page with more leaves out every second, third ... one
+AREA = 25.0  # body lengths squared: pictures of such spheres take 100 MB
+PICTURE = 3 * 640 * 480  # bytes of a picture of a video, all of which are in memory
 STEPS = 65535  # of a number in 16 bits
 
 
@@ -54,8 +58,8 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
     """Write recorded episodes of one environment as an .html page, or as an .mp4, .webp or .gif video at half speed.
 
     Raises:
-        ValueError: for no recording, recordings of several environments, another ending, a page of more than 3 MB, or a
-            folder that cannot be written to.
+        ValueError: for no recording, recordings of several environments, numbers too large to draw, another ending, a
+            page of more than 3 MB, or a folder that cannot be written to.
         gymnasium.error.DependencyNotInstalled: without pygame, or moviepy or Pillow for a video.
     """
     path = writable_file(path, (PAGE, *VIDEOS))
@@ -66,18 +70,32 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
             partial.write_text(text, encoding="utf-8")
     else:
         load_writer(path)
-        cast, reels = _shown(found)
-        pictures = [picture for reel in reels for picture in _pictures(cast, reel)]
+        with representable("the film"):
+            cast, reels = _shown(found)
+            _check_spheres(reels)
+            fits_memory(sum(len(reel.points) for reel in reels), PICTURE, "the number of states of the video")
+            pictures = [picture for reel in reels for picture in _pictures(cast, reel)]
         write_video(pictures, 1.0 / (SLOWER * reels[0].interval), path)
     return path
 
 
 def film_text(recordings: Sequence[Recording]) -> str:
     """The page of `write_film` as text, with the same errors."""
-    text = page(*_shown(recordings))
+    with representable("the film"):
+        text = page(*_shown(recordings))
     if len(text) > LARGEST:
         raise ValueError(f"the page would have {len(text):,} bytes, more than {LARGEST:,}; give fewer episodes")
     return text
+
+
+def _check_spheres(reels: Sequence[Reel]) -> None:
+    """ValueError if the pictures of the spheres of a state would take much memory."""
+    area = max(float((reel.spheres[..., 3] ** 2).sum(axis=1).max()) for reel in reels)
+    if area > AREA:
+        raise ValueError(
+            f"the squares of the radii of the spheres add up to {area:g}, which is more than {AREA:g}, for a video; "
+            f"write an {PAGE} page"
+        )
 
 
 def _shown(recordings: Sequence[Recording]) -> tuple[Cast, list[Reel]]:
@@ -97,6 +115,11 @@ def _cast(recording: Recording) -> Cast:
     assert isinstance(bare, FishEnv)  # `record` and the checks of a file allow no other
     task = bare.fish.task
     env.close()
+    if bare.fish.control_interval != recording.about["control_interval"]:
+        raise ValueError(
+            f"the recording holds a state every {recording.about['control_interval']} s, and its environment makes one "
+            f"every {bare.fish.control_interval} s; it is damaged, or was made by another version: record it again"
+        )
     return Cast(bare.tank.fish, bool(getattr(task, "touchable", False)), task_name(task))
 
 

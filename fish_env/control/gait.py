@@ -2,13 +2,13 @@
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from fish_env._data import data
 from fish_env.bodies import Fish
 
-GAIT_FILE = Path(__file__).parent / "gait.json"
+GAIT_FILE = data("fish_env.control", "gait.json")
 """The gait of the default fish, written with its provenance by `benchmarks/calibration/gait_search.py`."""
 
 

@@ -16,10 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
+from fish_env._data import data
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array, positive_array, real
 
-MOTOR_FILE = Path(__file__).parent / "motor_controllers.json"
+MOTOR_FILE = data("fish_env.control", "motor_controllers.json")
+LARGEST = 2**20  # bytes of such a file; that of the default fish has 4,000
 
 
 @dataclass(frozen=True)
@@ -119,14 +121,20 @@ def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it holds no tables of motor controllers.
+        ValueError: if it holds no tables of motor controllers, or cannot be read.
     """
     try:
-        found = json.loads(path.read_text())
+        with path.open("rb") as file:
+            text = file.read(LARGEST + 1)
+        if len(text) > LARGEST:
+            raise ValueError(f"it has more than {LARGEST:,} bytes")
+        found = json.loads(text)
         turns = [Turn(np.radians(row["angle"]), *(row[f.name] for f in fields(Turn)[1:])) for row in found["turns"]]
         swims = [Swim(**row) for row in found["swims"]]
         return MotorTables(Table(turns), Table(swims), found["front"], tuple(found["lag"]))
-    except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError) as error:
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path} holds no tables of motor controllers: {error!r}") from error
 
 

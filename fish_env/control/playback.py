@@ -16,6 +16,7 @@ from fish_env.control.film import PAGE, write_film
 from fish_env.control.policy import Policy
 from fish_env.control.recording import ENDING, Recording
 from fish_env.control.replaying import record
+from fish_env.control.stated import one_fish, stated
 from fish_env.control.video import SLOWER, VIDEOS, load_writer, write_video
 from fish_env.envs import FishEnv
 
@@ -89,13 +90,12 @@ def has_display() -> bool:
 @contextmanager
 def _environment(policy: Policy, mode: str | None, changes: dict[str, Any]) -> Iterator[tuple[gym.Env, FishEnv]]:
     """The environment of a policy, in its wrappers and without them."""
-    options = evaluation_options(policy.about.get("env_options", {}))
-    options |= {name: value for name, value in changes.items() if value is not None}
-    env = gym.make(policy.about["env_id"], render_mode=mode, **options)
+    env_id, options = stated(policy.about)
+    changed = {name: value for name, value in changes.items() if value is not None}
+    env = one_fish(env_id, evaluation_options(options) | changed, mode)
+    bare = env.unwrapped
+    assert isinstance(bare, FishEnv)  # `one_fish` allows no other
     try:
-        bare = env.unwrapped
-        if not isinstance(bare, FishEnv):
-            raise ValueError(f"the policy is for {policy.about['env_id']}, which is not an environment of fish")
         yield env, bare
     finally:
         env.close()
@@ -115,6 +115,6 @@ def _episode(policy: Policy, env: gym.Env, bare: FishEnv, seed: int) -> Iterator
 
 def summary(info: dict[str, Any]) -> str:
     """The metrics of an episode in one line, from its `episode_info`."""
-    numbers = {name: float(value) for name, value in info.items() if name not in ("terms", "failure")}
+    numbers = {name: float(value) for name, value in info.items() if name not in ("terms", "failure", "is_success")}
     said = ", ".join(f"{name} {value:.2f}" for name, value in numbers.items() if np.isfinite(value))
-    return said + (f"; ended by {info['failure']}" if "failure" in info else "")
+    return said + (f"; ended by {info['failure']}" if info["failure"] else "")

@@ -1,6 +1,5 @@
 """A trained policy as plain numbers: a multilayer perceptron in a `.npz` file that numpy alone can read and run."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +8,17 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
-from fish_env.control.files import DAMAGED, replacing
+from fish_env._data import data
+from fish_env.checks import as_floats
+from fish_env.control.files import replacing
+from fish_env.control.npz import Npz, Part, write_about
+from fish_env.control.stated import check_stated
 from fish_env.envs.layout import LAYOUT_VERSION
 
 FORMAT = 2
 """Format of a policy file. Format 1 lacked the version of the observation layout."""
 
-PRETRAINED = Path(__file__).parent / "pretrained"
+PRETRAINED = data("fish_env.control", "pretrained")
 """Folder of the shipped policies: <task>/policy.npz, with the settings of its training in <task>/config.json."""
 
 
@@ -33,7 +36,12 @@ class Policy:
     """Version of the observation layout that it was trained with."""
 
     def __call__(self, obs: np.ndarray) -> np.ndarray:
-        """Actions (..., A) for observations (..., D)."""
+        """Actions (..., A) for observations (..., D); ValueError for what are no real numbers, such as text."""
+        if type(obs) is not np.ndarray or obs.dtype.kind not in "fiub":
+            try:
+                obs = as_floats(obs)
+            except (TypeError, OverflowError, RecursionError) as error:
+                raise ValueError(f"the observation is {obs!r} ({error}); give real numbers") from error
         h = np.array(obs, np.float32, order="C")  # in another order products are rounded otherwise
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             h = np.tanh(h @ weight + bias)
@@ -49,8 +57,17 @@ class Policy:
             )
 
     def save(self, path: str | Path) -> None:
-        """Write the policy, whole or not at all; nothing in the file is pickled."""
-        parts: dict[str, Any] = {"format": FORMAT, "layout": self.layout_version, "about": json.dumps(dict(self.about))}
+        """Write the policy, whole or not at all; nothing in the file is pickled.
+
+        An `env_id` such as "module:Name-v0" loses its module: no file can have one imported.
+
+        Raises:
+            ValueError: for an `about` that could not be read again.
+        """
+        about = dict(self.about)
+        if isinstance(about.get("env_id"), str):
+            about["env_id"] = about["env_id"].rpartition(":")[2]
+        parts: dict[str, Any] = {"format": FORMAT, "layout": self.layout_version, "about": write_about(about)}
         parts |= {f"weight{k}": weight for k, weight in enumerate(self.weights)}
         parts |= {f"bias{k}": bias for k, bias in enumerate(self.biases)}
         with replacing(Path(path)) as partial:
@@ -59,7 +76,8 @@ class Policy:
 
 def shipped_policies() -> dict[str, Path]:
     """The policy files that come with the package, by the name of what they were trained for."""
-    return {path.parent.name: path for path in sorted(PRETRAINED.glob("*/policy.npz"))}
+    found = {folder.name: folder / "policy.npz" for folder in PRETRAINED.iterdir()}
+    return {name: path for name, path in sorted(found.items()) if path.is_file()}
 
 
 def shipped_policy(task: str) -> Path:
@@ -86,39 +104,40 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
         ValueError: if it is truncated, pickled, of another format, observation layout or environment, or if its layers
             do not fit together.
     """
-    path = Path(path)
-    if not path.is_file():
+    path = Path(path) if isinstance(path, str) else path  # one in a zip archive is no Path
+    try:
+        found = path.is_file()
+    except OSError:  # of a name that is too long
+        found = False
+    if not found:
         shipped = ", ".join(shipped_policies())
         raise FileNotFoundError(
             f"there is no policy file {path}; give a policy.npz that train.py wrote, or one of those that are shipped "
             f"(fish_env.control.shipped_policy: {shipped})"
         )
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            held = {name: file[name] for name in file.files}
-        version, layout = int(held.pop("format")), int(held.pop("layout", 0))
-        about = json.loads(str(held.pop("about")))
-        layers = sum(name.startswith("weight") for name in held)
-        weights = tuple(held.pop(f"weight{k}") for k in range(layers))
-        biases = tuple(held.pop(f"bias{k}") for k in range(layers))
-        if not isinstance(about, dict):
-            raise TypeError(f"about is {about!r}, not a dictionary")
-    except (*DAMAGED, KeyError, OverflowError) as error:
-        raise ValueError(
-            f"{path} is not a policy file, or is damaged or pickled ({error}); give a policy.npz that train.py wrote"
-        ) from error
-    if version != FORMAT or held:
-        raise ValueError(
-            f"{path} has format {version} and extra parts {sorted(held)}; this package reads format {FORMAT}: train "
-            "the policy again, or use the version of fish_env that wrote it"
-        )
-    _check_layout(path, layout)
-    _check_layers(path, weights, biases)
-    _check_environment(path, about, env_id)
-    return Policy(weights, biases, about, layout)
+    with Npz(path, "policy file", "give a policy.npz that train.py wrote") as file:
+        version, layout = file.whole("format"), file.whole("layout")
+        layers = sum(name.startswith("weight") for name in file.parts)
+        names = [[f"{kind}{k}" for k in range(layers)] for kind in ("weight", "bias")]
+        extra = sorted(file.parts.keys() ^ {"format", "layout", "about", *names[0], *names[1]})
+        if version != FORMAT or extra:
+            raise ValueError(
+                f"{path} is not a policy file that this package reads: it has format {version} and missing or extra "
+                f"parts {extra}, and should have format {FORMAT}: train the policy again, or use the version of "
+                "fish_env that wrote it"
+            )
+        about = file.about()
+        _check_layout(path, layout)
+        _check_environment(path, about, env_id)
+        _check_layers(path, *([file.parts[name] for name in each] for each in names))
+        weights, biases = (tuple(file.read(name) for name in each) for each in names)
+    for k, arrays in enumerate(zip(weights, biases, strict=True)):
+        if not all(np.isfinite(array).all() for array in arrays):
+            raise ValueError(f"{path}: layer {k} holds numbers that are not finite")
+    return Policy(weights, biases, about)
 
 
-def _check_layout(path: Path, layout: int) -> None:
+def _check_layout(path: Path, layout: int | None) -> None:
     if layout != LAYOUT_VERSION:
         raise ValueError(
             f"{path} was trained with version {layout} of the observation layout; this package has version "
@@ -127,15 +146,13 @@ def _check_layout(path: Path, layout: int) -> None:
         )
 
 
-def _check_layers(path: Path, weights: tuple[np.ndarray, ...], biases: tuple[np.ndarray, ...]) -> None:
-    width = weights[0].shape[0] if weights and weights[0].ndim == 2 else None
+def _check_layers(path: Path, weights: list[Part], biases: list[Part]) -> None:
+    width = weights[0].shape[0] if weights and weights[0].shape else None
     for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         if weight.dtype.kind != "f" or bias.dtype.kind != "f":
             raise ValueError(f"{path}: layer {k} is of {weight.dtype} and {bias.dtype}; give floating-point numbers")
-        if weight.ndim != 2 or bias.shape != weight.shape[1:] or weight.shape[0] != width:
+        if len(weight.shape) != 2 or bias.shape != weight.shape[1:] or weight.shape[0] != width:
             raise ValueError(f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}, which do not fit together")
-        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-            raise ValueError(f"{path}: layer {k} holds numbers that are not finite")
         width = weight.shape[1]
     if width is None:
         raise ValueError(f"{path} holds no layers; give a policy.npz that train.py wrote")
@@ -144,5 +161,9 @@ def _check_layers(path: Path, weights: tuple[np.ndarray, ...], biases: tuple[np.
 def _check_environment(path: Path, about: Mapping[str, Any], env_id: str | None) -> None:
     if "env_id" not in about:
         raise ValueError(f"{path} does not say which environment it is for; give a policy.npz that train.py wrote")
+    try:
+        check_stated(about)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     if env_id is not None and about["env_id"] != env_id:
         raise ValueError(f"{path} was trained for {about['env_id']}, not {env_id}; choose a policy of that environment")

@@ -1,7 +1,7 @@
 """An episode as a file: what it was made of, its actions, and every state, so that it can be plotted and replayed."""
 
-import json
 import math
+import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,9 +14,11 @@ import numpy as np
 
 import fish_env
 from fish_env._cache import source_hash
-from fish_env.control.files import DAMAGED, replacing, writable_file
-from fish_env.envs import FishEnv
+from fish_env.control.files import replacing, writable_file
+from fish_env.control.npz import LARGEST, Npz, Part, write_about
+from fish_env.control.stated import check_stated, one_fish, stated
 from fish_env.envs.layout import LAYOUT_VERSION
+from fish_env.failures import FAILURES
 
 FORMAT = 1
 """Format of a recording's file."""
@@ -24,6 +26,7 @@ FORMAT = 1
 KIND = "fish_env recording"
 ABOUT = ("env_id", "env_options", "seed", "options", "control_interval", "length", "term_names", "versions")
 ENDING = ".npz"
+WORD = 200  # characters of a version, or of the name of a term
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,12 +74,14 @@ class Recording:
         """Write an .npz file, whole or not at all; nothing in it is pickled.
 
         Raises:
-            ValueError: for another ending, or a folder that cannot be written to.
+            ValueError: for another ending, a folder that cannot be written to, or an `about` that could not be read.
         """
         path = writable_file(path, (ENDING,))
-        parts: dict[str, Any] = {"kind": KIND, "format": FORMAT, "about": json.dumps(dict(self.about))}
+        parts: dict[str, Any] = {"kind": KIND, "format": FORMAT, "about": write_about(self.about)}
+        arrays = arrays_of(self)
+        large = sum(array.nbytes for array in arrays.values()) > LARGEST  # then it is not read if it shrinks too much
         with replacing(path) as partial:
-            np.savez_compressed(partial, **parts, **arrays_of(self))
+            (np.savez if large else np.savez_compressed)(partial, **parts, **arrays)
         return path
 
 
@@ -146,35 +151,31 @@ def load_recording(path: str | Path) -> Recording:
         ValueError: if it is truncated, pickled, of another kind or format, or if its parts do not fit together.
     """
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):  # also for names that are too long
         raise FileNotFoundError(f"there is no recording {path}; give a file that Recording.save wrote")
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            held = {name: file[name] for name in file.files}
-    except DAMAGED as error:
-        raise ValueError(
-            f"{path} is damaged, pickled or no recording ({error}); give a file that Recording.save wrote"
-        ) from error
-    kind, number = str(held.pop("kind", "")), held.pop("format", None)
-    if kind != KIND or number is None:
-        raise ValueError(f"{path} is no recording: it holds {sorted(held)}; give a file that Recording.save wrote")
-    if number.shape != () or number != FORMAT:
-        raise ValueError(
-            f"{path} has format {number}; this package reads format {FORMAT}: record the episode again, or use the "
-            "version of fish_env that wrote it"
-        )
-    about = _about(path, held.pop("about", None))
-    _check_arrays(path, held, about)
+    with Npz(path, "recording", "give a file that Recording.save wrote") as file:
+        number = file.whole("format")
+        if number is None or file.text("kind") != KIND:
+            raise ValueError(
+                f"{path} is no recording: it holds {sorted(file.parts)}; give a file that Recording.save wrote"
+            )
+        if number != FORMAT:
+            raise ValueError(
+                f"{path} has format {number}; this package reads format {FORMAT}: record the episode again, or use the "
+                "version of fish_env that wrote it"
+            )
+        about = file.about()
+        _check_about(path, about)
+        parts = {name: part for name, part in file.parts.items() if name not in ("kind", "format", "about")}
+        _check_shapes(path, parts, len(about["term_names"]))
+        held = {name: file.read(name) for name in parts}
+    _check_numbers(path, held)
     return Recording(about=about, **held)
 
 
-def _about(path: Path, text: Any) -> dict[str, Any]:
-    """The description of the episode, or ValueError."""
-    try:
-        about = json.loads(str(text))
-    except ValueError:
-        about = None
-    if not isinstance(about, dict) or set(about) != set(ABOUT):
+def _check_about(path: Path, about: dict[str, Any]) -> None:
+    """ValueError unless it describes an episode."""
+    if set(about) != set(ABOUT):
         raise ValueError(f"{path} describes no episode: its part 'about' must be JSON with {', '.join(ABOUT)}")
     seed, interval, names = about["seed"], about["control_interval"], about["term_names"]
     types = {"env_id": str, "env_options": dict, "options": dict, "versions": dict, "term_names": list}
@@ -183,20 +184,24 @@ def _about(path: Path, text: Any) -> dict[str, Any]:
     for name, number in (("control_interval", interval), ("length", about["length"])):
         good = isinstance(number, float) and math.isfinite(number) and number > 0.0
         bad += [] if good else [name]
-    bad += [] if all(isinstance(name, str) for name in names) else ["term_names"]
+    for name, words in (("term_names", names), ("versions", list(about["versions"].values()) if not bad else [])):
+        bad += [] if bad or all(isinstance(w, str) and w.isprintable() and len(w) <= WORD for w in words) else [name]
     if bad:
         raise ValueError(f"{path} describes no episode: {bad[0]} is {about[bad[0]]!r}; record the episode again")
-    return about
+    try:
+        check_stated(about)
+    except ValueError as error:
+        raise ValueError(f"{path} describes no episode: {error}") from error
 
 
-def _check_arrays(path: Path, held: dict[str, np.ndarray], about: dict[str, Any]) -> None:
-    """ValueError unless the arrays are those of a recording, of the right kinds, finite and of shapes that agree."""
-    if set(held) != set(SHAPES):
-        raise ValueError(f"{path} holds {sorted(held)}; a recording holds {sorted(SHAPES)}: record the episode again")
-    sizes: dict[Any, int] = {"K": len(about["term_names"])}
+def _check_shapes(path: Path, parts: dict[str, Part], terms: int) -> None:
+    """ValueError unless the arrays are those of a recording, of the right kinds and of shapes that agree."""
+    if set(parts) != set(SHAPES):
+        raise ValueError(f"{path} holds {sorted(parts)}; a recording holds {sorted(SHAPES)}: record the episode again")
+    sizes: dict[Any, int] = {"K": terms}
     for name, shape in SHAPES.items():
-        array, kind = held[name], np.int64 if name in WHOLE else bool if name in TRUTHS else np.float64
-        if array.dtype != kind or array.ndim != len(shape):
+        array, kind = parts[name], np.int64 if name in WHOLE else bool if name in TRUTHS else np.float64
+        if array.dtype != kind or len(array.shape) != len(shape):
             raise ValueError(
                 f"{path}: {name} is an array {array.shape} of {array.dtype}; a recording has {kind.__name__} ({shape})"
             )
@@ -205,8 +210,16 @@ def _check_arrays(path: Path, held: dict[str, np.ndarray], about: dict[str, Any]
             wanted = axis if isinstance(axis, int) else sizes.setdefault("T" if late else axis, size - late) + late
             if size != wanted:
                 raise ValueError(f"{path}: {name} has shape {array.shape}, which does not fit the other arrays")
+
+
+def _check_numbers(path: Path, held: dict[str, np.ndarray]) -> None:
+    """ValueError unless they are finite, and failures have names."""
+    for name, array in held.items():
         if not np.isfinite(array).all():
             raise ValueError(f"{path}: {name} holds numbers that are not finite; record the episode again")
+    failure = held["failure"]
+    if failure.size and not 0 <= failure.min() <= failure.max() < len(FAILURES):
+        raise ValueError(f"{path}: failure holds numbers that name no failure; record the episode again")
 
 
 def env_of(about: Mapping[str, Any]) -> gym.Env:
@@ -216,12 +229,8 @@ def env_of(about: Mapping[str, Any]) -> gym.Env:
         ValueError: if it is not registered, refuses the keywords, or is not one of fish.
     """
     try:
-        env = gym.make(about["env_id"], disable_env_checker=True, **about["env_options"])
-        if isinstance(env.unwrapped, FishEnv):
-            return env
-        env.close()
-        raise ValueError("it is not an environment of fish")
-    except (gym.error.Error, ValueError, TypeError, ImportError) as error:
+        return one_fish(*stated(about))
+    except (gym.error.Error, ValueError) as error:
         raise ValueError(
             f"the recording was made in {about['env_id']} with {about['env_options']}, which cannot be made here "
             f"({error}); import the package that registers it, or use the version of fish_env that recorded it"

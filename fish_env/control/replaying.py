@@ -57,7 +57,9 @@ def record(
     if not is_whole(seed) or seed < 0:
         raise ValueError(f"seed is {seed!r}; give a whole number, zero or more: a recording must be repeatable")
     wanted: dict[str, Any] = {} if options is None else plain(options, "options")
-    act, limit = _controller(controller, bare, steps, env.spec)
+    limited = env.has_wrapper_attr("_max_episode_steps")  # may have been set since `gym.make`
+    steps = env.get_wrapper_attr("_max_episode_steps") if steps is None and limited else steps
+    act, limit = _controller(controller, bare, steps)
     episode = Episode(bare, int(seed), wanted)
     while limit is None or len(episode.actions) < limit:
         if episode.step(np.asarray(act(episode.observation[None], episode.seconds), dtype=np.float64)):
@@ -166,15 +168,14 @@ def _described(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
         raise ValueError(f"the environment is a {type(bare).__name__}; give one fish: gym.make('FishEnv/Swim-v0')")
     if env.spec is None or env.spec.additional_wrappers:
         raise ValueError("the environment was not made by gym.make alone; give it without wrappers of your own")
-    keywords = {name: value for name, value in env.spec.kwargs.items() if name != "render_mode"}
+    keywords = {name: value for name, value in bare.spec.kwargs.items() if name != "render_mode"}
     return bare, env.spec.id, plain(keywords, "the environment's keywords")
 
 
 def _controller(
-    given: Policy | Controller | np.ndarray, bare: FishEnv, steps: int | None, spec: Any
+    given: Policy | Controller | np.ndarray, bare: FishEnv, limit: int | None
 ) -> tuple[Callable[[np.ndarray, float], np.ndarray], int | None]:
     """What gives the actions, and after how many environment steps to stop."""
-    limit = spec.max_episode_steps if steps is None else steps
     if limit is not None and (not is_whole(limit) or limit < 1):
         raise ValueError(f"steps is {limit!r}; give a whole number, at least 1, or None")
     limit = None if limit is None else int(limit)

@@ -1,5 +1,6 @@
 """An episode of every fish of a batch: the one implementation, which every environment calls."""
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -9,27 +10,20 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.checks import Settled, finite_array, fits_memory, is_whole, own
+from fish_env.checks import Settled, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
+from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_water
 from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.pose import make_pose, packed_pose
 from fish_env.simd import Kind, Pack, Vectors
 from fish_env.tank import Tank
-from fish_env.tank_options import MOST_STEPS, bytes_of, checked_count, whole_steps
+from fish_env.tank_options import bytes_of, checked_count, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import checked_options
 from fish_env.tasks.start import check_pose
-from fish_env.world import World, make_water
-
-
-class UnknownOptionError(ValueError, TypeError):
-    """A keyword that neither the environment nor its task has.
-
-    A ValueError, as for every option that is not allowed, and a TypeError, as Python raises for an unknown keyword:
-    other libraries try keywords and go on without those that are refused in this way.
-    """
+from fish_env.world import World
 
 
 class Episodes(Settled):
@@ -38,7 +32,9 @@ class Episodes(Settled):
     Fish i of a batch seeded s is, bit for bit, the fish of a batch of one seeded s + i.
     """
 
-    SETTLED = ("tank", "num_envs", "control_interval", "groups")
+    SETTLED = ("tank", "task", "num_envs", "control_interval", "groups", "variation")
+    LIVE: tuple[str, ...] = ("max_episode_steps", "variation")
+    """Keywords, beside those of the task, that may be set while it runs; a subclass may add attributes of its own."""
     tasks = TASKS
     single_observation_space: gym.spaces.Box
     single_action_space: gym.spaces.Box
@@ -64,12 +60,12 @@ class Episodes(Settled):
         refine: float | None = None,
         **task_options,
     ):
-        self.task = self._make_task(task, task_options)
-        _check_steps(max_episode_steps)
+        self.task, self._task_options = self._make_task(task, task_options), copy.deepcopy(task_options)
+        self.max_episode_steps = max_episode_steps
         fish = body if isinstance(body, Fish) else make_fish(body)
         water = fish.water if water is None else water
         if not isinstance(water, World):
-            water = _water(water)
+            water = checked_water(water)
         num_envs = checked_count(num_envs, "num_envs")
         fits_memory(num_envs, bytes_of(fish.body) + bytes_of_episode(fish), "num_envs")
         self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
@@ -81,9 +77,8 @@ class Episodes(Settled):
         check_pose(fish, self.variation)
         self.reset_options = {**self.task.reset_options, **VARIATIONS}
         self.num_envs = num_envs
-        self.max_episode_steps = max_episode_steps
-        self.groups = fish.grouping(muscle_groups)
-        self.first_muscle_of_group = np.unique(self.groups, return_index=True)[1]  # (A,) the first muscle of each
+        self.groups = frozen(fish.grouping(muscle_groups))
+        self.first_muscle_of_group = frozen(np.unique(self.groups, return_index=True)[1])  # (A,) the first of each
         self.layout = Layout(fish, self.task.directions)
         bound = self.layout.bounds()
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
@@ -100,11 +95,20 @@ class Episodes(Settled):
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
         self._reward = arrays["reward"]
         self._terminated, self._truncated = arrays["terminated"], arrays["truncated"]
-        self._limit[:] = max_episode_steps or np.iinfo(np.int64).max
+        self._limit[:] = self.max_episode_steps or np.iinfo(np.int64).max
         self._vectors = np.zeros((self.num_envs, len(self.task.directions), 3))
         self._pose = make_pose(self.num_envs)
         self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
         self._compile()
+
+    @property
+    def max_episode_steps(self) -> int | None:
+        """Environment steps after which an episode is truncated; another number counts for those that begin next."""
+        return self._max_episode_steps
+
+    @max_episode_steps.setter
+    def max_episode_steps(self, steps: int | None) -> None:
+        self._max_episode_steps = checked_limit(steps)
 
     def _make_task(self, task, options) -> Task:
         """The task of a name with its options, or ValueError."""
@@ -133,7 +137,7 @@ class Episodes(Settled):
         self._see = make_look(self._kernels)
         self._step = None
         if engine is not None:
-            self._step = make_step(engine.names, engine.method, self._kernels, self._env.type)
+            self._step = make_step(engine.names, engine.method.make_run, self._kernels, self._env.type)
 
     def __getstate__(self):
         return self.__dict__ | {"_env": None, "_envs": None, "_see": None, "_step": None}
@@ -167,7 +171,8 @@ class Episodes(Settled):
 
     def _generators_of(self, which: list[int], seeds: Sequence[int | None]) -> list[np.random.Generator]:
         """The generators of these fish: their own, or new ones where a seed is given or there is none yet."""
-        new = {i: np_random(seeds[i]) for i in which if seeds[i] is not None or self._generators[i] is None}
+        wanted = {i: checked_seed(seeds[i]) for i in which if seeds[i] is not None or self._generators[i] is None}
+        new = {i: np_random(seed) for i, seed in wanted.items()}
         for i, (generator, seed) in new.items():  # none of them if a seed is refused
             self._generators[i], self._seeds[i] = generator, seed
         found = (self._generators[i] for i in which)
@@ -259,15 +264,15 @@ class Episodes(Settled):
         return self._observation.copy()
 
     def episode_info(self, i: int) -> dict[str, Any]:
-        """What the episode of fish i came to: reward terms, the task's metrics, and why it failed if it did."""
+        """What the episode of fish i came to: reward terms, the task's metrics, and why it failed, "" if it did not."""
+        failed = self.tank.state.failure[i] != 0
         info = {
             "terms": {name: float(total[i]) for name, total in zip(self._names, self._arrays["totals"], strict=True)},
             "seconds": float(self._elapsed[i] * self.control_interval),
             **self.task.metrics(self.tank, i, float(max(1, self._elapsed[i]) * self.control_interval)),
+            "failure": self.tank.failure[i] if failed else "",
         }
-        if self.tank.state.failure[i]:
-            info["failure"] = self.tank.failure[i]
-        return info
+        return info | ({"is_success": info["success"]} if "success" in info else {})  # as Stable-Baselines3 reads it
 
     def step_info(self, i: int) -> dict[str, Any]:
         """The last step of fish i: reward terms, position (3,) in body lengths, heading in radians."""
@@ -281,20 +286,3 @@ class Episodes(Settled):
     def _measure(self) -> None:
         """Bring poses and observations up to date with positions that were changed from outside."""
         self._look()
-
-
-def _check_steps(max_episode_steps) -> None:
-    """Raise ValueError unless it is None or a whole number, at least 1."""
-    if max_episode_steps is not None and not (is_whole(max_episode_steps) and 1 <= max_episode_steps <= MOST_STEPS):
-        raise ValueError(
-            f"max_episode_steps is {max_episode_steps!r}; give a whole number, at least 1 and at most {MOST_STEPS}, or "
-            "None"
-        )
-
-
-def _water(keywords) -> World:
-    """Water from keywords of `make_water`, or ValueError."""
-    try:
-        return make_water(**keywords)
-    except TypeError as error:
-        raise ValueError(f"water is {keywords!r}; give keywords of fish_env.make_water, or its result") from error

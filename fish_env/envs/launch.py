@@ -1,10 +1,9 @@
 """An environment step on a GPU as one launch: the kernel of `fish_env.envs.step`, one fish a thread."""
 
-from functools import cache
-
 from numba import types
 
 from fish_env.envs.step import make_step
+from fish_env.forces import cached
 from fish_env.gpu.compiling import load
 from fish_env.simd import Kind, Pack
 from fish_env.simd.types import THREAD
@@ -28,14 +27,14 @@ def threads_pack(episodes) -> Pack:
     return Pack("env", **(episodes._env._kept | {"block": block}))
 
 
-@cache
-def make_launch(names, method, kernels, env_type):
+@cached
+def make_launch(names, make_run, kernels, env_type):
     """The kernel `launch(address, count, n, duration)`: a step of each fish order[:count] of the pack at an address.
 
     Its threads take the fish in turn, so there may be fewer of them than fish; `step` says what n and duration are. A
     fish whose action is not finite stays as it is.
     """
-    cuda, step = load(), make_step(names, method, kernels, env_type)
+    cuda, step = load(), make_step(names, make_run, kernels, env_type)
 
     def launch(address, count, n, duration):
         for p in range(cuda.grid(1), count, cuda.gridsize(1)):
@@ -47,4 +46,4 @@ def make_launch(names, method, kernels, env_type):
 def launch_for(episodes, env_type):
     """`make_launch` for an environment, whose pack is of that type on the GPU."""
     engine = episodes.tank._engine
-    return make_launch(engine.names, engine.method, episodes._kernels, env_type)
+    return make_launch(engine.names, engine.method.make_run, episodes._kernels, env_type)

@@ -167,10 +167,11 @@ class FishEnvRunner(SingleAgentEnvRunner):
         now = perf_counter()
         self._log_episode_metrics(int(self._lengths[i]), float(self._returns[i]), now - self._begun[i])
         window = max(1, self.config.metrics_num_episodes_for_smoothing // (self.config.num_env_runners or 1))
-        for name, value in self.env.episode_info(i).items():
+        info = self.env.episode_info(i)
+        for name, value in info.items():
             if isinstance(value, int | float) and np.isfinite(value):
                 self.metrics.log_value((FISH, name), float(value), window=window)
-        self.metrics.log_value((FISH, "failed"), float("failure" in self.env.episode_info(i)), window=window)
+        self.metrics.log_value((FISH, "failed"), float(info["failure"] != ""), window=window)
         self._lengths[i], self._returns[i], self._begun[i] = 0, 0.0, now
 
     def _episodes(self, rollout: Rollout) -> list[SingleAgentEpisode]:

@@ -10,9 +10,9 @@ try:
 except ImportError as error:
     raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
 
-from fish_env.checks import is_whole
 from fish_env.envs.make_sb3 import make_sb3_vec_env
-from fish_env.envs.vector import FishVectorEnv
+from fish_env.envs.options import call_each, checked_seed
+from fish_env.envs.vector import FishVectorEnv, check_render_mode
 
 __all__ = ["FishVecEnv", "VecEnv", "VecMonitor", "make_sb3_vec_env"]
 
@@ -21,6 +21,7 @@ class FishVecEnv(VecEnv):
     """`FishVectorEnv` as Stable-Baselines3 wants it. Episodes restart in the step in which they end."""
 
     def __init__(self, fish: FishVectorEnv, staggered: bool = False):
+        check_render_mode(fish.render_mode, ["human", "rgb_array"])
         self.fish, self.staggered = fish, staggered
         super().__init__(fish.num_envs, fish.single_observation_space, fish.single_action_space)
         self.metadata = fish.metadata
@@ -40,9 +41,7 @@ class FishVecEnv(VecEnv):
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Let fish i begin from seed + i at the next reset; None for any. ValueError for a seed that is not allowed."""
-        if seed is not None and not (is_whole(seed) and seed >= 0):
-            raise ValueError(f"seed is {seed!r}; give a whole number, zero or more, or None")
-        return super().seed(None if seed is None else int(seed))
+        return super().seed(checked_seed(seed))
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
@@ -73,19 +72,26 @@ class FishVecEnv(VecEnv):
         return self.fish.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices=None) -> list[Any]:
-        """The attribute of the batch, once for each fish asked for."""
-        return [getattr(self.fish, attr_name)] * len(list(self._get_indices(indices)))
+        """The attribute for each fish asked for; AttributeError if there is none."""
+        return call_each(self.fish, attr_name, self._get_indices(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
-        """Set an attribute of the batch; the fish share it, so it can only be set for all."""
-        if len(list(self._get_indices(indices))) != self.num_envs:
+        """Set an option of `FishVectorEnv.settable` for the episodes that begin next, for all fish: they share it.
+
+        Raises:
+            AttributeError: for any other option, naming those that can be set.
+            ValueError: for a value that is not allowed, or if not all fish are asked for.
+        """
+        if set(self._get_indices(indices)) != set(range(self.num_envs)):
             raise ValueError("fish of one batch share their attributes; set it for all (indices=None)")
-        setattr(self.fish, attr_name, value)
+        self.fish.set_attr(attr_name, [value] * self.num_envs)
 
     def env_method(self, method_name: str, *method_args, indices=None, **method_kwargs) -> list[Any]:
-        """Call a method of the batch once, and return its result for each fish asked for."""
-        result = getattr(self.fish, method_name)(*method_args, **method_kwargs)
-        return [result] * len(list(self._get_indices(indices)))
+        """What a method returns for each fish asked for; ValueError for a method that acts on all if some are meant.
+
+        `reset`, `render`, `episode_info` and `step_info` act on those asked for alone.
+        """
+        return call_each(self.fish, method_name, self._get_indices(indices), *method_args, **method_kwargs)
 
     def env_is_wrapped(self, wrapper_class, indices=None) -> list[bool]:
         """No fish of a batch is wrapped."""

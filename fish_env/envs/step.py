@@ -11,6 +11,7 @@ from fish_env._jit import INDEX, kernel, njit, part
 from fish_env.engine import make_advance
 from fish_env.envs.layout import Layout
 from fish_env.envs.observation import contract, observe
+from fish_env.forces import cached
 from fish_env.muscles import command
 from fish_env.pose import measure
 from fish_env.simd import pack_at
@@ -97,14 +98,14 @@ def acceptable(env):
     return True
 
 
-@cache
-def make_step(names: tuple[str, ...], method, kernels, env_type):
+@cached
+def make_step(names: tuple[str, ...], make_run, kernels, env_type):
     """The compiled `step(address, first, last, n, duration)` for an environment's pack of this type, by its address.
 
     It returns False, and nothing has moved, for an action that is not finite. With n below zero it only measures and
     observes the fish where they are: one compilation serves resets and steps.
     """
-    advance, see, env_at = make_advance(names, method), make_see(kernels), pack_at(env_type)
+    advance, see, env_at = make_advance(names, make_run), make_see(kernels), pack_at(env_type)
 
     @njit
     def step(address, first, last, n, duration):
@@ -128,7 +129,7 @@ def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, layout: Layou
     b = num_envs
     return {
         "action": np.zeros((b, int(groups.max()) + 1)),
-        "groups": groups,
+        "groups": np.array(groups),  # the kernels' own: they do not look whether a muscle is there
         "contraction": np.zeros((b, groups.size)),
         "starts": np.array([part.start for part in layout]),
         "limits": np.array([part.limit for part in layout]),

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from fish_env.checks import is_whole
 from fish_env.envs.episode import Episodes
 from fish_env.envs.launch import SIGNATURE, launch_for, threads_pack
+from fish_env.envs.options import checked_seed
 from fish_env.gpu.compiling import exactly
 from fish_env.gpu.memory import Upload, arrays_of, bytes_needed, fish_axes, memory_of
 from fish_env.simd.types import WARP
@@ -50,7 +50,6 @@ class FishTorchEnv:
         self._axes = fish_axes(*(threads_pack(Episodes(count, threads=1, **options)) for count in (1, 2)))
         self.single_observation_space = self._episodes.single_observation_space
         self.single_action_space = self._episodes.single_action_space
-        self.max_episode_steps = self._episodes.max_episode_steps
         self.control_interval, self.layout = self._episodes.control_interval, self._episodes.layout
         self.term_names = self._episodes._names
         self._blocks = launch_blocks(self.num_envs, self.device)
@@ -86,6 +85,15 @@ class FishTorchEnv:
         return torch.zeros(tuple(what), dtype=torch.from_numpy(np.zeros(1, dtype)).dtype, device=self.device)
 
     @property
+    def max_episode_steps(self) -> int | None:
+        """Environment steps after which an episode is truncated; another number counts from the next `reset` on."""
+        return self._episodes.max_episode_steps
+
+    @max_episode_steps.setter
+    def max_episode_steps(self, steps: int | None) -> None:
+        self._episodes.max_episode_steps = steps
+
+    @property
     def position(self) -> torch.Tensor:
         """Node positions, (B,N,3) m in float64, on the GPU: live; RuntimeError after `close`."""
         if self._memory is None:
@@ -98,13 +106,11 @@ class FishTorchEnv:
         Start i of seed s is that of `FishVectorEnv` seeded s + i; fish b begins at start b, and at start b modulo their
         number if they are fewer.
         """
-        if seed is not None and not is_whole(seed):
-            raise ValueError(f"seed is {seed!r}; give a whole number, or None")
-        episodes = self._episodes
-        seeds = None if seed is None else [int(seed) + i for i in range(episodes.num_envs)]
+        episodes, seed = self._episodes, checked_seed(seed)
+        seeds = None if seed is None else [seed + i for i in range(episodes.num_envs)]
         episodes.restart(np.ones(episodes.num_envs, dtype=bool), seeds)
         if seed is not None:
-            self._generator.manual_seed(int(seed) % 2**63)
+            self._generator.manual_seed(seed % 2**63)
         if plans_of(episodes) != self._plans:
             self._upload_all()
         self._starts = [torch.tensor(memory, device=self.device) for memory, _, _ in self._fish]
@@ -136,7 +142,8 @@ class FishTorchEnv:
             terms of the reward by name, and "steps" (K,).
 
         Raises:
-            ValueError: for actions of another shape, elsewhere or not finite; nothing has moved then.
+            ValueError: for actions of another shape, elsewhere, not finite, complex, or that require a gradient, which
+                does not pass through; nothing has moved then.
             RuntimeError: before the first reset.
         """
         if not self._begun:
@@ -146,6 +153,8 @@ class FishTorchEnv:
         if not isinstance(actions, torch.Tensor) or actions.shape != action.shape:
             found = tuple(actions.shape) if isinstance(actions, torch.Tensor) else type(actions).__name__
             raise ValueError(f"actions are {found}; give a tensor {tuple(action.shape)} on {action.device}")
+        if actions.requires_grad or actions.is_complex():
+            raise ValueError("actions require a gradient, or are complex; give actions.detach(), of real numbers")
         if actions.device != action.device:
             raise ValueError(f"actions are on {actions.device}; give a tensor on {action.device}")
         if not torch.isfinite(actions).all():

@@ -7,11 +7,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from fish_env.checks import is_whole
 from fish_env.envs.episode import Episodes
+from fish_env.envs.options import OwnSpec, call_each, checked_seeds, checked_truth, set_option, settable
 
 
-class FishVectorEnv(Episodes, VectorEnv):
+class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
     """A batch of fish, each in water of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a single environment seeded s + i.
@@ -28,9 +28,9 @@ class FishVectorEnv(Episodes, VectorEnv):
             of each segment (the upper and lower muscle contract together: for planar scenes).
         variation: what differs from fish to fish, drawn at every reset: a number or a pair (lowest, highest) for keys
             of `fish_env.envs.VARIATIONS`, such as `{"stiffness": (0.8, 1.25), "current": (0, 0.5)}`.
-        max_episode_steps: environment steps after which an episode is truncated; None for no limit.
+        max_episode_steps: environment steps after which an episode is truncated; None or -1 for no limit.
         autoreset_mode: an `AutoresetMode` or its value, "NextStep", "SameStep" or "Disabled".
-        render_mode: None, "rgb_array" or "human".
+        render_mode: None, "rgb_array", "rgb_array_list" (`render` returns all since it was last called) or "human".
         info_every_step: put the reward terms, position and heading of every step into `info`; else `info` is empty
             until the end of an episode.
         threads: over how many threads the fish are shared out; None for all processors.
@@ -43,7 +43,12 @@ class FishVectorEnv(Episodes, VectorEnv):
         ValueError: for anything unknown or not allowed, saying what is.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata = {
+        "render_modes": ["human", "rgb_array", "rgb_array_list"],
+        "render_fps": 30,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    LIVE = (*Episodes.LIVE, "info_every_step")
     _renderer = None
 
     def __init__(
@@ -55,10 +60,8 @@ class FishVectorEnv(Episodes, VectorEnv):
         info_every_step: bool = False,
         **options,
     ):
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"unknown render_mode {render_mode!r}; choose None, 'human' or 'rgb_array'")
-        if not isinstance(info_every_step, bool | np.bool_):
-            raise ValueError(f"info_every_step is {info_every_step!r}; give True or False")
+        check_render_mode(render_mode, self.metadata["render_modes"])
+        self.info_every_step = checked_truth(info_every_step, "info_every_step")
         super().__init__(num_envs, **options)
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -66,11 +69,9 @@ class FishVectorEnv(Episodes, VectorEnv):
             allowed = ", ".join(repr(mode.value) for mode in AutoresetMode)
             raise ValueError(f"unknown autoreset_mode {autoreset_mode!r}; choose from {allowed}") from None
         self.render_mode = render_mode
-        self.info_every_step = info_every_step
-        self.metadata = self.metadata | {
-            "autoreset_mode": self.autoreset_mode,
-            "render_fps": round(1 / self.control_interval),
-        }
+        fps = 1.0 / self.control_interval
+        self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": fps}
+        self._pictures: list[list[np.ndarray]] = [[] for _ in range(self.num_envs)]  # not yet handed out
         self._over = np.zeros(self.num_envs, dtype=bool)
 
     def restart(self, mask, seeds=None, options=None) -> None:
@@ -79,6 +80,8 @@ class FishVectorEnv(Episodes, VectorEnv):
         self._over[mask] = False
         if self._renderer is not None:
             self._renderer.restart(mask)
+            for i in np.flatnonzero(mask):
+                self._pictures[i].clear()
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None):
         """Begin new episodes: all of them, or those of `options["reset_mask"]`, (B,) bool.
@@ -88,14 +91,9 @@ class FishVectorEnv(Episodes, VectorEnv):
         Raises:
             ValueError: for an option or a mask that is not allowed, or another number of seeds; nothing has changed
                 then.
-            gymnasium.error.Error: for a seed that is no whole number, or negative; nothing has changed then.
+            gymnasium.error.Error: and ValueError: for a seed that is no whole number, or negative; as before.
         """
-        if is_whole(seed):
-            seed = [int(seed) + i for i in range(self.num_envs)]
-        if seed is not None and (not isinstance(seed, Sequence | np.ndarray) or len(seed) != self.num_envs):
-            raise ValueError(f"seed is {seed!r}; give a whole number, or {self.num_envs}, one for each fish")
-        if seed is not None:
-            seed = [int(each) if is_whole(each) else each for each in seed]  # else Gymnasium refuses it
+        seeds = checked_seeds(seed, self.num_envs)
         if not isinstance(options, Mapping | None):
             raise ValueError(f"options is {options!r}; give a dict with keys among {', '.join(self.reset_options)}")
         options = dict(options or {})
@@ -106,7 +104,8 @@ class FishVectorEnv(Episodes, VectorEnv):
             isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,) and mask.any()
         ):
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
-        self.restart(mask, seed, options)
+        self.restart(mask, seeds, options)
+        self._show(mask)
         return self.observe(), {}
 
     def step(self, actions: np.ndarray):
@@ -125,7 +124,8 @@ class FishVectorEnv(Episodes, VectorEnv):
             terminated[restarting] = truncated[restarting] = False
         self._over = terminated | truncated
         if self.info_every_step:
-            for i in np.flatnonzero(~restarting).tolist():
+            same = self.autoreset_mode is AutoresetMode.SAME_STEP  # the last step is told of in `final_info`
+            for i in np.flatnonzero(~(self._over if same else restarting)).tolist():
                 infos = self._add_info(infos, self.step_info(i), i)
         obs = self.observe()
         if self._over.any():
@@ -133,23 +133,39 @@ class FishVectorEnv(Episodes, VectorEnv):
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 self.restart(self._over.copy())
                 obs = self.observe()
-        if self.render_mode == "human":
-            self.render()
+        if self.render_mode is not None:
+            self._show()
         return obs, reward, terminated, truncated, infos
 
     def _end_episodes(self, infos, obs):
         for i in np.flatnonzero(self._over).tolist():
             info = self.episode_info(i)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                info = (self.step_info(i) if self.info_every_step else {}) | info
                 info = {"final_obs": obs[i].copy(), "final_info": info}
             infos = self._add_info(infos, info, i)
         return infos
 
-    def render(self):
-        """Pictures of the fish: a tuple of B arrays (H,W,3) uint8, or None after drawing to the window ("human")."""
+    def _show(self, mask: np.ndarray | None = None) -> None:
+        """Show all fish in the window, or keep the pictures of those of the mask (B,), as the render mode wants."""
+        if self.render_mode == "human":
+            self.render()
+        elif self.render_mode == "rgb_array_list":
+            for i, picture in enumerate(self._draw().render() or ()):
+                if mask is None or mask[i]:
+                    self._pictures[i].append(picture)
+
+    def render(self) -> Any:
+        """Pictures of the fish: a tuple of B arrays (H,W,3) uint8, or None after drawing to the window ("human").
+
+        With "rgb_array_list" it is a tuple of B lists: the pictures since the last call, or since the episode began.
+        """
         if self.render_mode is None:
             gym.logger.warn("render was called without a render_mode; pass render_mode='rgb_array' to gym.make_vec")
             return None
+        if self.render_mode == "rgb_array_list":
+            taken, self._pictures = tuple(self._pictures), [[] for _ in range(self.num_envs)]
+            return taken
         return self._draw().render()
 
     def _draw(self):
@@ -167,6 +183,32 @@ class FishVectorEnv(Episodes, VectorEnv):
         if "tank" in self.__dict__:  # not in an environment whose options were refused
             self.tank.close()
 
+    def call(self, name: str, *args, **kwargs) -> tuple[Any, ...]:
+        """What an attribute is, or a method returns, for each fish: as `SyncVectorEnv.call` (`call_each`)."""
+        return tuple(call_each(self, name, range(self.num_envs), *args, **kwargs))
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """The attribute, once for each fish; AttributeError if there is none."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an option of `settable` for the episodes that begin next: one value, or a list or tuple of one a fish.
+
+        Raises:
+            AttributeError: for any other option, naming those that can be set.
+            ValueError: for a value that is not allowed, another number of values, or values that differ: the fish of a
+                batch share them.
+        """
+        given = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
+        if len(given) != self.num_envs or not all(np.all(other == given[0]) for other in given):
+            raise ValueError(f"{name} would be {values!r}; give one value, or {self.num_envs} that are the same")
+        set_option(self, name, given[0])
+
+    @property
+    def settable(self) -> tuple[str, ...]:
+        """The keywords that may be set while it runs."""
+        return settable(self)
+
     @property
     def np_random(self) -> tuple[np.random.Generator | None, ...]:
         """One random generator a fish; None before its first episode."""
@@ -179,6 +221,12 @@ class FishVectorEnv(Episodes, VectorEnv):
 
     def __getstate__(self):
         return super().__getstate__() | {"_renderer": None}
+
+
+def check_render_mode(mode, allowed: list[str]) -> None:
+    """ValueError unless a render mode is None or among those allowed."""
+    if mode is not None and mode not in allowed:
+        raise ValueError(f"unknown render_mode {mode!r}; choose None, {', '.join(map(repr, allowed))}")
 
 
 def make_batch(id: str, num_envs: int, **options) -> FishVectorEnv:

@@ -25,6 +25,9 @@ fast they move; a force that does not say so is taken not to be.
 `rest_matrices(body, elastic)` yields element matrices, (nodes (M,k), matrices (M,3k,3k)), of small motion about rest,
 and `bounds(body, world)` says how stiff and how damped the surroundings make a body, for the choice of a step.
 
+ANYWHERE says that the force is the same wherever the body is as a whole. If all that act say so, positions in float32
+are relative to each fish, and as precise far away.
+
 All but `present` and `add_force` may be missing. A force without `add_system` is explicit in the methods that solve
 systems, and one without `add_tangent` is not filtered. Exact derivatives follow from `add_force` by dual numbers
 (`evaluate`), but for a force that jumps and says so by JUMPS: it is left out of them. Such a force, a wall, may take
@@ -36,8 +39,10 @@ something from the sum of the others, so it acts after them wherever it stands i
 them as `world.<name>`.
 """
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, wraps
 from types import ModuleType
+from typing import Any
 
 from fish_env.forces import anchors, barriers, contact, gravity, green_lagrange, pressure, springs, tets, water
 from fish_env.forces.compose import in_turn
@@ -77,9 +82,36 @@ def has_cache(name: str) -> bool:
     return hasattr(FORCES[name], "make_cache")
 
 
-@cache
+KERNELS = ("add_force", "add_force_cached", "add_tangent", "add_change", "add_system", "add_damping", "add_lagged",
+           "energy", "failed", "constrain", "decay", "finish")  # fmt: skip
+COMPILED = (*KERNELS, "make_cache", "FAILURE", "JUMPS", "ANYWHERE")
+"""What compiled sums depend on of a force."""
+
+
+def cached(make: Callable) -> Any:
+    """As `functools.cache`, for what is compiled for the forces of some names, the first argument.
+
+    It is made again when FORCES has another force under one of these names, or other functions of it.
+    """
+    made = cache(lambda definitions, names, *others: make(names, *others))
+
+    @wraps(make)
+    def find(names: tuple[str, ...], *others):
+        definitions = tuple(getattr(FORCES[name], what, None) for name in names for what in COMPILED)
+        return made(definitions, names, *others)
+
+    return find
+
+
+@cached
 def total(names: tuple[str, ...], function: str, *others: str):
-    """The kernel that calls the function of that name, or the first of the others it has, of each force in turn."""
+    """The kernel that calls the function of that name, or the first of the others it has, of each force in turn.
+
+    Raises:
+        ValueError: for a function that is none of KERNELS.
+    """
+    if not {function, *others} <= set(KERNELS):
+        raise ValueError(f"{(function, *others)} are no functions of forces; choose from {', '.join(KERNELS)}")
     found = {}
     for name in names:
         chosen = next((option for option in (function, *others) if hasattr(FORCES[name], option)), None)
@@ -92,6 +124,11 @@ def total(names: tuple[str, ...], function: str, *others: str):
         return in_turn(dict(reversed(found.items())), "code = select({call}, CODE_{name}, code)",
                        "code = zero(control.stiffness)", "return code", zero=zero, select=select, **codes)  # fmt: skip
     return in_turn(found)
+
+
+def placed(names: tuple[str, ...]) -> bool:
+    """Whether any of the forces depends on where the body is, or does not say that it does not."""
+    return not all(hasattr(FORCES[name], "ANYWHERE") for name in names)
 
 
 def any_has(names: tuple[str, ...], *functions: str) -> bool:

@@ -22,6 +22,9 @@ NEAR, STEEP = 0.6, 0.3  # of the volume at rest, below which a barrier acts, and
 FAILURE = ESCAPED
 
 
+ANYWHERE = True
+
+
 def present(body, world) -> bool:
     """Whether the body has barriers."""
     return body.barriers is not None

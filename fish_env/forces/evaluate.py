@@ -18,7 +18,7 @@ from fish_env.simd import Kind, Pack, directions, floats, packed, zero
 ONE, DUAL = Kind(1), Kind("dual")
 
 
-@cache
+@forces.cached
 def compiled(names: tuple[str, ...], function: str) -> Callable[..., Any]:
     """A function of all these forces, compiled: it fills `block.f`, or returns a number."""
     call = forces.total(names, function)
@@ -48,7 +48,7 @@ def make_dual(body, world, names) -> Pack:
                 x=DUAL.vectors(n), v=DUAL.vectors(n), f=DUAL.vectors(n))  # fmt: skip
 
 
-@cache
+@forces.cached
 def make_jacobian(names: tuple[str, ...]):
     """The kernel `(body, world, dual, stiffness, damping, begin)` that sets columns of -df/dx and -df/dv, (3N,...).
 
@@ -79,7 +79,7 @@ def make_jacobian(names: tuple[str, ...]):
     return jacobian
 
 
-@cache
+@forces.cached
 def compiled_jacobian(names: tuple[str, ...]):
     """`make_jacobian`, compiled."""
     jacobian = make_jacobian(names)
@@ -109,6 +109,7 @@ class Evaluator:
         self.names = forces.present(body, world) if names is None else names
         n = len(body.mass)
         self._control, self._dual, self._around = make_control(body, ONE), None, (body, world)
+        self._compiled, self._jacobian = cache(compiled), cache(compiled_jacobian)  # of the forces as they are now
         self._block = Pack(
             "block", body=packed(body, ONE), world=packed(world, ONE), control=self._control,
             x=ONE.vectors(n), v=ONE.vectors(n), f=ONE.vectors(n),
@@ -123,7 +124,7 @@ class Evaluator:
         """Force on every node, (N,3) N, `elapsed` seconds after the points of moving anchors were where they are."""
         self._set(rest_length, x, v)
         self._control.elapsed[0] = elapsed
-        compiled(self.names, "add_force")(self._block)
+        self._compiled(self.names, "add_force")(self._block)
         return self._block.f.memory.copy()
 
     def jacobian(self, rest_length, x, v, elapsed=0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -140,20 +141,20 @@ class Evaluator:
         dual, stiffness, damping = self._dual, np.zeros((x.size, len(columns))), np.zeros((x.size, damped))
         dual.control.rest_length.memory[:, 0], dual.control.elapsed[0] = rest_length, elapsed
         dual.x.memory[:, :, 0], dual.v.memory[:, :, 0] = x, v
-        compiled_jacobian(self.names)(self._block, dual, stiffness, damping, columns.start)
+        self._jacobian(self.names)(self._block, dual, stiffness, damping, columns.start)
         return stiffness, damping
 
     def energies(self, rest_length, x, v) -> dict[str, float]:
         """Energy, J: "kinetic", and what each force stores, by its name."""
         self._set(rest_length, x, v)
-        stored = {name: float(compiled((name,), "energy")(self._block)) for name in self._having("energy")}
+        stored = {name: float(self._compiled((name,), "energy")(self._block)) for name in self._having("energy")}
         kinetic = 0.5 * self._block.body.mass @ (np.asarray(v) ** 2).sum(axis=1)
         return {"kinetic": float(kinetic), **stored}
 
     def failures(self, rest_length, x) -> set[int]:
         """Why a body at these positions is not valid any more: indices into FAILURES."""
         self._set(rest_length, x, np.zeros_like(x))
-        broken = [name for name in self._having("failed") if compiled((name,), "failed")(self._block)]
+        broken = [name for name in self._having("failed") if self._compiled((name,), "failed")(self._block)]
         return {forces.FORCES[name].FAILURE for name in broken}
 
     def _having(self, function: str) -> list[str]:

@@ -4,6 +4,8 @@ from fish_env._jit import INDEX, kernel
 from fish_env.forces.plan import INNER, H
 from fish_env.simd import dot, exp, fma, select, vec3, zero
 
+ANYWHERE = True
+
 
 def present(body, world) -> bool:
     """Whether the world has gravity, be it zero; the air comes with it."""

@@ -20,6 +20,9 @@ FAILURE = tets.FAILURE
 failed = tets.failed
 
 
+ANYWHERE = True
+
+
 def present(body, world) -> bool:
     """Whether the body has tetrahedra of this measure of strain."""
     return body.tets is not None and body.tets.quadratic

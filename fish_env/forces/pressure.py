@@ -18,6 +18,9 @@ from fish_env.volume import add_volume, volume_of
 FAILURE = ESCAPED
 
 
+ANYWHERE = True
+
+
 def present(body, world) -> bool:
     """Whether the body has gas."""
     return body.compartments is not None

@@ -15,6 +15,9 @@ MOST_COMPRESSED = -0.1  # strain below which an element's negative stiffness acr
 FAILURE = TORN
 
 
+ANYWHERE = True
+
+
 def present(body, world) -> bool:
     """Whether the body has springs."""
     return len(body.springs.nodes) > 0

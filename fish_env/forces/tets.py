@@ -33,6 +33,9 @@ CORNERS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
 MANY = 8  # stages from which adding up the stiffness of the sides costs less than it saves
 
 
+ANYWHERE = True
+
+
 def present(body, world) -> bool:
     """Whether the body has tetrahedra of these measures of strain."""
     return body.tets is not None and not body.tets.quadratic

@@ -12,6 +12,8 @@ from fish_env._jit import INDEX, kernel
 from fish_env.forces.plan import INNER, H
 from fish_env.simd import Pack, cross, dot, fma, select, sqrt, vec3
 
+ANYWHERE = True
+
 
 def present(body, world) -> bool:
     """Whether water pushes on the body."""

@@ -120,6 +120,9 @@ def solve(body, world, state, control, duration, method="DOP853", tolerance=TOLE
         failure = move(body, evaluator, state, control, b, duration, method, tolerance) if duration else 0
         control.rest_length[b] += duration * control.rate[b]
         control.rate[b] = 0.0
+        control.rest_length[b] = np.where(
+            np.isfinite(control.rest_length[b]), control.rest_length[b], body.springs.rest_length
+        )
         failure = failure or failure_of(evaluator, control.rest_length[b], state.x[b], state.v[b])
         if not np.isfinite(state.t[b]):
             failure, state.t[b] = NON_FINITE, 0.0

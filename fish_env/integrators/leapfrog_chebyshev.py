@@ -1,4 +1,6 @@
-"""Leapfrog with Chebyshev-filtered kicks: second order, explicit, its stable step grows with the number of stages.
+"""Leapfrog with Chebyshev-filtered kicks: explicit, its stable step grows with the number of stages.
+
+It is of second order with two stages; with more, as at the default step, its damping is of first order.
 
 Drift half a step, kick, drift half a step. The kick passes through a polynomial of the frozen stiffness and damping,
 which slows only what the step cannot resolve: a leapfrog-Chebyshev scheme (Gilbert & Joly 2008; Carle, Hochbruck &

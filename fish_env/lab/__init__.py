@@ -5,7 +5,7 @@
   `colours` are its parts;
 - `school`: fish that are steered while they swim, many at once; it knows nothing of a browser either;
 - `drawing`, `school_drawing`, `panel`, `comparison`, `plots`, `steering`, `session`, `server`: the page, by viser (the
-  extra [lab]); each browser has a session of its own, and `incoming` checks what it hands over.
+  extra [lab]); each browser has a session of its own, `door` decides who may open it, and `incoming` checks points.
 
 viser is imported only in these, and they are loaded only by `serve`.
 """
@@ -21,12 +21,13 @@ def serve(host: str = LOOPBACK, port: int = 8080) -> None:
     """Open the laboratory on this machine until it is interrupted.
 
     Args:
-        host: address to listen at. Any other than this machine's own is warned of: whoever reaches it can use the page.
+        host: address to listen at; the page is opened by it or as localhost. Any other than this machine's own is
+            warned of: whoever reaches it can use the page. At 0.0.0.0 that is every machine that reaches this one.
         port: TCP port, 1024 to 65535; the next free one is taken if it is in use.
 
     Raises:
         ValueError: for a port out of range or an address that cannot be listened at.
-        RuntimeError: without viser.
+        RuntimeError: without viser, or with one that the page cannot be guarded in.
     """
     if not (isinstance(port, int) and 1024 <= port <= 65535):
         raise ValueError(f"port is {port!r}; give a whole number from 1024 to 65535")
@@ -39,5 +40,6 @@ def serve(host: str = LOOPBACK, port: int = 8080) -> None:
     if host not in (LOOPBACK, "localhost", "::1"):
         print(f"WARNING: the laboratory listens at {host}; every machine that reaches it can use it.", file=sys.stderr)
     laboratory = Laboratory(host, port)
-    print(f"The laboratory is open: http://{host}:{laboratory.port}  (Ctrl+C ends it)", flush=True)
+    name = f"[{host}]" if ":" in host else host
+    print(f"The laboratory is open: http://{name}:{laboratory.port}  (Ctrl+C ends it)", flush=True)
     laboratory.wait()

@@ -1,24 +1,56 @@
 """The page's server: one session for each browser, on this machine only unless another address is given."""
 
+import asyncio
 import socket
+import sys
 import threading
 
 import viser
 
 from fish_env.lab.bench import Bench
+from fish_env.lab.door import Door
 from fish_env.lab.session import Session
 
 MOST = 8  # sessions at once: each takes a thread
+READING = 5.0  # s to read that there are too many
 SHADE, BRIGHTNESS = (110, 110, 120), 3.5  # of the light from below, and of that from above
 UPRIGHT = (0.5**0.5, 0.5**0.5, 0.0, 0.0)  # turns the direction of y to that of z
 
 
 class PrivateServer(viser.ViserServer):
-    """viser's server without its public tunnel, which any page could otherwise ask for."""
+    """viser's server behind a door, and without its public tunnel, which any page could otherwise ask for.
+
+    Args:
+        host: address to listen at.
+        port: TCP port.
+
+    Raises:
+        RuntimeError: if viser opens its port in a way that the door does not know.
+    """
+
+    def __init__(self, host: str, port: int):
+        door = Door(host)
+        with door.guarding():
+            super().__init__(host=host, port=port, label="fish_env laboratory", verbose=False)
+        self.get_event_loop().set_exception_handler(report)
+        if not door.guards:
+            self.stop()
+            raise RuntimeError(f"the laboratory cannot guard its page with viser {viser.__version__}; install 1.1.1")
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse."""
         return None
+
+    async def send_away(self, client: viser.ClientHandle, reason: str) -> None:
+        """Close the connection of a page, which may have left by itself."""
+        connection = self._websock_server._live_connections.get(client.client_id)
+        if connection is not None:
+            await connection.close(1013, reason)
+
+
+def report(loop: asyncio.AbstractEventLoop, context: dict) -> None:
+    """Say in one line that viser could do nothing with what a page sent."""
+    print(f"laboratory: {context['message']}: {context.get('exception')!r:.200}", file=sys.stderr)
 
 
 def check_address(host: str) -> None:
@@ -53,7 +85,7 @@ class Laboratory:
         Bench().warm()  # of the first page; compiled here if it has never been
         self._closed = threading.Event()
         check_address(host)
-        self.server = PrivateServer(host=host, port=port, label="fish_env laboratory", verbose=False)
+        self.server = PrivateServer(host, port)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         self._light()
         self.server.on_client_connect(self._enter)
@@ -76,7 +108,10 @@ class Laboratory:
 
     async def _enter(self, client: viser.ClientHandle) -> None:
         if len(self.sessions) >= MOST:
-            client.add_notification("The laboratory is full", f"{MOST} pages are open already.", color="red")
+            text = f"{MOST} pages are open already."
+            client.add_notification("The laboratory is full", text, color="red", auto_close_seconds=READING)
+            await asyncio.sleep(READING)
+            await self.server.send_away(client, "the laboratory is full")
             return
         session = Session(client)
         self.sessions[client.client_id] = session

@@ -4,11 +4,11 @@ The page's events come on the server's event loop. They only put requests into a
 waits for the simulation, and the simulation is touched by one thread alone.
 """
 
-import queue
 import sys
 import threading
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable
 
 import viser
@@ -24,6 +24,8 @@ FAST, SLOW = 1 / 60, 1 / 30  # s between two pictures of few nodes, and of many
 MANY = 100  # nodes from which pictures come less often
 PAUSE = 0.002  # s that are always left to the event loop between two frames
 LATEST = 0.1  # s: what lies further behind real time is left out
+WAITING = 1000  # requests of the page that may wait; the oldest are left out
+NOTES, RECENT = 50, 10.0  # messages shown at most in so many seconds: a page that does not read them lets them pile up
 
 
 class Session:
@@ -39,7 +41,8 @@ class Session:
         self.school: School | None = None
         self.school_drawing: SchoolDrawing | None = None
         self.paused, self.speed, self.frames = False, 1.0, 0
-        self._requests: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._requests: deque[Callable[[], None]] = deque(maxlen=WAITING)
+        self._told: deque[float] = deque(maxlen=NOTES)
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"laboratory {client.client_id}", daemon=True)
 
@@ -58,7 +61,7 @@ class Session:
 
     def ask(self, request: Callable[[], None]) -> None:
         """Have something done between two frames; a ValueError of it is told to the user."""
-        self._requests.put(request)
+        self._requests.append(request)
 
     def ask_at(self, request: Callable[..., None], **vectors) -> None:
         """Have `request(*vectors)` done with points or directions of a message, (3,) each, by what they are.
@@ -68,7 +71,11 @@ class Session:
         self.ask(lambda: request(*(vector(value, what) for what, value in vectors.items())))
 
     def tell(self, text: str, title: str = "Not possible") -> None:
-        """Show a message on the page."""
+        """Show a message on the page, unless there have been NOTES in the last RECENT seconds."""
+        now = time.monotonic()
+        if len(self._told) == NOTES and now < self._told[0] + RECENT:
+            return
+        self._told.append(now)
         self.client.add_notification(title, text, auto_close_seconds=10.0, color="orange")
 
     def wait(self, text: str) -> None:
@@ -145,13 +152,11 @@ class Session:
 
     def _answer(self) -> None:
         """Do what the page has asked for since the last frame; nothing that it asks for ends the session."""
-        while not self._closed.is_set():
-            try:
-                request = self._requests.get_nowait()
-            except queue.Empty:
+        for _ in range(len(self._requests)):  # those that come meanwhile are for the next frame
+            if self._closed.is_set():
                 return
             try:
-                request()
+                self._requests.popleft()()
             except ValueError as error:
                 self.tell(str(error))
                 self.panel.refresh()

@@ -1,6 +1,6 @@
 """The tab of the page from which fish are steered, and its keys."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from viser._messages import RunJavascriptMessage
@@ -89,10 +89,12 @@ class Steering:
     def _listen(self) -> None:
         """Have clicks on the water put targets and obstacles."""
 
-        def clicked(event) -> None:
+        async def clicked(event) -> None:
             self.session.ask_at(self.put, origin=event.ray_origin, direction=event.ray_direction)
 
-        self.session.client.scene.on_click()(clicked)
+        # viser takes coroutines too, and others would wait for a thread, as many as come
+        register: Any = self.session.client.scene.on_click()
+        register(clicked)
 
     def put(self, origin, direction) -> None:
         """The mouse clicked along a ray of the scene."""

@@ -10,6 +10,7 @@ from fish_env.render.frame import Frame
 from fish_env.render.skin import CONTRACTED, Skin, normals, skin_of
 
 MARGIN, LARGEST = 8, 4096  # pixels
+FAR = 16384  # pixels: pygame visits every row of a polygon, also outside the picture, and counts in 32 bits
 EYE_RADIUS, EYE_WHITE, PUPIL = 0.018, (250, 246, 220), (18, 26, 34)  # radius in lengths
 
 
@@ -23,9 +24,9 @@ class View(NamedTuple):
     light: np.ndarray  # (3,) towards the light, unit vector in the axes of the view
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (P,2) and depth (P,), m, larger is nearer, of world points (P,3)."""
+        """Pixels (P,2), at most FAR from the picture, and depth (P,), m, larger is nearer, of world points (P,3)."""
         seen = (points - self.centre) @ self.axes.T
-        return seen[:, :2] * (self.scale, -self.scale) + self.origin, seen[:, 2]
+        return np.clip(seen[:, :2] * (self.scale, -self.scale) + self.origin, -FAR, FAR), seen[:, 2]
 
 
 def body_picture(frame: Frame, view: View) -> tuple[pygame.Surface, tuple[int, int]]:

@@ -5,7 +5,7 @@ import pygame
 
 from fish_env.render import water
 from fish_env.render.body import View, body_picture, rotation
-from fish_env.render.frame import Frame
+from fish_env.render.frame import Frame, place_of, within_reach
 from fish_env.render.labels import write
 from fish_env.render.layout import CENTRE, FOAM, HEIGHT, INK, OVER, PANEL, SIDE_UNIT, TRAIL, UNIT, WIDTH, enlarged
 from fish_env.render.spheres import sphere_pictures
@@ -29,6 +29,7 @@ def pixels_of(surface: pygame.Surface) -> np.ndarray:
 
 def draw_surface(frame: Frame) -> pygame.Surface:
     """The picture of a frame, a new surface."""
+    frame = within_reach(frame)
     canvas = pygame.Surface((OVER * WIDTH, OVER * HEIGHT), 0, 32)
     from_above(canvas, frame)
     from_the_side(canvas, frame)
@@ -36,14 +37,6 @@ def draw_surface(frame: Frame) -> pygame.Surface:
     picture.blit(water.vignette(WIDTH, HEIGHT), (0, 0), special_flags=pygame.BLEND_MULT)
     write(picture, frame)
     return picture
-
-
-def place_of(frame: Frame) -> np.ndarray:
-    """Where the fish is, (3,) m: the last place of its path, or the mean of its nodes."""
-    middle = frame.position.mean(axis=0)
-    if len(frame.path):
-        middle[: frame.path.shape[1]] = frame.path[-1]
-    return middle
 
 
 def from_above(canvas, frame: Frame) -> None:

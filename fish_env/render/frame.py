@@ -6,6 +6,8 @@ import numpy as np
 
 from fish_env.tasks import TASKS
 
+FAR, FURTHEST = 20.0, 1e9  # body lengths, from the fish and from the origin
+
 
 class Frame(NamedTuple):
     """One fish at one moment. N landmarks, F faces, M muscles, K past places, C commands, S spheres."""
@@ -53,3 +55,30 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
         spheres=np.zeros((0, 4)) if spheres is None else spheres(i),
         touchable=getattr(env.task, "touchable", False),
     )
+
+
+def within_reach(frame: Frame) -> Frame:
+    """The frame with places far off drawn nearer, and zero for what is no number: painters work in whole pixels.
+
+    A node further than FAR from the fish is off the picture there, too; a fish is at most FURTHEST away.
+    """
+    reach = FURTHEST * frame.length
+    frame = frame._replace(**{
+        name: np.clip(np.nan_to_num(getattr(frame, name)), -reach, reach)
+        for name in ("position", "path", "commands")
+    } | {"contraction": np.nan_to_num(frame.contraction)})  # fmt: skip
+    reach, place = FAR * frame.length, place_of(frame)
+
+    def near(points: np.ndarray) -> np.ndarray:
+        middle = place[: points.shape[1]]
+        return np.clip(points, middle - reach, middle + reach)
+
+    return frame._replace(position=near(frame.position), path=near(frame.path))
+
+
+def place_of(frame: Frame) -> np.ndarray:
+    """Where the fish is, (3,) m: the last place of its path, or the mean of its nodes."""
+    middle = frame.position.mean(axis=0)
+    if len(frame.path):
+        middle[: frame.path.shape[1]] = frame.path[-1]
+    return middle

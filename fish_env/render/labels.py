@@ -16,9 +16,9 @@ def write(picture: pygame.Surface, frame: Frame) -> None:
     picture.blit(legend(), (0, 0))
     left, top = NUMBERS.topleft
     for words, size, x, y in (
-        (f"{frame.speed:.2f}", 38, 10, 8),
+        (number(frame.speed), 38, 10, 8),
         ("BL/s", 19, 68, 19),
-        (f"{frame.time:.2f}", 26, 10, 46),
+        (number(frame.time), 26, 10, 46),
         ("s", 19, 68, 50),
     ):
         picture.blit(text(words, size), (left + x, top + y))
@@ -27,6 +27,11 @@ def write(picture: pygame.Surface, frame: Frame) -> None:
     picture.blit(above, (WIDTH - 16 - above.get_width(), 16))
     if frame.caption:
         picture.blit(text(frame.caption, 26), (NUMBERS.right + 12, top + 8))
+
+
+def number(value: float) -> str:
+    """A number with two decimals, or a few letters for a large one."""
+    return f"{value:.2f}" if abs(value) < 1e5 else f"{value:.0e}"
 
 
 @lru_cache(maxsize=512)

@@ -12,6 +12,7 @@ from fish_env.render.water import from_pixels
 BUBBLE, RIM, GLINT = np.array([(255, 214, 128), (255, 166, 28), (255, 252, 232)], dtype=float)
 STONE, STONE_PATCH, STONE_SHADE = np.array([(136, 94, 88), (194, 148, 126), (44, 36, 52)], dtype=float)
 RIM_WIDTH = 9.0  # pixels of the canvas
+MADE = 480  # pixels of the canvas: the radius of the largest sphere of the tasks, seen from above
 LARGEST = 1500  # pixels of the canvas: no sphere is drawn with a larger radius
 IN_FRONT = 0.5  # radii nearer than the fish, from where on a stone is drawn over it
 VEIL = 0.62  # opacity of a stone in front of the fish, which should still be seen
@@ -35,12 +36,20 @@ def sphere_pictures(frame: Frame, view: View, canvas: tuple[int, int]) -> tuple[
             continue  # half a radius to spare, for a shadow
         low = tuple(np.round(pixels[k] - radius).astype(int).tolist())
         if frame.touchable:
-            behind.append((bubble(radius), low))
+            behind.append((scaled(bubble, radius), low))
         elif depth[k] > IN_FRONT * size:
-            front.append((stone(radius, light, VEIL), low))
+            front.append((scaled(stone, radius, light, VEIL), low))
         else:
-            behind.append((stone(radius, light, 1.0), low))
+            behind.append((scaled(stone, radius, light, 1.0), low))
     return behind, front
+
+
+@lru_cache(maxsize=8)
+def scaled(make, radius: int, *look) -> pygame.Surface:
+    """A picture by `make`; a large one is a smaller one scaled up: to make one takes twenty times its memory."""
+    if radius <= MADE:
+        return make(radius, *look)
+    return pygame.transform.smoothscale(make(MADE, *look), (2 * radius, 2 * radius))
 
 
 @lru_cache(maxsize=8)

@@ -27,7 +27,8 @@ class Task(Protocol):
 
     A task that puts something into the water may also have a method `spheres(i)`: what a picture of fish i should show,
     an array (S,4) of centres, m, and radii, body lengths. Its attribute `touchable` says whether they are targets.
-    Of `vectors`, pictures show the first, as an arrow.
+    Of `vectors`, pictures show the first, as an arrow. `settable`, a tuple of names, says which of its keywords
+    may be set while it runs: attributes of the same name, which `start` reads.
     """
 
     episode_steps: int

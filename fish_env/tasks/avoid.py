@@ -104,6 +104,7 @@ class AvoidTask(CommandedTurns):
     alignment_weight = ALIGNMENT_WEIGHT
     term_names = ("progress", "alignment", "effort", "touch")
     episode_steps = 300
+    settable = ("gap", "aside", "drift", "sweeping", "turning", "angle", "wait")
     look, score = look, score
     directions = (
         *CommandedTurns.directions,

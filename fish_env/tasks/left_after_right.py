@@ -31,6 +31,7 @@ class LeftAfterRightTask(CommandedTurns):
     """
 
     most_turns = 3
+    settable = ("angle", "severity", "part", "dwell", "wait", "reversals")
     reset_options = {
         **POSE_OPTIONS,
         "first": ANGLE,

@@ -47,6 +47,7 @@ class SwimTask(CompiledTask):
     term_names = ("progress", "effort")
     episode_steps = 250
     look, score = look, score
+    settable = ("heading_error", "speed")
 
     def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None):
         self.heading_error = HEADING_ERROR.checked("heading_error", heading_error)

@@ -103,6 +103,7 @@ class TargetTask(CompiledTask):
     )
     touchable = True  # pictures show its spheres as targets
     look, score = look, score
+    settable: tuple[str, ...] = ("distance", "bearing")
 
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0):
         self.dimensions = checked_choice("dimensions", dimensions, (2, 3))
@@ -114,6 +115,7 @@ class TargetTask(CompiledTask):
         self.reset_options = {**POSE_OPTIONS, "distance": DISTANCE, "bearing": BEARING_SIGNED}
         if dimensions == 3:
             self.reset_options["elevation"] = ELEVATION_SIGNED
+            self.settable = (*self.settable, "elevation")
 
     def prepare(self, tank, interval):
         """Make the arrays for the fish of a tank."""

@@ -20,6 +20,7 @@ class TurnTask(CommandedTurns):
     """
 
     overshoot_weight = OVERSHOOT_WEIGHT
+    settable = ("angle", "wait")
     reset_options = {**POSE_OPTIONS, "turn": ANGLE_SIGNED, "wait": WAIT}
 
     def __init__(self, angle=(np.pi / 6, np.pi), wait=(0.8, 1.6)):

@@ -79,7 +79,8 @@ def track_commands(pose, task, b):
     course.history[b, course.steps[b] % window] = course.facing[b]
     course.steps[b] += 1
     course.since[b] += interval
-    turned, wanted, stage = course.facing[b] - course.origin[b], 0.0, course.stage[b]
+    most = course.angle.shape[1]  # whatever a user writes into the course
+    turned, wanted, stage = course.facing[b] - course.origin[b], 0.0, min(course.stage[b], most)
     if stage > 0:
         wanted = course.angle[b, stage - 1]
         side = 1.0 if wanted > 0.0 else -1.0
@@ -96,7 +97,7 @@ def track_commands(pose, task, b):
         elif course.since[b] >= window * interval - 1e-9:  # no heading from before the command is in the average
             beyond = side * (steady_facing(course, b) - course.origin[b]) - abs(wanted)
             record.overshoot[b] = max(record.overshoot[b], beyond)
-    if stage < course.count[b]:
+    if 0 <= stage < min(course.count[b], most):
         due = stage > 0 and turned * wanted >= course.part[b, stage] * wanted * wanted
         if due or course.since[b] >= course.wait[b, stage] - 1e-9:
             if stage == 0:
@@ -148,9 +149,10 @@ def too_far(task, b):
     command: the average is still over the turn before.
     """
     course = task.course
-    if course.stage[b] == 0 or course.since[b] < task.beat:
+    stage = min(course.stage[b], course.angle.shape[1])
+    if stage <= 0 or course.since[b] < task.beat:
         return 0.0
-    wanted = course.angle[b, course.stage[b] - 1]
+    wanted = course.angle[b, stage - 1]
     turned = (mean_facing(course, b) - course.origin[b]) * (1.0 if wanted > 0.0 else -1.0)
     return min(max(turned - abs(wanted), 0.0), math.pi)
 

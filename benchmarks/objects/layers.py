@@ -1,0 +1,200 @@
+"""Why two layers: one layer and two on a floor, with gas and without; motion of the layers against each other.
+
+python -m benchmarks.objects.layers             tables and chart (about 1 min)
+python -m benchmarks.objects.layers --draw      the chart again
+"""
+
+import numpy as np
+
+from benchmarks.common.charts import BLUE, ORANGE, panels, save
+from benchmarks.common.command import measure_and_draw
+from benchmarks.common.tables import RESULTS, read_table, write_csv
+from fish_env import Tank
+from fish_env.bodies.layers import TwoLayers
+from fish_env.bodies.objects import GLOBE, OBJECTS, RING, SPHERE, Layered, room
+from fish_env.elements import make_compartments
+from fish_env.forces.evaluate import Evaluator
+from fish_env.statics import modes
+from fish_env.volume import volume_of
+from fish_env.world import VACUUM, make_world
+
+COMMAND = "python -m benchmarks.objects.layers"
+STANDARD = {"ring": RING, "sphere": GLOBE, "uniform sphere": SPHERE}
+PRESSURES = (0.0, 0.0625, 0.125, 0.25, 0.5, 1.0)  # times the standard one
+SETTLING = 4.0  # s on the floor, after which most objects lie still
+OPPOSED = -0.9  # correlation of the layers' displacements, below which they move against each other
+SMALL = 1e-6  # m: amplitude of the outer layer, at which the forces are linear
+PERIODS = 8
+HEAVY = 6.0  # times the mass of the standard inner layer
+
+
+def enclosed(thing: Layered, x) -> float:
+    """Area inside the outer layer of a ring, m2, or volume inside that of a sphere, m3, at positions x (N,3) m."""
+    faces = make_compartments(thing.body.position, [thing.skin], 1.0).faces
+    return volume_of(faces, x)[0]
+
+
+def pressed(kind: str, layers: int, factor: float) -> Layered:
+    """An object with `factor` times the standard pressures; with one layer, that has the mass of both."""
+    standard = STANDARD[kind]
+    if layers == 1:
+        mass = standard.mass + standard.inner_mass
+        return OBJECTS[kind].make(layers=1, mass=mass, pressure=factor * standard.pressure)
+    return OBJECTS[kind].make(pressure=factor * standard.pressure, gap_pressure=factor * standard.gap_pressure)
+
+
+def lie_on_floor(thing: Layered) -> Tank:
+    """Tank with the object after SETTLING seconds on a floor just below it, on which nothing bounces."""
+    tank = Tank(thing, water=room(thing.down, 0.51 * thing.length, 0.0), threads=1)
+    tank.advance(round(SETTLING / tank.dt))
+    if not tank.alive[0]:
+        raise ArithmeticError(f"{thing.name}: {tank.failure[0]} at {tank.time[0]:.3f} s")
+    return tank
+
+
+def collapse(kind: str, layers: int, factor: float) -> dict:
+    """A row: area or volume over that of the unloaded object, mean and range of the second that follows."""
+    thing = pressed(kind, layers, factor)
+    tank, kept = lie_on_floor(thing), []
+    for _ in range(60):
+        kept.append(enclosed(thing, tank.position[0]) / enclosed(thing, thing.body.position))
+        tank.advance(round(1 / 60 / tank.dt))
+    return {"object": kind, "layers": layers, "pressure_over_standard": factor, "kept": np.mean(kept),
+            "kept_range": np.ptp(kept)}  # fmt: skip
+
+
+def opposed_mode(thing: Layered) -> tuple[float, np.ndarray]:
+    """The lowest natural frequency, Hz, at which the layers move against each other, and its shape (N,3), 1/sqrt(kg).
+
+    Raises:
+        ArithmeticError: if there is none.
+    """
+    free = int(np.count_nonzero(thing.body.inverse_mass))
+    for frequency, shape in zip(*modes(thing.body, min(free, 200)), strict=True):
+        one, other = shape[thing.outer], shape[thing.inner]
+        if np.sum(one * other) <= OPPOSED * np.sqrt(np.sum(one * one) * np.sum(other * other)):
+            return float(frequency), shape
+    raise ArithmeticError(f"no mode of the {thing.name} moves its layers against each other")
+
+
+def twist_rate(nodes: int, chosen: TwoLayers) -> float:
+    """Angular frequency, 1/s, at which the layers of a ring turn against each other, in closed form.
+
+    A turn by a small angle stretches the 2 n shear springs only, each by R r sin(2 pi / n) / length times the angle.
+    """
+    outer, inner, angle = chosen.radius, chosen.inner_radius, 2 * np.pi / nodes
+    arm = outer * inner * np.sin(angle) / np.sqrt(outer**2 + inner**2 - 2 * outer * inner * np.cos(angle))
+    inertia = 1 / (chosen.mass * outer**2) + 1 / (chosen.inner_mass * inner**2)
+    return float(np.sqrt(2 * nodes * chosen.shear_stiffness * arm**2 * inertia))
+
+
+def decay_rate(thing: Layered, shape) -> float:
+    """Rate of decay of a mode, 1/s, to first order in the damping: half of u^T C u, C the damping matrix."""
+    body = thing.body
+    evaluator = Evaluator(body, VACUUM)
+    slope = evaluator.jacobian(body.springs.rest_length, body.position, np.zeros_like(body.position))[1]
+    return float(0.5 * shape.ravel() @ slope @ shape.ravel())
+
+
+def oscillate(thing: Layered, frequency: float, shape, steps=400) -> tuple[np.ndarray, np.ndarray]:
+    """Times (K,) s and amplitudes (K,) of a mode, over SMALL, in a simulation that starts with its displacement."""
+    body = thing.body
+    size = SMALL / np.linalg.norm(shape[thing.outer], axis=1).max()
+    tank = Tank(thing, integrator="rk4", dt=1 / (frequency * steps), water=VACUUM, threads=1)
+    tank.position[0] += size * shape
+    time, amount = [0.0], [1.0]
+    for _ in range(PERIODS * steps):
+        tank.advance(1)
+        time.append(float(tank.time[0]))
+        amount.append(np.sum(body.mass[:, None] * shape * (tank.position[0] - body.position)) / size)
+    return np.array(time), np.array(amount)
+
+
+def frequency_and_decay(time, amount) -> tuple[float, float]:
+    """Frequency, Hz, and rate of decay, 1/s, of a decaying oscillation: its zeros, and its values between them."""
+    at = np.flatnonzero(np.signbit(amount[1:]) != np.signbit(amount[:-1]))
+    zeros = time[at] - amount[at] * (time[at + 1] - time[at]) / (amount[at + 1] - amount[at])
+    half = np.polyfit(np.arange(len(zeros)), zeros, 1)[0]
+    peaks = [np.abs(amount[a:b]).max() for a, b in zip(at[:-1] + 1, at[1:] + 1, strict=True)]
+    return 0.5 / half, -np.polyfit(np.arange(len(peaks)), np.log(peaks), 1)[0] / half
+
+
+def impact(kind: str, inner_mass: float, speed=2.5) -> np.ndarray:
+    """Times, s, and mean velocities of both layers, m/s, (K,3), of an object that flies into a wall along x."""
+    thing = OBJECTS[kind].make(inner_mass=inner_mass)
+    tank = Tank(thing, water=make_world(planes=[((-1.0, 0.0, 0.0), -0.11, 0.5)]), threads=1)
+    tank.velocity[0, :, 0] = speed
+    rows = []
+    for _ in range(round(0.2 / tank.dt)):
+        tank.advance(1)
+        v = tank.velocity[0, :, 0]
+        rows.append((tank.time[0], v[thing.outer].mean(), v[thing.inner].mean()))
+    return np.array(rows)
+
+
+def opposed_time(kind: str, inner_mass: float) -> float:
+    """How long the layers fly in opposite directions during an impact, ms."""
+    time, outer, inner = impact(kind, inner_mass).T
+    return float(1e3 * np.count_nonzero(outer * inner < 0) * (time[1] - time[0]))
+
+
+def against_each_other(kind: str) -> dict:
+    """A row: the lowest opposed mode, from the matrices and simulated, and how long an impact opposes the layers."""
+    row = {"object": kind}
+    for name, time in (("undamped", 0.0), ("damped", 0.002)):
+        thing = OBJECTS[kind].make(relaxation_time=time)
+        frequency, shape = opposed_mode(thing)
+        found, decay = frequency_and_decay(*oscillate(thing, frequency, shape))
+        lost = decay_rate(thing, shape)
+        row |= {f"{name}_hz": np.sqrt(frequency**2 - (lost / (2 * np.pi)) ** 2), f"{name}_simulated_hz": found,
+                f"{name}_decay": lost, f"{name}_simulated_decay": decay}  # fmt: skip
+    standard = STANDARD[kind].inner_mass
+    return row | {"opposed_ms": opposed_time(kind, standard), "opposed_heavy_ms": opposed_time(kind, HEAVY * standard)}
+
+
+def measure() -> None:
+    """Write the tables."""
+    rows = [collapse(kind, layers, p) for kind in STANDARD for layers in (1, 2) for p in PRESSURES]
+    write_csv("objects_layers.csv", rows, COMMAND)
+    write_csv("objects_layer_modes.csv", [against_each_other(kind) for kind in STANDARD], COMMAND)
+
+
+def draw() -> None:
+    """Draw what is kept over the pressure, rings without gas on a floor, and both layers' velocities in an impact."""
+    rows = read_table("objects_layers.csv")
+    figure, (left, middle, right) = panels(3, (13.0, 3.9))
+    for kind, marker in zip(STANDARD, "osv", strict=True):
+        for layers, colour in ((1, ORANGE), (2, BLUE)):
+            line = [row for row in rows if (row["object"], row["layers"]) == (kind, layers)]
+            left.plot([row["pressure_over_standard"] for row in line], [row["kept"] for row in line], color=colour,
+                      marker=marker, label=f"{kind}, {'one layer' if layers == 1 else 'two'}")  # fmt: skip
+    left.set_xscale("symlog", base=2, linthresh=0.0625)
+    left.set_xticks(PRESSURES, ["0", "1/16", "1/8", "1/4", "1/2", "1"])
+    left.set(xlabel="gas pressure over the standard one", ylabel="area or volume over that of the unloaded object")
+    left.legend(frameon=False, fontsize=8)
+    for layers, colour in ((1, ORANGE), (2, BLUE)):
+        thing = pressed("ring", layers, 0.0)
+        x = lie_on_floor(thing).position[0]
+        for layer in (thing.outer, thing.inner):
+            loop = np.append(layer, layer[:1])
+            name = ("one layer", "two layers")[layers - 1] if layer is thing.outer else None
+            middle.plot(*x[loop, :2].T, color=colour, marker=".", label=name, zorder=4 - layers)
+    middle.set(title="rings without gas on the floor", aspect="equal", xlabel="m", ylabel="m")
+    middle.legend(frameon=False, fontsize=8)
+    for factor, line in ((1.0, ":"), (HEAVY, "-")):
+        time, outer, inner = impact("ring", factor * RING.inner_mass).T
+        for velocity, colour, label in ((outer, BLUE, "outer"), (inner, ORANGE, "inner")):
+            right.plot(1e3 * time[:240], velocity[:240], color=colour, linestyle=line,
+                       label=f"{label} layer, inner one {factor * RING.inner_mass:g} kg")  # fmt: skip
+    right.set(title="a ring flies into a wall", xlabel="ms", ylabel="mean velocity towards the wall, m/s")
+    right.legend(frameon=False, fontsize=8)
+    save(figure, RESULTS / "objects_layers.svg")
+
+
+def main() -> None:
+    """The command line."""
+    measure_and_draw(__doc__, measure, draw)
+
+
+if __name__ == "__main__":
+    main()

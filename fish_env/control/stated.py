@@ -1,0 +1,108 @@
+"""The environment that a policy or a recording states, checked before it is made: anybody may have written the file.
+
+Gymnasium imports the module of an id such as "module:Name-v0". That is for ids that a user types; a file can only name
+what a package, imported by the user, has registered.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
+
+from fish_env.checks import real
+from fish_env.envs import FishEnv, FishVectorEnv
+from fish_env.envs.vector import make_batch
+from fish_env.tank_options import LONGEST, SHORTEST
+
+ID = re.compile(r"([\w-]{1,100}/)?[\w.-]{1,100}", re.ASCII)
+NOT_STATED = ("self", "id", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "autoreset_mode",
+              "render_mode", "disable_env_checker")  # fmt: skip
+"""Keywords that are not of the environment, but of those who make it."""
+MOST_STEPS = 100_000
+"""Steps of the integrator in one environment step: about a second. Those of the bodies are at most 24."""
+
+
+def check_stated(about: Mapping[str, Any]) -> None:
+    """ValueError unless `env_id` is a plain id and `env_options`, if there are any, are keywords of an environment."""
+    env_id, options = about.get("env_id"), about.get("env_options", {})
+    if not isinstance(env_id, str) or not ID.fullmatch(env_id):
+        raise ValueError(
+            f"env_id is {env_id!r}; a file may only name a registered environment, such as 'FishEnv/Swim-v0', and no "
+            "module: import the package that registers it first, and name it by its id alone"
+        )
+    if not isinstance(options, Mapping) or not all(isinstance(k, str) and k.isidentifier() for k in options):
+        raise ValueError(f"env_options is {options!r}; give keywords of the environment, a dictionary")
+    for name in NOT_STATED:
+        if name in options:
+            raise ValueError(f"env_options has {name!r}; give keywords of the environment alone")
+    interval = options.get("control_interval")
+    if interval is not None and not SHORTEST <= real(interval) <= LONGEST:
+        raise ValueError(f"control_interval is {interval!r}; give a number of seconds from {SHORTEST:g} to {LONGEST:g}")
+
+
+def stated(about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The id and the keywords of an environment of fish that is registered; nothing is made.
+
+    Raises:
+        ValueError: for another id or keywords, or an environment that is not registered, or is not one of fish.
+    """
+    check_stated(about)
+    env_id = about["env_id"]
+    spec = gym.registry.get(env_id)
+    if spec is None:  # `gym.spec` would import
+        raise ValueError(f"the environment {env_id} is not registered; import the package that registers it first")
+    for entry in (spec.entry_point, spec.vector_entry_point):
+        with making(env_id):
+            maker = load_env_creator(entry) if isinstance(entry, str) else entry
+        if isinstance(maker, type) and not issubclass(maker, FishEnv | FishVectorEnv):  # other makers are functions
+            raise ValueError(f"{env_id} is not an environment of fish; give one of a fish")
+    return env_id, dict(about.get("env_options", {}))
+
+
+def one_fish(env_id: str, options: Mapping[str, Any], render_mode: str | None = None) -> gym.Env:
+    """The environment that `stated` has checked, of one fish.
+
+    Raises:
+        gymnasium.error.Error: where Gymnasium has a name for what is wrong.
+        ValueError: for a keyword that is not allowed, or an environment that is not one of fish.
+    """
+    with making(env_id):
+        env = gym.make(env_id, disable_env_checker=True, render_mode=render_mode, **options)
+    bare = env.unwrapped
+    if not isinstance(bare, FishEnv):
+        env.close()
+        raise ValueError(f"{env_id} is not an environment of fish; give one of a fish")
+    _check_work(bare.fish)
+    return env
+
+
+def many_fish(env_id: str, options: Mapping[str, Any], num_envs: int) -> FishVectorEnv:
+    """As `one_fish`, a batch in which each fish runs one episode."""
+    with making(env_id):
+        env = make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
+    _check_work(env)
+    return env
+
+
+def _check_work(fish: FishVectorEnv) -> None:
+    """ValueError if a single environment step would take very long; it cannot be interrupted."""
+    if fish._substeps > MOST_STEPS:
+        fish.close()
+        raise ValueError(
+            f"an environment step has {fish._substeps:,} steps of dt = {fish.tank.dt:g} s; give a dt with at most "
+            f"{MOST_STEPS:,}"
+        )
+
+
+@contextmanager
+def making(env_id: str) -> Iterator[None]:
+    """A ValueError for what constructors raise for keywords that they do not have, and for missing modules."""
+    try:
+        yield
+    except (ValueError, gym.error.Error):
+        raise
+    except (TypeError, AttributeError, ImportError, LookupError, ArithmeticError, RecursionError) as error:
+        raise ValueError(f"{env_id} cannot be made: {error}") from error

@@ -1,0 +1,159 @@
+"""What an environment is given: keywords and seeds that are checked, and options that are set while it runs."""
+
+import copy
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from fish_env.checks import is_whole
+from fish_env.envs.variation import checked_variation
+from fish_env.tank_options import MOST_STEPS
+from fish_env.tasks.start import check_pose
+from fish_env.world import World, make_water
+
+OF_ONE = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
+"""Attributes of a single environment that a batch has under another name."""
+
+
+class UnknownOptionError(ValueError, TypeError):
+    """A keyword that neither the environment nor its task has.
+
+    A ValueError, as for every option that is not allowed, and a TypeError, as Python raises for an unknown keyword:
+    other libraries try keywords and go on without those that are refused in this way.
+    """
+
+
+class SeedError(gym.error.Error, ValueError):
+    """A seed that is not allowed: Gymnasium's own error for it, and a ValueError as for everything else."""
+
+
+class OwnSpec:
+    """An environment whose `spec` is a copy: what the caller does to the keywords afterwards does not change it."""
+
+    _spec: Any = None
+
+    @property
+    def spec(self):
+        """How `gym.make` made it; None without it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec):
+        self._spec = copy.deepcopy(spec)
+
+
+def checked_seed(seed) -> int | None:
+    """`seed` as an int or None; SeedError unless it is a whole number of Python or numpy, zero or more.
+
+    A truth value is 0 or 1, as Gymnasium has it.
+    """
+    if seed is not None and not ((is_whole(seed) or isinstance(seed, bool)) and seed >= 0):
+        raise SeedError(f"seed is {seed!r}; give a whole number, zero or more, or None")
+    return None if seed is None else int(seed)
+
+
+def checked_seeds(seed, count: int) -> list[int | None]:
+    """A seed for each of so many fish: s, s+1, ... of one number s, or those of a sequence; else SeedError."""
+    if isinstance(seed, Sequence | np.ndarray) and getattr(seed, "ndim", 1) == 1:
+        if len(seed) != count:
+            raise SeedError(f"seed is {seed!r}; give one whole number, zero or more, or {count}, one for each fish")
+        return [checked_seed(each) for each in seed]
+    first = checked_seed(seed)
+    return [None if first is None else first + i for i in range(count)]
+
+
+def checked_limit(steps) -> int | None:
+    """A time limit as an int; None for None and for -1, which is Gymnasium's word for no limit.
+
+    Raises:
+        ValueError: unless it is one of these or a whole number, at least 1.
+    """
+    if steps is None or (is_whole(steps) and steps == -1):
+        return None
+    if not (is_whole(steps) and 1 <= steps <= MOST_STEPS):
+        raise ValueError(
+            f"max_episode_steps is {steps!r}; give a whole number, at least 1 and at most {MOST_STEPS}, or None or -1 "
+            "for no limit"
+        )
+    return int(steps)
+
+
+def checked_truth(value, name: str) -> bool:
+    """`value` as a bool, or ValueError."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} is {value!r}; give True or False")
+    return bool(value)
+
+
+def checked_water(keywords) -> World:
+    """Water from keywords of `make_water`, or ValueError."""
+    try:
+        return make_water(**keywords)
+    except TypeError as error:
+        raise ValueError(f"water is {keywords!r}; give keywords of fish_env.make_water, or its result") from error
+
+
+def settable(fish) -> tuple[str, ...]:
+    """The options of a batch that may be set while it runs."""
+    return (*fish.LIVE, *getattr(fish.task, "settable", ()))
+
+
+def set_option(fish, name: str, value: Any) -> None:
+    """Give an option of a batch another value, which counts from the episodes that begin next.
+
+    Raises:
+        AttributeError: for an option that cannot be set while it runs, naming those that can.
+        ValueError: for a value that is not allowed.
+    """
+    task = fish.task
+    if name not in settable(fish):
+        raise AttributeError(f"{name!r} cannot be set while the environment runs; choose from {settable(fish)}")
+    if name not in fish.LIVE:
+        made = type(task)(**{**fish._task_options, name: value})
+        if made.directions != task.directions:
+            raise ValueError(f"{name} = {value!r} would change what is observed; make another environment")
+        fish._task_options[name] = getattr(made, name)
+        setattr(task, name, getattr(made, name))
+    elif name == "variation":
+        variation = checked_variation({} if value is None else value)
+        check_pose(fish.tank.fish, variation)
+        fish._settle_anew(variation=variation)
+    else:
+        setattr(fish, name, checked_truth(value, name) if name == "info_every_step" else value)
+    if fish.spec is not None:
+        fish.spec.kwargs[name] = copy.deepcopy(value)
+
+
+def call_each(fish, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
+    """What an attribute is, or a method returns, for each of some fish of a batch.
+
+    `reset`, `render`, `episode_info` and `step_info` are called for these fish alone, any other method for the batch.
+
+    Raises:
+        AttributeError: if there is no such attribute.
+        ValueError: for a method that acts on all fish, if not all are asked for.
+    """
+    which = list(which)
+    if name == "reset":
+        return _reset_each(fish, which, *args, **kwargs)
+    found: Any = getattr(fish.task if name in getattr(fish.task, "settable", ()) else fish, OF_ONE.get(name, name))
+    if name in ("episode_info", "step_info"):
+        return [found(i, *args, **kwargs) for i in which]
+    if callable(found):
+        if name != "render" and set(which) != set(range(fish.num_envs)):
+            raise ValueError(f"{name} acts on all fish of a batch; call it for all of them")
+        found = found(*args, **kwargs)
+    if found is None or name not in ("render", "np_random", "np_random_seed"):
+        return [found] * len(which)
+    return [found[i] for i in which]
+
+
+def _reset_each(fish, which: list[int], *, seed: int | None = None, options: dict | None = None) -> list[Any]:
+    """Begin an episode of some fish, with the same seed: what each sees, and {}."""
+    mask = np.zeros(fish.num_envs, dtype=bool)
+    mask[which] = True
+    seeds = None if seed is None else [seed] * fish.num_envs
+    obs, _ = fish.reset(seed=seeds, options={**(options or {}), "reset_mask": mask})
+    return [(obs[i], {}) for i in which]

@@ -1,0 +1,391 @@
+"""Files: written whole by one writer at a time, and read within bounds whoever wrote them."""
+
+import io
+import json
+import os
+import sys
+import tracemalloc
+import zipfile
+import zlib
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fish_env import __main__ as command_line
+from fish_env.control import (
+    Policy,
+    load_policy,
+    load_recording,
+    make_eval_env,
+    make_policy_env,
+    play,
+    record,
+    replay,
+    shipped_policy,
+    write_film,
+)
+from fish_env.control import npz as reader
+from fish_env.control import recording as recordings
+from fish_env.control.files import replacing, writable_file, write_text
+from fish_env.control.npz import DEPTH, LARGEST, Npz, read_about, write_about
+
+STUB = "FishEnv/Stub-v0"
+
+
+def stub_policy(**about) -> Policy:
+    """A policy for the stub, of one layer."""
+    return Policy((np.zeros((156, 12), np.float32),), (np.zeros(12, np.float32),), {"env_id": STUB} | about)
+
+
+def stub_recording(**about):
+    """Two steps of the stub, of which something else may be said."""
+    one = record(gym.make(STUB, max_episode_steps=3), np.zeros((2, 12)), seed=1)
+    return replace(one, about=one.about | about)
+
+
+# Written
+
+
+@pytest.mark.parametrize("name", ["policy.npz", "x.json", "e\u0301.html", "n" * 245 + ".csv", "bare"])
+def test_two_writers_of_one_file(name, tmp_path):
+    """Each writes a file of its own with the same ending; the last to end is what is there, whole."""
+    path = tmp_path / name
+    with replacing(path) as one, replacing(path) as other:  # `other` ends first
+        assert one != other and {one.suffix, other.suffix} == {path.suffix} and one.parent == tmp_path
+        one.write_text("one " * 1000)
+        other.write_text("other")
+        assert not path.exists()
+    assert path.read_text() == "one " * 1000 and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["policy.npz", "model.zip", "results.json"])
+def test_nothing_is_written_through_a_link(name, tmp_path, monkeypatch):
+    """A link that waits in the folder, even under the very name that is drawn, leads to no other file."""
+    victim, path, drawn = tmp_path / "victim", tmp_path / "folder" / name, "0" * 16
+    path.parent.mkdir()
+    victim.write_text("mine")
+    stem, ending = name.split(".")
+    for middle in (".partial", f"-partial-{drawn}"):
+        path.with_name(f".{stem}{middle}.{ending}").symlink_to(victim)
+    write_text(path, "new")
+    assert path.read_text() == "new" and victim.read_text() == "mine"
+    monkeypatch.setattr("secrets.token_hex", lambda count: drawn)
+    with pytest.raises(FileExistsError):
+        write_text(path, "newer")
+    assert victim.read_text() == "mine" and path.read_text() == "new" and len(list(path.parent.iterdir())) == 3
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit, MemoryError])
+def test_nothing_is_left_of_what_was_not_finished(error, tmp_path):
+    """Whatever is raised, the old file is there, and nothing beside it."""
+    path = tmp_path / "x.txt"
+    path.write_text("old")
+    with pytest.raises(error), replacing(path) as partial:
+        partial.write_text("ne")
+        raise error
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o027, 0o077])
+def test_others_may_read_what_the_user_lets_them(umask, tmp_path):
+    """The rights of a file are those of any new file."""
+    before = os.umask(umask)
+    try:
+        write_text(tmp_path / "x.txt", "x")
+        stub_policy().save(tmp_path / "policy.npz")
+    finally:
+        os.umask(before)
+    assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {0o666 & ~umask}
+
+
+def test_names_that_are_too_long(tmp_path):
+    """They are refused before anything is computed, and there is no such file to read."""
+    with pytest.raises(ValueError, match=r"no file can be written as .*give another name"):
+        writable_file(tmp_path / ("x" * 300 + ".json"), (".json",))
+    for read in (load_policy, load_recording):
+        with pytest.raises(FileNotFoundError, match="there is no"):
+            read(tmp_path / ("x" * 300 + ".npz"))
+
+
+# Read: archives
+
+
+def head(shape, descr="<f4") -> bytes:
+    """The head of an array, whatever follows it."""
+    out = io.BytesIO()
+    np.lib.format.write_array_header_1_0(out, {"descr": descr, "fortran_order": False, "shape": shape})
+    return out.getvalue()
+
+
+def archive(path, parts, method=zipfile.ZIP_DEFLATED, repeat=1, **changes):
+    """An archive of parts (name, bytes, how often the bytes stand there), its list changed for the last part."""
+    with zipfile.ZipFile(path, "w", method) as file:
+        for name, data, often in parts:
+            with file.open(name, "w") as part:
+                for _ in range(often):
+                    part.write(data)
+        for name, value in changes.items():
+            setattr(file.filelist[-1], name, value)
+        file.filelist *= repeat
+    return path
+
+
+ONE = ("a.npy", head((4,)) + bytes(16), 1)
+MB = bytes(2**20)
+BAD = {
+    "unpacks to 300 MB": (lambda p: archive(p, [("a.npy", MB, 300)]), "says that it unpacks to 314,572,800; at most"),
+    "many parts of 1 MB": (lambda p: archive(p, [(f"{k}.npy", MB, 1) for k in range(40)]), "says that it unpacks to"),
+    "is longer than it says": (
+        lambda p: archive(p, [("a.npy", head((4,)) + MB, 300)], file_size=len(ONE[1]), CRC=zlib.crc32(ONE[1])),
+        "CRC",
+    ),
+    "is longer by a byte, with a fitting sum": (
+        lambda p: archive(p, [("a.npy", head((2**20,)) + bytes(2**22 + 1), 1)], file_size=len(head((4,))) + 2**22),
+        "not what its head says",
+    ),
+    "is shorter than it says": (
+        lambda p: archive(p, [("a.npy", head((2**20,)) + bytes(16), 1)], file_size=len(head((2**20,))) + 2**22),
+        "not what its head says",
+    ),
+    "head of a larger array": (lambda p: archive(p, [("a.npy", head((2**40,)) + bytes(16), 1)]), "its head says"),
+    "head of a smaller array": (lambda p: archive(p, [("a.npy", head((1,)) + bytes(16), 1)]), "its head says"),
+    "head of huge axes": (lambda p: archive(p, [("a.npy", head((10**30, 10**30)), 1)]), "its head says"),
+    "nothing, of huge axes": (lambda p: archive(p, [("a.npy", head((0, 10**30)), 1)]), "too large|too big|exceeded"),
+    "very many axes": (lambda p: archive(p, [("a.npy", head((1,) * 100) + bytes(4), 1)]), "dimension"),
+    "a part twice": (lambda p: archive(p, [ONE], repeat=2), "a part twice"),
+    "two parts at one place": (
+        lambda p: archive(p, [ONE, ("b.npy", ONE[1], 1)], header_offset=0),
+        "overlap|differ",
+    ),
+    "a long list": (lambda p: archive(p, [(f"{k}.npy", b"", 1) for k in range(2000)]), "too many parts"),
+    "another compression": (lambda p: archive(p, [ONE], zipfile.ZIP_LZMA), "compressed by another method"),
+    "an encrypted part": (lambda p: archive(p, [ONE], flag_bits=1), "encrypted"),
+    "a part that is no array": (lambda p: archive(p, [("a.txt", b"text", 1)]), "no array"),
+    "objects": (lambda p: archive(p, [("a.npy", head((), "|O") + b"cos\nsystem\n.", 1)]), "not an array of numbers"),
+    "records": (lambda p: archive(p, [("a.npy", head((1,), [("x", "<f4")]) + bytes(4), 1)]), "not an array of numbers"),
+    "an expression": (
+        lambda p: archive(p, [("a.npy", head((4,)).replace(b"False", b"1 + 1"), 1)]),
+        "not an array of numbers",
+    ),
+    "truth values of 2": (lambda p: archive(p, [("a.npy", head((2,), "|b1") + b"\1\2", 1)]), "not what its head says"),
+    "a comment": (lambda p: p.write_bytes(archive(p, [ONE]).read_bytes()[:-2] + b"\1\0x"), "its end is not"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_archives_that_are_not_what_they_say(kind, tmp_path):
+    """Refused in a sentence that names the file, before more memory is taken than the largest honest file needs."""
+    path = tmp_path / "file.npz"
+    make, message = BAD[kind]
+    make(path)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=rf"file\.npz is not a file, or is damaged or pickled .*({message})"):
+            read_all(path)
+        assert tracemalloc.get_traced_memory()[1] < 2 * LARGEST
+    finally:
+        tracemalloc.stop()
+    for read in (load_policy, load_recording):
+        with pytest.raises(ValueError, match=r"file\.npz"):
+            read(path)
+
+
+def read_all(path) -> dict[str, np.ndarray]:
+    """All parts of an archive."""
+    with Npz(path, "file", "give another") as file:
+        return {name: file.read(name) for name in file.parts}
+
+
+ARRAYS = {
+    "int64": np.arange(6).reshape(2, 3), "float32": np.float32([[1, 2], [3, 4]]), "columns": np.ones((3, 2)).T,
+    "truths": np.array([True, False]), "text": np.array("Fisch \u00e9"), "none": np.zeros((0, 3)),
+    "number": np.array(2), "big-endian": np.arange(3, dtype=">f8"), "texts": np.array(["a", "bcd"]),
+    "columns of one": np.ones((1, 3)).T,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("write", [np.savez, np.savez_compressed])
+def test_what_numpy_writes_is_read(write, tmp_path):
+    """Arrays of all kinds come back as numpy reads them, in the same order in memory."""
+    path = tmp_path / "file.npz"
+    write(path, **ARRAYS)
+    found = read_all(path)
+    with np.load(path) as wanted:
+        assert set(found) == set(wanted.files)
+        for name, array in wanted.items():
+            np.testing.assert_array_equal(found[name], array)
+            assert (found[name].dtype, found[name].shape) == (array.dtype, array.shape) and found[name].flags.writeable
+            assert found[name].flags.f_contiguous == array.flags.f_contiguous
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[" * 100_000, "nested more than"), ('{"a":' * (DEPTH + 1) + "1" + "}" * (DEPTH + 1), "nested more than"),
+        ('{"seed": ' + "9" * 5000 + "}", "of 5000 digits"), ('{"seed": -' + "9" * 101 + "}", "of 102 digits"),
+        ('{"a": "' + "x" * 2**18 + '"}', "characters|an array"), ("[]", "is a list"), ("3", "is a int"),
+        ("", "Expecting"),
+    ],
+)  # fmt: skip
+def test_descriptions_that_are_not_read(text, message, tmp_path):
+    """A description that is deep, long, of huge numbers or no dictionary is refused; nor is such a one written."""
+    with pytest.raises(ValueError, match=message):
+        read_about(text)
+    np.savez(tmp_path / "policy.npz", format=2, layout=1, about=text, weight0=np.zeros((1, 1)), bias0=np.zeros(1))
+    with pytest.raises(ValueError, match=rf"policy\.npz .*{message}"):
+        load_policy(tmp_path / "policy.npz")
+    deep: dict = {}
+    for _ in range(DEPTH):
+        deep = {"a": deep}
+    for about in ({"deep": deep}, {"number": 10**100}, {"note": "x" * 2**18}):
+        with pytest.raises(ValueError, match="about"):
+            stub_policy(**about).save(tmp_path / "other.npz")
+        with pytest.raises(ValueError, match="about"):
+            stub_recording(**about).save(tmp_path / "other.npz")
+    assert not (tmp_path / "other.npz").exists()
+    assert read_about(write_about({"number": 10**99, "note": "\ud800"})) == {"number": 10**99, "note": "\ud800"}
+
+
+def test_a_large_recording_is_read_again(tmp_path, monkeypatch):
+    """One whose numbers hardly differ, and which would shrink more than a file may unpack to, is written as it is."""
+    one = stub_recording()
+    small = one.save(tmp_path / "small.npz").stat().st_size
+    for place, name, number in ((reader, "LARGEST", 1000), (reader, "RATIO", 1), (recordings, "LARGEST", 1000)):
+        monkeypatch.setattr(place, name, number)
+    with pytest.raises(ValueError, match="unpacks to"):
+        load_recording(tmp_path / "small.npz")
+    assert load_recording(one.save(tmp_path / "large.npz")).steps == 2
+    assert (tmp_path / "large.npz").stat().st_size > 1.5 * small
+
+
+@pytest.mark.parametrize("number", [-1, 7, 2**62])
+def test_failures_without_a_name(number, tmp_path):
+    """A recording of a failure that there is not is refused when it is read, not when it is drawn."""
+    one = stub_recording()
+    one.failure[-1] = number
+    with pytest.raises(ValueError, match="failure holds numbers that name no failure"):
+        load_recording(one.save(tmp_path / "one.npz"))
+
+
+# Read: which environment
+
+
+@pytest.fixture
+def planted(tmp_path, monkeypatch):
+    """The names of modules that could be imported, and that say so."""
+    names = ["planted", "planted_too"]
+    for name in names:
+        (tmp_path / f"{name}.py").write_text(f"raise SystemExit('{name} was imported')")
+    monkeypatch.syspath_prepend(tmp_path)
+    return names
+
+
+IDS = [f"{{}}:{STUB}", "{}:Swim-v0", "FishEnv/{}:Swim-v0", "{}:", ":" + STUB, STUB + "\n", " " + STUB, "", "../{}",
+       "a/b/c-v0", "x" * 1000, 3, None, ["{}"], {"id": "{}"}, True, "F\u0131shEnv/Stub-v0"]  # fmt: skip
+
+
+def uses(policy, one, folder):
+    """All that makes the environment of a policy or of a recording."""
+    film = folder / "x.html"
+    return [lambda: make_policy_env(policy, 1), lambda: play(policy, 0, 1, film), lambda: replay(one),
+            lambda: write_film(one, film)]  # fmt: skip
+
+
+@pytest.mark.parametrize("env_id", IDS, ids=repr)
+def test_a_file_has_no_module_imported(env_id, planted, tmp_path, capsys):
+    """Ids that are not plain are refused by all that reads policies and recordings; no module is imported."""
+    policy_file, recording_file = tmp_path / "policy.npz", tmp_path / "recording.npz"
+    wanted = env_id.format(*planted) if isinstance(env_id, str) else env_id
+    stub_policy().save(policy_file)
+    stub_recording().save(recording_file)
+    for path in (policy_file, recording_file):
+        parts = dict(np.load(path))
+        np.savez(path, **parts | {"about": json.dumps(json.loads(str(parts["about"])) | {"env_id": wanted})})
+    policy, one = stub_policy(env_id=wanted), stub_recording(env_id=wanted)
+    for use in (lambda: load_policy(policy_file), lambda: load_recording(recording_file), *uses(policy, one, tmp_path)):
+        with pytest.raises(ValueError, match="env_id is"):
+            use()
+    commands = (["evaluate", "--policy", policy_file], ["play", "--policy", policy_file], ["replay", recording_file])
+    for command in commands:
+        assert command_line.main([*map(str, command)]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+    assert not set(planted) & set(sys.modules)
+
+
+@pytest.mark.parametrize("env_id", ["Nobody/Fish-v7", "FishEnv/Stub", "FishEnv/Stub-v1", "stub"])
+def test_environments_that_are_not_registered(env_id, tmp_path):
+    """Their files can be read, for plots; to make one, its package is to be imported first."""
+    policy, one = stub_policy(env_id=env_id), stub_recording(env_id=env_id)
+    policy.save(tmp_path / "policy.npz")
+    assert load_policy(tmp_path / "policy.npz").about["env_id"] == env_id
+    assert load_recording(one.save(tmp_path / "one.npz")).about["env_id"] == env_id
+    for use in uses(policy, one, tmp_path):
+        with pytest.raises(ValueError, match="is not registered; import the package that registers it first"):
+            use()
+
+
+@pytest.mark.parametrize("env_id", ["CartPole-v1", "FrozenLake-v1", "Blackjack-v1"])
+def test_environments_of_others_are_not_made(env_id, tmp_path, monkeypatch):
+    """What is registered and not of fish is refused before it is made with the keywords of a stranger."""
+    policy, one = stub_policy(env_id=env_id, env_options={"map_name": "x"}), stub_recording(env_id=env_id)
+    for name in ("make", "make_vec"):
+        monkeypatch.setattr(gym, name, lambda *a, **k: pytest.fail("it was made"))
+    for use in uses(policy, one, tmp_path):
+        with pytest.raises(ValueError, match="not an environment of fish"):
+            use()
+
+
+def test_ids_that_a_user_types_may_name_modules(tmp_path):
+    """They are Gymnasium's; a policy that is saved with one names the environment alone."""
+    assert make_eval_env(f"fish_env:{STUB}", 1, {}).num_envs == 1
+    stub_policy(env_id=f"fish_env:{STUB}").save(tmp_path / "policy.npz")
+    policy = load_policy(tmp_path / "policy.npz", STUB)
+    assert policy.about["env_id"] == STUB and make_policy_env(policy, 1).num_envs == 1
+
+
+OPTIONS = [
+    ({"num_envs": 10**9}, "env_options has 'num_envs'"), ({"autoreset_mode": "Disabled"}, "has 'autoreset_mode'"),
+    ({"render_mode": "human"}, "has 'render_mode'"), ({"self": 1}, "has 'self'"), ({"id": STUB}, "has 'id'"),
+    ({"wrappers": []}, "has 'wrappers'"), ({"vector_kwargs": {}}, "has 'vector_kwargs'"), ([], "env_options is"),
+    (None, "env_options is"), ("body", "env_options is"), ({"a b": 1}, "env_options is"), ({"": 1}, "env_options is"),
+    ({"control_interval": "1"}, "control_interval is '1'"), ({"control_interval": -0.02}, "control_interval is -0.02"),
+    ({"control_interval": float("nan")}, "control_interval is nan"), ({"control_interval": [0.02]}, "_interval is"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("options", "message"), OPTIONS, ids=[str(one) for one, _ in OPTIONS])
+def test_keywords_that_are_not_the_environments(options, message, tmp_path):
+    """Keywords of those who make an environment, and what is no keyword, are refused when the file is read."""
+    stub_policy(env_options=options).save(tmp_path / "policy.npz")
+    with pytest.raises(ValueError, match=rf"policy\.npz.*{message}"):
+        load_policy(tmp_path / "policy.npz")
+    with pytest.raises(ValueError, match=rf"one\.npz describes no episode: .*env_options|one\.npz.*{message}"):
+        load_recording(stub_recording(env_options=options).save(tmp_path / "one.npz"))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"dt": 1e-12}, r"an environment step has [\d,]+ steps of dt = 1e-12 s"), ({"dt": 1e-7}, "step has"),
+        ({"threads": 0}, "threads is 0"), ({"body": "x" * 10**5}, "unknown body"), ({"lanes": 3.5}, "lanes"),
+        ({"body": {"level": 10**9}}, "unknown body"), ({"fish": 1}, "unknown option"),
+        ({"water": {"walls": []}}, "water is"), ({"variation": {"mass": [[2]]}}, "mass"),
+    ],
+)  # fmt: skip
+def test_keywords_that_no_fish_has(options, message, tmp_path, capsys):
+    """They are refused when the environment is made, in one line, before much is computed."""
+    policy, one = stub_policy(env_options=options), stub_recording(env_options=options)
+    policy.save(tmp_path / "policy.npz")
+    for use in uses(policy, one, tmp_path):
+        with pytest.raises(ValueError, match=message):
+            use()
+    assert command_line.main(["evaluate", "--policy", str(tmp_path / "policy.npz")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and len(said) < 3000
+
+
+def test_the_shipped_policies_are_read():
+    """The door lets in what belongs in."""
+    assert load_policy(shipped_policy("target")).about["env_id"] == "FishEnv/Target-v0"
