@@ -1,7 +1,7 @@
 """What a function is compiled from, as one number: functions that may differ in what they do have different ones.
 
 That is its bytecode with what is nested in it, its defaults, what it closes over, and every global that it loads, all
-by value. What is not known by value, such as the implementation that an overload has elsewhere, has no fingerprint.
+by value, with what stands in for a function that is overloaded. What is not known by value has no fingerprint.
 """
 
 import builtins
@@ -17,6 +17,7 @@ import numpy as np
 from numba.core import types
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
+from numba.core.typing.templates import builtin_registry
 
 LIBRARIES = ("builtins", "cmath", "math", "numba", "numpy", "operator", "scipy")
 """Whose functions and classes are known by their names: numba's version is in the name of every stored kernel."""
@@ -109,12 +110,26 @@ def _value(value: Any, seen) -> Iterator[bytes]:
         yield from _all(value, seen)
     elif isinstance(value, dict):
         yield from _all((tuple(value), tuple(value.values())), seen)
+    elif isinstance(value, FunctionType) and not _is_known(value):
+        for function in (value, *_overloads(value)):
+            yield from _function(function, seen)
     elif isinstance(value, frozenset):
         yield b"".join(sorted(b"\n".join(_value(each, {})) for each in value))
     else:
         yield _name(value)
         if isinstance(value, type):
             yield from _class(value, seen)
+
+
+def _is_known(function: FunctionType) -> bool:
+    """Whether its name tells all: one of this package, whose sources name the folder, or of a library."""
+    return (function.__module__ or "").split(".")[0] in ("fish_env", *LIBRARIES) and not function.__closure__
+
+
+def _overloads(function: FunctionType) -> list[FunctionType]:
+    """What numba compiles in place of a plain function, which it cannot call."""
+    kinds = (kind for known, kind in builtin_registry.globals if known is function)
+    return [each._overload_func for kind in kinds for each in kind.templates if hasattr(each, "_overload_func")]
 
 
 def _all(values: Iterable, seen) -> Iterator[bytes]:
@@ -145,6 +160,6 @@ def _name(value: Any) -> bytes:
     library = room in LIBRARIES and isinstance(value, FunctionType | BuiltinFunctionType | type | np.ufunc | _Intrinsic)
     numpys = type(value) is type(np.sum)  # no plain function
     held = isinstance(value, type) and issubclass(value, enum.Enum | tuple)
-    if name is None or not (ours or library or numpys or held) or getattr(value, "__closure__", None):
+    if name is None or not (ours or library or numpys or held):
         raise UnknownValueError(f"{value!r} is a {type(value).__name__}, which is not known by value")
     return f"{home}.{name}".encode()

@@ -185,24 +185,35 @@ def test_values_are_found_again(tmp_path):
 
 
 OUTER = "def outer(x):\n    return x * {value}\n"
-UNKNOWN = {
+CALLS_OUTER = CALLED.replace("inner", "outer")
+ELSEWHERE = {
     "overload": "from numba.extending import overload\n" + OUTER + "@overload(outer)\ndef _(x):\n"
-    "    return lambda x: x * {value}\n" + CALLED.replace("inner", "outer"),
-    "jitable": "from numba.extending import register_jitable\n@register_jitable\n" + OUTER
-    + CALLED.replace("inner", "outer"),
-    "ufunc": "import numba\n@numba.vectorize\n" + OUTER + CALLED.replace("inner", "outer"),
+    "    return lambda x: x * {value}\n" + CALLS_OUTER,
+    "function of an overload": "from numba.extending import overload\ndef outer(x):\n    raise NotImplementedError\n"
+    + OUTER.replace("outer", "inner") + "@overload(outer)\ndef _(x):\n    return inner\n" + CALLS_OUTER,
+    "jitable": "from numba.extending import register_jitable\n@register_jitable\n" + OUTER + CALLS_OUTER,
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", UNKNOWN)
-def test_what_is_unknown_is_not_stored(tmp_path, name):
-    """A kernel that calls what is implemented elsewhere is compiled in every process, and one warning says so."""
-    _cache.unstored.cache_clear()
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_overloads_are_seen(tmp_path, name):
+    """What numba compiles in place of a function is part of what calls it, and found again."""
+    for value, hits in (("2.0", 0), ("2.0", 1), ("5.0", 0)):
+        module = loaded(tmp_path / "edited.py", HEAD + ELSEWHERE[name].format(value=value))
+        assert module.call(3.0) == 3.0 * float(value)
+        assert sum(module.call.stats.cache_hits.values()) == hits
+
+
+UFUNC = "import numba\n@numba.vectorize\n" + OUTER + CALLS_OUTER
+
+
+def test_what_is_unknown_is_not_stored(tmp_path):
+    """A kernel that calls what cannot be told by value is compiled in every process, and one warning says so."""
     for value in ("2.0", "5.0"):
-        with pytest.warns(RuntimeWarning, match="cannot store the compiled call, .*outer"):
-            module = loaded(tmp_path / "edited.py", HEAD + UNKNOWN[name].format(value=value))
-            assert module.call(3.0) == 3.0 * float(value)
         _cache.unstored.cache_clear()
+        with pytest.warns(RuntimeWarning, match="cannot store the compiled call, .*outer"):
+            module = loaded(tmp_path / "edited.py", HEAD + UFUNC.format(value=value))
+            assert module.call(3.0) == 3.0 * float(value)
         with pytest.raises(UnknownValueError, match="outer"):
             fingerprint(module.call.py_func)
 
