@@ -493,7 +493,8 @@ def changed_folder(draw):
 
     def change(place):
         for each in changes:
-            each(place)
+            with suppress(Exception):  # what it changes may have been changed already
+                each(place)
 
     return change
 
@@ -554,8 +555,7 @@ def parts_changed(draw):
         if not path.is_file() or not zipfile.is_zipfile(path):
             return
         if known is not None:
-            with suppress(Exception):  # what it changes may have been changed already
-                known(place)
+            known(place)
         else:
             parts = parts_of(path)
             which = [*parts, "more.pth"][at % (len(parts) + 1)]
