@@ -62,6 +62,8 @@ def commands():
             for line in text.splitlines():
                 for command in re.split(r"\s(?:&&|;)\s", line):
                     words = shlex.split(command, comments=True)
+                    while words and re.fullmatch(r"[A-Z_]+=.*", words[0]):  # a variable of the command
+                        words.pop(0)
                     if words:
                         yield block, words
 
