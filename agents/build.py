@@ -14,7 +14,7 @@ from agents.layers import Tanh
 from agents.synergy import Synergies, batch_of, both, synergies
 from fish_env.control import Policy, equivariant
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
-from fish_env.envs.sb3 import make_sb3_vec_env
+from fish_env.envs import make_sb3_vec_env
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:

@@ -7,7 +7,7 @@ from typing import Any
 
 from fish_env import make_fish
 from fish_env.checks import fits_memory, is_whole, real
-from fish_env.tank_options import check_scene, method_for, whole_steps
+from fish_env.physics.tank_options import check_scene, method_for, whole_steps
 
 
 @dataclass(frozen=True)

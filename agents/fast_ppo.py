@@ -17,7 +17,7 @@ from stable_baselines3.common.utils import explained_variance
 from agents import kernels
 from agents.kernels import HALF_LOG_TWO_PI, Samples, Settings
 from agents.networks import Networks, arrays_of, unsupported
-from fish_env.tank_options import available_processors
+from fish_env.physics.tank_options import available_processors
 
 PARTS = 4  # of a minibatch, and so the most threads that can share it
 FIELDS = ("actions", "log_probs", "values", "advantages", "returns")

@@ -31,7 +31,7 @@ def settings(fish) -> list[tuple[str, float, float | None]]:
 
     The default method, which alone refines its steps, is tried at coarser ones too.
     """
-    from fish_env.tank_options import own_step
+    from fish_env.physics.tank_options import own_step
 
     own = fish.control_interval / fish.time_step
     found: list[tuple[str, float, float | None]] = [("rk4", fish.control_interval / (FINER * own), None)]

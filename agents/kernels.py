@@ -14,7 +14,7 @@ import numpy as np
 from numba.core import types
 from numba.extending import overload
 
-from fish_env._jit import njit, part
+from fish_env.kernels.compile import njit, part
 
 BLOCK = 64  # samples
 HALF_LOG_TWO_PI = 0.5 * math.log(2 * math.pi)

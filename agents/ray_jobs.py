@@ -11,18 +11,14 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tqdm import tqdm
 
+from agents.jobs import PARENT, Job
 from agents.records import ROOT
 from fish_env.control.files import replacing
 
-if TYPE_CHECKING:
-    from agents.train_all import Job
-
-PARENT = "FISH_ENV_TRAIN_ALL"
-"""The environment variable by which runs know whose they are: they end when this program is gone."""
 NEEDED = ("fish_env", "agents", "train.py", "pyproject.toml")
 """What the machines get of the checkout."""
 NO_CLUSTER = (
@@ -92,7 +88,7 @@ def check_ray(address: str) -> Any:
     return ray
 
 
-def run_on_ray(waiting: "list[Job]", work: "list[Job]", address: str) -> "list[Job]":
+def run_on_ray(waiting: list[Job], work: list[Job], address: str) -> list[Job]:
     """Run those that wait, as many at a time as the cluster has processors; returns those that failed."""
     ray = check_ray(address)
     try:

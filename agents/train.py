@@ -24,6 +24,7 @@ from agents.callbacks import (
 )
 from agents.config import CONFIGS, RESULTS, TrainConfig, check_settings, fine_tuning, moved_by, settings_of
 from agents.fast_ppo import FastPPO
+from agents.jobs import PARENT
 from agents.records import provenance
 from agents.report import report
 from agents.run_folder import check_installed, checked_folder, locked, new_folder
@@ -34,7 +35,6 @@ from agents.saved_run import (
     read_record,
     restore,
 )
-from agents.train_all import PARENT
 from fish_env import BODIES, make_fish
 from fish_env.checks import is_whole
 from fish_env.control.files import write_text

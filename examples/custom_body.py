@@ -15,7 +15,7 @@ import numpy as np
 
 import fish_env
 from fish_env.bodies import BodyKind
-from fish_env.body import make_body
+from fish_env.physics.body import make_body
 
 DENSITY = 1000.0  # kg/m3, that of the water
 THICKNESS = 0.08  # of the widest cross-section, body lengths

@@ -15,12 +15,13 @@ Controllers and trained policies are in `fish_env.control`; `python -m fish_env`
 from gymnasium.envs.registration import register
 
 from fish_env.bodies import BODIES, Fish, make_fish
-from fish_env.body import make_body
 from fish_env.envs import FishEnv, FishVectorEnv, make_sb3_vec_env, observation_layout
-from fish_env.integrators import INTEGRATORS, Integrator
-from fish_env.tank import Tank
+from fish_env.physics.body import make_body
+from fish_env.physics.integrators import INTEGRATORS, Integrator
+from fish_env.physics.records import World
+from fish_env.physics.tank import Tank
+from fish_env.physics.world import make_water, make_world
 from fish_env.tasks import TASKS, Option, Task
-from fish_env.world import World, make_water, make_world
 
 __version__ = "0.1.0"
 __all__ = [

@@ -12,9 +12,9 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from fish_env.envs.launch import SIGNATURE, launch_for, threads_pack
-from fish_env.gpu.compiling import to_ptx
-from fish_env.gpu.memory import Upload
-from fish_env.simd.types import WARP
+from fish_env.kernels.gpu.compiling import to_ptx
+from fish_env.kernels.gpu.memory import Upload
+from fish_env.kernels.simd.types import WARP
 
 POINTERS = (r"(?:\bi\d+|\bdouble|\bfloat|\bptr)\*", r"\{[^{}]*\}\*", r"\[[^\[\]]*\]\*")
 REGISTERS = ("tid", "ntid", "ctaid", "nctaid")

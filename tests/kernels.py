@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 
-from fish_env import forces
-from fish_env._jit import njit
-from fish_env.forces.control import NOMINAL, make_control
-from fish_env.forces.plan import FACTOR, INNER, LEAST, LOWEST, POLYNOMIAL, STAGES, H
-from fish_env.simd import Kind, Pack, Vectors, packed, zero
+from fish_env.kernels.compile import njit
+from fish_env.kernels.simd import Kind, Pack, Vectors, packed, zero
+from fish_env.physics import forces
+from fish_env.physics.forces.control import NOMINAL, make_control
+from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, POLYNOMIAL, STAGES, H
 
 ONE = Kind(1)
 STEP = 0.37

@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fish_env import INTEGRATORS, Tank, make_fish
-from fish_env.bodies.fish import ElasticObject
-from fish_env.body import Body
-from fish_env.forces.evaluate import Evaluator
-from fish_env.world import VACUUM, World
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.records import Body, World
+from fish_env.physics.world import VACUUM
 
 FISH = {name: make_fish(name) for name in naive.TU}
 KINDS = ("explicit", "semi-implicit", "linearly implicit", "stabilised", "adaptive")

@@ -1,7 +1,7 @@
 """Would the tests notice a mistake? Mistakes are made one at a time, in memory, and the tests without the compiler run.
 
     python tests/mutation.py --count 40 --seed 1          so many mistakes, drawn at random
-    python tests/mutation.py fish_env/forces/water.py     all mistakes in a file
+    python tests/mutation.py fish_env/physics/forces/water.py     all mistakes in a file
 
 A mistake exchanges an operator or a comparison, changes a number, drops a minus or a `not`, or exchanges `and` and
 `or`. Texts, annotations and what is raised stay. Each runs in a forked process with NUMBA_DISABLE_JIT=1, so that no
@@ -27,14 +27,14 @@ from pathlib import Path
 os.environ |= {"NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1", "FISH_ENV_TEST_SECONDS": "20"}
 
 ROOT = Path(__file__).parent.parent
-ROOMS = ("fish_env/integrators", "fish_env/forces", "fish_env/tasks")
+ROOMS = ("fish_env/physics/integrators", "fish_env/physics/forces", "fish_env/tasks")
 SECONDS = 60  # of processor time for all tests of a mistake; one that takes longer is noticed: some loop has no end
 TESTS = {
-    "fish_env/integrators": (
+    "fish_env/physics/integrators": (
         "(test_steps_equal_their_reference and published) or every_method_has or most_stages or filter or polynomials",
         ["test_leapfrog_chebyshev.py", "test_integrators.py"],
     ),
-    "fish_env/forces": (
+    "fish_env/physics/forces": (
         "not (system_is_the_symmetric_part or assembled_matrices or semi_definite)",
         ["test_forces.py", "test_polar.py", "test_gas_and_barriers.py", "test_elements.py", "test_surroundings.py"],
     ),
@@ -45,10 +45,10 @@ TESTS = {
 }
 """The tests that are asked: what selects them, since some take too long without the compiler, and their files."""
 COMPILED = {
-    "fish_env/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs", "counters",
+    "fish_env/physics/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs", "counters",
                              "failing_methods", "every_method", "topology", "tank"),
-    "fish_env/forces": ("forces", "surroundings", "elements", "gas_and_barriers", "own_force", "conditions", "lanes",
-                        "four_bodies", "constant_matrix", "method_kinds"),
+    "fish_env/physics/forces": ("forces", "surroundings", "elements", "gas_and_barriers", "own_force", "conditions",
+                                "lanes", "four_bodies", "constant_matrix", "method_kinds"),
     "fish_env/tasks": ("tasks", "layout", "envs", "controllers", "control"),
 }  # fmt: skip
 """The files of tests that a compiled copy of the package with a mistake meets."""

@@ -4,9 +4,10 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from fish_env.body import Control, State, make_body
-from fish_env.elements import make_barriers, make_compartments, make_tets
-from fish_env.world import World, make_anchors, make_water, make_world
+from fish_env.physics.body import make_body
+from fish_env.physics.elements import make_barriers, make_compartments, make_tets
+from fish_env.physics.records import Control, State, World
+from fish_env.physics.world import make_anchors, make_water, make_world
 
 CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
 """Corners of the unit cube; corner 4 i + 2 j + k is at (i, j, k)."""

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from fish_env._jit import kernel
-from fish_env.simd import fma, select, vec3
+from fish_env.kernels.compile import kernel
+from fish_env.kernels.simd import fma, select, vec3
 
 
 class Floor(NamedTuple):

@@ -8,11 +8,11 @@ from moving import FISH, each_adaptive, each_body, run_into_failure, scene, tank
 from scipy.integrate import solve_ivp
 
 from fish_env import Tank
-from fish_env.body import FORCES, Control, State
-from fish_env.failures import NO_CONVERGENCE
-from fish_env.forces.evaluate import Evaluator
-from fish_env.integrators import adaptive
-from fish_env.world import VACUUM
+from fish_env.physics.failures import NO_CONVERGENCE
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.integrators import adaptive
+from fish_env.physics.records import FORCES, Control, State
+from fish_env.physics.world import VACUUM
 
 METHOD = {"dop853": "DOP853", "radau": "Radau"}
 

@@ -19,7 +19,7 @@ pytest.importorskip("stable_baselines3")
 record_writer = pytest.importorskip("tensorboard.summary.writer.record_writer")
 
 import fish_env
-from agents import callbacks, integrators, records, report, results, statistics, train_all
+from agents import callbacks, integrators, jobs, records, report, results, statistics, train_all
 from agents import train as training
 from agents.build import Tanh, export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, settings_of
@@ -166,7 +166,7 @@ def test_a_run_whose_starter_is_gone_stops_and_is_saved(tmp_path):
         "--no-pictures",
     ]
     folder = tmp_path / "run"
-    environment = os.environ | {train_all.PARENT: "1"}  # another program than the one that starts it here
+    environment = os.environ | {jobs.PARENT: "1"}  # another program than the one that starts it here
     done = subprocess.run([*command, "--folder", folder], env=environment, capture_output=True, text=True)
     assert done.returncode == 130 and f"--resume {folder}" in done.stdout and "Traceback" not in done.stderr
     assert 0 <= training.PPO.load(folder / "model.zip", device="cpu").num_timesteps < 8192

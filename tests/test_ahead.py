@@ -9,9 +9,9 @@ import pytest
 from pages import ROOT
 
 from fish_env import __main__ as command_line
-from fish_env import _cache
-from fish_env._jit import njit
 from fish_env.envs import ahead
+from fish_env.kernels import cache as _cache
+from fish_env.kernels.compile import njit
 
 USE = """
 import warnings

@@ -17,7 +17,7 @@ from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
 from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Status, status_of
 from benchmarks.registry import REGISTRY, RESULTS, Result
 from fish_env import make_fish
-from fish_env.body import scaled
+from fish_env.physics.body import scaled
 
 each_result = pytest.mark.parametrize("result", REGISTRY.values(), ids=REGISTRY)
 

@@ -7,8 +7,8 @@ from moving import tiered
 
 from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
 from fish_env.bodies import mass_spring as tu
-from fish_env.body import make_body
-from fish_env.tank_options import own_step
+from fish_env.physics.body import make_body
+from fish_env.physics.tank_options import own_step
 
 each_body = pytest.mark.parametrize("name", naive.TU)
 

@@ -10,13 +10,14 @@ from moving import ADAPTIVE, each_method, without_walls
 
 from benchmarks.accuracy import boundary
 from fish_env import INTEGRATORS, Tank, make_fish
-from fish_env.bodies.fish import ElasticObject
-from fish_env.body import fix
-from fish_env.conditions import PENALTY
-from fish_env.integrators import limits
-from fish_env.prescribed import prescribed_displacement
-from fish_env.tank_options import own_step
-from fish_env.world import VACUUM, World, make_anchors, make_world
+from fish_env.physics.body import fix
+from fish_env.physics.conditions import PENALTY
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.integrators import limits
+from fish_env.physics.prescribed import prescribed_displacement
+from fish_env.physics.records import World
+from fish_env.physics.tank_options import own_step
+from fish_env.physics.world import VACUUM, make_anchors, make_world
 
 FISH = make_fish()
 each_task = pytest.mark.parametrize("task", boundary.TASKS)

@@ -17,9 +17,11 @@ import pytest
 from moving import tiered
 from test_jit import edit, package, stored  # noqa: F401 - a fixture
 
-from fish_env import Tank, _cache, _jit, make_fish
+from fish_env import Tank, make_fish
 from fish_env.envs import FishVectorEnv
-from fish_env.simd import Kind, Pack
+from fish_env.kernels import cache as _cache
+from fish_env.kernels import compile as _jit
+from fish_env.kernels.simd import Kind, Pack
 
 METHODS = [name for name in ("fork", "spawn", "forkserver") if name in multiprocessing.get_all_start_methods()]
 PATIENCE = 600  # s, after which a process that waits for ever is ended
@@ -137,7 +139,7 @@ def test_a_process_forked_while_threads_step():
 FORKING = """
 import os, signal, threading
 import numba
-from fish_env._jit import njit
+from fish_env.kernels.compile import njit
 
 def long(count):
     lines = "".join(f"  t += x * {k}.0\\n  if t > {k}: t -= x\\n" for k in range(count))
@@ -244,7 +246,9 @@ def test_two_versions_with_one_cache(package, tmp_path):  # noqa: F811 - the fix
     import shutil
 
     other = shutil.copytree(package, tmp_path / "newer" / "fish_env")
-    edit(other / "forces" / "springs.py", "total = fma(0.5 * stiffness[e]", "total = fma(1.0 * stiffness[e]")
+    edit(
+        other / "physics" / "forces" / "springs.py", "total = fma(0.5 * stiffness[e]", "total = fma(1.0 * stiffness[e]"
+    )
     cache = tmp_path / "cache"
     for hits in (0, 1):
         with ThreadPoolExecutor(2) as pool:

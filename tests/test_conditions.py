@@ -5,12 +5,12 @@ import pytest
 from moving import tiered
 
 from fish_env import Tank, make_fish, make_world
-from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import make_ring
 from fish_env.bodies.solids import make_beam
-from fish_env.body import fix, make_body
-from fish_env.conditions import make_penalty
-from fish_env.statics import equilibrium
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.conditions import make_penalty
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.statics import equilibrium
 
 STIFFNESS, DAMPING, MASS, LENGTH, STEP = 50.0, 3.0, 0.1, 0.25, 1e-3
 

@@ -16,8 +16,8 @@ from moving import (
 )
 
 from fish_env import INTEGRATORS, Tank
-from fish_env.tank_options import own_step
-from fish_env.world import VACUUM
+from fish_env.physics.tank_options import own_step
+from fish_env.physics.world import VACUUM
 
 KEEPS_ANGULAR_MOMENTUM = {"symplectic_euler"}
 

@@ -8,10 +8,10 @@ from small_bodies import block
 from benchmarks.common.beam import loose
 from fish_env import Tank, make_water, make_world
 from fish_env.bodies.mesh import grid, lumped_mass
-from fish_env.body import fix, make_body
-from fish_env.elements import make_tets
-from fish_env.failures import FAILURES, UNTRUSTED_SOLVE
-from fish_env.world import make_anchors
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.elements import make_tets
+from fish_env.physics.failures import FAILURES, UNTRUSTED_SOLVE
+from fish_env.physics.world import make_anchors
 
 STEP = 0.002  # s
 AIR = make_world(gravity=(0.0, 0.0, -9.81), viscosity=1e-3)

@@ -18,11 +18,11 @@ from moving import (
 )
 
 from fish_env import INTEGRATORS, Tank
-from fish_env.body import COUNTERS, PIVOTS
-from fish_env.failures import TORN
-from fish_env.integrators import rosenbrock
-from fish_env.tank_options import own_step
-from fish_env.world import VACUUM
+from fish_env.physics.failures import TORN
+from fish_env.physics.integrators import rosenbrock
+from fish_env.physics.records import COUNTERS, PIVOTS
+from fish_env.physics.tank_options import own_step
+from fish_env.physics.world import VACUUM
 
 STILL = np.zeros((23, 3))
 

@@ -12,8 +12,8 @@ import pytest
 from pages import ROOT, blocks
 
 import fish_env
-from fish_env.body import FAILURES
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode
+from fish_env.physics.failures import FAILURES
 from fish_env.tasks import TASKS, avoid, rewards, start, target, turns
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])

@@ -13,11 +13,11 @@ from moving import tiered
 from naive.leapfrog import filtered_matrix
 from small_bodies import ALL, BODIES, bent, close
 
-from fish_env.body import scaled
-from fish_env.forces import FORCES, rest_matrices, tets
-from fish_env.forces.evaluate import Evaluator
-from fish_env.linalg import rates
-from fish_env.world import VACUUM
+from fish_env.physics.body import scaled
+from fish_env.physics.forces import FORCES, rest_matrices, tets
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.linalg import rates
+from fish_env.physics.world import VACUUM
 
 MODULES = {"tets": "tets", "compartments": "pressure", "barriers": "barriers"}
 """The force of each part of a body."""

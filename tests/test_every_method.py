@@ -14,11 +14,11 @@ from scipy.integrate import solve_ivp
 from small_bodies import ALL, BODIES, bent, close
 
 from fish_env import INTEGRATORS
-from fish_env.failures import TORN
-from fish_env.forces import barriers
-from fish_env.forces.evaluate import Evaluator
-from fish_env.integrators import adaptive
-from fish_env.world import VACUUM, make_world
+from fish_env.physics.failures import TORN
+from fish_env.physics.forces import barriers
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.integrators import adaptive
+from fish_env.physics.world import VACUUM, make_world
 
 
 def advance(name, world, x, v, rest, rate, h, n, body=ALL):

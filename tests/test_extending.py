@@ -16,10 +16,10 @@ import pytest
 from pages import ROOT, blocks
 
 from fish_env import INTEGRATORS, Tank, make_world
-from fish_env.bodies.fish import ElasticObject
-from fish_env.body import fix, make_body
-from fish_env.integrators import Integrator
-from fish_env.integrators.runge_kutta import RungeKutta
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.integrators import Integrator
+from fish_env.physics.integrators.runge_kutta import RungeKutta
 
 BLOCKS = blocks(ROOT / "docs/extending.md", "python")
 FILES = {block.title: block.text for block in BLOCKS if re.fullmatch(r"\w+\.py", block.title)}
@@ -57,8 +57,8 @@ def test_in_a_program_of_ones_own(tmp_path):
 
 ADDED = """
 import gymnasium as gym, numpy as np, fish_env
-from fish_env import forces
-from fish_env.body import fix
+from fish_env.physics import forces
+from fish_env.physics.body import fix
 
 env = gym.make("FishEnv/Dash-v0", body="minnow")
 assert gym.spec("FishEnv/Dash-v0").max_episode_steps == 200 and env.action_space.shape == (4,)

@@ -20,10 +20,11 @@ from moving import (
 )
 
 from fish_env import INTEGRATORS
-from fish_env.body import FAILURES, PIVOTS, make_body
-from fish_env.failures import NO_CONVERGENCE, NON_FINITE, TORN, UNTRUSTED_SOLVE
-from fish_env.integrators import limits, rosenbrock
-from fish_env.world import VACUUM
+from fish_env.physics.body import make_body
+from fish_env.physics.failures import FAILURES, NO_CONVERGENCE, NON_FINITE, TORN, UNTRUSTED_SOLVE
+from fish_env.physics.integrators import limits, rosenbrock
+from fish_env.physics.records import PIVOTS
+from fish_env.physics.world import VACUUM
 
 STILL = np.zeros((23, 3))
 

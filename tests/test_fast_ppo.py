@@ -19,7 +19,7 @@ from agents.fast_ppo import Acting, FastPPO
 from agents.kernels import _tanh32, tanh
 from agents.networks import Networks
 from agents.train import how_it_learns
-from fish_env._jit import njit
+from fish_env.kernels.compile import njit
 
 pytestmark = pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")  # one is cut off
 

@@ -11,9 +11,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numba import njit as plain_njit
 
-from fish_env import _cache
-from fish_env._fingerprint import UnknownValueError, fingerprint
-from fish_env._jit import kernel, njit
+from fish_env.kernels import cache as _cache
+from fish_env.kernels.compile import kernel, njit
+from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
 
 NUMBERS = st.sampled_from([0.0, -0.0, 1.0, 2.0, 30.0, 60.0, 1e-300, 1.0 + 2**-52, float("inf"), float("nan")])
 WHOLE = st.integers(-3, 3)
@@ -57,7 +57,7 @@ HEAD = """
 import enum
 from collections import namedtuple
 import numpy as np
-from fish_env._jit import kernel, njit
+from fish_env.kernels.compile import kernel, njit
 class Gear(enum.Enum):
     FIRST, SECOND, THIRD = 0, 1, 2
 class Level(enum.IntEnum):
@@ -117,7 +117,7 @@ def loaded(path, text):
 
 def python_of(text, x):
     """What the text means without a compiler."""
-    plain = text.replace("from fish_env._jit import kernel, njit", "kernel = njit = lambda f: f")
+    plain = text.replace("from fish_env.kernels.compile import kernel, njit", "kernel = njit = lambda f: f")
     plain = plain.replace("@numba.njit", "@njit")
     space = {"__name__": "plain"}
     with np.errstate(all="ignore"), warnings.catch_warnings():

@@ -9,11 +9,12 @@ from hypothesis.extra import numpy as hnp
 from kernels import Block, energy, force
 
 from fish_env import make_fish, make_water
-from fish_env.body import make_body
-from fish_env.failures import STRETCH_LIMIT
-from fish_env.forces.evaluate import Evaluator
-from fish_env.forces.springs import MOST_COMPRESSED
-from fish_env.world import VACUUM, World
+from fish_env.physics.body import make_body
+from fish_env.physics.failures import STRETCH_LIMIT
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.forces.springs import MOST_COMPRESSED
+from fish_env.physics.records import World
+from fish_env.physics.world import VACUUM
 
 LAWS = ("quadratic", "linear")
 FISH = {name: make_fish(name) for name in naive.TU}

@@ -11,15 +11,16 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from moving import tiered
 
-from fish_env import BODIES, INTEGRATORS, Tank, make_fish, statics
+from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.masses import outline
 from fish_env.bodies.tetrahedral import meshed, softening
-from fish_env.body import FAILURES
-from fish_env.forces.evaluate import Evaluator
-from fish_env.integrators import adaptive
-from fish_env.tank_options import own_step
-from fish_env.world import VACUUM
+from fish_env.physics import statics
+from fish_env.physics.failures import FAILURES
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.integrators import adaptive
+from fish_env.physics.tank_options import own_step
+from fish_env.physics.world import VACUUM
 
 FOUR = ("mass_spring", "planar", "two_layer", "tetrahedral")
 FISH = {name: make_fish(name) for name in FOUR}

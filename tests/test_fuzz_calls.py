@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fish_env import Tank, make_body, make_fish, make_sb3_vec_env, observation_layout
-from fish_env.bodies.fish import ElasticObject
 from fish_env.control import load_policy, shipped_policy
-from fish_env.elements import make_tets
 from fish_env.envs import FishVectorEnv
-from fish_env.simd import Kind
-from fish_env.world import make_anchors, make_world
+from fish_env.kernels.simd import Kind
+from fish_env.physics.elements import make_tets
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.world import make_anchors, make_world
 
 FISH = make_fish()
 ACTION = single(np.random.default_rng(0).uniform(-1.0, 1.0, (2, 12)))
@@ -263,7 +263,7 @@ def flat(record):
 
 def test_one_compilation_for_all_memory():
     """A contraction in odd memory reaches the kernel as a plain one: nothing is compiled for it."""
-    from fish_env.muscles import command_all
+    from fish_env.physics.muscles import command_all
 
     for layout in LAYOUTS:
         Tank(FISH, 2).drive(lay(layout, abs(ACTION)), 2)

@@ -8,15 +8,15 @@ from kernels import Block, force
 from small_bodies import ALL, close
 
 from fish_env import Tank
-from fish_env._jit import njit
-from fish_env.bodies.fish import ElasticObject
-from fish_env.body import make_body
-from fish_env.elements import make_compartments
-from fish_env.failures import ESCAPED, FAILURES, NON_FINITE, STRETCH_LIMIT, TORN
-from fish_env.forces import barriers
-from fish_env.simd import Kind, Pack
-from fish_env.volume import add_volume, volume_of
-from fish_env.world import VACUUM
+from fish_env.kernels.compile import njit
+from fish_env.kernels.simd import Kind, Pack
+from fish_env.physics.body import make_body
+from fish_env.physics.elements import make_compartments
+from fish_env.physics.failures import ESCAPED, FAILURES, NON_FINITE, STRETCH_LIMIT, TORN
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces import barriers
+from fish_env.physics.volume import add_volume, volume_of
+from fish_env.physics.world import VACUUM
 
 # Gas
 

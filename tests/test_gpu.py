@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from fish_env import Tank, make_fish
-from fish_env.engine import make_call
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.launch import threads_pack
-from fish_env.gpu import compiling
-from fish_env.gpu.memory import Upload, arrays_of, bytes_needed, gpu_type, is_own, memory_of
-from fish_env.simd import Kind
-from fish_env.simd.types import THREAD, WARP
+from fish_env.kernels.gpu import compiling
+from fish_env.kernels.gpu.memory import Upload, arrays_of, bytes_needed, gpu_type, is_own, memory_of
+from fish_env.kernels.simd import Kind
+from fish_env.kernels.simd.types import THREAD, WARP
+from fish_env.physics.engine import make_call
 
 MISSING = importlib.util.find_spec("numba_cuda") is None
 needs_compiler = pytest.mark.skipif(MISSING, reason='needs numba-cuda: pip install -c constraints.txt -e ".[gpu]"')
@@ -128,7 +128,7 @@ def test_nothing_is_contracted():
     """A product and a sum stay two roundings, and `fma` is one."""
     from numba import types
 
-    from fish_env.simd import fma
+    from fish_env.kernels.simd import fma
 
     def explicit(out, a, b, c):
         out[0] = fma(a, b, c)

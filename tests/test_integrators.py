@@ -29,9 +29,9 @@ from moving import (
 )
 
 from fish_env import INTEGRATORS
-from fish_env.integrators import adaptive
-from fish_env.tank_options import own_step
-from fish_env.world import VACUUM
+from fish_env.physics.integrators import adaptive
+from fish_env.physics.tank_options import own_step
+from fish_env.physics.world import VACUUM
 
 # Against the reference implementations
 

@@ -6,16 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fish_env import BODIES, Tank, make_fish, statics
+from fish_env import BODIES, Tank, make_fish
 from fish_env.bodies.objects import make_ring
-from fish_env.body import make_body
 from fish_env.control import load_policy, shipped_policy
 from fish_env.envs import FishVectorEnv
-from fish_env.failures import FAILURES
-from fish_env.forces.evaluate import Evaluator
-from fish_env.prescribed import reactions
-from fish_env.statics import equilibrium
-from fish_env.world import make_anchors, make_world
+from fish_env.physics import statics
+from fish_env.physics.body import make_body
+from fish_env.physics.failures import FAILURES
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.prescribed import reactions
+from fish_env.physics.statics import equilibrium
+from fish_env.physics.world import make_anchors, make_world
 
 FISH = make_fish()
 SOLID = make_fish("tetrahedral")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fish_env import BODIES
-from fish_env._jit import kernel, njit
 from fish_env.envs import FishVectorEnv
-from fish_env.threads import Threads, signals_held
+from fish_env.kernels.compile import kernel, njit
+from fish_env.kernels.threads import Threads, signals_held
 
 FISH, STEPS, QUICK = 64, 3, "mass_spring"
 INTERRUPTIONS = 17

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 import fish_env
-from fish_env import _cache
-from fish_env._jit import njit, part
+from fish_env.kernels import cache as _cache
+from fish_env.kernels.compile import njit, part
 
 PACKAGE = Path(fish_env.__file__).parent
 SCRIPT = """
 import fish_env
-from fish_env.forces.evaluate import Evaluator, compiled
+from fish_env.physics.forces.evaluate import Evaluator, compiled
 fish = fish_env.make_fish("published")
 springs, x = fish.body.springs, fish.body.position
 energy = Evaluator(fish.body, fish.water).energies(0.5 * springs.rest_length, x, 0.0 * x)["springs"]
@@ -28,7 +28,7 @@ hits = sum(compiled(("springs",), "energy").stats.cache_hits.values())
 print(fish_env.__file__, round(energy / expected, 6), hits, sep="\\n")
 """
 CLOSURES = """
-from fish_env._jit import kernel, njit
+from fish_env.kernels.compile import kernel, njit
 
 @kernel
 def square(x):
@@ -75,12 +75,12 @@ def test_hash_sees_every_source_file(package):
         seen.add(_cache.source_hash(package))
         path.write_bytes(text)
     assert len(seen) == 1 + len(list(package.rglob("*.py")))
-    (package / "forces" / "new.py").touch()
+    (package / "physics" / "forces" / "new.py").touch()
     seen.add(_cache.source_hash(package))
-    (package / "forces" / "new.py").rename(package / "forces" / "newer.py")
+    (package / "physics" / "forces" / "new.py").rename(package / "physics" / "forces" / "newer.py")
     seen.add(_cache.source_hash(package))
     assert len(seen) == 3 + len(list(package.rglob("*.py"))) - 1
-    (package / "forces" / "newer.py").unlink()
+    (package / "physics" / "forces" / "newer.py").unlink()
     (package / "notes.txt").write_text("not a source")
     assert _cache.source_hash(package) == first
 
@@ -106,7 +106,8 @@ def stored(package, cache):
 def test_no_stale_kernel(package, tmp_path):
     """A second process finds the kernels compiled; an edit of a kernel they call, in another file, is seen at once."""
     cache = tmp_path / "cache"
-    springs, caller = package / "forces" / "springs.py", package / "forces" / "evaluate.py"
+    forces = package / "physics" / "forces"
+    springs, caller = forces / "springs.py", forces / "evaluate.py"
     stamp = caller.stat().st_mtime
     assert stored(package, cache) == (1.0, 0)
     assert stored(package, cache) == (1.0, 1)
@@ -131,7 +132,7 @@ def test_closures_are_cached(package, tmp_path):
 
 def test_compiling_is_announced(package, tmp_path):
     """A first use says on the standard error that it compiles; a second one, and a quiet one, say nothing."""
-    script = "import fish_env._progress as j; j.PATIENCE = 0.0; " + SCRIPT.strip().replace("\n", "\n")
+    script = "import fish_env.kernels.progress as j; j.PATIENCE = 0.0; " + SCRIPT.strip().replace("\n", "\n")
     script = script.replace("import fish_env\n", "\nimport fish_env\n", 1)
     environment = os.environ | {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment.pop("NUMBA_CACHE_DIR", None)
@@ -424,7 +425,7 @@ def test_closures_of_several_processes(tmp_path):
         """
 import math
 import sys
-from fish_env._jit import njit, part
+from fish_env.kernels.compile import njit, part
 
 def made(factor):
     @part

@@ -12,9 +12,9 @@ import small_bodies
 from kernels import Block
 from small_bodies import ALL, close
 
-from fish_env import forces
-from fish_env.body import fix
-from fish_env.simd import Kind
+from fish_env.kernels.simd import Kind
+from fish_env.physics import forces
+from fish_env.physics.body import fix
 
 FISH = 16
 SUMS = ("add_force", "add_force_cached", "constrain")

@@ -8,7 +8,6 @@ import pytest
 
 from fish_env.bodies.distorted import DISTORTIONS, out_of_shape
 from fish_env.bodies.mesh import box
-from fish_env.elements import make_tets
 from fish_env.lab import serve
 from fish_env.lab.bench import Bench, checked_entry
 from fish_env.lab.fields import LONGEST, SHADES, arrows, shade_of, shades
@@ -16,7 +15,8 @@ from fish_env.lab.geometry import boundary, enclosed, signed_volume, surfaces, t
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import SETTINGS, checked_point
 from fish_env.lab.specimen import Entry
-from fish_env.volume import volume_of
+from fish_env.physics.elements import make_tets
+from fish_env.physics.volume import volume_of
 
 VISER = importlib.util.find_spec("viser") is not None
 

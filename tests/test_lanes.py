@@ -6,7 +6,7 @@ import pytest
 import fish_env
 from benchmarks.common.problems import left_after_right
 from fish_env.envs import FishVectorEnv
-from fish_env.tank import Tank
+from fish_env.physics.tank import Tank
 
 FISH = fish_env.make_fish()
 VARIED = [(0.5, 2.0, 0.7, (0.0, 0.1, 0.0)), (2.0, 0.5, 1.5, (0.0, 0.0, 0.0)), (1.0, 1.0, 1.0, (0.2, 0.0, 0.0))]

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from kernels import ONE, read, write
 
 from fish_env import make_fish
-from fish_env._jit import njit
-from fish_env.body import fix
-from fish_env.integrators._common import eliminate
-from fish_env.linalg import ldlt
-from fish_env.simd import Kind, Pack, packed
-from fish_env.world import VACUUM
+from fish_env.kernels.compile import njit
+from fish_env.kernels.simd import Kind, Pack, packed
+from fish_env.physics.body import fix
+from fish_env.physics.integrators.common import eliminate
+from fish_env.physics.linalg import ldlt
+from fish_env.physics.world import VACUUM
 
 EPSILON = np.finfo(float).eps
 KINDS = (Kind("xyz"), ONE, Kind(4), Kind(8), Kind(16))

@@ -8,10 +8,10 @@ from naive import leapfrog
 from numpy.polynomial import Chebyshev
 
 from fish_env import Tank, make_fish
-from fish_env.body import FORCES
-from fish_env.forces.plan import POLYNOMIAL
-from fish_env.integrators import leapfrog_chebyshev, limits
-from fish_env.world import VACUUM, make_water
+from fish_env.physics.forces.plan import POLYNOMIAL
+from fish_env.physics.integrators import leapfrog_chebyshev, limits
+from fish_env.physics.records import FORCES
+from fish_env.physics.world import VACUUM, make_water
 
 
 @pytest.mark.parametrize("name", STABILISED)

@@ -8,7 +8,7 @@ import pytest
 from fish_env import BODIES, TASKS, Tank, checks, make_fish
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.layout import bytes_of_episode
-from fish_env.tank_options import bytes_of
+from fish_env.physics.tank_options import bytes_of
 
 FEW, MORE = 32, 160
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from moving import FIXED_STEP, each_fixed, tank_of, world_of
 
-from fish_env import INTEGRATORS, forces, make_fish
-from fish_env._fingerprint import fingerprint
+from fish_env import INTEGRATORS, make_fish
 from fish_env.bodies import BODIES
-from fish_env.engine import make_advance
-from fish_env.tank_options import own_step
+from fish_env.kernels.fingerprint import fingerprint
+from fish_env.physics import forces
+from fish_env.physics.engine import make_advance
+from fish_env.physics.tank_options import own_step
 
 FISH = {name: make_fish(name) for name in BODIES}
 COUNT = 18  # two full blocks of eight and two that are left over, or one of sixteen

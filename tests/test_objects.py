@@ -11,12 +11,12 @@ from benchmarks.objects.scenes import SCENES, outside, stage, watched
 from fish_env import Tank
 from fish_env.bodies.objects import OBJECTS, RING, SONG, make_ring, make_sphere, make_string, make_uniform_sphere, room
 from fish_env.bodies.skins import KINDS, circle, evened, globe, octasphere, tensions
-from fish_env.body import make_body
-from fish_env.elements import make_compartments
-from fish_env.forces.evaluate import Evaluator
-from fish_env.statics import equilibrium
-from fish_env.volume import volume_of
-from fish_env.world import VACUUM
+from fish_env.physics.body import make_body
+from fish_env.physics.elements import make_compartments
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.statics import equilibrium
+from fish_env.physics.volume import volume_of
+from fish_env.physics.world import VACUUM
 
 each_object = pytest.mark.parametrize("name", OBJECTS)
 GROWTH = 2e-5  # of the energy of a fall, that the integrator may add to it: twice the most of 40 falls

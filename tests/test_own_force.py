@@ -11,15 +11,16 @@ from moving import tiered
 from scipy.sparse import issparse
 from soft_floor import Floor
 
-from fish_env import INTEGRATORS, Tank, forces, make_fish, make_world, statics
-from fish_env._jit import part
-from fish_env.bodies.fish import ElasticObject
-from fish_env.body import make_body
-from fish_env.forces import sparse
-from fish_env.forces.evaluate import Evaluator
-from fish_env.integrators import leapfrog_chebyshev
-from fish_env.linalg import rates
-from fish_env.world import VACUUM, make_anchors
+from fish_env import INTEGRATORS, Tank, make_fish, make_world
+from fish_env.kernels.compile import part
+from fish_env.physics import forces, statics
+from fish_env.physics.body import make_body
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces import sparse
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.integrators import leapfrog_chebyshev
+from fish_env.physics.linalg import rates
+from fish_env.physics.world import VACUUM, make_anchors
 
 FISH = 8
 SPEEDS = -np.linspace(0.5, 1.0, FISH)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from kernels import read, write
 
-from fish_env._jit import njit
-from fish_env.forces.polar import make_scratch, rotation
-from fish_env.simd import Kind, Pack
+from fish_env.kernels.compile import njit
+from fish_env.kernels.simd import Kind, Pack
+from fish_env.physics.forces.polar import make_scratch, rotation
 
 seeds = st.integers(0, 2**32 - 1)
 HARD = [

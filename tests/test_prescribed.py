@@ -6,12 +6,12 @@ import small_bodies
 
 from benchmarks.accuracy.boundary import bar_task
 from fish_env import Tank, make_fish, make_world
-from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import make_ring
-from fish_env.body import fix, make_body
-from fish_env.elements import make_tets
-from fish_env.prescribed import prescribed_displacement, reactions
-from fish_env.statics import NoEquilibrium, equilibrium
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.elements import make_tets
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.prescribed import prescribed_displacement, reactions
+from fish_env.physics.statics import NoEquilibrium, equilibrium
 
 METHODS = ("elimination", "penalty")
 YOUNG, SIZE = 1e5, 0.05

@@ -364,8 +364,8 @@ def test_pickles_after_drawing():
 def test_an_object_is_painted_in_its_room():
     """The pictures of an elastic object show the walls around it: without any it says so, before a window opens."""
     from fish_env.bodies.objects import make_ring
+    from fish_env.physics.world import VACUUM
     from fish_env.render.elastic_object import Painter
-    from fish_env.world import VACUUM
 
     ring = make_ring(nodes=8)
     assert Painter(ring).reach > 0

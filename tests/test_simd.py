@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fish_env import simd
-from fish_env._jit import kernel, njit
-from fish_env.simd import (
+from fish_env.kernels import simd
+from fish_env.kernels.compile import kernel, njit
+from fish_env.kernels.simd import (
     Kind,
     Pack,
     all_lanes,

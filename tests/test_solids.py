@@ -10,15 +10,16 @@ from soft_bodies import deformation
 from benchmarks.objects.methods import is_stable
 from benchmarks.objects.scenes import SCENES, watched
 from benchmarks.objects.solids import METHODS, recovered, survives
-from fish_env import INTEGRATORS, Tank, make_world, statics
+from fish_env import INTEGRATORS, Tank, make_world
 from fish_env.bodies.distorted import inverted, twisted
 from fish_env.bodies.objects import OBJECTS, SOLIDS
 from fish_env.bodies.solids import SOFT, STIFF, SolidMaterial, make_ball, make_beam, make_block, make_two_materials
-from fish_env.elements import STRAINS, make_compartments
-from fish_env.forces.evaluate import Evaluator
 from fish_env.lab.bench import Bench
 from fish_env.lab.specimen import Entry
-from fish_env.world import VACUUM
+from fish_env.physics import statics
+from fish_env.physics.elements import STRAINS, make_compartments
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.world import VACUUM
 
 each_solid = pytest.mark.parametrize("name", SOLIDS)
 

@@ -16,9 +16,9 @@ from benchmarks.objects.layers import (
 )
 from fish_env.bodies.objects import OBJECTS, RING, make_ring, make_sphere, make_uniform_sphere
 from fish_env.bodies.skins import KINDS
-from fish_env.forces.evaluate import Evaluator
-from fish_env.statics import equilibrium
-from fish_env.world import VACUUM
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.statics import equilibrium
+from fish_env.physics.world import VACUUM
 
 SONG = ("ring", "sphere", "uniform sphere")
 

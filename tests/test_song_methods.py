@@ -8,10 +8,10 @@ from benchmarks.objects.scenes import DRAG_SPRING, FRAME
 from benchmarks.objects.survey import survives
 from fish_env import INTEGRATORS, Tank
 from fish_env.bodies.detail import LevelOfDetail, carried_over, facet_gap, projected_size
-from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import FINEST, OBJECTS, make_ring, room
-from fish_env.body import make_body
-from fish_env.world import VACUUM
+from fish_env.physics.body import make_body
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.world import VACUUM
 
 USUAL = ("explicit_euler", "midpoint", "rk4", "leapfrog_chebyshev")
 METHODS = [pytest.param(name, marks=() if name in USUAL else pytest.mark.slow)

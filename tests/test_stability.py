@@ -9,7 +9,7 @@ from benchmarks.common.problems import scaled
 from benchmarks.stability import attack, attack_search, cases, linear, mistreatment, runs
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.bodies.mass_spring import LAYERS
-from fish_env.failures import FAILURES, STRETCH_LIMIT, TORN
+from fish_env.physics.failures import FAILURES, STRETCH_LIMIT, TORN
 
 FISH = make_fish()
 LONGEST = 5 * FISH.control_interval

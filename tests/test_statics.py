@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from fish_env import make_fish, make_water, make_world, statics
+from fish_env import make_fish, make_water, make_world
 from fish_env.bodies.mesh import box, grid, lumped_mass
-from fish_env.body import fix, make_body
-from fish_env.elements import make_barriers, make_compartments, make_tets
-from fish_env.forces import sparse
-from fish_env.forces.evaluate import Evaluator
-from fish_env.linalg import rates
-from fish_env.world import VACUUM, make_anchors
+from fish_env.physics import statics
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.elements import make_barriers, make_compartments, make_tets
+from fish_env.physics.forces import sparse
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.linalg import rates
+from fish_env.physics.world import VACUUM, make_anchors
 
 NO_FACES = np.zeros((0, 4), dtype=int)
 

@@ -10,11 +10,12 @@ from kernels import Block, energy, force
 from naive.surroundings import borne
 from small_bodies import ALL, close
 
-from fish_env import Tank, forces, make_fish
-from fish_env.bodies.fish import ElasticObject
-from fish_env.body import fix, make_body
-from fish_env.forces.evaluate import Evaluator
-from fish_env.world import VACUUM, make_anchors, make_world
+from fish_env import Tank, make_fish
+from fish_env.physics import forces
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.world import VACUUM, make_anchors, make_world
 
 seeds = st.integers(0, 2**32 - 1)
 FIXED = fix(fix(ALL, [1, 18]), [3], "xz")

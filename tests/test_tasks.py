@@ -10,9 +10,9 @@ import pytest
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv
 from fish_env.envs.variation import vary
-from fish_env.forces.control import NOMINAL
-from fish_env.pose import Pose, packed_pose
-from fish_env.simd import Kind, Pack, Vectors, vec3
+from fish_env.kernels.simd import Kind, Pack, Vectors, vec3
+from fish_env.physics.forces.control import NOMINAL
+from fish_env.physics.pose import Pose, packed_pose
 from fish_env.tasks import avoid, measures, rewards, start, target, turn, turns
 
 TURNING = ("turn", "left_after_right", "avoid")

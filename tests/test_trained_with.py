@@ -10,7 +10,7 @@ from agents.report import opened
 from agents.train import Request, moved_by, train
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.control import load_policy
-from fish_env.tank_options import own_step
+from fish_env.physics.tank_options import own_step
 
 SHORT = {"timesteps": 512, "num_envs": 4}
 FISH = make_fish()

@@ -15,13 +15,14 @@ from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
 from benchmarks.common.command import measure_and_draw
 from benchmarks.common.tables import IMAGES, read_table, write_csv
 from fish_env import Tank, make_fish
-from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.mesh import box
-from fish_env.body import Body, fix, make_body
-from fish_env.conditions import PENALTY, largest_entry
-from fish_env.elements import make_tets
-from fish_env.prescribed import prescribed_displacement
-from fish_env.world import VACUUM, Anchors, make_anchors
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.conditions import PENALTY, largest_entry
+from fish_env.physics.elements import make_tets
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.prescribed import prescribed_displacement
+from fish_env.physics.records import Anchors, Body
+from fish_env.physics.world import VACUUM, make_anchors
 
 COMMAND = "python -m benchmarks.accuracy.boundary"
 PENALTIES = 10.0 ** np.arange(0, 15)

@@ -28,9 +28,9 @@ from benchmarks.common.motion import Motion, errors, play, record
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import provenance, write_csv
 from fish_env import TASKS, make_fish
-from fish_env._cache import source_hash
 from fish_env.bodies import Fish
 from fish_env.control.files import write_text
+from fish_env.kernels.cache import source_hash
 
 COMMAND = "python -m benchmarks.calibration.fit"
 KEPT = Path("runs/calibration")

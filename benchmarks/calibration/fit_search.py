@@ -22,7 +22,7 @@ from benchmarks.common.problems import DISTURBANCE, left_after_right
 from benchmarks.common.roll import roll
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
-from fish_env.integrators import limits
+from fish_env.physics.integrators import limits
 
 FOLDER = Path(fish_env.bodies.__file__).parent
 LIMIT = 0.00075

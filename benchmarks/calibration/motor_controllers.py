@@ -20,8 +20,8 @@ from benchmarks.common.tables import provenance
 from fish_env import make_fish
 from fish_env.control import MotorTables, best_gait, load_tables
 from fish_env.control.motor import MOTOR_FILE, Swim, Table, Turn, scaled_turns, spread, swim_mc, turn_mc
-from fish_env.tank import Tank
-from fish_env.tank_options import whole_steps
+from fish_env.physics.tank import Tank
+from fish_env.physics.tank_options import whole_steps
 
 ANGLES = (30.0, 45.0, 60.0, 90.0)  # degrees, rows of the turns' table
 BETWEEN = (22.0, 30.0, 37.5, 45.0, 52.5, 60.0, 75.0, 90.0)  # degrees, at which the search tries it

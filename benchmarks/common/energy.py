@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fish_env.tank import Tank
+from fish_env.physics.tank import Tank
 
 
 def stretch_and_energy(tank: Tank) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,8 @@
 """Poses of all fish of a tank at once."""
 
 from fish_env import Tank
-from fish_env._jit import njit
-from fish_env.pose import Pose, make_pose, measure, packed_pose
+from fish_env.kernels.compile import njit
+from fish_env.physics.pose import Pose, make_pose, measure, packed_pose
 
 
 @njit

@@ -5,12 +5,14 @@ from functools import cache
 
 import numpy as np
 
-from fish_env import body, make_fish
+from fish_env import make_fish
 from fish_env.bodies import Fish
 from fish_env.control import Gait
-from fish_env.integrators.adaptive import solve
-from fish_env.tank import Tank
-from fish_env.world import VACUUM, World
+from fish_env.physics import body
+from fish_env.physics.integrators.adaptive import solve
+from fish_env.physics.records import World
+from fish_env.physics.tank import Tank
+from fish_env.physics.world import VACUUM
 
 LEAD, RIGHT, LEFT, REST = 26, 10, 10, 54  # control intervals of the manoeuvre: swimming, right, left, swimming on
 BEAT = 13  # control intervals of a tail beat

@@ -12,11 +12,11 @@ from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import Tank
 from fish_env.bodies.layers import TwoLayers
 from fish_env.bodies.objects import GLOBE, OBJECTS, RING, SPHERE, Layered, room
-from fish_env.elements import make_compartments
-from fish_env.forces.evaluate import Evaluator
-from fish_env.statics import modes
-from fish_env.volume import volume_of
-from fish_env.world import VACUUM, make_world
+from fish_env.physics.elements import make_compartments
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.statics import modes
+from fish_env.physics.volume import volume_of
+from fish_env.physics.world import VACUUM, make_world
 
 COMMAND = "python -m benchmarks.objects.layers"
 STANDARD = {"ring": RING, "sphere": GLOBE, "uniform sphere": SPHERE}

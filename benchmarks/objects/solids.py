@@ -31,8 +31,8 @@ from fish_env.bodies.distorted import inverted, out_of_shape, twisted
 from fish_env.bodies.objects import SOLIDS
 from fish_env.bodies.room import InRoom
 from fish_env.bodies.solids import make_beam
-from fish_env.forces.evaluate import Evaluator
-from fish_env.world import VACUUM
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.world import VACUUM
 
 COMMAND = "python -m benchmarks.objects.solids"
 METHODS = ("explicit_euler", "midpoint", "rk4", "symplectic_euler", "leapfrog_chebyshev", "linearly_implicit",

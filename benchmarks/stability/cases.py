@@ -13,7 +13,7 @@ from benchmarks.common.tables import ROOT
 from benchmarks.stability.mistreatment import LEVELS
 from fish_env import make_fish
 from fish_env.bodies import Fish
-from fish_env.tank import Tank
+from fish_env.physics.tank import Tank
 
 WORST = ROOT / "tests" / "worst.npz"
 STORED = 2  # worst sequences of a batch considered, and of each kind of failure of a body stored

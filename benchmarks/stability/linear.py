@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from fish_env.bodies.fish import ElasticObject
-from fish_env.body import Body, make_body
-from fish_env.forces.evaluate import Evaluator
-from fish_env.tank import Tank
-from fish_env.world import VACUUM
+from fish_env.physics.body import make_body
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.records import Body
+from fish_env.physics.tank import Tank
+from fish_env.physics.world import VACUUM
 
 
 def modes(body: Body) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ from benchmarks.common.energy import stretch_and_energy
 from benchmarks.common.problems import LEAD, LEFT, RIGHT, NotConvergedError, distance, left_after_right, scaled
 from fish_env import BODIES, INTEGRATORS, make_fish
 from fish_env.bodies import Fish
-from fish_env.tank import Tank
+from fish_env.physics.tank import Tank
 
 FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]
 STIFFNESS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4)  # factors on the springs' stiffness, damping as it is

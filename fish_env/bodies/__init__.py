@@ -4,12 +4,12 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fish_env.bodies.fish import ElasticObject, Fish, Landmarks
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
 from fish_env.bodies.planar import make_planar
 from fish_env.bodies.tetrahedral import make_tetrahedral
 from fish_env.bodies.two_layer import make_two_layer
 from fish_env.checks import representable
+from fish_env.physics.fish import ElasticObject, Fish, Landmarks
 
 __all__ = ["BODIES", "BodyKind", "ElasticObject", "Fish", "Landmarks", "MassSpringParameters", "make_fish"]
 

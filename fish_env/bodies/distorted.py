@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fish_env.bodies.fish import ElasticObject
-from fish_env.body import Body
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.records import Body
 
 
 def twisted(thing: ElasticObject, turns=0.5) -> np.ndarray:

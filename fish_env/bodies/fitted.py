@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 
-from fish_env._data import data
 from fish_env.checks import positive_array
+from fish_env.kernels.data import data
 
 
 def fitted(body: str, shapes: dict[str, tuple], **given) -> list[np.ndarray]:

@@ -5,9 +5,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fish_env.bodies.skins import Skin, layered, tensions, watched
-from fish_env.body import Body, make_body
 from fish_env.checks import real
-from fish_env.elements import make_barriers, make_compartments
+from fish_env.physics.body import make_body
+from fish_env.physics.elements import make_barriers, make_compartments
+from fish_env.physics.records import Body
 
 NO_FACES = np.zeros((0, 4), np.int64)
 OPTIONAL = ("outer_relaxation_time", "inner_relaxation_time", "radius_relaxation_time", "shear_relaxation_time",

@@ -10,12 +10,13 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fish_env._data import data
-from fish_env.bodies.fish import Fish
 from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, shared_by_layers
-from fish_env.body import make_body
 from fish_env.checks import finite_array, positive_array
-from fish_env.world import make_water
+from fish_env.kernels.data import data
+from fish_env.physics.body import make_body
+from fish_env.physics.fish import Fish
+from fish_env.physics.records import Body
+from fish_env.physics.world import make_water
 
 REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this length
 
@@ -268,7 +269,7 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
     return _fish("published", body, water, 26.0, contracted, contraction_time, time_step, 8 * time_step)
 
 
-def _fish(name, body, water, length, contracted, contraction_time, time_step, control_interval) -> Fish:
+def _fish(name, body: Body, water, length, contracted, contraction_time, time_step, control_interval) -> Fish:
     """Add the muscles, the head and the tail to a body with this topology."""
     pairs, classes, sections, _ = topology()
     muscles = np.flatnonzero(classes == MUSCLE)

@@ -14,8 +14,8 @@ from fish_env.bodies import solids
 from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, one_layer, two_layers
 from fish_env.bodies.room import GRAVITY, InRoom, room, whole
 from fish_env.bodies.skins import Skin, circle, evened, globe, octasphere
-from fish_env.body import fix, make_body
 from fish_env.checks import fits_memory, positive_array, representable
+from fish_env.physics.body import fix, make_body
 
 __all__ = ["GLOBE", "GRAVITY", "OBJECTS", "RING", "SOLIDS", "SONG", "SPHERE", "Layered", "make_ring", "make_sphere",
            "make_string", "make_uniform_sphere", "room"]  # fmt: skip

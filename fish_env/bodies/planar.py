@@ -10,11 +10,11 @@ from itertools import pairwise
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.fish import Fish, Landmarks
 from fish_env.bodies.fitted import fitted
 from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline, shared_by_layers
-from fish_env.body import fix, make_body
-from fish_env.world import make_water
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.fish import Fish, Landmarks
+from fish_env.physics.world import make_water
 
 SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 NODES = [(0, 0), *((k, k + 1) for k in range(1, 11, 2)), (11, 11)]

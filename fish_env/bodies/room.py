@@ -4,9 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fish_env.bodies.fish import NOTHING, ElasticObject
 from fish_env.checks import finite_array, is_whole, real
-from fish_env.world import World, make_world
+from fish_env.physics.fish import NOTHING, ElasticObject
+from fish_env.physics.records import World
+from fish_env.physics.world import make_world
 
 GRAVITY = 9.81  # m/s2
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from fish_env.bodies.mesh import Mesh, grid, lumped_mass
 from fish_env.bodies.room import InRoom, room, whole
-from fish_env.body import fix, make_body
 from fish_env.checks import positive_array, representable
-from fish_env.elements import make_tets
+from fish_env.physics.body import fix, make_body
+from fish_env.physics.elements import make_tets
 
 DOWN = np.array([0.0, 0.0, -1.0])
 SPACIOUS = 1.5  # from the middle of an object to the walls, over its length

@@ -12,15 +12,15 @@ from numbers import Integral
 
 import numpy as np
 
-from fish_env._data import data
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.fish import Fish, Landmarks
 from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline
 from fish_env.bodies.mesh import RULES, grid, lumped_mass
-from fish_env.body import make_body
 from fish_env.checks import positive_array
-from fish_env.elements import make_tets
-from fish_env.world import make_water
+from fish_env.kernels.data import data
+from fish_env.physics.body import make_body
+from fish_env.physics.elements import make_tets
+from fish_env.physics.fish import Fish, Landmarks
+from fish_env.physics.world import make_water
 
 MOST = 4  # pieces a section
 POISSON = 0.4

@@ -10,14 +10,15 @@ of the water around while the fish is at rest, so that it resists a change of vo
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.fish import Fish, Landmarks
 from fish_env.bodies.fitted import fitted
 from fish_env.bodies.masses import WATER_DENSITY, continuum, matched
 from fish_env.bodies.skins import Skin, edges_of, layered
-from fish_env.body import Body, make_body
 from fish_env.checks import positive_array
-from fish_env.elements import make_barriers, make_compartments
-from fish_env.world import make_water
+from fish_env.physics.body import make_body
+from fish_env.physics.elements import make_barriers, make_compartments
+from fish_env.physics.fish import Fish, Landmarks
+from fish_env.physics.records import Body
+from fish_env.physics.world import make_water
 
 SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity

@@ -11,7 +11,7 @@ from fish_env.control.policy import Policy
 from fish_env.control.stated import many_fish, stated
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.vector import make_batch
-from fish_env.tank_options import checked_count
+from fish_env.physics.tank_options import checked_count
 
 FIRST_SEED = 1_000_000  # far from the seeds of training, which count up from --seed
 EPISODES = 100

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env._data import data
 from fish_env.checks import fits_memory, representable
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.recording import Recording, env_of
 from fish_env.control.video import SLOWER, VIDEOS, load_writer, write_video
 from fish_env.envs import FishEnv
-from fish_env.failures import FAILURES
+from fish_env.kernels.data import data
+from fish_env.physics.failures import FAILURES
 
 PAGE = ".html"
 HERE = data("fish_env.control")

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fish_env._data import data
 from fish_env.bodies import Fish
+from fish_env.kernels.data import data
 
 GAIT_FILE = data("fish_env.control", "gait.json")
 """The gait of the default fish, written with its provenance by `benchmarks/calibration/gait_search.py`."""

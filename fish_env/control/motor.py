@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fish_env._data import data
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array, positive_array, real
+from fish_env.kernels.data import data
 
 MOTOR_FILE = data("fish_env.control", "motor_controllers.json")
 LARGEST = 2**20  # bytes of such a file; that of the default fish has 4,000

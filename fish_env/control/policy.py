@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
-from fish_env._data import data
 from fish_env.checks import as_floats
 from fish_env.control.files import replacing
 from fish_env.control.npz import Npz, Part, write_about
 from fish_env.control.stated import check_stated
 from fish_env.envs.layout import LAYOUT_VERSION
+from fish_env.kernels.data import data
 
 FORMAT = 2
 """Format of a policy file. Format 1 lacked the version of the observation layout."""

@@ -13,12 +13,12 @@ import gymnasium as gym
 import numpy as np
 
 import fish_env
-from fish_env._cache import source_hash
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.npz import LARGEST, Npz, Part, write_about
 from fish_env.control.stated import check_stated, one_fish, stated
 from fish_env.envs.layout import LAYOUT_VERSION
-from fish_env.failures import FAILURES
+from fish_env.kernels.cache import source_hash
+from fish_env.physics.failures import FAILURES
 
 FORMAT = 1
 """Format of a recording's file."""
@@ -49,7 +49,7 @@ class Recording:
     time: np.ndarray
     """(T+1,) clock of the fish, s."""
     failure: np.ndarray
-    """(T+1,) index into `fish_env.failures.FAILURES`, 0 while the simulation is valid."""
+    """(T+1,) index into `fish_env.physics.failures.FAILURES`, 0 while the simulation is valid."""
     counters: np.ndarray
     """(T+1,C) what the simulation has cost since the reset, the names of `Tank.counters`."""
     variation: np.ndarray

@@ -15,7 +15,7 @@ from gymnasium.envs.registration import load_env_creator
 from fish_env.checks import real
 from fish_env.envs import FishEnv, FishVectorEnv
 from fish_env.envs.vector import make_batch
-from fish_env.tank_options import LONGEST, SHORTEST
+from fish_env.physics.tank_options import LONGEST, SHORTEST
 
 ID = re.compile(r"([\w-]{1,100}/)?[\w.-]{1,100}", re.ASCII)
 NOT_STATED = ("self", "id", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "autoreset_mode",

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fish_env import _cache
 from fish_env.bodies import BODIES
 from fish_env.envs.vector import FishVectorEnv
-from fish_env.tank import Tank
+from fish_env.kernels import cache as _cache
+from fish_env.physics.tank import Tank
 from fish_env.tasks import TASKS
 
 COUNTS = (1, 64)

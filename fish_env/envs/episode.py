@@ -15,15 +15,15 @@ from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_water
 from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
-from fish_env.pose import make_pose, packed_pose
-from fish_env.simd import Kind, Pack, Vectors
-from fish_env.tank import Tank
-from fish_env.tank_options import bytes_of, checked_count, whole_steps
+from fish_env.kernels.simd import Kind, Pack, Vectors
+from fish_env.physics.pose import make_pose, packed_pose
+from fish_env.physics.records import World
+from fish_env.physics.tank import Tank
+from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import checked_options
 from fish_env.tasks.start import check_pose
-from fish_env.world import World
 
 
 class Episodes(Settled):
@@ -142,7 +142,7 @@ class Episodes(Settled):
     def __getstate__(self):
         return self.__dict__ | {"_env": None, "_envs": None, "_see": None, "_step": None}
 
-    def __setstate__(self, state):
+    def __setstate__(self, state: dict[str, Any]):
         self.__dict__ |= own(state, state["_vectors"])
         self._compile()
 

@@ -3,10 +3,10 @@
 from numba import types
 
 from fish_env.envs.step import make_step
-from fish_env.forces import cached
-from fish_env.gpu.compiling import load
-from fish_env.simd import Kind, Pack
-from fish_env.simd.types import THREAD
+from fish_env.kernels.gpu.compiling import load
+from fish_env.kernels.simd import Kind, Pack
+from fish_env.kernels.simd.types import THREAD
+from fish_env.physics.forces import cached
 
 SIGNATURE = types.void(types.int64, types.int64, types.int64, types.float64)
 """Of the kernel that `make_launch` makes."""

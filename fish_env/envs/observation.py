@@ -1,11 +1,9 @@
-"""Kernels that fill in what a fish sees, as `layout.py` lays it out, and that read what it is to do."""
+"""Kernels that fill in what a fish sees, as `layout.py` lays it out."""
 
-import math
-
-from fish_env._jit import INDEX, kernel
 from fish_env.envs.layout import DIRECTIONS, POSITION, REST_LENGTH, VELOCITY, VERTICAL
-from fish_env.pose import FORWARD, LEFT, UP
-from fish_env.simd import dot, vec3
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import dot, vec3
+from fish_env.physics.pose import FORWARD, LEFT, UP
 
 
 @kernel
@@ -36,17 +34,6 @@ def write(forward, left, up, vector, limit, b, place, out):
     out[b, INDEX(place)] = bounded(dot(forward, vector), limit)
     out[b, INDEX(place + 1)] = bounded(dot(left, vector), limit)
     out[b, INDEX(place + 2)] = bounded(dot(up, vector), limit)
-
-
-@kernel
-def contract(action, groups, b, out):
-    """Contractions (B,M) in [0, 1] of fish b for actions (B,A) clipped to [-1, 1]; False, and void, if not finite."""
-    for m in range(groups.size):
-        wanted = action[b, INDEX(groups[m])]
-        if not math.isfinite(wanted):
-            return False
-        out[b, m] = 0.5 * (bounded(wanted, 1.0) + 1.0)
-    return True
 
 
 @kernel

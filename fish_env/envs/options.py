@@ -9,9 +9,10 @@ import numpy as np
 
 from fish_env.checks import is_whole
 from fish_env.envs.variation import checked_variation
-from fish_env.tank_options import MOST_STEPS
+from fish_env.physics.records import World
+from fish_env.physics.tank_options import MOST_STEPS
+from fish_env.physics.world import make_water
 from fish_env.tasks.start import check_pose
-from fish_env.world import World, make_water
 
 OF_ONE = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 """Attributes of a single environment that a batch has under another name."""
@@ -95,38 +96,38 @@ def checked_water(keywords) -> World:
         raise ValueError(f"water is {keywords!r}; give keywords of fish_env.make_water, or its result") from error
 
 
-def settable(fish) -> tuple[str, ...]:
+def settable(env) -> tuple[str, ...]:
     """The options of a batch that may be set while it runs."""
-    return (*fish.LIVE, *getattr(fish.task, "settable", ()))
+    return (*env.LIVE, *getattr(env.task, "settable", ()))
 
 
-def set_option(fish, name: str, value: Any) -> None:
+def set_option(env, name: str, value: Any) -> None:
     """Give an option of a batch another value, which counts from the episodes that begin next.
 
     Raises:
         AttributeError: for an option that cannot be set while it runs, naming those that can.
         ValueError: for a value that is not allowed.
     """
-    task = fish.task
-    if name not in settable(fish):
-        raise AttributeError(f"{name!r} cannot be set while the environment runs; choose from {settable(fish)}")
-    if name not in fish.LIVE:
-        made = type(task)(**{**fish._task_options, name: value})
+    task = env.task
+    if name not in settable(env):
+        raise AttributeError(f"{name!r} cannot be set while the environment runs; choose from {settable(env)}")
+    if name not in env.LIVE:
+        made = type(task)(**{**env._task_options, name: value})
         if made.directions != task.directions:
             raise ValueError(f"{name} = {value!r} would change what is observed; make another environment")
-        fish._task_options[name] = getattr(made, name)
+        env._task_options[name] = getattr(made, name)
         setattr(task, name, getattr(made, name))
     elif name == "variation":
         variation = checked_variation({} if value is None else value)
-        check_pose(fish.tank.fish, variation)
-        fish._settle_anew(variation=variation)
+        check_pose(env.tank.fish, variation)
+        env._settle_anew(variation=variation)
     else:
-        setattr(fish, name, checked_truth(value, name) if name == "info_every_step" else value)
-    if fish.spec is not None:
-        fish.spec.kwargs[name] = copy.deepcopy(value)
+        setattr(env, name, checked_truth(value, name) if name == "info_every_step" else value)
+    if env.spec is not None:
+        env.spec.kwargs[name] = copy.deepcopy(value)
 
 
-def call_each(fish, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
+def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
     """What an attribute is, or a method returns, for each of some fish of a batch.
 
     `reset`, `render`, `episode_info` and `step_info` are called for these fish alone, any other method for the batch.
@@ -137,12 +138,12 @@ def call_each(fish, name: str, which: Iterable[int], *args, **kwargs) -> list[An
     """
     which = list(which)
     if name == "reset":
-        return _reset_each(fish, which, *args, **kwargs)
-    found: Any = getattr(fish.task if name in getattr(fish.task, "settable", ()) else fish, OF_ONE.get(name, name))
+        return _reset_each(env, which, *args, **kwargs)
+    found: Any = getattr(env.task if name in getattr(env.task, "settable", ()) else env, OF_ONE.get(name, name))
     if name in ("episode_info", "step_info"):
         return [found(i, *args, **kwargs) for i in which]
     if callable(found):
-        if name != "render" and set(which) != set(range(fish.num_envs)):
+        if name != "render" and set(which) != set(range(env.num_envs)):
             raise ValueError(f"{name} acts on all fish of a batch; call it for all of them")
         found = found(*args, **kwargs)
     if found is None or name not in ("render", "np_random", "np_random_seed"):
@@ -150,10 +151,10 @@ def call_each(fish, name: str, which: Iterable[int], *args, **kwargs) -> list[An
     return [found[i] for i in which]
 
 
-def _reset_each(fish, which: list[int], *, seed: int | None = None, options: dict | None = None) -> list[Any]:
-    """Begin an episode of some fish, with the same seed: what each sees, and {}."""
-    mask = np.zeros(fish.num_envs, dtype=bool)
+def _reset_each(env, which: list[int], *, seed: int | None = None, options: dict | None = None) -> list[Any]:
+    """Begin an episode of some env, with the same seed: what each sees, and {}."""
+    mask = np.zeros(env.num_envs, dtype=bool)
     mask[which] = True
-    seeds = None if seed is None else [seed] * fish.num_envs
-    obs, _ = fish.reset(seed=seeds, options={**(options or {}), "reset_mask": mask})
+    seeds = None if seed is None else [seed] * env.num_envs
+    obs, _ = env.reset(seed=seeds, options={**(options or {}), "reset_mask": mask})
     return [(obs[i], {}) for i in which]

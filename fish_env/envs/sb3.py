@@ -10,11 +10,10 @@ try:
 except ImportError as error:
     raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
 
-from fish_env.envs.make_sb3 import make_sb3_vec_env
 from fish_env.envs.options import call_each, checked_seed
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 
-__all__ = ["FishVecEnv", "VecEnv", "VecMonitor", "make_sb3_vec_env"]
+__all__ = ["FishVecEnv", "VecEnv", "VecMonitor"]
 
 
 class FishVecEnv(VecEnv):

@@ -13,8 +13,8 @@ from fish_env.checks import finite_array
 from fish_env.envs.layout import Layout
 from fish_env.envs.options import OwnSpec, checked_seed
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
-from fish_env.tank import Tank
-from fish_env.tank_options import checked_count
+from fish_env.physics.tank import Tank
+from fish_env.physics.tank_options import checked_count
 
 
 class FishEnv(OwnSpec, gym.Env):

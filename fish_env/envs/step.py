@@ -3,20 +3,32 @@
 Legend: b fish; t terms of the reward; p place of a fish in the order in which its thread moves it.
 """
 
+import math
 from functools import cache
 
 import numpy as np
 
-from fish_env._jit import INDEX, kernel, njit, part
-from fish_env.engine import make_advance
 from fish_env.envs.layout import Layout
-from fish_env.envs.observation import contract, observe
-from fish_env.forces import cached
-from fish_env.muscles import command
-from fish_env.pose import measure
-from fish_env.simd import pack_at
+from fish_env.envs.observation import observe
+from fish_env.kernels.compile import INDEX, kernel, njit, part
+from fish_env.kernels.simd import pack_at
+from fish_env.physics.engine import make_advance
+from fish_env.physics.forces import cached
+from fish_env.physics.muscles import command
+from fish_env.physics.pose import measure
 
 FAILURE_PENALTY = 10.0  # body lengths: what a failure of the physics costs
+
+
+@kernel
+def contract(action, groups, b, out):
+    """Contractions (B,M) in [0, 1] of fish b for actions (B,A) clipped to [-1, 1]; False, and void, if not finite."""
+    for m in range(groups.size):
+        wanted = action[b, INDEX(groups[m])]
+        if not math.isfinite(wanted):
+            return False
+        out[b, m] = 0.5 * (min(max(wanted, -1.0), 1.0) + 1.0)
+    return True
 
 
 @cache

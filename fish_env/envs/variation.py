@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.tank import Tank
+from fish_env.physics.tank import Tank
 from fish_env.tasks.options import Option
 from fish_env.tasks.start import POSE_OPTIONS
 

@@ -1,18 +1,16 @@
 """The tab of the page where objects are put side by side, and the numbers that each object is made with."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fish_env.bodies import BODIES
 from fish_env.bodies.objects import OBJECTS
-from fish_env.integrators import INTEGRATORS
 from fish_env.lab import colours
 from fish_env.lab.plots import add_plot, padded
+from fish_env.lab.requests import PanelLike
 from fish_env.lab.specimen import Entry, level_of
-
-if TYPE_CHECKING:
-    from fish_env.lab.panel import Panel
+from fish_env.physics.integrators import INTEGRATORS
 
 OWN, NOTHING = "own", "nothing"
 OTHERS = ("second", "third")
@@ -32,7 +30,7 @@ class MadeWith:
         rank: what the labels begin with, "" for the first object.
     """
 
-    def __init__(self, panel: "Panel", number: int, rank: str = ""):
+    def __init__(self, panel: PanelLike, number: int, rank: str = ""):
         self.panel, self.number, self.rank = panel, number, rank
         self.folder = panel.gui.add_folder(f"{rank} made with".strip(), expand_by_default=False)
         self._numbers: dict[str, Any] = {}
@@ -61,7 +59,7 @@ class Comparison:
         panel: whose tab they fill.
     """
 
-    def __init__(self, panel: "Panel"):
+    def __init__(self, panel: PanelLike):
         self.panel, self.bench, gui = panel, panel.session.bench, panel.gui
         gui.add_markdown("The same object by other methods, or other objects, under the same conditions.")
         self.things, self.integrators, self.made = [], [], []

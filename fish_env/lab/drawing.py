@@ -4,7 +4,7 @@ Everything is drawn in lengths of the first object, so that a metre of a scene i
 """
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +12,8 @@ from fish_env.lab import colours
 from fish_env.lab.fields import ARROWS, SHADES, activation, arrows, part_of, shade_of, shades
 from fish_env.lab.geometry import boundary, octahedron
 from fish_env.lab.incoming import usable, vector
+from fish_env.lab.requests import SessionLike
 from fish_env.lab.specimen import Specimen, down_of, room_size
-
-if TYPE_CHECKING:
-    from fish_env.lab.session import Session
 
 TRANSLUCENT = 0.7  # opacity of tetrahedra with muscles between them
 FAINT = 0.15  # opacity of what would hide forces
@@ -51,7 +49,7 @@ class Drawing:
         session: whose bench it is.
     """
 
-    def __init__(self, session: "Session"):
+    def __init__(self, session: SessionLike):
         self.session, self.scene = session, session.client.scene
         self.shown = dict.fromkeys(VIEWS, True) | {"forces": False}
         self.scale = 1.0

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.bodies.fish import ElasticObject
+from fish_env.physics.fish import ElasticObject
 
 SIDES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])
 """The four sides of a tetrahedron, outward."""

@@ -1,20 +1,18 @@
 """The controls of the page, in tabs. What they hand over is checked by the bench, like any other input."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fish_env.bodies import BODIES
 from fish_env.bodies.detail import LevelOfDetail
 from fish_env.bodies.objects import OBJECTS
-from fish_env.integrators import INTEGRATORS
 from fish_env.lab import colours
 from fish_env.lab.comparison import OWN, Comparison, MadeWith, method
 from fish_env.lab.plots import EVERY, PLOTS, add_plot, padded
+from fish_env.lab.requests import SessionLike
 from fish_env.lab.settings import SETTINGS, WALLS
 from fish_env.lab.specimen import Entry, level_of
 from fish_env.lab.steering import Steering
-
-if TYPE_CHECKING:
-    from fish_env.lab.session import Session
+from fish_env.physics.integrators import INTEGRATORS
 
 DETAILED = "uniform sphere"
 """The object whose level of detail its distance from the camera can choose."""
@@ -27,7 +25,7 @@ class Panel:
         session: what they act on.
     """
 
-    def __init__(self, session: "Session"):
+    def __init__(self, session: SessionLike):
         self.session, self.gui = session, session.client.gui
         self.mouse, self._drawn = "drag", 0.0
         self._detail: LevelOfDetail | None = None  # of the first object, if its level is chosen by its distance

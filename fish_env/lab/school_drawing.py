@@ -3,17 +3,15 @@
 Everything is drawn in lengths of the fish. The picture goes along with the school; the grid shows that it moves.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fish_env.lab import colours
 from fish_env.lab.drawing import flat_points, free_part
 from fish_env.lab.geometry import octahedron, surfaces
+from fish_env.lab.requests import SessionLike
 from fish_env.lab.school import APART, MOST_OBSTACLES, School
-
-if TYPE_CHECKING:
-    from fish_env.lab.session import Session
 
 FOLLOW = 4.0  # 1/s, how fast the picture follows the school
 BEHIND = np.array([-0.62, -0.3, 0.72])  # where the camera is, from the middle of the fish; a unit vector, nearly
@@ -30,7 +28,7 @@ class SchoolDrawing:
         school: what is drawn.
     """
 
-    def __init__(self, session: "Session", school: School):
+    def __init__(self, session: SessionLike, school: School):
         self.school, self.session, self.scene = school, session, session.client.scene
         fish = school.fish
         self.scale = 1.0 / fish.length

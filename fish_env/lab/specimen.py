@@ -10,19 +10,20 @@ import numpy as np
 
 from fish_env.bodies import BODIES, Fish
 from fish_env.bodies.detail import carried_over
-from fish_env.bodies.fish import ElasticObject
 from fish_env.bodies.objects import OBJECTS, Layered
-from fish_env.body import Body, scaled, with_rates
 from fish_env.checks import is_whole
 from fish_env.control.gait import best_gait
-from fish_env.forces.evaluate import Evaluator
-from fish_env.integrators import INTEGRATORS
 from fish_env.lab.geometry import Surface, enclosed, spring_strain, surfaces, tet_strain
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import chosen
-from fish_env.tank import Tank
-from fish_env.tank_options import own_step
-from fish_env.world import World, make_world
+from fish_env.physics.body import scaled, with_rates
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.integrators import INTEGRATORS
+from fish_env.physics.records import Body, World
+from fish_env.physics.tank import Tank
+from fish_env.physics.tank_options import own_step
+from fish_env.physics.world import make_world
 
 PULL = 0.4  # drag spring: its pull, over the object's weight on Earth, at a distance of the object's length
 DAMPING = 0.05  # s, damping of the drag spring over its stiffness

@@ -1,16 +1,14 @@
 """The tab of the page from which fish are steered, and its keys."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from viser._messages import RunJavascriptMessage
 
 from fish_env.lab import colours
 from fish_env.lab.plots import add_plot
+from fish_env.lab.requests import PanelLike
 from fish_env.lab.school import DRIVERS, MOST_FISH, TURN, School
-
-if TYPE_CHECKING:
-    from fish_env.lab.panel import Panel
 
 NOBODY = "nobody: the objects above"
 
@@ -36,7 +34,7 @@ class Steering:
         panel: whose tab they fill.
     """
 
-    def __init__(self, panel: "Panel"):
+    def __init__(self, panel: PanelLike):
         self.panel, self.session, self.gui = panel, panel.session, panel.gui
         self.driver = panel.when(
             self.gui.add_dropdown("steered by", [NOBODY, *DRIVERS], initial_value=NOBODY),

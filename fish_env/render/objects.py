@@ -10,8 +10,8 @@ import pygame
 
 from fish_env.bodies.objects import OBJECTS
 from fish_env.bodies.room import InRoom
+from fish_env.physics.tank import Tank
 from fish_env.render.elastic_object import Painter
-from fish_env.tank import Tank
 
 FRAME = 1 / 60  # s
 PULL = 0.4  # of the mouse's spring over the object's weight an object's length away

@@ -6,8 +6,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.pose import Pose
-from fish_env.tank import Tank
+from fish_env.physics.pose import Pose
+from fish_env.physics.tank import Tank
 from fish_env.tasks.avoid import AvoidTask
 from fish_env.tasks.left_after_right import LeftAfterRightTask
 from fish_env.tasks.options import Direction, Option

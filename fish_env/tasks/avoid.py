@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
-from fish_env._jit import INDEX, kernel
-from fish_env.pose import FORWARD
-from fish_env.simd import Kind, Vectors, dot, sqrt, vec3
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Kind, Vectors, dot, sqrt, vec3
+from fish_env.physics.pose import FORWARD
+from fish_env.physics.tank import Tank
 from fish_env.tasks import turns
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS
@@ -174,7 +175,7 @@ class AvoidTask(CommandedTurns):
         """For pictures of fish i: centre of the obstacle, m, and its radius, body lengths, (1,4); (0,4) without one."""
         return np.array([[*self.obstacle[i], self.radius]])[: int(self.present[i])]
 
-    def metrics(self, tank, i, seconds):
+    def metrics(self, tank: Tank, i, seconds):
         """Whether the obstacle was avoided and passed and the heading found again; the rest as for commanded turns."""
         found = super().metrics(tank, i, seconds)
         avoided = bool(self.present[i] and not self.touched[i])

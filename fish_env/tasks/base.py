@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from fish_env._jit import njit
-from fish_env.pose import Pose, packed_pose
-from fish_env.simd import Kind, Pack, Vectors
+from fish_env.kernels.compile import njit
+from fish_env.kernels.simd import Kind, Pack, Vectors
+from fish_env.physics.pose import Pose, packed_pose
+from fish_env.physics.tank import Tank
 from fish_env.tasks.options import Direction
 
 
@@ -54,20 +55,20 @@ class CompiledTask:
         ours = all(getattr(cls, name) is getattr(CompiledTask, name) for name in ("vectors", "reward", "done"))
         return (cls.look, cls.score) if ours else None
 
-    def vectors(self, tank, pose: Pose) -> np.ndarray:
+    def vectors(self, tank: Tank, pose: Pose) -> np.ndarray:
         """World vectors (B, directions, 3) that tell each fish what is asked."""
         out = np.zeros((tank.num_fish, len(self.directions), 3))
         look, _ = make_calls(type(self).look, type(self).score)
         look(tank.pack, packed_pose(pose), self.pack, Pack("out", vectors=Vectors(out, Kind(1))))
         return out
 
-    def reward(self, tank, pose: Pose) -> dict[str, np.ndarray]:
+    def reward(self, tank: Tank, pose: Pose) -> dict[str, np.ndarray]:
         """Named terms (B,) of the reward for the last control interval."""
         terms = np.zeros((len(self.term_names), tank.num_fish))
         _, score = make_calls(type(self).look, type(self).score)
         score(tank.pack, packed_pose(pose), self.pack, terms)
         return dict(zip(self.term_names, terms, strict=True))
 
-    def done(self, tank, pose: Pose) -> np.ndarray:
+    def done(self, tank: Tank, pose: Pose) -> np.ndarray:
         """(B,) True where the task itself ends the episode."""
         return self.pack.over

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env._jit import INDEX, kernel
-from fish_env.forces.control import STIFFNESS
-from fish_env.simd import dot, sqrt
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import dot, sqrt
+from fish_env.physics.forces.control import STIFFNESS
+from fish_env.physics.tank import Tank
 
 
 class Effort(NamedTuple):
@@ -18,7 +19,7 @@ class Effort(NamedTuple):
     rest: np.ndarray  # (B,K) m, its rest length then
 
 
-def make_effort(tank) -> Effort:
+def make_effort(tank: Tank) -> Effort:
     """Nothing yet, for relaxed fish of a tank."""
     b, k = tank.num_fish, tank.fish.fibres.size
     return Effort(np.zeros(b), np.zeros(b), np.zeros((b, k)), np.tile(tank.fibre_length, (b, 1)))

@@ -2,9 +2,9 @@
 
 import math
 
-from fish_env._jit import kernel
-from fish_env.pose import FORWARD
-from fish_env.simd import dot
+from fish_env.kernels.compile import kernel
+from fish_env.kernels.simd import dot
+from fish_env.physics.pose import FORWARD
 
 EFFORT_WEIGHT = 0.1  # body lengths a second, the price of moving every muscle at its fastest all the time
 

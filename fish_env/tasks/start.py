@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from fish_env.physics.fish import Fish
+from fish_env.physics.tank import Tank
 from fish_env.tasks.options import Option
 
 NOISE = 0.01  # body lengths a second: standard deviation of the node velocities at the start
@@ -13,7 +15,7 @@ POSE_OPTIONS = {
 }
 
 
-def place(tank, i, generator, yaw, options) -> np.ndarray:
+def place(tank: Tank, i, generator, yaw, options) -> np.ndarray:
     """Put fish i, freshly reset, at the origin, turned to `yaw` unless an option says else.
 
     Returns its centre of mass (3,), m. Raises ValueError if a flat fish is to pitch or roll.
@@ -28,7 +30,7 @@ def place(tank, i, generator, yaw, options) -> np.ndarray:
     return body.mass @ tank.position[i] / body.mass.sum()
 
 
-def check_pose(fish, options) -> None:
+def check_pose(fish: Fish, options) -> None:
     """Raise ValueError if a flat fish is to pitch or roll: a number in `options`, or a pair (lowest, highest)."""
     if fish.flat and np.any([options.get(name, 0.0) for name in ("pitch", "roll") if name in options]):
         raise ValueError(f"the flat {fish.name!r} fish can neither pitch nor roll; take another body")

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from fish_env._jit import kernel
-from fish_env.simd import Kind, Pack, Vectors
+from fish_env.kernels.compile import kernel
+from fish_env.kernels.simd import Kind, Pack, Vectors
+from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import Direction, Option
@@ -59,7 +60,7 @@ class SwimTask(CompiledTask):
             self.reset_options["speed"] = SPEED
             self.directions = (Direction("commanded velocity", "body lengths/s, in the body frame", SPEED.high, 0.5),)
 
-    def prepare(self, tank, interval):
+    def prepare(self, tank: Tank, interval):
         """Make the arrays for the fish of a tank."""
         self.interval = interval
         b = tank.num_fish
@@ -71,7 +72,7 @@ class SwimTask(CompiledTask):
             commanded=self.speed is not None, interval=float(interval), over=np.zeros(b, dtype=bool),
         )  # fmt: skip
 
-    def start(self, tank, i, generator, options):
+    def start(self, tank: Tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, and draw its commanded heading."""
         yaw, error = generator.uniform(-1.0, 1.0, 2) * (np.pi, self.heading_error)
         self._before[i] = self._start[i] = place(tank, i, generator, yaw, options)
@@ -79,7 +80,7 @@ class SwimTask(CompiledTask):
         if self.speed is not None:
             self._speed[i] = options.get("speed", generator.uniform(*self.speed))
 
-    def metrics(self, tank, i, seconds):
+    def metrics(self, tank: Tank, i, seconds):
         """Mean speed along the commanded heading and across it, and how far it is from the commanded one, lengths/s."""
         travel = (self._before[i] - self._start[i]) / tank.fish.length / seconds
         along = float(travel @ self._heading[i])

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
-from fish_env._jit import INDEX, kernel
-from fish_env.pose import FORWARD
-from fish_env.simd import Kind, Pack, Vectors, dot, sqrt, vec3
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Kind, Pack, Vectors, dot, sqrt, vec3
+from fish_env.physics.pose import FORWARD
+from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import Direction, Option, checked_choice
@@ -117,7 +118,7 @@ class TargetTask(CompiledTask):
             self.reset_options["elevation"] = ELEVATION_SIGNED
             self.settable = (*self.settable, "elevation")
 
-    def prepare(self, tank, interval):
+    def prepare(self, tank: Tank, interval):
         """Make the arrays for the fish of a tank."""
         if self.dimensions == 3 and tank.fish.flat:
             raise ValueError(f"dimensions is 3, but the {tank.fish.name!r} fish is flat; give 2 or take another body")
@@ -133,7 +134,7 @@ class TargetTask(CompiledTask):
             interval=float(interval), over=np.zeros(b, dtype=bool),
         )  # fmt: skip
 
-    def start(self, tank, i, generator, options):
+    def start(self, tank: Tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, and draw its targets."""
         yaw = options.get("yaw", generator.uniform(-np.pi, np.pi))
         centre = place(tank, i, generator, yaw, options)
@@ -153,7 +154,7 @@ class TargetTask(CompiledTask):
         """For pictures of fish i: centre of its target, m, and how near the nose must come, body lengths, (1,4)."""
         return np.array([[*self._target[i], self.radius]])
 
-    def metrics(self, tank, i, seconds):
+    def metrics(self, tank: Tank, i, seconds):
         """Targets reached and missed, the part reached of those decided, and the time each took, s."""
         reached, missed = int(self.reached[i]), int(self.missed[i])
         return {

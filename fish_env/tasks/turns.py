@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env._jit import kernel
-from fish_env.pose import FORWARD
-from fish_env.simd import Kind, Pack, Vectors, vec3
+from fish_env.kernels.compile import kernel
+from fish_env.kernels.simd import Kind, Pack, Vectors, vec3
+from fish_env.physics.pose import FORWARD
+from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.measures import make_effort, measure_load
@@ -193,7 +194,7 @@ class CommandedTurns(CompiledTask, ABC):
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
     look, score = look, score
 
-    def prepare(self, tank, interval):
+    def prepare(self, tank: Tank, interval):
         """Make the arrays for the fish of a tank."""
         beat = max(1, round(MEAN_TIME / interval))  # environment steps: 13 of 20 ms, 6 of 40 ms
         b, k, w = tank.num_fish, self.most_turns, 2 * beat - 1
@@ -222,7 +223,7 @@ class CommandedTurns(CompiledTask, ABC):
             "over": np.zeros(len(self._before), dtype=bool),
         }
 
-    def start(self, tank, i, generator, options):
+    def start(self, tank: Tank, i, generator, options):
         """Place the fish at the origin with a random yaw, almost at rest, heading where it points; plan its turns."""
         yaw = options.get("yaw", generator.uniform(-np.pi, np.pi))
         self._before[i] = self._start[i] = place(tank, i, generator, yaw, options)
@@ -240,7 +241,7 @@ class CommandedTurns(CompiledTask, ABC):
     def plan(self, i, generator, options) -> None:
         """Set the course of fish i: count, angle, wait and part."""
 
-    def metrics(self, tank, i, seconds):
+    def metrics(self, tank: Tank, i, seconds):
         """How the last commanded turn went; angles in degrees, lengths in body lengths."""
         course, record, load, length = self.course, self.record, self.load, tank.fish.length
         error = abs(wrapped(course.heading[i] - steady_facing(course, i)))

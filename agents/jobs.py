@@ -1,0 +1,83 @@
+"""One run of `train.py all`: a process of its own, on this machine or on another."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from agents.config import TrainConfig, settings_of
+from agents.saved_run import not_through_link, read_curve, read_record
+
+PARENT = "FISH_ENV_TRAIN_ALL"
+"""The environment variable by which runs know whose they are: they end when this program is gone."""
+SCRIPT = Path(__file__).parent.parent / "train.py"
+
+
+@dataclass
+class Job:
+    """One run: a task with a seed, in a folder of its own."""
+
+    task: str
+    seed: int
+    folder: Path
+    config: TrainConfig
+    process: subprocess.Popen | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it was started here and has not ended."""
+        return self.process is not None and self.process.poll() is None
+
+    @property
+    def finished(self) -> bool:
+        return (self.folder / "results.json").exists()
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        if self.finished:
+            return self.config.timesteps
+        with suppress(ValueError, IndexError):  # there is no row yet
+            return int(read_curve(self.folder / "curve.csv")[-1].split(",")[0])
+        return 0
+
+    def check(self) -> None:
+        """ValueError if the folder holds what cannot be used, or was trained with other settings than the task has."""
+        path = self.folder / "config.json"
+        if path.exists() and settings_of(read_record(path)["config"]) != self.config:
+            raise ValueError(f"{self.folder} was trained with other settings; move it away, or give other --runs")
+
+    def command(self) -> list[str]:
+        """The command that begins the run, or resumes it from its last checkpoint."""
+        begun, options = (self.folder / "model.zip").exists(), self.config.env_options
+        changed = () if begun else ("integrator", "dt")
+        return [
+            sys.executable,
+            str(SCRIPT),
+            self.task,
+            "--seed",
+            str(self.seed),
+            "--no-pictures",
+            *(word for name in changed if name in options for word in (f"--{name}", str(options[name]))),
+            "--resume" if begun else "--folder",
+            str(self.folder),
+        ]
+
+    def start(self, processor: int | None) -> None:
+        """Run the command, on one processor."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+        def prepare() -> None:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # a program in the background may have been told to ignore it
+            if processor is not None:
+                os.sched_setaffinity(0, {processor})
+
+        # in a session of its own: Ctrl-C reaches it once, from here
+        with open(self.folder / "log.txt", "a", opener=not_through_link) as log:
+            self.process = subprocess.Popen(
+                self.command(), stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True,
+                env=os.environ | {PARENT: str(os.getpid())},
+            )  # fmt: skip

@@ -1,0 +1,245 @@
+"""The compiled kernels on disk: where they are stored, under which names, and how they are found.
+
+Numba's own cache looks only at the file a kernel stands in, so a kernel that calls another file's kernel can be
+served stale after an edit. Here the cache folder's name is a hash of every source file of the package: an edit
+anywhere opens a new folder, and a stale kernel cannot be found.
+
+The folder is, in this order, in FISH_ENV_CACHE, NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA, ~/.cache or temporary
+files. FISH_ENV_CACHE is meant for folders that machines share, and for images of containers.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+
+from fish_env.kernels.data import data
+from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
+from fish_env.kernels.progress import begin_progress, end_progress
+
+CHECKSUM = 32  # bytes
+CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
+
+
+def source_hash(package: Path | None = None) -> str:
+    """Hash of every Python source file of a package, this one (names and bytes), 16 hexadecimal digits."""
+    digest = hashlib.sha256()
+    for name, content in _sources(data("fish_env") if package is None else package):
+        digest.update(name.encode())
+        digest.update(content)
+    return digest.hexdigest()[:16]
+
+
+def _sources(folder: Path, above: str = "") -> Iterator[tuple[str, bytes]]:
+    """Names and bytes of the source files below a folder, which may lie in an archive."""
+    for each in sorted(folder.iterdir(), key=lambda each: each.name):
+        if each.is_dir():
+            yield from _sources(each, f"{above}{each.name}/")
+        elif each.name.endswith(".py"):
+            yield above + each.name, each.read_bytes()
+
+
+def cache_folder() -> str | None:
+    """The folder compiled kernels are kept in, created if need be; None (with a warning) if none can be written.
+
+    Compiled kernels are pickles, so the folder is the user's own: FISH_ENV_CACHE, or under NUMBA_CACHE_DIR,
+    XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache, else a private one among the temporary files.
+    """
+    name = f"{source_hash()}-py{sys.version_info.major}{sys.version_info.minor}"
+    if os.environ.get("FISH_ENV_CACHE"):
+        return chosen_folder(Path(os.environ["FISH_ENV_CACHE"]).expanduser() / name)
+    user = next((os.environ[name] for name in CACHE_VARIABLES if os.environ.get(name)), None)
+    bases, private = [], None
+    with contextlib.suppress(RuntimeError):  # there is no home folder
+        bases.append(Path(user) if user else Path.home() / ".cache")
+    with contextlib.suppress(FileNotFoundError):  # nor one for temporary files
+        private = Path(tempfile.gettempdir()) / f"cache-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+        bases.append(private)
+    for base in bases:
+        folder = base / "fish_env" / name
+        with contextlib.suppress(OSError):
+            if base is private:
+                base.mkdir(mode=0o700, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK) and not others_write(folder):
+                return str(folder)
+    warnings.warn(
+        f"fish_env cannot write to {' or '.join(map(str, bases)) or 'any folder'}, so kernels are compiled again in "
+        "every process (about 15 s); set FISH_ENV_CACHE to a writable folder",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return None
+
+
+def others_write(path: Path) -> Path | None:
+    """The first of a path and the folders above it whose content somebody else can change, or None.
+
+    The administrator may, and in a folder with the sticky bit, as that of temporary files, everybody may add files but
+    not replace those of others. A group that has its user's number is that user's own.
+    """
+    if not hasattr(os, "getuid"):
+        return None
+    for each in (path, *path.resolve().parents):
+        status = each.stat()
+        shared = 0o002 if status.st_gid in (0, os.getuid()) else 0o022
+        if each is not path and status.st_mode & 0o1000:
+            shared = 0
+        if status.st_uid not in (0, os.getuid()) or status.st_mode & shared:
+            return each
+    return None
+
+
+def chosen_folder(folder: Path) -> str | None:
+    """The folder below FISH_ENV_CACHE; one that cannot be written serves if it holds kernels, as in an image.
+
+    No other folder is taken instead: who names one wants the kernels there, or to know that they are not.
+    """
+    reason = "it holds no kernels, and cannot be written to"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+    if folder.is_dir() and (os.access(folder, os.W_OK) or any(folder.rglob("*.nbc"))):
+        path = others_write(folder)
+        if path is None:
+            return str(folder)
+        reason = f"somebody else owns {path} or can write to it, and compiled kernels are run unseen"
+    warnings.warn(
+        f"fish_env cannot store compiled kernels in {folder} ({reason}), so they are compiled again in every process "
+        "(about 15 s); set FISH_ENV_CACHE to a folder that can be written to, or fill it by python -m fish_env compile",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return None
+
+
+_FOLDER = cache_folder()
+
+
+class Place:
+    """Where kernels of a function are stored: below the folder, by the name of the package that they belong to.
+
+    Numba's own locators name it after the path of the sources, which differs between machines that share a folder, and
+    refuse a folder that can only be read.
+    """
+
+    def __init__(self, function, file):
+        package, _, _ = function.__module__.rpartition(".")
+        outside = hashlib.sha256(os.path.dirname(os.path.abspath(file)).encode()).hexdigest()[:16]
+        self._path = os.path.join(str(_FOLDER), package if package.split(".")[0] == "fish_env" else outside)
+        self._line = str(function.__code__.co_firstlineno)
+
+    @classmethod
+    def from_function(cls, function, file):
+        """The place for a function, whatever it is."""
+        return cls(function, file)
+
+    def get_cache_path(self) -> str:
+        """The folder of its files."""
+        return self._path
+
+    def ensure_cache_path(self) -> None:
+        """Make that folder; an OSError if that is impossible."""
+        os.makedirs(self._path, exist_ok=True)
+
+    def get_source_stamp(self) -> str:
+        """Nothing: the folder is named after the sources, and the files after what the functions do."""
+        return ""
+
+    def get_disambiguator(self) -> str:
+        """What tells functions of one name apart."""
+        return self._line
+
+
+class Stored(CompileResultCacheImpl):
+    """Numba's way to store a kernel, at our place."""
+
+    _locator_classes = [Place]
+
+
+class KeyedFiles(IndexDataCacheFile):
+    """Files of compiled code named by what they are for, so that processes that compile at once keep theirs apart.
+
+    Numba numbers them by an index that it reads and writes without a lock: of two processes that compile two closures
+    of one function, one may then be given the other's code.
+
+    A file begins with a checksum; one that is damaged or cannot be read counts as missing.
+    """
+
+    def save(self, key, data):
+        """Store compiled code."""
+        self._save_data(self._name(key), data)
+
+    def load(self, key):
+        """What was stored, or None."""
+        with contextlib.suppress(OSError):
+            return self._load_data(self._name(key))
+        return None
+
+    def _dump(self, obj):
+        data = super()._dump(obj)
+        return hashlib.sha256(data).digest() + data
+
+    def _load_data(self, name):
+        path = Path(self._data_path(name))
+        if others_write(path):
+            return None
+        content = path.read_bytes()
+        digest, data = content[:CHECKSUM], content[CHECKSUM:]
+        return pickle.loads(data) if hashlib.sha256(data).digest() == digest else None
+
+    def _name(self, key) -> str:
+        text = "\n".join(map(str, (numba.__version__, *key)))
+        return self._index_name.removesuffix("nbi") + hashlib.sha256(text.encode()).hexdigest()[:32] + ".nbc"
+
+
+class SourceCache(FunctionCache):
+    """Numba's cache of one function, for closures too: its key is all that the function is compiled from."""
+
+    _impl_class = Stored
+
+    def __init__(self, function):
+        super().__init__(function)
+        base = self._impl.filename_base
+        self._cache_file = KeyedFiles(self._cache_path, base, self._impl.locator.get_source_stamp())
+
+    def load_overload(self, sig, target_context):
+        """What was compiled before, or None: then it is compiled now, and said so."""
+        found = None
+        with contextlib.suppress(UnknownValueError):
+            found = super().load_overload(sig, target_context)
+        if found is None:
+            begin_progress()
+        return found
+
+    def save_overload(self, sig, data):
+        """Store what was compiled."""
+        end_progress()
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            unstored(
+                f"compiled kernels in {_FOLDER} ({error.strerror or error}): they are compiled again in every process; "
+                "make room there, or set FISH_ENV_CACHE to another folder"
+            )
+        except UnknownValueError as error:
+            unstored(f"the compiled {self._py_func.__name__}, which every process compiles again: {error}")
+
+    def _index_key(self, sig, codegen):
+        return sig, codegen.magic_tuple(), numba.config.BOUNDSCHECK, fingerprint(self._py_func)
+
+
+@cache
+def unstored(what: str) -> None:
+    """Say, once a process, that a compiled kernel stays in memory only."""
+    warnings.warn(f"fish_env cannot store {what}", RuntimeWarning, stacklevel=2)

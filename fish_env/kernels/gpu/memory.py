@@ -1,0 +1,136 @@
+"""Packs in the memory of a GPU: the same words as on the host, with addresses of copies there.
+
+What every thread has of its own (`fish_env.kernels.simd.warps`) is not copied: it is laid out again for as many warps
+as run, and begins with zeros.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from fish_env.kernels.simd import Numbers, Pack, Scratch, Vectors
+from fish_env.kernels.simd.packs import PackType, describe
+from fish_env.kernels.simd.types import THREAD
+
+
+def gpu_type(kind):
+    """The type of what a pack holds as a GPU reads it: it needs to know that numbers are aligned, or reads bytes."""
+    if isinstance(kind, PackType):
+        return PackType(kind.label, tuple((name, gpu_type(field), place) for name, field, place in kind.fields))
+    if type(kind) is types.Array:
+        return types.Array(kind.dtype, kind.ndim, kind.layout, aligned=True)
+    return kind
+
+
+def is_own(value) -> bool:
+    """Whether every thread has a value of its own."""
+    return isinstance(value, Scratch) or (isinstance(value, Numbers | Vectors) and value.kind.lanes == THREAD)
+
+
+def arrays_of(pack: Pack, prefix: str = "") -> dict[str, Any]:
+    """What a pack and the packs in it hold but for single numbers, by name: "tank.x" for example."""
+    found = {}
+    for name, value in pack._kept.items():
+        if isinstance(value, Pack):
+            found |= arrays_of(value, f"{prefix}{name}.")
+        elif isinstance(value, np.ndarray | Numbers | Vectors | Scratch):
+            found[prefix + name] = value
+    return found
+
+
+def memory_of(value) -> np.ndarray:
+    """The numpy array in which a value's numbers stand."""
+    return value if isinstance(value, np.ndarray) else value.memory
+
+
+def fish_axes(one: Pack, many: Pack) -> dict[str, int]:
+    """The axis of every array that belongs to single fish, by name: that by which packs of one and many fish differ."""
+    single, found = arrays_of(one), {}
+    for name, value in arrays_of(many).items():
+        shapes = zip(memory_of(single[name]).shape, memory_of(value).shape, strict=True)
+        for axis, (length, longer) in enumerate(shapes):
+            if length != longer:
+                found[name] = axis
+    return found
+
+
+class Upload:
+    """A pack and all that is in it, in another memory.
+
+    Args:
+        pack: on the host.
+        warps: for how many warps there is to be memory of their own.
+        place: `place(array)` copies a numpy array there, `place(shape, dtype)` makes one of zeros; both return it.
+        address: `address(placed)` is where it is.
+        axes: of the arrays that belong to single fish (`fish_axes`), if there is to be another number of them there.
+            These arrays begin with zeros.
+        num_fish: that number.
+
+    Two arrays of the pack that share their memory on the host share it there too, if they begin at the same place.
+    """
+
+    def __init__(
+        self,
+        pack: Pack,
+        warps: int,
+        place: Callable[..., Any],
+        address: Callable[[Any], int],
+        axes: Mapping[str, int] | None = None,
+        num_fish: int = 0,
+    ):
+        self.type = gpu_type(pack.type)
+        self._place, self._address, self._warps = place, address, warps
+        self._axes, self._num_fish = axes or {}, num_fish
+        self._placed: dict[tuple[int, int], Any] = {}
+        self._words: list[Any] = []
+        self._words.append(self._put(pack))
+        self.address = address(self._words[-1])
+
+    def _put(self, pack: Pack, prefix: str = ""):
+        words = []
+        for name, value in pack._kept.items():
+            _, content = describe(name, value)
+            if isinstance(value, Pack):
+                self._words.append(self._put(value, f"{prefix}{name}."))
+                content = [self._address(self._words[-1])]
+            elif is_own(value):
+                memory = value.memory
+                placed = self._place((self._warps, *memory.shape), memory.dtype)
+                self._placed[memory.ctypes.data, memory.nbytes] = placed
+                content[0] = self._address(placed)
+            elif isinstance(value, np.ndarray | Numbers | Vectors):
+                axis = self._axes.get(prefix + name)
+                content[0] = self._address(self._copy(memory_of(value), axis))
+                if axis is not None:
+                    content[1 + axis] = self._num_fish
+            words.extend(content)
+        return self._place(np.array([np.int64(word) for word in words]))
+
+    def _copy(self, memory: np.ndarray, axis: int | None):
+        key = memory.ctypes.data, memory.nbytes
+        if key not in self._placed:
+            if axis is None:
+                self._placed[key] = self._place(memory)
+            else:
+                shape = list(memory.shape)
+                shape[axis] = self._num_fish
+                self._placed[key] = self._place(tuple(shape), memory.dtype)
+        return self._placed[key]
+
+    def of(self, value):
+        """The copy of an array of the pack; of what threads have of their own, that of all warps, (warps,...,WARP)."""
+        memory = memory_of(value)
+        return self._placed[memory.ctypes.data, memory.nbytes]
+
+
+def bytes_needed(pack: Pack, warps: int, axes: Mapping[str, int] | None = None, num_fish: int = 0) -> int:
+    """Bytes that an `Upload` takes; nothing is placed."""
+    taken = []
+
+    def measure(what, dtype=None):
+        taken.append(what.nbytes if dtype is None else int(np.prod(what)) * np.dtype(dtype).itemsize)
+
+    Upload(pack, warps, measure, lambda placed: 0, axes, num_fish)
+    return sum(taken)

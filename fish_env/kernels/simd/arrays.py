@@ -1,0 +1,140 @@
+"""What kernels ask of an array of numbers or vectors: its floats, its zero, how many fish an element is for."""
+
+from typing import Any
+
+import llvmlite.ir as ir
+import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed, lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+
+from fish_env.kernels.simd.kinds import Numbers, Vectors
+from fish_env.kernels.simd.packs import WORD, array_at
+from fish_env.kernels.simd.types import DIRECTIONS, DUAL, WARP, XYZ, Vec3, floats_apart, floats_in, mask_type, width
+from fish_env.kernels.simd.warps import ThreadArray, word
+
+
+def floats(array) -> Any:
+    """The memory of vectors (n,3 or 4,w) or of numbers (n,w), as plain floats."""
+    n = array.shape[0]
+    if isinstance(array, np.ndarray):
+        return array.reshape(n, 1)
+    w, apart = floats_in(array.kind.lanes), floats_apart(array.kind.lanes)
+    return array.memory.reshape((n, -1, apart) if isinstance(array, Vectors) else (n, apart))[..., :w]
+
+
+def zero(array) -> Any:
+    """The zero of an array's elements."""
+    if isinstance(array, Vectors):
+        return array[0] * 0.0
+    return 0.0 * array[0]
+
+
+def nowhere(array):
+    """False for every fish of a block."""
+    w = block_size(array)
+    return np.zeros(w, dtype=bool) if w > 1 else False
+
+
+def block_size(array):
+    """How many fish an element of the array is for."""
+    return array.kind.width if isinstance(array, Numbers | Vectors) else 1
+
+
+def directions(array):
+    """How many derivatives the numbers in the array carry with them: 0, but for dual numbers."""
+    return DIRECTIONS if isinstance(array, Numbers | Vectors) and array.kind.lanes == DUAL else 0
+
+
+def epsilon(array):
+    """The distance from 1 to the next number in the precision of an array's elements."""
+    return float(np.finfo((array if isinstance(array, np.ndarray) else array.memory).dtype).eps)
+
+
+@infer_global(floats)
+class Floats(AbstractTemplate):
+    """Of a one-dimensional array."""
+
+    def generic(self, args, kws):
+        kind = args[0].dtype
+        bits = getattr(kind, "bits", 64)
+        number = types.float64 if bits == 64 else types.float32
+        mine = isinstance(args[0], ThreadArray)
+        axes = 3 if isinstance(kind, Vec3) else 2
+        return signature(types.Array(number, axes, "A" if mine else "C", aligned=mine), args[0])
+
+
+@lower_builtin(floats, types.Array)
+def _floats(context, builder, sig, args):
+    source = context.make_array(sig.args[0])(context, builder, args[0])
+    kind = sig.args[0].dtype
+    lanes = floats_in(getattr(kind, "w", 1))
+    tail = ([4 if kind.w == XYZ else 3] if isinstance(kind, Vec3) else []) + [lanes]
+    shape = [cgutils.unpack_tuple(builder, source.shape, 1)[0], *(ir.Constant(WORD, length) for length in tail)]
+    out = array_at(context, builder, sig.return_type, builder.ptrtoint(source.data, WORD), shape)
+    if isinstance(sig.args[0], ThreadArray):
+        item = sig.args[0].item
+        strides = [word(length * item) for length in ((3 * WARP, WARP, 1) if len(tail) == 2 else (WARP, 1))]
+        place = context.data_model_manager[sig.return_type].get_field_position("strides")
+        for axis, stride in enumerate(strides):
+            out = builder.insert_value(out, stride, [place, axis])
+    return impl_ret_borrowed(context, builder, sig.return_type, out)
+
+
+@infer_global(zero)
+class Zero(AbstractTemplate):
+    """Of any array of floats, numbers or vectors."""
+
+    def generic(self, args, kws):
+        return signature(args[0].dtype, args[0])
+
+
+@lower_builtin(zero, types.Array)
+def _zero(context, builder, sig, args):
+    return ir.Constant(context.get_value_type(sig.return_type), None)
+
+
+@infer_global(nowhere)
+class Nowhere(AbstractTemplate):
+    """Of an array of numbers or vectors."""
+
+    def generic(self, args, kws):
+        return signature(mask_type(getattr(args[0].dtype, "w", 1)), args[0])
+
+
+lower_builtin(nowhere, types.Array)(_zero)
+
+
+@infer_global(block_size)
+@infer_global(directions)
+class Count(AbstractTemplate):
+    """Of an array of numbers or vectors."""
+
+    def generic(self, args, kws):
+        return signature(types.int64, args[0])
+
+
+@lower_builtin(directions, types.Array)
+def _directions(context, builder, sig, args):
+    return ir.Constant(WORD, DIRECTIONS if getattr(sig.args[0].dtype, "w", 1) == DUAL else 0)
+
+
+@lower_builtin(block_size, types.Array)
+def _block_size(context, builder, sig, args):
+    return ir.Constant(WORD, width(getattr(sig.args[0].dtype, "w", 1)))
+
+
+@infer_global(epsilon)
+class Epsilon(AbstractTemplate):
+    """Of an array of floats, numbers or vectors."""
+
+    def generic(self, args, kws):
+        return signature(types.float64, args[0])
+
+
+@lower_builtin(epsilon, types.Array)
+def _epsilon(context, builder, sig, args):
+    kind = sig.args[0].dtype
+    bits = getattr(kind, "bits", None) or kind.bitwidth
+    return ir.Constant(ir.DoubleType(), float(np.finfo(f"float{bits}").eps))

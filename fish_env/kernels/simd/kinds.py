@@ -1,0 +1,158 @@
+"""How many fish a kernel works on at once, and in which precision; arrays of numbers and of vectors for such kernels.
+
+Legend: n elements of an array; w lanes.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from fish_env.kernels.simd import plain
+from fish_env.kernels.simd.types import DUAL, THREAD, WARP, XYZ, Vec3, floats_apart, floats_in, number_type, width
+
+LANES = (XYZ, 1, 2, 4, 8, 16, 32)
+TESTED = ("0.60", "0.61", "0.62", "0.63", "0.64", "0.65", "0.66", "0.67", "0.68")
+"""Versions of numba whose compiler the types were tested with."""
+SUPPORTED = numba.__version__.startswith(tuple(f"{version}." for version in TESTED))
+if not SUPPORTED:
+    warnings.warn(
+        f"fish_env's vector types were tested with numba {', '.join(TESTED)}, not {numba.__version__}: kernels work on "
+        'one fish at a time, several times slower; pip install "numba>=0.60,<0.69" for the full speed',
+        RuntimeWarning,
+        stacklevel=2,
+    )
+ALIGNMENT = 64  # bytes: a cache line, and the widest register
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How many fish a kernel works on at once, and in which precision."""
+
+    lanes: str | int = XYZ if SUPPORTED else 1
+    """"xyz", one fish with its coordinates in a register; or how many fish side by side: 1, 2, 4, 8, 16 or 32; or
+    "dual", one fish with derivatives, which moves nothing but tells how forces change; or "thread", one fish of a
+    thread of a GPU, in memory of its own between that of the other threads of its warp."""
+    dtype: str = "float64"
+    """"float64" or "float32"."""
+
+    def __post_init__(self):
+        known = isinstance(self.lanes, str | int) and self.lanes in (*LANES, DUAL, THREAD)
+        if not known or isinstance(self.lanes, bool):
+            raise ValueError(f"lanes is {self.lanes!r}; choose from {', '.join(map(repr, LANES))}")
+        if not SUPPORTED and self.lanes not in (1, DUAL, THREAD):
+            raise ValueError(
+                f"lanes is {self.lanes!r}, which was not tested with numba {numba.__version__}; give 1, or install one "
+                f"of {', '.join(TESTED)}"
+            )
+        if self.dtype not in ("float64", "float32"):
+            raise ValueError(f"dtype is {self.dtype!r}; choose 'float64' or 'float32'")
+
+    @property
+    def bits(self) -> int:
+        """Bits of a number."""
+        return 8 * np.dtype(self.dtype).itemsize
+
+    @property
+    def width(self) -> int:
+        """Fish in a block."""
+        return width(self.lanes)
+
+    def numbers(self, count: int) -> "Numbers":
+        """`count` numbers a fish, all zero."""
+        return Numbers(aligned((count, floats_apart(self.lanes)), self.dtype), self)
+
+    def scratch(self, shape, dtype="float64") -> "np.ndarray | Scratch":
+        """An array of numbers, not one a fish but one a block, all zero: what kernels note down while they run."""
+        if self.lanes != THREAD:
+            return np.zeros(shape, dtype=dtype)
+        return Scratch(aligned((*np.atleast_1d(shape), WARP), dtype), self)
+
+    def vectors(self, count: int) -> "Vectors":
+        """`count` vectors a fish, all zero."""
+        shape = (count, 4) if self.lanes == XYZ else (count, 3, floats_apart(self.lanes))
+        return Vectors(aligned(shape, self.dtype), self)
+
+    def rows(self, array) -> "Vectors":
+        """The rows of an array (n,3) as vectors that are the same for every fish: a copy."""
+        kind = self if self.lanes == XYZ else Kind(1, self.dtype)
+        rows = kind.vectors(len(array))
+        rows.memory.reshape(len(array), 4 if self.lanes == XYZ else 3)[:, :3] = array
+        return rows
+
+    def scalars(self, array) -> np.ndarray:
+        """An array of floats in this precision: a copy."""
+        return np.array(array, dtype=self.dtype, order="C")
+
+
+def aligned(shape, dtype) -> np.ndarray:
+    """Zeros that begin at a cache line."""
+    item = np.dtype(dtype).itemsize
+    count = int(np.prod(shape))
+    raw = np.zeros(count + ALIGNMENT // item, dtype=dtype)
+    first = -raw.ctypes.data % ALIGNMENT // item
+    return raw[first : first + count].reshape(shape)
+
+
+class Numbers:
+    """n numbers a fish: memory (n,w)."""
+
+    def __init__(self, memory: np.ndarray, kind: Kind):
+        self.memory, self.kind = memory, kind
+        self._rows = memory.reshape(len(memory), floats_apart(kind.lanes))[:, : floats_in(kind.lanes)]
+        self.element, self.shape = number_type(kind.lanes, kind.bits), (len(memory),)
+
+    @property
+    def size(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, i):
+        return plain.read(self._rows[i], self.kind.lanes)
+
+    def __setitem__(self, i, value):
+        plain.write(self._rows, i, value, self.kind.lanes)
+
+
+class Vectors:
+    """Vectors, memory (...,3,w), or (...,4) for one fish in a register; one lane may leave the last axis out."""
+
+    def __init__(self, memory: np.ndarray, kind: Kind):
+        tail = {XYZ: (4,), 1: (3,)}.get(kind.lanes, (3, floats_apart(kind.lanes)))
+        if kind.lanes == 1 and memory.shape[-1:] == (1,):
+            memory = memory[..., 0]
+        if memory.shape[-len(tail) :] != tail or not memory.flags.c_contiguous or memory.dtype != kind.dtype:
+            raise ValueError(f"memory is {memory.dtype}, {memory.shape}; give contiguous {kind.dtype}, (...,{tail})")
+        self.memory, self.kind = memory, kind
+        self.element = Vec3(1 if kind.lanes == THREAD else kind.lanes, kind.bits)
+        self.shape = memory.shape[: memory.ndim - len(tail)]
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape))
+
+    def __getitem__(self, i):
+        x, y, z, *_ = self.memory[i]
+        lanes = 1 if self.kind.lanes == XYZ else self.kind.lanes
+        return plain.Vec3(*(plain.read(np.atleast_1d(each)[: floats_in(lanes)], lanes) for each in (x, y, z)))
+
+    def __setitem__(self, i, value):
+        for k, each in enumerate(value):
+            plain.write(self.memory[i], k, each, self.kind.lanes)
+
+
+class Scratch:
+    """An array of which every thread of a GPU has its own: memory (...,WARP)."""
+
+    def __init__(self, memory: np.ndarray, kind: Kind):
+        self.memory, self.kind, self.shape = memory, kind, memory.shape[:-1]
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape))
+
+    def __getitem__(self, i):
+        return self.memory[..., 0][i]
+
+    def __setitem__(self, i, value):
+        self.memory[..., 0][i] = value

@@ -1,0 +1,180 @@
+"""Numbers and vectors without the compiler: numpy arrays of W lanes, and vectors of three of them.
+
+Slow and obvious; it is what kernels work on under NUMBA_DISABLE_JIT=1, for debugging and to measure coverage. `fma`
+rounds twice here, so results agree with the compiled ones to rounding, not to the bit.
+"""
+
+import numpy as np
+
+
+class Dual:
+    """A value and its derivatives, an array (1 + D,), as `fish_env.kernels.simd.dual` has them."""
+
+    __slots__ = ("parts",)
+    __array_ufunc__ = None  # numpy's numbers leave the arithmetic to this class
+
+    def __init__(self, parts):
+        self.parts = parts
+
+    def __neg__(self):
+        return Dual(-self.parts)
+
+    def __abs__(self):
+        return -self if self < 0.0 else self
+
+    def __add__(self, other):
+        return Dual(self.parts + parts(other, self))
+
+    __radd__ = __add__
+
+    def __sub__(self, other):
+        return Dual(self.parts - parts(other, self))
+
+    def __rsub__(self, other):
+        return -self + other
+
+    def __mul__(self, other):
+        if isinstance(other, Vec3):
+            return other * self
+        other = parts(other, self)
+        product = self.parts * other[0] + self.parts[0] * other
+        product[0] = self.parts[0] * other[0]
+        return Dual(product)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other):
+        other = parts(other, self)
+        with np.errstate(all="ignore"):
+            quotient = self.parts / other[0]
+            found = quotient - quotient[0] * (other / other[0])
+        found[0] = quotient[0]
+        return Dual(found)
+
+    def __rtruediv__(self, other):
+        return Dual(parts(other, self)) / self
+
+    def of_value(self, function, slope):
+        """A function of the value, whose derivative is slope(value, result)."""
+        number = self.parts[0]
+        with np.errstate(all="ignore"):
+            result = function(number)
+            found = slope(number, result) * self.parts
+        found[0] = result
+        return Dual(found)
+
+    def __lt__(self, other):
+        return bool(self.parts[0] < parts(other, self)[0])
+
+    def __gt__(self, other):
+        return bool(self.parts[0] > parts(other, self)[0])
+
+    def __le__(self, other):
+        return bool(self.parts[0] <= parts(other, self)[0])
+
+    def __ge__(self, other):
+        return bool(self.parts[0] >= parts(other, self)[0])
+
+
+def parts(number, like: Dual):
+    """The parts of a number, dual or not."""
+    if isinstance(number, Dual):
+        return number.parts
+    found = np.zeros_like(like.parts)
+    found[0] = number
+    return found
+
+
+def read(row, lanes):
+    """A number a fish, out of its floats in memory."""
+    if lanes == "dual":
+        return Dual(row.copy())
+    return row[0] if len(row) == 1 else row.copy()
+
+
+def write(memory, place, number, lanes):
+    """Put a number at a place in memory; what has no derivatives is a constant."""
+    if lanes == "dual":
+        memory[place] = parts(number, Dual(memory[place]))
+    else:
+        memory[place] = number
+
+
+class Vec3:
+    """Three numbers: floats, or arrays (W,)."""
+
+    __slots__ = ("x", "y", "z")
+    __array_ufunc__ = None  # numpy's numbers leave the arithmetic to this class
+
+    def __init__(self, x, y, z):
+        self.x, self.y, self.z = x, y, z
+
+    def __iter__(self):
+        return iter((self.x, self.y, self.z))
+
+    def __repr__(self):
+        return f"Vec3({self.x}, {self.y}, {self.z})"
+
+    def __add__(self, other):
+        return Vec3(self.x + other.x, self.y + other.y, self.z + other.z)
+
+    def __sub__(self, other):
+        return Vec3(self.x - other.x, self.y - other.y, self.z - other.z)
+
+    def __neg__(self):
+        return Vec3(-self.x, -self.y, -self.z)
+
+    def __abs__(self):
+        return Vec3(abs(self.x), abs(self.y), abs(self.z))
+
+    def __mul__(self, other):
+        other = other if isinstance(other, Vec3) else Vec3(other, other, other)
+        return Vec3(self.x * other.x, self.y * other.y, self.z * other.z)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, number):
+        return Vec3(self.x / number, self.y / number, self.z / number)
+
+
+def fma(a, b, c):
+    """A * b + c."""
+    product = b * a if isinstance(b, Vec3) else a * b
+    return product + c
+
+
+def dot(a, b):
+    """Scalar product."""
+    return a.x * b.x + a.y * b.y + a.z * b.z
+
+
+def cross(a, b):
+    """Vector product."""
+    return Vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+
+
+def sqrt(a):
+    """Square root."""
+    return a.of_value(np.sqrt, lambda number, root: 0.5 / root) if isinstance(a, Dual) else np.sqrt(a)
+
+
+def exp(a):
+    """Exponential function."""
+    return a.of_value(np.exp, lambda number, result: result) if isinstance(a, Dual) else np.exp(a)
+
+
+def log(a):
+    """Natural logarithm."""
+    with np.errstate(all="ignore"):
+        return a.of_value(np.log, lambda number, result: 1.0 / number) if isinstance(a, Dual) else np.log(a)
+
+
+def select(condition, a, b):
+    """A where the condition holds, else b."""
+    if isinstance(a, Dual) or isinstance(b, Dual):
+        return a if condition else b
+    if isinstance(a, Vec3) and isinstance(a.x, Dual):
+        return a if condition else b
+    if isinstance(a, Vec3):
+        return Vec3(*(np.where(condition, p, q) for p, q in zip(a, b, strict=True)))
+    return np.where(condition, a, b)

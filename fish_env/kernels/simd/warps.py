@@ -1,0 +1,151 @@
+"""Arrays of a thread of a GPU: each thread moves one fish, and its numbers stand between those of its warp's others.
+
+The threads of a warp run in step, so element i of all WARP of them is loaded at once: memory is (n,WARP), or (n,3,WARP)
+for vectors, as it is for a block of WARP fish, but every thread sees one lane of it only, an array (n,) of plain
+numbers and 3-vectors. Each warp has such memory of its own, one after the other behind the address that a pack
+holds. Compiled for the processor, there is one thread, the first.
+"""
+
+import operator
+
+import llvmlite.ir as ir
+from numba import types
+from numba.core.datamodel import models
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import register_model
+
+from fish_env.kernels.simd.types import WARP, Vec3
+
+WORD = ir.IntType(64)
+
+
+class ThreadArray(types.Array):
+    """The type of an array of which every thread has its own: numbers, 3-vectors of one lane, or whole numbers."""
+
+    def __init__(self, dtype, ndim):
+        super().__init__(dtype, ndim, "A", name=f"ThreadArray({dtype},{ndim})")
+
+    @property
+    def coordinates(self) -> int:
+        """Numbers of an element: 3 of a vector."""
+        return 3 if isinstance(self.dtype, Vec3) else 1
+
+    @property
+    def item(self) -> int:
+        """Bytes of one of them."""
+        return (self.dtype.bits if hasattr(self.dtype, "bits") else self.dtype.bitwidth) // 8
+
+
+register_model(ThreadArray)(models.ArrayModel)
+
+
+def on_gpu(builder) -> bool:
+    """Whether the code that is being made is for a GPU."""
+    return builder.module.triple.startswith("nvptx")
+
+
+def register(builder, name):
+    """A special register of a thread, 64 bits: `tid`, `ctaid` or `ntid`."""
+    reader = f"llvm.nvvm.read.ptx.sreg.{name}.x"
+    function = builder.module.globals.get(reader)
+    if function is None:
+        function = ir.Function(builder.module, ir.FunctionType(ir.IntType(32), []), reader)
+    return builder.zext(builder.call(function, []), WORD)
+
+
+def first_byte(builder, kind: ThreadArray, count):
+    """Where the thread's part of an array of `count` elements begins, in bytes behind the first thread's."""
+    if not on_gpu(builder):
+        return ir.Constant(WORD, 0)
+    tid = register(builder, "tid")
+    thread = builder.add(builder.mul(register(builder, "ctaid"), register(builder, "ntid")), tid)
+    warp, lane = builder.udiv(thread, word(WARP)), builder.urem(tid, word(WARP))
+    before = builder.mul(builder.mul(warp, count), word(kind.coordinates * WARP))
+    return builder.mul(builder.add(before, lane), word(kind.item))
+
+
+def word(number: int):
+    """A whole number as a constant of 64 bits."""
+    return ir.Constant(WORD, number)
+
+
+def steps(builder, kind: ThreadArray, shape):
+    """Bytes from one element to the next along each axis."""
+    found, step = [], word(kind.coordinates * WARP * kind.item)
+    for length in reversed(shape):
+        found.insert(0, step)
+        step = builder.mul(step, length)
+    return found
+
+
+@infer_global(operator.getitem)
+class Get(AbstractTemplate):
+    """An element by its index, or by one index an axis; indices count from the front."""
+
+    def generic(self, args, kws):
+        array, place = args
+        return signature(array.dtype, *args) if isinstance(array, ThreadArray) and is_index(array, place) else None
+
+
+@infer_global(operator.setitem)
+class Set(AbstractTemplate):
+    """As `Get`."""
+
+    def generic(self, args, kws):
+        array, place, _ = args
+        if isinstance(array, ThreadArray) and is_index(array, place):
+            return signature(types.none, array, place, array.dtype)
+        return None
+
+
+def is_index(array, place) -> bool:
+    """Whether a type is that of an index of one element."""
+    if isinstance(place, types.BaseTuple):
+        return len(place) == array.ndim and all(isinstance(kind, types.Integer) for kind in place)
+    return array.ndim == 1 and isinstance(place, types.Integer)
+
+
+def parts_at(context, builder, sig, args):
+    """Pointers to the numbers of the element, one or three, and their type."""
+    kind, place = sig.args[0], sig.args[1]
+    array = context.make_array(kind)(context, builder, args[0])
+    if isinstance(place, types.BaseTuple):
+        indices = [
+            context.cast(builder, builder.extract_value(args[1], k), each, types.int64) for k, each in enumerate(place)
+        ]
+    else:
+        indices = [context.cast(builder, args[1], place, types.int64)]
+    strides = [builder.extract_value(array.strides, axis) for axis in range(kind.ndim)]
+    address = builder.ptrtoint(array.data, WORD)
+    for index, stride in zip(indices, strides, strict=True):
+        address = builder.add(address, builder.mul(index, stride))
+    element = context.get_data_type(kind.dtype)
+    if isinstance(kind.dtype, Vec3):
+        element = element.element
+    first = builder.inttoptr(address, element.as_pointer())
+    return [builder.gep(first, [word(k * WARP)], inbounds=True) for k in range(kind.coordinates)]
+
+
+def _get(context, builder, sig, args):
+    numbers = [builder.load(part) for part in parts_at(context, builder, sig, args)]
+    if len(numbers) == 1:
+        return context.data_model_manager[sig.return_type].from_data(builder, numbers[0])
+    value = ir.Constant(context.get_value_type(sig.return_type), ir.Undefined)
+    for k, number in enumerate(numbers):
+        value = builder.insert_value(value, number, k)
+    return value
+
+
+def _set(context, builder, sig, args):
+    pointers, kind = parts_at(context, builder, sig, args), sig.args[0].dtype
+    if len(pointers) == 1:
+        builder.store(context.data_model_manager[kind].as_data(builder, args[2]), pointers[0])
+        return
+    for k, pointer in enumerate(pointers):
+        builder.store(builder.extract_value(args[2], k), pointer)
+
+
+for _place in (types.Integer, types.BaseTuple):
+    lower_builtin(operator.getitem, ThreadArray, _place)(_get)
+    lower_builtin(operator.setitem, ThreadArray, _place, types.Any)(_set)

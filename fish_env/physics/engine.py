@@ -1,0 +1,337 @@
+"""The compiled loop over blocks of fish: gather, integrate, check, scatter; and the intervals that are taken again.
+
+A block is as many fish as the kernels work on at once. Its fish are copied from the rows of the tank into lanes, moved,
+checked and copied back, so that a fish that fails leaves its row as it was. What a lane holds decides nothing about the
+others: fish i has the same bits in any company.
+
+Legend: b fish; i node; k axis; m lane; e spring; d driven spring; p, q where a block begins and ends in the list
+`todo`.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel, njit, part
+from fish_env.kernels.simd import Kind, Pack, block_size, dot, floats, lane, nowhere, packed, select, zero
+from fish_env.physics import forces
+from fish_env.physics.failures import NON_FINITE, OUT_OF_RANGE, UNTRUSTED_SOLVE
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces.control import CURRENT, DRAG, MASS, STIFFNESS, make_control
+from fish_env.physics.forces.plan import H
+from fish_env.physics.integrators import Integrator
+from fish_env.physics.records import Anchors, World
+
+MOST_KEYS = 10_000  # stiffnesses whose plans are remembered
+DEEPEST = 3  # times that steps are halved
+COUNTED = 3  # force evaluations, factorisations and solves of a step
+FARTHEST = 1000.0  # lengths from the origin, in float32, where a force depends on the place: 6e-5 lengths are resolved
+FACTORISATIONS = 1  # which of them factors that are used again save
+
+
+def make_block(fish_count: int, fish: ElasticObject, world: World, kind: Kind, plans, costs, method) -> Pack:
+    """What one thread needs to move blocks of fish: their lanes, the forces' cache and the method's scratch."""
+    body, driven, single = fish.body, np.unique(fish.fibres), kind.dtype == "float32"
+    placed = forces.placed(forces.present(body, world))
+    control = make_control(body, kind, driven, plans, costs, forces.constant_system(body, world))
+    n = len(body.mass)
+    return Pack(
+        "block",
+        body=packed(body, kind),
+        world=packed(world, kind),
+        control=control,
+        x=kind.vectors(n),
+        v=kind.vectors(n),
+        work=method.make_work(body, kind),
+        cache=forces.make_cache(body, world, kind),
+        todo=kind.scratch(fish_count, "int64"),
+        relative=single and not placed,
+        reach=(FARTHEST * fish.length) ** 2 if single and placed else np.inf,
+    )
+
+
+@kernel
+def gather(tank, block, todo, p, q):
+    """Copy fish todo[p:q] into the lanes of a block; the last one fills those that are left over.
+
+    Positions are relative to each fish's first node if `block.relative`: single precision is not enough far away.
+    """
+    control = block.control
+    x, v, start, rate = floats(block.x), floats(block.v), floats(control.start), floats(control.rate)
+    rest, stiffness, drag = floats(control.rest_length), floats(control.stiffness), floats(control.drag)
+    lightness, current = floats(control.lightness), floats(control.current)
+    for m in range(block_size(block.x)):
+        b = INDEX(todo[min(p + m, q - 1)])
+        for k in range(3):
+            origin = tank.x[b, 0, k] if block.relative else 0.0
+            for i in range(x.shape[0]):
+                x[i, k, m] = tank.x[b, i, k] - origin
+                v[i, k, m] = tank.v[b, i, k]
+        for e in range(rest.shape[0]):
+            rest[e, m] = tank.rest_length[b, e]
+        for d in range(start.shape[0]):
+            e = INDEX(control.driven[d])
+            start[d, m] = tank.rest_length[b, e]
+            rate[d, m] = tank.rate[b, e]
+        light = 1.0 / tank.variation[b, MASS]
+        stiffness[0, m] = tank.variation[b, STIFFNESS] * light
+        drag[0, m] = tank.variation[b, DRAG] * light
+        lightness[0, m] = light
+        for k in range(3):
+            current[0, k, m] = tank.variation[b, CURRENT + k]
+    control.fastest[0] = zero(control.fastest)
+    control.pivots[0] = zero(control.pivots)
+    control.untrusted[0] = zero(control.untrusted)
+    control.reused[0] = 0
+
+
+@kernel
+def scatter(tank, block, b, m):
+    """Copy lane m of a block back to fish b."""
+    x, v = floats(block.x), floats(block.v)
+    for k in range(3):
+        origin = tank.x[b, 0, k]
+        for i in range(x.shape[0]):
+            tank.x[b, i, k] = origin + x[i, k, m] if block.relative else x[i, k, m]
+            tank.v[b, i, k] = v[i, k, m]
+
+
+@kernel
+def stop(tank, block, b, duration):
+    """End the motion of the rest lengths of fish b where their rates have taken them."""
+    driven = block.control.driven
+    for d in range(driven.size):
+        e = INDEX(driven[d])
+        tank.rest_length[b, e] += duration * tank.rate[b, e]
+        tank.rate[b, e] = 0.0
+
+
+@kernel
+def together(queue, todo, p, count, lanes):
+    """The end of the fish todo[p:] that fit into one block: as many as it has lanes, with one plan."""
+    row, q = queue.row[todo[p]], p + 1
+    while q < count and q - p < lanes and queue.row[todo[q]] == row:
+        q += 1
+    return q
+
+
+@forces.cached
+def make_judge(names: tuple[str, ...]):
+    """The kernel that says why the fish of a block fail, for bodies and worlds on which the forces of these names act.
+
+    It returns a number a lane: 0, or an index into FAILURES.
+    """
+    failed, placed = forces.total(names, "failed"), forces.placed(names)
+
+    @part
+    def judge(block):
+        body, world, control, x, v, c = block.body, block.world, block.control, block.x, block.v, block.cache
+        infinite = nowhere(x)
+        for i in range(x.size):
+            infinite = infinite | (select(dot(x[i], x[i]) + dot(v[i], v[i]) < np.inf, 0.0, 1.0) > 0.0)
+        code = failed(body, world, control, x, v, x, c)
+        if placed:
+            far = nowhere(x)
+            for i in range(x.size):
+                far = far | (select(dot(x[i], x[i]) < block.reach, 0.0, 1.0) > 0.0)
+            code = select(far, 1.0 * OUT_OF_RANGE, code)
+        code = select(infinite, 1.0 * NON_FINITE, code)
+        return select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)  # what is infinite came of it
+
+    return judge
+
+
+@forces.cached
+def make_finish(names: tuple[str, ...]):
+    """The kernel that ends an attempt to move a block of fish: each is stored, has failed, or must be moved again."""
+    judge = make_judge(names)
+
+    @part
+    def put_back(tank, block, p, q):
+        """Put fish that were broken when they were handed over, a user's state, into the body's rest position.
+
+        Rest lengths that are not finite, a user's too, become natural, and such a clock zero.
+        """
+        gather(tank, block, block.todo, p, q)
+        code = judge(block)
+        for m in range(q - p):
+            b = INDEX(block.todo[p + m])
+            if tank.failure[b] != 0 and lane(code, m) > 0.0:
+                tank.failure[b] = int(lane(code, m))
+                for i in range(block.x.size):
+                    for k in range(3):
+                        tank.x[b, i, k] = tank.rest_position[i, k]
+                        tank.v[b, i, k] = 0.0
+            for e in range(tank.rest_length.shape[1]):
+                if tank.failure[b] != 0 and not abs(tank.rest_length[b, e]) < np.inf:
+                    tank.rest_length[b, e] = tank.spring_length[e]
+            if not abs(tank.clock[b]) < np.inf:
+                tank.clock[b] = 0.0
+
+    @part
+    def finish(tank, queue, block, p, q, level, steps, again):
+        """End an attempt at `steps` steps of fish todo[p:q]; how many are to be moved again, first in todo."""
+        control, todo = block.control, block.todo
+        whole = control.plans[queue.row[todo[p]], H] * (steps >> level)
+        strain = control.plans[control.row[0], H] * control.fastest[0]
+        code, pivots, bad = judge(block), control.pivots[0], 0
+        for m in range(q - p):
+            b = INDEX(todo[p + m])
+            for k in range(COUNTED):
+                tank.counters[b, k] += steps * control.costs[control.row[0], k]
+            tank.counters[b, FACTORISATIONS] -= control.reused[0]
+            tank.counters[b, COUNTED] += int(lane(pivots, m))
+            reason = int(lane(code, m))
+            if not abs(tank.clock[b]) < np.inf:
+                reason = NON_FINITE
+            failing = reason != 0
+            if level < queue.deepest and (failing or lane(strain, m) > queue.tolerance):
+                todo[again] = todo[p + m]
+                again += 1
+                tank.counters[b, COUNTED + 1] += 1
+                continue
+            if failing:
+                tank.failure[b] = reason
+                bad += 1
+            else:
+                scatter(tank, block, b, m)
+                tank.clock[b] += whole
+            stop(tank, block, b, whole)
+        if bad > 0:
+            put_back(tank, block, p, q)
+        return again
+
+    return finish
+
+
+@forces.cached
+def make_advance(names: tuple[str, ...], make_run):
+    """The kernel `advance` of a method, by its `make_run`, for bodies and worlds on which these forces act."""
+    run, finish = make_run(names), make_finish(names)
+
+    @part
+    def advance(tank, queue, block, first, last, n):
+        """Move fish queue.order[first:last] by n steps; in place. Those that fail stay where they were."""
+        control, todo = block.control, block.todo
+        none = np.int64(0)  # with a literal 0 numba would compile `gather` and `finish` twice
+        lanes, count, level, steps = block_size(block.x), none, none, n
+        for p in range(first, last):
+            b = queue.order[p]
+            if tank.failure[b] == 0:
+                todo[count] = b
+                count += 1
+        while count > 0:
+            again, p = none, none
+            while p < count:
+                q = together(queue, todo, p, count, lanes)
+                gather(tank, block, todo, p, q)
+                control.row[0] = queue.row[todo[p]] + level
+                run(block.body, block.world, control, block.x, block.v, block.work, block.cache, steps)
+                again = finish(tank, queue, block, p, q, level, steps, again)
+                p = q
+            count, level, steps = again, level + 1, 2 * steps
+
+    return advance
+
+
+@forces.cached
+def make_call(names: tuple[str, ...], make_run):
+    """`advance`, compiled for Python to call."""
+    advance = make_advance(names, make_run)
+
+    @njit
+    def call(tank, queue, block, first, last, n):
+        advance(tank, queue, block, first, last, n)
+
+    return call
+
+
+class TankLike(Protocol):
+    """What an engine reads of a tank."""
+
+    @property
+    def fish(self) -> ElasticObject: ...
+
+    world: World
+    integrator: Integrator
+    num_fish: int
+    dt: float
+    refine: float
+    kind: Kind
+    variation: np.ndarray
+    pack: Pack
+    _chunks: int
+
+
+class Engine:
+    """The compiled method of a tank, with the memory that it works in.
+
+    Args:
+        tank: whose arrays are moved.
+    """
+
+    def __init__(self, tank: TankLike):
+        fish, world, b = tank.fish, tank.world, tank.num_fish
+        assert tank.integrator.method is not None  # tanks without one move their bodies by themselves
+        self.tank, self.method = tank, tank.integrator.method
+        self.names = forces.present(fish.body, world)
+        self.compiled = make_call(self.names, self.method.make_run)
+        own = (fish.body.max_stiffness_eigenvalue, fish.body.max_damping_eigenvalue)
+        self.bounds = [sum(rates) for rates in zip(own, *forces.bounds(fish.body, world), strict=True)]
+        self.levels, self._rows, self._plans = (1 + DEEPEST if np.isfinite(tank.refine) else 1), {}, []
+        self.order, self.row, self._sorted = np.arange(b), np.zeros(b, dtype=np.int64), True
+        self.queue = Pack("queue", order=self.order, row=self.row, deepest=self.levels - 1, tolerance=tank.refine)
+        self.blocks = []
+        for i in range(b):
+            self.plan(i)
+        self.blocks = [self.new_block(b, tank.kind) for _ in range(tank._chunks)]
+
+    def new_block(self, fish_count: int, kind: Kind) -> Pack:
+        """A block for a thread that moves so many fish."""
+        fish, world = self.tank.fish, self.tank.world
+        plans, costs = self._tables()
+        return make_block(fish_count, fish, world, kind, plans, costs, self.method)
+
+    def plan(self, i: int) -> None:
+        """Choose the plan of fish i by how stiff it is; fish of one plan share blocks."""
+        stiffness, mass = self.tank.variation[i, :2]
+        key = stiffness / mass
+        if key not in self._rows:
+            elastic, viscous = (rate * key for rate in self.bounds)
+            rows = [self.method.plan(elastic, viscous, self.tank.dt / 2**level) for level in range(self.levels)]
+            same = tuple(row.tobytes() for row in rows)
+            if same not in self._rows:
+                row = len(self._plans)
+                self._plans.extend(rows)
+                if self.blocks:
+                    plans, costs = self._tables()
+                    for block in self.blocks:
+                        block.control.set(plans=plans, costs=costs)
+                self._rows[same] = row  # last: an interruption leaves nothing but rows that nobody uses
+            if len(self._rows) > MOST_KEYS:
+                self._rows = {name: row for name, row in self._rows.items() if isinstance(name, tuple)}
+            self._rows[key] = self._rows[same]
+        if self.row[i] != self._rows[key]:
+            self._sorted = False
+            self.row[i] = self._rows[key]
+
+    def follow(self, anchors: Anchors) -> None:
+        """Let the anchors of the world, the same ones, be elsewhere, or move otherwise."""
+        for block in self.blocks:
+            kind = self.tank.kind
+            block.world.anchors.set(point=kind.rows(anchors.point), velocity=kind.rows(anchors.velocity))
+
+    def _tables(self):
+        width = max(len(row) for row in self._plans)
+        plans = np.array([np.pad(row, (0, width - len(row))) for row in self._plans])
+        return plans, np.array([self.method.costs(row) for row in self._plans], dtype=np.int64)
+
+    def sort(self) -> None:
+        """Put fish of one plan side by side."""
+        if not self._sorted:
+            self.order[:] = np.argsort(self.row, kind="stable")
+            self._sorted = True
+
+    def advance(self, chunk: int, first: int, last: int, steps: int) -> None:
+        """Move the fish between two places in the order of their plans, in the memory of one chunk."""
+        self.compiled(self.tank.pack, self.queue, self.blocks[chunk], first, last, steps)

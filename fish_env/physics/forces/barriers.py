@@ -1,0 +1,164 @@
+"""Barriers that keep the inner layer inside the outer one (Song 2009, ch. 4.6.2; the barrier of Li et al. 2020).
+
+A barrier acts once the tetrahedron (on a ring, the triangle) between an outer face and an inner node has less than NEAR
+of its volume at rest: its energy rises as a logarithm, with two continuous derivatives, and below STEEP as the parabola
+that goes on from there. So its stiffness is bounded, and a step can be chosen for it; a logarithm to the end would stop
+a node in any case, but only with steps that nobody takes. It pushes on beyond zero, which a call must not end at:
+`failed` says so.
+
+Legend: k barrier; s its relative volume, that over the volume at rest; d, e, f the corners of the outer face seen from
+the inner node; slope gradients of s at the three corners of the face, at 3 k.
+"""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Pack, any_lane, cross, dot, fma, log, nowhere, select, sqrt, vec3, zero
+from fish_env.physics.failures import ESCAPED
+from fish_env.physics.forces.plan import FACTOR, H
+from fish_env.physics.linalg import rates
+from fish_env.physics.records import Body, World
+
+NEAR, STEEP = 0.6, 0.3  # of the volume at rest, below which a barrier acts, and below which its energy is a parabola
+FAILURE = ESCAPED
+
+
+ANYWHERE = True
+
+
+def present(body: Body, world: World) -> bool:
+    """Whether the body has barriers."""
+    return body.barriers is not None
+
+
+def make_cache(body: Body, world: World, kind) -> Pack:
+    """Gradients (3K,), times the root of what weighs them in `add_tangent`, and which barriers (K,) are at work."""
+    assert body.barriers is not None  # else the force is not present
+    count = len(body.barriers.energy)
+    return Pack("barriers", slope=kind.vectors(3 * count), active=kind.scratch(count, "int64"))
+
+
+def bounds(body: Body, world: World) -> tuple[float, float]:
+    """How stiff the barriers are at most, all of them at work, over the masses, 1/s2; they damp nothing."""
+    assert body.barriers is not None  # else the force is not present
+    barriers = body.barriers
+    inner, corners = barriers.nodes[:, 3], [body.position[barriers.nodes[:, k]] for k in range(2)]
+    d, e = (corner - body.position[inner] for corner in corners)
+    flat = barriers.nodes[:, 2] < 0
+    f = np.where(flat[:, None], [0.0, 0.0, 3.0], body.position[barriers.nodes[:, 2]] - body.position[inner])
+    slopes = np.stack([np.cross(e, f), np.cross(f, d), np.cross(d, e)], axis=1) / (6.0 * barriers.volume[:, None, None])
+    slopes[flat, 2] = 0.0
+    slopes = np.concatenate([slopes, -slopes.sum(axis=1, keepdims=True)], axis=1).reshape(len(inner), 12)
+    nodes = np.where(barriers.nodes < 0, barriers.nodes[:, 3:], barriers.nodes)
+    most = barriers.energy * barrier(STEEP)[2]
+    blocks = most[:, None, None] * slopes[:, :, None] * slopes[:, None, :]
+    return rates.highest([(nodes, blocks)], np.sqrt(body.inverse_mass)), 0.0
+
+
+@kernel
+def corners(barriers, k, x):
+    """Outer corners of barrier k as seen from its inner node; an edge counts as a face of which one is 3 m above it."""
+    inner, third = x[INDEX(barriers.nodes[k, 3])], barriers.nodes[k, 2]
+    d, e = x[INDEX(barriers.nodes[k, 0])] - inner, x[INDEX(barriers.nodes[k, 1])] - inner
+    if third < 0:
+        f = 0.0 * d + vec3(0.0, 0.0, 3.0)
+    else:
+        f = x[INDEX(third)] - inner
+    return d, e, f
+
+
+@kernel
+def relative_volume(barriers, k, x):
+    """Relative volume of barrier k, and its gradients at the outer corners, 1/m."""
+    d, e, f = corners(barriers, k, x)
+    scale = 1.0 / (6.0 * barriers.volume[k])
+    p = scale * cross(e, f)
+    return dot(d, p), p, scale * cross(f, d), scale * cross(d, e)
+
+
+@kernel
+def barrier(s):
+    """Energy of a barrier over its scale, its first and its second derivative with respect to s."""
+    s = select(s < NEAR, s, NEAR)
+    t = select(s > STEEP, s, STEEP)
+    gap, logarithm, beyond = t - NEAR, log(t / NEAR), s - t
+    part = gap / t
+    energy = -(gap * gap) * logarithm  # (56)
+    first = -gap * fma(2.0, logarithm, part)
+    second = fma(part, part, -fma(4.0, part, 2.0 * logarithm))
+    return fma(beyond, fma(0.5 * beyond, second, first), energy), fma(beyond, second, first), second
+
+
+@kernel
+def push_apart(barriers, k, f, push, p, q, r):
+    """Add the force of barrier k, `push` times the gradients of its s, to the nodes."""
+    third = barriers.nodes[k, 2]
+    p, q, r = push * p, push * q, push * r
+    total = p + q
+    if third >= 0:
+        f[INDEX(third)] += r
+        total = total + r
+    f[INDEX(barriers.nodes[k, 0])] += p
+    f[INDEX(barriers.nodes[k, 1])] += q
+    f[INDEX(barriers.nodes[k, 3])] -= total
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the force of every barrier. Those that act in no fish of a block are skipped: logarithms are expensive."""
+    barriers, factor = body.barriers, control.stiffness[0]
+    for k in range(barriers.energy.size):
+        s, p, q, r = relative_volume(barriers, k, x)
+        if any_lane(s < NEAR):
+            push_apart(barriers, k, f, (-barriers.energy[k] * factor) * barrier(s)[1], p, q, r)
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step."""
+    barriers, factor, slope = body.barriers, control.stiffness[0], cache.slope
+    step = control.plans[control.row[0], H]
+    weight = control.plans[control.row[0], FACTOR] * step * step
+    for k in range(barriers.energy.size):
+        s, p, q, r = relative_volume(barriers, k, x)
+        cache.active[k] = 0
+        if any_lane(s < NEAR):
+            scale = barriers.energy[k] * factor
+            _, first, second = barrier(s)
+            push_apart(barriers, k, f, -scale * first, p, q, r)
+            root = sqrt(weight * scale * second)
+            cache.active[k] = 1 if weight > 0.0 else 0
+            slope[INDEX(3 * k)], slope[INDEX(3 * k + 1)], slope[INDEX(3 * k + 2)] = root * p, root * q, root * r
+
+
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add what the barriers at work push back if every node moved by y: their stiffness along the gradients of s."""
+    barriers, slope = body.barriers, cache.slope
+    for k in range(barriers.energy.size):
+        if cache.active[k] == 0:
+            continue
+        p, q, r = slope[INDEX(3 * k)], slope[INDEX(3 * k + 1)], slope[INDEX(3 * k + 2)]
+        inner, third = y[INDEX(barriers.nodes[k, 3])], barriers.nodes[k, 2]
+        change = dot(p, y[INDEX(barriers.nodes[k, 0])] - inner) + dot(q, y[INDEX(barriers.nodes[k, 1])] - inner)
+        if third >= 0:
+            change += dot(r, y[INDEX(third)] - inner)
+        push_apart(barriers, k, f, -change, p, q, r)  # (62)
+
+
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Energy of all barriers, J."""
+    barriers, total = body.barriers, zero(control.stiffness)
+    for k in range(barriers.energy.size):
+        total += barriers.energy[k] * barrier(relative_volume(barriers, k, x)[0])[0]
+    return control.stiffness[0] * total
+
+
+@kernel
+def failed(body, world, control, x, v, f, cache):
+    """Where an inner node has left its place behind the outer faces."""
+    barriers, escaped = body.barriers, nowhere(x)
+    for k in range(barriers.energy.size):
+        escaped = escaped | (relative_volume(barriers, k, x)[0] <= 0.0)
+    return escaped

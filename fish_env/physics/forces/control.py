@@ -1,0 +1,48 @@
+"""What a block of fish is told: rest lengths, what sets each fish apart, and the plan of the method's steps."""
+
+import numpy as np
+
+from fish_env.kernels.simd import Kind, Pack
+from fish_env.physics.records import Body
+
+STIFFNESS, MASS, DRAG, CURRENT = 0, 1, 2, 3  # columns of what sets a fish apart, of a row of NOMINAL
+NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+"""Factors on stiffness (and damping), mass and drag, and a current to add, m/s: a fish as it was made."""
+NO_PLAN = np.zeros((1, 8))
+
+
+def make_control(body: Body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, constant=False) -> Pack:
+    """The control of a block, of fish as they were made, at their natural lengths.
+
+    Fields, an element a fish in each lane: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs
+    (D,) at the start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; current (1,) m/s;
+    fastest (1,) 1/s, the largest relative change of a spring's length in a second so far; pivots and untrusted (1,),
+    what went wrong in solves. Of all fish: plans (P,K), row (1,) and costs (P,3) (`fish_env.physics.forces.plan`);
+    elapsed (1,) s, the time since the start of the call at which forces are evaluated; constant, whether the forces'
+    system matrix does not depend on the motion; reused (1,), steps of a call that took over the factors of the step
+    before.
+    """
+    control = Pack(
+        "control",
+        rest_length=kind.numbers(len(body.springs.rest_length)),
+        start=kind.numbers(len(driven)),
+        rate=kind.numbers(len(driven)),
+        driven=np.array(driven, dtype=np.int64),
+        stiffness=kind.numbers(1),
+        drag=kind.numbers(1),
+        lightness=kind.numbers(1),
+        current=kind.vectors(1),
+        fastest=kind.numbers(1),
+        pivots=kind.numbers(1),
+        untrusted=kind.numbers(1),
+        plans=plans,
+        costs=np.zeros((len(plans), 3), dtype=np.int64) if costs is None else costs,
+        row=kind.scratch(1, "int64"),
+        elapsed=kind.scratch(1),
+        constant=bool(constant),
+        reused=kind.scratch(1, "int64"),
+    )
+    control.rest_length.memory[:, : kind.width] = body.springs.rest_length[:, None]
+    for name in ("stiffness", "drag", "lightness"):
+        getattr(control, name).memory[:, : kind.width] = 1.0
+    return control

@@ -1,0 +1,234 @@
+"""Tetrahedra by the strain of Green and Lagrange: the material of St. Venant and Kirchhoff (Bonet & Wood 2008, ch. 6).
+
+The strain is E = (F^T F - 1) / 2, quadratic in the deformation gradient F, and the same however the element is turned,
+without a frame that must be found. Its energy is V (mu E : E + lambda/2 (tr E)^2), and damping acts on the rate of E.
+A bar stiffens as it is drawn out, and softens as it is pressed: below 0.58 of its length it gives way, and an element
+pressed flat is not pushed out again. Small strains are those of the other two measures.
+
+Legend: t element; F its columns p, q, r; G the columns a, b, c of the gradient of another field, velocities or moves;
+S the stress of Piola and Kirchhoff (the second), symmetric, as its diagonal and its off-diagonal yz, xz, xy; n F times
+the gradient of the shape function of a corner.
+"""
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Pack, dot, fma, select, vec3, zero
+from fish_env.physics.forces import tets
+from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, H
+from fish_env.physics.forces.tetrahedron import constants, edges, gradient
+from fish_env.physics.records import Body, World
+
+FAILURE = tets.FAILURE
+failed = tets.failed
+
+
+ANYWHERE = True
+
+
+def present(body: Body, world: World) -> bool:
+    """Whether the body has tetrahedra of this measure of strain."""
+    return body.tets is not None and body.tets.quadratic
+
+
+def make_cache(body: Body, world: World, kind) -> Pack:
+    """What `add_tangent` needs: F and S (5T,) and the weighted Lame constants (T,), Pa m3; and scratch."""
+    assert body.tets is not None  # else the force is not present
+    count = len(body.tets.nodes)
+    shear, dilation = kind.scratch(count, kind.dtype), kind.scratch(count, kind.dtype)
+    return Pack("green_lagrange", kept=kind.vectors(5 * count), shear=shear, dilation=dilation, corner=kind.vectors(4))
+
+
+@kernel
+def paired(m, n):
+    """F^T G + G^T F as its diagonal and its off-diagonal, of the columns m of F and n of G."""
+    p, q, r = m
+    a, b, c = n
+    return (
+        vec3(2.0 * dot(p, a), 2.0 * dot(q, b), 2.0 * dot(r, c)),
+        vec3(dot(q, c) + dot(r, b), dot(p, c) + dot(r, a), dot(p, b) + dot(q, a)),
+    )
+
+
+@kernel
+def stress(double, shear, dilation):
+    """Stress of twice a strain, both as diagonal and off-diagonal."""
+    diagonal, off = double
+    even = (0.5 * dilation) * (diagonal.x + diagonal.y + diagonal.z)
+    return vec3(fma(shear, diagonal.x, even), fma(shear, diagonal.y, even), fma(shear, diagonal.z, even)), shear * off
+
+
+@kernel
+def strained(m, n, relaxation):
+    """Twice the strain and `relaxation` times its rate, of F and the gradient of the velocities."""
+    p, q, r = m
+    diagonal, off = paired(m, n)
+    unit = vec3(dot(p, p) - 1.0, dot(q, q) - 1.0, dot(r, r) - 1.0)
+    return fma(relaxation, diagonal, unit), fma(relaxation, off, vec3(dot(q, r), dot(p, r), dot(p, q)))  # (69)
+
+
+@kernel
+def product(m, s):
+    """The columns of a matrix m times a symmetric one s."""
+    p, q, r = m
+    d, o = s
+    return (
+        fma(o.y, r, fma(o.z, q, d.x * p)),
+        fma(o.x, r, fma(d.y, q, o.z * p)),
+        fma(d.z, r, fma(o.x, q, o.y * p)),
+    )
+
+
+@kernel
+def along(shape, t, a, m):
+    """A matrix m times the gradient of the shape function of corner a of element t."""
+    return fma(shape[t, a, 2], m[2], fma(shape[t, a, 1], m[1], shape[t, a, 0] * m[0]))
+
+
+@kernel
+def scatter(elements, t, m, f):
+    """Take from f what the stress m (the first of Piola and Kirchhoff), with the volume in it, does to element t."""
+    nodes, shape = elements.nodes, elements.gradient
+    a, b, c = along(shape, t, 1, m), along(shape, t, 2, m), along(shape, t, 3, m)
+    f[INDEX(nodes[t, 0])] += a + b + c
+    f[INDEX(nodes[t, 1])] -= a
+    f[INDEX(nodes[t, 2])] -= b
+    f[INDEX(nodes[t, 3])] -= c
+
+
+@kernel
+def add_element(elements, t, factor, x, v, f):
+    """Add the elastic and viscous force of element t; returns F, and S of the elastic force, with the volume in it."""
+    m, n = gradient(elements, t, edges(elements, t, x)), gradient(elements, t, edges(elements, t, v))
+    shear, dilation = constants(elements, t, factor)
+    s = stress(strained(m, n, elements.relaxation_time[t]), shear, dilation)
+    scatter(elements, t, product(m, s), f)  # (70)
+    return m, stress(strained(m, n, 0.0), shear, dilation)
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the elastic and viscous force of every tetrahedron."""
+    elements = body.tets
+    for t in range(elements.volume.size):
+        add_element(elements, t, control.stiffness[0], x, v, f)
+
+
+@kernel
+def pulling(s):
+    """A symmetric matrix with no negative eigenvalue that is s if s is pulled along every axis (Gershgorin's bound)."""
+    d, o = s
+    x, y, z = abs(o.x), abs(o.y), abs(o.z)
+    low = d.x - (y + z)
+    second, third = d.y - (x + z), d.z - (x + y)
+    low = select(second < low, second, low)
+    low = select(third < low, third, low)
+    lift = select(low < 0.0, -low, 0.0)
+    return vec3(d.x + lift, d.y + lift, d.z + lift), o
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+
+    By the weights of `tets.add_force_cached`. The stress resists rotation where it pulls; where it presses it does not.
+    """
+    elements, factor = body.tets, control.stiffness[0]
+    plans, row = control.plans, control.row[0]
+    h, share, least = plans[row, H], plans[row, FACTOR], plans[row, LEAST]
+    for t in range(elements.volume.size):
+        m, s = add_element(elements, t, factor, x, v, f)
+        viscous = h * elements.relaxation_time[t]
+        d, o = pulling(s)
+        weight = share * h * h
+        keep(elements, t, m, (weight * d, weight * o),
+             max(share * (h * h + 2.0 * viscous), least * viscous), cache)  # fmt: skip
+
+
+@kernel
+def keep(elements, t, m, s, weight, cache):
+    """Keep F and S of element t, and its stiffness times a weight."""
+    kept, shear, dilation = cache.kept, cache.shear, cache.dilation
+    kept[5 * t], kept[5 * t + 1], kept[5 * t + 2] = m
+    kept[5 * t + 3], kept[5 * t + 4] = s
+    shear[t], dilation[t] = constants(elements, t, weight)
+
+
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add the pull of the tetrahedra if every node moved by y, by the stiffness that was stored."""
+    elements, factor, kept = body.tets, control.stiffness[0], cache.kept
+    for t in range(elements.volume.size):
+        m, s = (kept[5 * t], kept[5 * t + 1], kept[5 * t + 2]), (kept[5 * t + 3], kept[5 * t + 4])
+        n = gradient(elements, t, edges(elements, t, y))
+        change = stress(paired(m, n), factor * cache.shear[t], factor * cache.dilation[t])
+        a, b, c = product(m, change)
+        p, q, r = product(n, s)
+        scatter(elements, t, (a + p, b + q, c + r), f)
+
+
+@kernel
+def add_system(body, world, control, x, v, a, cache):
+    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and keep K for `add_tangent`.
+
+    K is exact for an element without damping: that of the material and that of the stress, which resists rotation where
+    it pulls and favours it where it presses; the latter is left out if LOWEST is zero or more. What viscous forces
+    change by as they are turned is not symmetric and is left out.
+    """
+    elements, factor, now = body.tets, control.stiffness[0], cache.corner
+    first, start, shape = body.profile.first, body.profile.start, elements.gradient
+    step, lowest = control.plans[control.row[0], INNER], control.plans[control.row[0], LOWEST]
+    for t in range(elements.volume.size):
+        m, n = gradient(elements, t, edges(elements, t, x)), gradient(elements, t, edges(elements, t, v))
+        shear, dilation = constants(elements, t, factor)
+        s = stress(strained(m, n, elements.relaxation_time[t]), shear, dilation)
+        if lowest >= 0.0:
+            s = pulling(s)
+        keep(elements, t, m, s, 1.0, cache)
+        d, o = s
+        mu, la = constants(elements, t, factor * (step * (step + elements.relaxation_time[t])))
+        p, q, r = m
+        square = (  # F F^T
+            fma(p.x, p, fma(q.x, q, r.x * r)), fma(p.y, p, fma(q.y, q, r.y * r)), fma(p.z, p, fma(q.z, q, r.z * r))
+        )  # fmt: skip
+        for i in range(4):
+            now[i] = along(shape, t, i, m)
+        for i in range(4):
+            for j in range(4):
+                row, column = elements.nodes[t, i], elements.nodes[t, j]
+                if row < column:  # above the diagonal
+                    continue
+                here, there, place = now[i], now[j], 3 * (start[row] + column - first[row])
+                gx, gy, gz, hx, hy, hz = (
+                    shape[t, i, 0], shape[t, i, 1], shape[t, i, 2], shape[t, j, 0], shape[t, j, 1], shape[t, j, 2]
+                )  # fmt: skip
+                both = mu * (gx * hx + gy * hy + gz * hz)
+                turn = (gx * hx) * d.x + (gy * hy) * d.y + (gz * hz) * d.z + (gy * hz + gz * hy) * o.x
+                turn = (step * step) * (turn + (gx * hz + gz * hx) * o.y + (gx * hy + gy * hx) * o.z)
+                a[place] += column_of(here, there, mu, la, square[0], both, here.x, there.x) + turn * vec3(
+                    1.0, 0.0, 0.0
+                )
+                a[place + 1] += column_of(here, there, mu, la, square[1], both, here.y, there.y) + turn * vec3(
+                    0.0, 1.0, 0.0
+                )
+                a[place + 2] += column_of(here, there, mu, la, square[2], both, here.z, there.z) + turn * vec3(
+                    0.0, 0.0, 1.0
+                )
+
+
+@kernel
+def column_of(here, there, mu, la, square, both, this, that):
+    """A column of the block of two corners: mu n_j n_i^T + lambda n_i n_j^T + mu (g_i . g_j) F F^T."""  # (71)
+    return fma(both, square, fma(mu * this, there, (la * that) * here))
+
+
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Elastic energy of all tetrahedra, J."""
+    elements, total = body.tets, zero(control.stiffness)
+    for t in range(elements.volume.size):
+        p, q, r = gradient(elements, t, edges(elements, t, x))
+        shear, dilation = constants(elements, t, control.stiffness[0])
+        xx, yy, zz = dot(p, p) - 1.0, dot(q, q) - 1.0, dot(r, r) - 1.0
+        yz, xz, xy, trace = dot(q, r), dot(p, r), dot(p, q), xx + yy + zz
+        squares = fma(xx, xx, fma(yy, yy, zz * zz)) + 2.0 * fma(yz, yz, fma(xz, xz, xy * xy))
+        total += fma(0.25 * shear, squares, (0.125 * dilation) * (trace * trace))
+    return total

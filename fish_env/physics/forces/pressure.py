@@ -1,0 +1,120 @@
+"""Gas in closed compartments: an ideal gas at constant temperature (Song 2009, ch. 4.5).
+
+The pressure is n R T over the volume, and its force that times the gradient of the volume: minus the gradient of the
+gas' energy. Exact for surfaces of triangles, of bilinear patches, and for flat rings of edges. Gas without a volume
+pushes nowhere, and `failed` says so.
+
+Legend: c compartment; i node; slope gradient of the volume of c, at c N + i.
+"""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Pack, dot, fma, log, nowhere, select, sqrt, zero
+from fish_env.physics.failures import ESCAPED
+from fish_env.physics.forces.plan import FACTOR, H
+from fish_env.physics.records import Body, World
+from fish_env.physics.volume import add_volume, volume_of
+
+FAILURE = ESCAPED
+
+
+ANYWHERE = True
+
+
+def present(body: Body, world: World) -> bool:
+    """Whether the body has gas."""
+    return body.compartments is not None
+
+
+def make_cache(body: Body, world: World, kind) -> Pack:
+    """Volume gradients (C N,), times the root of nRT / V^2 where kept for `add_tangent`, and its weight (1,), s2."""
+    assert body.compartments is not None  # else the force is not present
+    return Pack("pressure", slope=kind.vectors(len(body.compartments.gas) * len(body.mass)), weight=kind.scratch(1))
+
+
+def rest_matrices(body: Body, elastic):
+    """Stiffness of the gas at rest, N/m: all nodes (1,N) and a matrix (1,3N,3N) for each compartment. No damping."""
+    if body.compartments is None or not elastic:
+        return
+    first = body.compartments.first
+    for c, gas in enumerate(body.compartments.gas):
+        volume, slope = volume_of(body.compartments.faces[first[c] : first[c + 1]], body.position)
+        yield np.arange(len(slope))[None], (gas / volume**2 * np.outer(slope, slope))[None]
+
+
+@kernel
+def volume(body, c, x, slope):
+    """Volume of compartment c; its gradient is written to slope."""
+    compartments, count = body.compartments, x.size
+    for i in range(count):
+        slope[INDEX(c * count + i)] = zero(slope)
+    return add_volume(compartments.faces, compartments.first[c], compartments.first[c + 1], x, slope, c * count)
+
+
+@kernel
+def push(body, c, space):
+    """Pressure in compartment c, over that outside, and 1 / V; nothing without a volume."""
+    inverse = select(space > 0.0, 1.0 / space, 0.0)
+    outside = select(space > 0.0, body.compartments.ambient[c] + 0.0 * space, 0.0)
+    return fma(body.compartments.gas[c], inverse, -outside), inverse  # (54)
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the force of the gas on the walls of its compartments."""
+    count, slope, factor = x.size, cache.slope, control.stiffness[0]
+    for c in range(body.compartments.gas.size):
+        pressure = factor * push(body, c, volume(body, c, x, slope))[0]
+        for i in range(count):
+            f[i] = fma(pressure, slope[INDEX(c * count + i)], f[i])
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step."""
+    count, slope, factor, root = x.size, cache.slope, control.stiffness[0], sqrt(control.stiffness[0])
+    step = control.plans[control.row[0], H]
+    cache.weight[0] = control.plans[control.row[0], FACTOR] * step * step
+    for c in range(body.compartments.gas.size):
+        pressure, inverse = push(body, c, volume(body, c, x, slope))
+        pressure, stiff = factor * pressure, root * sqrt(body.compartments.gas[c]) * inverse
+        for i in range(count):
+            place = INDEX(c * count + i)
+            g = slope[place]
+            f[i] = fma(pressure, g, f[i])
+            slope[place] = stiff * g
+
+
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add what the gas' compression pushes back if every node moved by y; nothing unless it was kept by a force."""
+    count, slope, weight = x.size, cache.slope, cache.weight[0]
+    if weight == 0.0:
+        return
+    for c in range(body.compartments.gas.size):
+        change = zero(control.stiffness)
+        for i in range(count):
+            change += dot(slope[INDEX(c * count + i)], y[i])
+        change *= -weight
+        for i in range(count):
+            f[i] = fma(change, slope[INDEX(c * count + i)], f[i])  # (55)
+
+
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Energy of the gas and of what it displaces, J, relative to compartments of one cubic metre."""
+    total = zero(control.stiffness)
+    for c in range(body.compartments.gas.size):
+        space = volume(body, c, x, cache.slope)
+        total += fma(body.compartments.ambient[c], space, -body.compartments.gas[c] * log(space))
+    return control.stiffness[0] * total
+
+
+@kernel
+def failed(body, world, control, x, v, f, cache):
+    """Where a compartment has no volume left."""
+    empty = nowhere(x)
+    for c in range(body.compartments.gas.size):
+        empty = empty | (volume(body, c, x, cache.slope) <= 0.0)
+    return empty

@@ -1,0 +1,175 @@
+"""Springs: viscoelastic elements, an elastic and a viscous force along the line between two nodes (Tu 1996, ch. 4).
+
+Legend: i, j the element's nodes; r = x_j - x_i; u = v_j - v_i; eta effective stiffness; n = r/|r|; the force on node i
+is eta r.
+"""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Pack, dot, fma, nowhere, select, sqrt, vec3, zero
+from fish_env.physics.failures import STRETCH_LIMIT, TORN
+from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, H
+from fish_env.physics.records import Body, World
+
+MOST_COMPRESSED = -0.1  # strain below which an element's negative stiffness across grows no further in `add_tangent`
+FAILURE = TORN
+
+
+ANYWHERE = True
+
+
+def present(body: Body, world: World) -> bool:
+    """Whether the body has springs."""
+    return len(body.springs.nodes) > 0
+
+
+def make_cache(body: Body, world: World, kind) -> Pack:
+    """What `add_force_cached` keeps: separation r, and stiffness across and along less across over |r|^2."""
+    count = len(body.springs.nodes)
+    return Pack("springs", r=kind.vectors(count), across=kind.numbers(count), pull=kind.numbers(count))
+
+
+def rest_matrices(body: Body, elastic):
+    """Stiffness, N/m, or damping, N s/m, at rest: nodes (E,2) and matrices (E,6,6)."""
+    springs, x = body.springs, body.position
+    r = x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]]
+    row = np.concatenate([r, -r], axis=1) / np.linalg.norm(r, axis=1)[:, None]
+    constant = springs.stiffness if elastic else springs.damping
+    yield springs.nodes, constant[:, None, None] * row[:, :, None] * row[:, None, :]
+
+
+@kernel
+def stretched(springs, rest, x, v, e):
+    """Of spring e: i, j, r, 1 / |r|, its strain over its present length, and |r|'s relative rate of change, 1/s."""
+    i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
+    r, u = x[j] - x[i], v[j] - v[i]
+    inverse = 1.0 / sqrt(dot(r, r))
+    return i, j, r, inverse, fma(-rest[e], inverse, 1.0), dot(r, u) * (inverse * inverse)  # (2)
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the elastic and viscous force of every spring."""
+    springs, rest, factor = body.springs, control.rest_length, control.stiffness[0]
+    for e in range(springs.stiffness.size):
+        i, j, r, _, strain, fast = stretched(springs, rest, x, v, e)
+        pull = (factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)) * r  # (3), (4)
+        f[i] += pull
+        f[j] -= pull
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+
+    A spring does so by the mass FACTOR h^2 c across, and along itself by that of its damping besides. Two stages could
+    hold back less than half a step of damping, at small steps: then they hold back just that, LEAST, so that the
+    damping stays of second order.
+    """
+    springs, rest, factor, fastest = body.springs, control.rest_length, control.stiffness[0], control.fastest[0]
+    plans, row = control.plans, control.row[0]
+    h, least = plans[row, H], plans[row, LEAST]
+    elastic_part, viscous_part = plans[row, FACTOR] * h * h, 2.0 * plans[row, FACTOR] * h
+    for e in range(springs.stiffness.size):
+        i, j, r, inverse, strain, fast = stretched(springs, rest, x, v, e)
+        c, k = springs.stiffness[e], springs.damping[e]
+        elastic = elastic_part * c
+        along = max(elastic + viscous_part * k, least * h * k)
+        pull = (factor * fma(k, fast, c * strain)) * r
+        f[i] += pull
+        f[j] -= pull
+        across = (factor * elastic) * select(strain > MOST_COMPRESSED, strain, MOST_COMPRESSED)
+        cache.r[e] = r
+        cache.across[e] = across
+        cache.pull[e] = fma(factor, along, -across) * (inverse * inverse)
+        fast = abs(fast)
+        fastest = select(fast > fastest, fast, fastest)
+    control.fastest[0] = fastest
+
+
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add the pull of the springs if every node moved by y, by the stiffness that was stored."""
+    nodes = body.springs.nodes
+    for e in range(nodes.shape[0]):
+        i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
+        u, r = y[j] - y[i], cache.r[e]
+        g = fma(cache.pull[e] * dot(r, u), r, cache.across[e] * u)
+        f[i] += g
+        f[j] -= g
+
+
+@kernel
+def add_system(body, world, control, x, v, a, cache):
+    """Add h D + h^2 K to the matrix a, with h the INNER step, and keep K for `add_tangent`.
+
+    D is -df/dv and K is -df/dx less what is not symmetric in it, that damping acts along a direction that turns. The
+    effective stiffness eta is taken to be at least LOWEST: with 0, K is positive semi-definite. a holds three columns
+    for each entry of the nodes' skyline.
+    """
+    springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
+    h, lowest = control.plans[control.row[0], INNER], control.plans[control.row[0], LOWEST]
+    for e in range(springs.stiffness.size):
+        i, j, r, inverse, strain, fast = stretched(springs, rest, x, v, e)
+        c, k = factor * springs.stiffness[e], factor * springs.damping[e]
+        eta = fma(k, fast, c * strain)
+        eta = select(eta > lowest, eta, lowest)
+        along, across = ((h * h * (c - eta) + h * k) * (inverse * inverse)) * r, (h * h) * eta  # (22), (23)
+        add_columns(a, 3 * diagonal[i], 1.0, r, along, across)
+        add_columns(a, 3 * diagonal[j], 1.0, r, along, across)
+        add_columns(a, 3 * springs.entry[e], -1.0, r, along, across)
+        cache.r[e] = r
+        cache.across[e] = eta
+        cache.pull[e] = (c - eta) * (inverse * inverse)
+
+
+@kernel
+def add_columns(a, place, sign, r, along, across):
+    """Add sign (along r^T + across) to the block of which the columns stand in a from a place on."""
+    a[INDEX(place)] += sign * fma(r.x, along, across * vec3(1.0, 0.0, 0.0))
+    a[INDEX(place + 1)] += sign * fma(r.y, along, across * vec3(0.0, 1.0, 0.0))
+    a[INDEX(place + 2)] += sign * fma(r.z, along, across * vec3(0.0, 0.0, 1.0))
+
+
+@kernel
+def add_lagged(body, world, control, x, v, system, cache):
+    """Add the force at the start of the step to `system.load`, and h^2 eta, that of its end, to `system.matrix`.
+
+    The effective stiffness eta is the same for all axes and is taken to stay what it is. The matrix holds a number for
+    each entry of the nodes' skyline.
+    """
+    matrix, load, h = system.matrix, system.load, control.plans[control.row[0], INNER]
+    springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
+    for e in range(springs.stiffness.size):
+        i, j, r, _, strain, fast = stretched(springs, rest, x, v, e)
+        eta = factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)
+        weight, pull = (h * h) * eta, eta * r
+        matrix[INDEX(diagonal[i])] += weight  # (7)
+        matrix[INDEX(diagonal[j])] += weight
+        matrix[INDEX(springs.entry[e])] -= weight
+        load[i] += pull  # (8)
+        load[j] -= pull
+
+
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Elastic energy of all springs, J."""
+    nodes, stiffness, total = body.springs.nodes, body.springs.stiffness, zero(control.rest_length)
+    for e in range(stiffness.size):
+        r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
+        stretch = sqrt(dot(r, r)) - control.rest_length[e]
+        total = fma(0.5 * stiffness[e], stretch * stretch, total)  # (5)
+    return control.stiffness[0] * total
+
+
+@kernel
+def failed(body, world, control, x, v, f, cache):
+    """Where a spring is longer than STRETCH_LIMIT times its natural length."""
+    nodes, natural = body.springs.nodes, body.springs.rest_length
+    torn = nowhere(x)
+    for e in range(natural.size):
+        r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
+        allowed = STRETCH_LIMIT * natural[e]
+        torn = torn | (dot(r, r) > allowed * allowed)
+    return torn

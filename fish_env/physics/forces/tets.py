@@ -1,0 +1,239 @@
+"""Linear tetrahedra: small strain in a frame that turns with each element, or in a fixed one (Müller & Gross 2004).
+
+With the nearest rotation R of the deformation gradient F, the energy is V (mu |F - R|^2 + lambda/2 tr(R^T F - 1)^2),
+and the force its gradient: rigid rotation costs nothing. Damping acts on the rate of the same strain.
+
+A filter of many stages takes the stiffness not element by element but side by side of the mesh: several elements share
+a side, and as moving a body as a whole costs nothing, nodes are pulled by how their neighbours move against them.
+
+Legend: t element; a, b its corners; e its edges; h turned gradients of the shape functions, of corners 1 to 3; s what
+the strain's rate adds to the strain, a time; p, q, r columns of a matrix; k stiffness between the ends of a side.
+"""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Pack, dot, fma, nowhere, vec3, zero
+from fish_env.physics.failures import STRETCH_LIMIT, TORN
+from fish_env.physics.forces import polar
+from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, STAGES, H
+from fish_env.physics.forces.tetrahedron import (
+    constants,
+    edges,
+    gradient,
+    less_one,
+    scatter,
+    stress,
+    turned,
+    world_gradient,
+)
+from fish_env.physics.records import Body, World
+
+FAILURE = TORN
+CORNERS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
+MANY = 8  # stages from which adding up the stiffness of the sides costs less than it saves
+
+
+ANYWHERE = True
+
+
+def present(body: Body, world: World) -> bool:
+    """Whether the body has tetrahedra of these measures of strain."""
+    return body.tets is not None and not body.tets.quadratic
+
+
+def constant(body: Body, world: World) -> bool:
+    """Whether the elements are those of linear elasticity, of which the stiffness does not depend on the motion."""
+    return body.tets is not None and not body.tets.rotating
+
+
+def sides_of(nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ends (S,2) of the sides of elements (T,4), the lower node first; each element's sides (T,6), and corners there.
+
+    The corners (T,6,2) are those at the first and the second end.
+    """
+    some = np.array(CORNERS)
+    swapped = nodes[:, some[:, 0]] > nodes[:, some[:, 1]]
+    corners = np.where(swapped[..., None], some[:, ::-1], some)
+    pairs = np.take_along_axis(nodes, corners.reshape(len(nodes), 12), axis=1).reshape(-1, 2)
+    ends, sides = np.unique(pairs, axis=0, return_inverse=True)
+    return ends, sides.reshape(len(nodes), 6), np.ascontiguousarray(corners)
+
+
+def make_cache(body: Body, world: World, kind) -> Pack:
+    """What `add_tangent` needs: turned gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch.
+
+    Or the columns of the weighted stiffness of the sides (3S,), N/m.
+    """
+    assert body.tets is not None  # else the force is not present
+    count = len(body.tets.nodes)
+    ends, sides, corners = sides_of(body.tets.nodes)
+    shear, dilation = kind.scratch(count, kind.dtype), kind.scratch(count, kind.dtype)
+    return Pack("tets", h=kind.vectors(3 * count), shear=shear, dilation=dilation, corner=kind.vectors(4),
+                polar=polar.make_scratch(kind), ends=ends, sides=sides, corners=corners,
+                k=kind.vectors(3 * len(ends)))  # fmt: skip
+
+
+def rest_matrices(body: Body, elastic):
+    """Stiffness, N/m, or damping, N s/m, at rest, of any measure: nodes (T,4) and matrices (T,12,12)."""
+    if body.tets is None:
+        return
+    tets, g = body.tets, body.tets.gradient
+    weight = tets.volume * (1.0 if elastic else tets.relaxation_time)
+    shear, dilation = tets.shear * weight, tets.dilation * weight
+    block = np.einsum("t,tac,tbc,ij->taibj", shear, g, g, np.eye(3))
+    block += np.einsum("t,tbi,taj->taibj", shear, g, g) + np.einsum("t,tai,tbj->taibj", dilation, g, g)
+    yield tets.nodes, block.reshape(-1, 12, 12)
+
+
+@kernel
+def add_element(tets, t, e, h, factor, v, f):
+    """Add the elastic and viscous force of element t, whose edges are e and turned gradients h."""
+    u, s = edges(tets, t, v), tets.relaxation_time[t]
+    m = world_gradient((fma(s, u[0], e[0]), fma(s, u[1], e[1]), fma(s, u[2], e[2])), h)
+    shear, dilation = constants(tets, t, factor)
+    scatter(tets, t, stress(less_one(m), shear, dilation), h, f)
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the elastic and viscous force of every tetrahedron."""
+    tets, factor = body.tets, control.stiffness[0]
+    for t in range(tets.volume.size):
+        e = edges(tets, t, x)
+        add_element(tets, t, e, turned(tets, t, e, cache.polar), factor, v, f)
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+
+    An element does so by the mass FACTOR (h^2 K + 2 h D), but no less than LEAST h D (see `springs.add_force_cached`).
+    """
+    tets, factor = body.tets, control.stiffness[0]
+    plans, row = control.plans, control.row[0]
+    h, share, least, sideways = plans[row, H], plans[row, FACTOR], plans[row, LEAST], by_sides(control)
+    if sideways:
+        for i in range(cache.k.size):
+            cache.k[i] = zero(f)
+    for t in range(tets.volume.size):
+        e = edges(tets, t, x)
+        g = turned(tets, t, e, cache.polar)
+        add_element(tets, t, e, g, factor, v, f)
+        viscous = h * tets.relaxation_time[t]
+        weight = max(share * (h * h + 2.0 * viscous), least * viscous)
+        if sideways:
+            add_sides(tets, t, g, factor * weight, cache)
+        else:
+            keep(tets, t, g, weight, cache)
+
+
+@kernel
+def by_sides(control):
+    """Whether the plan has so many stages that the stiffness is taken side by side."""
+    return control.plans[control.row[0], STAGES] >= MANY
+
+
+@kernel
+def keep(tets, t, h, weight, cache):
+    """Keep the stiffness of element t, times a weight."""
+    kept = cache.h
+    kept[3 * t], kept[3 * t + 1], kept[3 * t + 2] = h
+    cache.shear[t], cache.dilation[t] = constants(tets, t, weight)
+
+
+@kernel
+def add_sides(tets, t, h, weight, cache):
+    """Add the stiffness of element t, times a weight, to that of its sides."""
+    now, k, sides, corners = cache.corner, cache.k, cache.sides, cache.corners
+    now[0] = -(h[0] + h[1] + h[2])
+    now[1], now[2], now[3] = h
+    mu, la = constants(tets, t, weight)
+    for s in range(sides.shape[1]):
+        first, here, there = 3 * sides[t, s], now[INDEX(corners[t, s, 0])], now[INDEX(corners[t, s, 1])]
+        one, two, along = mu * here, la * there, mu * dot(here, there)
+        k[INDEX(first)] += fma(one.x, there, fma(two.x, here, vec3(along, 0.0, 0.0)))  # (50)
+        k[INDEX(first + 1)] += fma(one.y, there, fma(two.y, here, vec3(0.0, along, 0.0)))
+        k[INDEX(first + 2)] += fma(one.z, there, fma(two.z, here, vec3(0.0, 0.0, along)))
+
+
+@kernel
+def add_tangent(body, world, control, x, y, f, cache):
+    """Add the pull of the tetrahedra if every node moved by y, by the stiffness that was stored."""
+    tets, factor, kept = body.tets, control.stiffness[0], cache.h
+    if by_sides(control):
+        add_pull(cache.ends, cache.k, y, f)
+        return
+    for t in range(tets.volume.size):
+        h = kept[3 * t], kept[3 * t + 1], kept[3 * t + 2]
+        m = world_gradient(edges(tets, t, y), h)
+        scatter(tets, t, stress(m, factor * cache.shear[t], factor * cache.dilation[t]), h, f)
+
+
+@kernel
+def add_pull(ends, k, y, f):
+    """Add the pull of all sides if every node moved by y."""
+    for s in range(ends.shape[0]):
+        i, j = INDEX(ends[s, 0]), INDEX(ends[s, 1])
+        p, q, r = k[3 * s], k[3 * s + 1], k[3 * s + 2]
+        way = y[j] - y[i]
+        f[i] -= fma(way.z, r, fma(way.y, q, way.x * p))
+        f[j] += vec3(dot(p, way), dot(q, way), dot(r, way))
+
+
+@kernel
+def add_system(body, world, control, x, v, a, cache):
+    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and keep K for `add_tangent`.
+
+    Both are those of linear elasticity, turned with the element: what its turning changes in turn is left out, so they
+    are symmetric and positive semi-definite.
+    """
+    tets, factor, now = body.tets, control.stiffness[0], cache.corner
+    first, start, step = body.profile.first, body.profile.start, control.plans[control.row[0], INNER]
+    for t in range(tets.volume.size):
+        h = turned(tets, t, edges(tets, t, x), cache.polar)
+        keep(tets, t, h, 1.0, cache)
+        now[0] = -(h[0] + h[1] + h[2])
+        now[1], now[2], now[3] = h
+        mu, la = constants(tets, t, factor * (step * (step + tets.relaxation_time[t])))
+        for p in range(4):
+            for q in range(4):
+                row, column = tets.nodes[t, p], tets.nodes[t, q]
+                if row < column:  # above the diagonal
+                    continue
+                here, there = now[p], now[q]
+                place, along = 3 * (start[row] + column - first[row]), mu * dot(here, there)
+                a[place] += fma(mu * here.x, there, (la * there.x) * here) + along * vec3(1.0, 0.0, 0.0)  # (50)
+                a[place + 1] += fma(mu * here.y, there, (la * there.y) * here) + along * vec3(0.0, 1.0, 0.0)
+                a[place + 2] += fma(mu * here.z, there, (la * there.z) * here) + along * vec3(0.0, 0.0, 1.0)
+
+
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Elastic energy of all tetrahedra, J."""
+    tets, total = body.tets, zero(control.stiffness)
+    for t in range(tets.volume.size):
+        e = edges(tets, t, x)
+        p, q, r = less_one(world_gradient(e, turned(tets, t, e, cache.polar)))
+        shear, dilation = constants(tets, t, control.stiffness[0])
+        xy, xz, yz, trace = p.y + q.x, p.z + r.x, q.z + r.y, p.x + q.y + r.z
+        squares = fma(p.x, p.x, fma(q.y, q.y, r.z * r.z)) + 0.5 * fma(xy, xy, fma(xz, xz, yz * yz))
+        total += fma(shear, squares, (0.5 * dilation) * (trace * trace))
+    return total
+
+
+@kernel
+def failed(body, world, control, x, v, f, cache):
+    """Where a tetrahedron is stretched along any direction to more than STRETCH_LIMIT times its natural length.
+
+    None is as long as the leading minors of STRETCH_LIMIT^2 - F^T F are positive.
+    """
+    tets, torn, square = body.tets, nowhere(x), STRETCH_LIMIT * STRETCH_LIMIT
+    for t in range(tets.volume.size):
+        p, q, r = gradient(tets, t, edges(tets, t, x))
+        a, b, c = square - dot(p, p), square - dot(q, q), square - dot(r, r)
+        u, v, w = dot(q, r), dot(p, r), dot(p, q)
+        two = fma(a, b, -(w * w))
+        three = fma(c, two, -fma(a * u, u, fma(b * v, v, 2.0 * (u * v * w))))
+        torn = torn | (a <= 0.0) | (two <= 0.0) | (three <= 0.0)
+    return torn

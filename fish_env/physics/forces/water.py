@@ -1,0 +1,169 @@
+"""Water on the surface: every face that moves outward through the water is pushed back along its normal.
+
+The linear law is Tu & Terzopoulos 1994; the quadratic one Terzopoulos, Tu & Grzeszczuk 1994 with half the density
+times a drag coefficient in place of their unit constant. No lift, added mass, friction or wake.
+
+Legend: a area vector (area times outward normal n); w velocity of the face through the water; p, q, r, s its corners.
+"""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Pack, cross, dot, fma, select, sqrt, vec3
+from fish_env.physics.forces.plan import INNER, H
+from fish_env.physics.records import Body, World
+
+ANYWHERE = True
+
+
+def present(body: Body, world: World) -> bool:
+    """Whether water pushes on the body."""
+    return (world.linear != 0.0 or world.quadratic != 0.0) and len(body.faces.nodes) > 0
+
+
+def make_cache(body: Body, world: World, kind) -> Pack:
+    """Each face's normal, area times factor, push, and its mobility (F,)."""
+    count = len(body.faces.nodes)
+    return Pack("water", normal=kind.vectors(count), area=kind.numbers(count), push=kind.numbers(count),
+                mobility=kind.scalars(mobility(body)))  # fmt: skip
+
+
+def mobility(body: Body) -> np.ndarray:
+    """Velocity (F,) m/s a face gains in 1 s from a force of 1 N, if half the faces around it feel as much.
+
+    Half: while a fish swims, about half its faces move outward and are pushed.
+    """
+    faces = body.faces
+    carried = np.zeros(len(body.mass))
+    np.add.at(carried, faces.nodes, faces.share)
+    inverse = body.inverse_mass.max(axis=1)
+    return 0.5 * (faces.share * (carried * inverse)[faces.nodes]).sum(axis=1)
+
+
+@kernel
+def corners(body, k):
+    """The nodes of face k."""
+    nodes = body.faces.nodes
+    return INDEX(nodes[k, 0]), INDEX(nodes[k, 1]), INDEX(nodes[k, 2]), INDEX(nodes[k, 3])
+
+
+@kernel
+def velocity(body, current, v, k):
+    """Velocity of face k through the water."""
+    p, q, r, s = corners(body, k)
+    share = body.faces.share
+    return fma(share[k, 3], v[s], fma(share[k, 2], v[r], fma(share[k, 1], v[q], share[k, 0] * v[p] - current)))  # (11)
+
+
+@kernel
+def area_vector(body, x, k):
+    """Area vector of face k."""
+    p, q, r, s = corners(body, k)
+    d, e = x[r] - x[p], x[s] - x[q]
+    if body.faces.upright:
+        rise = vec3(0.0, 0.0, body.faces.depth[k])
+        d, e = d + rise, e + rise
+    return 0.5 * cross(d, e)  # (10)
+
+
+@kernel
+def scatter(body, k, g, f):
+    """Add the force g on face k to those of its corners."""
+    p, q, r, s = corners(body, k)
+    share = body.faces.share
+    f[p] = fma(share[k, 0], g, f[p])
+    f[q] = fma(share[k, 1], g, f[q])
+    f[r] = fma(share[k, 2], g, f[r])
+    f[s] = fma(share[k, 3], g, f[s])
+
+
+@kernel
+def laws(world, control):
+    """Coefficients of the linear and the quadratic law, and the current."""
+    drag = control.drag[0]
+    return world.linear * drag, world.quadratic * drag, world.current[0] + control.current[0]
+
+
+@kernel
+def push_on(body, linear, quadratic, current, x, v, k):
+    """Normal of face k, its area times its factor, and the push along the normal; none on a face that moves inward."""
+    a, w = area_vector(body, x, k), velocity(body, current, v, k)
+    size = sqrt(dot(a, a))
+    n, area = (1.0 / size) * a, body.faces.drag[k] * size
+    outward, speed = dot(n, w), sqrt(dot(w, w))
+    return n, area, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the force of the water on every face."""
+    linear, quadratic, current = laws(world, control)
+    for k in range(body.faces.nodes.shape[0]):
+        n, _, push = push_on(body, linear, quadratic, current, x, v, k)
+        scatter(body, k, push * n, f)
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """As `add_force`, and keep what `add_change` needs.
+
+    A push that would turn its face around within half a step is taken to stop it there: beyond that the prediction,
+    from which the change is worked out, would grow from step to step.
+    """
+    linear, quadratic, current = laws(world, control)
+    half = 0.5 * control.plans[control.row[0], H]
+    for k in range(body.faces.nodes.shape[0]):
+        n, area, push = push_on(body, linear, quadratic, current, x, v, k)
+        outward = dot(n, velocity(body, current, v, k))
+        stopping = select(outward > 0.0, -outward / (half * cache.mobility[k]), 0.0)
+        push = select(push < stopping, stopping, push)  # (38)
+        scatter(body, k, push * n, f)
+        cache.normal[k] = n
+        cache.area[k] = area
+        cache.push[k] = push
+
+
+@kernel
+def add_change(body, world, control, x, v, f, cache):
+    """Add what the force changes by when the velocities become v, half a step later, at positions as they were kept.
+
+    Each face's drag is taken implicitly, as if it alone slowed the face down.
+    """
+    linear, quadratic, current = laws(world, control)
+    half = 0.5 * control.plans[control.row[0], H]
+    for k in range(cache.area.size):
+        n, area, push, w = cache.normal[k], cache.area[k], cache.push[k], velocity(body, current, v, k)
+        outward, square = dot(n, w), dot(w, w)
+        speed = sqrt(square)
+        change = -(fma(quadratic, speed, linear) * outward * area) - push
+        slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
+        ahead = change * (speed / fma((half * cache.mobility[k]) * area, slope, speed))  # (38)
+        scatter(body, k, select(outward > 0.0, ahead, -push) * n, f)
+
+
+@kernel
+def add_damping(body, world, control, x, v, a, cache):
+    """Add h D to the matrix a, as `springs.add_system`.
+
+    D is the part of -df/dv that is symmetric and positive semi-definite: what the outward velocity of a face changes in
+    the push along its normal.
+    """
+    linear, quadratic, current = laws(world, control)
+    h = control.plans[control.row[0], INNER]
+    first, start = body.profile.first, body.profile.start
+    nodes, share = body.faces.nodes, body.faces.share
+    for k in range(nodes.shape[0]):
+        n, area, _ = push_on(body, linear, quadratic, current, x, v, k)
+        w = velocity(body, current, v, k)
+        outward, speed = dot(n, w), sqrt(dot(w, w))
+        slope = fma(quadratic, fma(outward, outward, speed * speed), linear * speed) / speed
+        drag = select(outward > 0.0, h * area * slope, 0.0)  # (27)
+        columns = ((drag * n.x) * n, (drag * n.y) * n, (drag * n.z) * n)
+        for m in range(4):
+            for p in range(4):
+                row, column = nodes[k, m], nodes[k, p]
+                if row < column:  # above the diagonal
+                    continue
+                place = 3 * (start[INDEX(row)] + column - first[INDEX(row)])
+                for axis in range(3):
+                    a[INDEX(place + axis)] = fma(share[k, m] * share[k, p], columns[axis], a[INDEX(place + axis)])

@@ -1,0 +1,174 @@
+"""Methods with error control, of scipy: DOP853 (Hairer, Norsett & Wanner 1993) and Radau IIA (Hairer & Wanner 1996).
+
+For references, not for speed: they are entered from Python for every force. Radau is handed the exact Jacobian. It
+solves with LAPACK, whose threads get in each other's way on a busy machine, and whose number changes the last bits:
+OPENBLAS_NUM_THREADS=1 ends that.
+
+Legend: x, v positions and velocities of one body; f forces; y both, flattened.
+"""
+
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from fish_env.checks import real
+from fish_env.physics.failures import NO_CONVERGENCE, NON_FINITE
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.records import FACTORISATIONS, FORCES, Body, State, World
+
+METHODS = ("DOP853", "Radau")
+TOLERANCE = 1e-10  # of the entries in INTEGRATORS
+LOWEST, HIGHEST = 1e-13, 1e-2  # below, rounding decides; above, error control does not hold
+MOST_EVALUATIONS = 200_000  # a call: some seconds, in which a valid fish swims for ten; what needs more never ends
+
+
+class Motion:
+    """The motion of body b as scipy takes it: dy/dt and its Jacobian; FloatingPointError where one is not finite."""
+
+    def __init__(self, body: Body, evaluator, control, b):
+        self.evaluator, self.inverse_mass, self.evaluations = evaluator, body.inverse_mass, 0
+        self.start, self.rate = control.rest_length[b], control.rate[b]
+
+    def at(self, t, y):
+        """What forces are evaluated for, at a time within the call: rest lengths (E,) m, x and v (N,3)."""
+        return self.start + t * self.rate, *y.reshape(2, -1, 3)  # (14)
+
+    def slope(self, t, y):
+        """dy/dt, (6N,)."""
+        self.evaluations += 1
+        rest_length, x, v = self.at(t, y)
+        acceleration = finite(self.evaluator.force(rest_length, x, v, t) * self.inverse_mass)
+        if self.evaluations > MOST_EVALUATIONS:
+            raise FloatingPointError
+        return np.concatenate([v.ravel(), acceleration.ravel()])
+
+    def jacobian(self, t, y):
+        """Its derivative with respect to y, (6N,6N)."""
+        stiffness, damping = self.evaluator.jacobian(*self.at(t, y), t)
+        inverse = self.inverse_mass.reshape(-1, 1)
+        return finite(np.block([[0.0 * stiffness, np.eye(inverse.size)], [-stiffness * inverse, -damping * inverse]]))
+
+
+@cache
+def make_radau() -> Any:  # scipy takes a class, though its annotations say a name
+    """Scipy's Radau, with FloatingPointError where a system or its right-hand side is not finite, near overflow.
+
+    Scipy says so by a ValueError, which may mean anything else as well.
+    """
+    from scipy.integrate import Radau
+
+    class Finite(Radau):
+        def __init__(self, *args, **options):
+            super().__init__(*args, **options)
+            factorise, solve = self.lu, self.solve_lu
+            self.lu = lambda matrix: factorise(finite(matrix))
+            self.solve_lu = lambda factors, load: solve(factors, finite(load))
+
+    return Finite
+
+
+def finite(array):
+    """The array; FloatingPointError if not all of it is finite."""
+    if not np.isfinite(array).all():
+        raise FloatingPointError
+    return array
+
+
+def allowed_error(body: Body, tolerance) -> np.ndarray:
+    """Absolute error a step may make, (6N,): of the body's size, and of the speed its mass has on a mean spring.
+
+    Without springs, it is the speed that moves it by its size in a period of its fastest vibration, over 2 pi.
+    """
+    size = np.ptp(body.position, axis=0).max()
+    rate = (
+        body.springs.stiffness.mean() / body.mass.sum()
+        if body.springs.stiffness.size
+        else body.max_stiffness_eigenvalue
+    )
+    scale = np.repeat([size, size * np.sqrt(rate)], 3 * body.mass.size)
+    return np.maximum(tolerance * scale, np.finfo(float).tiny)
+
+
+def solve(body: Body, world: World, state: State, control, duration, method="DOP853", tolerance=TOLERANCE) -> None:
+    """Move every valid body `duration` seconds with error control; state is changed in place.
+
+    A body that fails has the reason recorded, and its last valid state put back: the one it had before the call, or the
+    body at rest if it was handed over invalid. Rest lengths stop where their rates have taken them.
+
+    Args:
+        body: of every fish.
+        world: what surrounds them.
+        state: their motion (B bodies).
+        control: their rest lengths.
+        duration: s, zero or more.
+        method: "DOP853" (explicit, order 8) or "Radau" (implicit, order 5).
+        tolerance: relative error a step may make; `allowed_error` says what it means for small numbers.
+
+    Raises:
+        ValueError: for an unknown method, a tolerance outside 1e-13 to 1e-2, or such a duration.
+    """
+    if method not in METHODS:
+        raise ValueError(f"unknown method {method!r}; choose from {', '.join(map(repr, METHODS))}")
+    if not LOWEST <= real(tolerance) <= HIGHEST:
+        raise ValueError(f"tolerance is {tolerance!r}; give a number from {LOWEST:g} to {HIGHEST:g}")
+    if not 0.0 <= real(duration) < np.inf:
+        raise ValueError(f"duration is {duration!r}; give a finite number of seconds, zero or more")
+    evaluator = Evaluator(body, world)
+    for b in np.flatnonzero(state.failure == 0):
+        before = state.x[b].copy(), state.v[b].copy()
+        failure = move(body, evaluator, state, control, b, duration, method, tolerance) if duration else 0
+        control.rest_length[b] += duration * control.rate[b]
+        control.rate[b] = 0.0
+        control.rest_length[b] = np.where(
+            np.isfinite(control.rest_length[b]), control.rest_length[b], body.springs.rest_length
+        )
+        failure = failure or failure_of(evaluator, control.rest_length[b], state.x[b], state.v[b])
+        if not np.isfinite(state.t[b]):
+            failure, state.t[b] = NON_FINITE, 0.0
+        if failure:
+            broken = failure_of(evaluator, control.rest_length[b], *before)
+            state.failure[b] = broken or failure
+            state.x[b], state.v[b] = (body.position, 0.0) if broken else before
+        else:
+            state.t[b] += duration
+
+
+def failure_of(evaluator, rest_length, x, v) -> int:
+    """Why a body in this state is not valid: an index into FAILURES, zero for one that is."""
+    if not (np.isfinite(x).all() and np.isfinite(v).all()):
+        return NON_FINITE
+    return min(evaluator.failures(rest_length, x), default=0)
+
+
+def move(body: Body, evaluator, state: State, control, b, duration, method, tolerance) -> int:
+    """Positions and velocities of body b after `duration` s > 0, counted; 0, or why there are none."""
+    from scipy.integrate import solve_ivp  # 0.3 s that only these methods need
+
+    motion, y = Motion(body, evaluator, control, b), np.concatenate([state.x[b].ravel(), state.v[b].ravel()])
+    if not np.isfinite(y).all():
+        return NON_FINITE
+    if method == "Radau":
+        solver, options = make_radau(), {"jac": motion.jacobian}
+    else:  # it ends at 6 / frequency anyway; a first trial step far beyond overflows before it is rejected
+        solver, options = method, {"max_step": 6.0 / max(np.sqrt(body.max_stiffness_eigenvalue), 6.0 / duration)}
+    try:
+        with np.errstate(all="ignore"):
+            found = solve_ivp(motion.slope, (0.0, duration), y, method=solver, rtol=tolerance,
+                              atol=allowed_error(body, tolerance), **options)  # fmt: skip
+    except FloatingPointError:
+        return NO_CONVERGENCE
+    finally:
+        state.counters[b, FORCES] += motion.evaluations
+    state.counters[b, FACTORISATIONS] += found.nlu  # scipy does not tell its solves
+    if found.status == 0:
+        state.x[b], state.v[b] = found.y[:, -1].reshape(2, -1, 3)
+    return 0 if found.status == 0 else NO_CONVERGENCE
+
+
+def advance(body: Body, world: World, state: State, control, h, n, method) -> None:
+    """Move every valid body n h seconds; the length of a step is the method's own choice."""
+    solve(body, world, state, control, n * h, method)
+
+
+advance_dop853, advance_radau = (partial(advance, method=method) for method in METHODS)

@@ -1,0 +1,97 @@
+"""What the methods share: rows of their plan, scratch memory, rest lengths that move, and fixed degrees of freedom."""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Kind, Pack, floats, fma, select, vec3, zero
+from fish_env.physics import forces
+from fish_env.physics.forces.plan import INNER, LOWEST, POLYNOMIAL, H
+from fish_env.physics.records import Body
+
+
+def plan_of_step(elastic: float, viscous: float, h: float, inner=1.0, lowest=-np.inf) -> np.ndarray:
+    """The row of `control.plans` of a method that needs to know nothing but its step of h s.
+
+    `inner` is the part of the step that a system matrix is made for, `lowest` as in `fish_env.physics.forces.plan`.
+    """
+    row = np.zeros(POLYNOMIAL)
+    row[[H, INNER, LOWEST]] = h, inner * h, lowest
+    return row
+
+
+def scratch(body: Body, kind: Kind, *names: str, **others) -> Pack:
+    """Vectors (N,) of these names for a block of fish, and other fields."""
+    return Pack("work", **{name: kind.vectors(len(body.mass)) for name in names}, **others)
+
+
+def make_constrain(names: tuple[str, ...]):
+    """The kernel that has the forces of these names constrain accelerations; fixed degrees of freedom stay fixed."""
+    constrain = forces.total(names, "constrain")
+    if not forces.any_has(names, "constrain"):
+        return constrain
+
+    @kernel
+    def constrain_free(body, world, control, x, v, a, cache):
+        constrain(body, world, control, x, v, a, cache)
+        zero_fixed(body, a)
+
+    return constrain_free
+
+
+@kernel
+def move_rest_lengths(control, elapsed):
+    """Set the rest lengths of the driven springs to where they are `elapsed` seconds into the call; note the time."""
+    control.elapsed[0] = elapsed
+    rest, start, rate, driven = control.rest_length, control.start, control.rate, control.driven
+    for d in range(driven.size):
+        rest[INDEX(driven[d])] = fma(elapsed, rate[d], start[d])  # (14)
+
+
+@kernel
+def zero_fixed(body, a):
+    """Set the vectors a (N,) to zero along fixed degrees of freedom."""
+    values, fixed = floats(a), body.fixed
+    for m in range(fixed.shape[0]):
+        for lane in range(values.shape[2]):
+            values[INDEX(fixed[m, 0]), INDEX(fixed[m, 1]), lane] = 0.0
+
+
+@kernel
+def set_masses(body, a):
+    """Set a matrix of 3 x 3 blocks, three columns (3S,) for each entry of the nodes' skyline, to the masses."""
+    none = zero(a)
+    for p in range(a.size):
+        a[p] = none
+    for i in range(body.mass.size):
+        place, mass = 3 * body.profile.diagonal[i], body.mass[i]
+        a[INDEX(place)] = none + vec3(mass, 0.0, 0.0)
+        a[INDEX(place + 1)] = none + vec3(0.0, mass, 0.0)
+        a[INDEX(place + 2)] = none + vec3(0.0, 0.0, mass)
+
+
+@kernel
+def eliminate(body, a):
+    """Take the fixed degrees of freedom out of a matrix as `set_masses` begins it: their rows and columns.
+
+    In their place stands the equation that the unknown is its right-hand side, so the matrix keeps its shape.
+    """
+    first, start, fixed, values, none = body.profile.first, body.profile.start, body.fixed, floats(a), zero(a)
+    for m in range(fixed.shape[0]):
+        i, k = fixed[m, 0], fixed[m, 1]
+        for row in range(i, first.size):
+            if first[row] <= i:
+                a[INDEX(3 * (start[row] + i - first[row]) + k)] = none
+        for place in range(3 * start[i], 3 * start[i + 1]):
+            for lane in range(values.shape[2]):
+                values[INDEX(place), INDEX(k), lane] = 0.0
+        for lane in range(values.shape[2]):
+            values[INDEX(3 * body.profile.diagonal[i] + k), INDEX(k), lane] = 1.0
+
+
+@kernel
+def count_pivots(control, found):
+    """Note the (non-positive pivots, untrusted pivots) of a factorisation; after an untrusted one, no others count."""
+    negative, untrusted = found
+    before, counted = control.untrusted[0], control.pivots[0]
+    control.pivots[0] = select(before > 0.0, counted, counted + negative)
+    control.untrusted[0] = before + untrusted

@@ -1,0 +1,125 @@
+"""Leapfrog with Chebyshev-filtered kicks: explicit, its stable step grows with the number of stages.
+
+It is of second order with two stages; with more, as at the default step, its damping is of first order.
+
+Drift half a step, kick, drift half a step. The kick passes through a polynomial of the frozen stiffness and damping,
+which slows only what the step cannot resolve: a leapfrog-Chebyshev scheme (Gilbert & Joly 2008; Carle, Hochbruck &
+Sturm 2020), here with damped elements and with a face's own drag taken implicitly. `plan` says how many stages a step
+of h needs: small motion is stable at any h that MOST_STAGES reach, at a cost that grows with the root of the stiffness.
+
+Legend: x, v positions and velocities of a block; h step; f the force; a the filtered acceleration of this stage, before
+of the last one, kick of all forces; t Chebyshev polynomials T_k at their midpoint.
+"""
+
+import math
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import fma, zero
+from fish_env.physics import forces
+from fish_env.physics.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
+from fish_env.physics.integrators.common import make_constrain, move_rest_lengths, scratch
+from fish_env.physics.records import Body
+
+DAMPING = 4.0  # of the polynomial: how far above 1 its midpoint lies, times the square of the stages
+SAFETY = 1.2  # the body's highest rates when bent and pulled, over those at rest
+MOST_STAGES = 1000
+
+
+def polynomial(stages: int) -> tuple[float, float, float, float]:
+    """Midpoint of the filter, its first factor, the factor on stiffness, and its reach.
+
+    The reach is the largest h^2 c/m + 2 h k/m of a vibration that the filter keeps stable.
+    """
+    midpoint = 1.0 + DAMPING / (stages * stages)
+    angle = math.acosh(midpoint)
+    last, second = math.cosh(stages * angle), math.sinh(stages * angle) / math.sinh(angle)  # T_s, U_(s-1)
+    first = last / (stages * second)
+    slope = first * (1.0 + 1.0 / last) / 4.0
+    return midpoint, first, 2.0 * slope, (1.0 + midpoint) / slope
+
+
+def stages_for(elastic: float, viscous: float, h: float) -> int:
+    """Smallest number of stages, at least 2, that keeps a step of h s stable at these rates, 1/s2 and 1/s."""
+    damped = SAFETY * h * viscous
+    wanted = SAFETY * h * h * elastic + 2.0 * damped
+    stages = int(min(max(2.0, math.sqrt(wanted / 3.0)), MOST_STAGES))  # the reach is at most 3 times their square
+    while stages < MOST_STAGES and (polynomial(stages)[3] < wanted or (stages == 2 and damped > 2.0)):
+        stages += 1
+    return stages
+
+
+def plan(elastic: float, viscous: float, h: float) -> np.ndarray:
+    """The row of `control.plans` for a step of h s of a body with these highest rates, 1/s2 and 1/s."""
+    stages = stages_for(elastic, viscous, h)
+    midpoint, first, factor, _ = polynomial(stages)  # (36)
+    row = np.zeros(POLYNOMIAL + stages + 1)
+    row[POLYNOMIAL:] = np.cosh(np.arange(stages + 1) * math.acosh(midpoint))
+    row[[H, STAGES, MIDPOINT, FIRST, FACTOR]] = h, stages, midpoint, first, factor
+    row[LEAST] = 0.5 * row[POLYNOMIAL + 2] / first if stages == 2 else 0.0
+    return row
+
+
+def costs(row: np.ndarray) -> tuple[int, int, int]:
+    """Force evaluations, factorisations and solves of a step."""
+    return int(row[STAGES]), 0, 0
+
+
+def make_work(body: Body, kind):
+    """Scratch of a block."""
+    return scratch(body, kind, "f", "kick", "a", "before")
+
+
+def make_run(names):
+    """The kernel that takes n steps of a block on which the forces of these names act."""
+    add_force = forces.total(names, "add_force_cached", "add_force")
+    add_tangent, add_change = forces.total(names, "add_tangent"), forces.total(names, "add_change")
+    constrain, decay, finish = make_constrain(names), forces.total(names, "decay"), forces.total(names, "finish")
+    whole = not forces.any_has(names, "decay", "finish")  # the drifts of two steps in a row are one
+
+    @kernel
+    def run(body, world, control, x, v, work, cache, n):
+        f, kick, a, before, inverse_mass = work.f, work.kick, work.a, work.before, body.inverse_mass
+        t, row = control.plans, control.row[0]
+        h, stages, midpoint, first = t[row, H], int(t[row, STAGES]), t[row, MIDPOINT], t[row, FIRST]
+        half, start, double = 0.5 * h, first / midpoint, 2.0 * first
+        for s in range(n):
+            if s == 0 or not whole:
+                decay(body, world, control, x, v, f, cache)
+                for i in range(x.size):
+                    x[i] = fma(half, v[i], x[i])  # (35)
+                    f[i] = zero(f)
+            move_rest_lengths(control, (s + 0.5) * h)
+            add_force(body, world, control, x, v, f, cache)
+            for i in range(x.size):
+                y = inverse_mass[i] * f[i]
+                kick[i] = y
+                a[i] = start * y
+                before[i] = zero(f)
+                f[i] = zero(f)
+            for g in range(1, stages):
+                add_tangent(body, world, control, x, a, f, cache)
+                ahead = INDEX(POLYNOMIAL + g)
+                now = t[row, ahead] / t[row, ahead + INDEX(1)]
+                last = t[row, ahead - INDEX(1)] / t[row, ahead + INDEX(1)]
+                for i in range(x.size):
+                    y = a[i]
+                    pull = fma(2.0 * midpoint, y, fma(inverse_mass[i], f[i], double * kick[i]))
+                    a[i] = fma(now, pull, -last * before[i])  # (37)
+                    before[i] = y
+                    f[i] = zero(f)
+            constrain(body, world, control, x, v, a, cache)
+            for i in range(x.size):
+                before[i] = fma(half, a[i], v[i])
+            add_change(body, world, control, x, before, f, cache)
+            drift = h if whole and s < n - 1 else half
+            for i in range(x.size):
+                y = fma(h, fma(inverse_mass[i], f[i], a[i]), v[i])
+                v[i] = y
+                x[i] = fma(drift, y, x[i])
+                f[i] = zero(f)
+            decay(body, world, control, x, v, f, cache)
+            finish(body, world, control, x, v, f, cache)
+
+    return run

@@ -1,0 +1,137 @@
+"""Rosenbrock methods, whose stages solve linear systems with one matrix: linearly implicit Euler and ROS2.
+
+Linearly implicit Euler is that of one stage (Baraff & Witkin 1998), ROS2 that of two (Verwer et al. 1999), of second
+order for any approximate Jacobian and L-stable. The whole stiffness and damping of forces with an `add_system` are
+implicit. Other forces are explicit, and so is the water, but for its damping in the variant WATER.
+
+Where the matrix does not depend on the motion, as that of linear elasticity, its factors are used again from step to
+step, from call to call and from fish to fish, until the step or a fish's factors on stiffness or mass are others; with
+other boundary conditions a tank makes a new engine, and with it new scratch memory.
+
+Legend: x, v positions and velocities of a block; h step, inner the part of it that is implicit; matrix the system
+matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration, then a, that of
+the step so far, as u is its speed; sx, sv where they lead; p the acceleration of the first stage; rate what positions
+would move at; y the pull of the stiffness if the nodes moved at that rate for a second.
+"""
+
+import math
+from dataclasses import dataclass
+
+from fish_env.kernels.compile import kernel
+from fish_env.kernels.simd import floats, fma, zero
+from fish_env.physics import forces
+from fish_env.physics.forces.plan import INNER, H
+from fish_env.physics.integrators import common
+from fish_env.physics.linalg import ldlt
+from fish_env.physics.records import Body
+
+GAMMA = 1.0 - math.sqrt(0.5)  # of ROS2: of the two values that make it L-stable, the smaller and more accurate one
+
+
+@dataclass(frozen=True)
+class Rosenbrock:
+    """A `fish_env.physics.integrators.Method` of one or two stages."""
+
+    gamma: float = 1.0
+    """The part of the step that is implicit."""
+    time: tuple[float, ...] = (1.0,)
+    """When each stage takes its rest lengths, in steps: an implicit method of first order wants those of the end."""
+    lowest: float = -math.inf
+    """N/m, least effective stiffness with which a spring enters the matrix."""
+    wet: bool = False
+    """Whether the damping of the water is in the matrix."""
+
+    def plan(self, elastic, viscous, h):
+        return common.plan_of_step(elastic, viscous, h, self.gamma, self.lowest)
+
+    def costs(self, row):
+        return len(self.time), 1, len(self.time)
+
+    def make_work(self, body: Body, kind):
+        matrix, row = kind.vectors(3 * int(body.profile.start[-1])), kind.vectors(3 * len(body.mass))
+        return common.scratch(
+            body, kind, "f", "y", "sx", "sv", "p", "rate", matrix=matrix, row=row,
+            step=kind.scratch(1), stiffness=kind.numbers(1), lightness=kind.numbers(1),
+        )  # fmt: skip
+
+    def make_run(self, names):
+        time, last = self.time, len(self.time) - 1
+        add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
+        constrain = common.make_constrain(names)
+        implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
+        add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
+        add_damping = forces.total(names if self.wet else (), "add_damping")
+        steady = not (self.wet and forces.any_has(names, "add_damping"))
+
+        @kernel
+        def run(body, world, control, x, v, work, cache, n):
+            f, y, sx, sv, p, rate, matrix = work.f, work.y, work.sx, work.sv, work.p, work.rate, work.matrix
+            h, inner = control.plans[control.row[0], H], control.plans[control.row[0], INNER]
+            for s in range(n):
+                for stage in range(last + 1):
+                    px, pv, speed = (x, v, v) if stage == 0 else (sx, sv, rate)
+                    common.move_rest_lengths(control, (s + time[stage]) * h)
+                    for i in range(x.size):
+                        f[i] = zero(f)
+                        y[i] = zero(y)
+                    if stage == 0 and steady and holds(control, work, inner):
+                        control.reused[0] += 1
+                    elif stage == 0:
+                        common.set_masses(body, matrix)
+                        add_damping(body, world, control, x, v, matrix, cache)
+                        add_system(body, world, control, x, v, matrix, cache)  # (30)
+                        common.eliminate(body, matrix)
+                        common.count_pivots(control, ldlt.factor(body.profile, matrix, work.row))
+                        remember(control, work, inner)
+                    add_tangent(body, world, control, x, speed, y, cache)
+                    add_force(body, world, control, px, pv, f, cache)
+                    for i in range(x.size):
+                        f[i] = fma(inner, y[i], f[i] if stage == 0 else fma(-2.0 * body.mass[i], p[i], f[i]))
+                    common.zero_fixed(body, f)
+                    ldlt.solve(body.profile, matrix, f)  # (31), (33), (34)
+                    if stage > 0:
+                        for i in range(x.size):
+                            f[i] = fma(0.5, f[i], 1.5 * p[i])
+                    constrain(body, world, control, x, v, f, cache)
+                    for i in range(x.size):
+                        a, u = f[i], fma(inner, f[i], v[i])
+                        if stage > 0:
+                            second = fma(inner, fma(2.0, a, -3.0 * p[i]), rate[i])
+                            u = fma(0.5, second, 1.5 * fma(inner, p[i], v[i]))
+                        if stage < last:
+                            sx[i], sv[i], p[i] = fma(h, u, x[i]), fma(h, a, v[i]), a
+                            rate[i] = fma(-2.0, u, sv[i])
+                        else:
+                            x[i], v[i] = fma(h, u, x[i]), fma(h, a, v[i])  # (32)
+                finish(body, world, control, x, v, f, cache)
+
+        return run
+
+
+@kernel
+def holds(control, work, inner):
+    """Whether the factors in `work` are those of this step's matrix, for every fish of the block."""
+    stiffness, lightness, same = floats(work.stiffness), floats(work.lightness), control.constant
+    same = same and work.step[0] == inner
+    for lane in range(stiffness.shape[1]):
+        same = same and stiffness[0, lane] == floats(control.stiffness)[0, lane]
+        same = same and lightness[0, lane] == floats(control.lightness)[0, lane]
+    return same
+
+
+@kernel
+def remember(control, work, inner):
+    """Note what the factors in `work` were made for: nothing if a pivot of one fish is not to be trusted."""
+    untrusted = floats(control.untrusted)
+    work.step[0], work.stiffness[0], work.lightness[0] = inner, control.stiffness[0], control.lightness[0]
+    for lane in range(untrusted.shape[1]):
+        if untrusted[0, lane] > 0.0:
+            work.step[0] = 0.0
+
+
+EULER = Rosenbrock()
+PROJECTED = Rosenbrock(lowest=0.0)
+"""A compressed spring enters the matrix without its negative stiffness across: none is indefinite."""
+WATER = Rosenbrock(wet=True)
+"""The water's damping along the normals is in the matrix."""
+ROS2 = Rosenbrock(GAMMA, (0.0, 1.0))

@@ -1,0 +1,75 @@
+"""Explicit Runge-Kutta methods in which every stage is reached by the slope of the one before (Song 2009, ch. 5).
+
+Symplectic Euler is among them: it is explicit Euler but for the velocity that moves the positions. Newton and Warp call
+it semi-implicit; here that word is Tu's (see `semi_implicit.py`).
+
+Legend: x, v positions and velocities of a block; f forces; h step; sx, sv the stage, and its slopes u, a; kx, kv the
+weighted sums of slopes.
+"""
+
+from dataclasses import dataclass
+
+from fish_env.kernels.compile import kernel
+from fish_env.kernels.simd import fma, zero
+from fish_env.physics import forces
+from fish_env.physics.forces.plan import H
+from fish_env.physics.integrators.common import move_rest_lengths, plan_of_step, scratch
+from fish_env.physics.records import Body
+
+
+@dataclass(frozen=True)
+class RungeKutta:
+    """A `fish_env.physics.integrators.Method`, by its tableau."""
+
+    time: tuple[float, ...]
+    """When each stage is taken, in steps: how far along the slope of the one before."""
+    weight: tuple[float, ...]
+    """Of each stage's slope in the step; the sum is 1."""
+    symplectic: bool = False
+    """Whether positions move at the velocity of the step's end; of a method of one stage."""
+
+    def plan(self, elastic, viscous, h):
+        return plan_of_step(elastic, viscous, h)
+
+    def costs(self, row):
+        return len(self.time), 0, 0
+
+    def make_work(self, body: Body, kind):
+        return scratch(body, kind, "f", "sx", "sv", "kx", "kv")
+
+    def make_run(self, names):
+        add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
+        time, weight, last, symplectic = self.time, self.weight, len(self.time) - 1, self.symplectic
+
+        @kernel
+        def run(body, world, control, x, v, work, cache, n):
+            f, sx, sv, kx, kv, none = work.f, work.sx, work.sv, work.kx, work.kv, zero(work.f)
+            inverse_mass, h = body.inverse_mass, control.plans[control.row[0], H]
+            for s in range(n):
+                for stage in range(last + 1):
+                    px, pv = (x, v) if stage == 0 else (sx, sv)
+                    part, ahead = weight[stage], time[min(stage + 1, last)] * h
+                    move_rest_lengths(control, (s + time[stage]) * h)
+                    for i in range(x.size):
+                        f[i] = none
+                    add_force(body, world, control, px, pv, f, cache)
+                    for i in range(x.size):
+                        u, a = pv[i], inverse_mass[i] * f[i]
+                        if symplectic:
+                            u = fma(h, a, u)  # (15)
+                        speed, acceleration = (none, none) if stage == 0 else (kx[i], kv[i])
+                        speed, acceleration = fma(part, u, speed), fma(part, a, acceleration)
+                        if stage < last:
+                            kx[i], kv[i] = speed, acceleration
+                            sx[i], sv[i] = fma(ahead, u, x[i]), fma(ahead, a, v[i])
+                        else:
+                            x[i], v[i] = fma(h, speed, x[i]), fma(h, acceleration, v[i])  # (16), (28), (29)
+                finish(body, world, control, x, v, f, cache)
+
+        return run
+
+
+EULER = RungeKutta((0.0,), (1.0,))
+SYMPLECTIC_EULER = RungeKutta((0.0,), (1.0,), symplectic=True)
+MIDPOINT = RungeKutta((0.0, 0.5), (0.0, 1.0))
+RK4 = RungeKutta((0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6))

@@ -1,0 +1,196 @@
+"""Skyline L D L^T: the symmetric factorisation of the implicit methods, after Bathe & Wilson (Tu 1996, ch. 4).
+
+Row i of the lower triangle is stored from its first non-zero column to the diagonal, row after row, in one array.
+Fill-in stays inside that skyline, so the profile is computed once a body and never changes. Every fish of a block has a
+matrix of its own; all have the same skyline.
+
+A pivot is not to be trusted if it is not finite, or smaller than TRUSTED_PIVOT times the diagonal entry it came from
+(in single precision: than what rounding makes of that entry).
+Such a fish goes on to the end of the call, with whatever numbers follow: the lanes of a block stay together.
+
+Legend: i, j, k rows and columns; a stored values, overwritten by L (below the diagonal); d the pivots D; s an entry of
+L D; p, q columns of blocks of L D and of L.
+"""
+
+import math
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import dot, epsilon, fma, select, vec3, zero
+from fish_env.physics.records import (
+    Profile,
+)
+
+TRUSTED_PIVOT = 1e-9  # a pivot below this fraction of its diagonal entry has lost nine digits to cancellation
+ROUNDING = 16.0  # times the precision: what the sums that a pivot comes from may be wrong by
+
+
+def profile(pairs: np.ndarray, order: int) -> Profile:
+    """Profile of a symmetric matrix of the given order with off-diagonal entries at `pairs` (E,2)."""
+    first = np.arange(order)
+    for i, j in np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1):
+        first[j] = min(first[j], i)
+    start = np.concatenate([[0], np.cumsum(np.arange(order) - first + 1)])
+    return Profile(first.astype(np.int64), start.astype(np.int64), (start[1:] - 1).astype(np.int64))
+
+
+def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
+    """Where the off-diagonal entries `pairs` (E,2) are stored, (E,)."""
+    low, high = np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1).T
+    return shape.start[high] + low - shape.first[high]
+
+
+@kernel
+def judge(least, diagonal, pivot, negative, untrusted):
+    """Count a pivot that came from a diagonal entry: (non-positive pivots, untrusted ones), a number a fish.
+
+    `least` is the smallest part of the entry that is trusted.
+    """
+    size = abs(pivot)
+    lost = select(size > least * abs(diagonal), untrusted, untrusted + 1.0)
+    return select(pivot > 0.0, negative, negative + 1.0), select(size < math.inf, lost, untrusted + 1.0)
+
+
+@kernel
+def factor_solve(shape, a, b, inverse_pivot, row):
+    """Factor a (S,) in place into L D L^T and solve for three right-hand sides: b (N,), vectors, is overwritten.
+
+    The forward reduction runs beside the factorisation, row by row, for both wait on the same sums. inverse_pivot (N,)
+    receives 1/D; row (N,) is scratch.
+
+    Returns:
+        (non-positive pivots, untrusted pivots), a number a fish.
+    """
+    first, start, order = shape.first, shape.start, shape.first.size
+    negative, untrusted, least = zero(a), zero(a), max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
+    for i in range(order):
+        row_i = start[i] - first[i]
+        y, diagonal = b[INDEX(i)], a[INDEX(row_i + i)]
+        d = diagonal
+        for j in range(first[i], i):
+            row_j = start[j] - first[j]
+            s = a[INDEX(row_i + j)]
+            for k in range(max(first[i], first[j]), j):
+                s = fma(-row[INDEX(k)], a[INDEX(row_j + k)], s)
+            row[INDEX(j)] = s
+            lower = s * inverse_pivot[INDEX(j)]
+            a[INDEX(row_i + j)] = lower
+            d = fma(-s, lower, d)
+            y = fma(-lower, b[INDEX(j)], y)
+        b[INDEX(i)] = y
+        negative, untrusted = judge(least, diagonal, d, negative, untrusted)
+        inverse_pivot[INDEX(i)] = 1.0 / d
+    for i in range(order):
+        b[i] = inverse_pivot[i] * b[i]
+    for above in range(order):
+        i = order - 1 - above
+        row_i, y = start[i] - first[i], b[INDEX(i)]
+        for k in range(first[i], i):
+            b[INDEX(k)] = fma(-a[INDEX(row_i + k)], y, b[INDEX(k)])
+    return negative, untrusted
+
+
+@kernel
+def subtract_product(p, q, s):
+    """S - P Q^T of blocks, each a tuple of three columns."""
+    p0, p1, p2 = p
+    q0, q1, q2 = q
+    s0, s1, s2 = s
+    s0 = fma(-q2.x, p2, fma(-q1.x, p1, fma(-q0.x, p0, s0)))
+    s1 = fma(-q2.y, p2, fma(-q1.y, p1, fma(-q0.y, p0, s1)))
+    s2 = fma(-q2.z, p2, fma(-q1.z, p1, fma(-q0.z, p0, s2)))
+    return s0, s1, s2
+
+
+@kernel
+def block(a, place):
+    """The three columns of the block that is stored at a place."""
+    k = 3 * place
+    return a[INDEX(k)], a[INDEX(k + 1)], a[INDEX(k + 2)]
+
+
+@kernel
+def store(a, place, s):
+    """Put a block, a tuple of three columns, at a place."""
+    k = 3 * place
+    a[INDEX(k)], a[INDEX(k + 1)], a[INDEX(k + 2)] = s
+
+
+@kernel
+def factor_node(d):
+    """L and D of a block of which the lower triangle is given: L below the diagonal as two columns, and D."""
+    d0, d1, d2 = d
+    first = 1.0 / d0.x
+    l10, l20 = first * d0.y, first * d0.z
+    pivot, below = fma(-l10, d0.y, d1.y), fma(-l10, d0.z, d1.z)
+    l21 = below / pivot
+    last = fma(-l21, below, fma(-l20, d0.z, d2.z))
+    return vec3(0.0, l10, l20), vec3(0.0, 0.0, l21), vec3(d0.x, pivot, last)
+
+
+@kernel
+def factor(shape, a, row):
+    """Factor a matrix of order 3N in place into L D L^T, all of its coordinates coupled.
+
+    a (3S,) holds three vectors, columns of a 3 x 3 block, for every entry of the N x N skyline `shape`: rows of the
+    later node, columns of the earlier one. Of the diagonal blocks only the lower triangle is read; in their columns are
+    left the two of L below the diagonal, and 1/D. row (3N,), vectors, is scratch.
+
+    Returns:
+        (non-positive pivots, untrusted pivots), a number a fish.
+    """
+    first, start, none = shape.first, shape.start, zero(a)
+    negative, untrusted, least = none.x, none.x, max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
+    for i in range(first.size):
+        row_i = start[i] - first[i]
+        was0, was1, was2 = block(a, row_i + i)
+        d = was0, was1, was2
+        for j in range(first[i], i):
+            row_j = start[j] - first[j]
+            s = block(a, row_i + j)
+            for k in range(max(first[i], first[j]), j):
+                s = subtract_product(block(row, k), block(a, row_j + k), s)
+            s0, s1, s2 = s
+            q0, q1, inverse = block(a, row_j + j)
+            s1 = fma(-q0.y, s0, s1)
+            s2 = fma(-q1.z, s1, fma(-q0.z, s0, s2))
+            s, lower = (s0, s1, s2), (inverse.x * s0, inverse.y * s1, inverse.z * s2)
+            store(row, j, s)
+            store(a, row_i + j, lower)
+            d = subtract_product(s, lower, d)
+        q0, q1, pivot = factor_node(d)
+        negative, untrusted = judge(least, was0.x, pivot.x, negative, untrusted)
+        negative, untrusted = judge(least, was1.y, pivot.y, negative, untrusted)
+        negative, untrusted = judge(least, was2.z, pivot.z, negative, untrusted)
+        inverse = vec3(1.0 / pivot.x, 1.0 / pivot.y, 1.0 / pivot.z)
+        store(a, row_i + i, (none + q0, none + q1, none + inverse))
+    return negative, untrusted
+
+
+@kernel
+def solve(shape, a, b):
+    """Solve for one right-hand side, vectors b (N,), which is overwritten, with what `factor` made of a."""
+    first, start, order, none = shape.first, shape.start, shape.first.size, zero(b)
+    for i in range(order):
+        row_i, y = start[i] - first[i], b[INDEX(i)]
+        for j in range(first[i], i):
+            q0, q1, q2 = block(a, row_i + j)
+            p = b[INDEX(j)]
+            y = fma(-p.z, q2, fma(-p.y, q1, fma(-p.x, q0, y)))
+        q0, q1, _ = block(a, row_i + i)
+        y = fma(-y.x, q0, y)
+        b[INDEX(i)] = fma(-y.y, q1, y)
+    for i in range(order):
+        _, _, inverse = block(a, start[i] + i - first[i])
+        b[i] = inverse * b[i]
+    for above in range(order):
+        i = order - 1 - above
+        row_i, y = start[i] - first[i], b[INDEX(i)]
+        q0, q1, _ = block(a, row_i + i)
+        middle = fma(-q1.z, y.z, y.y)
+        y = none + vec3(fma(-q0.z, y.z, fma(-q0.y, middle, y.x)), middle, y.z)
+        b[INDEX(i)] = y
+        for j in range(first[i], i):
+            q0, q1, q2 = block(a, row_i + j)
+            b[INDEX(j)] -= vec3(dot(q0, y), dot(q1, y), dot(q2, y))

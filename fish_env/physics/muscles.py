@@ -1,0 +1,40 @@
+"""Muscles' rest lengths: set out for a commanded contraction, at a limited rate or by first-order activation.
+
+Legend: b fish; m fibre (a muscle has one or several); e spring.
+"""
+
+from math import exp, inf
+
+from fish_env.kernels.compile import INDEX, kernel, njit
+
+
+@kernel
+def command(tank, contraction, b, duration):
+    """Set the rates at which the fibres of fish b move: to what they get to in `duration` s, of the contraction (B,M).
+
+    The effort is the mean square of their changes, over the fastest there can be.
+    """
+    squares, fastest = 0.0, duration / tank.contraction_time
+    rise, fall = tank.activation_time[0], tank.activation_time[1]
+    if rise > 0.0:
+        fastest = 1.0 - exp(-duration / rise)
+    for m in range(tank.fibres.size):
+        e = INDEX(tank.fibres[m])
+        goal = 0.5 * (contraction[b, INDEX(tank.drives[m, 0])] + contraction[b, INDEX(tank.drives[m, 1])])
+        wanted = tank.fibre_natural[m] - goal * tank.fibre_span[m] - tank.rest_length[b, e]
+        limit = fastest * tank.fibre_span[m]
+        if rise > 0.0:
+            change = wanted * (1.0 - exp(-duration / (rise if wanted < 0.0 else fall)))  # (63)
+        else:
+            change = min(max(wanted, -limit), limit)  # (14)
+        tank.rate[b, e] = change / duration
+        squares += (change / limit) * (change / limit)
+    effort = squares / tank.fibres.size
+    tank.effort[b] = effort if effort < inf else 0.0  # of a rest length that is not finite, which ends the motion
+
+
+@njit
+def command_all(tank, contraction, duration):
+    """`command` every fish."""
+    for b in range(contraction.shape[0]):
+        command(tank, contraction, b, duration)

@@ -1,0 +1,141 @@
+"""The nouns of the simulation: bodies and their elements, what surrounds them, their state and their controls.
+
+Plain tuples of arrays, which enter the compiled kernels as they are. Makers check what they are given: `make_body` in
+`body.py`, those of other elements in `elements.py`, those of worlds in `world.py`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Profile(NamedTuple):
+    """Shape of a skyline matrix of order N: entry (i, j) is at `start[i] + j - first[i]`."""
+
+    first: np.ndarray  # (N,) first stored column of each row
+    start: np.ndarray  # (N+1,) where each row begins; the last element is the number of stored entries
+    diagonal: np.ndarray  # (N,) where each diagonal entry is
+
+
+class Springs(NamedTuple):
+    """Viscoelastic elements (a spring and a dashpot side by side): E of them. Tu 1996, ch. 4."""
+
+    nodes: np.ndarray  # (E,2) the two nodes of each spring
+    stiffness: np.ndarray  # (E,) c, N/m
+    damping: np.ndarray  # (E,) k, N s/m
+    rest_length: np.ndarray  # (E,) natural length, m
+    entry: np.ndarray  # (E,) place of the spring's off-diagonal entry in the skyline
+
+
+class Faces(NamedTuple):
+    """Surface elements the water acts on: F quadrilaterals, or triangles with their third node given twice.
+
+    A face of a flat body stands upright on it: its third and fourth corner are `depth` above the nodes they name.
+    """
+
+    nodes: np.ndarray  # (F,4) counter-clockwise seen from outside
+    share: np.ndarray  # (F,4) part of the face's force each corner carries; rows sum to 1
+    drag: np.ndarray  # (F,) factor on the push of the water, which is felt at one point of the face
+    depth: np.ndarray  # (F,) m along z; zero for the face of a solid body
+    upright: bool = False  # whether any face is
+
+
+class Tets(NamedTuple):
+    """Linear tetrahedra of an isotropic material: T of them (Müller & Gross 2004)."""
+
+    nodes: np.ndarray  # (T,4) the fourth on the side the first three turn counter-clockwise seen away from it
+    gradient: np.ndarray  # (T,4,3) of the shape function of each node at rest, 1/m
+    volume: np.ndarray  # (T,) at rest, m3
+    shear: np.ndarray  # (T,) Lame's mu, Pa
+    dilation: np.ndarray  # (T,) Lame's lambda, Pa
+    relaxation_time: np.ndarray  # (T,) damping over stiffness, s
+    rotating: bool  # corotational; False is plain linear elasticity, which mistakes rotation for strain
+    quadratic: bool  # the strain of Green and Lagrange instead of either
+
+
+class Compartments(NamedTuple):
+    """Gas inside closed surfaces: C compartments (Song 2009, ch. 4.5)."""
+
+    faces: np.ndarray  # (Q,4) outward; a triangle gives its third node twice, an edge of a flat ring gives -1 for both
+    first: np.ndarray  # (C+1,) where each compartment's faces begin, and the last end
+    gas: np.ndarray  # (C,) n R T, J
+    ambient: np.ndarray  # (C,) pressure outside, Pa
+
+
+class Barriers(NamedTuple):
+    """Barriers that keep a node of an inner layer behind an outer face: K of them."""
+
+    nodes: np.ndarray  # (K,4) the outer face (-1 for the third node of an edge), then the inner node
+    volume: np.ndarray  # (K,) of the tetrahedron, or triangle, they span at rest, m3 (m2)
+    energy: np.ndarray  # (K,) scale of the barrier, J
+
+
+class Body(NamedTuple):
+    """A deformable body of N nodes at rest.
+
+    None says that there are no elements of a kind: the kernels are then compiled without them.
+    """
+
+    VECTORS = ("position", "inverse_mass")
+
+    position: np.ndarray  # (N,3) m
+    mass: np.ndarray  # (N,) kg
+    inverse_mass: np.ndarray  # (N,3) 1/kg; zero along an axis in which the node is fixed: its velocity never changes
+    fixed: np.ndarray  # (H,2) node and axis of every degree of freedom that is eliminated
+    springs: Springs
+    faces: Faces
+    tets: Tets | None
+    compartments: Compartments | None
+    barriers: Barriers | None
+    max_stiffness_eigenvalue: float  # highest eigenvalue of M^-1 K at rest, 1/s2: the square of the highest frequency
+    max_damping_eigenvalue: float  # highest eigenvalue of M^-1 D at rest, 1/s
+    profile: Profile  # skyline of the system matrix: the nodes that an element joins
+
+
+class State(NamedTuple):
+    """Motion of B bodies of one kind; the integrators advance it in place."""
+
+    x: np.ndarray  # (B,N,3) m
+    v: np.ndarray  # (B,N,3) m/s
+    t: np.ndarray  # (B,) s
+    failure: np.ndarray  # (B,) 0 while the body is valid, else an index into FAILURES
+    counters: np.ndarray  # (B,5) work done and trouble met so far, a column for each of COUNTERS
+
+
+class Control(NamedTuple):
+    """What drives the bodies: rest lengths that move linearly in time during one call of `advance`, and then stop."""
+
+    rest_length: np.ndarray  # (B,E) m; advanced in place at the end of the call
+    rate: np.ndarray  # (B,E) m/s; zero after it. Only the fibres of the fish's muscles move
+
+
+COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivots", "refinements")
+FORCES, FACTORISATIONS, SOLVES, PIVOTS, REFINEMENTS = range(5)
+
+
+class Anchors(NamedTuple):
+    """Springs from a node to a point in the world: a hand that drags, or a penalty that moves a node. A of them."""
+
+    VECTORS = ("point", "velocity")
+
+    node: np.ndarray  # (A,)
+    point: np.ndarray  # (A,3) m, where the far end is when a call of `advance` begins
+    velocity: np.ndarray  # (A,3) m/s at which it moves, with which the damping compares the node's
+    stiffness: np.ndarray  # (A,) N/m
+    damping: np.ndarray  # (A,) N s/m along the spring; of an anchor without length, along all axes
+    rest_length: np.ndarray  # (A,) m; zero pulls the node right to the point, by a force linear in its place
+
+
+class World(NamedTuple):
+    """What surrounds the body; what is None is not there, and all zero and None is vacuum."""
+
+    VECTORS = ("current", "gravity")
+
+    linear: float  # coefficient of the linear face law, kg/(m2 s)
+    quadratic: float  # coefficient of the quadratic face law, half density times drag coefficient, kg/m3
+    current: np.ndarray  # (3,) velocity of the water, m/s
+    gravity: np.ndarray | None = None  # (3,) m/s2; a fish that floats has none
+    viscosity: float = 0.0  # of the air: drag on every node over its velocity, N s/m; only beside gravity
+    planes: np.ndarray | None = None  # (P,5) unit normal into the free side, offset m, restitution
+    anchors: Anchors | None = None
+    extra: dict[str, NamedTuple] | None = None  # parameters of other forces; kernels read them as `world.<name>`

@@ -1,0 +1,242 @@
+"""Bodies at rest: equilibrium under load, small deflections, natural frequencies.
+
+Equilibrium is found by Newton's method with the exact derivatives of the forces. A full step may be too long; it is
+halved until the simplified step that would follow it, with the matrix at hand, is shorter: Deuflhard's natural
+monotonicity test (Deuflhard 2004, ch. 3). The residual itself would not do: a slender beam that bends stretches a
+little in between, and is far stiffer along itself than across.
+
+A body that nothing holds keeps its place: steps and deflections have no part in the rigid motions it is free to make,
+its shifts, and its rotations if all forces are its own.
+"""
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space, orth
+from scipy.sparse import block_array, csr_array, diags_array, eye_array
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from fish_env.checks import finite_array, is_whole
+from fish_env.physics.failures import ESCAPED
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.forces.sparse import tangent
+from fish_env.physics.integrity import check_problem
+from fish_env.physics.records import Body, World
+from fish_env.physics.world import VACUUM
+
+ROUNDING = 2e-15  # of stiffness times place, above what is left of forces in balance: measured 1.4e-16
+SHORTEST = 2.0**-20  # part of a Newton step below which it is given up
+MOST_STEPS = 200
+RANK = 1e-9
+SINGULAR = 1e-14  # smallest pivot over the largest
+UNSTABLE = 1e-10  # of the highest rate: less is rounding
+SHIFT = 1e-7  # of the highest rate: with a hundredth of it, what rounding leaves in a solve mixes neighbours up
+SLACK = 1e-12  # of the largest stiffness, for motions that nothing resists and no force asks for
+SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
+LOOSE = "the stiffness does not resist every motion; fix or anchor more nodes, or start from another place"
+ADVICE = "apply the load in smaller steps, each started from the last; fix or anchor a body that its load would move"
+
+
+class NoEquilibrium(ArithmeticError):  # noqa: N818 - it names what was not found
+    """No place was found at which the forces vanish; the text says what to try."""
+
+
+def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None, load=None, tolerance=1e-9):
+    """Positions (N,3) m at which no force acts on any free degree of freedom: f(x) + load = 0, at zero velocity.
+
+    An equilibrium near the start, stable or not: `modes` tells. Fixed degrees of freedom stay where they start.
+
+    Args:
+        body: any; of a free body the place is kept.
+        world: gravity, current and anchors act; walls raise an error.
+        rest_length: of the springs, (E,) m; None takes the body's.
+        start: positions, (N,3) m; None takes those at rest.
+        load: further forces, (N,3) N, that keep their direction.
+        tolerance: largest force left, over the largest at the start; never asked for below rounding.
+
+    Raises:
+        ValueError: for an array of another shape or not finite, a tolerance that is not positive, or walls.
+        NoEquilibrium: if Newton's method does not find one.
+    """
+    check_problem(body, world)
+    if world.planes is not None:
+        raise ValueError("the world has walls, which stop motion; fix the nodes that rest on them instead (body.fix)")
+    if not tolerance > 0:
+        raise ValueError(f"tolerance is {tolerance!r}; give a positive number")
+    n = len(body.mass)
+    rest = body.springs.rest_length if rest_length is None else rest_length
+    rest = finite_array(rest, body.springs.rest_length.shape, "rest_length (m)")
+    x = finite_array(body.position if start is None else start, (n, 3), "start (m)")
+    internal = load is None and _still(world) and (world.gravity is None or not world.gravity.any())
+    load = np.zeros((n, 3)) if load is None else finite_array(load, (n, 3), "load (N)")
+    free = _free(body)
+
+    evaluator, still = Evaluator(body, world), np.zeros((n, 3))
+
+    def force(x):
+        if ESCAPED in evaluator.failures(rest, x):  # beyond a barrier nothing pushes back
+            return np.full(free.size, np.nan)
+        return (evaluator.force(rest, x, still) + load).ravel()[free]
+
+    f = force(x)
+    wanted = tolerance * np.abs(f).max()
+    for _ in range(MOST_STEPS):
+        matrix = tangent(body, world, rest, x)
+        floor = ROUNDING * np.abs(matrix.diagonal()).max() * np.abs(x).max()
+        if not np.abs(f).max() > max(wanted, floor):
+            return x
+        rigid = rigid_motions(body, world, x, internal)
+        x, f = _newton(x, f, force, free, _solver(body, matrix, rigid, SLACK))
+    raise NoEquilibrium(f"forces of {np.abs(f).max():g} N are left after {MOST_STEPS} steps; {ADVICE}")
+
+
+def _newton(x, f, force: Callable, free, solve: Callable):
+    """One Newton step from x with the forces f, shortened as far as need be: positions and forces after it."""
+    step = solve(f)
+    part, size = 1.0, np.linalg.norm(step)
+    while part >= SHORTEST:
+        trial = x.copy()
+        trial.ravel()[free] += part * step
+        after = force(trial)
+        if np.isfinite(after).all() and np.linalg.norm(solve(after)) <= (1.0 - 0.25 * part) * size:
+            return trial, after
+        part *= 0.5
+    raise NoEquilibrium(f"no step lessens the forces of {np.abs(f).max():g} N; {ADVICE}")
+
+
+def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
+    """Displacements (N,3) m under small forces on a body at rest: K u = load, fixed degrees of freedom zero.
+
+    Args:
+        body: any; of a free body the load must balance.
+        load: (N,3) N.
+        world: whose anchors and current add to the stiffness.
+
+    Raises:
+        ValueError: if the load is of another shape, not finite, or moves a free body.
+        NoEquilibrium: if the stiffness does not resist every motion.
+    """
+    check_problem(body, world)
+    x = body.position
+    load = finite_array(load, x.shape, "load (N)")
+    free, matrix = _free(body), tangent(body, world, body.springs.rest_length, x)
+    rigid = rigid_motions(body, world, x, _still(world))
+    if np.abs(rigid.T @ load.ravel()[free]).max(initial=0.0) > 1e-9 * np.abs(load).max():
+        raise ValueError("the load has a resultant that moves the free body; fix some nodes, or balance the load")
+    displacement = np.zeros(x.size)
+    displacement[free] = _solver(body, matrix, rigid)(load.ravel()[free])
+    return displacement.reshape(x.shape)
+
+
+def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, position=None):
+    """Lowest natural frequencies (count,) Hz and their shapes (count,N,3), 1/sqrt(kg); of a free body rigid ones first.
+
+    Undamped vibration about an equilibrium: K u = (2 pi f)^2 M u, with u^T M u = 1. The frequency of a rigid motion is
+    zero but for rounding.
+
+    Args:
+        body: any.
+        count: how many, from 1 to the number of free degrees of freedom.
+        world: whose anchors add to the stiffness.
+        rest_length: of the springs, (E,) m; None takes the body's.
+        position: the equilibrium, (N,3) m; None takes the positions at rest.
+
+    Raises:
+        ValueError: for a count out of range.
+        NoEquilibrium: if the body would leave the position by itself.
+    """
+    check_problem(body, world)
+    free = _free(body)
+    if not (is_whole(count) and 1 <= count <= free.size):
+        raise ValueError(f"count is {count!r}; give a whole number from 1 to {free.size}")
+    x = body.position if position is None else finite_array(position, body.position.shape, "position (m)")
+    rest = body.springs.rest_length if rest_length is None else rest_length
+    matrix = tangent(body, world, finite_array(rest, body.springs.rest_length.shape, "rest_length (m)"), x)
+    root = np.sqrt(body.inverse_mass).ravel()[free]
+    squares, shapes = _lowest(matrix, free, root, count)
+    if squares[0] < -UNSTABLE * body.max_stiffness_eigenvalue:
+        raise NoEquilibrium(f"the position is unstable: a motion grows at {np.sqrt(-squares[0]):g} 1/s; give another")
+    found = np.zeros((count, x.size))
+    found[:, free] = root * shapes.T
+    return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), found.reshape(count, *x.shape)
+
+
+def _lowest(matrix, free, root, count):
+    """Lowest eigenvalues (count,), 1/s2, and vectors (K,count) of W K W: W the diagonal `root` (K,)."""
+    if isinstance(matrix, np.ndarray):
+        scaled = matrix[np.ix_(free, free)] * np.outer(root, root)
+        values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        return values[:count], vectors[:, :count]
+    scaled = diags_array(root) @ matrix[free][:, free] @ diags_array(root)
+    scaled = (0.5 * (scaled + scaled.T)).tocsc()
+    if count >= free.size // 2:
+        return _lowest(scaled.toarray(), np.arange(free.size), np.ones(free.size), count)
+    shift = -SHIFT * np.abs(scaled.diagonal()).max()  # just below zero, so that rigid motions leave it regular
+    factors = splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC)
+    inverse = LinearOperator(scaled.shape, factors.solve)
+    _, vectors = eigsh(scaled, k=count, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(free.size)))
+    basis = np.linalg.qr(vectors)[0]
+    values, turn = np.linalg.eigh(basis.T @ (scaled @ basis))  # of neighbours that are mixed up, the right mixture
+    return values, basis @ turn
+
+
+def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
+    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that holds and anchors leave.
+
+    Shifts, which no other force of the package resists or asks for; and rotations, if they are `turning` as freely.
+    None beside a force of the user's, which may resist them.
+    """
+    free = _free(body)
+    if world.anchors is not None or world.extra:
+        return np.zeros((free.size, 0))
+    arms = x - x.mean(axis=0)
+    motions = np.zeros((*x.shape, 6 if turning else 3))
+    motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
+    for axis in range(3 if turning else 0):
+        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms) / max(np.abs(arms).max(), 1e-300)
+    motions = motions.reshape(x.size, -1)
+    fixed = motions[body.inverse_mass.ravel() == 0.0]
+    allowed = null_space(fixed, rcond=RANK) if fixed.size else np.eye(motions.shape[1])
+    return orth(motions[free] @ allowed, rcond=RANK) if allowed.size else np.zeros((free.size, 0))
+
+
+def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
+    """Solution of K u = f on the free degrees of freedom, u without the motions `rigid` (K,R): a function of f (K,).
+
+    `slack`, of the largest stiffness, is added to that of every degree of freedom.
+    """
+    free, scale = _free(body), np.abs(matrix.diagonal()).max()
+    rigid = rigid * scale
+    size, border = rigid.shape
+    if isinstance(matrix, np.ndarray):
+        inner = matrix[np.ix_(free, free)] + slack * scale * np.eye(size)
+        system = np.block([[inner, rigid], [rigid.T, np.zeros((border, border))]])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LinAlgWarning)  # the pivots are looked at below
+            factors = lu_factor(system)
+        pivots, solve = np.diag(factors[0]), partial(lu_solve, factors)
+    else:
+        system = matrix[free][:, free] + slack * scale * eye_array(size)
+        if border:
+            system = block_array([[system, csr_array(rigid)], [csr_array(rigid.T), None]])
+        try:
+            factors = splu(system.tocsc(), **SYMMETRIC)
+        except RuntimeError as error:
+            raise NoEquilibrium(LOOSE) from error
+        pivots, solve = factors.U.diagonal(), factors.solve
+    if not np.abs(pivots).min() > SINGULAR * np.abs(pivots).max():
+        raise NoEquilibrium(LOOSE)
+    padding = np.zeros(border)
+    return lambda f: solve(np.concatenate([f, padding]))[:size]
+
+
+def _still(world: World) -> bool:
+    """Whether the water does not push on a body without motion."""
+    return not (world.current.any() and (world.linear or world.quadratic))
+
+
+def _free(body: Body) -> np.ndarray:
+    """(K,) numbers of the degrees of freedom that may move."""
+    return np.flatnonzero(body.inverse_mass.ravel())

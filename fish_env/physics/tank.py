@@ -1,0 +1,513 @@
+"""Tank: B fish of one kind in water, or B other elastic objects. The one stateful simulation class."""
+
+import copy
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, Generic
+
+import numpy as np
+
+from fish_env.checks import Settled, finite_array, fits_memory, frozen, is_whole, own
+from fish_env.kernels.simd import Kind, Pack, Vectors
+from fish_env.kernels.threads import Threads
+from fish_env.physics import forces
+from fish_env.physics.body import chosen_axes, fix_where, node_numbers
+from fish_env.physics.conditions import (
+    METHODS,
+    Conditions,
+    alike,
+    carried,
+    make_penalty,
+    moved,
+    no_conditions,
+    released,
+    set_out,
+    too_stiff,
+)
+from fish_env.physics.engine import Engine
+from fish_env.physics.failures import FAILURES
+from fish_env.physics.fish import Elastic, Fish
+from fish_env.physics.forces.control import NOMINAL
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.integrity import check_numbers
+from fish_env.physics.muscles import command_all
+from fish_env.physics.records import COUNTERS, Anchors, Control, State, World
+from fish_env.physics.tank_options import (
+    available_processors,
+    bytes_of,
+    check_scene,
+    checked_action,
+    checked_command,
+    checked_count,
+    checked_state,
+    checked_steps,
+    checked_variation,
+    chosen_nodes,
+    kind_for,
+    method_for,
+    refused,
+    varied,
+    whole_steps,
+)
+from fish_env.physics.world import VACUUM, joined, make_anchors
+
+FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
+
+
+class Tank(Settled, Generic[Elastic]):
+    """B fish of one kind, each alone in the same water, advanced together by one integrator.
+
+    `fish` and `world` of a tank are its own, read-only copies of what it was given: kernels read them and do not look.
+
+    Args:
+        fish: what swims (`make_fish`), or another elastic object (`fish_env.bodies.objects`).
+        num_fish: B, at least 1.
+        integrator: a key of `INTEGRATORS`; None takes the fish's own.
+        dt: integrator step, s; None takes the fish's `time_step` for its own integrator, and for another the longest
+            that divides the control interval and is at most half of the method's largest stable step at rest.
+        water: `make_water(...)`, or None for vacuum.
+        threads: over how many threads the fish are shared out; None takes the processors this process may use.
+            Results do not depend on it.
+        dtype: "float64" or "float32", what the kernels calculate in; the state is float64 in any case.
+        lanes: how many fish a kernel works on at once: "xyz" (one, its coordinates side by side), 1, 2, 4, 8, 16 or
+            32; None chooses. Results do not depend on it in float64.
+        refine: relative change of a spring's length within a step above which the whole call is taken again, for that
+            fish alone, with steps half as long, and so on down to 1/8; inf for never. None takes the fish's own with
+            its own step, and inf with a dt that is given. Only the default method watches its springs.
+
+    Raises:
+        ValueError: for an unknown integrator, `num_fish` or `threads` below 1, a step that is not positive, or a dtype,
+            lanes or refine that is not offered.
+    """
+
+    SETTLED = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
+               "natural", "span", "effort", "variation", "pack")  # fmt: skip
+    pack: Pack
+
+    def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
+                 water: World | None = None, threads: int | None = None, dtype: str = "float64",
+                 lanes: str | int | None = None, refine: float | None = None):  # fmt: skip
+        self.integrator, self.dt, self.refine = method_for(fish, integrator, dt, refine)
+        self.num_fish = checked_count(num_fish, "num_fish")
+        self.threads = available_processors() if threads is None else checked_count(threads, "threads")
+        check_scene(fish, water, self.integrator)
+        fits_memory(self.num_fish, bytes_of(fish.body), "num_fish")
+        fish, self.world = frozen(copy.deepcopy((fish, VACUUM if water is None else water)))
+        self.fish, self._own, self._conditions = fish, fish.body, no_conditions(fish.body, self.world)
+        body, b = fish.body, self.num_fish
+        self.kind = kind_for(b, dtype, lanes)
+        """How many fish the kernels work on at once, and in which precision."""
+        self.state = State(
+            np.repeat(body.position[None], b, axis=0),
+            np.zeros((b, body.mass.size, 3)),
+            np.zeros(b),
+            np.zeros(b, dtype=np.int64),
+            np.zeros((b, len(COUNTERS)), dtype=np.int64),
+        )
+        springs = body.springs.rest_length
+        self.control = Control(np.repeat(springs[None], b, axis=0), np.zeros((b, springs.size)))
+        self.natural = springs[fish.muscles]
+        """(M,) natural length of each muscle, m."""
+        self.span = (1.0 - fish.contracted) * self.natural
+        """(M,) what full contraction takes off it, m."""
+        natural = springs[fish.fibres]
+        self._fibres = (fish.fibres, fish.drives, natural, (1.0 - fish.contracted[fish.drives[:, 0]]) * natural)
+        self.effort = np.zeros(b)
+        """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
+        self.variation = np.tile(NOMINAL, (b, 1))
+        """(B,6) what sets each fish and its water apart from the rest (`vary`); read only."""
+        self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
+        self._threads = Threads(self.threads)
+        self._compile()
+
+    def _compile(self) -> None:
+        """Describe the arrays to kernels, and make the engine that moves them, if the method has one."""
+        self._settle_anew(pack=self._describe())
+        self._engine = None if self.integrator.method is None else Engine(self)
+
+    def _describe(self) -> Pack:
+        """The arrays of the tank and what its fish are like, as kernels read them."""
+        fish, state, control = self.fish, self.state, self.control
+        springs, one = fish.body.springs, Kind(1)
+        fields = {}
+        if isinstance(fish, Fish):
+            fields = {
+                "line": fish.line, "left": fish.left, "right": fish.right, "nose": fish.nose,
+                "node": fish.landmarks.node, "height": fish.landmarks.height,
+            }  # fmt: skip
+        fibres, drives, natural, span = self._fibres
+        fields |= {"muscles": fish.muscles, "fibres": fibres, "drives": drives, "spring_nodes": springs.nodes}
+        named = {
+            name: frozen(np.array(each)) if isinstance(each, np.ndarray) else each for name, each in fields.items()
+        }
+        return Pack(  # kernels do not look whether there is what these arrays name
+            "tank",
+            x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
+            clock=state.t, failure=state.failure, counters=state.counters,
+            rest_length=control.rest_length, rate=control.rate, variation=self.variation, effort=self.effort,
+            rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
+            contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
+            natural=self.natural, span=self.span, fibre_natural=natural, fibre_span=span,
+            spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **named,
+        )  # fmt: skip
+
+    def __getstate__(self):
+        return self.__dict__ | {"pack": None, "_engine": None}
+
+    def __setstate__(self, state: dict[str, Any]):
+        self.__dict__ |= own(state, state["variation"])
+        frozen((self.fish, self.world, self._own))
+        self._compile()
+
+    @property
+    def position(self) -> np.ndarray:
+        """Node positions, (B,N,3) m: live and writable."""
+        return self.state.x
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Node velocities, (B,N,3) m/s: live and writable."""
+        return self.state.v
+
+    @property
+    def rest_length(self) -> np.ndarray:
+        """Rest lengths of all springs, (B,E) m: live and writable."""
+        return self.control.rest_length
+
+    @property
+    def time(self) -> np.ndarray:
+        """Clock of each fish, (B,) s."""
+        return self.state.t
+
+    @property
+    def alive(self) -> np.ndarray:
+        """(B,) True for each fish whose simulation is valid."""
+        return self.state.failure == 0
+
+    @property
+    def failure(self) -> np.ndarray:
+        """(B,) why each fish failed, "" where it did not; ValueError for a number in `state` that means nothing."""
+        check_numbers("state.failure", self.state.failure, (self.num_fish,), len(FAILURES))
+        return np.array(FAILURES, dtype=object)[self.state.failure]
+
+    @property
+    def counters(self) -> dict[str, np.ndarray]:
+        """What each fish has cost since its reset, (B,) a name of COUNTERS: live."""
+        return dict(zip(COUNTERS, self.state.counters.T, strict=True))
+
+    @property
+    def contraction(self) -> np.ndarray:
+        """Contraction of each muscle's rest length, (B,M): 0 natural, 1 full."""
+        return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
+
+    def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0)) -> None:
+        """Make fish i and its water differ from the others; without arguments, as they were made.
+
+        Args:
+            i: number of the fish, 0 to B - 1.
+            stiffness: factor on the stiffness and the damping of its springs, 1e-9 to 1e9.
+            mass: factor on its mass, 1e-9 to 1e9.
+            drag: factor on the force of the water, 0 to 1e9.
+            current: velocity of its water beyond that of the tank's, (3,) m/s.
+
+        Raises:
+            ValueError: for a missing fish, a factor out of range, or a current that is not finite.
+        """
+        if not (is_whole(i) and 0 <= i < self.num_fish):
+            raise ValueError(f"fish is {i!r}; give a whole number from 0 to {self.num_fish - 1}")
+        self._set_variation(int(i), checked_variation(stiffness, mass, drag, current))
+
+    def _set_variation(self, i: int, row: np.ndarray) -> None:
+        self.variation[i] = row
+        if self._engine is not None:
+            self._engine.plan(i)
+
+    def advance(self, steps: int) -> None:
+        """Take `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
+        self._run(checked_steps(steps))
+
+    def swim(self, action, duration: float) -> None:
+        """Move the muscles' rest lengths towards a command at a limited rate, and advance.
+
+        A rest length moves linearly over the whole duration and arrives at its end, or covers what
+        `fish.contraction_time` allows: there are no jumps.
+
+        Args:
+            action: (B,M), or (M,) for all fish, in [-1, 1]: -1 natural length, 1 full contraction.
+            duration: s, a whole multiple of dt.
+
+        Raises:
+            ValueError: for an action of another shape, not finite or outside [-1, 1], or such a duration.
+        """
+        steps = whole_steps(duration, self.dt, "duration")
+        if not self.fish.num_muscles:
+            raise ValueError(f"{self.fish.name!r} has no muscles to command; use advance")
+        action = checked_action(action, (self.num_fish, self.fish.num_muscles))
+        self.drive(0.5 * (action + 1.0), steps)
+
+    def drive(self, contraction: np.ndarray, steps: int) -> None:
+        """`swim` for contractions (B,M) in [0, 1], for at least one step of dt; ValueError as there."""
+        self.command(contraction, checked_steps(steps) * self.dt)
+        self._run(steps)
+
+    def command(self, contraction: np.ndarray, duration: float) -> None:
+        """Set the muscles' rest lengths out for a contraction (B,M) in [0, 1] within `duration` s, without moving.
+
+        Raises:
+            ValueError: for contractions of another shape or outside [0, 1], or a duration that is not positive.
+        """
+        command_all(self.pack, *checked_command(contraction, duration, (self.num_fish, self.fish.num_muscles)))
+
+    def _run(self, steps: int) -> None:
+        if not self._conditions.motions:
+            self._run_evenly(steps)
+            return
+        rate = self.control.rate.copy()
+        for _ in range(steps):
+            self._conditions = set_out(self._conditions, self.dt)
+            if self._conditions.penalties is not None:
+                self._place(joined(self._conditions.drag, self._conditions.penalties))
+            alive = self.alive
+            self.control.rate[alive] = rate[alive]  # a run ends the motion of the rest lengths
+            self._run_evenly(1)
+
+    def _run_evenly(self, steps: int) -> None:
+        """Take steps in which nodes that are moved keep their velocity."""
+        self._impose()
+        if self._engine is None:
+            assert self.integrator.advance is not None  # a method without an engine moves bodies by itself
+            for i in range(self.num_fish):
+                body, world = varied(self.fish.body, self.world, self.variation[i])
+                self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
+        else:
+            self.share_out(self._engine.advance, steps)
+        self._carry(steps * self.dt)
+
+    def share_out(self, work: Callable, *args) -> None:
+        """Call `work(chunk, first, last, *args)` for every chunk of the fish, in threads if there are several."""
+        assert self._engine is not None  # only engines share their fish out
+        self._engine.sort()
+        if self._chunks == 1:
+            work(0, 0, self.num_fish, *args)
+            return
+        edges = np.linspace(0, self.num_fish, self._chunks + 1).astype(int).tolist()
+        self._threads.run(work, [(i, first, last, *args) for i, (first, last) in enumerate(pairwise(edges))])
+
+    def _rows(self, lo: int, hi: int) -> tuple[State, Control]:
+        return State(*(array[lo:hi] for array in self.state)), Control(*(array[lo:hi] for array in self.control))
+
+    def reset(self, mask=None) -> None:
+        """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero.
+
+        What `vary`, `grab`, `fix` and `move` set stays, also where penalties and the drag spring pull to.
+        """
+        which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
+        if which.dtype != bool or which.shape != (self.num_fish,):
+            raise ValueError(f"mask is {mask!r}; give a boolean array ({self.num_fish},), or None for all fish")
+        for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0), strict=True):
+            array[which] = value
+        self.control.rest_length[which] = self.fish.body.springs.rest_length
+        self.effort[which] = 0.0
+        self._impose()
+
+    def close(self) -> None:
+        """End the threads; they start again when needed."""
+        self._threads.close()
+
+    @property
+    def fibre_length(self) -> np.ndarray:
+        """(K,) natural length of each fibre, m."""
+        return self._fibres[2]
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that decides what happens next, as copies: x, v, t, failure, counters, rest_length, variation."""
+        named = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
+        return {name: array.copy() for name, array in named.items()}
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore what `get_state` returned. What holds nodes (`grab`, `fix`, `move`) is no part of it, and stays.
+
+        Nodes held by elimination take the velocity that is prescribed now; penalties pull to where they do now.
+
+        Raises:
+            ValueError: if a part is missing, unknown, of another shape or not finite; nothing is changed then.
+        """
+        target = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
+        checked = checked_state(state, target)
+        for name, array in target.items():
+            array[...] = checked[name]
+        for i, row in enumerate(checked["variation"]):
+            self._set_variation(i, row)
+        self._impose()
+
+    def nearest(self, point, nodes=None, i=0) -> int:
+        """The node of body i nearest to a point (3,) m: of `nodes`, their numbers, or of all; ValueError if missing."""
+        which = chosen_nodes(nodes, i, self.state.x.shape)
+        away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
+        return int(which[np.argmin((away**2).sum(axis=1))])
+
+    def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> None:
+        """Pull a node of every body by a drag spring to a point (3,) m, in place of any before (`make_anchors`).
+
+        The point moves on at `velocity` (3,) m/s, that of a hand, and the damping of the spring compares the node's
+        velocity with it. A hand that is given its velocity does its work along its way; one that is put elsewhere
+        before every call jumps, and stretches the spring at once.
+
+        Raises:
+            ValueError: for a missing node or a number that is not allowed.
+        """
+        if not (is_whole(node) and 0 <= node < self.state.x.shape[1]):
+            raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
+        self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length, velocity))
+
+    def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
+        """Hold nodes of every body where they are, until `release`; the rest of the state stays as it is.
+
+        What a node held before gives way to it: its speed along these axes is lost. By elimination, the nodes stay
+        where they are to the bit. By penalty they are drawn back there by a stiff, damped spring (`make_penalty`), and
+        give way a little; explicit methods need short steps for it.
+
+        Args:
+            nodes: their numbers, or a boolean mask (N,).
+            axes: of "x", "y" and "z"; by penalty all three.
+            method: "elimination" or "penalty".
+
+        Raises:
+            ValueError: for a missing node, another axis or method, if nothing were left to move, or if the tank's
+                integrator cannot serve the condition, with the reason; nothing is changed then.
+        """
+        self.move(nodes, np.zeros(3), axes, method)
+
+    def move(self, nodes, along, axes: str = "xyz", method: str = "elimination") -> None:
+        """Move nodes of every body along a way, until `fix`, `release` or another `move`; otherwise as `fix`.
+
+        A node takes its velocity at once, without the time that its inertia would need. A function is asked before
+        every step of dt where the step ends, and within the step the node moves there evenly: at the end of every step
+        it is on its way. A body that is reset goes on from where it is put, by what its way has left.
+
+        Args:
+            nodes: their numbers (K,), or a boolean mask (N,).
+            along: a constant velocity, m/s, (3,) for all nodes, or (K,3), one each; or a function of the time since
+                now, s, that returns their displacement from where they are now, m, (3,) or (K,3), zero at time 0.
+                Zero along axes that are left free.
+            axes: of "x", "y" and "z", along which they are moved; by penalty all three.
+            method: "elimination" or "penalty".
+
+        Raises:
+            ValueError: as `fix`, and for velocities or displacements of another shape, not finite, or along an axis
+                that is left free; `advance` raises it for a displacement that a function returns later, and has then
+                moved the bodies up to there.
+        """
+        if method not in METHODS:
+            raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
+        nodes, chosen = node_numbers(self._own, nodes), chosen_axes(axes)
+        if method == "penalty" and not chosen.all():
+            raise ValueError(f"a penalty holds a node along all axes, not along {axes!r} only; use elimination")
+        penalty = make_penalty(self._own, nodes, self._common_place(nodes)) if method == "penalty" else None
+        self._apply(moved(self._conditions, nodes, chosen, along, penalty))
+
+    def release(self, nodes=None) -> None:
+        """Let go of what `grab` holds; or of nodes, whatever holds them: `grab`, `fix` or `move`.
+
+        They go on at the velocity that they have. What the body itself fixes (`fish_env.physics.body.fix`) stays fixed.
+
+        Args:
+            nodes: their numbers, or a boolean mask (N,); None for the drag spring alone.
+
+        Raises:
+            ValueError: for a missing node.
+        """
+        if nodes is None:
+            self._set_anchors(None)
+        else:
+            self._apply(released(self._conditions, node_numbers(self._own, nodes)))
+
+    @property
+    def conditioned(self) -> bool:
+        """Whether a node is held by elimination, or an anchor is on the move: `advance` sees to both."""
+        anchors, conditions = self.world.anchors, self._conditions
+        moving = bool(conditions.motions) or (anchors is not None and bool(anchors.velocity.any()))
+        return moving or bool(conditions.held.any())
+
+    @property
+    def fixed(self) -> np.ndarray:
+        """(N,3) True for each degree of freedom that is fixed or moved: by `fix`, by `move`, or by the body itself."""
+        found = self.fish.body.inverse_mass == 0.0
+        if self._conditions.penalties is not None:
+            found[self._conditions.penalties.node] = True
+        return found
+
+    def reactions(self) -> np.ndarray:
+        """Force on every body that holds its fixed and moved nodes, (B,N,3) N; zero on all others.
+
+        By elimination, what all other forces leave to balance at the present positions and velocities; by penalty, the
+        pull of its springs. A wall that such a node touches carries no part of it.
+        """
+        body, found = self.fish.body, np.zeros_like(self.state.x)
+        world = self.world._replace(anchors=self._conditions.drag)
+        names = tuple(name for name in forces.present(body, world) if not hasattr(forces.FORCES[name], "JUMPS"))
+        bearing, rest = body.inverse_mass == 0.0, self.control.rest_length
+        if bearing.any():
+            for i, row in enumerate(self.variation):
+                force = Evaluator(*varied(body, world, row), names).force(rest[i], self.state.x[i], self.state.v[i])
+                found[i][bearing] = -force[bearing]
+        pulling = self._conditions.penalties
+        if pulling is not None:
+            i, c, k = pulling.node, pulling.stiffness[:, None], pulling.damping[:, None]
+            found[:, i] += c * (pulling.point - self.state.x[:, i]) + k * (pulling.velocity - self.state.v[:, i])
+        return found
+
+    def _common_place(self, nodes) -> np.ndarray:
+        """Where the nodes (K,) of all bodies are, (K,3) m; ValueError unless it is the same for all."""
+        places = self.state.x[:, nodes]
+        if (places != places[0]).any():
+            raise ValueError(
+                "the nodes of the bodies of this tank are in different places, and a penalty draws all to the same; "
+                "use elimination, or a tank of one body"
+            )
+        return places[0]
+
+    def _set_anchors(self, anchors: Anchors | None) -> None:
+        self._apply(self._conditions._replace(drag=anchors))
+
+    def _apply(self, new: Conditions) -> None:
+        """Let these conditions hold from now on, unless the method cannot serve them."""
+        was, before = self._conditions, self.fish.body
+        same = np.array_equal(new.held, was.held)
+        body = before if same else fix_where(self._own, new.held) if new.held.any() else self._own
+        world = self.world._replace(anchors=joined(new.drag, new.penalties))
+        reason = self.integrator.refuses(body, world) or (
+            new.penalties and too_stiff(body, world, self.integrator, self.dt)
+        )
+        if reason:
+            raise refused(self.fish, self.integrator, reason)
+        follows = same and alike(self.world.anchors, world.anchors)
+        fish = self.fish if same else frozen(replace(self.fish, body=body))
+        self._settle_anew(fish=fish, world=frozen(world))
+        self._conditions = new
+        if self._engine is not None and not follows:
+            self._engine = Engine(self)
+        elif self._engine is not None and world.anchors is not None:
+            self._engine.follow(world.anchors)
+        self._impose()
+
+    def _impose(self) -> None:
+        """Give the eliminated degrees of freedom of the bodies that are alive their velocities."""
+        held = self._conditions.held
+        if held.any():
+            alive = self.state.failure == 0
+            self.state.v[:] = np.where(held & alive[:, None, None], self._conditions.velocity, self.state.v)
+
+    def _carry(self, duration: float) -> None:
+        """Move the points of moving anchors on by the time that has gone by."""
+        if self.world.anchors is not None and self.world.anchors.velocity.any():
+            drag, penalties = (carried(part, duration) for part in (self._conditions.drag, self._conditions.penalties))
+            self._conditions = self._conditions._replace(drag=drag, penalties=penalties)
+            self._place(joined(drag, penalties))
+
+    def _place(self, anchors: Anchors | None) -> None:
+        """Let the anchors, the same ones, be elsewhere, or move otherwise."""
+        self._settle_anew(world=frozen(self.world._replace(anchors=anchors)))
+        if self._engine is not None and anchors is not None:
+            self._engine.follow(anchors)

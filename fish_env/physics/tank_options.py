@@ -1,0 +1,226 @@
+"""What a tank is made with: options checked, what follows from those that are left out, and what kernels read of it."""
+
+import math
+import os
+from collections.abc import Mapping
+
+import numpy as np
+
+from fish_env.checks import as_floats, finite_array, is_whole, positive_array, real
+from fish_env.kernels.simd import LANES, SUPPORTED, Kind
+from fish_env.physics.body import scaled
+from fish_env.physics.failures import FAILURES
+from fish_env.physics.fish import ElasticObject
+from fish_env.physics.integrators import INTEGRATORS, Integrator
+from fish_env.physics.integrity import check_fish, check_numbers, check_world
+from fish_env.physics.records import Body, World
+from fish_env.physics.world import VACUUM
+
+REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
+MOST_STEPS = 2**53  # of one call: more could not be told apart by their clock
+SHORTEST = 1e-12  # s: beside an episode, a shorter step is lost in the rounding of its clock
+LONGEST = 1e9  # s: the square of a step of any length must be a number
+FACTORS = (1e-9, 1e9)  # of `Tank.vary`: products with them must be numbers
+FISH_FOR_LANES = 3  # fewer than this are faster one by one
+NOT_FOR_TANKS = {"dual": "moves nothing", "thread": "is for the threads of a GPU"}
+
+
+def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple[Integrator, float, float]:
+    """The method that moves a fish, its step in seconds, and the strain in a step above which it is refined.
+
+    Raises:
+        ValueError: for what is no fish, an unknown method, a step or a `refine` that is not positive or not offered.
+    """
+    if not isinstance(fish, ElasticObject):
+        raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
+    integrator = fish.integrator if integrator is None else integrator
+    if not isinstance(integrator, str) or integrator not in INTEGRATORS:
+        raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
+    if refine is None:
+        refine = fish.refine if dt is None and integrator == fish.integrator else np.inf
+    if not real(refine) > 0:
+        raise ValueError(f"refine is {refine!r}; give a positive number (this fish's own is {fish.refine}), or inf")
+    if np.isfinite(real(refine)) and integrator not in REFINED:
+        raise ValueError(f"{integrator!r} cannot refine its steps; give refine=inf, or choose from {REFINED}")
+    dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
+    if not SHORTEST <= real(dt) <= LONGEST:
+        raise ValueError(
+            f"dt is {dt!r}; give a positive number of seconds, at least {SHORTEST:g} and at most {LONGEST:g} (this "
+            f"fish's own is {fish.time_step})"
+        )
+    return INTEGRATORS[integrator], real(dt), real(refine)
+
+
+def checked_count(value, name: str) -> int:
+    """`value` as an int, whose products do not overflow as those of numpy's may; ValueError unless it is at least 1."""
+    if not (is_whole(value) and value >= 1):
+        raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
+    return int(value)
+
+
+def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator) -> None:
+    """Raise ValueError if parts of fish or world do not fit together, or if the method cannot move the body there."""
+    check_fish(fish)
+    world = VACUUM if water is None else water
+    check_world(world, fish.body.mass.size)
+    reason = integrator.refuses(fish.body, world)
+    if reason:
+        raise refused(fish, integrator, reason)
+
+
+def refused(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
+    """What to raise if a method cannot move a fish in its world."""
+    return ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
+
+
+def checked_steps(steps) -> int:
+    """A number of steps of one call, or ValueError."""
+    if not (is_whole(steps) and 0 <= steps <= MOST_STEPS):
+        raise ValueError(f"steps is {steps!r}; give a whole number from 0 to {MOST_STEPS}")
+    return int(steps)
+
+
+def checked_action(action, shape: tuple[int, int]) -> np.ndarray:
+    """Actions (B,M) in [-1, 1], which may be given as (M,) for all fish, or ValueError for what is not allowed."""
+    try:
+        found = as_floats(action)
+    except (TypeError, OverflowError, RecursionError):
+        finite_array(action, shape, "action")  # says what is wrong
+        raise
+    if found.shape == shape[1:]:
+        found = np.broadcast_to(found, shape)
+    if found.shape != shape or not np.abs(found).max() <= 1.0:
+        found = finite_array(found, shape, "action")
+        raise ValueError(f"action reaches {np.abs(found).max():g}; give values in [-1, 1] (clip them first)")
+    return found
+
+
+def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.ndarray, float]:
+    """Contractions (B,M) and the time for them, s, or ValueError for what is not allowed."""
+    if not SHORTEST <= real(duration) < math.inf:
+        raise ValueError(f"duration is {duration!r}; give a positive number of seconds, at least {SHORTEST:g}")
+    found = finite_array(contraction, shape, "contraction")  # of one layout: another would be compiled for
+    if found.size and not 0.0 <= found.min() <= found.max() <= 1.0:
+        low, high = (repr(float(x)).removesuffix(".0") for x in (found.min(), found.max()))  # also 1.0000000000000002
+        raise ValueError(f"contraction is from {low} to {high}; give numbers from 0 to 1")
+    return found, real(duration)
+
+
+def chosen_nodes(nodes, i, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers of nodes of body i, or of all for None; ValueError if there are none, or one or the body is missing."""
+    bodies, count, _ = shape
+    check_numbers("i", i, (), bodies)
+    which = np.arange(count) if nodes is None else np.asarray(nodes)
+    if not which.size:
+        raise ValueError("nodes is empty; give the numbers of some nodes, or None for all")
+    check_numbers("nodes", which, (None,), count)
+    return which
+
+
+def bytes_of(body: Body) -> int:
+    """About how much memory one fish of a tank takes, its state once more while that is copied."""
+    return 8 * (12 * body.mass.size + 3 * body.springs.stiffness.size + 40)
+
+
+def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
+    """The kind of kernel for so many fish: the coordinates of one in a register, or a cache line of fish.
+
+    Raises:
+        ValueError: for a precision or a number of lanes that is not offered.
+    """
+    if isinstance(lanes, np.integer):
+        lanes = int(lanes)
+    if not isinstance(lanes, str | int | None) or not isinstance(dtype, str):
+        raise ValueError(
+            f"lanes is {lanes!r} and dtype {dtype!r}; choose from {', '.join(map(repr, LANES))} and from 'float64', "
+            "'float32'"
+        )
+    if lanes is None:
+        many = 16 if dtype == "float32" else 8
+        lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
+    kind = Kind(lanes, dtype)
+    if lanes in NOT_FOR_TANKS:
+        reason = NOT_FOR_TANKS[str(lanes)]
+        raise ValueError(f"lanes is {lanes!r}, which {reason}; choose from {', '.join(map(repr, LANES))}")
+    return kind
+
+
+def varied(body: Body, world: World, row) -> tuple[Body, World]:
+    """A body and its world with the factors and the current of a row of `Tank.variation`."""
+    stiffness, mass, drag = (float(factor) for factor in row[:3])
+    return scaled(body, stiffness, stiffness, mass), world._replace(
+        linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
+    )
+
+
+PART = 0.5  # of the largest stable step, that is taken if none is given
+
+
+def own_step(fish: ElasticObject, integrator: Integrator) -> float:
+    """The step a fish is moved with if none is given, s.
+
+    Raises:
+        ValueError: for a method that has no stable step on this body.
+    """
+    if integrator.name == fish.integrator:
+        return fish.time_step
+    limit = integrator.limit(fish.body)
+    if not limit > 0:
+        others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.limit(fish.body) > 0)
+        raise ValueError(
+            f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped; "
+            f"choose from {others}"
+        )
+    return fish.control_interval / max(1, math.ceil(fish.control_interval / (PART * limit)))
+
+
+def available_processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def whole_steps(duration: float, dt: float, name: str) -> int:
+    """How many steps of dt make up the duration; ValueError unless it is a positive whole multiple."""
+    seconds = real(duration)
+    if not 0.0 < seconds < math.inf:
+        raise ValueError(f"{name} is {duration!r}; give a positive number of seconds")
+    if seconds / dt > MOST_STEPS:
+        raise ValueError(f"{name} is {duration!r} s; give at most {MOST_STEPS} steps of dt = {dt!r} s")
+    steps = round(seconds / dt)
+    if steps < 1 or abs(steps * dt - seconds) > 1e-9 * seconds:
+        raise ValueError(f"{name} is {duration!r} s; give a whole multiple of dt = {dt!r} s")
+    return steps
+
+
+def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays of a state that is to replace those of `target`.
+
+    Raises:
+        ValueError: if a part is missing, unknown, of another shape, not finite or out of range.
+    """
+    if not isinstance(state, Mapping) or set(state) != set(target):
+        held = sorted(map(str, state)) if isinstance(state, Mapping) else repr(state)
+        raise ValueError(f"state holds {held}; give {sorted(target)}, as get_state returns them")
+    checked = {name: finite_array(state[name], array.shape, name) for name, array in target.items()}
+    positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
+    for row in checked["variation"]:
+        checked_variation(row[0], row[1], row[2], row[3:])
+    if not np.isin(checked["failure"], range(len(FAILURES))).all():
+        raise ValueError(f"failure is {checked['failure']}; give whole numbers from 0 to {len(FAILURES) - 1}")
+    counters = checked["counters"]
+    if not (np.equal(np.floor(counters), counters) & (counters >= 0) & (counters <= MOST_STEPS)).all():
+        raise ValueError(f"counters are {counters}; give whole numbers, zero or more, at most {MOST_STEPS}")
+    return checked
+
+
+def checked_variation(stiffness, mass, drag, current) -> np.ndarray:
+    """A row of `Tank.variation`, (6,), or ValueError for what is not allowed."""
+    row = np.concatenate([
+        positive_array([stiffness, mass], (2,), "factors on stiffness and mass"),
+        positive_array([drag], (1,), "factor on drag", zero=True),
+        finite_array(current, (3,), "current (m/s)"),
+    ])  # fmt: skip
+    low, high = FACTORS
+    if not (row[:2].min() >= low and row[:3].max() <= high):
+        raise ValueError(f"factors on stiffness, mass and drag are {row[:3]}; give numbers from {low:g} to {high:g}")
+    return row

@@ -1,0 +1,50 @@
+"""The volume inside closed surfaces of triangles and bilinear patches, or the area in flat rings, by Gauss' theorem.
+
+One kernel: the gas calls it at every step; what is built from a volume at rest has it run in plain Python, so that
+nothing is compiled for that.
+
+Legend: p, q, r, s corners of a face; o a point near it, so that no digits are lost far from the origin; m sum of the
+corners less 4 o; d, e diagonals; slope gradient of the volume.
+"""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Kind, cross, dot, fma, vec3
+
+ONE = Kind(1)
+
+
+@kernel
+def add_volume(faces, first, last, x, slope, base):
+    """Volume inside faces first to last, m3 (of a ring: m2); its gradient at node i is added to slope[base + i], m2.
+
+    faces: (Q,4), outward; a triangle has its third node twice, an edge of a ring -1 for its third and fourth.
+    """
+    o = x[INDEX(faces[first, 0])]
+    volume = 0.0 * o.x
+    for k in range(first, last):
+        p, q, r, s = faces[k, 0], faces[k, 1], faces[k, 2], faces[k, 3]
+        if r < 0:
+            up, a, b = vec3(0.0, 0.0, 0.5), x[INDEX(p)] - o, x[INDEX(q)] - o
+            volume += dot(cross(a, b), up)
+            slope[INDEX(base + p)] += cross(b, up)
+            slope[INDEX(base + q)] -= cross(a, up)
+            continue
+        xp, xq, xr, xs = x[INDEX(p)], x[INDEX(q)], x[INDEX(r)], x[INDEX(s)]
+        d, e, m = xr - xp, xs - xq, fma(-4.0, o, xp + xq + xr + xs)
+        a = (1.0 / 24.0) * cross(d, e)
+        volume += dot(m, a)  # (52)
+        b, c = (1.0 / 24.0) * cross(e, m), (1.0 / 24.0) * cross(m, d)
+        slope[INDEX(base + p)] += a - b  # (53)
+        slope[INDEX(base + r)] += a + b
+        slope[INDEX(base + q)] += a - c
+        slope[INDEX(base + s)] += a + c
+    return volume
+
+
+def volume_of(faces, x) -> tuple[float, np.ndarray]:
+    """Volume inside faces (Q,4), m3 (of a ring: m2), and its gradient (N,3), m2, at positions x (N,3) m."""
+    slope = ONE.vectors(len(x))
+    plain = getattr(add_volume, "py_func", add_volume)
+    return float(plain(np.asarray(faces), 0, len(faces), ONE.rows(x), slope, 0)), slope.memory

@@ -1,0 +1,114 @@
+"""What surrounds the bodies of a tank: water, gravity, walls, and what pulls at single nodes."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from fish_env.checks import finite_array, frozen, node_array, positive_array, real, representable
+from fish_env.physics.records import (
+    Anchors,
+    World,
+)
+
+VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
+
+
+def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0)) -> World:
+    """Still or uniformly moving water that pushes on outward-moving faces (docs/physics.md, eq. 11-13).
+
+    Args:
+        density: of the water, kg/m3 (quadratic law).
+        drag_coefficient: of a face moving along its normal, dimensionless (quadratic law); for the linear law the
+            coefficient itself, kg/(m2 s), and `density` is not used.
+        law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994) or "linear" (Tu & Terzopoulos 1994).
+        current: velocity of the water, (3,) m/s.
+
+    Raises:
+        ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
+    """
+    if not isinstance(law, str) or law not in ("quadratic", "linear"):
+        raise ValueError(f"unknown water law {law!r}; choose 'quadratic' or 'linear'")
+    for name, value in (("density", density), ("drag_coefficient", drag_coefficient)):
+        if not 0.0 <= real(value) < math.inf:
+            raise ValueError(f"{name} is {value!r}; give a finite number, zero or positive")
+    flow = finite_array(current, (3,), "current (m/s)")
+    if law == "linear":
+        return World(real(drag_coefficient), 0.0, flow)
+    quadratic = 0.5 * real(density) * real(drag_coefficient)
+    if quadratic == math.inf:
+        raise ValueError(f"density {density!r} times drag_coefficient {drag_coefficient!r} is infinite; give less")
+    return World(0.0, quadratic, flow)
+
+
+def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:
+    """Gravity, walls and air (Song 2009, ch. 4), in a given water or in none.
+
+    Args:
+        gravity: (3,) m/s2.
+        planes: walls, each (normal (3,), offset, restitution): bodies stay where normal . x >= offset, m, the normal
+            being made a unit vector. Restitution is the part of a node's normal speed that an impact leaves it: 1 is
+            Song's perfect reflection, less his damped one, 0 none.
+        viscosity: drag on each node over its velocity, N s/m.
+        water: of `make_water`, or vacuum.
+
+    Raises:
+        ValueError: naming the part, what it holds, and what is allowed.
+    """
+    rows = []
+    if not isinstance(water, World):
+        raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...)")
+    if not isinstance(planes, Sequence | np.ndarray):
+        raise ValueError(f"planes is {planes!r}; give a list of (normal (3,), offset in m, restitution)")
+    for i, plane in enumerate(planes):
+        try:
+            normal, offset, restitution = plane
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"plane {i} is {plane!r}; give (normal (3,), offset in m, restitution)") from error
+        normal = finite_array(normal, (3,), f"normal of plane {i}")
+        with representable(f"normal of plane {i}"):
+            size = np.linalg.norm(normal)
+        if not size > 0.0:
+            raise ValueError(f"normal of plane {i} is {normal}; give a vector that is not null")
+        offset = float(finite_array(offset, (), f"offset of plane {i} (m)"))
+        restitution = float(finite_array(restitution, (), f"restitution of plane {i}"))
+        if not 0.0 <= restitution <= 1.0:
+            raise ValueError(f"restitution of plane {i} is {restitution}; give a number from 0 to 1")
+        rows.append([*(normal / size), offset, restitution])
+    return water._replace(
+        gravity=finite_array(gravity, (3,), "gravity (m/s2)"),
+        viscosity=float(positive_array(viscosity, (), "viscosity (N s/m)", zero=True)),
+        planes=np.array(rows) if rows else None,
+    )
+
+
+def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> Anchors:
+    """Springs from nodes (A,) to points (A,3) m; the other arguments are one number for all, or one each.
+
+    Raises:
+        ValueError: naming the part, what it holds, and what is allowed.
+    """
+    nodes = node_array(np.reshape(node, (-1, 1)), 1, np.iinfo(np.int64).max, "anchors")[:, 0].copy()
+    a = nodes.size
+
+    def each(value, shape, name, check, **options):
+        try:
+            return np.ascontiguousarray(check(np.broadcast_to(value, shape), shape, name, **options))
+        except ValueError as error:
+            raise ValueError(f"{name} of the anchors: {error}") from error
+
+    return Anchors(
+        nodes,
+        each(point, (a, 3), "point (m)", finite_array),
+        each(velocity, (a, 3), "velocity (m/s)", finite_array),
+        each(stiffness, (a,), "stiffness (N/m)", positive_array, zero=True),
+        each(damping, (a,), "damping (N s/m)", positive_array, zero=True),
+        each(rest_length, (a,), "rest_length (m)", positive_array, zero=True),
+    )
+
+
+def joined(one: Anchors | None, other: Anchors | None) -> Anchors | None:
+    """Both of them, as one."""
+    if one is None or other is None:
+        return other if one is None else one
+    return Anchors(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
