@@ -24,7 +24,7 @@ from fish_env.physics.integrators.runge_kutta import RungeKutta
 BLOCKS = blocks(ROOT / "docs/extending.md", "python")
 FILES = {block.title: block.text for block in BLOCKS if re.fullmatch(r"\w+\.py", block.title)}
 LINES = blocks(ROOT / "docs/extending.md", "diff")
-KINDS = {"bodies": "minnow", "tasks": "dash", "integrators": "heun", "forces": "soft_floor"}
+KINDS = {"bodies": "minnow", "tasks": "dash", "physics/integrators": "heun", "physics/forces": "soft_floor"}
 FISH = 8
 
 

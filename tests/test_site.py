@@ -48,11 +48,11 @@ def test_citation_names_this_version():
 def test_links_out_of_docs_lead_to_copies():
     """A source file becomes a page, data stay as they are, and links within docs/ and to the web are not touched."""
     links = hook("links")
-    assert links.uri(ROOT / "fish_env" / "tank.py") == "repository/fish_env/physics/tank.py.md"
+    assert links.uri(ROOT / "fish_env" / "physics" / "tank.py") == "repository/fish_env/physics/tank.py.md"
     assert links.uri(ROOT / "benchmarks" / "results" / "gait.csv") == "repository/benchmarks/results/gait.csv"
     assert links.uri(ROOT / "benchmarks") == "repository/benchmarks/index.md"
     folder = ROOT / "docs" / "envs"
-    assert links.outside(folder, "../../fish_env/physics/tank.py") == ROOT / "fish_env" / "tank.py"
+    assert links.outside(folder, "../../fish_env/physics/tank.py") == ROOT / "fish_env" / "physics" / "tank.py"
     for link in ("swim.md", "../physics.md", "https://gymnasium.farama.org", "../../nothing.py", "../../../tmp"):
         assert links.outside(folder, link) is None, link
 
