@@ -1,6 +1,6 @@
-"""What happens beside the learning: a progress bar, the learning curve, and a checkpoint to resume from.
+"""Callbacks of a training: a progress bar, the learning curve, and a checkpoint to resume from.
 
-None of what is written meanwhile is worth the training: what a full disk does not take is reported, and left out.
+If the disk is full, training continues: a file that cannot be written is reported and left out.
 """
 
 import threading
@@ -59,7 +59,7 @@ class Writing(BaseCallback):
 
 
 def say_unwritten(path: Path, error: OSError, rest: str) -> None:
-    """One line beside the progress bar: what could not be written, why, and what is done about it."""
+    """Print one line next to the progress bar: the file that could not be written, the reason and the consequence."""
     tqdm.write(f"Warning: {path} could not be written ({error.strerror or error}); the training goes on, and {rest}.")
 
 
@@ -155,7 +155,7 @@ class EndsIf(BaseCallback):
 
 
 class Events(KVWriter):
-    """What is logged, written as TensorBoard's events; after an event that the disk did not take, no more are.
+    """Write the log as TensorBoard events, up to the first event that cannot be written.
 
     Args:
         inner: Stable-Baselines3's writer of events.
@@ -166,7 +166,7 @@ class Events(KVWriter):
         self.inner, self.folder, self.failed = inner, folder, False
 
     def write(self, key_values, key_excluded, step=0) -> None:
-        """As Stable-Baselines3's; an OSError is said, the first time, and not raised."""
+        """Write one event as Stable-Baselines3 does; the first OSError is reported and not raised."""
         if self.failed:
             return
         try:

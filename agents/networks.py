@@ -14,7 +14,7 @@ from fish_env.control.equivariant import EquivariantPolicy, ScaledObservation
 
 
 def unsupported(policy) -> str | None:
-    """What part of a policy `Networks` does not support, in words; None if it supports all of it."""
+    """Part of a policy that `Networks` does not support, in words; None if it supports all of it."""
     if type(policy) not in (ActorCriticPolicy, EquivariantPolicy):
         return f"its policy is {type(policy).__name__}"
     if type(policy.features_extractor) is not ScaledObservation or not policy.share_features_extractor:

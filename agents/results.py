@@ -106,7 +106,7 @@ def stored(table: str) -> list[dict]:
 
 
 def key_of(row: dict) -> tuple[str, str, str, str]:
-    """What a row of methods.csv is about: task, condition, method and metric."""
+    """Key of a row of methods.csv: task, condition, method and metric."""
     return row["task"], row["condition"], row["method"], row["metric"]
 
 

@@ -70,7 +70,7 @@ class Synergies(VecEnvWrapper):
         self.venv.step_async(actions @ self.matrix)
 
     def step_wait(self):
-        """What the environment returns."""
+        """Return the results of the environment's step."""
         return self.venv.step_wait()
 
     def reset(self) -> VecEnvObs:
