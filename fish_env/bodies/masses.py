@@ -18,7 +18,7 @@ POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact for polynomials of
 
 
 class Moments(NamedTuple):
-    """Of a body whose plane of symmetry is the xz plane, and whose x axis is its axis."""
+    """Moments of a body that is symmetric about the xz plane and whose axis is the x axis."""
 
     mass: float
     """kg."""
