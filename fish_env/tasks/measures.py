@@ -1,4 +1,4 @@
-"""What a motion costs the body: the largest strain of its springs, and the work its muscles do."""
+"""Effort of a motion: the largest strain of its springs, and the work its muscles do."""
 
 from typing import NamedTuple
 
