@@ -1,4 +1,4 @@
-"""What may differ from episode to episode whatever the task: the body, the water and its current, the pose."""
+"""Variation between episodes of any task: the body, the water and its current, the pose."""
 
 from collections.abc import Mapping
 from typing import Any
