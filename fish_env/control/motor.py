@@ -46,7 +46,7 @@ class Turn:
     straighten: float
     """Time over which the bend is released and the strokes grow to their full size, s."""
     phase: float
-    """Where in the beat the strokes go on from when the turn begins, beats."""
+    """Phase of the beat at which the strokes continue when the turn begins, beats."""
 
     def __post_init__(self):
         numbers = [real(getattr(self, field.name)) for field in fields(self)]
@@ -63,7 +63,7 @@ class Swim:
     """One row of swim-MC's table: amplitude r and frequency s of the anterior and the posterior swimming segment."""
 
     speed: float
-    """Speed that it gives, body lengths per second."""
+    """Resulting speed, body lengths per second."""
     r1: float
     """Contraction amplitude of segment 1, 0 to 1."""
     s1: float
@@ -121,7 +121,7 @@ def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it holds no tables of motor controllers, or cannot be read.
+        ValueError: if it contains no tables of motor controllers, or cannot be read.
     """
     try:
         with path.open("rb") as file:

@@ -67,7 +67,7 @@ class Recording:
 
     @property
     def steps(self) -> int:
-        """T, how many environment steps it holds."""
+        """T, the number of environment steps."""
         return len(self.action)
 
     def save(self, path: str | Path) -> Path:
@@ -111,7 +111,7 @@ WHOLE, TRUTHS = ("failure", "counters"), ("terminated",)
 
 
 def versions() -> dict[str, str]:
-    """What the bits of a simulation depend on: versions of Python, of packages and of the layout, and the sources."""
+    """Versions that the bits of a simulation depend on: Python, packages, the layout and the sources."""
     found = {name: version(name) for name in ("numpy", "numba", "gymnasium")}
     return {
         "fish_env": fish_env.__version__,
@@ -226,7 +226,7 @@ def env_of(about: Mapping[str, Any]) -> gym.Env:
     """The environment that a recording was made in.
 
     Raises:
-        ValueError: if it is not registered, refuses the keywords, or is not one of fish.
+        ValueError: if it is not registered, rejects the keywords, or is not one of fish.
     """
     try:
         return one_fish(*stated(about))
