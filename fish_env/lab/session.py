@@ -29,7 +29,7 @@ NOTES, RECENT = 50, 10.0  # messages shown at most in so many seconds: a page th
 
 
 class Session:
-    """What one browser sees and does.
+    """State and requests of one browser.
 
     Args:
         client: the browser.
@@ -51,12 +51,12 @@ class Session:
         self._thread.start()
 
     def close(self) -> None:
-        """End the simulation; what was held is let go."""
+        """End the simulation; dragged nodes are released."""
         self._closed.set()
 
     @property
     def alive(self) -> bool:
-        """Whether its thread still runs."""
+        """Return True while its thread runs."""
         return self._thread.is_alive()
 
     def ask(self, request: Callable[[], None]) -> None:
@@ -151,7 +151,7 @@ class Session:
         self.bench.let_go()
 
     def _answer(self) -> None:
-        """Do what the page has asked for since the last frame; nothing that it asks for ends the session."""
+        """Execute the requests of the page since the last frame; none of them ends the session."""
         for _ in range(len(self._requests)):  # those that come meanwhile are for the next frame
             if self._closed.is_set():
                 return
