@@ -90,7 +90,7 @@ def publish(root: Path, tasks=None) -> None:
             )
         commits = sorted({read_record(run / "config.json")["commit"] for run in runs})
         if len(commits) > 1:
-            print(f"runs of {task} are of the commits {'; '.join(commits)}: look whether the task changed between them")
+            print(f"runs of {task} are of the commits {'; '.join(commits)}: check if the task changed between them")
         publish_task(task, runs)
     if {row["task"] for row in stored("curves")} == set(CONFIGS):
         draw_curves(IMAGES / "curves.svg")

@@ -58,7 +58,7 @@ def read_run(folder: str | Path) -> Run:
     missing = [name for name in FILES if not (folder / name).is_file()]
     if missing:
         what = f"holds no {', '.join(missing)}" if folder.is_dir() else "is not a folder"
-        raise ValueError(f"{folder} is no training run: it {what}; give a folder that python train.py TASK has written")
+        raise ValueError(f"{folder} is not a training run: it {what}; give a folder that train.py TASK has written")
     check_name(folder)
     saved, names = read_record(folder / "config.json"), CURVE.split(",")
     rows = [[float(value) for value in row.split(",")] for row in read_curve(folder / "curve.csv")]

@@ -51,7 +51,7 @@ def check_name(folder: Path) -> None:
 def text_of(path: Path, most: int) -> str:
     """The text of a file of at most so many bytes; ValueError with the reason if it cannot be read."""
     if not path.is_file():
-        raise ValueError("it is no file")
+        raise ValueError("it is not a file")
     try:
         with path.open("rb") as file:
             data = file.read(most + 1)
@@ -132,7 +132,7 @@ def restore(model: PPO, path: Path) -> PPO:
 def _parts(path: Path, limits: dict[str, int]) -> list[bytes]:
     """Parts of a zip archive, by their names; ValueError for one with more bytes than its limit, unpacked or not."""
     if not path.is_file() or path.stat().st_size > 2**20 + sum(limits.values()):
-        raise ValueError("it is no file, or larger than a model of these settings")
+        raise ValueError("it is not a file, or it is larger than a model of these settings")
     with ZipFile(path) as archive:
         parts = []
         for name, most in limits.items():
@@ -201,8 +201,8 @@ def keep_of_other_versions(folder: Path, record: dict[str, Any]) -> None:
         kept = folder / f"model_before_{record.get('resumed', 0) + 1}.zip"
         with replacing(kept) as partial:
             shutil.copyfile(folder / "model.zip", partial)
-        print(f"Warning: the run was trained with {', '.join(changed)}. It goes on with what is installed, which may "
-              f"learn otherwise; the model as it was is kept in {kept}.")  # fmt: skip
+        print(f"Warning: the run was trained with {', '.join(changed)}. Training continues with the installed "
+              f"versions, and its results may differ; the old model is saved in {kept}.")  # fmt: skip
 
 
 def joined_versions(record: dict[str, Any] | None) -> dict[str, str]:

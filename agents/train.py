@@ -139,7 +139,7 @@ def _save(model: PPO, folder: Path, about: dict) -> None:
         advice = "resume: the last checkpoint is unharmed" if saved else "train again: no checkpoint was saved either"
         raise RuntimeError(
             f"the model after {model.num_timesteps:,} environment steps could not be saved in {folder} "
-            f"({error.strerror or error}); make room there and {advice}"
+            f"({error.strerror or error}); free some space there and {advice}"
         ) from error
 
 

@@ -39,7 +39,7 @@ def train_all(
         integrator: a key of `fish_env.INTEGRATORS` to train with, FEWER seeds; None for the fish's own.
         dt: its step, s; None for its default step.
         ray: address of a Ray cluster to run them on, "local" for one that is begun here; None for this machine without.
-        stopped: whether the runs are to be saved and ended, as by Ctrl-C.
+        stopped: returns True to save and end the runs, as by Ctrl-C.
 
     Raises:
         ValueError: for an unknown task, integrator or step, fewer than one job, a run with other settings than its
