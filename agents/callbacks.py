@@ -42,7 +42,7 @@ class Progress(BaseCallback):
 
 
 class Writing(BaseCallback):
-    """A callback that writes a file. What is wrong with it is said once, until it could be written again."""
+    """A callback that writes a file. A failure is reported once, until the file can be written again."""
 
     failed = False
 
@@ -117,7 +117,7 @@ class LearningCurve(Writing):
 class Checkpoint(Writing):
     """Saves the model every so many seconds, replacing the last one only when the new one is complete.
 
-    Training goes on if that fails, on a full disk for example, and the next one is tried as long after it.
+    If that fails, on a full disk for example, training continues and tries again after the same interval.
 
     Attributes:
         trained_steps: environment steps that the model has been trained on.
@@ -194,7 +194,7 @@ class SurvivingEvents(BaseCallback):
 
 @contextmanager
 def without_tracebacks_of_writers():
-    """A context in which a thread that ends by an OSError prints nothing: who waits for it is told (`Events`)."""
+    """A context in which a thread that ends by an OSError prints nothing: `Events` reports the error."""
     before = threading.excepthook
 
     def hook(arguments):

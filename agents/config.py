@@ -18,7 +18,7 @@ class TrainConfig:
     env_options: dict[str, Any] = field(default_factory=dict)
     """Keywords of the environment."""
     training_options: dict[str, Any] = field(default_factory=dict)
-    """Keywords that are different while training: more of what is trained in every second."""
+    """Keywords that differ in training: more of the trained behaviour in every second."""
     timesteps: int = 2_000_000
     """Environment steps to train for, all fish together."""
     num_envs: int = 256
@@ -45,7 +45,7 @@ class TrainConfig:
 
 
 GIVEN = {"self", "id", "task", "num_envs", "seed", "monitor", "staggered", "autoreset_mode", "render_mode"}
-"""Keywords of environments that a training or an evaluation gives itself."""
+"""Keywords of environments that a training or an evaluation sets itself."""
 
 MOST = 2**53  # of any count: more are not told apart as floats, which logs hold
 LAYERS = 100

@@ -67,7 +67,7 @@ class FastPPO(PPO):
         self._log(found, begin, settings)
 
     def _epochs(self, update: "Update", settings: Settings) -> tuple[np.ndarray, int]:
-        """Train on the rollout; what `differentiate` gives for every minibatch, and where the last epoch begins."""
+        """Train on the rollout; return what is logged of every minibatch, and where the last epoch begins."""
         found, going = [], True
         for epoch in range(self.n_epochs):
             rows = update.order[np.random.permutation(update.order.size)]  # noqa: NPY002 - the generator SB3 uses

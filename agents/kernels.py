@@ -179,7 +179,7 @@ def backward(seen, network, work, total):
 
 @part
 def decide(given, swap, mean):
-    """Mean actions (n,A) of samples, from what the last layer gives for their images."""
+    """Mean actions (n,A) of samples, from the outputs of the last layer for their images."""
     images = swap.shape[0]
     for i in range(mean.shape[0]):
         for a in range(mean.shape[1]):
@@ -241,7 +241,7 @@ def loss(samples, which, settings, log_std, mean, value, sums):
 
 @part
 def part_slopes(mean, value, swap, actor, critic):
-    """Share the slopes of samples out to what the last layers gave for their images."""
+    """Distribute the slopes of samples over the outputs of the last layers for their images."""
     images = swap.shape[0]
     for i in range(mean.shape[0]):
         for m in range(images):

@@ -31,7 +31,7 @@ def unsupported(policy) -> str | None:
 
 
 def linear_layers(hidden: nn.Sequential, last: nn.Module) -> list[nn.Linear]:
-    """The layers with parameters of a network, in order; what is between them is tanh."""
+    """The layers with parameters of a network, in order; tanh lies between them."""
     return [layer for layer in (*hidden, last) if isinstance(layer, nn.Linear)]
 
 

@@ -1,4 +1,4 @@
-"""`python train.py report`: one HTML page of a training run, or of several beside each other; it opens from disk."""
+"""`python train.py report`: one HTML page of a training run, or of several side by side; it opens from disk."""
 
 import json
 import os
@@ -44,7 +44,7 @@ GAIT = (
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Runs that differ in their seeds only, with what was measured of them."""
+    """Runs that differ in their seeds only, with their measurements."""
 
     label: str
     runs: list[Run]

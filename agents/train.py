@@ -68,7 +68,7 @@ class Request:
     learner: str = "compiled"
     """A key of `agents.build.LEARNERS`; both train the same policy, and a run may change from one to the other."""
     pictures: bool = True
-    """Make the pictures, the video and the table beside the baselines; else only evaluate the policy."""
+    """Make the pictures, the video and the table with the baselines; else only evaluate the policy."""
     changes: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `TrainConfig` to use instead of the task's; None is ignored."""
     stopped: Callable[[], bool] = bool

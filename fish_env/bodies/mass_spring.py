@@ -179,12 +179,12 @@ def masses(parameters: MassSpringParameters) -> np.ndarray:
 
 
 def along(factors, sections) -> np.ndarray:
-    """Factors (6,) on what is in the six sections, at any places between them, as `topology` numbers these."""
+    """Factors (6,) of the six sections, at any places between them, as `topology` numbers these."""
     return np.exp(np.interp(sections, np.arange(6), np.log(factors)))
 
 
 def felt(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (24,4) of the point of each face of `topology` at which its drag acts, and factors (24,) on the drag.
+    """Weights (24,4) of the corners in the point of each face of `topology` where its drag acts; drag factors (24,).
 
     A section bends and rotates, and a single point of a face samples neither. Place and factor are therefore fitted.
     On the two faces that close the tail fin above and below, the drag acts in their middle.

@@ -85,7 +85,7 @@ def matched(mass, position, wanted: Moments, solid: bool) -> np.ndarray:
     Args:
         mass: (N,) kg, positive, to start from.
         position: (N,3) m, symmetrical about the xz plane.
-        wanted: what the masses are to have.
+        wanted: moments that the masses should have.
         solid: True for all three moments of inertia; False for yaw alone, which is what a body whose nodes all lie on
             its outline can have.
 

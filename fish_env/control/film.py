@@ -40,7 +40,7 @@ class Reel(NamedTuple):
     centre: np.ndarray  # (T,3) centre of mass, m
     speed: np.ndarray  # (T,) of the centre of mass, body lengths per second
     contraction: np.ndarray  # (T,M) 0 natural, 1 full
-    command: np.ndarray  # (T,3) where the fish is told to go, of any length
+    command: np.ndarray  # (T,3) commanded direction, of any length
     spheres: np.ndarray  # (T,S,4) centres, m, and radii, body lengths
     gained: np.ndarray  # (T,) sum of the rewards so far
     note: str  # why the physics failed, if it did

@@ -28,7 +28,7 @@ LARGEST = 2**20  # bytes of such a file; that of the default fish has 4,000
 class Turn:
     """One row of left-turn-MC's table: bend to the left, hold, straighten more slowly.
 
-    Some of the strokes of swimming go on meanwhile: a fish that only bends loses its speed, and then no longer turns.
+    Some of the strokes of swimming continue: a fish that only bends loses its speed, and then no longer turns.
     """
 
     angle: float
@@ -40,7 +40,7 @@ class Turn:
     tail: float
     """The same of segment 2, -1 to 1; negative: of its right muscles."""
     strokes: float
-    """Part of swimming's strokes that goes on during the turn, 0 to 1."""
+    """Part of swimming's strokes that continues during the turn, 0 to 1."""
     hold: float
     """Time from the start until the fish begins to straighten, s: contraction and hold."""
     straighten: float

@@ -1,4 +1,4 @@
-"""An episode as a file: what it was made of, its actions, and every state, so that it can be plotted and replayed."""
+"""An episode as a file: its environment, its actions, and every state, so that it can be plotted and replayed."""
 
 import math
 import os
@@ -51,7 +51,7 @@ class Recording:
     failure: np.ndarray
     """(T+1,) index into `fish_env.physics.failures.FAILURES`, 0 while the simulation is valid."""
     counters: np.ndarray
-    """(T+1,C) what the simulation has cost since the reset, the names of `Tank.counters`."""
+    """(T+1,C) cost of the simulation since the reset, in the order of `Tank.counters`."""
     variation: np.ndarray
     """(6,) factors on stiffness, mass and drag, and the current, m/s (`Tank.vary`)."""
     terms: np.ndarray

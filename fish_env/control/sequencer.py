@@ -44,7 +44,7 @@ class Habits:
     most_trim: float = 2.5
     """Largest such contraction."""
     strokes: float = 0.3
-    """Least part of swimming's strokes that goes on in a turn: 0 leaves it to the table, 1 keeps up the speed."""
+    """Least part of swimming's strokes that continues in a turn: 0 takes the table's, 1 maintains the speed."""
     beat: float = 0.26
     """Time over which the error is averaged, s: about a beat."""
     pitch: float = 1.0

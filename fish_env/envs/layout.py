@@ -128,7 +128,7 @@ class Layout:
 
 
 def bytes_of_episode(fish: Fish) -> int:
-    """About how much memory the episode of one fish takes: observation, bounds, generator, and copies of them."""
+    """Approximate memory of the episode of one fish, bytes: observation, bounds, generator, and copies of them."""
     numbers = 6 * fish.landmarks.node.size + fish.num_muscles + 16
     return 18 * numbers + 3000  # measured with every task: 14 a number, and up to 2,900
 

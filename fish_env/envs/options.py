@@ -31,7 +31,7 @@ class SeedError(gym.error.Error, ValueError):
 
 
 class OwnSpec:
-    """An environment whose `spec` is a copy: what the caller does to the keywords afterwards does not change it."""
+    """An environment whose `spec` is a copy: later changes of the keywords by the caller do not affect it."""
 
     _spec: Any = None
 

@@ -1,6 +1,6 @@
 """The bench: up to three objects side by side, pulled by a hand, measured, and started again when one fails.
 
-It knows nothing of the page; whatever the page asks for is checked here.
+It knows nothing of the page; all requests of the page are checked here.
 """
 
 from collections import deque

@@ -182,7 +182,7 @@ class Panel:
         self.session.step()
 
     def set_paused(self, value) -> None:
-        """Stop the time, or let it go on."""
+        """Pause or resume the simulation."""
         self.session.paused = bool(value)
         self.show(self.pause, self.session.paused)
 
@@ -239,7 +239,7 @@ class Panel:
             self.session.bench.drag(self.session.drawing.place(number, point))
 
     def refresh(self) -> None:
-        """Show what is now on the bench in all controls."""
+        """Show the present state of the bench in all controls."""
         bench = self.session.bench
         first = bench.specimens[0].entry
         self.steering.refresh()

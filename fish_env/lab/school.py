@@ -145,7 +145,7 @@ class School:
         return getattr(self.task, "radius", 0.0) * self.fish.length
 
     def reset(self) -> None:
-        """Begin again: all fish at rest, along x, and told to go on along x."""
+        """Start again: all fish at rest along x, with commanded headings along x."""
         self.waters.reset(seed=0, options={"yaw": 0.0})
         self.clock = self.time = 0.0
         self.commanded, self.facing = np.zeros(self.num_fish), np.zeros(self.num_fish)

@@ -1,4 +1,4 @@
-"""One object in the laboratory: its tank, made again when a number changes, and what is done to it and measured."""
+"""One object in the laboratory: its tank, made again when a number changes, with actions on it and measurements."""
 
 import inspect
 import time
@@ -131,10 +131,10 @@ def changed_world(thing: ElasticObject, numbers: dict[str, float], walls: str) -
 
 
 class Specimen:
-    """An object that moves, with what is done to it.
+    """An object that moves, and actions on it.
 
     Args:
-        entry: what it is.
+        entry: choice of the object.
         numbers: of all SETTINGS.
         walls: one of WALLS.
         step: the integrator's step over its own.
@@ -183,7 +183,7 @@ class Specimen:
         return own_step(body, INTEGRATORS[self.entry.integrator or body.integrator])
 
     def change(self, numbers=None, walls=None, step=None, fixed=None) -> None:
-        """Go on in the same motion with other numbers; ValueError, and nothing is changed, if that is not possible."""
+        """Continue the same motion with other numbers; ValueError, and nothing is changed, if that is not possible."""
         old = self.tank
         self._make(
             self.numbers if numbers is None else numbers, self.walls if walls is None else walls,

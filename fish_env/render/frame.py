@@ -19,7 +19,7 @@ class Frame(NamedTuple):
     contraction: np.ndarray  # (M,) 0 natural, 1 full
     length: float  # nose to tail tip, m
     path: np.ndarray  # (K,3) or (K,2) centres of mass so far, m, the present one last; K may be 0
-    commands: np.ndarray  # (C,3) what the fish is told, world vectors of any length; C may be 0
+    commands: np.ndarray  # (C,3) commands of the fish, world vectors of any length; C may be 0
     time: float  # s
     speed: float  # of the centre of mass, body lengths per second
     caption: str = ""  # a short remark

@@ -20,7 +20,7 @@ DAMPING = 0.02  # s, over its stiffness
 
 
 class Viewer:
-    """An object, what the mouse does to it, and its picture.
+    """An object that the mouse can drag, and its picture.
 
     Args:
         thing: the object; it starts at the middle of its room.

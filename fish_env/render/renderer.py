@@ -10,7 +10,7 @@ from fish_env.render.flat import draw_surface, pixels_of
 from fish_env.render.frame import make_frame
 from fish_env.render.layout import HEIGHT, WIDTH
 
-PATH_POINTS = 1000  # a path forgets what is older: it has faded by then
+PATH_POINTS = 1000  # older points of a path are dropped: they have faded by then
 WINDOW_FISH = 4  # a window shows the first ones of a batch; more could not be drawn in real time
 
 

@@ -62,7 +62,7 @@ def update_obstacle(tank, pose, task, b):
         task.present[b] = True
         forward, heading = pose.axes[b, FORWARD], task.heading[b]
         fx, fy = forward.x + heading.x, forward.y + heading.y
-        if math.hypot(fx, fy) < 0.1:  # it is told to turn right round
+        if math.hypot(fx, fy) < 0.1:  # the command is to turn right round
             fx, fy = forward.x, forward.y
         size = max(math.hypot(fx, fy), 1e-9)
         along, across = vec3(fx / size, fy / size, 0.0), vec3(-fy / size, fx / size, 0.0)

@@ -20,7 +20,7 @@ def alignment(pose, heading, b):
     """Alignment of the forward axis with a unit vector: 0 along it, -1 across, -2 away.
 
     It is linear in the angle, so that the last degrees count as much as the first ones. It is never positive, so that
-    a long episode earns nothing by itself.
+    an episode does not earn more by lasting longer.
     """
     cosine = dot(pose.axes[b, FORWARD], heading)
     return -2.0 / math.pi * math.acos(min(max(cosine, -1.0), 1.0))
