@@ -158,7 +158,7 @@ def stopped_once() -> Iterator[list[int]]:
 
 
 def say(text: str) -> None:
-    """Print beside the output, unless the terminal is gone."""
+    """Print to stderr, unless the terminal is closed."""
     with suppress(OSError):
         print(text, file=sys.stderr)
 
@@ -179,7 +179,7 @@ def command(came: list[int]) -> int:
     try:
         run(parse(), came)
     except KeyboardInterrupt as stop:
-        if type(stop) is KeyboardInterrupt:  # else it was said already what was saved
+        if type(stop) is KeyboardInterrupt:  # else the saved files were printed already
             say("\nStopped.")
         if sys.argv[1:2] == ["all"]:
             say(f"Resume: python train.py {' '.join(sys.argv[1:])}")

@@ -1,6 +1,6 @@
-"""What happens beside the learning: a progress bar, the learning curve, and a checkpoint to resume from.
+"""Callbacks of a training: a progress bar, the learning curve, and a checkpoint to resume from.
 
-None of what is written meanwhile is worth the training: what a full disk does not take is reported, and left out.
+If the disk is full, training continues: a file that cannot be written is reported and left out.
 """
 
 import threading
@@ -42,7 +42,7 @@ class Progress(BaseCallback):
 
 
 class Writing(BaseCallback):
-    """A callback that writes a file. What is wrong with it is said once, until it could be written again."""
+    """A callback that writes a file. A failure is reported once, until the file can be written again."""
 
     failed = False
 
@@ -59,7 +59,7 @@ class Writing(BaseCallback):
 
 
 def say_unwritten(path: Path, error: OSError, rest: str) -> None:
-    """One line beside the progress bar: what could not be written, why, and what is done about it."""
+    """Print one line next to the progress bar: the file that could not be written, the reason and the consequence."""
     tqdm.write(f"Warning: {path} could not be written ({error.strerror or error}); the training goes on, and {rest}.")
 
 
@@ -117,7 +117,7 @@ class LearningCurve(Writing):
 class Checkpoint(Writing):
     """Saves the model every so many seconds, replacing the last one only when the new one is complete.
 
-    Training goes on if that fails, on a full disk for example, and the next one is tried as long after it.
+    If that fails, on a full disk for example, training continues and tries again after the same interval.
 
     Attributes:
         trained_steps: environment steps that the model has been trained on.
@@ -155,7 +155,7 @@ class EndsIf(BaseCallback):
 
 
 class Events(KVWriter):
-    """What is logged, written as TensorBoard's events; after an event that the disk did not take, no more are.
+    """Write the log as TensorBoard events, up to the first event that cannot be written.
 
     Args:
         inner: Stable-Baselines3's writer of events.
@@ -166,7 +166,7 @@ class Events(KVWriter):
         self.inner, self.folder, self.failed = inner, folder, False
 
     def write(self, key_values, key_excluded, step=0) -> None:
-        """As Stable-Baselines3's; an OSError is said, the first time, and not raised."""
+        """Write one event as Stable-Baselines3 does; the first OSError is reported and not raised."""
         if self.failed:
             return
         try:
@@ -194,7 +194,7 @@ class SurvivingEvents(BaseCallback):
 
 @contextmanager
 def without_tracebacks_of_writers():
-    """A context in which a thread that ends by an OSError prints nothing: who waits for it is told (`Events`)."""
+    """A context in which a thread that ends by an OSError prints nothing: `Events` reports the error."""
     before = threading.excepthook
 
     def hook(arguments):

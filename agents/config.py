@@ -1,4 +1,4 @@
-"""What each task is trained with: one typed record for each, saved with every run."""
+"""Training settings of each task: one typed record for each, saved with every run."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -18,7 +18,7 @@ class TrainConfig:
     env_options: dict[str, Any] = field(default_factory=dict)
     """Keywords of the environment."""
     training_options: dict[str, Any] = field(default_factory=dict)
-    """Keywords that are different while training: more of what is trained in every second."""
+    """Keywords that differ in training: more of the trained behaviour in every second."""
     timesteps: int = 2_000_000
     """Environment steps to train for, all fish together."""
     num_envs: int = 256
@@ -37,7 +37,7 @@ class TrainConfig:
     initial_log_std: float = -0.5
     hidden: tuple[int, ...] = (64, 64)
     symmetric: bool = True
-    """Whether the policy is equivariant under the left-right reflection (`fish_env/control/equivariant.py`)."""
+    """True for a policy that is equivariant under the left-right reflection (`fish_env/control/equivariant.py`)."""
 
     def discount(self, control_interval: float) -> float:
         """The discount factor for environment steps of `control_interval` seconds."""
@@ -45,7 +45,7 @@ class TrainConfig:
 
 
 GIVEN = {"self", "id", "task", "num_envs", "seed", "monitor", "staggered", "autoreset_mode", "render_mode"}
-"""Keywords of environments that a training or an evaluation gives itself."""
+"""Keywords of environments that a training or an evaluation sets itself."""
 
 MOST = 2**53  # of any count: more are not told apart as floats, which logs hold
 LAYERS = 100
@@ -107,10 +107,10 @@ def _tuples(value, deepest: int = 8):
 
 @dataclass(frozen=True)
 class Result:
-    """How a trained task is evaluated and published."""
+    """Evaluation and publication of a trained task."""
 
     asked: str
-    """What is asked, in a few words."""
+    """Summary of the task, in a few words."""
     score: str
     """The metric its seeds are ranked by; more is better."""
     headline: tuple[str, ...]
@@ -118,7 +118,7 @@ class Result:
     metrics: tuple[str, ...]
     """The metrics of its tables."""
     seeds: int
-    """How many seeds `train.py all` trains."""
+    """Number of seeds that `train.py all` trains."""
     conditions: dict[str, tuple[dict[str, Any], dict[str, Any]]] = field(default_factory=dict)
     """Other conditions they are evaluated under: keywords of the environment and reset options, by name."""
 
@@ -174,8 +174,8 @@ RESULTS: dict[str, Result] = {
 
 
 FINE_TUNING = {"timesteps": 98_304, "num_envs": 64, "rollout": 16, "batch_size": 512, "learning_rate": 2e-3}
-"""What is different when a policy starts from a trained one: 96 small updates at a high rate, not twelve large ones. On
-another body it recovers so what it could (`benchmarks/learning/transfer.py` measures it)."""
+"""Settings that differ when a policy starts from a trained one: 96 small updates at a high rate, not twelve large ones.
+A policy on another body then recovers its performance (`benchmarks/learning/transfer.py` measures it)."""
 
 
 def fine_tuning(config: TrainConfig) -> TrainConfig:

@@ -35,13 +35,13 @@ class FastPPO(PPO):
 
     @property
     def why_slow(self) -> str | None:
-        """Why Stable-Baselines3's own code is used; None if it is not."""
+        """Reason for using Stable-Baselines3's own code; None if it is not used."""
         if type(self.rollout_buffer) is not RolloutBuffer:
             return f"its buffer is {type(self.rollout_buffer).__name__}"
         return unsupported(self.policy)
 
     def collect_rollouts(self, *arguments, **options) -> bool:
-        """As Stable-Baselines3's, the policy's calls by kernels."""
+        """Collect rollouts as Stable-Baselines3 does, with the policy evaluated by kernels."""
         if self.why_slow:
             return super().collect_rollouts(*arguments, **options)
         actor = Acting(Networks(self.policy))
@@ -52,7 +52,7 @@ class FastPPO(PPO):
             del self.policy.forward, self.policy.predict_values
 
     def train(self) -> None:
-        """As Stable-Baselines3's: epochs of minibatches over the rollout."""
+        """Update the policy as Stable-Baselines3 does: epochs of minibatches over the rollout."""
         if self.why_slow:
             super().train()
             return
@@ -67,7 +67,7 @@ class FastPPO(PPO):
         self._log(found, begin, settings)
 
     def _epochs(self, update: "Update", settings: Settings) -> tuple[np.ndarray, int]:
-        """Train on the rollout; what `differentiate` gives for every minibatch, and where the last epoch begins."""
+        """Train on the rollout; return what is logged of every minibatch, and where the last epoch begins."""
         found, going = [], True
         for epoch in range(self.n_epochs):
             rows = update.order[np.random.permutation(update.order.size)]  # noqa: NPY002 - the generator SB3 uses
@@ -87,7 +87,13 @@ class FastPPO(PPO):
         return np.array(found), begin
 
     def _log(self, found: np.ndarray, last_epoch: int, settings: Settings) -> None:
-        """What Stable-Baselines3 logs of an update; found (minibatches,5), of which the last epoch begins there."""
+        """Log what Stable-Baselines3 logs of an update.
+
+        Args:
+            found: (minibatches,5) statistics of the minibatches.
+            last_epoch: row at which the last epoch begins.
+            settings: of the minibatches.
+        """
         (policy, value, clipped, _, disorder), last, buffer = found.mean(0), found[-1], self.rollout_buffer
         self.logger.record("train/entropy_loss", -disorder)
         self.logger.record("train/policy_gradient_loss", policy)
@@ -105,7 +111,7 @@ class FastPPO(PPO):
 
 
 class Acting:
-    """What a rollout asks of the policy."""
+    """Methods of the policy that a rollout calls."""
 
     def __init__(self, networks: Networks):
         self.networks, self.log_std = networks, networks.policy.log_std

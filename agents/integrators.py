@@ -1,4 +1,4 @@
-"""Whether a policy exploits the integrator: replayed under RK4 at an eighth of the step, and every other method.
+"""Check that no policy exploits the integrator: replay it under RK4 at an eighth of the step, and every other method.
 
 `python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg. The last rows of
 the table are those of many more episodes, by the reference and the default method alone.

@@ -28,7 +28,7 @@ class Job:
 
     @property
     def running(self) -> bool:
-        """Whether it was started here and has not ended."""
+        """Return True if the job was started here and has not ended."""
         return self.process is not None and self.process.poll() is None
 
     @property
@@ -45,7 +45,7 @@ class Job:
         return 0
 
     def check(self) -> None:
-        """ValueError if the folder holds what cannot be used, or was trained with other settings than the task has."""
+        """Raise ValueError if the files of the folder cannot be used, or if its settings are not those of the task."""
         path = self.folder / "config.json"
         if path.exists() and settings_of(read_record(path)["config"]) != self.config:
             raise ValueError(f"{self.folder} was trained with other settings; move it away, or give other --runs")

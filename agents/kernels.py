@@ -30,7 +30,7 @@ class Network(NamedTuple):
 
 
 class Images(NamedTuple):
-    """How a policy takes observations and acts on them; image m of an observation is (obs[place] - offset) * factor."""
+    """Maps of a policy's observations and actions; image m of an observation is (obs[place] - offset) * factor."""
 
     place: np.ndarray
     """(I,D) indices of numbers."""
@@ -43,7 +43,7 @@ class Images(NamedTuple):
 
 
 class Policy(NamedTuple):
-    """All that acts and judges, or the gradient with respect to it."""
+    """Parameters of actor and critic, or the gradient with respect to them."""
 
     log_std: np.ndarray
     """(A,) logarithms of the standard deviations."""
@@ -54,10 +54,10 @@ class Policy(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What a block needs of a network."""
+    """Work arrays of a network for one block of rows."""
 
     given: tuple[np.ndarray, ...]
-    """(R,W) what every layer gives."""
+    """(R,W) outputs of every layer."""
     slopes: tuple[np.ndarray, ...]
     """(R,W) the gradient with respect to that, before tanh."""
     products: tuple[np.ndarray, ...]
@@ -82,18 +82,18 @@ class Samples(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """Of a minibatch."""
+    """Settings of the loss of a minibatch."""
 
     mean: float
     """Subtracted from the advantages."""
     spread: float
-    """What they are divided by."""
+    """Divisor of the advantages."""
     clip: float
-    """How far the ratio may be from 1."""
+    """Largest distance of the ratio from 1."""
     value_clip: float
-    """How far a value may be from the one before; infinite for as far as it likes."""
+    """Largest distance of a value from the previous one; infinite for no limit."""
     value_weight: float
-    """Of the value's loss."""
+    """Weight of the value loss."""
 
 
 def tanh(x):
@@ -136,7 +136,10 @@ def see(obs, images, seen):
 
 @njit
 def forward(seen, weights, biases, given):
-    """What every layer gives for rows (R,D); weights (V,W), transposed: BLAS takes a third less time for them."""
+    """Compute the outputs of every layer for rows (R,D).
+
+    The weights (V,W) are transposed: BLAS takes a third less time for them.
+    """
     below, last = seen, len(given) - 1
     for k in range(len(given)):
         out, bias = given[k][: seen.shape[0]], biases[k]
@@ -176,7 +179,7 @@ def backward(seen, network, work, total):
 
 @part
 def decide(given, swap, mean):
-    """Mean actions (n,A) of samples, from what the last layer gives for their images."""
+    """Mean actions (n,A) of samples, from the outputs of the last layer for their images."""
     images = swap.shape[0]
     for i in range(mean.shape[0]):
         for a in range(mean.shape[1]):
@@ -238,7 +241,7 @@ def loss(samples, which, settings, log_std, mean, value, sums):
 
 @part
 def part_slopes(mean, value, swap, actor, critic):
-    """Share the slopes of samples out to what the last layers gave for their images."""
+    """Distribute the slopes of samples over the outputs of the last layers for their images."""
     images = swap.shape[0]
     for i in range(mean.shape[0]):
         for m in range(images):

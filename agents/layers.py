@@ -23,5 +23,5 @@ class Tanh(nn.Module):
     """tanh by torch's sigmoid: the same to rounding, and several times as fast as torch's own on a processor."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Of any shape."""
+        """Apply tanh to a tensor of any shape."""
         return _Tanh.apply(x)

@@ -14,7 +14,7 @@ from fish_env.control.equivariant import EquivariantPolicy, ScaledObservation
 
 
 def unsupported(policy) -> str | None:
-    """What part of a policy `Networks` does not support, in words; None if it supports all of it."""
+    """Part of a policy that `Networks` does not support, in words; None if it supports all of it."""
     if type(policy) not in (ActorCriticPolicy, EquivariantPolicy):
         return f"its policy is {type(policy).__name__}"
     if type(policy.features_extractor) is not ScaledObservation or not policy.share_features_extractor:
@@ -31,7 +31,7 @@ def unsupported(policy) -> str | None:
 
 
 def linear_layers(hidden: nn.Sequential, last: nn.Module) -> list[nn.Linear]:
-    """The layers with parameters of a network, in order; what is between them is tanh."""
+    """The layers with parameters of a network, in order; tanh lies between them."""
     return [layer for layer in (*hidden, last) if isinstance(layer, nn.Linear)]
 
 

@@ -20,7 +20,7 @@ from agents.records import ROOT
 from fish_env.control.files import replacing
 
 NEEDED = ("fish_env", "agents", "train.py", "pyproject.toml")
-"""What the machines get of the checkout."""
+"""Files of the checkout that the machines receive."""
 NO_CLUSTER = (
     "there is no Ray cluster at {!r} ({}); give the address that `ray start --head` printed, auto on one of its "
     "machines, or local for a cluster on this machine alone"

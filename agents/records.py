@@ -1,4 +1,4 @@
-"""What is published: tables with the provenance of their numbers, and the library that draws charts of them.
+"""Published tables with the provenance of their numbers, and the library that draws charts of them.
 
 The tables are the CSV files of `benchmarks/results/`, whichever command writes them: `train.py` or a benchmark.
 """
@@ -18,9 +18,9 @@ from fish_env.control.files import write_text
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
 CODE = ("fish_env", "agents", "benchmarks", "train.py", "constraints.txt", "pyproject.toml")
-"""What results depend on: a commit is called dirty if something of it is not committed."""
+"""Paths that results depend on: a commit is called dirty if a change in them is not committed."""
 WRITTEN = (":!benchmarks/results", ":!*/pretrained/*", ":!fish_env/control/*.json", ":!fish_env/bodies/*.json")
-"""What commands write, which makes no commit dirty."""
+"""Files that commands write; changes in them do not make a commit dirty."""
 
 
 def provenance(command: str) -> dict[str, str]:

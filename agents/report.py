@@ -1,4 +1,4 @@
-"""The report of a run: a table beside the baselines, a learning curve, the paths of a few fish, a video."""
+"""The report of a run: a table with the baselines, a learning curve, the paths of a few fish, a video."""
 
 import csv
 import json
@@ -177,7 +177,7 @@ def measure(paths: list[Path], **options) -> dict[Path, dict]:
 
 
 def compare(paths: list[Path]) -> dict[Path, dict]:
-    """Evaluate policy files (or those that are shipped) on the fixed seeds beside the controllers without learning."""
+    """Evaluate policy files (or those that are shipped) on the fixed seeds, with the controllers without learning."""
     found = {}
     for path in paths or shipped_policies().values():
         task, policy, env = opened(path)

@@ -1,4 +1,4 @@
-"""Publish the results of `train.py all`: interquartile means over seeds beside the baselines, curves, median policies.
+"""Publish the results of `train.py all`: interquartile means over seeds with the baselines, curves, median policies.
 
 For every task, fish_env/control/pretrained/<task>/ gets the policy of the median seed with its configuration, and the
 tables of benchmarks/results/learning/ get its rows: seeds.csv (one for each seed and condition), methods.csv (one for
@@ -73,7 +73,7 @@ MIRRORED = ("90 right", "left after right", "right after left")
 
 
 def publish(root: Path, tasks=None) -> None:
-    """Measure the finished runs under root/<task>/seed_<k> beside the baselines, and publish them.
+    """Measure the finished runs under root/<task>/seed_<k> and the baselines, and publish them.
 
     Raises:
         FileNotFoundError: if no seed of a task is finished.
@@ -90,7 +90,7 @@ def publish(root: Path, tasks=None) -> None:
             )
         commits = sorted({read_record(run / "config.json")["commit"] for run in runs})
         if len(commits) > 1:
-            print(f"runs of {task} are of the commits {'; '.join(commits)}: look whether the task changed between them")
+            print(f"runs of {task} are of the commits {'; '.join(commits)}: check if the task changed between them")
         publish_task(task, runs)
     if {row["task"] for row in stored("curves")} == set(CONFIGS):
         draw_curves(IMAGES / "curves.svg")
@@ -106,7 +106,7 @@ def stored(table: str) -> list[dict]:
 
 
 def key_of(row: dict) -> tuple[str, str, str, str]:
-    """What a row of methods.csv is about: task, condition, method and metric."""
+    """Key of a row of methods.csv: task, condition, method and metric."""
     return row["task"], row["condition"], row["method"], row["metric"]
 
 
@@ -149,7 +149,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
 
 
 def publish_method(root: Path, integrator: str, tasks=None) -> None:
-    """Measure what was trained with another integrator, moved by it and by the default one, beside the default.
+    """Measure policies trained with another integrator, under it and the default one, next to the default policies.
 
     It prints a table and writes root/trained_with_<integrator>.csv; nothing is shipped.
 
@@ -182,7 +182,7 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
 
 
 def method_table(rows: list[dict], integrator: str) -> str:
-    """Policies trained with another integrator beside those of the default one, as Markdown."""
+    """Table of policies trained with another integrator and with the default one, as Markdown."""
     heads = ("Task", "Metric", "trained with the default", f"with `{integrator}`", "the same, moved by the default")
     lines = [f"| {' | '.join(heads)} |", "|---|---|---|---|---|"]
     for task, metric in dict.fromkeys((row["task"], row["metric"]) for row in rows):

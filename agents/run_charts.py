@@ -17,7 +17,7 @@ RESAMPLES = 1000
 HIGHEST = 12.0  # Hz: no tail beats faster
 
 Named = Sequence[tuple[str, Any]]
-"""What is drawn, by the label of its group."""
+"""Data to draw, by the label of the group."""
 
 
 def svg(figure) -> str:
@@ -138,7 +138,7 @@ def gaits(plt, groups: Sequence[tuple[str, np.ndarray, np.ndarray]], names: Sequ
 
 @chart
 def tails(plt, groups: Named, interval: float):
-    """How far the tail sweeps over time, and the spectrum of it."""
+    """Deflection of the tail over time, and its spectrum."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.2), layout="constrained", width_ratios=(2, 1))
     for colour, (label, found) in zip(COLOURS, groups, strict=False):
         left.plot(found.time, found.tail, color=colour, lw=1.2, label=label)

@@ -51,7 +51,7 @@ def checked_folder(folder: Path, task: str) -> Path:
     check_name(folder)
     for path in (*(folder / name for name in WRITTEN), folder / f"{task}.mp4"):
         if os.path.lexists(path) and not path.is_file():
-            raise ValueError(f"{path} is no file, and one would be written there; move it away")
+            raise ValueError(f"{path} is not a file, and one would be written there; move it away")
     events = folder / "tensorboard"
     blocked = any(path.exists() and not path.is_dir() for path in (events, *events.glob("*")))
     if blocked or any(path.is_symlink() for path in (events, *events.rglob("*"))):

@@ -1,4 +1,4 @@
-"""What a report says of a training run: its files, episodes on the fixed seeds, and the motion of a few of them."""
+"""Data for the report of a training run: its files, episodes on the fixed seeds, and the motion of a few of them."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -52,13 +52,13 @@ def read_run(folder: str | Path) -> Run:
     """A run by its folder.
 
     Raises:
-        ValueError: if the folder holds no run, or one whose files are damaged or of another version.
+        ValueError: if the folder contains no run, or one whose files are damaged or of another version.
     """
     folder = Path(folder)
     missing = [name for name in FILES if not (folder / name).is_file()]
     if missing:
         what = f"holds no {', '.join(missing)}" if folder.is_dir() else "is not a folder"
-        raise ValueError(f"{folder} is no training run: it {what}; give a folder that python train.py TASK has written")
+        raise ValueError(f"{folder} is not a training run: it {what}; give a folder that train.py TASK has written")
     check_name(folder)
     saved, names = read_record(folder / "config.json"), CURVE.split(",")
     rows = [[float(value) for value in row.split(",")] for row in read_curve(folder / "curve.csv")]
@@ -75,7 +75,7 @@ class Episodes:
     terms: dict[str, np.ndarray]
     """Sum of every reward term over each episode, (B,)."""
     failures: Counter
-    """How many episodes each reason ended."""
+    """Number of episodes that ended for each reason."""
 
 
 def measured_episodes(run: Run, count: int) -> Episodes:
@@ -97,7 +97,7 @@ def measured_episodes(run: Run, count: int) -> Episodes:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How a fish moved in one episode, T + 1 states."""
+    """Motion of a fish in one episode, T + 1 states."""
 
     time: np.ndarray  # (T+1,) s
     path: np.ndarray  # (T+1,2) centre of mass, body lengths, from the start, the first command along +x

@@ -1,4 +1,4 @@
-"""`python train.py report`: one HTML page of a training run, or of several beside each other; it opens from disk."""
+"""`python train.py report`: one HTML page of a training run, or of several side by side; it opens from disk."""
 
 import json
 import os
@@ -44,13 +44,13 @@ GAIT = (
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Runs that differ in their seeds only, with what was measured of them."""
+    """Runs that differ in their seeds only, with their measurements."""
 
     label: str
     runs: list[Run]
     episodes: list[Episodes]
     recordings: list[Recording]
-    """Of the first run."""
+    """Recordings of the first run."""
     motions: list[Motion]
     fish: Fish
 
@@ -60,11 +60,11 @@ def write_report(folders: Sequence[str | Path], path: Path | None = None, episod
 
     Args:
         folders: of runs that `train.py` has written.
-        path: the page; None is report.html in the folder of a single run, or in the folder that holds all of them.
+        path: the page; None is report.html in the folder of a single run, or in the folder that contains all of them.
         episodes: how many each policy is evaluated in, on the fixed seeds.
 
     Raises:
-        ValueError: for no folder or one that holds no run, for more groups than there are colours, fewer than one
+        ValueError: for no folder or one that contains no run, for more groups than there are colours, fewer than one
             episode, or a page that cannot be written.
     """
     if episodes < 1:
@@ -174,7 +174,7 @@ def table_of_runs(groups: Sequence[Group]) -> str:
 
 
 def steps_of(run: Run) -> int:
-    """How many environment steps its learning curve has come to."""
+    """Number of environment steps at the end of the learning curve."""
     return int(run.curve["timesteps"][-1]) if len(run.curve["timesteps"]) else 0
 
 
@@ -214,12 +214,12 @@ def table_of_metrics(task: str, groups: Sequence[Group]) -> str:
 
 
 def seeds_of(group: Group) -> str:
-    """How many seeds a group has, in brackets, if several."""
+    """Number of seeds of a group, in brackets, if there are several."""
     return f" ({len(group.runs)} seeds)" if len(group.runs) > 1 else ""
 
 
 def failures(groups: Sequence[Group]) -> str:
-    """How often the physics failed and why, and the worst episodes with what shows them."""
+    """Frequency and reasons of failures, and the worst episodes with the commands that show them."""
     lines = []
     for group in groups:
         count = sum(len(one.scores["return"]) for one in group.episodes)

@@ -1,7 +1,7 @@
-"""What is read of a run that is there already: its settings, its model and its curve, checked before anything is done.
+"""Read and check the settings, the model and the curve of a saved run before anything is changed.
 
-Files of a run may be cut, edited by hand or of another version of this program. Each that cannot be used is a
-ValueError that names the file and says what is wrong with it; nothing has been written then.
+Files of a run may be truncated, edited by hand or written by another version of this program. A file that cannot be
+used raises a ValueError, which names the file and the reason; nothing has been written then.
 """
 
 import json
@@ -51,7 +51,7 @@ def check_name(folder: Path) -> None:
 def text_of(path: Path, most: int) -> str:
     """The text of a file of at most so many bytes; ValueError with the reason if it cannot be read."""
     if not path.is_file():
-        raise ValueError("it is no file")
+        raise ValueError("it is not a file")
     try:
         with path.open("rb") as file:
             data = file.read(most + 1)
@@ -118,7 +118,7 @@ def restore(model: PPO, path: Path) -> PPO:
         state = {}
         for k, parameter in enumerate(p for group in optimizer.param_groups for p in group["params"]):
             kept = {"step": torch.zeros(()), "exp_avg": parameter, "exp_avg_sq": parameter}
-            if memory["state"]:  # else nothing was learnt yet
+            if memory["state"]:  # else there was no update yet
                 state[k] = _fitting(memory["state"][k], kept)
         policy.load_state_dict(found)
         optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
@@ -132,7 +132,7 @@ def restore(model: PPO, path: Path) -> PPO:
 def _parts(path: Path, limits: dict[str, int]) -> list[bytes]:
     """Parts of a zip archive, by their names; ValueError for one with more bytes than its limit, unpacked or not."""
     if not path.is_file() or path.stat().st_size > 2**20 + sum(limits.values()):
-        raise ValueError("it is no file, or larger than a model of these settings")
+        raise ValueError("it is not a file, or it is larger than a model of these settings")
     with ZipFile(path) as archive:
         parts = []
         for name, most in limits.items():
@@ -146,7 +146,7 @@ def _parts(path: Path, limits: dict[str, int]) -> list[bytes]:
 
 
 def _tensors(data: bytes) -> Any:
-    """What torch saved, if it is nothing but tensors in dictionaries and takes no more memory than its bytes."""
+    """Object that torch saved, if it is only tensors in dictionaries and takes no more memory than its bytes."""
     with ZipFile(BytesIO(data)) as archive:
         whole = archive.infolist()
         packed = any(info.compress_type != ZIP_STORED for info in whole)
@@ -193,7 +193,7 @@ def read_curve(path: Path) -> list[str]:
 
 
 def keep_of_other_versions(folder: Path, record: dict[str, Any]) -> None:
-    """If a run was trained with other versions than are installed, say which, and keep its model beside the new one."""
+    """If a run was trained with other versions than are installed, print them and save a copy of its model."""
     before, now = record.get("versions", {}), versions()
     last = {name: str(before.get(name, "unknown")).split(", ")[-1] for name in now}
     changed = [f"{name} {last[name]} (now {now[name]})" for name in now if last[name] != now[name]]
@@ -201,8 +201,8 @@ def keep_of_other_versions(folder: Path, record: dict[str, Any]) -> None:
         kept = folder / f"model_before_{record.get('resumed', 0) + 1}.zip"
         with replacing(kept) as partial:
             shutil.copyfile(folder / "model.zip", partial)
-        print(f"Warning: the run was trained with {', '.join(changed)}. It goes on with what is installed, which may "
-              f"learn otherwise; the model as it was is kept in {kept}.")  # fmt: skip
+        print(f"Warning: the run was trained with {', '.join(changed)}. Training continues with the installed "
+              f"versions, and its results may differ; the old model is saved in {kept}.")  # fmt: skip
 
 
 def joined_versions(record: dict[str, Any] | None) -> dict[str, str]:

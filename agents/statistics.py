@@ -44,5 +44,5 @@ def interval(scores: list[Scores], metric: str, generator: np.random.Generator) 
 
 
 def rounded(value: float) -> float | str:
-    """Four digits after the point, or nothing for what is not finite."""
+    """Format with four digits after the point; "" for a number that is not finite."""
     return round(float(value), 4) if np.isfinite(value) else ""

@@ -1,4 +1,4 @@
-"""Actions for pairs of muscles: what the upper and the lower muscle of a side have in common, and their difference.
+"""Actions for pairs of muscles: the mean of the upper and the lower muscle of a side, and their difference.
 
 Independent noise on every muscle mostly twists the fish; noise on pairs bends it, by which it finds out how to swim.
 The difference allows what pairs alone cannot do, roll and pitch.
@@ -13,7 +13,7 @@ from fish_env.bodies import Fish
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.sb3 import FishVecEnv
 
-APART = 0.4  # weight of the difference, beside what both have in common
+APART = 0.4  # weight of the difference, relative to the common part
 WIDE = 3.0  # a learner's actions are not clipped to [-1, 1]: those of the muscles are, after they are combined
 
 
@@ -70,7 +70,7 @@ class Synergies(VecEnvWrapper):
         self.venv.step_async(actions @ self.matrix)
 
     def step_wait(self):
-        """What the environment returns."""
+        """Return the results of the environment's step."""
         return self.venv.step_wait()
 
     def reset(self) -> VecEnvObs:

@@ -44,16 +44,16 @@ SEEDS = 2**32  # numpy's and Stable-Baselines3's are below
 
 @dataclass(frozen=True)
 class Request:
-    """What `train` is asked to do."""
+    """Arguments of `train`."""
 
     task: str
     """A key of `CONFIGS`."""
     seed: int | None = None
-    """Of the learner; fish i starts from seed + i. None is 0, or the seed of the run that is resumed."""
+    """Seed of the learner; fish i starts from seed + i. None is 0, or the seed of the run that is resumed."""
     root: Path = Path("runs")
-    """Where the folder of the run is made."""
+    """Folder in which the folder of the run is created."""
     folder: Path | None = None
-    """Where to save the run, instead of a new folder under `root`."""
+    """Folder to save the run in, instead of a new one under `root`."""
     resume: Path | None = None
     """The folder of an earlier run to resume, until its number of timesteps (or the one given) is reached."""
     start: Path | None = None
@@ -64,15 +64,15 @@ class Request:
     integrator: str | None = None
     """A key of `fish_env.INTEGRATORS` to train with; None takes the body's own."""
     dt: float | None = None
-    """Its step, s; None takes the one it has on that body by itself."""
+    """Step of the integrator, s; None takes its default step on that body."""
     learner: str = "compiled"
     """A key of `agents.build.LEARNERS`; both train the same policy, and a run may change from one to the other."""
     pictures: bool = True
-    """Make the pictures, the video and the table beside the baselines; else only evaluate the policy."""
+    """Make the pictures, the video and the table with the baselines; else only evaluate the policy."""
     changes: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `TrainConfig` to use instead of the task's; None is ignored."""
     stopped: Callable[[], bool] = bool
-    """Whether it is to stop, as by Ctrl-C: where C calls Python, an interruption by an exception may be lost."""
+    """Returns True to stop as by Ctrl-C: where C calls Python, an exception may be lost."""
 
 
 class Stopped(KeyboardInterrupt):
@@ -82,7 +82,7 @@ class Stopped(KeyboardInterrupt):
 def train(request: Request) -> Path:
     """Train, evaluate and report; returns the folder of the run.
 
-    Everything that is asked for is checked, and the folder is tried, before anything is computed or changed.
+    The request is checked, and the folder is tried, before anything is computed or changed.
 
     Raises:
         ImportError: if a package that is needed, or this one, is not installed.
@@ -139,12 +139,12 @@ def _save(model: PPO, folder: Path, about: dict) -> None:
         advice = "resume: the last checkpoint is unharmed" if saved else "train again: no checkpoint was saved either"
         raise RuntimeError(
             f"the model after {model.num_timesteps:,} environment steps could not be saved in {folder} "
-            f"({error.strerror or error}); make room there and {advice}"
+            f"({error.strerror or error}); free some space there and {advice}"
         ) from error
 
 
 def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]:
-    """Settings and seed of the run that is asked for, after a check; `resumed` is the config.json of a saved run."""
+    """Settings and seed of the requested run, after a check; `resumed` is the config.json of a saved run."""
     task, changes = request.task, {name: value for name, value in request.changes.items() if value is not None}
     if resumed is None:
         if task not in CONFIGS:

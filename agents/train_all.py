@@ -37,9 +37,9 @@ def train_all(
         tasks: keys of `CONFIGS`; None for all.
         jobs: runs side by side; None for one on each processor.
         integrator: a key of `fish_env.INTEGRATORS` to train with, FEWER seeds; None for the fish's own.
-        dt: its step, s; None for the one that it has by itself.
+        dt: its step, s; None for its default step.
         ray: address of a Ray cluster to run them on, "local" for one that is begun here; None for this machine without.
-        stopped: whether the runs are to be saved and ended, as by Ctrl-C.
+        stopped: returns True to save and end the runs, as by Ctrl-C.
 
     Raises:
         ValueError: for an unknown task, integrator or step, fewer than one job, a run with other settings than its
@@ -75,7 +75,7 @@ def train_all(
 
 
 def run(waiting: list[Job], work: list[Job], jobs: int | None, stopped: Callable[[], bool] = bool) -> list[Job]:
-    """Run those that wait, as many side by side as asked, until `stopped`; returns those that failed."""
+    """Run the waiting jobs, `jobs` at a time, until `stopped`; return those that failed."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None] * (os.cpu_count() or 1)
     slots: list[Job | None] = [None] * (jobs or len(processors))
     total, done, failed = sum(job.config.timesteps for job in work), sum(job.steps for job in work), []

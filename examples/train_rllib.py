@@ -158,7 +158,7 @@ def make_config(args: Args) -> PPOConfig:
 
 
 def policy_of(algorithm: PPO, args: Args) -> Policy:
-    """The mean action of what was trained, as a policy that numpy alone can run."""
+    """The mean action of the trained policy, as a policy that needs numpy only."""
     about = {"env_id": args.env_id, "env_options": json.loads(args.env_options), "seed": args.seed}
     algorithm.env_runner_group.sync_weights(from_worker_or_learner_group=algorithm.learner_group, inference_only=True)
     module = algorithm.get_module()

@@ -98,7 +98,7 @@ def list_all() -> None:
 
 
 def asked(spec) -> str:
-    """What an environment asks of the fish: the first sentence about its task."""
+    """Summary of the task of an environment: the first sentence of its docstring."""
     if "Stub" in spec.id:
         return "The spaces of Swim-v0 without physics, for unit tests."
     text = " ".join((inspect.getdoc(fish_env.TASKS[spec.kwargs["task"]]) or "").split("\n\n")[0].split())
@@ -120,7 +120,7 @@ def chosen_policy(arguments: argparse.Namespace) -> Policy:
 
 
 def evaluate_policy(arguments: argparse.Namespace) -> None:
-    """Print the means over the episodes, and write them if asked."""
+    """Print the means over the episodes, and write them to a file on request."""
     checked_episodes(arguments.episodes, arguments.seed)
     if arguments.to is not None:
         writable_file(arguments.to, (".json",))
@@ -138,7 +138,7 @@ def evaluate_policy(arguments: argparse.Namespace) -> None:
 
 
 def replay_file(path: Path, save: Path | None) -> int:
-    """Print what a replay finds, and write a film if asked; 1 for a replay that differs."""
+    """Print the result of a replay, and write a film on request; return 1 for a replay that differs."""
     recording = load_recording(path)
     found = replay(recording)
     print(found)
@@ -148,7 +148,7 @@ def replay_file(path: Path, save: Path | None) -> int:
 
 
 def compile_kernels(arguments: argparse.Namespace) -> None:
-    """Compile what was asked for, and say how many kernels are stored where."""
+    """Compile the requested kernels, and print how many are stored where."""
     tasks = arguments.task or list(fish_env.TASKS)
     for name, new, total in compile_ahead(tasks, arguments.body, arguments.dtype, arguments.integrator):
         print(f"{name}: {new} new kernels, {total} in all", flush=True)

@@ -377,7 +377,7 @@ def test_a_failed_run_leaves_the_saved_model(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(training.FastPPO, "save", fail)
-        with pytest.raises(RuntimeError, match=r"could not be saved in .*no space left.*make room there and resume"):
+        with pytest.raises(RuntimeError, match=r"could not be saved in .*no space left.*free some space there and"):
             train("swim", resume=folder, changes={"timesteps": 2048})
     assert {name: (folder / name).read_bytes() for name in before} == before
     assert not list(folder.glob(".*"))
@@ -592,7 +592,7 @@ def test_a_run_of_other_versions_is_resumed_with_a_warning(short_run, tmp_path, 
     before = (folder / "model.zip").read_bytes()
     train("swim", resume=folder, changes={"timesteps": 2048})
     said = capsys.readouterr().out
-    assert f"Warning: the run was trained with fish_env 0.0.1 (now {installed}). It goes on" in said
+    assert f"Warning: the run was trained with fish_env 0.0.1 (now {installed}). Training continues" in said
     assert (folder / "model_before_1.zip").read_bytes() == before != (folder / "model.zip").read_bytes()
     assert json.loads((folder / "config.json").read_text())["versions"]["fish_env"] == f"0.0.1, {installed}"
     train("swim", resume=folder, changes={"timesteps": 3072})

@@ -148,7 +148,7 @@ def test_every_shipped_policy_is_known():
 def test_a_policy_for_another_environment_is_an_error():
     """A policy does not act on observations or actions of another size."""
     policy = load_policy(shipped_policy("swim"))
-    with pytest.raises(ValueError, match=r"turns 156 numbers into 12 actions; the environment shows 162"):
+    with pytest.raises(ValueError, match=r"turns 156 numbers into 12 actions; the environment returns 162"):
         policy_controller(policy, make_eval_env("FishEnv/Avoid-v0", 1, {}))
 
 

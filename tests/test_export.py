@@ -216,7 +216,7 @@ def test_a_policy_alone():
 def test_a_wrapper_that_combines_actions_may_not_stack_frames():
     """With the matrix of a wrapper, what is seen must still be what the environment shows."""
     model = learner(VecFrameStack(fish(), 2))
-    with pytest.raises(ValueError, match=r"sees observations of shape \(312,\), the environment shows \(156,\)"):
+    with pytest.raises(ValueError, match=r"expects observations of shape \(312,\), the environment returns \(156,\)"):
         export_policy(model, {}, np.eye(12))
 
 

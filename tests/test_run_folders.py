@@ -405,7 +405,7 @@ def test_what_would_stand_in_the_way_at_the_end_is_refused_at_the_beginning(name
     """A folder in place of a file that is written when the training is over."""
     (place / "run" / name).unlink(missing_ok=True)
     (place / "run" / name).mkdir()
-    with pytest.raises(ValueError, match=f"{name} is no file"):
+    with pytest.raises(ValueError, match=f"{name} is not a file"):
         train({"timesteps": 1024}, resume=place / "run")
 
 

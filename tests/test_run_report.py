@@ -91,9 +91,9 @@ def test_no_run(runs, tmp_path):
         with pytest.raises(ValueError, match=message):
             run_report.write_report(folders, tmp_path / "page.html", **{"episodes": 2} | options)
 
-    refused("bad is no training run: it is not a folder")
+    refused("bad is not a training run: it is not a folder")
     bad.mkdir()
-    refused("bad is no training run: it holds no config.json, curve.csv, policy.npz; give a folder that")
+    refused("bad is not a training run: it holds no config.json, curve.csv, policy.npz; give a folder that")
     for name in ("config.json", "policy.npz", "curve.csv"):
         shutil.copy(runs / "seed0" / name, bad)
     good = (bad / "config.json").read_text()
@@ -204,7 +204,7 @@ def test_command(runs, monkeypatch, capsys, tmp_path):
     assert f"written to {page}" in capsys.readouterr().out
     monkeypatch.setattr("sys.argv", ["train.py", "report", str(tmp_path)])
     assert train.main() == 2
-    assert "is no training run: it holds no config.json" in capsys.readouterr().err
+    assert "is not a training run: it holds no config.json" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -82,7 +82,7 @@ def test_every_keyword_is_settable_or_refused():
             with pytest.raises(AttributeError, match=f"{name!r} cannot be set .* choose from .*max_episode_steps"):
                 env.set_attr(name, 1.0)
     swim, spatial = FishVectorEnv(2), FishVectorEnv(2, task="target", dimensions=3)
-    with pytest.raises(ValueError, match="would change what is observed"):
+    with pytest.raises(ValueError, match="would change the observation"):
         swim.set_attr("speed", 1.0)
     spatial.set_attr("elevation", 0.1)
     assert spatial.task.elevation == 0.1

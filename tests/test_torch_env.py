@@ -217,7 +217,7 @@ def test_positions_of_a_closed_batch(emulated):
     other.reset(seed=3)
     np.testing.assert_array_equal(other.position, env.tank.position)
     other.close()
-    with pytest.raises(RuntimeError, match="is closed, and its memory given back"):
+    with pytest.raises(RuntimeError, match="is closed and its memory is freed"):
         _ = other.position
 
 

@@ -28,7 +28,7 @@ def projected_size(size: float, distance: float, focal: float) -> float:
 
 
 def facet_gap(level: int) -> float:
-    """How far the middle of the longest edge of a uniform sphere is below the sphere, over its radius.
+    """Largest gap between an edge of a uniform sphere's mesh and the sphere, over its radius.
 
     Raises:
         ValueError: for a level outside 0 to FINEST.
@@ -46,7 +46,7 @@ class LevelOfDetail:
     """
 
     radius: float = 0.1
-    """Of the sphere, m."""
+    """Radius of the sphere, m."""
     pixels: float = 1.0
     """Largest gap allowed."""
     margin: float = 0.2
@@ -80,7 +80,7 @@ class LevelOfDetail:
 
 
 def carried_over(old: Layered, new: Layered, values) -> np.ndarray:
-    """What nodes have, positions (N,3) m or velocities (N,3) m/s, for the nodes (M,3) of another level of an object.
+    """Positions (N,3) m or velocities (N,3) m/s of nodes, interpolated to the nodes (M,3) of another level.
 
     Each layer's values are an affine map of its places at rest, fitted by least squares, and a remainder, which is
     interpolated between the nearest nodes at rest. So affine motion, rigid motion included, is carried over exactly,

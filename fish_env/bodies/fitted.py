@@ -1,4 +1,4 @@
-"""What `benchmarks/calibration/fit.py` fitted for a body."""
+"""Parameters of a body that `benchmarks/calibration/fit.py` fitted."""
 
 import json
 
@@ -9,7 +9,7 @@ from fish_env.kernels.data import data
 
 
 def fitted(body: str, shapes: dict[str, tuple], **given) -> list[np.ndarray]:
-    """The numbers a user gave, and in place of those that are None what was fitted; arrays of the given shapes.
+    """Parameters as arrays of the given shapes; None is replaced by the fitted value.
 
     Raises:
         ValueError: for an array of another shape, or a number that is not positive.

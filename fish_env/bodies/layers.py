@@ -14,47 +14,50 @@ NO_FACES = np.zeros((0, 4), np.int64)
 OPTIONAL = ("outer_relaxation_time", "inner_relaxation_time", "radius_relaxation_time", "shear_relaxation_time",
             "density", "inner_density")  # fmt: skip
 BETWEEN = ("inner_", "gap_", "radius_", "shear_", "barrier_")
-"""What the names of materials begin with that one layer alone does not have."""
+"""Prefixes of the materials that an object of a single layer does not have."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TwoLayers:
-    """Materials of a ring or a sphere. Of the flat ring, pressures are in N/m."""
+    """Materials of a ring or a sphere. Pressures of the flat ring are in N/m."""
 
     radius: float = 0.1
-    """Of the outer layer, m."""
+    """Radius of the outer layer, m."""
     inner_radius: float = 0.07
-    """Of the inner layer, m, less than the outer one."""
+    """Radius of the inner layer, m, less than the outer one."""
     mass: float
-    """Of the outer layer, kg, the same for each of its nodes."""
+    """Mass of the outer layer, kg, the same for each of its nodes."""
     inner_mass: float
-    """Of the inner layer, kg."""
+    """Mass of the inner layer, kg."""
     stiffness: float
-    """Of a structural spring of the outer layer, N/m."""
+    """Stiffness of a structural spring of the outer layer, N/m."""
     inner_stiffness: float
-    """Of a structural spring of the inner layer, N/m."""
+    """Stiffness of a structural spring of the inner layer, N/m."""
     radius_stiffness: float
-    """Of a radius spring, N/m."""
+    """Stiffness of a radius spring, N/m."""
     shear_stiffness: float
-    """Of a shear spring, N/m."""
+    """Stiffness of a shear spring, N/m."""
     relaxation_time: float = 0.002
     """Damping over stiffness of every spring whose kind has none of its own below, s; may be zero."""
     outer_relaxation_time: float | None = None
-    """Of the structural springs of the outer layer, s; None takes `relaxation_time`, as for the next three."""
+    """Relaxation time of the structural springs of the outer layer, s.
+
+    None takes `relaxation_time`, as for the next three.
+    """
     inner_relaxation_time: float | None = None
-    """Of the structural springs of the inner layer, s."""
+    """Relaxation time of the structural springs of the inner layer, s."""
     radius_relaxation_time: float | None = None
-    """Of the radius springs, s."""
+    """Relaxation time of the radius springs, s."""
     shear_relaxation_time: float | None = None
-    """Of the shear springs, left and right ones, s."""
+    """Relaxation time of the shear springs, left and right ones, s."""
     density: float | None = None
-    """Of the outer layer, kg/m2 of its faces, of a ring kg/m, instead of `mass`: a node has its share of them."""
+    """Density of the outer layer, kg/m2 of its faces (kg/m for a ring); replaces `mass`. Faces share it among nodes."""
     inner_density: float | None = None
-    """Of the inner layer, instead of `inner_mass`."""
+    """Density of the inner layer; replaces `inner_mass`."""
     pressure: float
-    """Of the gas in the inner layer at rest, Pa over that outside; zero for none."""
+    """Pressure of the gas in the inner layer at rest, Pa above that outside; zero for none."""
     gap_pressure: float
-    """Of the gas between the layers at rest, Pa over that outside; zero for none."""
+    """Pressure of the gas between the layers at rest, Pa above that outside; zero for none."""
     barrier_energy: float = 0.02
     """Scale of the barrier that keeps an inner node behind an outer face, J."""
 
@@ -81,7 +84,7 @@ def chosen_materials(standard: TwoLayers, changes: dict, layers=2) -> TwoLayers:
     """The standard materials with some changed, for one layer or two.
 
     Raises:
-        ValueError: for an unknown name, a value that is not allowed, a mass beside a density of the same layer, or a
+        ValueError: for an unknown name, a value that is not allowed, a mass and a density of the same layer, or a
             material of the inner layer, of its gas or of what joins it where there is one layer only.
     """
     names = [field.name for field in fields(TwoLayers)]

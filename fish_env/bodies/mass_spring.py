@@ -91,15 +91,15 @@ class MassSpringParameters:
     """Shape, material and muscles of the default fish; `calibrated()` are the values it has."""
 
     length: float
-    """Nose to tail tip, m. Stiffness and damping grow as its cube, so motion stays the same in lengths and seconds."""
+    """Nose to tail tip, m. Stiffness and damping grow as its cube: motion in body lengths and seconds is the same."""
     layer_position: tuple[float, ...]
-    """Distance of the five square layers from the nose, in lengths."""
+    """Distance of the five square layers from the nose, body lengths."""
     half_depth: tuple[float, ...]
-    """Half the depth (z) of the five layers, in lengths."""
+    """Half the depth (z) of the five layers, body lengths."""
     half_width: tuple[float, ...]
-    """Half the width (y) of the five layers, in lengths."""
+    """Half the width (y) of the five layers, body lengths."""
     tail_half_span: float
-    """Half the height of the caudal fin at its tips, in lengths."""
+    """Half the height of the caudal fin at its tips, body lengths."""
     stiffness: tuple[float, float, float]
     """c of the cross, muscle and other springs for a fish of 0.2 m, N/m."""
     taper: tuple[float, ...]
@@ -111,13 +111,13 @@ class MassSpringParameters:
     mass_factor: tuple[float, ...]
     """Factor on the mass of each layer, nose to tail tips, before masses get the mass, centre and inertia they have."""
     water_place: tuple[float, ...]
-    """Where along the head, the sections between layers and the tail fin the water is felt, from 0 to 1 backward."""
+    """Place at which the drag acts on the head, the sections between layers and the tail fin, from 0 to 1 backward."""
     water_drag: tuple[float, ...]
     """Factor on the drag of the head, the four sections between layers, and the tail fin."""
     contracted: tuple[float, float, float]
     """Rest length at full contraction over natural length, for the three muscle segments."""
     drag_coefficient: float
-    """Of the water the fish is made for: of a face moving along its normal."""
+    """Drag coefficient of the fish's own water, of a face moving along its normal."""
     contraction_time: float
     """Shortest time from natural length to full contraction, s, where there is no activation time."""
     activation_time: tuple[float, float]
@@ -179,15 +179,15 @@ def masses(parameters: MassSpringParameters) -> np.ndarray:
 
 
 def along(factors, sections) -> np.ndarray:
-    """Factors (6,) on what is in the six sections, at any places between them, as `topology` numbers these."""
+    """Factors (6,) of the six sections, at any places between them, as `topology` numbers these."""
     return np.exp(np.interp(sections, np.arange(6), np.log(factors)))
 
 
 def felt(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Where the water is felt on the faces of `topology`, (24,4), and the factor on its drag, (24,).
+    """Weights (24,4) of the corners in the point of each face of `topology` where its drag acts; drag factors (24,).
 
-    A section bends and rotates, and one point of a face sees neither: where it lies and how much it counts are fitted.
-    The two faces that close the tail fin above and below are felt in their middle.
+    A section bends and rotates, and a single point of a face samples neither. Place and factor are therefore fitted.
+    On the two faces that close the tail fin above and below, the drag acts in their middle.
     """
     *_, faces = topology()
     layer = np.repeat(np.arange(7), [len(nodes) for nodes in LAYERS])[faces]

@@ -18,7 +18,7 @@ POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact for polynomials of
 
 
 class Moments(NamedTuple):
-    """Of a body whose plane of symmetry is the xz plane, and whose x axis is its axis."""
+    """Moments of a body that is symmetric about the xz plane and whose axis is the x axis."""
 
     mass: float
     """kg."""
@@ -85,7 +85,7 @@ def matched(mass, position, wanted: Moments, solid: bool) -> np.ndarray:
     Args:
         mass: (N,) kg, positive, to start from.
         position: (N,3) m, symmetrical about the xz plane.
-        wanted: what the masses are to have.
+        wanted: moments that the masses should have.
         solid: True for all three moments of inertia; False for yaw alone, which is what a body whose nodes all lie on
             its outline can have.
 

@@ -39,7 +39,7 @@ SPHERE = TwoLayers(
 )  # fmt: skip
 
 
-GLOBE = replace(SPHERE, stiffness=150.0, inner_stiffness=100.0, barrier_energy=0.3)  # few springs bear the pressure
+GLOBE = replace(SPHERE, stiffness=150.0, inner_stiffness=100.0, barrier_energy=0.3)  # few springs carry the pressure
 
 
 @representable("the string")
@@ -54,7 +54,7 @@ def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_tim
         relaxation_time: damping over stiffness, s.
 
     Raises:
-        ValueError: naming the argument, what it holds, and what is allowed.
+        ValueError: naming the argument, its value, and what is allowed.
     """
     nodes = whole(nodes, "nodes", 2)
     fits_memory(nodes, 1000, "nodes")
@@ -87,7 +87,7 @@ def make_ring(nodes=12, layers=2, **materials) -> Layered:
         materials: fields of `TwoLayers`; those not given are those of RING.
 
     Raises:
-        ValueError: naming the argument, what it holds, and what is allowed.
+        ValueError: naming the argument, its value, and what is allowed.
     """
     nodes = whole(nodes, "nodes", 3)
     fits_memory(nodes, 64 * nodes, "nodes")  # the gas joins every node to every other
@@ -105,7 +105,7 @@ def make_sphere(slices=12, stacks=8, layers=2, **materials) -> Layered:
         materials: fields of `TwoLayers`; those not given are those of GLOBE.
 
     Raises:
-        ValueError: naming the argument, what it holds, and what is allowed.
+        ValueError: naming the argument, its value, and what is allowed.
     """
     slices, stacks = whole(slices, "slices", 3), whole(stacks, "stacks", 2)
     fits_memory(slices * stacks, 64 * slices * stacks, "slices times stacks")
@@ -126,7 +126,7 @@ def make_uniform_sphere(level=2, correction=True, layers=2, **materials) -> Laye
         materials: fields of `TwoLayers`; those not given are those of SPHERE.
 
     Raises:
-        ValueError: naming the argument, what it holds, and what is allowed.
+        ValueError: naming the argument, its value, and what is allowed.
     """
     skin = octasphere(whole(level, "level", 0, FINEST))
     factor = evened(skin.edges) if correction else np.ones(len(skin.edges))

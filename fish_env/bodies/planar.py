@@ -115,7 +115,7 @@ def masses(p) -> np.ndarray:
 
 
 def projected(p):
-    """What the default fish's springs come to in the plane, N/m.
+    """Stiffness of the default fish's springs, projected onto the plane, N/m.
 
     Returns:
         chord (6,) of each side of a section, diagonal (6,) of each of two, across (7,) a layer, active (6,) the

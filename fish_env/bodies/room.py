@@ -1,4 +1,4 @@
-"""What every elastic object is beside a body, where it falls and what is seen of it; and the room it is in."""
+"""Base class of elastic objects: a body with the direction of gravity and its skin; and the room around it."""
 
 from dataclasses import dataclass, field
 
@@ -17,7 +17,7 @@ class InRoom(ElasticObject):
     """An elastic object that falls, is thrown and is dragged in a room."""
 
     down: np.ndarray
-    """(3,) where gravity pulls, a unit vector: -y for the ring, -z for solid objects, along the string."""
+    """(3,) direction of gravity, a unit vector: -y for the ring, -z for solid objects, along the string."""
     outer: np.ndarray
     """Nodes of the surface: those that a mouse may drag."""
     skin: np.ndarray
@@ -25,7 +25,7 @@ class InRoom(ElasticObject):
     inner: np.ndarray = field(default_factory=NOTHING.copy)
     """Nodes of an inner layer, the partners of the outer ones in the same order; of most objects none."""
     kinds: dict[str, slice] = field(default_factory=dict)
-    """Which springs are of which kind."""
+    """Springs of each kind."""
 
 
 def room(down, size: float, restitution=0.5, gravity=GRAVITY, closed=False) -> World:

@@ -1,7 +1,7 @@
 """Elastic objects of finite elements: a beam, a block, a ball and a bar of two materials, of tetrahedra. SI units.
 
-They stand beside Song's objects of springs and gas, in rooms of the same kind: walls, gravity and the drag spring act
-on them alike. There is no plasticity: what is not torn comes back to its shape.
+They complement Song's objects of springs and gas, in rooms of the same kind, with the same walls, gravity and drag
+spring. There is no plasticity: what is not torn returns to its shape.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -60,7 +60,7 @@ def make_beam(cells=10, *, across=2, length=0.4, thickness=0.08, clamped=False, 
         material: fields of `SolidMaterial`; those not given are those of SOFT.
 
     Raises:
-        ValueError: naming the argument, what it holds, and what is allowed.
+        ValueError: naming the argument, its value, and what is allowed.
     """
     mesh = bar(cells, across, length, thickness)
     return solid("beam", mesh, (chosen(SOFT, material),), strain, clamped=clamped)
@@ -84,7 +84,7 @@ def make_ball(cells=4, *, radius=0.1, strain="corotational", **material) -> Soli
         material: fields of `SolidMaterial`; those not given are those of SOFT.
 
     Raises:
-        ValueError: naming the argument, what it holds, and what is allowed.
+        ValueError: naming the argument, its value, and what is allowed.
     """
     positive_array(radius, (), "radius (m)")
     mesh = bar(cells, cells, 2.0, 2.0)
@@ -113,7 +113,7 @@ def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=S
         strain: the measure of strain (`make_tets`).
 
     Raises:
-        ValueError: naming the argument, what it holds, and what is allowed.
+        ValueError: naming the argument, its value, and what is allowed.
     """
     if whole(cells, "cells", 2) % 2:
         raise ValueError(f"cells is {cells}; give an even number, half of them for each material")

@@ -73,7 +73,7 @@ def make_two_layer(
         contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
         contraction_time=float(p.contraction_time),
         activation_time=p.activation_time,
-        time_step=float(p.time_step) / 4,  # half of what barriers bear under oscillating commands
+        time_step=float(p.time_step) / 4,  # half of the largest stable step of barriers under oscillating commands
         control_interval=float(p.control_interval),
         water=make_water(WATER_DENSITY, p.drag_coefficient),
         nose=tu.NOSE,

@@ -1,4 +1,4 @@
-"""How a command line ends: with an exit status, at most one line that says what is wrong, and no traceback."""
+"""End of a command line: an exit status, at most one line with the error, and no traceback."""
 
 import os
 import sys

@@ -35,7 +35,7 @@ HARMLESS = (VecMonitor, VecCheckNan, VecNormalize, VecVideoRecorder)
 
 
 class Reflection(NamedTuple):
-    """How left and right are exchanged: observations `obs[place] * sign`, actions `action[swap]`."""
+    """Exchange of left and right: observations `obs[place] * sign`, actions `action[swap]`."""
 
     place: np.ndarray  # (D,)
     sign: np.ndarray  # (D,)
@@ -43,7 +43,7 @@ class Reflection(NamedTuple):
 
 
 def reflection_of(env: FishVectorEnv) -> Reflection:
-    """How left and right are exchanged in an environment."""
+    """Exchange of left and right in an environment."""
     muscles = env.tank.fish.mirrored_muscles
     return Reflection(*env.layout.reflection(), env.groups[muscles[env.first_muscle_of_group]])
 
@@ -205,7 +205,7 @@ def export_policy(
     biases[0] = biases[0] - np.broadcast_to(offset, len(weights[0])) @ weights[0]
     weights, biases = (tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases))
     if not all(np.isfinite(array).all() for array in (*weights, *biases)):
-        raise ValueError("the policy holds numbers that are not finite: its training has diverged")
+        raise ValueError("the policy has numbers that are not finite: its training has diverged")
     return Policy(weights, biases, about)
 
 
@@ -229,7 +229,7 @@ def _observed(model: BaseAlgorithm, combined: bool) -> tuple[Any, Any]:
     assert env is not None  # under its wrappers there is one
     seen, shown = model.observation_space.shape, env.observation_space.shape
     if seen != shown:
-        raise ValueError(f"the policy sees observations of shape {seen}, the environment shows {shown}")
+        raise ValueError(f"the policy expects observations of shape {seen}, the environment returns {shown}")
     return offset, scale
 
 

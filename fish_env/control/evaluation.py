@@ -64,7 +64,7 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
 
 
 def checked_episodes(episodes: int, seed: int) -> tuple[int, int]:
-    """How many episodes to run, and the seed of the first one; ValueError for none, or for a seed below zero."""
+    """Number of episodes and seed of the first one; ValueError for no episode, or for a seed below zero."""
     if not (is_whole(seed) and seed >= 0):
         raise ValueError(f"seed is {seed!r}; give a whole number, zero or more")
     return checked_count(episodes, "episodes"), int(seed)

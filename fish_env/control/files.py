@@ -54,7 +54,7 @@ def writable_file(path: str | Path, endings: tuple[str, ...]) -> Path:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new file beside `path` to write to, which replaces `path` when the block ends without an error.
+    """A new file next to `path` to write to, which replaces `path` when the block ends without an error.
 
     An interruption leaves the old file or the new one, never a part of it; a kill may leave the part, under a name of
     its own that begins with a point. Nobody can guess that name, and what has it already is not written to: neither

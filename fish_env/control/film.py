@@ -1,6 +1,6 @@
 """Recorded episodes as a film: a video, or one HTML page that turns in 3-D and needs neither network nor server.
 
-The page holds the landmarks of every state in 16 bits a coordinate and the skin as weights of landmarks. A renderer in
+The page has the landmarks of every state in 16 bits a coordinate and the skin as weights of landmarks. A renderer in
 plain JavaScript and WebGL draws them (film.js, film_player.js).
 """
 
@@ -31,7 +31,7 @@ STEPS = 65535  # of a number in 16 bits
 
 
 class Reel(NamedTuple):
-    """What is shown of one episode of T states. L landmarks, M muscles, S spheres."""
+    """Scene of one episode of T states, with L landmarks, M muscles and S spheres."""
 
     title: str
     interval: float  # s between two states
@@ -40,14 +40,14 @@ class Reel(NamedTuple):
     centre: np.ndarray  # (T,3) centre of mass, m
     speed: np.ndarray  # (T,) of the centre of mass, body lengths per second
     contraction: np.ndarray  # (T,M) 0 natural, 1 full
-    command: np.ndarray  # (T,3) where the fish is told to go, of any length
+    command: np.ndarray  # (T,3) commanded direction, of any length
     spheres: np.ndarray  # (T,S,4) centres, m, and radii, body lengths
     gained: np.ndarray  # (T,) sum of the rewards so far
     note: str  # why the physics failed, if it did
 
 
 class Cast(NamedTuple):
-    """What all episodes of a film share."""
+    """Data that all episodes of a film share."""
 
     fish: Any
     touchable: bool  # whether spheres are targets, or obstacles
@@ -99,7 +99,7 @@ def _check_spheres(reels: Sequence[Reel]) -> None:
 
 
 def _shown(recordings: Sequence[Recording]) -> tuple[Cast, list[Reel]]:
-    """What is shown of recordings, or ValueError unless they are of one environment."""
+    """Scenes of recordings; ValueError unless they are of one environment."""
     made_of = [(one.about["env_id"], one.about["env_options"]) for one in recordings]
     if not made_of or any(one != made_of[0] for one in made_of):
         raise ValueError(f"there are {len(made_of)} recordings; give at least one, all of one environment and keywords")
@@ -124,7 +124,7 @@ def _cast(recording: Recording) -> Cast:
 
 
 def _reel(recording: Recording, fish: Any) -> Reel:
-    """What is shown of a recording of this fish, or ValueError if it is of another one."""
+    """Scene of a recording of this fish; ValueError if it is of another fish."""
     held = recording.position.shape[1:], recording.velocity.shape[1:], recording.rest_length.shape[1:]
     needed = fish.body.position.shape, fish.body.position.shape, fish.body.springs.rest_length.shape
     if held != needed:

@@ -28,7 +28,7 @@ LARGEST = 2**20  # bytes of such a file; that of the default fish has 4,000
 class Turn:
     """One row of left-turn-MC's table: bend to the left, hold, straighten more slowly.
 
-    Some of the strokes of swimming go on meanwhile: a fish that only bends loses its speed, and then no longer turns.
+    Some of the strokes of swimming continue: a fish that only bends loses its speed, and then no longer turns.
     """
 
     angle: float
@@ -40,13 +40,13 @@ class Turn:
     tail: float
     """The same of segment 2, -1 to 1; negative: of its right muscles."""
     strokes: float
-    """Part of swimming's strokes that goes on during the turn, 0 to 1."""
+    """Part of swimming's strokes that continues during the turn, 0 to 1."""
     hold: float
     """Time from the start until the fish begins to straighten, s: contraction and hold."""
     straighten: float
     """Time over which the bend is released and the strokes grow to their full size, s."""
     phase: float
-    """Where in the beat the strokes go on from when the turn begins, beats."""
+    """Phase of the beat at which the strokes continue when the turn begins, beats."""
 
     def __post_init__(self):
         numbers = [real(getattr(self, field.name)) for field in fields(self)]
@@ -63,7 +63,7 @@ class Swim:
     """One row of swim-MC's table: amplitude r and frequency s of the anterior and the posterior swimming segment."""
 
     speed: float
-    """Speed that it gives, body lengths per second."""
+    """Resulting speed, body lengths per second."""
     r1: float
     """Contraction amplitude of segment 1, 0 to 1."""
     s1: float
@@ -121,7 +121,7 @@ def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it holds no tables of motor controllers, or cannot be read.
+        ValueError: if it contains no tables of motor controllers, or cannot be read.
     """
     try:
         with path.open("rb") as file:

@@ -19,9 +19,9 @@ import numpy as np
 LARGEST = 32 * 2**20
 """Bytes that any file may unpack to, about 17,000 states of the default fish."""
 RATIO = 4
-"""How many times its own size a file may unpack to, if that is more."""
-TEXT = 2**18  # characters of a text: what a file says of itself has some hundreds
-DEPTH, DIGITS = 20, 100  # of what a file says of itself: lists in lists, and digits of a whole number
+"""Largest unpacked size of a file over its own size, if that is more."""
+TEXT = 2**18  # characters of a text: the description of a file has some hundreds
+DEPTH, DIGITS = 20, 100  # of the description of a file: lists in lists, and digits of a whole number
 DIRECTORY = 2**16  # bytes of a zip file's list of parts, of which each takes about 60
 HEAD = 2000  # bytes of the head of an array
 CHUNK = 2**18  # bytes that are unpacked at once
@@ -34,7 +34,7 @@ DAMAGED = (
     ValueError, TypeError, LookupError, ArithmeticError, OSError, EOFError, RuntimeError, MemoryError, struct.error,
     zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What Python raises for files that are truncated, encrypted, changed or something else."""
+"""Exceptions that Python raises for files that are truncated, encrypted, changed or something else."""
 
 
 class Part(NamedTuple):
@@ -52,7 +52,7 @@ class Npz:
     """An opened .npz file: its `parts` by name, and `read`, which unpacks one of them.
 
     Raises:
-        ValueError: if it is truncated, damaged, pickled or encrypted, holds a part twice or parts that overlap, or
+        ValueError: if it is truncated, damaged, pickled or encrypted, has a part twice or parts that overlap, or
             unpacks to more than `LARGEST` bytes and `RATIO` times its size.
     """
 
@@ -117,11 +117,11 @@ class Npz:
             return array.reshape(part.shape[::-1]).T if part.fortran else array.reshape(part.shape)
 
     def whole(self, name: str) -> int | None:
-        """A whole number; None if the file holds none of that name."""
+        """A whole number; None if the file has none of that name."""
         return self._single(name, "iu", int)
 
     def text(self, name: str) -> str | None:
-        """A text; None if the file holds none of that name."""
+        """A text; None if the file has none of that name."""
         return self._single(name, "U", str)
 
     def _single(self, name: str, kinds: str, made: Any) -> Any:
@@ -168,7 +168,7 @@ def _opened(file) -> zipfile.ZipFile:
 
 
 def read_about(text: str) -> dict[str, Any]:
-    """What a file says of itself, from JSON.
+    """Description of a file, from its JSON text.
 
     Raises:
         ValueError: for other JSON than a dictionary, text of more than `TEXT` characters, lists in lists more than
@@ -187,7 +187,7 @@ def read_about(text: str) -> dict[str, Any]:
 
 
 def write_about(about: Mapping[str, Any]) -> str:
-    """JSON that `read_about` reads; ValueError for what it does not."""
+    """JSON that `read_about` can read; ValueError for values that it cannot."""
     text = json.dumps(dict(about))
     read_about(text)
     return text

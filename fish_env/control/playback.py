@@ -33,8 +33,8 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
         changes: keywords of the environment that replace those of the training, such as `body`; None is ignored.
 
     Raises:
-        ValueError: for no episode or a seed below zero; if there is no display and no file was asked for, the file
-            cannot be written, a keyword is not allowed, or an .npz file was asked for with several episodes.
+        ValueError: for no episode or a seed below zero; if there is no display and no file was requested, the file
+            cannot be written, a keyword is not allowed, or an .npz file was requested with several episodes.
         gymnasium.error.DependencyNotInstalled: without pygame, or without moviepy for a video.
     """
     from fish_env.render import WindowClosed  # pygame is loaded only when something is drawn
@@ -82,7 +82,7 @@ def _keep(policy: Policy, seed: int, episodes: int, path: Path, changes: dict[st
 
 
 def has_display() -> bool:
-    """Whether a window can be opened, as far as that can be known without trying."""
+    """Return True if a window can be opened, as far as that can be known without trying."""
     display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
     return display or not sys.platform.startswith("linux")
 

@@ -52,8 +52,8 @@ class Policy:
         wanted, given = (self.weights[0].shape[0], self.weights[-1].shape[1]), (*observations.shape, *actions.shape)
         if wanted != given:
             raise ValueError(
-                f"the policy turns {wanted[0]} numbers into {wanted[1]} actions; the environment shows {given[0]} and "
-                f"takes {given[1]}: train a new policy, or give the options that it was trained with"
+                f"the policy turns {wanted[0]} numbers into {wanted[1]} actions; the environment returns {given[0]} "
+                f"and takes {given[1]}: train a new policy, or give the options that it was trained with"
             )
 
     def save(self, path: str | Path) -> None:

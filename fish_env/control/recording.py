@@ -1,4 +1,4 @@
-"""An episode as a file: what it was made of, its actions, and every state, so that it can be plotted and replayed."""
+"""An episode as a file: its environment, its actions, and every state, so that it can be plotted and replayed."""
 
 import math
 import os
@@ -51,7 +51,7 @@ class Recording:
     failure: np.ndarray
     """(T+1,) index into `fish_env.physics.failures.FAILURES`, 0 while the simulation is valid."""
     counters: np.ndarray
-    """(T+1,C) what the simulation has cost since the reset, the names of `Tank.counters`."""
+    """(T+1,C) cost of the simulation since the reset, in the order of `Tank.counters`."""
     variation: np.ndarray
     """(6,) factors on stiffness, mass and drag, and the current, m/s (`Tank.vary`)."""
     terms: np.ndarray
@@ -67,7 +67,7 @@ class Recording:
 
     @property
     def steps(self) -> int:
-        """T, how many environment steps it holds."""
+        """T, the number of environment steps."""
         return len(self.action)
 
     def save(self, path: str | Path) -> Path:
@@ -111,7 +111,7 @@ WHOLE, TRUTHS = ("failure", "counters"), ("terminated",)
 
 
 def versions() -> dict[str, str]:
-    """What the bits of a simulation depend on: versions of Python, of packages and of the layout, and the sources."""
+    """Versions that the bits of a simulation depend on: Python, packages, the layout and the sources."""
     found = {name: version(name) for name in ("numpy", "numba", "gymnasium")}
     return {
         "fish_env": fish_env.__version__,
@@ -226,7 +226,7 @@ def env_of(about: Mapping[str, Any]) -> gym.Env:
     """The environment that a recording was made in.
 
     Raises:
-        ValueError: if it is not registered, refuses the keywords, or is not one of fish.
+        ValueError: if it is not registered, rejects the keywords, or is not one of fish.
     """
     try:
         return one_fish(*stated(about))

@@ -18,12 +18,12 @@ RESULTS = ("reward", "terms", "terminated")
 
 
 class Replay(NamedTuple):
-    """What a replay found. As a truth value it is ambiguous: ask for `same`."""
+    """Result of a replay. Its truth value is ambiguous: use `same`."""
 
     same: bool
-    """Whether every state, reward and term has the same bits."""
+    """True if every state, reward and term has the same bits."""
     steps: int
-    """How many environment steps were simulated and compared."""
+    """Number of environment steps that were simulated and compared."""
     message: str
     """One sentence: that all is the same, or where it first differs, and which versions differ."""
 
@@ -175,7 +175,7 @@ def _described(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
 def _controller(
     given: Policy | Controller | np.ndarray, bare: FishEnv, limit: int | None
 ) -> tuple[Callable[[np.ndarray, float], np.ndarray], int | None]:
-    """What gives the actions, and after how many environment steps to stop."""
+    """Controller of the actions, and number of environment steps after which to stop."""
     if limit is not None and (not is_whole(limit) or limit < 1):
         raise ValueError(f"steps is {limit!r}; give a whole number, at least 1, or None")
     limit = None if limit is None else int(limit)
@@ -192,7 +192,7 @@ def _controller(
 
 
 def _first_difference(found: Recording, episode: Episode) -> str | None:
-    """Where the episode, simulated along the recorded actions, first differs; None if it does not."""
+    """First difference of the episode, simulated along the recorded actions; None if there is none."""
     for step in range(found.steps + 1):
         if step:
             episode.step(found.action[step - 1])
@@ -213,7 +213,7 @@ def _first_difference(found: Recording, episode: Episode) -> str | None:
 
 
 def _compared(name: str, recorded: Any, now: Any) -> str | None:
-    """How two arrays of numbers differ in their bits, naming the first place; None if they do not."""
+    """Description of the first place at which two arrays differ in their bits; None if they do not differ."""
     recorded, now = np.atleast_1d(recorded), np.atleast_1d(now)
     if recorded.shape != now.shape:
         return f"{name}: its shape was {recorded.shape} and is {now.shape}"

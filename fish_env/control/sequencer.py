@@ -20,7 +20,7 @@ from fish_env.tasks.turns import CommandedTurns
 
 
 class Aim(NamedTuple):
-    """Where B fish are to go next, in their own frames."""
+    """Directions and speeds that B fish aim at, in their own frames."""
 
     error: np.ndarray  # (B,) rad, angle from where they point to where they are to go
     climb: np.ndarray  # (B,) rad, the same upwards
@@ -38,13 +38,13 @@ class Habits:
     jump: float = np.radians(20.0)
     """Change of the error between two environment steps that only a new command can cause, rad."""
     lead: float = 0.12
-    """How far ahead the turning of a fish that must break off a turn is extrapolated, s."""
+    """Time over which the turning of a fish that must break off a turn is extrapolated, s."""
     trim: float = 2.5
     """Contraction, per rad of mean error, added to one side of the anterior segments while swimming."""
     most_trim: float = 2.5
     """Largest such contraction."""
     strokes: float = 0.3
-    """Least part of swimming's strokes that goes on in a turn: 0 leaves it to the table, 1 keeps up the speed."""
+    """Least part of swimming's strokes that continues in a turn: 0 takes the table's, 1 maintains the speed."""
     beat: float = 0.26
     """Time over which the error is averaged, s: about a beat."""
     pitch: float = 1.0
@@ -156,19 +156,19 @@ def bearing(vector: np.ndarray) -> np.ndarray:
 
 
 def climb(vector: np.ndarray) -> np.ndarray:
-    """How far a fish must pitch up to point along vectors (B,3), (B,) rad; 0 for those abeam or behind: turn first."""
+    """Pitch (B,) rad with which fish point along vectors (B,3); 0 for vectors abeam or behind: turn first."""
     size = np.linalg.norm(vector, axis=1) + 1e-9
     return np.arcsin(vector[:, 2] / size) * np.clip(vector[:, 0] / size, 0.0, 1.0)
 
 
 def aim_heading(obs: np.ndarray, layout: Layout) -> Aim:
-    """At the commanded heading, as fast as possible."""
+    """Aim at the commanded heading, as fast as possible."""
     wanted = layout.read(obs, "commanded heading").astype(float)
     return Aim(bearing(wanted), climb(wanted), np.full(len(obs), np.inf))
 
 
 def aim_velocity(obs: np.ndarray, layout: Layout, mass: np.ndarray, gain: float = 2.0) -> Aim:
-    """At the commanded velocity, of fish with landmark masses (L,): the faster, the slower they are than it."""
+    """Aim at the commanded velocity; `mass` (L,) of the landmarks. Fish that are too slow swim faster."""
     wanted = layout.read(obs, "commanded velocity").astype(float)
     speed = np.linalg.norm(wanted, axis=1)
     own = mass @ layout.read(obs, "velocity").astype(float) / mass.sum()
@@ -177,7 +177,7 @@ def aim_velocity(obs: np.ndarray, layout: Layout, mass: np.ndarray, gain: float 
 
 
 def aim_target(obs: np.ndarray, layout: Layout, dimensions: int, ahead: float = 0.65) -> Aim:
-    """At the target, from a point up to `ahead` body lengths in front of the fish: it swims on while it turns."""
+    """Aim at the target from a point up to `ahead` body lengths in front of the fish: it swims on while it turns."""
     way = layout.read(obs, "way to the target").astype(float)
     nearer = way.copy()
     nearer[:, 0] -= ahead * np.clip(np.abs(bearing(way)) / (np.pi / 2), 0.0, 1.0)
@@ -186,16 +186,16 @@ def aim_target(obs: np.ndarray, layout: Layout, dimensions: int, ahead: float = 
 
 @dataclass(frozen=True)
 class Caution:
-    """How an obstacle is passed."""
+    """Margins with which an obstacle is passed."""
 
     radius: float
-    """Of the obstacle, body lengths."""
+    """Radius of the obstacle, body lengths."""
     room: float = 0.35
     """Least distance between its surface and the line on which the fish's centre will pass, body lengths."""
     speed: float = 1.8
     """Speed at which the fish is assumed to swim on, body lengths per second."""
     horizon: float = 1.2
-    """How far ahead the nearest approach is predicted, s."""
+    """Time over which the nearest approach is predicted, s."""
 
 
 COURSES = np.radians(np.arange(-105.0, 106.0, 15.0))  # rad off the commanded heading, from which one is chosen

@@ -80,7 +80,7 @@ def one_fish(env_id: str, options: Mapping[str, Any], render_mode: str | None = 
 
 
 def many_fish(env_id: str, options: Mapping[str, Any], num_envs: int) -> FishVectorEnv:
-    """As `one_fish`, a batch in which each fish runs one episode."""
+    """Create a batch in which each fish runs one episode; otherwise as `one_fish`."""
     with making(env_id):
         env = make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
     _check_work(env)

@@ -24,7 +24,7 @@ __all__ = [
 
 
 def __getattr__(name: str):
-    """`fish_env.envs.sb3`, which needs Stable-Baselines3, is loaded when it is first asked for."""
+    """`fish_env.envs.sb3`, which needs Stable-Baselines3, is loaded when it is first used."""
     if name == "sb3":
         return importlib.import_module("fish_env.envs.sb3")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

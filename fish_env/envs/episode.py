@@ -34,7 +34,7 @@ class Episodes(Settled):
 
     SETTLED = ("tank", "task", "num_envs", "control_interval", "groups", "variation")
     LIVE: tuple[str, ...] = ("max_episode_steps", "variation")
-    """Keywords, beside those of the task, that may be set while it runs; a subclass may add attributes of its own."""
+    """Keywords that may be set while it runs, besides those of the task; a subclass may add attributes of its own."""
     tasks = TASKS
     single_observation_space: gym.spaces.Box
     single_action_space: gym.spaces.Box
@@ -173,7 +173,7 @@ class Episodes(Settled):
         """The generators of these fish: their own, or new ones where a seed is given or there is none yet."""
         wanted = {i: checked_seed(seeds[i]) for i in which if seeds[i] is not None or self._generators[i] is None}
         new = {i: np_random(seed) for i, seed in wanted.items()}
-        for i, (generator, seed) in new.items():  # none of them if a seed is refused
+        for i, (generator, seed) in new.items():  # none of them if a seed is rejected
             self._generators[i], self._seeds[i] = generator, seed
         found = (self._generators[i] for i in which)
         return [generator for generator in found if generator is not None]
@@ -260,11 +260,11 @@ class Episodes(Settled):
             self._limit[:] = 1 + np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
 
     def observe(self) -> np.ndarray:
-        """What every fish saw at the end of the last step, or at its restart: a new (B,D) float32 array."""
+        """Observations at the end of the last step, or after a restart: a new (B,D) float32 array."""
         return self._observation.copy()
 
     def episode_info(self, i: int) -> dict[str, Any]:
-        """What the episode of fish i came to: reward terms, the task's metrics, and why it failed, "" if it did not."""
+        """Summary of the episode of fish i: reward terms, the task's metrics, and its failure, "" for none."""
         failed = self.tank.state.failure[i] != 0
         info = {
             "terms": {name: float(total[i]) for name, total in zip(self._names, self._arrays["totals"], strict=True)},

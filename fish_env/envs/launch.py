@@ -9,7 +9,7 @@ from fish_env.kernels.simd.types import THREAD
 from fish_env.physics.forces import cached
 
 SIGNATURE = types.void(types.int64, types.int64, types.int64, types.float64)
-"""Of the kernel that `make_launch` makes."""
+"""Signature of the kernel that `make_launch` makes."""
 
 
 def threads_pack(episodes) -> Pack:

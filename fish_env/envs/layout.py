@@ -30,7 +30,7 @@ MUSCLE_UNIT, FRAME = "-1 natural, 1 contracted", "in the body frame"
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Consecutive numbers of the observation that belong together."""
+    """Consecutive numbers of the observation that form one quantity."""
 
     name: str
     start: int
@@ -43,7 +43,7 @@ class Part:
     typical: float
     """A typical change of a number: what a learner divides it by."""
     labels: tuple[str, ...]
-    """What each number is, in words."""
+    """Description of each number."""
     rest: np.ndarray
     """(size,) the numbers of a fish in its rest shape, level and relaxed: what a learner subtracts."""
     one_per: str = ""
@@ -51,12 +51,12 @@ class Part:
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """Number of elements."""
         return self.rest.size
 
     @property
     def slice(self) -> slice:
-        """Where it stands: `obs[..., part.slice]`."""
+        """Position in the observation: `obs[..., part.slice]`."""
         return slice(self.start, self.start + self.size)
 
 
@@ -116,7 +116,7 @@ class Layout:
         return np.concatenate([part.rest for part in self.parts]), scale
 
     def reflection(self) -> tuple[np.ndarray, np.ndarray]:
-        """How left and right are exchanged: the reflected observation is `obs[place] * sign`, both (D,)."""
+        """Indices and signs (D,) that exchange left and right: the reflected observation is `obs[place] * sign`."""
         partner = {"landmark": self._fish.landmarks.mirror, "muscle": self._fish.mirrored_muscles, "": np.zeros(1, int)}
         place, sign = [], []
         for part in self.parts:
@@ -128,7 +128,7 @@ class Layout:
 
 
 def bytes_of_episode(fish: Fish) -> int:
-    """About how much memory the episode of one fish takes: observation, bounds, generator, and copies of them."""
+    """Approximate memory of the episode of one fish, bytes: observation, bounds, generator, and copies of them."""
     numbers = 6 * fish.landmarks.node.size + fish.num_muscles + 16
     return 18 * numbers + 3000  # measured with every task: 14 a number, and up to 2,900
 

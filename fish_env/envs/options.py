@@ -1,4 +1,4 @@
-"""What an environment is given: keywords and seeds that are checked, and options that are set while it runs."""
+"""Arguments of an environment: keywords and seeds that are checked, and options that are set while it runs."""
 
 import copy
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ class UnknownOptionError(ValueError, TypeError):
     """A keyword that neither the environment nor its task has.
 
     A ValueError, as for every option that is not allowed, and a TypeError, as Python raises for an unknown keyword:
-    other libraries try keywords and go on without those that are refused in this way.
+    other libraries try keywords and continue without those that are rejected in this way.
     """
 
 
@@ -31,13 +31,13 @@ class SeedError(gym.error.Error, ValueError):
 
 
 class OwnSpec:
-    """An environment whose `spec` is a copy: what the caller does to the keywords afterwards does not change it."""
+    """An environment whose `spec` is a copy: later changes of the keywords by the caller do not affect it."""
 
     _spec: Any = None
 
     @property
     def spec(self):
-        """How `gym.make` made it; None without it."""
+        """Specification with which `gym.make` made it; None without `gym.make`."""
         return self._spec
 
     @spec.setter
@@ -114,7 +114,7 @@ def set_option(env, name: str, value: Any) -> None:
     if name not in env.LIVE:
         made = type(task)(**{**env._task_options, name: value})
         if made.directions != task.directions:
-            raise ValueError(f"{name} = {value!r} would change what is observed; make another environment")
+            raise ValueError(f"{name} = {value!r} would change the observation; create a new environment")
         env._task_options[name] = getattr(made, name)
         setattr(task, name, getattr(made, name))
     elif name == "variation":
@@ -128,13 +128,13 @@ def set_option(env, name: str, value: Any) -> None:
 
 
 def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
-    """What an attribute is, or a method returns, for each of some fish of a batch.
+    """Value of an attribute, or result of a method, for each of some fish of a batch.
 
     `reset`, `render`, `episode_info` and `step_info` are called for these fish alone, any other method for the batch.
 
     Raises:
         AttributeError: if there is no such attribute.
-        ValueError: for a method that acts on all fish, if not all are asked for.
+        ValueError: for a method that acts on all fish, unless all are selected.
     """
     which = list(which)
     if name == "reset":

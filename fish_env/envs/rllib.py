@@ -31,7 +31,7 @@ FISH = "fish"
 
 
 class Rollout(NamedTuple):
-    """What B fish saw, did and earned in T environment steps."""
+    """Observations, actions and rewards of B fish in T environment steps."""
 
     obs: np.ndarray  # (T,B,D) float32, before each step
     after: dict[tuple[int, int], np.ndarray]  # (D,), what was seen at the end of an episode, by step and fish
@@ -46,7 +46,7 @@ class Rollout(NamedTuple):
 class FishEnvRunner(SingleAgentEnvRunner):
     """A rollout of a batch of fish (`FishVectorEnv`), in arrays. The keywords of the environment are `env_config`.
 
-    `env_config` may hold `staggered` as well: whether the first episodes are shortened so that the fish do not all end
+    `env_config` may have `staggered` as well: whether the first episodes are shortened so that the fish do not all end
     theirs together (True without it). A runner has `num_envs_per_env_runner` fish.
     """
 
@@ -117,7 +117,7 @@ class FishEnvRunner(SingleAgentEnvRunner):
         self._begun = np.full(self.num_envs, perf_counter())
 
     def _act(self, obs: np.ndarray, explore: bool, random_actions: bool) -> dict[str, np.ndarray]:
-        """What the module returns for the observations (B,D), with the actions that are drawn from it."""
+        """Outputs of the module for the observations (B,D), with the actions that are drawn from them."""
         if random_actions:
             return {Columns.ACTIONS: self.env.action_space.sample()}
         with torch.inference_mode():
@@ -163,7 +163,7 @@ class FishEnvRunner(SingleAgentEnvRunner):
         return Rollout(arrays[0], after, obs, columns.pop(Columns.ACTIONS), *arrays[1:], extra=columns)
 
     def _report(self, i: int) -> None:
-        """Log what the episode of fish i came to."""
+        """Log the summary of the episode of fish i."""
         now = perf_counter()
         self._log_episode_metrics(int(self._lengths[i]), float(self._returns[i]), now - self._begun[i])
         window = max(1, self.config.metrics_num_episodes_for_smoothing // (self.config.num_env_runners or 1))

@@ -26,7 +26,7 @@ class FishVecEnv(VecEnv):
         self.metadata = fish.metadata
 
     def reset(self) -> np.ndarray:
-        """Restart all episodes with the seeds and options set before, and return what the fish see."""
+        """Restart all episodes with the seeds and options set before, and return the observations."""
         options = self._options[0] or {}
         if any((other or {}) != options for other in self._options):
             raise ValueError("fish of one batch share their reset options; set_options takes one dict for all")
@@ -71,7 +71,7 @@ class FishVecEnv(VecEnv):
         return self.fish.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices=None) -> list[Any]:
-        """The attribute for each fish asked for; AttributeError if there is none."""
+        """The attribute for each selected fish; AttributeError if there is none."""
         return call_each(self.fish, attr_name, self._get_indices(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
@@ -79,16 +79,16 @@ class FishVecEnv(VecEnv):
 
         Raises:
             AttributeError: for any other option, naming those that can be set.
-            ValueError: for a value that is not allowed, or if not all fish are asked for.
+            ValueError: for a value that is not allowed, or unless all fish are selected.
         """
         if set(self._get_indices(indices)) != set(range(self.num_envs)):
             raise ValueError("fish of one batch share their attributes; set it for all (indices=None)")
         self.fish.set_attr(attr_name, [value] * self.num_envs)
 
     def env_method(self, method_name: str, *method_args, indices=None, **method_kwargs) -> list[Any]:
-        """What a method returns for each fish asked for; ValueError for a method that acts on all if some are meant.
+        """Result of a method for each selected fish; ValueError for a method that acts on all, unless all are selected.
 
-        `reset`, `render`, `episode_info` and `step_info` act on those asked for alone.
+        `reset`, `render`, `episode_info` and `step_info` act on the selected fish only.
         """
         return call_each(self.fish, method_name, self._get_indices(indices), *method_args, **method_kwargs)
 

@@ -82,9 +82,9 @@ class FishEnv(OwnSpec, gym.Env):
         return fish._observation[0].copy(), fish._reward.item(), terminated, truncated, info
 
     def episode_info(self) -> dict[str, Any]:
-        """What the episode has come to so far: reward terms, the task's metrics, seconds, the failure if any.
+        """Summary of the episode so far: reward terms, the task's metrics, seconds, the failure if any.
 
-        The last step of an episode has it in `info`, also under a `TimeLimit` through which the environment was reset.
+        The last step of an episode returns it in `info`, also under a `TimeLimit` through which `reset` was called.
         """
         return self.fish.episode_info(0)
 

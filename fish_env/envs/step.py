@@ -102,7 +102,7 @@ def observe_all(env):
 
 @njit
 def acceptable(env):
-    """Whether all actions are finite; contractions are filled in."""
+    """Return True if all actions are finite; contractions are filled in."""
     episode = env.episode
     for b in range(episode.reward.size):  # noqa: SIM110 - a kernel
         if not contract(episode.action, episode.groups, b, episode.contraction):
@@ -137,11 +137,11 @@ def make_step(names: tuple[str, ...], make_run, kernels, env_type):
 
 
 def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
-    """What an episode of every fish keeps, by name: an array with a row, or a column, a fish."""
+    """Arrays of the state of the episodes, by name, with a row or a column for each fish."""
     b = num_envs
     return {
         "action": np.zeros((b, int(groups.max()) + 1)),
-        "groups": np.array(groups),  # the kernels' own: they do not look whether a muscle is there
+        "groups": np.array(groups),  # the kernels' own: they do not check that a muscle exists
         "contraction": np.zeros((b, groups.size)),
         "starts": np.array([part.start for part in layout]),
         "limits": np.array([part.limit for part in layout]),

@@ -60,7 +60,7 @@ class FishTorchEnv:
         """Lay out the memory of all fish, once it is known to fit."""
         self._free()
         episodes, warps = self._episodes, self._blocks * BLOCK
-        self._pack = threads_pack(episodes)  # kept: it holds what is uploaded by its address
+        self._pack = threads_pack(episodes)  # a reference: it owns what is uploaded by its address
         fixed = bytes_needed(self._pack, warps, self._axes, 0)
         each = bytes_needed(self._pack, warps, self._axes, 1) - fixed
         needed, free = fixed + each * (self.num_envs + episodes.num_envs), free_memory(self.device)
@@ -97,7 +97,7 @@ class FishTorchEnv:
     def position(self) -> torch.Tensor:
         """Node positions, (B,N,3) m in float64, on the GPU: live; RuntimeError after `close`."""
         if self._memory is None:
-            raise RuntimeError("the environment is closed, and its memory given back; make another one")
+            raise RuntimeError("the environment is closed and its memory is freed; create a new one")
         return self._memory.of(self._episodes.tank.state.x)
 
     def reset(self, *, seed: int | None = None) -> tuple[torch.Tensor, dict[str, Any]]:
@@ -184,7 +184,7 @@ class FishTorchEnv:
 
 
 def plans_of(episodes: Episodes) -> int:
-    """How many plans its fish need: as many as differ, by their stiffness."""
+    """Number of distinct plans that the fish need, by their stiffness."""
     return len(threads_pack(episodes).block.control.plans)
 
 
@@ -219,7 +219,7 @@ def free_memory(device: torch.device) -> int:
 
 
 def launch_blocks(num_fish: int, device: torch.device) -> int:
-    """How many blocks of BLOCK warps are launched: a thread a fish, but no more than can run at a time."""
+    """Number of blocks of BLOCK warps to launch: a thread for each fish, but no more than can run at a time."""
     most = torch.cuda.get_device_properties(device).multi_processor_count * RESIDENT // BLOCK
     return min(-(-num_fish // (BLOCK * WARP)), most)
 

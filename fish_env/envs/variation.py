@@ -1,4 +1,4 @@
-"""What may differ from episode to episode whatever the task: the body, the water and its current, the pose."""
+"""Variation between episodes of any task: the body, the water and its current, the pose."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,7 +19,7 @@ VARIATIONS: dict[str, Option] = {
     "pitch": POSE_OPTIONS["pitch"],
     "roll": POSE_OPTIONS["roll"],
 }
-"""Keys of the keyword `variation` and, beside the task's own, of `reset(options=...)`."""
+"""Keys of the keyword `variation` and, in addition to the task's own, of `reset(options=...)`."""
 
 
 def checked_variation(given: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
@@ -45,7 +45,7 @@ def draw(variation: Mapping[str, tuple[float, float]], generator: np.random.Gene
 
 
 def vary(tank: Tank[Fish], i: int, values: Mapping[str, float]) -> None:
-    """Give fish i of the tank the body and the water of these values; what is not named is as it was made."""
+    """Give fish i of the tank the body and the water of these values; values without a name are the original ones."""
     factors = {name: values[name] for name in ("stiffness", "mass", "drag") if name in values}
     heading, speed = values.get("current_heading", 0.0), values.get("current", 0.0) * tank.fish.length
     tank.vary(i, **factors, current=(speed * np.cos(heading), speed * np.sin(heading), 0.0))

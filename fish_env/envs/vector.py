@@ -180,11 +180,11 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-        if "tank" in self.__dict__:  # not in an environment whose options were refused
+        if "tank" in self.__dict__:  # not in an environment whose options were rejected
             self.tank.close()
 
     def call(self, name: str, *args, **kwargs) -> tuple[Any, ...]:
-        """What an attribute is, or a method returns, for each fish: as `SyncVectorEnv.call` (`call_each`)."""
+        """Value of an attribute, or result of a method, for each fish: as `SyncVectorEnv.call` (`call_each`)."""
         return tuple(call_each(self, name, range(self.num_envs), *args, **kwargs))
 
     def get_attr(self, name: str) -> tuple[Any, ...]:

@@ -1,7 +1,7 @@
 """The laboratory in the browser, `python -m fish_env lab`: look at soft bodies, pull and change them, compare methods.
 
 - `bench`: what is chosen, objects side by side, the hand that drags, measurements, failures with their reason. It knows
-  nothing of a browser, and checks all that it is asked for; `specimen`, `settings`, `hand`, `geometry`, `fields` and
+  nothing of a browser, and validates all requests; `specimen`, `settings`, `hand`, `geometry`, `fields` and
   `colours` are its parts;
 - `school`: fish that are steered while they swim, many at once; it knows nothing of a browser either;
 - `drawing`, `school_drawing`, `panel`, `comparison`, `plots`, `steering`, `session`, `server`: the page, by viser (the

@@ -1,6 +1,6 @@
 """The bench: up to three objects side by side, pulled by a hand, measured, and started again when one fails.
 
-It knows nothing of the page; whatever the page asks for is checked here.
+It knows nothing of the page; all requests of the page are checked here.
 """
 
 from collections import deque
@@ -39,7 +39,7 @@ class Bench:
         self.same_cost, self.strength = False, 1.0
         self.hand: Hand | None = None
         self.messages: deque[str] = deque(maxlen=20)
-        """What a user is to be told: which method failed, and why."""
+        """Messages to the user: the method that failed, and the reason."""
         self.choose(entries)
 
     def choose(self, entries: Sequence[Entry], same_cost: bool | None = None) -> None:
@@ -74,17 +74,17 @@ class Bench:
 
     @property
     def nodes(self) -> int:
-        """Of all objects together."""
+        """Number of nodes of all objects together."""
         return sum(len(specimen.position) for specimen in self.specimens)
 
     @property
     def reach(self) -> float:
-        """How far a point of the page may be from the origin, m."""
+        """Largest distance of a point of the page from the origin, m."""
         return FAR * max(specimen.thing.length for specimen in self.specimens)
 
     @property
     def spacing(self) -> float:
-        """How far objects that stand side by side are shown from each other, m."""
+        """Distance between objects that are shown side by side, m."""
         return 2.2 * max(room_size(specimen.thing) for specimen in self.specimens)
 
     def set_detail(self, number: int, level: int) -> None:
@@ -196,7 +196,7 @@ class Bench:
             self._judge()
 
     def explain(self, specimen: Specimen) -> str:
-        """Why an object failed, in one sentence."""
+        """Explanation of the failure of an object, in one sentence."""
         tank = specimen.tank
         limit = tank.integrator.limit(tank.fish.body)
         about = f"the largest step that is stable at rest is {1e3 * limit:.3g} ms" if np.isfinite(limit) else ""
@@ -208,7 +208,7 @@ class Bench:
         )
 
     def _judge(self) -> None:
-        """Say which objects have not come back to their shape."""
+        """Report the objects that have not returned to their shape."""
         for specimen in self.specimens:
             off = out_of_shape(specimen.thing.body, specimen.position)
             if off > BACK:
@@ -226,7 +226,7 @@ class Bench:
         self.distances.append([self.distance(k) for k in range(1, len(self.specimens))])
 
     def distance(self, number: int) -> float:
-        """How far an object is from the first one, in its lengths.
+        """Distance of an object from the first one, in lengths of the first.
 
         It is the root mean square over landmarks of two fish, over the nodes of two objects with as many, or else the
         distance between the centres of mass.

@@ -25,9 +25,9 @@ class MadeWith:
     """A folder of the whole numbers that an object is made with.
 
     Args:
-        panel: which asks for the objects.
+        panel: chooses the objects.
         number: of the object.
-        rank: what the labels begin with, "" for the first object.
+        rank: prefix of the labels, "" for the first object.
     """
 
     def __init__(self, panel: PanelLike, number: int, rank: str = ""):
@@ -36,7 +36,7 @@ class MadeWith:
         self._numbers: dict[str, Any] = {}
 
     def refresh(self, entry: Entry | None) -> None:
-        """Show the numbers of what is now on the bench; None for nothing."""
+        """Show the numbers of an entry of the bench; None hides them."""
         defaults = {} if entry is None else level_of(entry.thing)
         if set(self._numbers) != set(defaults):
             for handle in self._numbers.values():
@@ -97,7 +97,7 @@ class Comparison:
         self.panel.choose(*entries[:rank], *chosen, *entries[rank + 1 :])
 
     def refresh(self) -> None:
-        """Show what is now on the bench."""
+        """Show the objects on the bench."""
         bench, entries = self.bench, self.panel.entries()
         for k in range(1, len(OTHERS) + 1):
             entry = entries[k] if k < len(entries) else None

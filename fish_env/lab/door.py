@@ -104,7 +104,7 @@ class Connection(ServerConnection):
 
 
 class Door:
-    """What decides who may open the page.
+    """Access control of the page.
 
     Args:
         host: address that is listened at.
@@ -118,7 +118,7 @@ class Door:
         self.guards = False
 
     def knows(self, name: str) -> bool:
-        """Whether a name is this machine's; listening everywhere, so is any number, which cannot be made to mislead."""
+        """Return True for a name of this machine; if it listens at all addresses, also for every numeric address."""
         if name in self.names or not self.everywhere:
             return name in self.names
         try:
@@ -127,10 +127,10 @@ class Door:
             return False
 
     def refusal(self, headers: Headers, port: int) -> str:
-        """Why a request is refused, or nothing.
+        """Reason to reject a request; "" to accept it.
 
-        Another page's request names the page in `Origin`. A name that leads here but is another's, by which a page
-        would pass for the laboratory's, stands in `Host`. Browsers send both; a websocket without `Origin` is no page.
+        The request of another page names that page in `Origin`. A foreign name that resolves to this machine stands in
+        `Host`. Browsers send both; a websocket without `Origin` does not come from a page.
         """
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         name, _, number = "".join(hosts).rpartition(":")
@@ -141,7 +141,7 @@ class Door:
         return ""
 
     def _answer(self, page: Callable, connection: ServerConnection, request: Request) -> Response | None:
-        """Refuse a request, or let viser answer; its page is not to be framed in another, which would pass."""
+        """Reject a request, or let viser answer; the page must not be framed in another one."""
         refusal = self.refusal(request.headers, connection.local_address[1])
         if refusal:
             return connection.respond(HTTPStatus.FORBIDDEN, f"{refusal}\n")
@@ -152,7 +152,7 @@ class Door:
 
     @contextmanager
     def guarding(self) -> Iterator[None]:
-        """Have this door before the port that viser opens meanwhile; `guards` then says whether it has been."""
+        """Check requests to the port that viser opens in this context; `guards` then says whether it did."""
         serve = websockets.asyncio.server.serve
 
         def guarded(*args, process_request, **options):

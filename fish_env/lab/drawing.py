@@ -23,16 +23,16 @@ UPRIGHT = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
 PANEL = 336  # pixels of the page that the panel covers
 SCREEN, SIGHT = (960.0, 600.0), 0.8  # pixels and angle of sight, rad, of a page that does not say
 VIEWS = ("skin", "tetrahedra", "springs", "nodes", "forces")
-"""What may be shown or hidden: tetrahedra, coloured by strain, in place of the skin of a body that is made of them."""
+"""Layers to show or hide. Tetrahedra, coloured by strain, replace the skin of a body that is made of them."""
 
 
 def flat_points(points: np.ndarray) -> np.ndarray:
-    """As 32-bit numbers; what is not finite, of a body that is about to be reset, lies at the origin."""
+    """Convert points to 32-bit numbers; those that are not finite, of a failed body, go to the origin."""
     return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
 
 
 def upright(thing) -> bool:
-    """Whether an object falls within the xy plane, which is then shown upright."""
+    """Return True if an object falls within the xy plane, which is then shown upright."""
     return abs(float(getattr(thing, "down", (0, 0, -1))[2])) < 0.5
 
 
@@ -43,10 +43,10 @@ def free_part(camera) -> tuple[float, float]:
 
 
 class Drawing:
-    """What the browser shows of a bench.
+    """Scene of a bench in the browser.
 
     Args:
-        session: whose bench it is.
+        session: the session of the bench.
     """
 
     def __init__(self, session: SessionLike):
@@ -59,7 +59,7 @@ class Drawing:
         self._opacity: dict[tuple[int, str], float | None] = {}
 
     def offset(self, number: int) -> np.ndarray:
-        """Where object `number` is shown beyond where it is, (3,) m: side by side along x."""
+        """Offset (3,) m at which object `number` is shown: side by side along x."""
         bench = self.session.bench
         return np.array([(number - 0.5 * (len(bench.specimens) - 1)) * bench.spacing, 0.0, 0.0])
 
@@ -72,9 +72,10 @@ class Drawing:
         return np.asarray(point, dtype=float) @ self.turn(number) / self.scale - self.offset(number)
 
     def seen_from(self, number: int) -> tuple[float, float]:
-        """How far the camera is from an object, m, and the focal length of the picture, pixels.
+        """Distance of the camera from an object, m, and the focal length of the picture, pixels.
 
-        ValueError for a camera of which the page tells nonsense.
+        Raises:
+            ValueError: for a camera whose position is not three finite numbers.
         """
         camera = self.session.client.camera
         middle = self._scaled(number, self.session.bench.specimens[number].position.mean(axis=0)[None])[0]

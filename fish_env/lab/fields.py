@@ -15,17 +15,17 @@ LEAST = 0.02  # weights of a node on Earth: forces are not blown up beyond the s
 
 
 def part_of(strain: np.ndarray) -> np.ndarray:
-    """Where strains lie on the scale from shortened, 0, over rest, 0.5, to stretched, 1.
+    """Places of strains on the scale from shortened, 0, over rest, 0.5, to stretched, 1.
 
-    The way from the middle goes with the square root of the strain, so that a strain of one percent is seen beside one
-    of thirty, at the end of the scale.
+    The distance from the middle is proportional to the square root of the strain. So a strain of one percent is visible
+    next to one of thirty, at the end of the scale.
     """
     strain = np.clip(np.nan_to_num(strain), -STRAIN, STRAIN)
     return 0.5 + 0.5 * np.sign(strain) * np.sqrt(np.abs(strain) / STRAIN)
 
 
 def shade_of(strain: np.ndarray) -> np.ndarray:
-    """Which of the SHADES strains have."""
+    """Indices of the SHADES of strains."""
     return np.rint(part_of(strain) * (SHADES - 1)).astype(int)
 
 
@@ -37,8 +37,8 @@ def shades() -> np.ndarray:
 def arrows(force: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The nodes of the largest forces (N,3) N, and an arrow for each of these, (K,3) in lengths of the object.
 
-    An arrow's length goes with the square root of the force: USUAL for the 90 % quantile of all, at most LONGEST. One
-    force that is much larger than the others, of a node that is held, does not make these invisible.
+    An arrow's length is proportional to the square root of the force: USUAL for the 90 % quantile of all, at most
+    LONGEST. One force that is much larger than the others, of a node that is fixed, does not make these invisible.
     """
     size = np.linalg.norm(np.nan_to_num(force), axis=1)
     nodes = np.argsort(size)[-min(ARROWS, len(size)) :]
@@ -48,7 +48,7 @@ def arrows(force: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def activation(specimen: Specimen, fibres: np.ndarray) -> np.ndarray:
-    """How far the muscles' fibres (K,) are contracted, (K,): 0 natural, 1 full."""
+    """Contraction (K,) of the muscles' fibres (K,): 0 natural, 1 full."""
     tank = specimen.tank
     natural, span = np.zeros(tank.rest_length.shape[1]), np.ones(tank.rest_length.shape[1])
     natural[tank._fibres[0]], span[tank._fibres[0]] = tank._fibres[2], tank._fibres[3]

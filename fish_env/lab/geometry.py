@@ -1,4 +1,4 @@
-"""What is drawn and measured of an object: its surface as triangles, volumes and strains. numpy only.
+"""Geometry of an object to draw and measure: its surface as triangles, volumes and strains. numpy only.
 
 Legend: F faces, each a quadrilateral or a triangle with its third node twice; T tetrahedra; E springs.
 """
@@ -23,7 +23,7 @@ class Surface(NamedTuple):
     closed: bool  # whether it encloses a volume
 
     def points(self, x) -> np.ndarray:
-        """Where the points are, (P,3) m, of nodes at x (N,3) m."""
+        """Positions of the points, (P,3) m, for nodes at x (N,3) m."""
         return x[self.nodes] + self.height[:, None] * (0.0, 0.0, 1.0)
 
 

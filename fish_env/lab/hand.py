@@ -10,7 +10,7 @@ class Hand:
     """A point that follows a pointer at an even speed.
 
     Args:
-        specimen: number of the object whose node it holds.
+        specimen: number of the object whose node it drags.
         node: number of the node.
         point: where it begins, (3,) m.
     """
@@ -19,7 +19,7 @@ class Hand:
         self.specimen, self.node = specimen, node
         self.point = np.array(point, dtype=float)
         self.start = self.point.copy()
-        """Where it was before it moved the last time, (3,) m."""
+        """Position before the last move, (3,) m."""
         self.velocity = np.zeros(3)
         self._goal, self._left, self._waited = self.point.copy(), 0.0, LONGEST
 

@@ -1,4 +1,4 @@
-"""What a page hands over, checked where it comes in: whoever reaches the address can send anything in its place."""
+"""Validation of messages from a page: anyone who can reach the address can send anything."""
 
 from numbers import Real
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def is_finite(value) -> bool:
-    """Whether a value is a finite number, and no truth value."""
+    """Return True for a finite number that is not a bool."""
     return isinstance(value, Real) and not isinstance(value, bool) and bool(np.isfinite(float(value)))
 
 
@@ -22,5 +22,5 @@ def vector(value, what: str) -> np.ndarray:
 
 
 def usable(value, otherwise: float) -> float:
-    """What the page says of its own camera, or `otherwise` unless that is a positive finite number."""
+    """Return `value`, which the page reports of its camera, if it is positive and finite, else `otherwise`."""
     return float(value) if is_finite(value) and value > 0.0 else otherwise

@@ -157,7 +157,7 @@ class Panel:
         command.on_trigger(triggered)
 
     def entries(self) -> list[Entry]:
-        """What is on the bench; a choice changes this, and not what the controls say, which may be ahead of it."""
+        """Entries on the bench; a choice changes these, and not the values of the controls, which may be newer."""
         return [specimen.entry for specimen in self.session.bench.specimens]
 
     def change(self, **parts) -> None:
@@ -182,7 +182,7 @@ class Panel:
         self.session.step()
 
     def set_paused(self, value) -> None:
-        """Stop the time, or let it go on."""
+        """Pause or resume the simulation."""
         self.session.paused = bool(value)
         self.show(self.pause, self.session.paused)
 
@@ -193,7 +193,7 @@ class Panel:
         self.session.speed = float(value)
 
     def set_mouse(self, value) -> None:
-        """What the mouse does."""
+        """Choose the action of the mouse."""
         self.mouse = "drag" if value == "drag" else "fix"
 
     def set_walls(self, value) -> None:
@@ -208,7 +208,7 @@ class Panel:
         self._detail = LevelOfDetail(radius=0.5 * thing.length) if value and thing.name == DETAILED else None
 
     def _adapt(self) -> None:
-        """Give the first object the level that its distance asks for, unless a node of it is held."""
+        """Give the first object the level for its distance, unless a node of it is dragged or fixed."""
         bench = self.session.bench
         if self._detail is None or bench.hand is not None or bench.specimens[0].fixed:
             return
@@ -239,7 +239,7 @@ class Panel:
             self.session.bench.drag(self.session.drawing.place(number, point))
 
     def refresh(self) -> None:
-        """Show what is now on the bench in all controls."""
+        """Show the present state of the bench in all controls."""
         bench = self.session.bench
         first = bench.specimens[0].entry
         self.steering.refresh()

@@ -1,4 +1,4 @@
-"""What the parts of a page ask of each other: they know a session and a panel by these, and not the modules of both."""
+"""Protocols of a session and a panel, by which the parts of a page call each other without importing both modules."""
 
 from collections.abc import Callable
 from typing import Any, Protocol

@@ -1,6 +1,6 @@
 """Fish that are steered while they swim, by one batched call of a shipped policy, of motor controllers or of a gait.
 
-It knows nothing of the page. Each fish is alone in its own water; they are only shown beside each other.
+It knows nothing of the page. Each fish is alone in its own water; they are only shown side by side.
 
 Legend: B fish. Angles are rad, positive to the left.
 """
@@ -29,10 +29,10 @@ BEAT = 0.26  # s, over which headings are averaged
 TURN = np.pi / 6  # one press of an arrow key
 SWERVE = np.pi / 3  # of left after right, each of the two turns
 BETWEEN = 0.2  # s between the two commands of left after right
-APART = 1.4  # lengths, between fish that are shown beside each other
+APART = 1.4  # body lengths, between fish that are shown side by side
 PATIENCE = 60.0  # s, after which a target that is not reached is replaced
 KEPT = 500  # headings that are plotted
-REACH = 100.0  # lengths from where a fish is: a point of the page further away is not accepted
+REACH = 100.0  # body lengths from where a fish is: a point of the page further away is not accepted
 
 
 class HeadingTask(CommandedTurns):
@@ -57,7 +57,7 @@ class ObstacleTask(AvoidTask):
     command = HeadingTask.command
 
     def plan(self, i, generator, options):
-        """No turn is planned, and no obstacle appears by itself."""
+        """No turn is scheduled, and no obstacle appears without a command."""
         super().plan(i, generator, options)
         self.course.count[i] = 0
         self._appears[i] = np.inf
@@ -129,7 +129,7 @@ class School:
         columns = int(np.ceil(np.sqrt(num_fish)))
         place = np.stack(np.divmod(np.arange(num_fish), columns), axis=1) - (0.0, 0.5 * (columns - 1))
         self.offset = APART * self.fish.length * np.column_stack([-place[:, 0], place[:, 1], np.zeros(num_fish)])
-        """Where each fish is shown beyond where it is in its own water, (B,3) m."""
+        """Offset at which each fish is shown, from its position in its own water, (B,3) m."""
         self.obstacles: list[np.ndarray] = []
         """Centres of the obstacles where they are shown, (3,) m each."""
         self.reset()
@@ -141,11 +141,11 @@ class School:
 
     @property
     def radius(self) -> float:
-        """Of an obstacle, or of a target (how near the nose must come), m."""
+        """Radius of an obstacle, or of a target (to which the nose must come), m."""
         return getattr(self.task, "radius", 0.0) * self.fish.length
 
     def reset(self) -> None:
-        """Begin again: all fish at rest, along x, and told to go on along x."""
+        """Start again: all fish at rest along x, with commanded headings along x."""
         self.waters.reset(seed=0, options={"yaw": 0.0})
         self.clock = self.time = 0.0
         self.commanded, self.facing = np.zeros(self.num_fish), np.zeros(self.num_fish)
@@ -192,7 +192,7 @@ class School:
         elif isinstance(self.task, ObstacleTask):
             self.obstacles = [*self.obstacles, point][-MOST_OBSTACLES:]
         else:
-            raise ValueError(f"{self.driver!r} sees neither targets nor obstacles; choose one that does")
+            raise ValueError(f"{self.driver!r} observes neither targets nor obstacles; choose one that does")
 
     def clear(self) -> None:
         """Take all obstacles away."""
@@ -226,7 +226,7 @@ class School:
             self.reset()
 
     def aim(self) -> np.ndarray:
-        """Where each fish is to go, (B,) rad: the commanded heading, or the direction of its target."""
+        """Direction of each fish's goal, (B,) rad: the commanded heading, or the direction of its target."""
         if not isinstance(self.task, PlacedTask):
             return self.commanded
         way = self.task.target - self.waters.tank.position.mean(axis=1)
@@ -246,13 +246,13 @@ class School:
             self.task.command(self.commanded)
 
     def shown(self) -> np.ndarray:
-        """Where the nodes are shown, (B,N,3) m: between the last two environment steps, as the clock says."""
+        """Positions at which the nodes are shown, (B,N,3) m: interpolated between the last two environment steps."""
         part = np.clip((self.clock - self.time) / self.interval, 0.0, 1.0)
         now = self.waters.tank.position
         return self._before + part * (now - self._before) + self.offset[:, None]
 
     def targets(self) -> np.ndarray:
-        """Where targets are shown, (K,3) m."""
+        """Positions at which targets are shown, (K,3) m."""
         return self.task.target + self.offset if isinstance(self.task, PlacedTask) else np.zeros((0, 3))
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
 """The scene of a school: skins, muscles coloured by activation, where each fish is to go, targets and obstacles.
 
-Everything is drawn in lengths of the fish. The picture goes along with the school; the grid shows that it moves.
+Everything is drawn in body lengths. The picture follows the school; the grid shows that it moves.
 """
 
 from typing import Any
@@ -15,17 +15,17 @@ from fish_env.lab.school import APART, MOST_OBSTACLES, School
 
 FOLLOW = 4.0  # 1/s, how fast the picture follows the school
 BEHIND = np.array([-0.62, -0.3, 0.72])  # where the camera is, from the middle of the fish; a unit vector, nearly
-ROOM = 1.8  # lengths around them
+ROOM = 1.8  # body lengths around them
 ARROW = 0.55  # length of the arrow to where a fish is to go
 WATER = "/water"  # name of the part of the scene that moves
 
 
 class SchoolDrawing:
-    """What the browser shows of a school.
+    """Scene of a school in the browser.
 
     Args:
-        session: whose school it is.
-        school: what is drawn.
+        session: the session of the school.
+        school: the school to draw.
     """
 
     def __init__(self, session: SessionLike, school: School):
@@ -103,7 +103,7 @@ class SchoolDrawing:
         height = self._focus[2] + origin[2]
         if not (height > 0.0 > direction[2] or height < 0.0 < direction[2]):
             raise ValueError("that point lies in the sky; give one nearer, in the plane in which the fish swim")
-        with np.errstate(over="ignore", invalid="ignore"):  # of a ray that is all but level: refused as too far
+        with np.errstate(over="ignore", invalid="ignore"):  # of a ray that is nearly level: rejected as too far
             found = origin - height / direction[2] * direction + self._focus
         return found / self.scale
 
@@ -135,7 +135,7 @@ class SchoolDrawing:
             self.obstacles.batched_positions = flat_points(shown)
 
     def _points(self, x) -> np.ndarray:
-        """The points of all skins, (B P,3), in lengths."""
+        """The points of all skins, (B P,3), body lengths."""
         return flat_points(self.scale * np.concatenate([self._surface.points(each) for each in x]))
 
     def _centre(self) -> np.ndarray:

@@ -38,11 +38,11 @@ class PrivateServer(viser.ViserServer):
             raise RuntimeError(f"the laboratory cannot guard its page with viser {viser.__version__}; install 1.1.1")
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refuse."""
+        """Reject."""
         return None
 
     async def send_away(self, client: viser.ClientHandle, reason: str) -> None:
-        """Close the connection of a page, which may have left by itself."""
+        """Close the connection of a page, which may already be closed."""
         connection = self._websock_server._live_connections.get(client.client_id)
         if connection is not None:
             await connection.close(1013, reason)

@@ -1,4 +1,4 @@
-"""A session: the bench of one browser, its thread, and what the page asks for, done one after another between frames.
+"""A session: the bench of one browser, its thread, and the requests of the page, executed between frames.
 
 The page's events come on the server's event loop. They only put requests into a queue, so that the event loop never
 waits for the simulation, and the simulation is touched by one thread alone.
@@ -29,7 +29,7 @@ NOTES, RECENT = 50, 10.0  # messages shown at most in so many seconds: a page th
 
 
 class Session:
-    """What one browser sees and does.
+    """State and requests of one browser.
 
     Args:
         client: the browser.
@@ -51,16 +51,16 @@ class Session:
         self._thread.start()
 
     def close(self) -> None:
-        """End the simulation; what was held is let go."""
+        """End the simulation; dragged nodes are released."""
         self._closed.set()
 
     @property
     def alive(self) -> bool:
-        """Whether its thread still runs."""
+        """Return True while its thread runs."""
         return self._thread.is_alive()
 
     def ask(self, request: Callable[[], None]) -> None:
-        """Have something done between two frames; a ValueError of it is told to the user."""
+        """Execute a request between two frames; its ValueError is shown to the user."""
         self._requests.append(request)
 
     def ask_at(self, request: Callable[..., None], **vectors) -> None:
@@ -90,13 +90,13 @@ class Session:
         self.panel.refresh()
 
     def look(self) -> None:
-        """Turn the camera to what is shown."""
+        """Turn the camera to the objects."""
         (self.school_drawing or self.drawing).look()
 
     def turn_camera(self, position, look_at) -> None:
-        """Put the camera at a point of the scene, and look at another one; not of a page that told nonsense of its own.
+        """Put the camera at a point of the scene, and look at another one, unless the page reports an invalid camera.
 
-        viser goes on from what the page has said last of its camera.
+        viser continues from the camera that the page reported last.
         """
         camera = self.client.camera
         try:
@@ -151,7 +151,7 @@ class Session:
         self.bench.let_go()
 
     def _answer(self) -> None:
-        """Do what the page has asked for since the last frame; nothing that it asks for ends the session."""
+        """Execute the requests of the page since the last frame; none of them ends the session."""
         for _ in range(len(self._requests)):  # those that come meanwhile are for the next frame
             if self._closed.is_set():
                 return

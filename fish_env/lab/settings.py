@@ -28,7 +28,7 @@ class Setting(NamedTuple):
 
 
 def factor(label: str, high: float, meaning: str, low: float = 0.05) -> Setting:
-    """A factor on what the object is made with."""
+    """A factor on a parameter of the object."""
     return Setting(label, low, high, 1.0, meaning)
 
 
@@ -39,7 +39,7 @@ BODY: dict[str, Setting] = {
     "density": factor("density", 5.0, "mass of all nodes, over the object's own"),
     "inner_density": factor("inner density", 5.0, "mass of the inner layer, over the object's own"),
 }
-"""What the body itself is made with: a change of these makes the body again, in the same motion."""
+"""Settings of the body: a change of these builds the body again and keeps its motion."""
 
 WORLD: dict[str, Setting] = {
     "gravity": Setting("gravity (m/s2)", -20.0, 20.0, 0.0, "downward"),
@@ -48,7 +48,7 @@ WORLD: dict[str, Setting] = {
     "current_y": Setting("current y", -3.0, 3.0, 0.0, "of the water, lengths of the object a second"),
     "restitution": Setting("restitution", 0.0, 1.0, 0.5, "part of a node's normal speed that a wall leaves it"),
 }
-"""What surrounds the body."""
+"""Settings of the world around the body."""
 
 METHOD: dict[str, Setting] = {
     "step": Setting("step", 0.1, 50.0, 1.0, "over the method's own step"),

@@ -1,4 +1,4 @@
-"""One object in the laboratory: its tank, made again when a number changes, and what is done to it and measured."""
+"""One object in the laboratory: its tank, made again when a number changes, with actions on it and measurements."""
 
 import inspect
 import time
@@ -35,7 +35,7 @@ ROOM = 1.5  # half the width of a closed room, in lengths of an object that has 
 
 
 class Entry(NamedTuple):
-    """What is put into the laboratory."""
+    """Choice of an object in the laboratory."""
 
     thing: str  # a key of BODIES or OBJECTS
     integrator: str = ""  # a key of INTEGRATORS; "" for the object's own
@@ -43,7 +43,7 @@ class Entry(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What is measured of an object at one time; NaN where there is nothing to measure."""
+    """Measurements of an object at one time; NaN where there is nothing to measure."""
 
     time: float  # s
     energy: float  # of motion and of all that stores any, J
@@ -104,12 +104,12 @@ def changed_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
 
 
 def down_of(thing: ElasticObject) -> np.ndarray:
-    """Where gravity pulls an object, a unit vector (3,)."""
+    """Direction of gravity for an object, a unit vector (3,)."""
     return np.asarray(getattr(thing, "down", (0.0, 0.0, -1.0)), dtype=float)
 
 
 def room_size(thing: ElasticObject) -> float:
-    """How far the walls of an object are from the origin, m."""
+    """Distance of the walls of an object from the origin, m."""
     planes = thing.water.planes
     return ROOM * thing.length if planes is None else float(-planes[:, 3].min())
 
@@ -131,10 +131,10 @@ def changed_world(thing: ElasticObject, numbers: dict[str, float], walls: str) -
 
 
 class Specimen:
-    """An object that moves, with what is done to it.
+    """An object that moves, and actions on it.
 
     Args:
-        entry: what it is.
+        entry: choice of the object.
         numbers: of all SETTINGS.
         walls: one of WALLS.
         step: the integrator's step over its own.
@@ -183,7 +183,7 @@ class Specimen:
         return own_step(body, INTEGRATORS[self.entry.integrator or body.integrator])
 
     def change(self, numbers=None, walls=None, step=None, fixed=None) -> None:
-        """Go on in the same motion with other numbers; ValueError, and nothing is changed, if that is not possible."""
+        """Continue the same motion with other numbers; ValueError, and nothing is changed, if that is not possible."""
         old = self.tank
         self._make(
             self.numbers if numbers is None else numbers, self.walls if walls is None else walls,
@@ -268,7 +268,7 @@ class Specimen:
         return self._evaluate().force(self.tank.rest_length[0], self.position, self.tank.velocity[0])
 
     def readings(self) -> Readings:
-        """What is measured now."""
+        """Current measurements."""
         state = (self.tank.rest_length[0], self.position, self.tank.velocity[0])
         energy = sum(self._evaluate().energies(*state).values())
         volume = enclosed(self.thing, self.surfaces, self.position) / self.rest_volume

@@ -11,13 +11,13 @@ from fish_env.render.skin import CONTRACTED, Skin, normals, skin_of
 
 MARGIN, LARGEST = 8, 4096  # pixels
 FAR = 16384  # pixels: pygame visits every row of a polygon, also outside the picture, and counts in 32 bits
-EYE_RADIUS, EYE_WHITE, PUPIL = 0.018, (250, 246, 220), (18, 26, 34)  # radius in lengths
+EYE_RADIUS, EYE_WHITE, PUPIL = 0.018, (250, 246, 220), (18, 26, 34)  # radius in body lengths
 
 
 class View(NamedTuple):
     """A parallel projection."""
 
-    axes: np.ndarray  # (3,3) rows: unit world vectors to the right, upwards, and towards the eye of the beholder
+    axes: np.ndarray  # (3,3) rows: unit world vectors to the right, upwards, and towards the viewer
     centre: np.ndarray  # (3,) world point, m, that is shown at
     origin: tuple[float, float]  # this pixel
     scale: float  # pixels a metre
@@ -79,7 +79,7 @@ def shade(normal: np.ndarray, thin: np.ndarray, colour: np.ndarray, light: np.nd
 
 
 def draw_eyes(surface, frame: Frame, skin: Skin, view: View) -> None:
-    """The eyes that look towards the beholder."""
+    """The eyes that are on the side of the viewer."""
     places = skin.eyes @ frame.position
     pixels, _ = view.project(places)
     outward = (places - places[::-1]) @ view.axes.T
@@ -94,7 +94,7 @@ def draw_eyes(surface, frame: Frame, skin: Skin, view: View) -> None:
 
 
 def rotation(frame: Frame) -> np.ndarray:
-    """How the body at rest is best turned to lie on the body as it is: rows forward, left, up, (3,3) unit vectors."""
+    """Rotation (3,3) that best maps the body at rest onto the present one: rows forward, left, up, unit vectors."""
     rest, now = (nodes - nodes.mean(axis=0) for nodes in (frame.rest, frame.position))
     u, _, v = np.linalg.svd(rest.T @ now)
     u[:, 2] *= np.sign(np.linalg.det(u @ v))  # no mirror images

@@ -53,7 +53,7 @@ class Painter:
         return pixels_of(self.surface(x, hand))
 
     def surface(self, x, hand=None) -> pygame.Surface:
-        """As `picture`, a new surface."""
+        """Return the picture as a new surface; arguments as for `picture`."""
         canvas = self.backdrop.copy()
         if self.solid:
             self._draw_solid(canvas, x)
@@ -157,7 +157,7 @@ class Painter:
         self._lines(canvas, pixels, ends[depth[ends].mean(axis=1) > depth[self.thing.outer].mean()], 45)
 
     def _layer(self, canvas, x, mesh, colour, veil) -> None:
-        """A smooth skin of nodes at x (n,3): the faces that look at the beholder, the nearest last."""
+        """A smooth skin of nodes at x (n,3): the faces that point to the viewer, the nearest last."""
         weights, quads = mesh
         points = weights @ x
         pixels, depth = self.view.project(points)
@@ -180,7 +180,7 @@ class Painter:
         canvas.blit(layer, low)
 
     def _shadow(self, canvas, x) -> None:
-        """What the outer skin at x (n,3) covers of the floor, soft, the fainter the higher it is."""
+        """Draw the soft shadow of the outer skin at x (n,3) on the floor; it fades with height."""
         flat = x * (1.0, 1.0, 0.0) - (0.0, 0.0, self.reach)
         pixels = self.view.project(flat)[0]
         low, high = pixels.min(axis=0) - 40, pixels.max(axis=0) + 40
@@ -193,7 +193,7 @@ class Painter:
 
 
 def axes(aside: float, above: float) -> np.ndarray:
-    """Rows to the right, upwards and towards a beholder that far aside and above, rad; right above, y is upwards."""
+    """Rows to the right, upwards and towards the viewer at an azimuth and elevation, rad; from above, y is upwards."""
     level = np.array((np.sin(aside), -np.cos(aside), 0.0))
     toward = np.cos(above) * level + np.array((0.0, 0.0, np.sin(above)))
     right = np.array((np.cos(aside), np.sin(aside), 0.0))

@@ -4,7 +4,7 @@ import numpy as np
 
 UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
 LEFT, RIGHT = np.array([0.0, 1.0, -0.35]), np.array([0.0, -1.0, -0.35])
-EYE_STATION, EYE_HEIGHT = 0.085, 0.35  # lengths behind the nose; slope of the line of sight above the horizontal
+EYE_STATION, EYE_HEIGHT = 0.085, 0.35  # body lengths behind the nose; slope of the line of sight above the horizontal
 
 
 def fins(weights: np.ndarray, points: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
@@ -13,7 +13,7 @@ def fins(weights: np.ndarray, points: np.ndarray, length: float) -> tuple[np.nda
     Returns:
         weights of their points (P,N), and quadrilaterals (R,4) that number them from V on.
     """
-    shapes = (  # side, opposite side, stations of the root, height and sweep of each ray; all in lengths
+    shapes = (  # side, opposite side, stations of the root, height and sweep of each ray; all in body lengths
         (UP, DOWN, (0.27, 0.58), (0.0, 0.085, 0.075, 0.05, 0.035, 0.03, 0.022, 0.0), (0.03, 0.075)),
         (DOWN, UP, (0.58, 0.72), (0.0, 0.055, 0.04, 0.025, 0.0), (0.03, 0.05)),
         (DOWN, UP, (0.36, 0.41), (0.0, 0.05, 0.02), (0.05, 0.06)),
@@ -48,6 +48,6 @@ def eyes(weights: np.ndarray, points: np.ndarray, length: float) -> np.ndarray:
 
 
 def outermost(points, length, station, direction) -> int:
-    """The point furthest out in a direction among those about `station` lengths behind the nose."""
+    """The point furthest out in a direction among those about `station` body lengths behind the nose."""
     behind = (points[:, 0].max() - points[:, 0]) / length
     return int((points @ direction / length - 4.0 * np.abs(behind - station)).argmax())

@@ -19,7 +19,7 @@ class Frame(NamedTuple):
     contraction: np.ndarray  # (M,) 0 natural, 1 full
     length: float  # nose to tail tip, m
     path: np.ndarray  # (K,3) or (K,2) centres of mass so far, m, the present one last; K may be 0
-    commands: np.ndarray  # (C,3) what the fish is told, world vectors of any length; C may be 0
+    commands: np.ndarray  # (C,3) commands of the fish, world vectors of any length; C may be 0
     time: float  # s
     speed: float  # of the centre of mass, body lengths per second
     caption: str = ""  # a short remark
@@ -46,7 +46,7 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
         contraction=np.clip(tank.contraction[i], 0.0, 1.0),
         length=fish.length,
         path=pose.centre[i : i + 1].copy() if path is None else np.asarray(path, dtype=float),
-        # a task's further vectors say what it sees, not where to go
+        # a task's further vectors are observations, not directions to swim in
         commands=np.array(env.task.vectors(tank, pose)[i, :1], dtype=float),
         time=float(tank.time[i]),
         speed=float(np.linalg.norm(pose.velocity[i]) / fish.length),
@@ -77,7 +77,7 @@ def within_reach(frame: Frame) -> Frame:
 
 
 def place_of(frame: Frame) -> np.ndarray:
-    """Where the fish is, (3,) m: the last place of its path, or the mean of its nodes."""
+    """Position of the fish, (3,) m: the last place of its path, or the mean of its nodes."""
     middle = frame.position.mean(axis=0)
     if len(frame.path):
         middle[: frame.path.shape[1]] = frame.path[-1]

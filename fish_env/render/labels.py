@@ -1,4 +1,4 @@
-"""What is written on a picture: speed and time, the scale, and what the colour of a muscle means."""
+"""Labels of a picture: speed and time, the scale, and the meaning of the muscles' colours."""
 
 from functools import lru_cache
 
@@ -44,7 +44,7 @@ def text(words: str, size: int, colour=INK) -> pygame.Surface:
 
 @lru_cache(maxsize=1)
 def legend() -> pygame.Surface:
-    """What is the same in every picture: the cards, the scale, and the colours of the muscles."""
+    """Parts that are the same in every picture: the cards, the scale, and the colours of the muscles."""
     large = pygame.Surface((OVER * WIDTH, OVER * HEIGHT), pygame.SRCALPHA, 32)
     for card in (NUMBERS, SCALE):
         pygame.draw.rect(large, (*FOAM, 96), enlarged(card), border_radius=20)

@@ -1,4 +1,4 @@
-"""Where things are in a picture, in pixels of the finished picture, and the colours of what is written on it."""
+"""Layout of a picture, in pixels of the finished picture, and the colours of its text."""
 
 import pygame
 

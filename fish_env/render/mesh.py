@@ -51,7 +51,7 @@ def subdivide(polygons: list[tuple], n: int) -> tuple[np.ndarray, list[tuple]]:
 
 
 def moved(polygons, touching, centre, n) -> np.ndarray:
-    """Where one step moves the old nodes, (n,n): towards the means of their faces and neighbours."""
+    """Weights (n,n) by which one step moves the old nodes towards the means of their faces and neighbours."""
     weights = np.zeros((n, n))
     around: list[list[int]] = [[] for _ in range(n)]
     for f, polygon in enumerate(polygons):

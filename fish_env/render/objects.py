@@ -20,7 +20,7 @@ DAMPING = 0.02  # s, over its stiffness
 
 
 class Viewer:
-    """An object, what the mouse does to it, and its picture.
+    """An object that the mouse can drag, and its picture.
 
     Args:
         thing: the object; it starts at the middle of its room.
@@ -35,7 +35,7 @@ class Viewer:
         gravity = np.zeros(3) if thing.water.gravity is None else thing.water.gravity
         self.stiffness = thing.body.mass.sum() * np.linalg.norm(gravity) / (PULL * thing.length)
         self.dragged: tuple[int, np.ndarray] | None = None
-        """The node that the mouse holds, and where the mouse is, (3,) m."""
+        """The node that the mouse drags, and the position of the mouse, (3,) m."""
         self.open = True
 
     def handle(self, event: pygame.event.Event) -> None:
@@ -70,7 +70,7 @@ class Viewer:
         self.dragged = node, point
 
     def let_go(self) -> None:
-        """Release what the mouse holds."""
+        """Release the node that the mouse drags."""
         self.tank.release()
         self.dragged = None
 

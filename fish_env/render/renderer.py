@@ -10,7 +10,7 @@ from fish_env.render.flat import draw_surface, pixels_of
 from fish_env.render.frame import make_frame
 from fish_env.render.layout import HEIGHT, WIDTH
 
-PATH_POINTS = 1000  # a path forgets what is older: it has faded by then
+PATH_POINTS = 1000  # older points of a path are dropped: they have faded by then
 WINDOW_FISH = 4  # a window shows the first ones of a batch; more could not be drawn in real time
 
 
@@ -80,10 +80,10 @@ class Renderer:
         for event in pygame.event.get():
             if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
                 self.close()
-                raise WindowClosed("the window was closed; call env.close(), or go on and a new one opens")
+                raise WindowClosed("the window was closed; call env.close(), or continue to open a new one")
 
     def _has_window(self) -> bool:
-        """Whether the window is open and still this renderer's: pygame has only one, and anyone may close it."""
+        """Return True if the window is open and still this renderer's: pygame has only one, and anyone may close it."""
         return self._window is not None and pygame.display.get_init() and pygame.display.get_surface() is self._window
 
     def _open(self, size: tuple[int, int]) -> pygame.Surface:

@@ -16,7 +16,7 @@ LEVELS = 3  # of subdivision: 24 faces become some 1400, small enough not to be 
 BACK, FLANK, BELLY, TAIL_FIN, OTHER_FINS, CONTRACTED = np.array(
     [(44, 92, 120), (182, 208, 208), (255, 250, 236), (226, 178, 84), (238, 204, 128), (250, 66, 34)], dtype=float
 )
-MUSCLE_REACH = 0.055  # lengths: how far from a muscle the skin still takes on its colour
+MUSCLE_REACH = 0.055  # body lengths: how far from a muscle the skin still takes on its colour
 FORK = 0.45  # how far the notch of the tail fin reaches towards its root
 
 
@@ -103,7 +103,7 @@ def paint(points, quads, length) -> np.ndarray:
 
 
 def muscle_influence(middle, ends, length) -> np.ndarray:
-    """How much each muscle, from ends[:,0] to ends[:,1] (M,2,3), colours the skin at middle (Q,3): (Q,M)."""
+    """Weights (Q,M) with which muscles from ends[:,0] to ends[:,1] (M,2,3) colour the skin at middle (Q,3)."""
     start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
     offset = middle[:, None] - start
     where = (offset * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-300)

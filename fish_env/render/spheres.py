@@ -77,7 +77,7 @@ def stone(radius: int, light: tuple[float, float, float], opacity: float) -> pyg
 
 @lru_cache(maxsize=4)
 def patches(size: int) -> np.ndarray:
-    """How light a stone is in places, (size,size) 0 to 1: soft patches and fine grains, always the same."""
+    """Brightness of a stone, (size,size) 0 to 1: soft patches and fine grains, always the same."""
     total = np.zeros((size, size))
     for cells, part in ((7, 0.45), (19, 0.3), (67, 0.25)):
         cell = np.random.default_rng(cells).uniform(0.0, 255.0, (cells, cells, 1)).repeat(3, axis=2)
@@ -94,7 +94,7 @@ def disc(radius: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def edge(r: np.ndarray, radius: int) -> np.ndarray:
-    """How much of each pixel the disc covers, 0 to 1."""
+    """Part of each pixel that the disc covers, 0 to 1."""
     return np.clip((1.0 - r) * radius + 0.5, 0.0, 1.0)
 
 

@@ -51,7 +51,7 @@ def scattered(rows: int) -> np.ndarray:
 
 @lru_cache(maxsize=4)
 def vignette(width: int, height: int) -> pygame.Surface:
-    """What darkens the corners of the picture when multiplied into it."""
+    """Factors that darken the corners of the picture."""
     x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
     shade = 1.0 - 0.16 * np.clip(x**2 + y**2 - 0.35, 0.0, None)[..., None]
     return from_pixels(255 * shade ** np.array((1.25, 1.0, 0.9)))

@@ -1,4 +1,4 @@
-"""What a fish is asked to do: the Task protocol and the TASKS table. Only tasks define goals and rewards."""
+"""Tasks of the fish: the Task protocol and the TASKS table. Only tasks define goals and rewards."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -23,7 +23,7 @@ class Task(Protocol):
     """A batched task: it sees all B fish of a tank at once, and begins episodes one fish at a time.
 
     A task keeps what it must remember in arrays with a row a fish, and draws random numbers only from the generator
-    it is handed, so that fish i of a batch is the same fish alone.
+    it is handed, so that fish i of a batch is the same as a single fish.
 
     A task that puts something into the water may also have a method `spheres(i)`: what a picture of fish i should show,
     an array (S,4) of centres, m, and radii, body lengths. Its attribute `touchable` says whether they are targets.
@@ -58,7 +58,7 @@ class Task(Protocol):
         ...
 
     def vectors(self, tank: Tank[Fish], pose: Pose) -> np.ndarray:
-        """World vectors (B, directions, 3) that tell each fish what is asked; it sees them in its own frame."""
+        """World vectors (B, directions, 3) of the task; each fish observes them in its own frame."""
         ...
 
     def reward(self, tank: Tank[Fish], pose: Pose) -> dict[str, np.ndarray]:
@@ -70,7 +70,7 @@ class Task(Protocol):
         ...
 
     def metrics(self, tank: Tank[Fish], i: int, seconds: float) -> dict[str, Any]:
-        """What an episode of `seconds` achieved, for the `info` of its last step."""
+        """Metrics of an episode of `seconds`, for the `info` of its last step."""
         ...
 
 

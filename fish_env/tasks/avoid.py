@@ -42,7 +42,7 @@ def look(tank, pose, task, b, out):
 
 @kernel
 def score(tank, pose, task, b, terms):
-    """As for commanded turns, less what touching the obstacle costs; then the obstacle moves or appears."""
+    """Reward as for commanded turns, less the cost of touching the obstacle; then move the obstacle."""
     turns.score(tank, pose, task, b, terms)
     update_obstacle(tank, pose, task, b)
     terms[3, b] = -TOUCH_PENALTY if task.over[b] else 0.0
@@ -62,7 +62,7 @@ def update_obstacle(tank, pose, task, b):
         task.present[b] = True
         forward, heading = pose.axes[b, FORWARD], task.heading[b]
         fx, fy = forward.x + heading.x, forward.y + heading.y
-        if math.hypot(fx, fy) < 0.1:  # it is told to turn right round
+        if math.hypot(fx, fy) < 0.1:  # the command is to turn right round
             fx, fy = forward.x, forward.y
         size = max(math.hypot(fx, fy), 1e-9)
         along, across = vec3(fx / size, fy / size, 0.0), vec3(-fy / size, fx / size, 0.0)
@@ -142,7 +142,7 @@ class AvoidTask(CommandedTurns):
         self.wait = WAIT.checked_range("wait", wait)
 
     def fields(self):
-        """What the kernels read and write."""
+        """Data that the kernels read and write."""
         b = len(self._before)
         self._appears, self._gap, self._aside, self._drift = (np.zeros(b) for _ in range(4))
         self.obstacle, self.obstacle_velocity = (np.zeros((b, 3)) for _ in range(2))
@@ -176,7 +176,7 @@ class AvoidTask(CommandedTurns):
         return np.array([[*self.obstacle[i], self.radius]])[: int(self.present[i])]
 
     def metrics(self, tank: Tank, i, seconds):
-        """Whether the obstacle was avoided and passed and the heading found again; the rest as for commanded turns."""
+        """Metrics of the obstacle: avoided, passed, and the heading recovered; the rest as for commanded turns."""
         found = super().metrics(tank, i, seconds)
         avoided = bool(self.present[i] and not self.touched[i])
         passed = bool(avoided and (self._before[i] - self.obstacle[i]) @ self._heading[i] > 0.0)

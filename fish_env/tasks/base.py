@@ -1,4 +1,4 @@
-"""What the tasks of this package share: their rewards are kernels, so that an environment step is one compiled call."""
+"""Base class of the tasks: their rewards are kernels, so that an environment step is one compiled call."""
 
 from functools import cache
 from typing import Any
@@ -30,13 +30,13 @@ def make_calls(look, reward):
 
 
 class CompiledTask:
-    """A task whose `vectors` and `reward` are made of two kernels, which see one fish b of the tank at a time.
+    """A task whose `vectors` and `reward` are made of two kernels, which treat one fish b of the tank at a time.
 
-    A subclass gives
+    A subclass defines
 
     - `look(tank, pose, task, b, out)`: writes the world vectors that fish b is told to out[b, k], of `vectors`;
     - `score(tank, pose, task, b, terms)`: writes the terms of its reward to terms[t, b], in the order of `term_names`,
-      sets task.over[b] where it ends the episode, and goes on to the next environment step;
+      sets task.over[b] where it ends the episode, and advances to the next environment step;
     - in `prepare`, `self.pack`, a `Pack` of what they read and write, `over` (B,) among it.
 
     The environments put both into their one compiled call, unless a subclass overrides `reward` or `vectors` in Python.
@@ -56,7 +56,7 @@ class CompiledTask:
         return (cls.look, cls.score) if ours else None
 
     def vectors(self, tank: Tank, pose: Pose) -> np.ndarray:
-        """World vectors (B, directions, 3) that tell each fish what is asked."""
+        """World vectors (B, directions, 3) of the task."""
         out = np.zeros((tank.num_fish, len(self.directions), 3))
         look, _ = make_calls(type(self).look, type(self).score)
         look(tank.pack, packed_pose(pose), self.pack, Pack("out", vectors=Vectors(out, Kind(1))))

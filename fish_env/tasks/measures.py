@@ -1,4 +1,4 @@
-"""What a motion costs the body: the largest strain of its springs, and the work its muscles do."""
+"""Effort of a motion: the largest strain of its springs, and the work its muscles do."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from fish_env.physics.tank import Tank
 
 
 class Effort(NamedTuple):
-    """Strain and work of B fish since their start, and what the next environment step needs of the last."""
+    """Strain and work of B fish since their start, and data of the last environment step for the next."""
 
     strain: np.ndarray  # (B,) the largest |length / natural length - 1| of any spring after an environment step
     work: np.ndarray  # (B,) J, put in by shortening the muscles' rest lengths under tension

@@ -1,4 +1,4 @@
-"""What may be asked of a task: numbers with their range; a number outside is an error at once."""
+"""Options of a task: numbers with their range; a number outside raises an error at once."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

@@ -17,10 +17,10 @@ def progress(tank, pose, before, heading, b):
 
 @kernel
 def alignment(pose, heading, b):
-    """How well the forward axis points along a unit vector: 0 along it, -1 across, -2 away.
+    """Alignment of the forward axis with a unit vector: 0 along it, -1 across, -2 away.
 
-    Linear in the angle between them, so that the last degrees count as much as the first ones; never positive, so that
-    staying out of trouble earns nothing.
+    It is linear in the angle, so that the last degrees count as much as the first ones. It is never positive, so that
+    an episode does not earn more by lasting longer.
     """
     cosine = dot(pose.axes[b, FORWARD], heading)
     return -2.0 / math.pi * math.acos(min(max(cosine, -1.0), 1.0))
@@ -28,7 +28,7 @@ def alignment(pose, heading, b):
 
 @kernel
 def effort(tank, interval, b):
-    """What moving the muscles in the last interval, s, costs, body lengths, never positive."""
+    """Cost of moving the muscles in the last interval, s, as a reward: body lengths, never positive."""
     return tank.effort[b] * (-EFFORT_WEIGHT * interval)
 
 

@@ -1,4 +1,4 @@
-"""How every task begins: the fish at the origin, almost at rest, in a random or a given pose."""
+"""Start of every task: the fish at the origin, almost at rest, in a random or a given pose."""
 
 import numpy as np
 

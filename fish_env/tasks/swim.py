@@ -81,7 +81,7 @@ class SwimTask(CompiledTask):
             self._speed[i] = options.get("speed", generator.uniform(*self.speed))
 
     def metrics(self, tank: Tank, i, seconds):
-        """Mean speed along the commanded heading and across it, and how far it is from the commanded one, lengths/s."""
+        """Mean speed along the commanded heading and across it, and its error, body lengths/s."""
         travel = (self._before[i] - self._start[i]) / tank.fish.length / seconds
         along = float(travel @ self._heading[i])
         found = {"speed": along, "sideways": float(np.linalg.norm(travel - along * self._heading[i]))}

@@ -14,7 +14,7 @@ from fish_env.tasks.options import Direction, Option, checked_choice
 from fish_env.tasks.start import POSE_OPTIONS, place
 
 ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the price of pointing across the way to the target
-REACH_BONUS = 1.0  # body lengths: what reaching a target is worth beside the way to it
+REACH_BONUS = 1.0  # body lengths: bonus for reaching a target, in addition to the approach
 DRAWN = 50  # targets drawn at the start of an episode, the first again after the last
 
 DISTANCE = Option(0.8, 5.0, "distance of a target from the fish's centre when it appears, body lengths")
@@ -36,7 +36,7 @@ def look(tank, pose, task, b, out):
 
 @kernel
 def score(tank, pose, task, b, terms):
-    """How much nearer the nose has come, pointing at the target, reaching it, less effort; then the next one."""
+    """Reward for approaching, pointing at and reaching the target, less effort; then set the next target."""
     way = pointing(task.target[b] - pose.centre[b])
     now = gap(tank, task, b)
     hit = now <= task.radius
@@ -68,7 +68,7 @@ def pointing(way):
 
 @kernel
 def gap(tank, task, b):
-    """How far the nose is from the target, body lengths."""
+    """Distance of the nose from the target, body lengths."""
     way = tank.position[b, INDEX(tank.nose)] - task.target[b]
     return sqrt(dot(way, way)) / tank.length
 

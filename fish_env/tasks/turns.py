@@ -24,7 +24,7 @@ ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the price of pointing across th
 OVERSHOOT_WEIGHT = 10.0  # body lengths a second, the price of having turned a right angle too far
 COMPLETE = 0.9  # part of a turn after which it counts as made
 LEAST_TURN = math.radians(1.0)  # a smaller turn has no radius
-SETTLED = math.radians(10.0)  # how near the commanded heading a settled fish is, on average over a beat
+SETTLED = math.radians(10.0)  # largest heading error at which a turn has settled, on average over a beat
 MEAN_TIME = 0.26  # s, about a beat: headings are averaged over the whole environment steps nearest to it
 PATIENCE = 3.0  # s: a turn whose predecessor is never as far along as it should be is commanded then
 
@@ -51,7 +51,7 @@ class Course(NamedTuple):
 
 
 class Record(NamedTuple):
-    """How the last commanded turn went; NaN until measured."""
+    """Measurements of the last commanded turn; NaN until measured."""
 
     latency: np.ndarray  # (B,) s from command to 90 % of the turn
     overshoot: np.ndarray  # (B,) rad beyond the commanded heading, the oscillation with the tail beat removed
@@ -117,7 +117,7 @@ def track_commands(pose, task, b):
 
 @kernel
 def mean_facing(course, b):
-    """Where fish b pointed on average over the last beat or so, rad, counted on beyond pi."""
+    """Mean direction of fish b over about the last beat, rad, unwrapped beyond pi."""
     window, now = course.history.shape[1], course.steps[b]
     kept = min(now, (window + 1) // 2)
     total = 0.0
@@ -128,7 +128,7 @@ def mean_facing(course, b):
 
 @kernel
 def steady_facing(course, b):
-    """The average over a beat once more averaged over a beat, rad: how well a fish holds its heading is judged by it.
+    """Mean direction, averaged twice over a beat, rad: the heading error is measured with it.
 
     Nobody beats at exactly this rate: of an oscillation at 3.3 to 4.6 Hz up to a sixth is left by one average, 3 % by
     two (of environment steps of 20 ms, at which everything is measured).
@@ -144,9 +144,9 @@ def steady_facing(course, b):
 
 @kernel
 def too_far(task, b):
-    """How far fish b has turned beyond its last command, on average over a beat, rad, at most half a turn.
+    """Angle by which fish b has turned beyond its last command, on average over a beat, rad, at most half a turn.
 
-    The bound bounds the reward of a fish that spins. The term is 0 before the turn is made, and for a beat after the
+    The bound limits the penalty of a fish that spins. The term is 0 before the turn is made, and for a beat after the
     command: the average is still over the turn before.
     """
     course = task.course
@@ -208,7 +208,7 @@ class CommandedTurns(CompiledTask, ABC):
         self.pack = Pack("turns", **self.fields())
 
     def fields(self) -> dict:
-        """What the kernels read and write."""
+        """Data that the kernels read and write."""
         price = self.overshoot_weight if "overshoot" in self.term_names else 0.0
         return {
             "course": Pack("course", **self.course._asdict()),
@@ -224,7 +224,7 @@ class CommandedTurns(CompiledTask, ABC):
         }
 
     def start(self, tank: Tank, i, generator, options):
-        """Place the fish at the origin with a random yaw, almost at rest, heading where it points; plan its turns."""
+        """Place the fish at the origin with a random yaw, almost at rest, heading where it points; set its turns."""
         yaw = options.get("yaw", generator.uniform(-np.pi, np.pi))
         self._before[i] = self._start[i] = place(tank, i, generator, yaw, options)
         course = self.course
@@ -242,7 +242,7 @@ class CommandedTurns(CompiledTask, ABC):
         """Set the course of fish i: count, angle, wait and part."""
 
     def metrics(self, tank: Tank, i, seconds):
-        """How the last commanded turn went; angles in degrees, lengths in body lengths."""
+        """Metrics of the last commanded turn; angles in degrees, lengths in body lengths."""
         course, record, load, length = self.course, self.record, self.load, tank.fish.length
         error = abs(wrapped(course.heading[i] - steady_facing(course, i)))
         made = bool(course.stage[i] == course.count[i] and np.isfinite(record.latency[i]))

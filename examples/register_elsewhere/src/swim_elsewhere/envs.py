@@ -1,4 +1,4 @@
-"""What the entry points name. Importing it enters the task in the table that the environments look it up in."""
+"""Entry points of the environments. Importing this module adds the task to the table of tasks."""
 
 from fish_env import TASKS
 from fish_env.envs import FishEnv, FishVectorEnv
