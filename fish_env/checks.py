@@ -1,4 +1,4 @@
-"""Input validation: arrays of the right shape, finite, positive, naming nodes that exist."""
+"""Input validation: arrays of the right shape, finite, positive, with valid node numbers."""
 
 import copy
 import math
@@ -14,12 +14,12 @@ import numpy as np
 
 
 def is_whole(value) -> TypeGuard[int]:
-    """Whether `value` is a whole number of Python or numpy; truth values are not, nor are numpy's durations."""
+    """Return True if `value` is an integer of Python or numpy; Booleans and numpy's durations are not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
 
 
 def real(value) -> float:
-    """`value` as a float: nan if it is no real number, infinite if it is beyond the largest float."""
+    """Convert `value` to a float: nan if it is no real number, infinite if it is beyond the largest float."""
     if not isinstance(value, Real):
         return math.nan
     try:
@@ -30,7 +30,7 @@ def real(value) -> float:
 
 @contextmanager
 def representable(what: str) -> Iterator[None]:
-    """A ValueError in place of products and quotients that no float holds, of numbers that are allowed one by one."""
+    """Raise ValueError if products or quotients of valid numbers overflow in this block."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             yield
@@ -39,15 +39,15 @@ def representable(what: str) -> Iterator[None]:
 
 
 def as_floats(value) -> np.ndarray:
-    """`value` as a float64 array, itself if it is one.
+    """Convert `value` to a float64 array; an array of this type is returned itself.
 
     Raises:
-        TypeError: for what numpy would read numbers out of: text, dates, complex numbers, what is under a mask; and for
-            a tensor of torch that requires a gradient, which would end here.
+        TypeError: for types that numpy would convert silently: text, dates, complex numbers, masked values. Also for a
+            tensor of torch that requires a gradient, which would be lost here.
         ValueError: for rows of different lengths.
         OverflowError: for a whole number beyond the largest float.
     """
-    if getattr(getattr(value, "dtype", None), "is_floating_point", False):  # torch's, perhaps one that numpy lacks
+    if getattr(getattr(value, "dtype", None), "is_floating_point", False):  # of torch, perhaps one that numpy lacks
         value = value.double()
     try:
         array = np.asarray(value)
@@ -57,16 +57,16 @@ def as_floats(value) -> np.ndarray:
     texts = array.dtype.kind == "O" and any(isinstance(each, str | bytes | complex) for each in array.flat)
     if array.dtype.kind not in "biufO" or masked or texts:
         raise TypeError(f"not real numbers but {array.dtype}{', some of them masked' * masked}")
-    with np.errstate(over="ignore"):  # of numbers of more precision; they become infinite
+    with np.errstate(over="ignore"):  # large numbers of higher precision become infinite
         return array.astype(np.float64, copy=False)
 
 
 def finite_array(value, shape, name) -> np.ndarray:
-    """`value` as a new float64 array of the given shape, or ValueError saying what it is and what it should be."""
+    """Convert `value` to a new, finite float64 array of the given shape; ValueError states actual and valid values."""
     try:
         array = np.array(as_floats(value), order="C")
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        why = f" ({error})" if hasattr(value, "requires_grad") else ""  # torch's own words
+        why = f" ({error})" if hasattr(value, "requires_grad") else ""  # the message of torch
         raise ValueError(f"{name} is {value!r}{why}; give finite numbers of shape {shape}") from error
     if array.shape != tuple(shape):
         raise ValueError(f"{name} has shape {array.shape}; give shape {tuple(shape)}")
@@ -77,7 +77,7 @@ def finite_array(value, shape, name) -> np.ndarray:
 
 
 def positive_array(value, shape, name, zero=False) -> np.ndarray:
-    """As `finite_array`, and every element positive (or zero, where `zero` allows it)."""
+    """Convert `value` like `finite_array`, and require every element to be positive (or zero, if `zero` is True)."""
     array = finite_array(value, shape, name)
     bad = array < 0 if zero else array <= 0
     if bad.any():
@@ -87,7 +87,7 @@ def positive_array(value, shape, name, zero=False) -> np.ndarray:
 
 
 def node_array(value, width, num_nodes, name) -> np.ndarray:
-    """`value` as an int64 array (K, width) of existing node numbers, or ValueError."""
+    """Convert `value` to an int64 array (K, width) of valid node numbers; ValueError otherwise."""
     array = np.array(value)
     if array.size == 0:
         return np.zeros((0, width), dtype=np.int64)
@@ -95,12 +95,12 @@ def node_array(value, width, num_nodes, name) -> np.ndarray:
         raise ValueError(f"{name} have shape {array.shape} and type {array.dtype}; give whole numbers (K, {width})")
     if array.min() < 0 or array.max() >= num_nodes:
         bad = int(array[(array < 0) | (array >= num_nodes)][0])
-        raise ValueError(f"{name} name node {bad}, which is missing; nodes are numbered 0 to {num_nodes - 1}")
+        raise ValueError(f"{name} contain node {bad}; valid numbers are 0 to {num_nodes - 1}")
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
 def fits_memory(count: int, each: int, what: str) -> None:
-    """Raise ValueError if `count` of something, `each` bytes large, are more than this process may have of memory."""
+    """Raise ValueError if `count` items of `each` bytes exceed the memory that this process may use."""
     memory = available_memory()
     if memory is not None and count * each > memory:
         raise ValueError(
@@ -111,15 +111,15 @@ def fits_memory(count: int, each: int, what: str) -> None:
 
 @cache
 def available_memory(root: Path = Path("/")) -> int | None:
-    """Bytes of memory of this machine, or fewer where the control groups of this process (containers) allow fewer.
+    """Bytes of memory of this machine, or fewer if the control groups of this process (containers) allow fewer.
 
-    None if the system does not tell.
+    None if the system does not report it.
 
     Args:
-        root: of the file system.
+        root: root of the file system.
     """
     sizes, groups = [], []
-    with suppress(AttributeError, ValueError, OSError):  # no such question on this system
+    with suppress(AttributeError, ValueError, OSError):  # not available on this system
         sizes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     with suppress(OSError):
         groups = (root / "proc/self/cgroup").read_text().splitlines()
@@ -129,30 +129,30 @@ def available_memory(root: Path = Path("/")) -> int | None:
             continue
         place, name = ("", "memory.max") if not controllers else ("memory", "memory.limit_in_bytes")
         folder = PurePosixPath(path.lstrip("/"))
-        for each in (folder, *folder.parents):  # each may allow less than those within it
-            with suppress(OSError, ValueError):  # "max" is no number
+        for each in (folder, *folder.parents):  # each may allow less than its subgroups
+            with suppress(OSError, ValueError):  # "max" is not a number
                 sizes.append(int((root / "sys/fs/cgroup" / place / each / name).read_text()))
     return min(sizes, default=None)
 
 
 class Settled:
-    """What is made once: the attributes that `SETTLED` names cannot be given another value from outside."""
+    """Base class whose attributes in `SETTLED` are read-only after construction."""
 
     SETTLED: tuple[str, ...] = ()
 
     def __setattr__(self, name, value):
         if name in self.SETTLED and hasattr(self, name):
-            raise AttributeError(f"{name} of a {type(self).__name__} is settled when it is made; make another one")
+            raise AttributeError(f"{type(self).__name__}.{name} is read-only; create a new {type(self).__name__}")
         super().__setattr__(name, value)
 
     def _settle_anew(self, **values) -> None:
-        """Give such attributes other values after all."""
-        for name, value in values.items():  # attributes are looked up faster while no `__dict__` was asked for
+        """Replace the values of read-only attributes."""
+        for name, value in values.items():  # reading `__dict__` would slow down later attribute access
             object.__setattr__(self, name, value)
 
 
 def frozen(record):
-    """`record`, an array or a record of arrays, tuples and dictionaries of them, with all of them read-only."""
+    """Return `record`, an array or a nested record of arrays, tuples and dictionaries, with all arrays read-only."""
     if isinstance(record, np.ndarray):
         record.flags.writeable = False
     else:
@@ -163,8 +163,8 @@ def frozen(record):
 
 
 def own(state: dict, sample: np.ndarray) -> dict:
-    """What was in a pickle, copied if its arrays, of which `sample` is one, lie in memory that is only lent.
+    """Return the state of a pickle, copied if its arrays, such as `sample`, are in read-only memory.
 
-    An object store, such as that of Ray, gives out arrays that must not be written to.
+    An object store, such as that of Ray, returns read-only arrays.
     """
     return state if sample.flags.writeable else copy.deepcopy(state)

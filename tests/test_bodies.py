@@ -242,8 +242,8 @@ def test_make_body():
         ("position", np.full((3, 3), np.nan), r"position \(m\) is nan at \(0, 0\)"),
         ("pairs", [(0, 1), (2, 2)], "spring 1 joins node 2 to itself; give two different nodes"),
         ("pairs", [(0, 1), (1, 0)], "two springs join the same pair of nodes"),
-        ("pairs", [(0, 1), (1, 3)], "springs name node 3, which is missing; nodes are numbered 0 to 2"),
-        ("pairs", [(0, 1), (1, -1)], "springs name node -1, which is missing"),
+        ("pairs", [(0, 1), (1, 3)], "springs contain node 3; valid numbers are 0 to 2"),
+        ("pairs", [(0, 1), (1, -1)], "springs contain node -1; valid"),
         ("pairs", [(0, 1.0), (1, 2)], r"springs have shape \(2, 2\) and type float64; give whole numbers \(K, 2\)"),
         ("pairs", [(0, 1, 2)], r"springs have shape \(1, 3\)"),
         ("share", [[0.5, 0.5, 0.5, -0.5]], r"share is -0.5 at \(0, 3\); give zero or positive"),
@@ -255,7 +255,7 @@ def test_make_body():
         ("damping", [0.0, np.nan], r"damping \(N s/m\) is nan at \(1,\)"),
         ("rest_length", [1.0, 0.0], r"rest_length \(m\) is 0.0 at \(1,\); give positive"),
         ("faces", [(0, 1, 2)], r"faces have shape \(1, 3\) and type int64; give whole numbers \(K, 4\)"),
-        ("faces", [(0, 1, 2, 5)], "faces name node 5, which is missing"),
+        ("faces", [(0, 1, 2, 5)], "faces contain node 5; valid"),
     ],
 )
 def test_make_body_refuses(part, value, text):

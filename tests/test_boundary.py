@@ -265,8 +265,8 @@ def test_damped_penalty_settles():
     ("nodes", "axes", "text"),
     [
         (range(23), "xyz", "all 23 nodes would be fixed along every axis; leave one of them free"),
-        ([23], "xyz", "fixed nodes name node 23, which is missing; nodes are numbered 0 to 22"),
-        ([0, -1], "x", "fixed nodes name node -1, which is missing"),
+        ([23], "xyz", "fixed nodes contain node 23; valid numbers are 0 to 22"),
+        ([0, -1], "x", "fixed nodes contain node -1; valid"),
         ([0.5], "x", "fixed nodes have shape"),
         (np.zeros(22, bool), "x", r"the mask of nodes has shape \(22,\); give \(23,\)"),
         ([0], "w", "axes are 'w'; give some of 'xyz'"),

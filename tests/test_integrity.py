@@ -36,10 +36,10 @@ def raised(array, by=1000):
 
 
 CHANGED = {
-    "springs": (lambda: with_part(FISH, "springs", nodes=raised(FISH.body.springs.nodes)), "springs.nodes names 10"),
+    "springs": (lambda: with_part(FISH, "springs", nodes=raised(FISH.body.springs.nodes)), "springs.nodes contains 10"),
     "negative": (
         lambda: with_part(FISH, "springs", nodes=raised(FISH.body.springs.nodes, -99)),
-        "springs.nodes names -",
+        "springs.nodes contains -",
     ),
     "another spring": (
         lambda: with_part(FISH, "springs", nodes=FISH.body.springs.nodes[::-1].copy()),
@@ -66,7 +66,7 @@ CHANGED = {
     "fibres": (lambda: replace(FISH, fibres=raised(FISH.fibres), drives=FISH.drives), "fibres names"),
     "drives": (lambda: replace(FISH, fibres=FISH.fibres, drives=raised(FISH.drives)), "drives names"),
     "right": (lambda: replace(FISH, right=FISH.right[:-1]), "right has shape"),
-    "nose": (lambda: replace(FISH, nose=23), "nose names 23"),
+    "nose": (lambda: replace(FISH, nose=23), "nose contains 23"),
     "landmarks": (
         lambda: replace(FISH, landmarks=FISH.landmarks._replace(node=raised(FISH.landmarks.node))),
         "landmarks.node names",
@@ -93,7 +93,7 @@ def test_a_body_changed_in_place_is_refused_or_harmless():
     for each in (tank, same):
         each.swim(action, fish.control_interval)
     np.testing.assert_array_equal(tank.position, same.position)
-    with pytest.raises(ValueError, match=r"springs.nodes names 10+, which is missing; give numbers from 0 to 22"):
+    with pytest.raises(ValueError, match=r"springs.nodes contains 10+; valid numbers are 0 to 22"):
         Tank(fish, 1)
     with pytest.raises(ValueError, match=r"springs.nodes names"):
         equilibrium(fish.body)
@@ -147,7 +147,12 @@ def test_nearest_takes_nodes_that_there_are():
     """`nearest` names the node that is missing."""
     tank = Tank(FISH, 2)
     assert tank.nearest(FISH.body.position[4], [3, 4, 5], 1) == 4
-    for nodes, i, message in (([99], 0, "names 99"), ([-1], 0, "names -1"), ([], 0, "empty"), (None, 2, "i names 2")):
+    for nodes, i, message in (
+        ([99], 0, "contains 99"),
+        ([-1], 0, "contains -1"),
+        ([], 0, "empty"),
+        (None, 2, "i contains 2"),
+    ):
         with pytest.raises(ValueError, match=message):
             tank.nearest((0.0, 0.0, 0.0), nodes, i)
 
@@ -237,11 +242,11 @@ def test_a_tank_has_a_body_of_its_own(integrator):
                                   lambda body, world: reactions(body, body.position, world), Evaluator])  # fmt: skip
 def test_problems_whose_parts_do_not_fit_are_refused(pose):
     """Statics and forces are worked out for nodes that there are: of the anchors, and of a body changed in place."""
-    with pytest.raises(ValueError, match="anchors names 10000000, which is missing; give numbers from 0 to 22"):
+    with pytest.raises(ValueError, match="anchors contains 10000000; valid numbers are 0 to 22"):
         pose(FISH.body, FISH.water._replace(anchors=ODD_ANCHOR))
     body = make_fish().body
     body.faces.nodes[:] = 10**7
-    with pytest.raises(ValueError, match=r"faces.nodes names 10000000"):
+    with pytest.raises(ValueError, match=r"faces.nodes contains 10000000"):
         pose(body, FISH.water)
 
 
@@ -255,7 +260,7 @@ def test_what_a_tank_is_made_with_stays(name, value):
     if name == "state":
         value = tank.state._replace(x=tank.state.x.astype(np.float32))
     before = getattr(tank, name)
-    with pytest.raises(AttributeError, match=f"{name} of a Tank is settled when it is made; make another one"):
+    with pytest.raises(AttributeError, match=f"Tank.{name} is read-only; create a new Tank"):
         setattr(tank, name, value)
     assert getattr(tank, name) is before
     tank.advance(1)
@@ -265,7 +270,7 @@ def test_what_a_tank_is_made_with_stays(name, value):
 def test_what_a_batch_is_made_with_stays(name):
     """The same of a batch of environments."""
     env = FishVectorEnv(2)
-    with pytest.raises(AttributeError, match=f"{name} of a FishVectorEnv is settled"):
+    with pytest.raises(AttributeError, match=f"FishVectorEnv.{name} is read-only"):
         setattr(env, name, 10**6)
     env.close()
 
@@ -310,7 +315,7 @@ def test_a_failure_that_means_nothing_is_refused():
     tank = Tank(make_fish(), 2)
     tank.state.failure[1] = 99
     tank.advance(1)
-    with pytest.raises(ValueError, match=f"state.failure names 99, .*; give numbers from 0 to {len(FAILURES) - 1}"):
+    with pytest.raises(ValueError, match=f"state.failure contains 99; valid numbers are 0 to {len(FAILURES) - 1}"):
         _ = tank.failure
 
 

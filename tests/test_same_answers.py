@@ -377,7 +377,7 @@ def test_recordings_of_what_was_set():
         env.set_wrapper_attr(name, value)
     kept = record(env, np.zeros((2, 12)), 0)
     assert replay(kept).same and kept.about["env_options"]["severity"] == 0.2
-    with pytest.raises(AttributeError, match="variation of a FishVectorEnv is settled"):
+    with pytest.raises(AttributeError, match=r"FishVectorEnv\.variation is read-only"):
         env.unwrapped.fish.variation = {}
 
 

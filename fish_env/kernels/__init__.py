@@ -1,1 +1,1 @@
-"""Compilation: vector notation for kernels, how they are compiled, stored and shared out over threads; GPUs."""
+"""Compilation: vector notation for kernels, their compiler, cache and threads; GPUs."""

@@ -1,11 +1,11 @@
-"""The compiled kernels on disk: where they are stored, under which names, and how they are found.
+"""Disk cache of compiled kernels: its folder, the names of its files, and their look-up.
 
-Numba's own cache looks only at the file a kernel stands in, so a kernel that calls another file's kernel can be
-served stale after an edit. Here the cache folder's name is a hash of every source file of the package: an edit
-anywhere opens a new folder, and a stale kernel cannot be found.
+Numba's own cache checks only the file of a kernel, so a kernel that calls another file's kernel can be stale after an
+edit. Here the cache folder's name is a hash of every source file of the package: after any edit there is a new folder,
+and a stale kernel cannot be found.
 
-The folder is, in this order, in FISH_ENV_CACHE, NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA, ~/.cache or temporary
-files. FISH_ENV_CACHE is meant for folders that machines share, and for images of containers.
+The folder is in the first of FISH_ENV_CACHE, NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA, ~/.cache and the temporary
+files. FISH_ENV_CACHE is intended for folders that machines share, and for images of containers.
 """
 
 import contextlib
@@ -31,7 +31,7 @@ CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
 def source_hash(package: Path | None = None) -> str:
-    """Hash of every Python source file of a package, this one (names and bytes), 16 hexadecimal digits."""
+    """Hash of every Python source file of a package (names and bytes), by default this one, 16 hexadecimal digits."""
     digest = hashlib.sha256()
     for name, content in _sources(data("fish_env") if package is None else package):
         digest.update(name.encode())
@@ -40,7 +40,7 @@ def source_hash(package: Path | None = None) -> str:
 
 
 def _sources(folder: Path, above: str = "") -> Iterator[tuple[str, bytes]]:
-    """Names and bytes of the source files below a folder, which may lie in an archive."""
+    """Yield names and bytes of the source files below a folder, which may be in an archive."""
     for each in sorted(folder.iterdir(), key=lambda each: each.name):
         if each.is_dir():
             yield from _sources(each, f"{above}{each.name}/")
@@ -49,10 +49,10 @@ def _sources(folder: Path, above: str = "") -> Iterator[tuple[str, bytes]]:
 
 
 def cache_folder() -> str | None:
-    """The folder compiled kernels are kept in, created if need be; None (with a warning) if none can be written.
+    """Folder of compiled kernels, created if necessary; None (with a warning) if none can be written.
 
-    Compiled kernels are pickles, so the folder is the user's own: FISH_ENV_CACHE, or under NUMBA_CACHE_DIR,
-    XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache, else a private one among the temporary files.
+    Compiled kernels are pickles, so only the user may write to the folder: FISH_ENV_CACHE, or a folder in
+    NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache, else a private one among the temporary files.
     """
     name = f"{source_hash()}-py{sys.version_info.major}{sys.version_info.minor}"
     if os.environ.get("FISH_ENV_CACHE"):
@@ -61,7 +61,7 @@ def cache_folder() -> str | None:
     bases, private = [], None
     with contextlib.suppress(RuntimeError):  # there is no home folder
         bases.append(Path(user) if user else Path.home() / ".cache")
-    with contextlib.suppress(FileNotFoundError):  # nor one for temporary files
+    with contextlib.suppress(FileNotFoundError):  # there is no folder for temporary files
         private = Path(tempfile.gettempdir()) / f"cache-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
         bases.append(private)
     for base in bases:
@@ -82,10 +82,10 @@ def cache_folder() -> str | None:
 
 
 def others_write(path: Path) -> Path | None:
-    """The first of a path and the folders above it whose content somebody else can change, or None.
+    """First of a path and its parent folders whose content another user can change, or None.
 
-    The administrator may, and in a folder with the sticky bit, as that of temporary files, everybody may add files but
-    not replace those of others. A group that has its user's number is that user's own.
+    The administrator is trusted. In a folder with the sticky bit, such as that of temporary files, users cannot replace
+    files of others. A group with the number of its user belongs to that user only.
     """
     if not hasattr(os, "getuid"):
         return None
@@ -100,9 +100,9 @@ def others_write(path: Path) -> Path | None:
 
 
 def chosen_folder(folder: Path) -> str | None:
-    """The folder below FISH_ENV_CACHE; one that cannot be written serves if it holds kernels, as in an image.
+    """Folder below FISH_ENV_CACHE; a read-only one is valid if it contains kernels, as in an image.
 
-    No other folder is taken instead: who names one wants the kernels there, or to know that they are not.
+    There is no fallback to another folder, because the user chose this one explicitly.
     """
     reason = "it holds no kernels, and cannot be written to"
     try:
@@ -127,10 +127,10 @@ _FOLDER = cache_folder()
 
 
 class Place:
-    """Where kernels of a function are stored: below the folder, by the name of the package that they belong to.
+    """Cache locator of a function, for numba: a subfolder with the name of the function's package.
 
-    Numba's own locators name it after the path of the sources, which differs between machines that share a folder, and
-    refuse a folder that can only be read.
+    Numba's own locators name it after the path of the sources, which differs between machines that share a folder. They
+    also reject read-only folders.
     """
 
     def __init__(self, function, file):
@@ -141,37 +141,37 @@ class Place:
 
     @classmethod
     def from_function(cls, function, file):
-        """The place for a function, whatever it is."""
+        """Make the locator of any function."""
         return cls(function, file)
 
     def get_cache_path(self) -> str:
-        """The folder of its files."""
+        """Folder of its files."""
         return self._path
 
     def ensure_cache_path(self) -> None:
-        """Make that folder; an OSError if that is impossible."""
+        """Create that folder; OSError if that is impossible."""
         os.makedirs(self._path, exist_ok=True)
 
     def get_source_stamp(self) -> str:
-        """Nothing: the folder is named after the sources, and the files after what the functions do."""
+        """Return "": folder names depend on the sources, and file names on the functions' content."""
         return ""
 
     def get_disambiguator(self) -> str:
-        """What tells functions of one name apart."""
+        """Line number, which distinguishes functions of one name."""
         return self._line
 
 
 class Stored(CompileResultCacheImpl):
-    """Numba's way to store a kernel, at our place."""
+    """Numba's serialisation of a kernel, with the locator of this package."""
 
     _locator_classes = [Place]
 
 
 class KeyedFiles(IndexDataCacheFile):
-    """Files of compiled code named by what they are for, so that processes that compile at once keep theirs apart.
+    """Files of compiled code, named by a hash of their key, so that concurrent processes do not interfere.
 
-    Numba numbers them by an index that it reads and writes without a lock: of two processes that compile two closures
-    of one function, one may then be given the other's code.
+    Numba numbers files by an index that it reads and writes without a lock. If two processes compile two closures of
+    one function, one may then load the code of the other.
 
     A file begins with a checksum; one that is damaged or cannot be read counts as missing.
     """
@@ -181,7 +181,7 @@ class KeyedFiles(IndexDataCacheFile):
         self._save_data(self._name(key), data)
 
     def load(self, key):
-        """What was stored, or None."""
+        """Load compiled code; None if there is none."""
         with contextlib.suppress(OSError):
             return self._load_data(self._name(key))
         return None
@@ -204,7 +204,7 @@ class KeyedFiles(IndexDataCacheFile):
 
 
 class SourceCache(FunctionCache):
-    """Numba's cache of one function, for closures too: its key is all that the function is compiled from."""
+    """Numba's cache of one function, also for closures: its key contains all that the function is compiled from."""
 
     _impl_class = Stored
 
@@ -214,7 +214,7 @@ class SourceCache(FunctionCache):
         self._cache_file = KeyedFiles(self._cache_path, base, self._impl.locator.get_source_stamp())
 
     def load_overload(self, sig, target_context):
-        """What was compiled before, or None: then it is compiled now, and said so."""
+        """Load compiled code, or return None and announce the compilation."""
         found = None
         with contextlib.suppress(UnknownValueError):
             found = super().load_overload(sig, target_context)
@@ -223,7 +223,7 @@ class SourceCache(FunctionCache):
         return found
 
     def save_overload(self, sig, data):
-        """Store what was compiled."""
+        """Store compiled code."""
         end_progress()
         try:
             super().save_overload(sig, data)
@@ -241,5 +241,5 @@ class SourceCache(FunctionCache):
 
 @cache
 def unstored(what: str) -> None:
-    """Say, once a process, that a compiled kernel stays in memory only."""
+    """Warn, once per process, that a compiled kernel is in memory only."""
     warnings.warn(f"fish_env cannot store {what}", RuntimeWarning, stacklevel=2)

@@ -1,4 +1,4 @@
-"""Compilation: `njit` with the flags every kernel of this package uses, stored on disk by `fish_env.kernels.cache`."""
+"""Compilation: `njit` with the flags of this package's kernels, which `fish_env.kernels.cache` stores on disk."""
 
 import gc
 import os
@@ -22,15 +22,15 @@ from fish_env.kernels.cache import SourceCache
 from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
 from fish_env.kernels.threads import signals_held
 
-# No fastmath at all: nothing is reordered or contracted, so that a fish has the same bits alone and in any lane, and
-# the failure check sees a NaN.
+# No fastmath: nothing is reordered or contracted. A single fish and a fish in any lane then have the same bits, and the
+# failure check detects a NaN.
 OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False}
 PART = OPTIONS | {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Of a part of a kernel: it makes no arrays, so nothing counts references to them, and Python does not call it."""
-INDEX = np.uint64  # kernels index with unsigned numbers: numba then has no negative ones to test for
+"""Options of a part of a kernel: without reference counts, because it makes no arrays, and without Python wrappers."""
+INDEX = np.uint64  # kernels use unsigned indices, so that numba need not test for negative ones
 
 if hasattr(os, "register_at_fork"):
-    # A process that is forked while another thread compiles inherits the compiler's lock, and would wait without end.
+    # A process that is forked while another thread compiles inherits the compiler's lock, and would deadlock.
     os.register_at_fork(
         before=global_compiler_lock.acquire,
         after_in_parent=global_compiler_lock.release,
@@ -40,11 +40,11 @@ if hasattr(os, "register_at_fork"):
 
 @contextmanager
 def compiling(function):
-    """Compile a function in this block, where its name says what it is compiled from.
+    """Compile a function in this block, in which its name contains a hash of its content.
 
-    The loader takes the first part of a name that is not inlined for all others of that name, and numba's numbers tell
-    functions of one name apart only within a process: of two that two processes kept on disk, a third would run one for
-    the other.
+    The loader resolves all calls of one name to the first part of that name that is not inlined. Numba's numbers
+    distinguish functions of one name only within a process. A third process could otherwise confuse two functions that
+    two processes have stored on disk.
     """
     with global_compiler_lock:
         plain = function.__qualname__
@@ -62,8 +62,8 @@ def compiling(function):
 class Kernel(CPUDispatcher):
     """A kernel that Python calls.
 
-    While it is compiled, the garbage collector waits, which would find nothing, and so do signals: an exception would
-    leave numba with half of what it needs.
+    During compilation, the garbage collector is off, as it would find nothing. Signals are deferred, because an
+    exception would leave numba in an inconsistent state.
     """
 
     def compile(self, sig):
@@ -89,11 +89,11 @@ def njit(function):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PartLowering(NativeLowering):
-    """Lowering of a part: to LLVM's language only. What calls it optimises it, and makes machine code of it.
+    """Lowering of a part to LLVM's language only. Its callers optimise it and compile it to machine code.
 
-    Numba optimises and assembles every function by itself as well, which for an inlined one is half of all its cost.
-    Nor must a part be loaded: the loader takes the first function of a name for all others, so that what calls a part
-    without inlining it would run the part as it was before it was optimised, until the next process.
+    Numba also optimises and assembles every function separately, which is half of the cost of an inlined one. A part
+    must not be loaded either. The loader resolves a name to its first function, so callers that do not inline the part
+    would run its unoptimised version in this process.
     """
 
     _name = "part_lowering"
@@ -110,23 +110,23 @@ class PartLowering(NativeLowering):
         try:
             return super().run_pass(state)
         finally:
-            del context.get_executable  # the method of the class again
+            del context.get_executable  # restores the method of the class
 
 
 @cache
 def come_first() -> None:
-    """Let numba know our types first, once, when the first kernel is compiled."""
+    """Register the types of this package before numba's, once, when the first kernel is compiled."""
     from fish_env.kernels.simd import arithmetic
 
     arithmetic.come_first()
 
 
 NEEDLESS = (InlineClosureLikes, InlineOverloads, NopythonRewrites)
-"""Passes for what parts do not have: functions within functions, inlining on numba's level, expressions of arrays."""
+"""Passes that parts do not need: functions within functions, inlining on numba's level, expressions of arrays."""
 
 
 class PartCompiler(CompilerBase):
-    """Numba's compiler, but for how it lowers."""
+    """Numba's compiler with the lowering of parts."""
 
     def define_pipelines(self):
         come_first()
@@ -142,7 +142,7 @@ class PartCompiler(CompilerBase):
 
 
 class Part(CPUDispatcher):
-    """A kernel that becomes part of every kernel that calls it. Called from Python, it runs as Python."""
+    """A kernel that is compiled into every kernel that calls it. Called from Python, it runs as Python."""
 
     def __call__(self, *args):
         return self.py_func(*args)
@@ -153,7 +153,7 @@ class Part(CPUDispatcher):
 
 
 def part(function, **options):
-    """Compile a part of kernels, without the wrappers that Python would call it by: a quarter of the time."""
+    """Compile a part of kernels without wrappers for Python, in a quarter of the time."""
     compiled = numba.njit(**PART, **options, pipeline_class=PartCompiler)(function)
     if isinstance(compiled, CPUDispatcher):
         compiled.__class__ = Part
@@ -161,5 +161,5 @@ def part(function, **options):
 
 
 def kernel(function):
-    """As `part`, and made part of every kernel that calls it."""
+    """Compile a part that is inlined into every kernel that calls it."""
     return part(function, forceinline=True)

@@ -1,4 +1,4 @@
-"""Files that come with the package, also where it lies in a zip archive."""
+"""Data files of the package, also if it is in a zip archive."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import cast
 
 
 def data(package: str, *names: str) -> Path:
-    """A file or folder in a package of this package: a Path, or in an archive what is read in the same way."""
+    """Path of a file or folder in a package of this package, or an object with the same methods in an archive."""
     place = files(package)
     for name in names:  # Python 3.10 joins one name at a time
         place = place.joinpath(name)

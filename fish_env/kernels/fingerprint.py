@@ -1,7 +1,7 @@
-"""What a function is compiled from, as one number: functions that may differ in what they do have different ones.
+"""Fingerprint of a function: a hash of all that it is compiled from, which differs for different functions.
 
-That is its bytecode with what is nested in it, its defaults, what it closes over, and every global that it loads, all
-by value, with what stands in for a function that is overloaded. What is not known by value has no fingerprint.
+It covers the bytecode with nested code, the defaults, the closure, every global that it loads, and the implementations
+of overloaded functions, all by value. An object that is not known by value has no fingerprint.
 """
 
 import builtins
@@ -20,22 +20,22 @@ from numba.core.extending import _Intrinsic
 from numba.core.typing.templates import builtin_registry
 
 LIBRARIES = ("builtins", "cmath", "math", "numba", "numpy", "operator", "scipy")
-"""Whose functions and classes are known by their names: numba's version is in the name of every stored kernel."""
+"""Libraries whose functions and classes are known by name: the name of every stored kernel contains numba's version."""
 PLAIN = (bool, int, float, complex, str, bytes, range, NoneType, EllipsisType)
 CODE = ("co_code", "co_names", "co_varnames", "co_freevars", "co_cellvars", "co_argcount", "co_posonlyargcount",
         "co_kwonlyargcount", "co_flags", "co_exceptiontable")  # fmt: skip
-"""What matters of a code object, beside its constants; where it stands does not."""
+"""Attributes of a code object in its fingerprint, beside its constants; its location is not one of them."""
 
 
 class UnknownValueError(TypeError):
-    """A function is made of something that cannot be told by value."""
+    """A function depends on an object that is not known by value."""
 
 
 def fingerprint(function: FunctionType) -> str:
-    """The fingerprint of a function that is to be compiled, 64 hexadecimal digits.
+    """Fingerprint of a function, 64 hexadecimal digits.
 
     Raises:
-        UnknownValueError: if it is made of something that cannot be told by value; the message names it.
+        UnknownValueError: if it depends on an object that is not known by value; the message names it.
     """
     digest = hashlib.sha256()
     for part in _function(function, {}):
@@ -54,7 +54,7 @@ def _function(function: FunctionType, seen: dict[FunctionType, int]) -> Iterator
     for cell in function.__closure__ or ():
         try:
             held = cell.cell_contents
-        except ValueError:  # nothing yet, or not any more
+        except ValueError:  # an empty cell
             held = NoneType
         yield from _value(held, seen)
 
@@ -71,13 +71,13 @@ def _code(code: CodeType, space: dict[str, Any], seen) -> Iterator[bytes]:
 
 @cache
 def _globals(code: CodeType) -> tuple[str, ...]:
-    """The names of the globals that it loads."""
+    """Names of the globals that it loads."""
     loads = (each.argval for each in dis.get_instructions(code) if each.opname in ("LOAD_GLOBAL", "LOAD_NAME"))
     return tuple(dict.fromkeys(loads))
 
 
 def _module(module: ModuleType, code: CodeType, seen) -> Iterator[bytes]:
-    """What the code may take of a module: whatever is there under a name that the code has."""
+    """Yield the parts of a module that the code may use: its attributes with a name that occurs in the code."""
     yield module.__name__.encode()
     if module.__name__.split(".")[0] in LIBRARIES:
         return
@@ -122,12 +122,12 @@ def _value(value: Any, seen) -> Iterator[bytes]:
 
 
 def _is_known(function: FunctionType) -> bool:
-    """Whether its name tells all: one of this package, whose sources name the folder, or of a library."""
+    """Return True for a function that its name identifies: one of this package or of a library."""
     return (function.__module__ or "").split(".")[0] in ("fish_env", *LIBRARIES) and not function.__closure__
 
 
 def _overloads(function: FunctionType) -> list[FunctionType]:
-    """What numba compiles in place of a plain function, which it cannot call."""
+    """Overloads that numba compiles in place of a plain Python function."""
     kinds = (kind for known, kind in builtin_registry.globals if known is function)
     return [each._overload_func for kind in kinds for each in kind.templates if hasattr(each, "_overload_func")]
 
@@ -138,7 +138,7 @@ def _all(values: Iterable, seen) -> Iterator[bytes]:
 
 
 def _class(value: type, seen) -> Iterator[bytes]:
-    """What a class is known by beside its name: its members or fields."""
+    """Yield the parts of a class's fingerprint beside its name: its members or fields."""
     if issubclass(value, enum.Enum):
         members: dict[str, Any] = dict(value.__members__)
         yield from _all([(name, member.value) for name, member in members.items()], seen)
@@ -147,7 +147,7 @@ def _class(value: type, seen) -> Iterator[bytes]:
 
 
 def _name(value: Any) -> bytes:
-    """What is known by its name alone: what libraries and this package define, types, and classes of plain values."""
+    """Name of an object that it identifies: of a library or this package, a type, or a class of plain values."""
     if isinstance(value, np.dtype | types.Type):
         return repr(value).encode()
     if isinstance(value, _Intrinsic):
@@ -158,7 +158,7 @@ def _name(value: Any) -> bytes:
     room = str(home).split(".")[0]
     ours = room == "fish_env" and isinstance(value, FunctionType | type | _Intrinsic)
     library = room in LIBRARIES and isinstance(value, FunctionType | BuiltinFunctionType | type | np.ufunc | _Intrinsic)
-    numpys = type(value) is type(np.sum)  # no plain function
+    numpys = type(value) is type(np.sum)  # not a plain function
     held = isinstance(value, type) and issubclass(value, enum.Enum | tuple)
     if name is None or not (ours or library or numpys or held):
         raise UnknownValueError(f"{value!r} is a {type(value).__name__}, which is not known by value")

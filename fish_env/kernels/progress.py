@@ -1,4 +1,4 @@
-"""What a user sees while kernels are compiled."""
+"""Progress messages during the compilation of kernels."""
 
 import os
 import sys
@@ -8,9 +8,9 @@ from numba.core import event
 
 
 class Progress(event.Listener):
-    """Says on the standard error that kernels are compiled, and how far that is: a first use should not look dead.
+    """Listener that reports the progress of compilation on standard error, so that a first use does not seem to hang.
 
-    In a terminal a line that is kept up to date; elsewhere one line, once it has taken PATIENCE seconds.
+    In a terminal, it updates one line; elsewhere, it prints one line after PATIENCE seconds.
     FISH_ENV_QUIET=1 turns it off.
     """
 
@@ -18,10 +18,10 @@ class Progress(event.Listener):
         self.since, self.count, self.said = time.perf_counter(), 0, False
 
     def on_start(self, event):
-        """Nothing: a kernel is counted when it is done."""
+        """Do nothing: a kernel is counted when it is done."""
 
     def on_end(self, event):
-        """Count a kernel, and say so."""
+        """Count a kernel, and report it."""
         self.count += 1
         elapsed, terminal = time.perf_counter() - self.since, sys.stderr.isatty()
         if elapsed > PATIENCE and (terminal or not self.said):
@@ -42,7 +42,7 @@ _progress: list[Progress] = []
 
 
 def begin_progress() -> None:
-    """Listen to the compiler, unless that is done already."""
+    """Listen to the compiler, unless a listener is active."""
     if not _progress and not os.environ.get("FISH_ENV_QUIET"):
         _progress.append(Progress())
         event.register("numba:compile", _progress[0])

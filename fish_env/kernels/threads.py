@@ -1,4 +1,4 @@
-"""Threads that work on shares of the fish, and signals that wait until what must not be interrupted is done."""
+"""Threads that work on parts of the fish, and signals that are deferred until the end of an uninterruptible block."""
 
 import os
 import signal
@@ -11,7 +11,7 @@ from queue import SimpleQueue
 
 @contextmanager
 def signals_held() -> Iterator[None]:
-    """Handle signals that come in this block, such as Ctrl-C, at its end. Only the main thread ever handles any."""
+    """Defer signals in this block, such as Ctrl-C, to its end. Only the main thread handles signals."""
     came: list[int] = []
     handlers = {}
     if threading.current_thread() is threading.main_thread():
@@ -29,7 +29,7 @@ def signals_held() -> Iterator[None]:
 
 
 class Jobs:
-    """Calls of a function that threads share out among them: each takes the next, until none is left."""
+    """Calls of a function that threads process: each takes the next one until none is left."""
 
     def __init__(self, work: Callable, jobs: list[tuple]):
         self.work, self.left, self.total = work, list(jobs), len(jobs)
@@ -38,7 +38,7 @@ class Jobs:
         self._ended.acquire()
 
     def help(self) -> None:
-        """Do those that are left, in a thread of a pool."""
+        """Process the remaining calls, in a thread of a pool."""
         while self.left:
             try:
                 job = self.left.pop()
@@ -53,15 +53,15 @@ class Jobs:
                 self._ended.release()
 
     def wait(self) -> None:
-        """Wait until all have ended."""
+        """Wait until all calls have ended."""
         if not self.over:
             self._ended.acquire()
 
 
 class Threads:
-    """A number of threads, started when they are first needed, and again after `close` or in a forked process.
+    """A number of threads, started on first use, and again after `close` or in a forked process.
 
-    A forked process has none of the threads of its parent; it would wait for them without end. A pickle holds none.
+    A forked process has none of its parent's threads, and would wait for them forever. A pickle contains no threads.
     """
 
     def __init__(self, count: int):
@@ -69,17 +69,17 @@ class Threads:
         self._queue, self._process = None, 0
 
     def run(self, work: Callable, jobs: list[tuple]) -> None:
-        """Call `work(*job)` for every job, side by side, and raise an error of one when all have ended.
+        """Call `work(*job)` for every job in parallel, and raise an error of one when all have ended.
 
-        What interrupts the wait for them, such as Ctrl-C, is raised then too: nothing works on in the background. So
-        all that is done here may be done twice, and locks are those that Python acquires and releases in one piece.
+        An interruption of the wait, such as Ctrl-C, is also raised then: no job continues in the background. Therefore
+        all actions here may be repeated, and locks are those that Python acquires and releases atomically.
         """
         if not jobs:
             return
         queue, shared, interruption = self._started(), Jobs(work, jobs), None
         while not shared.over:
             try:
-                for _ in jobs:  # a thread for each; one that finds nothing left goes on waiting
+                for _ in jobs:  # one request per job; a thread without a remaining job waits for the next request
                     queue.put(shared)
                 shared.wait()
             except BaseException as error:
@@ -98,7 +98,7 @@ class Threads:
         return self._queue
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         if self._queue is not None and self._process == os.getpid():
             for _ in range(self.count):
                 self._queue.put(None)
@@ -111,6 +111,6 @@ class Threads:
 
 
 def serve(queue: SimpleQueue) -> None:
-    """Help with what comes in a queue, until it is None."""
+    """Process the jobs of a queue until it contains None."""
     for shared in iter(queue.get, None):
         shared.help()

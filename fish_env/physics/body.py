@@ -1,7 +1,7 @@
-"""The nouns of the simulation: what a body is, its state and its controls. Plain tuples of arrays.
+"""Construction of bodies: input validation, fixed degrees of freedom and scaling.
 
-A body is data. Every array here enters the compiled kernels as it is; `make_body` checks what it is given and says what
-is allowed. The elements beside springs are made in `elements.py`.
+A body is a plain tuple of arrays, which the compiled kernels read unchanged. `make_body` checks its arguments and its
+errors state the valid values. Elements other than springs are made in `elements.py`.
 """
 
 from itertools import combinations
@@ -11,7 +11,7 @@ import numpy as np
 from fish_env.checks import finite_array, node_array, positive_array, representable
 from fish_env.physics import forces
 from fish_env.physics.elements import check_outward
-from fish_env.physics.failures import FAILURES  # noqa: F401 - named here too, where the state that holds one is
+from fish_env.physics.failures import FAILURES  # noqa: F401 - also importable from here
 from fish_env.physics.linalg import ldlt, rates
 from fish_env.physics.records import (
     Barriers,
@@ -27,7 +27,7 @@ from fish_env.physics.records import (
 def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, share=None,
               drag=None, depth=None, tets: Tets | None = None,
               compartments: Compartments | None = None, barriers: Barriers | None = None) -> Body:  # fmt: skip
-    """Check the parts of a body and put them together, with the skyline computed once.
+    """Check the parts of a body and combine them, with the skyline computed once.
 
     Args:
         position: rest positions, (N,3) m.
@@ -37,16 +37,16 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
         damping: k, (E,) N s/m, zero or positive.
         rest_length: natural lengths, (E,) m, positive.
         faces: surface, (F,4); a triangle gives its third node twice.
-        share: where on its faces the water is felt, as the part that each corner has in it, (F,4), rows of sum 1; None:
-            in their middle.
-        drag: factor on the push on each face, (F,), positive; None: 1.
+        share: point of each face at which the water acts, as the weights of its corners, (F,4), rows of sum 1; None:
+            its middle.
+        drag: factor on the force of the water on each face, (F,), positive; None: 1.
         depth: height of the upright faces of a flat body, (F,) m; None if there are none.
-        tets: of `make_tets`, for these positions, or None.
-        compartments: of `make_compartments`, or None.
-        barriers: of `make_barriers`, or None.
+        tets: result of `make_tets` for these positions, or None.
+        compartments: result of `make_compartments`, or None.
+        barriers: result of `make_barriers`, or None.
 
     Raises:
-        ValueError: naming the part, what it holds, and what is allowed.
+        ValueError: for an invalid part; the message names it, its value and the valid values.
     """
     mass = np.asarray(mass)
     if mass.ndim != 1 or mass.size == 0:
@@ -71,7 +71,7 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
             raise ValueError(f"{name} is a {type(part).__name__}; give what make_{name} returns, or None")
         highest = 0 if part is None else getattr(part, "faces" if name == "compartments" else "nodes").max(initial=0)
         if highest >= n:
-            raise ValueError(f"{name} name node {highest}, which is missing; nodes are numbered 0 to {n - 1}")
+            raise ValueError(f"{name} contain node {highest}; valid numbers are 0 to {n - 1}")
     fours = corners if tets is None else np.concatenate([corners, tets.nodes])
     joined = np.concatenate([pairs, *(fours[:, pair] for pair in combinations(range(4), 2))])
     shape = ldlt.profile(joined, n)
@@ -96,17 +96,17 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
 
 
 def fix(body: Body, nodes, axes: str = "xyz") -> Body:
-    """The body with nodes fixed along some axes, by elimination: no force moves them, and no row of a matrix is theirs.
+    """Fix nodes of a body along some axes by elimination (Dirichlet): no force moves them, no matrix has their rows.
 
-    A fixed degree of freedom keeps the velocity it is given: zero fixes it, another moves it along its way.
+    A fixed degree of freedom keeps its prescribed velocity: zero holds it in place, any other value moves it.
 
     Args:
-        body: any.
-        nodes: their numbers, or a boolean mask (N,).
-        axes: of "x", "y" and "z".
+        body: any body.
+        nodes: node numbers, or a boolean mask (N,).
+        axes: any of "x", "y" and "z".
 
     Raises:
-        ValueError: for a missing node, an axis of another name, or if nothing were left to move.
+        ValueError: for a missing node, an axis of another name, or if no degree of freedom would remain.
     """
     if not isinstance(body, Body):
         raise ValueError(f"body is a {type(body).__name__}; give a Body, as make_body makes one")
@@ -116,14 +116,14 @@ def fix(body: Body, nodes, axes: str = "xyz") -> Body:
 
 
 def chosen_axes(axes) -> np.ndarray:
-    """(3,) which of "x", "y" and "z" a string names; ValueError for another."""
+    """Boolean mask (3,) of the axes "x", "y" and "z" that a string contains; ValueError for another."""
     if not (isinstance(axes, str) and axes and set(axes) <= set("xyz")):
         raise ValueError(f"axes are {axes!r}; give some of 'xyz'")
     return np.array([axis in axes for axis in "xyz"])
 
 
 def node_numbers(body: Body, nodes) -> np.ndarray:
-    """Numbers (K,) of nodes that are given by them, or by a boolean mask (N,); ValueError for a missing one."""
+    """Node numbers (K,) from node numbers or from a boolean mask (N,); ValueError for a missing node."""
     nodes = np.asarray(nodes)
     if nodes.dtype == bool:
         if nodes.shape != body.mass.shape:
@@ -133,7 +133,7 @@ def node_numbers(body: Body, nodes) -> np.ndarray:
 
 
 def fix_where(body: Body, held: np.ndarray) -> Body:
-    """As `fix`: the body with the degrees of freedom of a boolean array (N,3) fixed, beside those that are."""
+    """Fix the degrees of freedom of a boolean array (N,3), in addition to those that are fixed already."""
     inverse = np.where(held, 0.0, body.inverse_mass)
     if not inverse.any():
         raise ValueError(f"all {len(inverse)} nodes would be fixed along every axis; leave one of them free")
@@ -141,7 +141,7 @@ def fix_where(body: Body, held: np.ndarray) -> Body:
 
 
 def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
-    """The body with its elements' stiffness and damping and its nodes' masses multiplied by positive factors."""
+    """Multiply the stiffness and damping of a body's elements and the masses of its nodes by positive factors."""
     tets, compartments, barriers = body.tets, body.compartments, body.barriers
     return body._replace(
         mass=body.mass * mass,
@@ -164,7 +164,7 @@ def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
 
 
 def with_rates(body: Body) -> Body:
-    """The body with its highest elastic and viscous rates worked out, those of its free degrees of freedom."""
+    """Return the body with the highest stiffness and damping eigenvalues of its free degrees of freedom."""
     root = np.sqrt(body.inverse_mass)
     return body._replace(
         max_stiffness_eigenvalue=rates.highest(forces.rest_matrices(body, elastic=True), root),

@@ -1,9 +1,9 @@
-"""What holds the nodes of a tank while it runs: those that are dragged, fixed, or moved along a given way.
+"""Boundary conditions of a running tank: nodes that are dragged, fixed, or moved along a prescribed path.
 
-By elimination, a degree of freedom has no inverse mass (`fish_env.physics.body.fix`) and keeps the velocity that it is
-given; what is prescribed holds to the bit. By penalty, a spring without length draws the node to its place; it is
-stiffer than the body by PENALTY, so what is prescribed holds but for an error in proportion to 1 / PENALTY.
-A `Tank` has them in `Tank._conditions`; the functions here say what they become.
+By elimination, a degree of freedom has zero inverse mass (`fish_env.physics.body.fix`) and keeps its prescribed
+velocity exactly. By penalty, a spring of zero length draws the node to its place. It is PENALTY times stiffer than the
+body, so the error is proportional to 1 / PENALTY.
+A `Tank` stores its conditions in `Tank._conditions`; the functions here return new ones.
 """
 
 from collections.abc import Callable
@@ -18,22 +18,22 @@ from fish_env.physics.linalg import rates
 from fish_env.physics.records import Anchors, Body, World
 from fish_env.physics.world import joined, make_anchors
 
-PENALTY = 1e4  # of the largest entry of the stiffness matrix: the multiple that textbooks recommend
+PENALTY = 1e4  # times the largest entry of the stiffness matrix, as textbooks recommend
 METHODS = ("elimination", "penalty")
 
 
 class Motion(NamedTuple):
-    """A way that nodes are moved along."""
+    """Prescribed motion of some nodes."""
 
     nodes: np.ndarray  # (K,)
-    axes: np.ndarray  # (3,) True for those along which its displacements may be
+    axes: np.ndarray  # (3,) True for the axes along which it may displace nodes
     along: Callable[[float], Any]  # displacement (3,) or (K,3) m after a time, s
-    moved: np.ndarray  # (K,3) which degrees of freedom nothing has taken from it since
+    moved: np.ndarray  # (K,3) True for the degrees of freedom that it still moves
     time: float = 0.0  # s since it began
     now: Any = 0.0  # (K,3) m, the displacement at that time
 
     def at(self, time: float) -> np.ndarray:
-        """Displacement (K,3) m after a time, s; ValueError if it is none, or not along the axes alone."""
+        """Displacement (K,3) m after a time, s; ValueError if it is invalid or not along these axes only."""
         wanted = (len(self.nodes), 3)
         found = np.asarray(self.along(time))
         found = finite_array(found, (3,) if found.shape == (3,) else wanted, f"along({time:g}) (m)")
@@ -41,7 +41,7 @@ class Motion(NamedTuple):
 
 
 def along_axes(vectors: np.ndarray, axes: np.ndarray, what: str, unit: str) -> np.ndarray:
-    """The vectors (K,3), or ValueError if one is not along the axes (3,) alone."""
+    """Return the vectors (K,3); ValueError if one is not along the axes (3,) only."""
     bad = np.flatnonzero(vectors[:, ~axes].any(axis=1))
     if bad.size:
         named = "".join(np.array(list("xyz"))[axes])
@@ -50,17 +50,17 @@ def along_axes(vectors: np.ndarray, axes: np.ndarray, what: str, unit: str) -> n
 
 
 class Conditions(NamedTuple):
-    """What holds the nodes of all bodies of a tank, beyond what their `Body` fixes."""
+    """Boundary conditions of the nodes of all bodies of a tank, beyond those that their `Body` fixes."""
 
     held: np.ndarray  # (N,3) degrees of freedom that are eliminated
-    velocity: np.ndarray  # (N,3) m/s, theirs
-    penalties: Anchors | None  # where nodes are held by a penalty
-    drag: Anchors | None  # what `grab` pulls, or the world was made with
-    motions: tuple[Motion, ...] = ()  # along ways, of nodes that are eliminated or held by a penalty
+    velocity: np.ndarray  # (N,3) m/s, prescribed velocity of those
+    penalties: Anchors | None  # springs of the nodes that are fixed by penalty
+    drag: Anchors | None  # the drag spring of `grab`, or the anchors that the world was made with
+    motions: tuple[Motion, ...] = ()  # prescribed motions of nodes that are eliminated or fixed by penalty
 
 
 def no_conditions(body: Body, world: World) -> Conditions:
-    """Those of a tank as it is made."""
+    """Conditions of a new tank."""
     shape = body.position.shape
     return Conditions(np.zeros(shape, dtype=bool), np.zeros(shape), None, world.anchors)
 
@@ -71,13 +71,13 @@ def largest_entry(body: Body) -> float:
 
 
 def make_penalty(body: Body, nodes, point, velocity=(0.0, 0.0, 0.0), multiple=PENALTY) -> Anchors:
-    """Critically damped springs without length from nodes (K,) to points (K,3) m that move at a velocity, m/s.
+    """Critically damped springs of zero length from nodes (K,) to points (K,3) m that move at a velocity, m/s.
 
-    Their stiffness is `multiple` times the largest entry of the stiffness matrix; they are damped for the mass of their
-    node alone.
+    Their stiffness is `multiple` times the largest entry of the stiffness matrix. The damping is critical for the mass
+    of their own node.
 
     Raises:
-        ValueError: for a number that is not allowed, or a body without stiffness.
+        ValueError: for an invalid number, or a body without stiffness.
     """
     stiffness = multiple * largest_entry(body)
     if not stiffness > 0.0:
@@ -87,24 +87,24 @@ def make_penalty(body: Body, nodes, point, velocity=(0.0, 0.0, 0.0), multiple=PE
 
 
 def carried(anchors: Anchors | None, duration: float) -> Anchors | None:
-    """The anchors after a time, s."""
+    """Move the points of the anchors on by a time, s."""
     return anchors and anchors._replace(point=anchors.point + duration * anchors.velocity)
 
 
 def remaining(motions: tuple[Motion, ...], taken: np.ndarray) -> tuple[Motion, ...]:
-    """The motions that have degrees of freedom left when those of a boolean array (N,3) are taken from them."""
+    """Motions that have degrees of freedom left after those of a boolean array (N,3) are removed."""
     left = (motion._replace(moved=motion.moved & ~taken[motion.nodes]) for motion in motions)
     return tuple(motion for motion in left if motion.moved.any())
 
 
 def without(anchors: Anchors, nodes) -> Anchors | None:
-    """The anchors that do not hold any of these nodes (K,)."""
+    """Anchors that are not attached to any of these nodes (K,)."""
     kept = ~np.isin(anchors.node, nodes)
     return Anchors(*(array[kept] for array in anchors)) if kept.any() else None
 
 
 def alike(one: Anchors | None, other: Anchors | None) -> bool:
-    """Whether they differ at most in where they are and how they move."""
+    """Return True if the anchors match in all but the positions and velocities of their points."""
     if one is None or other is None:
         return one is other
     return all(np.array_equal(getattr(one, name), getattr(other, name))
@@ -112,14 +112,14 @@ def alike(one: Anchors | None, other: Anchors | None) -> bool:
 
 
 def moved(was: Conditions, nodes: np.ndarray, chosen: np.ndarray, along, penalty: Anchors | None) -> Conditions:
-    """The conditions when nodes (K,) are moved along a way from now on, by elimination or by a penalty that is given.
+    """Conditions when nodes (K,) start a prescribed motion, by elimination or by the given penalty.
 
     Args:
-        was: the conditions until now.
-        nodes: numbers of nodes.
+        was: the previous conditions.
+        nodes: node numbers.
         chosen: (3,) True for the axes along which they are moved.
         along: a velocity, m/s, (3,) or (K,3), or a function of the time that returns a displacement, m.
-        penalty: what draws them to their places, with no velocity yet; None for elimination.
+        penalty: springs that draw them to their places, with zero velocity; None for elimination.
 
     Raises:
         ValueError: for velocities or displacements of another shape, not finite, or along an axis that is left free.
@@ -145,14 +145,14 @@ def moved(was: Conditions, nodes: np.ndarray, chosen: np.ndarray, along, penalty
     prescribed[np.ix_(nodes, chosen)] = velocity[:, chosen]
     penalties = was.penalties
     if penalties is not None:
-        taken[np.intersect1d(nodes, penalties.node)] = True  # a penalty is taken away whole
+        taken[np.intersect1d(nodes, penalties.node)] = True  # a penalty is removed along all axes
         penalties = without(penalties, nodes)
     return was._replace(held=held, velocity=prescribed, penalties=penalties,
                         motions=(*remaining(was.motions, taken), *motions))  # fmt: skip
 
 
 def released(was: Conditions, nodes: np.ndarray, drag=True) -> Conditions:
-    """The conditions that are left when nodes are let go, of a drag spring too unless that stays."""
+    """Conditions that remain after nodes are released, also from the drag spring unless `drag` is False."""
     held, velocity, taken = was.held.copy(), was.velocity.copy(), np.zeros_like(was.held)
     held[nodes], velocity[nodes], taken[nodes] = False, 0.0, True
     penalties, pulled = (None if part is None else without(part, nodes) for part in (was.penalties, was.drag))
@@ -160,7 +160,7 @@ def released(was: Conditions, nodes: np.ndarray, drag=True) -> Conditions:
 
 
 def set_out(was: Conditions, dt: float) -> Conditions:
-    """The conditions of a step of dt s: nodes that are moved along ways have the velocities that take them there."""
+    """Conditions of a step of dt s, with the velocities that move nodes along their prescribed motions."""
     moved, speed, motions = np.zeros_like(was.held), np.zeros_like(was.velocity), []
     for motion in was.motions:
         ahead = motion.at(motion.time + dt)
@@ -175,7 +175,7 @@ def set_out(was: Conditions, dt: float) -> Conditions:
 
 
 def too_stiff(body: Body, world: World, integrator: Integrator, dt: float) -> str:
-    """Why a method has no stable step of dt s with the penalties in a world; "" if it has."""
+    """Reason that a method is unstable at a step of dt s with the penalties in a world; "" if it is stable."""
     own = (body.max_stiffness_eigenvalue, body.max_damping_eigenvalue)
     elastic, viscous = (sum(part) for part in zip(own, *forces.bounds(body, world), strict=True))
     stiffer = body._replace(max_stiffness_eigenvalue=elastic, max_damping_eigenvalue=viscous)

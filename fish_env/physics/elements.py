@@ -1,6 +1,6 @@
-"""Elements beside springs and faces: tetrahedra, compartments of gas, and barriers that keep a layer inside another.
+"""Elements other than springs and faces: tetrahedra, gas compartments, and non-penetration barriers between two layers.
 
-Each maker refuses what would not work and names the element.
+Each maker checks its input; its errors name the invalid element.
 """
 
 from itertools import pairwise
@@ -17,7 +17,7 @@ from fish_env.physics.records import (
 from fish_env.physics.volume import volume_of
 
 STRAINS = ("corotational", "linear", "green_lagrange")
-FLAT = 1e-9  # volume over that of a cube on the longest edge, below which an element counts as flat
+FLAT = 1e-9  # ratio of volume to that of a cube on the longest edge, below which an element is flat
 
 
 @representable("a tetrahedron")
@@ -30,11 +30,11 @@ def make_tets(position, nodes, young, poisson, relaxation_time: Any = 0.0, strai
         young: Young's modulus, Pa, positive: one number or (T,).
         poisson: Poisson's ratio, above -1 and below 0.5: one number or (T,).
         relaxation_time: damping over stiffness, s, zero or positive: one number or (T,).
-        strain: what is taken for strain: "corotational", linear in a frame that turns with each element; "linear", in
-            a fixed frame, for small rotations; "green_lagrange", quadratic, whatever the rotation.
+        strain: measure of strain: "corotational", linear in a frame that rotates with each element; "linear", in a
+            fixed frame, for small rotations; "green_lagrange", quadratic, for any rotation.
 
     Raises:
-        ValueError: naming the first element that is flat, inverted or repeated, or whose material is not allowed; for
+        ValueError: for a flat, inverted or repeated element or an invalid material, naming the first such element; for
             an unknown measure of strain.
     """
     if strain not in STRAINS:
@@ -66,17 +66,17 @@ def make_tets(position, nodes, young, poisson, relaxation_time: Any = 0.0, strai
 
 @representable("a compartment")
 def make_compartments(position, surfaces, pressure, ambient=0.0) -> Compartments:
-    """Compartments of gas inside closed surfaces, at the given pressure while the body is at rest.
+    """Gas compartments inside closed surfaces, at the given pressure while the body is at rest.
 
     Args:
         position: (N,3) m.
-        surfaces: a list, for each compartment its faces (K,4), outward, or the edges (K,2) of a ring in the xy plane,
-            counter-clockwise. The space between two skins is one surface: the outer, and the inner turned round.
-        pressure: at rest, Pa, positive: one number or (C,). Of a ring, N/m.
-        ambient: outside, Pa: one number or (C,).
+        surfaces: a list of the faces (K,4) of each compartment, outward, or the edges (K,2) of a ring in the xy plane,
+            counter-clockwise. The space between two skins is one surface: the outer, and the inner with reversed faces.
+        pressure: pressure at rest, Pa, positive: one number or (C,). For a ring, N/m.
+        ambient: pressure outside, Pa: one number or (C,).
 
     Raises:
-        ValueError: naming the compartment that is open, inside out or empty, and the edge where it is open.
+        ValueError: for a compartment that is open, inside out or empty; the message names it and the open edge.
     """
     position = finite_array(position, (len(position), 3), "position (m)")
     count = len(surfaces)
@@ -104,7 +104,7 @@ def make_barriers(position, faces, inner, energy) -> Barriers:
     """Barriers of outer faces (K,3), or edges (K,2), against inner nodes (K,), which lie behind them at rest.
 
     Raises:
-        ValueError: naming the first barrier whose node is not behind its face, or whose energy, J, is not positive.
+        ValueError: if a node is not behind its face or an energy, J, is not positive; the message names the first one.
     """
     position = finite_array(position, (len(position), 3), "position (m)")
     faces = np.asarray(faces)
@@ -144,7 +144,7 @@ def _refuse(nodes, bad, what) -> None:
 
 
 def _repeated(rows) -> np.ndarray:
-    """(K,) whether the same row has come before."""
+    """Boolean mask (K,) of the rows that have occurred before."""
     seen: set[tuple] = set()
     return np.array([key in seen or seen.add(key) is not None for key in map(tuple, rows.tolist())], dtype=bool)
 

@@ -1,11 +1,10 @@
-"""The compiled loop over blocks of fish: gather, integrate, check, scatter; and the intervals that are taken again.
+"""The compiled loop over blocks of fish: gather, integrate, check, scatter; and the intervals that are repeated.
 
-A block is as many fish as the kernels work on at once. Its fish are copied from the rows of the tank into lanes, moved,
-checked and copied back, so that a fish that fails leaves its row as it was. What a lane holds decides nothing about the
-others: fish i has the same bits in any company.
+A block is the number of fish that the kernels process at once. Its fish are copied from the rows of the tank into
+lanes, moved, checked and copied back, so that a fish that fails leaves its row unchanged. Lanes are independent: a fish
+has the same bits as a single fish and in any batch.
 
-Legend: b fish; i node; k axis; m lane; e spring; d driven spring; p, q where a block begins and ends in the list
-`todo`.
+Legend: b fish; i node; k axis; m lane; e spring; d driven spring; p, q start and end of a block in the list `todo`.
 """
 
 from typing import Protocol
@@ -22,15 +21,15 @@ from fish_env.physics.forces.plan import H
 from fish_env.physics.integrators import Integrator
 from fish_env.physics.records import Anchors, World
 
-MOST_KEYS = 10_000  # stiffnesses whose plans are remembered
-DEEPEST = 3  # times that steps are halved
+MOST_KEYS = 10_000  # stiffnesses whose step coefficients are cached
+DEEPEST = 3  # how often steps are halved at most
 COUNTED = 3  # force evaluations, factorisations and solves of a step
-FARTHEST = 1000.0  # lengths from the origin, in float32, where a force depends on the place: 6e-5 lengths are resolved
-FACTORISATIONS = 1  # which of them factors that are used again save
+FARTHEST = 1000.0  # body lengths from the origin, in float32, if a force depends on the position: resolution 6e-5 BL
+FACTORISATIONS = 1  # index of the count that reused factors reduce
 
 
 def make_block(fish_count: int, fish: ElasticObject, world: World, kind: Kind, plans, costs, method) -> Pack:
-    """What one thread needs to move blocks of fish: their lanes, the forces' cache and the method's scratch."""
+    """Memory with which one thread moves blocks of fish: their lanes, the forces' cache and the method's scratch."""
     body, driven, single = fish.body, np.unique(fish.fibres), kind.dtype == "float32"
     placed = forces.placed(forces.present(body, world))
     control = make_control(body, kind, driven, plans, costs, forces.constant_system(body, world))
@@ -52,9 +51,10 @@ def make_block(fish_count: int, fish: ElasticObject, world: World, kind: Kind, p
 
 @kernel
 def gather(tank, block, todo, p, q):
-    """Copy fish todo[p:q] into the lanes of a block; the last one fills those that are left over.
+    """Copy fish todo[p:q] into the lanes of a block; the last fish also fills the unused lanes.
 
-    Positions are relative to each fish's first node if `block.relative`: single precision is not enough far away.
+    Positions are relative to each fish's first node if `block.relative`: single precision is insufficient far from the
+    origin.
     """
     control = block.control
     x, v, start, rate = floats(block.x), floats(block.v), floats(control.start), floats(control.rate)
@@ -98,7 +98,7 @@ def scatter(tank, block, b, m):
 
 @kernel
 def stop(tank, block, b, duration):
-    """End the motion of the rest lengths of fish b where their rates have taken them."""
+    """Move the rest lengths of fish b to the end of the interval, and set their rates to zero."""
     driven = block.control.driven
     for d in range(driven.size):
         e = INDEX(driven[d])
@@ -108,7 +108,7 @@ def stop(tank, block, b, duration):
 
 @kernel
 def together(queue, todo, p, count, lanes):
-    """The end of the fish todo[p:] that fit into one block: as many as it has lanes, with one plan."""
+    """End of the fish todo[p:] that fit into one block: at most one a lane, all with the same step coefficients."""
     row, q = queue.row[todo[p]], p + 1
     while q < count and q - p < lanes and queue.row[todo[q]] == row:
         q += 1
@@ -117,9 +117,9 @@ def together(queue, todo, p, count, lanes):
 
 @forces.cached
 def make_judge(names: tuple[str, ...]):
-    """The kernel that says why the fish of a block fail, for bodies and worlds on which the forces of these names act.
+    """Make the kernel that returns the failure codes of a block, for the forces of these names.
 
-    It returns a number a lane: 0, or an index into FAILURES.
+    It returns one number per lane: 0, or an index into FAILURES.
     """
     failed, placed = forces.total(names, "failed"), forces.placed(names)
 
@@ -136,21 +136,21 @@ def make_judge(names: tuple[str, ...]):
                 far = far | (select(dot(x[i], x[i]) < block.reach, 0.0, 1.0) > 0.0)
             code = select(far, 1.0 * OUT_OF_RANGE, code)
         code = select(infinite, 1.0 * NON_FINITE, code)
-        return select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)  # what is infinite came of it
+        return select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)  # any infinite value results from it
 
     return judge
 
 
 @forces.cached
 def make_finish(names: tuple[str, ...]):
-    """The kernel that ends an attempt to move a block of fish: each is stored, has failed, or must be moved again."""
+    """Make the kernel that ends an attempt to move a block: each fish is stored, has failed, or is repeated."""
     judge = make_judge(names)
 
     @part
     def put_back(tank, block, p, q):
-        """Put fish that were broken when they were handed over, a user's state, into the body's rest position.
+        """Move fish whose state was invalid at the start, as set by a user, to the body's rest position.
 
-        Rest lengths that are not finite, a user's too, become natural, and such a clock zero.
+        Rest lengths that are not finite become natural lengths, and a clock that is not finite becomes zero.
         """
         gather(tank, block, block.todo, p, q)
         code = judge(block)
@@ -170,7 +170,7 @@ def make_finish(names: tuple[str, ...]):
 
     @part
     def finish(tank, queue, block, p, q, level, steps, again):
-        """End an attempt at `steps` steps of fish todo[p:q]; how many are to be moved again, first in todo."""
+        """End an attempt at `steps` steps of fish todo[p:q]; return the number to repeat, which are first in todo."""
         control, todo = block.control, block.todo
         whole = control.plans[queue.row[todo[p]], H] * (steps >> level)
         strain = control.plans[control.row[0], H] * control.fastest[0]
@@ -206,12 +206,12 @@ def make_finish(names: tuple[str, ...]):
 
 @forces.cached
 def make_advance(names: tuple[str, ...], make_run):
-    """The kernel `advance` of a method, by its `make_run`, for bodies and worlds on which these forces act."""
+    """Make the kernel `advance` of a method from its `make_run`, for the forces of these names."""
     run, finish = make_run(names), make_finish(names)
 
     @part
     def advance(tank, queue, block, first, last, n):
-        """Move fish queue.order[first:last] by n steps; in place. Those that fail stay where they were."""
+        """Move fish queue.order[first:last] by n steps, in place. Fish that fail keep their last state."""
         control, todo = block.control, block.todo
         none = np.int64(0)  # with a literal 0 numba would compile `gather` and `finish` twice
         lanes, count, level, steps = block_size(block.x), none, none, n
@@ -236,7 +236,7 @@ def make_advance(names: tuple[str, ...], make_run):
 
 @forces.cached
 def make_call(names: tuple[str, ...], make_run):
-    """`advance`, compiled for Python to call."""
+    """Compile `advance` as a function that Python calls."""
     advance = make_advance(names, make_run)
 
     @njit
@@ -247,7 +247,7 @@ def make_call(names: tuple[str, ...], make_run):
 
 
 class TankLike(Protocol):
-    """What an engine reads of a tank."""
+    """Attributes of a tank that an engine reads."""
 
     @property
     def fish(self) -> ElasticObject: ...
@@ -264,15 +264,15 @@ class TankLike(Protocol):
 
 
 class Engine:
-    """The compiled method of a tank, with the memory that it works in.
+    """The compiled method of a tank, with its working memory.
 
     Args:
-        tank: whose arrays are moved.
+        tank: the tank whose arrays it advances.
     """
 
     def __init__(self, tank: TankLike):
         fish, world, b = tank.fish, tank.world, tank.num_fish
-        assert tank.integrator.method is not None  # tanks without one move their bodies by themselves
+        assert tank.integrator.method is not None  # tanks without one use `Integrator.advance`
         self.tank, self.method = tank, tank.integrator.method
         self.names = forces.present(fish.body, world)
         self.compiled = make_call(self.names, self.method.make_run)
@@ -287,13 +287,13 @@ class Engine:
         self.blocks = [self.new_block(b, tank.kind) for _ in range(tank._chunks)]
 
     def new_block(self, fish_count: int, kind: Kind) -> Pack:
-        """A block for a thread that moves so many fish."""
+        """Block of a thread that moves this number of fish."""
         fish, world = self.tank.fish, self.tank.world
         plans, costs = self._tables()
         return make_block(fish_count, fish, world, kind, plans, costs, self.method)
 
     def plan(self, i: int) -> None:
-        """Choose the plan of fish i by how stiff it is; fish of one plan share blocks."""
+        """Choose the step coefficients of fish i from its stiffness; fish with the same coefficients share blocks."""
         stiffness, mass = self.tank.variation[i, :2]
         key = stiffness / mass
         if key not in self._rows:
@@ -307,7 +307,7 @@ class Engine:
                     plans, costs = self._tables()
                     for block in self.blocks:
                         block.control.set(plans=plans, costs=costs)
-                self._rows[same] = row  # last: an interruption leaves nothing but rows that nobody uses
+                self._rows[same] = row  # last: an interruption leaves only unused rows
             if len(self._rows) > MOST_KEYS:
                 self._rows = {name: row for name, row in self._rows.items() if isinstance(name, tuple)}
             self._rows[key] = self._rows[same]
@@ -316,7 +316,7 @@ class Engine:
             self.row[i] = self._rows[key]
 
     def follow(self, anchors: Anchors) -> None:
-        """Let the anchors of the world, the same ones, be elsewhere, or move otherwise."""
+        """Update the positions and velocities of the world's anchors, which stay the same otherwise."""
         for block in self.blocks:
             kind = self.tank.kind
             block.world.anchors.set(point=kind.rows(anchors.point), velocity=kind.rows(anchors.velocity))
@@ -327,11 +327,11 @@ class Engine:
         return plans, np.array([self.method.costs(row) for row in self._plans], dtype=np.int64)
 
     def sort(self) -> None:
-        """Put fish of one plan side by side."""
+        """Sort the fish so that those with the same step coefficients are adjacent."""
         if not self._sorted:
             self.order[:] = np.argsort(self.row, kind="stable")
             self._sorted = True
 
     def advance(self, chunk: int, first: int, last: int, steps: int) -> None:
-        """Move the fish between two places in the order of their plans, in the memory of one chunk."""
+        """Move a range of the sorted fish by a number of steps, in the memory of one chunk."""
         self.compiled(self.tank.pack, self.queue, self.blocks[chunk], first, last, steps)

@@ -1,6 +1,6 @@
-"""Why a simulation may end: failure is a value, an index into FAILURES, and never an exception."""
+"""Reasons that end a simulation: a failure is a value, an index into FAILURES, and never an exception."""
 
-STRETCH_LIMIT = 3.0  # an element longer than this many natural lengths is taken as torn
+STRETCH_LIMIT = 3.0  # an element longer than this many natural lengths counts as torn
 FAILURES = (
     "",
     "non-finite: a position, a velocity or the clock is not a number or infinite",

@@ -1,4 +1,4 @@
-"""The records a body builder returns: a `Body` with what a tank needs to move it, and what an animal adds to that."""
+"""Records that a body builder returns: a `Body` with its default integrator and step, and the parts of a fish."""
 
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
@@ -10,38 +10,38 @@ from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
 
 NOTHING = np.zeros(0, dtype=np.int64)
-GIVEN_LATER: Any = None  # `__post_init__` puts the default there, so that the attribute is never None
+GIVEN_LATER: Any = None  # `__post_init__` sets the default, so that the attribute is never None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ElasticObject:
-    """A body, what surrounds it, and how it is moved. It has no muscles. x points to the right or forward, z up."""
+    """A body, its surroundings and its integrator, without muscles. x points to the right or forward, z up."""
 
     name: str
     body: Body
     length: float
-    """Its size, m."""
+    """Size, m."""
     time_step: float
-    """Step of its own integrator, s."""
+    """Step of its default integrator, s."""
     refine: float = np.inf
-    """Relative change of a spring's length within a step above which its own integrator takes shorter steps."""
+    """Relative change of a spring's length within a step above which the default integrator takes shorter steps."""
     control_interval: float
     """Default length of an environment step, or time between two pictures, s."""
     water: World = VACUUM
-    """The world it is made for; an environment that is not told otherwise fills its tank with it."""
+    """The world it is made for, the default of its environments."""
     integrator: str = "leapfrog_chebyshev"
-    """The method it is moved with unless told otherwise: a key of INTEGRATORS."""
+    """Default integrator, a key of INTEGRATORS."""
     muscles: np.ndarray = field(default_factory=NOTHING.copy)
-    """(M,) which springs are muscles; of a muscle of several fibres, the first."""
+    """(M,) spring of each muscle; for a muscle of several fibres, the first."""
     contracted: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(M,) rest length at full contraction, as a fraction of the natural length."""
     contraction_time: float = 1.0
-    """Shortest time from natural length to full contraction, s, where there is no activation time."""
+    """Shortest time from natural length to full contraction, s, if there is no activation time."""
     activation_time: tuple[float, float] = (0.0, 0.0)
-    """Time constants of activation and of deactivation, s, of a contraction that follows its command as a first-order
-    system; (0, 0): one that follows at the rate that `contraction_time` allows."""
+    """Time constants of activation and of deactivation, s: a contraction follows its command as a first-order system.
+    (0, 0): it follows at the rate that `contraction_time` allows."""
     fibres: np.ndarray = GIVEN_LATER
-    """(K,) all springs that the muscles drive; None: one each."""
+    """(K,) all springs that the muscles drive; None: one spring per muscle."""
     drives: np.ndarray = GIVEN_LATER
     """(K,2) the muscles whose mean contraction drives each fibre; the same one twice for most."""
 
@@ -67,20 +67,20 @@ class ElasticObject:
 
     @property
     def flat(self) -> bool:
-        """Whether it moves in the xy plane only."""
+        """True if the body moves in the xy plane only."""
         return not self.body.inverse_mass[:, 2].any()
 
 
 Elastic = TypeVar("Elastic", bound=ElasticObject, covariant=True)
-"""What a tank holds: `Tank[Fish]` is a tank of fish."""
+"""Type of the object in a tank: `Tank[Fish]` is a tank of fish."""
 
 
 class Landmarks(NamedTuple):
-    """L points that stand for a fish, whatever it is made of: what is seen of it, and what is drawn."""
+    """L points that represent a fish, independent of its body type, in observations and in pictures."""
 
-    node: np.ndarray  # (L,) the node each lies on
-    height: np.ndarray  # (L,) m above that node: zero, but for a flat fish
-    mass: np.ndarray  # (L,) kg that each stands for
+    node: np.ndarray  # (L,) node of each landmark
+    height: np.ndarray  # (L,) m above that node: zero except for a flat fish
+    mass: np.ndarray  # (L,) kg that each represents
     faces: np.ndarray  # (F,4) surface between them, counter-clockwise from outside; a triangle's third given twice
     muscles: np.ndarray  # (M,2) the two ends of each muscle
     mirror: np.ndarray  # (L,) the landmark each becomes when left and right are exchanged
@@ -123,12 +123,12 @@ class Fish(ElasticObject):
         return self.body.mass * along / (self.body.mass @ along**2)
 
     def points(self, x) -> np.ndarray:
-        """Where the landmarks are, (...,L,3) m, of nodes at x (...,N,3)."""
+        """Positions of the landmarks, (...,L,3) m, of nodes at x (...,N,3)."""
         return x[..., self.landmarks.node, :] + self.landmarks.height[:, None] * (0.0, 0.0, 1.0)
 
     @property
     def heights(self) -> np.ndarray:
-        """(M,) how high each muscle lies, m."""
+        """Height of each muscle at rest, (M,) m."""
         return self.points(self.body.position)[self.landmarks.muscles, 2].mean(axis=1)
 
     @property
@@ -139,7 +139,7 @@ class Fish(ElasticObject):
         return np.array([number[frozenset(pair)] for pair in self.landmarks.mirror[pairs].tolist()])
 
     def grouping(self, groups: str) -> np.ndarray:
-        """Which action drives which muscle, (M,): "muscles" one each, "pairs" one for each segment's left and right.
+        """Action that drives each muscle, (M,): "muscles" one each, "pairs" one for each segment's left and right.
 
         With "pairs" the upper and lower muscle of a side contract together, so that a fish that starts level stays
         level: six actions for the three segments, left and right in turn from the front.

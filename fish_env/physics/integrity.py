@@ -1,8 +1,8 @@
-"""Whether what kernels are given fits together: they read and write by node numbers, and do not look.
+"""Consistency checks of the records that kernels read: kernels use node numbers without bounds checks.
 
-`make_body` and the builders check what they are given. What was put together or changed by hand since then (by
-`_replace`, `dataclasses.replace` or in place) is checked here, when a tank is made, a static problem is posed or forces
-are evaluated.
+`make_body` and the builders check their arguments. Records that a user changed since then (by `_replace`,
+`dataclasses.replace` or in place) are checked here: when a tank is made, a static problem is posed or forces are
+evaluated.
 """
 
 from itertools import combinations
@@ -18,7 +18,7 @@ REMADE = "; make the body by make_body"
 
 
 def check_numbers(name: str, array, shape: tuple, below: int, lowest: int = 0) -> None:
-    """Raise ValueError unless `array` holds whole numbers from `lowest` to `below` - 1; None in the shape is any."""
+    """Raise ValueError unless `array` contains whole numbers from `lowest` to `below` - 1; None in the shape is any."""
     array = np.asarray(array)
     fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
     if not fits or array.dtype.kind not in "iu":
@@ -26,17 +26,17 @@ def check_numbers(name: str, array, shape: tuple, below: int, lowest: int = 0) -
         raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}; give whole numbers ({wanted})")
     outside = array[(array < lowest) | (array >= below)]
     if outside.size:
-        raise ValueError(f"{name} names {outside[0]}, which is missing; give numbers from {lowest} to {below - 1}")
+        raise ValueError(f"{name} contains {outside[0]}; valid numbers are {lowest} to {below - 1}")
 
 
 def check_problem(body: Body, world: World) -> None:
-    """Raise ValueError unless all arrays of a body and its world fit together, and to each other."""
+    """Raise ValueError unless all arrays of a body and its world are consistent, also with each other."""
     check_body(body)
     check_world(world, len(body.mass))
 
 
 def check_body(body: Body) -> None:
-    """Raise ValueError unless all arrays of a body fit together, also the skyline of its system matrix."""
+    """Raise ValueError unless all arrays of a body are consistent, also the skyline of its system matrix."""
     check_elements(body)
     n = len(body.mass)
     joined = [part.nodes[:, pair] for part in (body.springs, body.faces, body.tets) if part is not None
@@ -52,7 +52,7 @@ def check_body(body: Body) -> None:
 
 
 def check_elements(body: Body) -> None:
-    """Raise ValueError unless the elements of a body name nodes that it has, and their arrays fit together."""
+    """Raise ValueError unless the elements of a body contain valid node numbers, and their arrays are consistent."""
     if np.ndim(body.mass) != 1 or not len(body.mass):
         raise ValueError(f"mass has shape {np.shape(body.mass)}; give one mass a node, (N,) with N at least 1")
     n = len(body.mass)
@@ -79,7 +79,7 @@ def check_elements(body: Body) -> None:
 
 
 def check_world(world: World, nodes: int) -> None:
-    """Raise ValueError unless the parts of a world fit together, and its anchors hold some of so many nodes."""
+    """Raise ValueError unless the parts of a world are consistent, and its anchors contain valid node numbers."""
     if not isinstance(world, World):
         raise ValueError(f"water is a {type(world).__name__}; give fish_env.make_water(...), or None for vacuum")
     finite_array(world.current, (3,), "current of the water (m/s)")
@@ -101,7 +101,7 @@ def _check_floats(name: str, part, count: int, tails: dict[str, tuple]) -> None:
 
 
 def check_fish(fish: ElasticObject) -> None:
-    """Raise ValueError unless the muscles, and the landmarks of a fish, name springs and nodes that its body has."""
+    """Raise ValueError unless muscles and landmarks of a fish contain valid numbers of springs and nodes."""
     check_body(fish.body)
     springs, nodes, m = len(fish.body.springs.nodes), len(fish.body.mass), fish.num_muscles
     check_numbers("muscles", fish.muscles, (m,), springs)

@@ -1,4 +1,4 @@
-"""Muscles' rest lengths: set out for a commanded contraction, at a limited rate or by first-order activation.
+"""Rest lengths of the muscles: they follow a commanded contraction at a limited rate or by first-order activation.
 
 Legend: b fish; m fibre (a muscle has one or several); e spring.
 """
@@ -10,9 +10,9 @@ from fish_env.kernels.compile import INDEX, kernel, njit
 
 @kernel
 def command(tank, contraction, b, duration):
-    """Set the rates at which the fibres of fish b move: to what they get to in `duration` s, of the contraction (B,M).
+    """Set the rates of the fibres of fish b, for the part of the contraction (B,M) that they reach in `duration` s.
 
-    The effort is the mean square of their changes, over the fastest there can be.
+    The effort is the mean square of their changes, relative to the largest possible change.
     """
     squares, fastest = 0.0, duration / tank.contraction_time
     rise, fall = tank.activation_time[0], tank.activation_time[1]
@@ -30,11 +30,11 @@ def command(tank, contraction, b, duration):
         tank.rate[b, e] = change / duration
         squares += (change / limit) * (change / limit)
     effort = squares / tank.fibres.size
-    tank.effort[b] = effort if effort < inf else 0.0  # of a rest length that is not finite, which ends the motion
+    tank.effort[b] = effort if effort < inf else 0.0  # not finite if a rest length is not, which ends the motion
 
 
 @njit
 def command_all(tank, contraction, duration):
-    """`command` every fish."""
+    """Call `command` for every fish."""
     for b in range(contraction.shape[0]):
         command(tank, contraction, b, duration)

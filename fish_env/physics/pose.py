@@ -1,4 +1,4 @@
-"""Where each fish is and which way it points: centre of mass, its velocity, and the body's axes.
+"""Pose of each fish: centre of mass, its velocity, and the body's axes.
 
 Legend: b fish; i node; forward, left, up are the rows of the axes.
 """
@@ -22,12 +22,12 @@ class Pose(NamedTuple):
 
 
 def make_pose(num_fish: int) -> Pose:
-    """An empty pose of `num_fish` fish, for `measure` to fill."""
+    """Uninitialised pose of `num_fish` fish, for `measure` to fill."""
     return Pose(np.empty((num_fish, 3)), np.empty((num_fish, 3)), np.empty((num_fish, 3, 3)))
 
 
 def packed_pose(pose: Pose) -> Pack:
-    """The arrays of a pose as kernels read them: vectors."""
+    """Arrays of a pose as vectors, as kernels read them."""
     return Pack("pose", **{name: Vectors(array, Kind(1)) for name, array in pose._asdict().items()})
 
 
@@ -60,6 +60,6 @@ def measure(tank, pose, b):
 
 @kernel
 def unit(a):
-    """A vector scaled to unit length; a null vector stays null."""
+    """Scale a vector to unit length; a null vector stays null."""
     length = sqrt(dot(a, a))
     return a / (length if length > 0.0 else 1.0)

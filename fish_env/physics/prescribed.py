@@ -1,14 +1,14 @@
-"""Bodies at rest some of whose nodes are moved to given places: by elimination and by penalty, with the reactions.
+"""Prescribed displacements of some nodes of a body at rest, by elimination and by penalty, with the reactions.
 
-The linear problem about rest, K u = load with u given on some degrees of freedom c and sought on the others f:
+The linear problem about rest, K u = load, with u given on the degrees of freedom c and unknown on the others f:
 
 - elimination: K_ff u_f = load_f - K_fc u_c, and the reactions are r_c = K_cf u_f + K_cc u_c - load_c;
-- penalty: P = multiple * largest entry of K is added to the diagonal of c and P u_c to the load, and r_c = P (u_c - u),
-  with the u that is found, is K u - load;
-  the error is in proportion to 1 / multiple (Bathe, Finite Element Procedures, ch. 3.4).
+- penalty: P = multiple * largest entry of K is added to the diagonal of c and P u_c to the load. The reactions are
+  r_c = P (u_c - u) = K u - load, with the solution u. The error is proportional to 1 / multiple (Bathe, Finite Element
+  Procedures, ch. 3.4).
 
-For large displacements fix the nodes (`fish_env.physics.body.fix`), start `fish_env.physics.statics.equilibrium` with
-them where they are to be, and take the `reactions` there.
+For large displacements, fix the nodes (`fish_env.physics.body.fix`), start `fish_env.physics.statics.equilibrium` with
+them at their new positions, and compute the `reactions` there.
 """
 
 from typing import Any
@@ -31,18 +31,18 @@ from fish_env.physics.world import VACUUM
 def prescribed_displacement(
     body: Body, nodes, displacement, load=None, world: World = VACUUM, method="elimination", multiple=PENALTY
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Small displacements (N,3) m of a body at rest some of whose nodes are moved, and the reactions (N,3) N.
+    """Small displacements (N,3) m of a body at rest with some nodes displaced, and the reactions (N,3) N.
 
-    The reactions are the forces that hold the moved nodes and what the body itself fixes; zero on all other nodes.
+    The reactions are the forces on the displaced nodes and on the fixed degrees of freedom; zero on all other nodes.
 
     Args:
-        body: any; what it fixes stays where it is.
-        nodes: those that are moved, their numbers (K,) or a boolean mask (N,).
+        body: any body; its fixed degrees of freedom are not displaced.
+        nodes: the displaced nodes, as numbers (K,) or a boolean mask (N,).
         displacement: m, (3,) for all of them, or (K,3), one each.
         load: further forces, (N,3) N.
-        world: whose anchors and current add to the stiffness.
+        world: its anchors and current add to the stiffness.
         method: "elimination" or "penalty".
-        multiple: of the largest entry of the stiffness matrix: the penalty.
+        multiple: ratio of the penalty to the largest entry of the stiffness matrix.
 
     Raises:
         ValueError: for a missing node, an array of another shape or not finite, another method, a multiple that is not
@@ -77,12 +77,12 @@ def prescribed_displacement(
 
 
 def _eliminated(matrix: csc_array, given, load, held) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements (N,3), those of `held` (N,3) given, and the reactions of these."""
+    """Displacements (N,3) with those of the mask `held` (N,3) given, and the reactions on `held`."""
     found, free, fixed = given.copy().ravel(), np.flatnonzero(~held.ravel()), np.flatnonzero(held.ravel())
     rows = matrix.tocsr()
     force = load.ravel() - rows @ found
     inner = rows[free][:, free]
-    size = np.sqrt(np.abs(inner.diagonal()))  # scaled by it, penalties are no larger than other entries
+    size = np.sqrt(np.abs(inner.diagonal()))  # scaling that makes penalties no larger than other entries
     if not size.all():
         raise NoEquilibrium(LOOSE)
     scale = diags_array(1.0 / size)
@@ -101,11 +101,11 @@ def _eliminated(matrix: csc_array, given, load, held) -> tuple[np.ndarray, np.nd
 
 
 def reactions(body: Body, position, world: World = VACUUM, rest_length=None, load=None) -> np.ndarray:
-    """Forces (N,3) N that hold what a body fixes, at rest at positions (N,3) m; zero on what is free.
+    """Reactions (N,3) N on the fixed degrees of freedom of a body at rest at positions (N,3) m; zero on free ones.
 
     Args:
-        body: any.
-        position: such as `fish_env.physics.statics.equilibrium` finds.
+        body: any body.
+        position: for example the result of `fish_env.physics.statics.equilibrium`.
         world: gravity, current and anchors act; walls do not.
         rest_length: of the springs, (E,) m; None takes the body's.
         load: further forces, (N,3) N.

@@ -1,4 +1,4 @@
-"""The nouns of the simulation: bodies and their elements, what surrounds them, their state and their controls.
+"""Records of the simulation: bodies and their elements, their surroundings, their state and their controls.
 
 Plain tuples of arrays, which enter the compiled kernels as they are. Makers check what they are given: `make_body` in
 `body.py`, those of other elements in `elements.py`, those of worlds in `world.py`.
@@ -13,8 +13,8 @@ class Profile(NamedTuple):
     """Shape of a skyline matrix of order N: entry (i, j) is at `start[i] + j - first[i]`."""
 
     first: np.ndarray  # (N,) first stored column of each row
-    start: np.ndarray  # (N+1,) where each row begins; the last element is the number of stored entries
-    diagonal: np.ndarray  # (N,) where each diagonal entry is
+    start: np.ndarray  # (N+1,) index of the start of each row; the last element is the number of stored entries
+    diagonal: np.ndarray  # (N,) index of each diagonal entry
 
 
 class Springs(NamedTuple):
@@ -35,9 +35,9 @@ class Faces(NamedTuple):
 
     nodes: np.ndarray  # (F,4) counter-clockwise seen from outside
     share: np.ndarray  # (F,4) part of the face's force each corner carries; rows sum to 1
-    drag: np.ndarray  # (F,) factor on the push of the water, which is felt at one point of the face
+    drag: np.ndarray  # (F,) factor on the force of the water, which acts at one point of the face
     depth: np.ndarray  # (F,) m along z; zero for the face of a solid body
-    upright: bool = False  # whether any face is
+    upright: bool = False  # True if any face is upright
 
 
 class Tets(NamedTuple):
@@ -49,7 +49,7 @@ class Tets(NamedTuple):
     shear: np.ndarray  # (T,) Lame's mu, Pa
     dilation: np.ndarray  # (T,) Lame's lambda, Pa
     relaxation_time: np.ndarray  # (T,) damping over stiffness, s
-    rotating: bool  # corotational; False is plain linear elasticity, which mistakes rotation for strain
+    rotating: bool  # True: corotational; False: linear elasticity, which mistakes rotation for strain
     quadratic: bool  # the strain of Green and Lagrange instead of either
 
 
@@ -57,7 +57,7 @@ class Compartments(NamedTuple):
     """Gas inside closed surfaces: C compartments (Song 2009, ch. 4.5)."""
 
     faces: np.ndarray  # (Q,4) outward; a triangle gives its third node twice, an edge of a flat ring gives -1 for both
-    first: np.ndarray  # (C+1,) where each compartment's faces begin, and the last end
+    first: np.ndarray  # (C+1,) index of each compartment's first face, and the end of the last one's
     gas: np.ndarray  # (C,) n R T, J
     ambient: np.ndarray  # (C,) pressure outside, Pa
 
@@ -103,7 +103,7 @@ class State(NamedTuple):
 
 
 class Control(NamedTuple):
-    """What drives the bodies: rest lengths that move linearly in time during one call of `advance`, and then stop."""
+    """Input of the bodies: rest lengths that move linearly in time during one call of `advance`, and then stop."""
 
     rest_length: np.ndarray  # (B,E) m; advanced in place at the end of the call
     rate: np.ndarray  # (B,E) m/s; zero after it. Only the fibres of the fish's muscles move
@@ -114,12 +114,12 @@ FORCES, FACTORISATIONS, SOLVES, PIVOTS, REFINEMENTS = range(5)
 
 
 class Anchors(NamedTuple):
-    """Springs from a node to a point in the world: a hand that drags, or a penalty that moves a node. A of them."""
+    """Springs from a node to a point in the world: drag springs, or penalties that move a node. A of them."""
 
     VECTORS = ("point", "velocity")
 
     node: np.ndarray  # (A,)
-    point: np.ndarray  # (A,3) m, where the far end is when a call of `advance` begins
+    point: np.ndarray  # (A,3) m, position of the far end when a call of `advance` begins
     velocity: np.ndarray  # (A,3) m/s at which it moves, with which the damping compares the node's
     stiffness: np.ndarray  # (A,) N/m
     damping: np.ndarray  # (A,) N s/m along the spring; of an anchor without length, along all axes
@@ -127,14 +127,14 @@ class Anchors(NamedTuple):
 
 
 class World(NamedTuple):
-    """What surrounds the body; what is None is not there, and all zero and None is vacuum."""
+    """Surroundings of the body. A part that is None is absent; all zero and None is vacuum."""
 
     VECTORS = ("current", "gravity")
 
     linear: float  # coefficient of the linear face law, kg/(m2 s)
     quadratic: float  # coefficient of the quadratic face law, half density times drag coefficient, kg/m3
     current: np.ndarray  # (3,) velocity of the water, m/s
-    gravity: np.ndarray | None = None  # (3,) m/s2; a fish that floats has none
+    gravity: np.ndarray | None = None  # (3,) m/s2; None for a neutrally buoyant fish
     viscosity: float = 0.0  # of the air: drag on every node over its velocity, N s/m; only beside gravity
     planes: np.ndarray | None = None  # (P,5) unit normal into the free side, offset m, restitution
     anchors: Anchors | None = None

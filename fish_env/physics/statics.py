@@ -1,12 +1,12 @@
 """Bodies at rest: equilibrium under load, small deflections, natural frequencies.
 
-Equilibrium is found by Newton's method with the exact derivatives of the forces. A full step may be too long; it is
-halved until the simplified step that would follow it, with the matrix at hand, is shorter: Deuflhard's natural
-monotonicity test (Deuflhard 2004, ch. 3). The residual itself would not do: a slender beam that bends stretches a
-little in between, and is far stiffer along itself than across.
+Equilibrium is found by Newton's method with the exact derivatives of the forces. A step that is too long is halved
+until the simplified step that would follow it, with the same matrix, is shorter: Deuflhard's natural monotonicity test
+(Deuflhard 2004, ch. 3). A test of the residual would fail: a bending slender beam also stretches a little between two
+iterations, and its axial stiffness is far larger.
 
-A body that nothing holds keeps its place: steps and deflections have no part in the rigid motions it is free to make,
-its shifts, and its rotations if all forces are its own.
+A free body keeps its position: steps and deflections contain no free rigid motion. These are translations, and
+rotations if all forces are internal.
 """
 
 import warnings
@@ -26,35 +26,36 @@ from fish_env.physics.integrity import check_problem
 from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
 
-ROUNDING = 2e-15  # of stiffness times place, above what is left of forces in balance: measured 1.4e-16
-SHORTEST = 2.0**-20  # part of a Newton step below which it is given up
+ROUNDING = 2e-15  # times stiffness and position: above the rounding error of balanced forces, 1.4e-16
+SHORTEST = 2.0**-20  # part of a Newton step below which the line search stops
 MOST_STEPS = 200
 RANK = 1e-9
 SINGULAR = 1e-14  # smallest pivot over the largest
-UNSTABLE = 1e-10  # of the highest rate: less is rounding
-SHIFT = 1e-7  # of the highest rate: with a hundredth of it, what rounding leaves in a solve mixes neighbours up
-SLACK = 1e-12  # of the largest stiffness, for motions that nothing resists and no force asks for
+UNSTABLE = 1e-10  # times the highest rate: less is rounding
+SHIFT = 1e-7  # times the highest rate: at a hundredth of it, rounding errors of a solve mix neighbouring modes
+SLACK = 1e-12  # times the largest stiffness, for motions without stiffness and without force
 SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
 LOOSE = "the stiffness does not resist every motion; fix or anchor more nodes, or start from another place"
 ADVICE = "apply the load in smaller steps, each started from the last; fix or anchor a body that its load would move"
 
 
-class NoEquilibrium(ArithmeticError):  # noqa: N818 - it names what was not found
-    """No place was found at which the forces vanish; the text says what to try."""
+class NoEquilibrium(ArithmeticError):  # noqa: N818 - named after what was not found
+    """No equilibrium was found; the message suggests what to try."""
 
 
 def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None, load=None, tolerance=1e-9):
     """Positions (N,3) m at which no force acts on any free degree of freedom: f(x) + load = 0, at zero velocity.
 
-    An equilibrium near the start, stable or not: `modes` tells. Fixed degrees of freedom stay where they start.
+    It finds an equilibrium near the start, stable or not; `modes` tests the stability. Fixed degrees of freedom keep
+    their start position.
 
     Args:
-        body: any; of a free body the place is kept.
+        body: any body; a free body keeps its position.
         world: gravity, current and anchors act; walls raise an error.
         rest_length: of the springs, (E,) m; None takes the body's.
         start: positions, (N,3) m; None takes those at rest.
         load: further forces, (N,3) N, that keep their direction.
-        tolerance: largest force left, over the largest at the start; never asked for below rounding.
+        tolerance: ratio of the largest residual force to the largest at the start; never below rounding.
 
     Raises:
         ValueError: for an array of another shape or not finite, a tolerance that is not positive, or walls.
@@ -93,7 +94,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
 
 
 def _newton(x, f, force: Callable, free, solve: Callable):
-    """One Newton step from x with the forces f, shortened as far as need be: positions and forces after it."""
+    """Positions and forces after one Newton step from x with the forces f, shortened as necessary."""
     step = solve(f)
     part, size = 1.0, np.linalg.norm(step)
     while part >= SHORTEST:
@@ -110,9 +111,9 @@ def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
     """Displacements (N,3) m under small forces on a body at rest: K u = load, fixed degrees of freedom zero.
 
     Args:
-        body: any; of a free body the load must balance.
+        body: any body; the load on a free body must balance.
         load: (N,3) N.
-        world: whose anchors and current add to the stiffness.
+        world: its anchors and current add to the stiffness.
 
     Raises:
         ValueError: if the load is of another shape, not finite, or moves a free body.
@@ -131,21 +132,21 @@ def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
 
 
 def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, position=None):
-    """Lowest natural frequencies (count,) Hz and their shapes (count,N,3), 1/sqrt(kg); of a free body rigid ones first.
+    """Lowest natural frequencies (count,) Hz and mode shapes (count,N,3), 1/sqrt(kg); rigid motions come first.
 
     Undamped vibration about an equilibrium: K u = (2 pi f)^2 M u, with u^T M u = 1. The frequency of a rigid motion is
-    zero but for rounding.
+    zero up to rounding.
 
     Args:
-        body: any.
-        count: how many, from 1 to the number of free degrees of freedom.
-        world: whose anchors add to the stiffness.
+        body: any body.
+        count: number of modes, from 1 to the number of free degrees of freedom.
+        world: its anchors add to the stiffness.
         rest_length: of the springs, (E,) m; None takes the body's.
         position: the equilibrium, (N,3) m; None takes the positions at rest.
 
     Raises:
         ValueError: for a count out of range.
-        NoEquilibrium: if the body would leave the position by itself.
+        NoEquilibrium: if the position is unstable.
     """
     check_problem(body, world)
     free = _free(body)
@@ -178,15 +179,15 @@ def _lowest(matrix, free, root, count):
     inverse = LinearOperator(scaled.shape, factors.solve)
     _, vectors = eigsh(scaled, k=count, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(free.size)))
     basis = np.linalg.qr(vectors)[0]
-    values, turn = np.linalg.eigh(basis.T @ (scaled @ basis))  # of neighbours that are mixed up, the right mixture
+    values, turn = np.linalg.eigh(basis.T @ (scaled @ basis))  # separates the modes of close eigenvalues
     return values, basis @ turn
 
 
 def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
-    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that holds and anchors leave.
+    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that fixed nodes and anchors allow.
 
-    Shifts, which no other force of the package resists or asks for; and rotations, if they are `turning` as freely.
-    None beside a force of the user's, which may resist them.
+    They are translations, which no other force of the package resists or drives, and rotations if `turning`. There are
+    none if a user's own force acts, because it may resist them.
     """
     free = _free(body)
     if world.anchors is not None or world.extra:
@@ -203,9 +204,9 @@ def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
 
 
 def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
-    """Solution of K u = f on the free degrees of freedom, u without the motions `rigid` (K,R): a function of f (K,).
+    """Make the solver of K u = f on the free degrees of freedom: a function of f (K,), u without the motions `rigid`.
 
-    `slack`, of the largest stiffness, is added to that of every degree of freedom.
+    `rigid` is (K,R). `slack` times the largest stiffness is added to that of every degree of freedom.
     """
     free, scale = _free(body), np.abs(matrix.diagonal()).max()
     rigid = rigid * scale
@@ -214,7 +215,7 @@ def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
         inner = matrix[np.ix_(free, free)] + slack * scale * np.eye(size)
         system = np.block([[inner, rigid], [rigid.T, np.zeros((border, border))]])
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", LinAlgWarning)  # the pivots are looked at below
+            warnings.simplefilter("ignore", LinAlgWarning)  # the pivots are checked below
             factors = lu_factor(system)
         pivots, solve = np.diag(factors[0]), partial(lu_solve, factors)
     else:
@@ -233,10 +234,10 @@ def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
 
 
 def _still(world: World) -> bool:
-    """Whether the water does not push on a body without motion."""
+    """Return True if the water exerts no force on a body without motion."""
     return not (world.current.any() and (world.linear or world.quadratic))
 
 
 def _free(body: Body) -> np.ndarray:
-    """(K,) numbers of the degrees of freedom that may move."""
+    """Numbers (K,) of the free degrees of freedom."""
     return np.flatnonzero(body.inverse_mass.ravel())

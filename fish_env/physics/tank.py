@@ -52,33 +52,33 @@ from fish_env.physics.tank_options import (
 )
 from fish_env.physics.world import VACUUM, joined, make_anchors
 
-FISH_PER_THREAD = 16  # fewer than this and handing them to a thread costs more than it saves
+FISH_PER_THREAD = 16  # with fewer, a thread costs more than it saves
 
 
 class Tank(Settled, Generic[Elastic]):
-    """B fish of one kind, each alone in the same water, advanced together by one integrator.
+    """B fish of one kind, without interaction, in the same water, advanced by one integrator.
 
-    `fish` and `world` of a tank are its own, read-only copies of what it was given: kernels read them and do not look.
+    `fish` and `world` of a tank are its own, read-only copies, because kernels read them without checks.
 
     Args:
-        fish: what swims (`make_fish`), or another elastic object (`fish_env.bodies.objects`).
+        fish: a fish (`make_fish`) or another elastic object (`fish_env.bodies.objects`).
         num_fish: B, at least 1.
-        integrator: a key of `INTEGRATORS`; None takes the fish's own.
-        dt: integrator step, s; None takes the fish's `time_step` for its own integrator, and for another the longest
-            that divides the control interval and is at most half of the method's largest stable step at rest.
+        integrator: a key of `INTEGRATORS`; None selects the fish's default.
+        dt: integrator step, s; None selects the fish's `time_step` for its default integrator. For another, it selects
+            the longest step that divides the control interval and is at most half of the largest stable step at rest.
         water: `make_water(...)`, or None for vacuum.
-        threads: over how many threads the fish are shared out; None takes the processors this process may use.
+        threads: number of threads that advance the fish; None selects the number of available processors.
             Results do not depend on it.
-        dtype: "float64" or "float32", what the kernels calculate in; the state is float64 in any case.
-        lanes: how many fish a kernel works on at once: "xyz" (one, its coordinates side by side), 1, 2, 4, 8, 16 or
-            32; None chooses. Results do not depend on it in float64.
-        refine: relative change of a spring's length within a step above which the whole call is taken again, for that
-            fish alone, with steps half as long, and so on down to 1/8; inf for never. None takes the fish's own with
-            its own step, and inf with a dt that is given. Only the default method watches its springs.
+        dtype: "float64" or "float32", the precision of the kernels; the state is always float64.
+        lanes: number of fish that a kernel processes at once: "xyz" (one, its coordinates side by side), 1, 2, 4, 8, 16
+            or 32; None selects one. Results do not depend on it in float64.
+        refine: relative change of a spring's length within a step above which the call is repeated for that fish, with
+            steps half as long, down to 1/8; inf for never. None selects the fish's own value with its default step, and
+            inf with a given dt. Only the default method checks its springs.
 
     Raises:
-        ValueError: for an unknown integrator, `num_fish` or `threads` below 1, a step that is not positive, or a dtype,
-            lanes or refine that is not offered.
+        ValueError: for an unknown integrator, `num_fish` or `threads` below 1, a step that is not positive, or an
+            unsupported dtype, lanes or refine.
     """
 
     SETTLED = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
@@ -97,7 +97,7 @@ class Tank(Settled, Generic[Elastic]):
         self.fish, self._own, self._conditions = fish, fish.body, no_conditions(fish.body, self.world)
         body, b = fish.body, self.num_fish
         self.kind = kind_for(b, dtype, lanes)
-        """How many fish the kernels work on at once, and in which precision."""
+        """Number of fish that the kernels process at once, and their precision."""
         self.state = State(
             np.repeat(body.position[None], b, axis=0),
             np.zeros((b, body.mass.size, 3)),
@@ -110,24 +110,24 @@ class Tank(Settled, Generic[Elastic]):
         self.natural = springs[fish.muscles]
         """(M,) natural length of each muscle, m."""
         self.span = (1.0 - fish.contracted) * self.natural
-        """(M,) what full contraction takes off it, m."""
+        """(M,) reduction of the rest length at full contraction, m."""
         natural = springs[fish.fibres]
         self._fibres = (fish.fibres, fish.drives, natural, (1.0 - fish.contracted[fish.drives[:, 0]]) * natural)
         self.effort = np.zeros(b)
         """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
         self.variation = np.tile(NOMINAL, (b, 1))
-        """(B,6) what sets each fish and its water apart from the rest (`vary`); read only."""
+        """(B,6) factors and current of each fish (`vary`); read-only."""
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
         self._threads = Threads(self.threads)
         self._compile()
 
     def _compile(self) -> None:
-        """Describe the arrays to kernels, and make the engine that moves them, if the method has one."""
+        """Make the pack of arrays for kernels, and the engine if the method has one."""
         self._settle_anew(pack=self._describe())
         self._engine = None if self.integrator.method is None else Engine(self)
 
     def _describe(self) -> Pack:
-        """The arrays of the tank and what its fish are like, as kernels read them."""
+        """Pack of the tank's arrays and of its fish's properties, as kernels read them."""
         fish, state, control = self.fish, self.state, self.control
         springs, one = fish.body.springs, Kind(1)
         fields = {}
@@ -141,7 +141,7 @@ class Tank(Settled, Generic[Elastic]):
         named = {
             name: frozen(np.array(each)) if isinstance(each, np.ndarray) else each for name, each in fields.items()
         }
-        return Pack(  # kernels do not look whether there is what these arrays name
+        return Pack(  # kernels do not check the indices in these arrays
             "tank",
             x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
             clock=state.t, failure=state.failure, counters=state.counters,
@@ -182,18 +182,18 @@ class Tank(Settled, Generic[Elastic]):
 
     @property
     def alive(self) -> np.ndarray:
-        """(B,) True for each fish whose simulation is valid."""
+        """Boolean mask (B,) of the fish whose simulation is valid."""
         return self.state.failure == 0
 
     @property
     def failure(self) -> np.ndarray:
-        """(B,) why each fish failed, "" where it did not; ValueError for a number in `state` that means nothing."""
+        """Reason of each fish's failure, (B,), "" without one; ValueError for an invalid number in `state`."""
         check_numbers("state.failure", self.state.failure, (self.num_fish,), len(FAILURES))
         return np.array(FAILURES, dtype=object)[self.state.failure]
 
     @property
     def counters(self) -> dict[str, np.ndarray]:
-        """What each fish has cost since its reset, (B,) a name of COUNTERS: live."""
+        """Work done for each fish since its reset, an array (B,) for each name of COUNTERS: live."""
         return dict(zip(COUNTERS, self.state.counters.T, strict=True))
 
     @property
@@ -202,14 +202,14 @@ class Tank(Settled, Generic[Elastic]):
         return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
 
     def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0)) -> None:
-        """Make fish i and its water differ from the others; without arguments, as they were made.
+        """Set the factors and the current of fish i; without arguments, restore their defaults.
 
         Args:
             i: number of the fish, 0 to B - 1.
             stiffness: factor on the stiffness and the damping of its springs, 1e-9 to 1e9.
             mass: factor on its mass, 1e-9 to 1e9.
             drag: factor on the force of the water, 0 to 1e9.
-            current: velocity of its water beyond that of the tank's, (3,) m/s.
+            current: velocity of its water relative to that of the tank's, (3,) m/s.
 
         Raises:
             ValueError: for a missing fish, a factor out of range, or a current that is not finite.
@@ -224,21 +224,21 @@ class Tank(Settled, Generic[Elastic]):
             self._engine.plan(i)
 
     def advance(self, steps: int) -> None:
-        """Take `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
+        """Advance by `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
         self._run(checked_steps(steps))
 
     def swim(self, action, duration: float) -> None:
         """Move the muscles' rest lengths towards a command at a limited rate, and advance.
 
-        A rest length moves linearly over the whole duration and arrives at its end, or covers what
-        `fish.contraction_time` allows: there are no jumps.
+        A rest length moves linearly over the whole duration and reaches its target at the end, or moves as far as
+        `fish.contraction_time` allows. It never jumps.
 
         Args:
             action: (B,M), or (M,) for all fish, in [-1, 1]: -1 natural length, 1 full contraction.
             duration: s, a whole multiple of dt.
 
         Raises:
-            ValueError: for an action of another shape, not finite or outside [-1, 1], or such a duration.
+            ValueError: for an action of another shape, not finite or outside [-1, 1], or an invalid duration.
         """
         steps = whole_steps(duration, self.dt, "duration")
         if not self.fish.num_muscles:
@@ -247,12 +247,14 @@ class Tank(Settled, Generic[Elastic]):
         self.drive(0.5 * (action + 1.0), steps)
 
     def drive(self, contraction: np.ndarray, steps: int) -> None:
-        """`swim` for contractions (B,M) in [0, 1], for at least one step of dt; ValueError as there."""
+        """Swim for contractions (B,M) in [0, 1], for at least one step of dt; ValueError as in `swim`."""
         self.command(contraction, checked_steps(steps) * self.dt)
         self._run(steps)
 
     def command(self, contraction: np.ndarray, duration: float) -> None:
-        """Set the muscles' rest lengths out for a contraction (B,M) in [0, 1] within `duration` s, without moving.
+        """Set the rates of the muscles' rest lengths for a contraction (B,M) in [0, 1] within `duration` s.
+
+        The bodies do not move yet.
 
         Raises:
             ValueError: for contractions of another shape or outside [0, 1], or a duration that is not positive.
@@ -269,14 +271,14 @@ class Tank(Settled, Generic[Elastic]):
             if self._conditions.penalties is not None:
                 self._place(joined(self._conditions.drag, self._conditions.penalties))
             alive = self.alive
-            self.control.rate[alive] = rate[alive]  # a run ends the motion of the rest lengths
+            self.control.rate[alive] = rate[alive]  # a run sets these rates to zero
             self._run_evenly(1)
 
     def _run_evenly(self, steps: int) -> None:
-        """Take steps in which nodes that are moved keep their velocity."""
+        """Advance by steps in which moved nodes keep their velocity."""
         self._impose()
         if self._engine is None:
-            assert self.integrator.advance is not None  # a method without an engine moves bodies by itself
+            assert self.integrator.advance is not None  # a method without an engine has `advance`
             for i in range(self.num_fish):
                 body, world = varied(self.fish.body, self.world, self.variation[i])
                 self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
@@ -286,7 +288,7 @@ class Tank(Settled, Generic[Elastic]):
 
     def share_out(self, work: Callable, *args) -> None:
         """Call `work(chunk, first, last, *args)` for every chunk of the fish, in threads if there are several."""
-        assert self._engine is not None  # only engines share their fish out
+        assert self._engine is not None  # only engines distribute fish over threads
         self._engine.sort()
         if self._chunks == 1:
             work(0, 0, self.num_fish, *args)
@@ -298,9 +300,9 @@ class Tank(Settled, Generic[Elastic]):
         return State(*(array[lo:hi] for array in self.state)), Control(*(array[lo:hi] for array in self.control))
 
     def reset(self, mask=None) -> None:
-        """Put the fish (those of the boolean mask (B,), or all) back to rest, relaxed, at time zero.
+        """Reset the fish (those of the boolean mask (B,), or all) to rest, relaxed, at time zero.
 
-        What `vary`, `grab`, `fix` and `move` set stays, also where penalties and the drag spring pull to.
+        Settings of `vary`, `grab`, `fix` and `move` remain, also the target points of penalties and of the drag spring.
         """
         which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
         if which.dtype != bool or which.shape != (self.num_fish,):
@@ -312,26 +314,26 @@ class Tank(Settled, Generic[Elastic]):
         self._impose()
 
     def close(self) -> None:
-        """End the threads; they start again when needed."""
+        """Stop the threads; they restart when needed."""
         self._threads.close()
 
     @property
     def fibre_length(self) -> np.ndarray:
-        """(K,) natural length of each fibre, m."""
+        """Natural length of each fibre, (K,) m."""
         return self._fibres[2]
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that decides what happens next, as copies: x, v, t, failure, counters, rest_length, variation."""
+        """Copies of all that determines the further motion: x, v, t, failure, counters, rest_length, variation."""
         named = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
         return {name: array.copy() for name, array in named.items()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Restore what `get_state` returned. What holds nodes (`grab`, `fix`, `move`) is no part of it, and stays.
+        """Restore a state that `get_state` returned. Boundary conditions (`grab`, `fix`, `move`) are unchanged.
 
-        Nodes held by elimination take the velocity that is prescribed now; penalties pull to where they do now.
+        Nodes that are fixed by elimination get the present prescribed velocity; penalties keep their present points.
 
         Raises:
-            ValueError: if a part is missing, unknown, of another shape or not finite; nothing is changed then.
+            ValueError: if a part is missing, unknown, of another shape or not finite; the tank is then unchanged.
         """
         target = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
         checked = checked_state(state, target)
@@ -342,62 +344,62 @@ class Tank(Settled, Generic[Elastic]):
         self._impose()
 
     def nearest(self, point, nodes=None, i=0) -> int:
-        """The node of body i nearest to a point (3,) m: of `nodes`, their numbers, or of all; ValueError if missing."""
+        """Node of body i nearest to a point (3,) m, among `nodes` (numbers) or all; ValueError for a missing one."""
         which = chosen_nodes(nodes, i, self.state.x.shape)
         away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
         return int(which[np.argmin((away**2).sum(axis=1))])
 
     def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> None:
-        """Pull a node of every body by a drag spring to a point (3,) m, in place of any before (`make_anchors`).
+        """Pull a node of every body by a drag spring to a point (3,) m; it replaces any previous one (`make_anchors`).
 
-        The point moves on at `velocity` (3,) m/s, that of a hand, and the damping of the spring compares the node's
-        velocity with it. A hand that is given its velocity does its work along its way; one that is put elsewhere
+        The point moves at `velocity` (3,) m/s, and the damping of the spring acts on the difference between the node's
+        velocity and it. With a velocity, the point does its work continuously. A point that is set to a new position
         before every call jumps, and stretches the spring at once.
 
         Raises:
-            ValueError: for a missing node or a number that is not allowed.
+            ValueError: for a missing node or an invalid number.
         """
         if not (is_whole(node) and 0 <= node < self.state.x.shape[1]):
             raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
         self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length, velocity))
 
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
-        """Hold nodes of every body where they are, until `release`; the rest of the state stays as it is.
+        """Fix nodes of every body at their present positions until `release`; the rest of the state is unchanged.
 
-        What a node held before gives way to it: its speed along these axes is lost. By elimination, the nodes stay
-        where they are to the bit. By penalty they are drawn back there by a stiff, damped spring (`make_penalty`), and
-        give way a little; explicit methods need short steps for it.
+        It replaces previous conditions of these nodes, and sets their velocity along these axes to zero. By
+        elimination, the positions are constant exactly. By penalty, a stiff, damped spring (`make_penalty`) draws each
+        node back: it deviates a little, and explicit methods need short steps.
 
         Args:
-            nodes: their numbers, or a boolean mask (N,).
-            axes: of "x", "y" and "z"; by penalty all three.
+            nodes: node numbers, or a boolean mask (N,).
+            axes: any of "x", "y" and "z"; by penalty all three.
             method: "elimination" or "penalty".
 
         Raises:
-            ValueError: for a missing node, another axis or method, if nothing were left to move, or if the tank's
-                integrator cannot serve the condition, with the reason; nothing is changed then.
+            ValueError: for a missing node, another axis or method, if no degree of freedom would remain, or if the
+                tank's integrator does not support the condition, with the reason; the tank is then unchanged.
         """
         self.move(nodes, np.zeros(3), axes, method)
 
     def move(self, nodes, along, axes: str = "xyz", method: str = "elimination") -> None:
-        """Move nodes of every body along a way, until `fix`, `release` or another `move`; otherwise as `fix`.
+        """Prescribe the motion of nodes of every body, until `fix`, `release` or another `move`; otherwise like `fix`.
 
-        A node takes its velocity at once, without the time that its inertia would need. A function is asked before
-        every step of dt where the step ends, and within the step the node moves there evenly: at the end of every step
-        it is on its way. A body that is reset goes on from where it is put, by what its way has left.
+        A node gets its velocity at once, whatever its inertia. A function is called before every step of dt for the
+        displacement at its end, and the node moves there at constant velocity. So it is on its path at the end of every
+        step. A body that is reset continues from its rest position, by the rest of the displacement.
 
         Args:
-            nodes: their numbers (K,), or a boolean mask (N,).
-            along: a constant velocity, m/s, (3,) for all nodes, or (K,3), one each; or a function of the time since
-                now, s, that returns their displacement from where they are now, m, (3,) or (K,3), zero at time 0.
-                Zero along axes that are left free.
-            axes: of "x", "y" and "z", along which they are moved; by penalty all three.
+            nodes: node numbers (K,), or a boolean mask (N,).
+            along: a constant velocity, m/s, (3,) for all nodes, or (K,3), one each. Or a function of the time since
+                this call, s, that returns their displacement since then, m, (3,) or (K,3), zero at time 0.
+                Both are zero along free axes.
+            axes: any of "x", "y" and "z", along which they are moved; by penalty all three.
             method: "elimination" or "penalty".
 
         Raises:
-            ValueError: as `fix`, and for velocities or displacements of another shape, not finite, or along an axis
-                that is left free; `advance` raises it for a displacement that a function returns later, and has then
-                moved the bodies up to there.
+            ValueError: as `fix`, and for velocities or displacements of another shape, not finite, or along a free
+                axis. `advance` raises it for a displacement that a function returns later; the bodies have then moved
+                up to that time.
         """
         if method not in METHODS:
             raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
@@ -408,12 +410,12 @@ class Tank(Settled, Generic[Elastic]):
         self._apply(moved(self._conditions, nodes, chosen, along, penalty))
 
     def release(self, nodes=None) -> None:
-        """Let go of what `grab` holds; or of nodes, whatever holds them: `grab`, `fix` or `move`.
+        """Release the drag spring of `grab`; or release nodes from `grab`, `fix` and `move`.
 
-        They go on at the velocity that they have. What the body itself fixes (`fish_env.physics.body.fix`) stays fixed.
+        They keep their present velocity. Degrees of freedom that `fish_env.physics.body.fix` fixes remain fixed.
 
         Args:
-            nodes: their numbers, or a boolean mask (N,); None for the drag spring alone.
+            nodes: node numbers, or a boolean mask (N,); None for the drag spring only.
 
         Raises:
             ValueError: for a missing node.
@@ -425,24 +427,24 @@ class Tank(Settled, Generic[Elastic]):
 
     @property
     def conditioned(self) -> bool:
-        """Whether a node is held by elimination, or an anchor is on the move: `advance` sees to both."""
+        """True if a node is fixed by elimination or an anchor moves; `advance` updates both."""
         anchors, conditions = self.world.anchors, self._conditions
         moving = bool(conditions.motions) or (anchors is not None and bool(anchors.velocity.any()))
         return moving or bool(conditions.held.any())
 
     @property
     def fixed(self) -> np.ndarray:
-        """(N,3) True for each degree of freedom that is fixed or moved: by `fix`, by `move`, or by the body itself."""
+        """Boolean mask (N,3) of the degrees of freedom that are fixed or moved by `fix`, `move` or the body itself."""
         found = self.fish.body.inverse_mass == 0.0
         if self._conditions.penalties is not None:
             found[self._conditions.penalties.node] = True
         return found
 
     def reactions(self) -> np.ndarray:
-        """Force on every body that holds its fixed and moved nodes, (B,N,3) N; zero on all others.
+        """Reaction forces on the fixed and moved nodes of every body, (B,N,3) N; zero on all others.
 
-        By elimination, what all other forces leave to balance at the present positions and velocities; by penalty, the
-        pull of its springs. A wall that such a node touches carries no part of it.
+        By elimination, they balance all other forces at the present positions and velocities. By penalty, they are the
+        forces of its springs. A wall that such a node touches carries no part of them.
         """
         body, found = self.fish.body, np.zeros_like(self.state.x)
         world = self.world._replace(anchors=self._conditions.drag)
@@ -459,7 +461,7 @@ class Tank(Settled, Generic[Elastic]):
         return found
 
     def _common_place(self, nodes) -> np.ndarray:
-        """Where the nodes (K,) of all bodies are, (K,3) m; ValueError unless it is the same for all."""
+        """Positions (K,3) m of the nodes (K,), which must be the same in all bodies; ValueError otherwise."""
         places = self.state.x[:, nodes]
         if (places != places[0]).any():
             raise ValueError(
@@ -472,7 +474,7 @@ class Tank(Settled, Generic[Elastic]):
         self._apply(self._conditions._replace(drag=anchors))
 
     def _apply(self, new: Conditions) -> None:
-        """Let these conditions hold from now on, unless the method cannot serve them."""
+        """Apply these conditions from now on; raise ValueError if the method does not support them."""
         was, before = self._conditions, self.fish.body
         same = np.array_equal(new.held, was.held)
         body = before if same else fix_where(self._own, new.held) if new.held.any() else self._own
@@ -493,21 +495,21 @@ class Tank(Settled, Generic[Elastic]):
         self._impose()
 
     def _impose(self) -> None:
-        """Give the eliminated degrees of freedom of the bodies that are alive their velocities."""
+        """Set the velocities of the eliminated degrees of freedom of all valid bodies."""
         held = self._conditions.held
         if held.any():
             alive = self.state.failure == 0
             self.state.v[:] = np.where(held & alive[:, None, None], self._conditions.velocity, self.state.v)
 
     def _carry(self, duration: float) -> None:
-        """Move the points of moving anchors on by the time that has gone by."""
+        """Move the points of moving anchors on by the elapsed time."""
         if self.world.anchors is not None and self.world.anchors.velocity.any():
             drag, penalties = (carried(part, duration) for part in (self._conditions.drag, self._conditions.penalties))
             self._conditions = self._conditions._replace(drag=drag, penalties=penalties)
             self._place(joined(drag, penalties))
 
     def _place(self, anchors: Anchors | None) -> None:
-        """Let the anchors, the same ones, be elsewhere, or move otherwise."""
+        """Update the positions and velocities of the anchors, which stay the same otherwise."""
         self._settle_anew(world=frozen(self.world._replace(anchors=anchors)))
         if self._engine is not None and anchors is not None:
             self._engine.follow(anchors)

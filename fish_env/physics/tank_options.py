@@ -1,4 +1,4 @@
-"""What a tank is made with: options checked, what follows from those that are left out, and what kernels read of it."""
+"""Options of a tank: input validation, default values, and the records that kernels read."""
 
 import math
 import os
@@ -16,20 +16,20 @@ from fish_env.physics.integrity import check_fish, check_numbers, check_world
 from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
 
-REFINED = ("leapfrog_chebyshev",)  # methods that watch how fast their springs change
-MOST_STEPS = 2**53  # of one call: more could not be told apart by their clock
-SHORTEST = 1e-12  # s: beside an episode, a shorter step is lost in the rounding of its clock
-LONGEST = 1e9  # s: the square of a step of any length must be a number
-FACTORS = (1e-9, 1e9)  # of `Tank.vary`: products with them must be numbers
-FISH_FOR_LANES = 3  # fewer than this are faster one by one
+REFINED = ("leapfrog_chebyshev",)  # methods that check the rate of change of their springs
+MOST_STEPS = 2**53  # per call: a float64 clock cannot count more
+SHORTEST = 1e-12  # s: a shorter step is lost in the rounding of an episode's clock
+LONGEST = 1e9  # s: the square of a step must be finite
+FACTORS = (1e-9, 1e9)  # range of the factors of `Tank.vary`: products with them must be finite
+FISH_FOR_LANES = 3  # fewer fish are faster one by one
 NOT_FOR_TANKS = {"dual": "moves nothing", "thread": "is for the threads of a GPU"}
 
 
 def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple[Integrator, float, float]:
-    """The method that moves a fish, its step in seconds, and the strain in a step above which it is refined.
+    """Integrator of a fish, its step in seconds, and the strain in a step above which it is refined.
 
     Raises:
-        ValueError: for what is no fish, an unknown method, a step or a `refine` that is not positive or not offered.
+        ValueError: for another type than a fish, an unknown method, or an invalid or unsupported step or `refine`.
     """
     if not isinstance(fish, ElasticObject):
         raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
@@ -52,14 +52,14 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
 
 
 def checked_count(value, name: str) -> int:
-    """`value` as an int, whose products do not overflow as those of numpy's may; ValueError unless it is at least 1."""
+    """Return `value` as a Python int, whose products cannot overflow; ValueError unless it is at least 1."""
     if not (is_whole(value) and value >= 1):
         raise ValueError(f"{name} is {value!r}; give a whole number, at least 1")
     return int(value)
 
 
 def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator) -> None:
-    """Raise ValueError if parts of fish or world do not fit together, or if the method cannot move the body there."""
+    """Raise ValueError if fish or world are inconsistent, or if the method cannot move the body there."""
     check_fish(fish)
     world = VACUUM if water is None else water
     check_world(world, fish.body.mass.size)
@@ -69,23 +69,23 @@ def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator
 
 
 def refused(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
-    """What to raise if a method cannot move a fish in its world."""
+    """Error to raise if a method cannot move a fish in its world."""
     return ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
 
 
 def checked_steps(steps) -> int:
-    """A number of steps of one call, or ValueError."""
+    """Return a valid number of steps of one call as an int; ValueError otherwise."""
     if not (is_whole(steps) and 0 <= steps <= MOST_STEPS):
         raise ValueError(f"steps is {steps!r}; give a whole number from 0 to {MOST_STEPS}")
     return int(steps)
 
 
 def checked_action(action, shape: tuple[int, int]) -> np.ndarray:
-    """Actions (B,M) in [-1, 1], which may be given as (M,) for all fish, or ValueError for what is not allowed."""
+    """Actions (B,M) in [-1, 1], from (B,M) or from (M,) for all fish; ValueError for invalid ones."""
     try:
         found = as_floats(action)
     except (TypeError, OverflowError, RecursionError):
-        finite_array(action, shape, "action")  # says what is wrong
+        finite_array(action, shape, "action")  # raises the specific error
         raise
     if found.shape == shape[1:]:
         found = np.broadcast_to(found, shape)
@@ -96,10 +96,10 @@ def checked_action(action, shape: tuple[int, int]) -> np.ndarray:
 
 
 def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.ndarray, float]:
-    """Contractions (B,M) and the time for them, s, or ValueError for what is not allowed."""
+    """Contractions (B,M) and the time for them, s; ValueError for invalid ones."""
     if not SHORTEST <= real(duration) < math.inf:
         raise ValueError(f"duration is {duration!r}; give a positive number of seconds, at least {SHORTEST:g}")
-    found = finite_array(contraction, shape, "contraction")  # of one layout: another would be compiled for
+    found = finite_array(contraction, shape, "contraction")  # in C order: numba would compile again for another
     if found.size and not 0.0 <= found.min() <= found.max() <= 1.0:
         low, high = (repr(float(x)).removesuffix(".0") for x in (found.min(), found.max()))  # also 1.0000000000000002
         raise ValueError(f"contraction is from {low} to {high}; give numbers from 0 to 1")
@@ -107,7 +107,7 @@ def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.n
 
 
 def chosen_nodes(nodes, i, shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers of nodes of body i, or of all for None; ValueError if there are none, or one or the body is missing."""
+    """Node numbers of body i, all of them for None; ValueError if they are empty or a node or body is missing."""
     bodies, count, _ = shape
     check_numbers("i", i, (), bodies)
     which = np.arange(count) if nodes is None else np.asarray(nodes)
@@ -118,15 +118,15 @@ def chosen_nodes(nodes, i, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def bytes_of(body: Body) -> int:
-    """About how much memory one fish of a tank takes, its state once more while that is copied."""
+    """Approximate memory of one fish of a tank, in bytes, including one copy of its state."""
     return 8 * (12 * body.mass.size + 3 * body.springs.stiffness.size + 40)
 
 
 def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
-    """The kind of kernel for so many fish: the coordinates of one in a register, or a cache line of fish.
+    """Kind of kernel for a number of fish: the coordinates of one in a register, or a cache line of fish.
 
     Raises:
-        ValueError: for a precision or a number of lanes that is not offered.
+        ValueError: for an unsupported precision or number of lanes.
     """
     if isinstance(lanes, np.integer):
         lanes = int(lanes)
@@ -146,18 +146,18 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
 
 
 def varied(body: Body, world: World, row) -> tuple[Body, World]:
-    """A body and its world with the factors and the current of a row of `Tank.variation`."""
+    """Apply the factors and the current of a row of `Tank.variation` to a body and its world."""
     stiffness, mass, drag = (float(factor) for factor in row[:3])
     return scaled(body, stiffness, stiffness, mass), world._replace(
         linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
     )
 
 
-PART = 0.5  # of the largest stable step, that is taken if none is given
+PART = 0.5  # ratio of the default step to the largest stable step
 
 
 def own_step(fish: ElasticObject, integrator: Integrator) -> float:
-    """The step a fish is moved with if none is given, s.
+    """Default step of a fish, s.
 
     Raises:
         ValueError: for a method that has no stable step on this body.
@@ -175,12 +175,12 @@ def own_step(fish: ElasticObject, integrator: Integrator) -> float:
 
 
 def available_processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def whole_steps(duration: float, dt: float, name: str) -> int:
-    """How many steps of dt make up the duration; ValueError unless it is a positive whole multiple."""
+    """Number of steps of dt in the duration; ValueError unless it is a positive whole multiple."""
     seconds = real(duration)
     if not 0.0 < seconds < math.inf:
         raise ValueError(f"{name} is {duration!r}; give a positive number of seconds")
@@ -193,7 +193,7 @@ def whole_steps(duration: float, dt: float, name: str) -> int:
 
 
 def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays of a state that is to replace those of `target`.
+    """Check the arrays of a state that replaces those of `target`, and return them.
 
     Raises:
         ValueError: if a part is missing, unknown, of another shape, not finite or out of range.
@@ -214,7 +214,7 @@ def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.nd
 
 
 def checked_variation(stiffness, mass, drag, current) -> np.ndarray:
-    """A row of `Tank.variation`, (6,), or ValueError for what is not allowed."""
+    """Row (6,) of `Tank.variation`; ValueError for invalid values."""
     row = np.concatenate([
         positive_array([stiffness, mass], (2,), "factors on stiffness and mass"),
         positive_array([drag], (1,), "factor on drag", zero=True),

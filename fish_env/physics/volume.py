@@ -1,7 +1,6 @@
-"""The volume inside closed surfaces of triangles and bilinear patches, or the area in flat rings, by Gauss' theorem.
+"""Volume inside closed surfaces of triangles and bilinear patches, or area in flat rings, by Gauss' theorem.
 
-One kernel: the gas calls it at every step; what is built from a volume at rest has it run in plain Python, so that
-nothing is compiled for that.
+The gas calls the kernel at every step. Builders that need a volume at rest run it in plain Python, without compilation.
 
 Legend: p, q, r, s corners of a face; o a point near it, so that no digits are lost far from the origin; m sum of the
 corners less 4 o; d, e diagonals; slope gradient of the volume.
@@ -17,7 +16,7 @@ ONE = Kind(1)
 
 @kernel
 def add_volume(faces, first, last, x, slope, base):
-    """Volume inside faces first to last, m3 (of a ring: m2); its gradient at node i is added to slope[base + i], m2.
+    """Return the volume inside faces first to last, m3 (m2 for a ring), and add its gradient to slope[base + i], m2.
 
     faces: (Q,4), outward; a triangle has its third node twice, an edge of a ring -1 for its third and fourth.
     """
@@ -44,7 +43,7 @@ def add_volume(faces, first, last, x, slope, base):
 
 
 def volume_of(faces, x) -> tuple[float, np.ndarray]:
-    """Volume inside faces (Q,4), m3 (of a ring: m2), and its gradient (N,3), m2, at positions x (N,3) m."""
+    """Volume inside faces (Q,4), m3 (m2 for a ring), and its gradient (N,3), m2, at positions x (N,3) m."""
     slope = ONE.vectors(len(x))
     plain = getattr(add_volume, "py_func", add_volume)
     return float(plain(np.asarray(faces), 0, len(faces), ONE.rows(x), slope, 0)), slope.memory

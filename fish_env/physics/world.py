@@ -1,4 +1,4 @@
-"""What surrounds the bodies of a tank: water, gravity, walls, and what pulls at single nodes."""
+"""Surroundings of the bodies of a tank: water, gravity, walls, and anchors that pull single nodes."""
 
 import math
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
 
 
 def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0)) -> World:
-    """Still or uniformly moving water that pushes on outward-moving faces (docs/physics.md, eq. 11-13).
+    """Still or uniformly moving water that resists outward-moving faces (docs/physics.md, eq. 11-13).
 
     Args:
-        density: of the water, kg/m3 (quadratic law).
-        drag_coefficient: of a face moving along its normal, dimensionless (quadratic law); for the linear law the
-            coefficient itself, kg/(m2 s), and `density` is not used.
+        density: density of the water, kg/m3 (quadratic law).
+        drag_coefficient: drag coefficient of a face moving along its normal, dimensionless (quadratic law). For the
+            linear law, it is the coefficient itself, kg/(m2 s), and `density` is not used.
         law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994) or "linear" (Tu & Terzopoulos 1994).
         current: velocity of the water, (3,) m/s.
 
@@ -42,18 +42,18 @@ def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0
 
 
 def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:
-    """Gravity, walls and air (Song 2009, ch. 4), in a given water or in none.
+    """Gravity, walls and air (Song 2009, ch. 4), with or without water.
 
     Args:
         gravity: (3,) m/s2.
         planes: walls, each (normal (3,), offset, restitution): bodies stay where normal . x >= offset, m, the normal
-            being made a unit vector. Restitution is the part of a node's normal speed that an impact leaves it: 1 is
-            Song's perfect reflection, less his damped one, 0 none.
+            being normalised. Restitution is the ratio of a node's normal speed after an impact to that before it: 1 is
+            Song's perfect reflection, a smaller value his damped one, 0 no rebound.
         viscosity: drag on each node over its velocity, N s/m.
-        water: of `make_water`, or vacuum.
+        water: result of `make_water`, or vacuum.
 
     Raises:
-        ValueError: naming the part, what it holds, and what is allowed.
+        ValueError: for an invalid part; the message names it, its value and the valid values.
     """
     rows = []
     if not isinstance(water, World):
@@ -86,7 +86,7 @@ def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=
     """Springs from nodes (A,) to points (A,3) m; the other arguments are one number for all, or one each.
 
     Raises:
-        ValueError: naming the part, what it holds, and what is allowed.
+        ValueError: for an invalid part; the message names it, its value and the valid values.
     """
     nodes = node_array(np.reshape(node, (-1, 1)), 1, np.iinfo(np.int64).max, "anchors")[:, 0].copy()
     a = nodes.size
@@ -108,7 +108,7 @@ def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=
 
 
 def joined(one: Anchors | None, other: Anchors | None) -> Anchors | None:
-    """Both of them, as one."""
+    """Concatenate two sets of anchors, either of which may be None."""
     if one is None or other is None:
         return other if one is None else one
     return Anchors(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))

@@ -11,10 +11,10 @@ HOW = 'pip install "fish_env[gpu]"'
 
 
 def load() -> Any:
-    """The module `numba.cuda` of numba-cuda.
+    """Import the module `numba.cuda` of numba-cuda.
 
     Raises:
-        ModuleNotFoundError: where numba-cuda is not installed; numba's own target for GPUs is no longer maintained.
+        ModuleNotFoundError: if numba-cuda is not installed; numba's own target for GPUs is no longer maintained.
     """
     if importlib.util.find_spec("numba_cuda") is None:
         raise ModuleNotFoundError(f"kernels are compiled for GPUs by numba-cuda, which is not installed: {HOW}")
@@ -25,10 +25,10 @@ def load() -> Any:
 
 @contextmanager
 def exactly(cc: tuple[int, int] | None = None) -> Iterator[Any]:
-    """`numba.cuda`, which meanwhile compiles as this package does: nothing is contracted but by an explicit `fma`.
+    """Yield `numba.cuda`, set to compile without contraction, except by an explicit `fma`, as this package does.
 
     Args:
-        cc: the compute capability to compile for, if there is no GPU to ask.
+        cc: the compute capability to compile for, if there is no GPU.
     """
     cuda = load()
     dispatcher: Any = importlib.import_module("numba.cuda.dispatcher")
@@ -44,7 +44,7 @@ def exactly(cc: tuple[int, int] | None = None) -> Iterator[Any]:
 
 
 def to_ptx(function, signature, cc: tuple[int, int]) -> str:
-    """The PTX of a kernel, a plain function whose signature returns nothing; no GPU is needed.
+    """PTX of a kernel, a plain function whose signature returns nothing; no GPU is needed.
 
     Args:
         function: it may call kernels of this package.

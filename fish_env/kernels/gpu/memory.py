@@ -1,7 +1,7 @@
-"""Packs in the memory of a GPU: the same words as on the host, with addresses of copies there.
+"""Packs in the memory of a GPU: the same words as on the host, with addresses of copies on the GPU.
 
-What every thread has of its own (`fish_env.kernels.simd.warps`) is not copied: it is laid out again for as many warps
-as run, and begins with zeros.
+Arrays of which every thread has its own (`fish_env.kernels.simd.warps`) are not copied: they are allocated for the
+number of warps, and initialised with zeros.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from fish_env.kernels.simd.types import THREAD
 
 
 def gpu_type(kind):
-    """The type of what a pack holds as a GPU reads it: it needs to know that numbers are aligned, or reads bytes."""
+    """Type of a pack's field for the GPU, with aligned numbers, which it would otherwise read by bytes."""
     if isinstance(kind, PackType):
         return PackType(kind.label, tuple((name, gpu_type(field), place) for name, field, place in kind.fields))
     if type(kind) is types.Array:
@@ -25,12 +25,12 @@ def gpu_type(kind):
 
 
 def is_own(value) -> bool:
-    """Whether every thread has a value of its own."""
+    """Return True if every thread has its own copy of a value."""
     return isinstance(value, Scratch) or (isinstance(value, Numbers | Vectors) and value.kind.lanes == THREAD)
 
 
 def arrays_of(pack: Pack, prefix: str = "") -> dict[str, Any]:
-    """What a pack and the packs in it hold but for single numbers, by name: "tank.x" for example."""
+    """Arrays of a pack and its inner packs, by name: "tank.x" for example."""
     found = {}
     for name, value in pack._kept.items():
         if isinstance(value, Pack):
@@ -41,12 +41,12 @@ def arrays_of(pack: Pack, prefix: str = "") -> dict[str, Any]:
 
 
 def memory_of(value) -> np.ndarray:
-    """The numpy array in which a value's numbers stand."""
+    """Numpy array that contains a value's numbers."""
     return value if isinstance(value, np.ndarray) else value.memory
 
 
 def fish_axes(one: Pack, many: Pack) -> dict[str, int]:
-    """The axis of every array that belongs to single fish, by name: that by which packs of one and many fish differ."""
+    """Axis of the fish in each array that has one, by name: the axis in which packs of one and many fish differ."""
     single, found = arrays_of(one), {}
     for name, value in arrays_of(many).items():
         shapes = zip(memory_of(single[name]).shape, memory_of(value).shape, strict=True)
@@ -57,18 +57,17 @@ def fish_axes(one: Pack, many: Pack) -> dict[str, int]:
 
 
 class Upload:
-    """A pack and all that is in it, in another memory.
+    """Copy of a pack and its content in another memory.
 
     Args:
-        pack: on the host.
-        warps: for how many warps there is to be memory of their own.
+        pack: the pack on the host.
+        warps: number of warps that have their own memory.
         place: `place(array)` copies a numpy array there, `place(shape, dtype)` makes one of zeros; both return it.
-        address: `address(placed)` is where it is.
-        axes: of the arrays that belong to single fish (`fish_axes`), if there is to be another number of them there.
-            These arrays begin with zeros.
+        address: `address(placed)` returns its address.
+        axes: axes of the fish (`fish_axes`), if their number there is another. These arrays are initialised with zeros.
         num_fish: that number.
 
-    Two arrays of the pack that share their memory on the host share it there too, if they begin at the same place.
+    Two arrays of the pack that share memory on the host also share it there, if they begin at the same address.
     """
 
     def __init__(
@@ -120,13 +119,13 @@ class Upload:
         return self._placed[key]
 
     def of(self, value):
-        """The copy of an array of the pack; of what threads have of their own, that of all warps, (warps,...,WARP)."""
+        """Copy of an array of the pack; if every thread has its own, that of all warps, (warps,...,WARP)."""
         memory = memory_of(value)
         return self._placed[memory.ctypes.data, memory.nbytes]
 
 
 def bytes_needed(pack: Pack, warps: int, axes: Mapping[str, int] | None = None, num_fish: int = 0) -> int:
-    """Bytes that an `Upload` takes; nothing is placed."""
+    """Bytes that an `Upload` needs, without allocation."""
     taken = []
 
     def measure(what, dtype=None):

@@ -1,7 +1,7 @@
 """Vector notation for kernels: one source for one fish and for a block of them, float64 and float32.
 
-A kernel is written with `r = x[j] - x[i]`, `dot(r, u)`, `select(outward > 0.0, push, 0.0)`; what `x` is an array of
-decides what it is compiled to. `Kind` makes such arrays, `Pack` hands them over.
+A kernel is written with `r = x[j] - x[i]`, `dot(r, u)`, `select(outward > 0.0, push, 0.0)`; the element type of `x`
+determines the compiled code. `Kind` makes such arrays, `Pack` passes them to kernels.
 """
 
 from fish_env.kernels.simd import products  # noqa: F401  (tells numba how to compile them)

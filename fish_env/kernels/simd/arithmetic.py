@@ -1,4 +1,4 @@
-"""How kernels compile arithmetic between numbers and vectors, comparisons and masks: part by part, lane by lane."""
+"""Compilation of arithmetic between numbers and vectors, comparisons and masks: part by part, lane by lane."""
 
 import operator
 
@@ -23,11 +23,11 @@ ORDERED = (
     operator.or_, abs, operator.getitem, operator.setitem,
 )  # fmt: skip
 FIRST = (__name__.rpartition(".")[0], "numba.core.typing.arraydecl")
-LOOSE = Vec3(1, 64)  # a vector of constants goes with every kind, as a float does
+LOOSE = Vec3(1, 64)  # a vector of constants is compatible with every kind, like a float
 
 
 def common(kinds):
-    """(lanes, bits) of an operation on values of these types; None if they do not go together."""
+    """Lanes and bits of an operation on values of these types; None if they are incompatible."""
     typed = [kind for kind in kinds if isinstance(kind, Num | Vec3)]
     typed = [kind for kind in typed if kind != LOOSE] or typed
     wide = {kind.w for kind in typed if kind.w != 1}
@@ -37,7 +37,7 @@ def common(kinds):
 
 
 def result(kinds):
-    """The type of an operation taken part by part; None if it is none of ours."""
+    """Type of the result of an operation part by part; None if it has no type of this package."""
     if not all(isinstance(kind, OPERANDS) for kind in kinds) or not any(isinstance(k, Num | Vec3) for k in kinds):
         return None
     lanes = common(kinds)
@@ -47,9 +47,9 @@ def result(kinds):
 
 
 def by_parts(emit, emit_dual=None):
-    """Lowering of an operation that is taken part by part: `emit(builder, *parts)` gives a part of the result.
+    """Make the lowering of an operation part by part: `emit(builder, *parts)` returns a part of the result.
 
-    `emit_dual` does so where the parts are dual numbers; what is linear needs none.
+    `emit_dual` does so for dual numbers; linear operations do not need it.
     """
 
     def lower(context, builder, sig, args):
@@ -62,7 +62,7 @@ def by_parts(emit, emit_dual=None):
 
 
 def intrinsic(builder, name, *args):
-    """Call LLVM's intrinsic of that name for the type of the arguments."""
+    """Emit a call of LLVM's intrinsic of that name for the type of the arguments."""
     kind = args[0].type
     if isinstance(kind, ir.VectorType):
         suffix = f"v{kind.count}f{64 if kind.element == ir.DoubleType() else 32}"
@@ -73,7 +73,7 @@ def intrinsic(builder, name, *args):
 
 
 def emit_fma(builder, a, b, c):
-    """One part of `fma`."""
+    """Emit one part of `fma`."""
     return intrinsic(builder, "fma", a, b, c)
 
 
@@ -81,7 +81,7 @@ emit_fma_dual = dual.fused(emit_fma)
 
 
 def register_arithmetic(function, emit, arity, allowed=lambda kinds: True, emit_dual=None):
-    """Let kernels call a function, an operator for example, on our types, part by part."""
+    """Register a function, for example an operator, for this package's types, part by part."""
 
     class Template(AbstractTemplate):
         def generic(self, args, kws):
@@ -99,12 +99,12 @@ def register_arithmetic(function, emit, arity, allowed=lambda kinds: True, emit_
 
 
 def all_or_none_vectors(kinds):
-    """Of a sum: a number is not added to a vector."""
+    """Return True if the types of a sum are valid: a number cannot be added to a vector."""
     return len({isinstance(kind, Vec3) for kind in kinds}) == 1
 
 
 def vector_over_number(kinds):
-    """Of a quotient: nothing is divided by a vector."""
+    """Return True if the types of a quotient are valid: nothing can be divided by a vector."""
     return not isinstance(kinds[1], Vec3)
 
 
@@ -119,17 +119,17 @@ for _plain, _inplace, _emit, _allowed, _dual in (
 
 
 def emit_sqrt(builder, a):
-    """One part of `sqrt`."""
+    """Emit one part of `sqrt`."""
     return intrinsic(builder, "sqrt", a)
 
 
 def emit_negative(builder, a):
-    """One part of `-a`, for which compilers for GPUs have no instruction."""
+    """Emit one part of `-a`, for which compilers for GPUs have no instruction."""
     return builder.fsub(ir.Constant(a.type, -0.0), a) if on_gpu(builder) else builder.fneg(a)
 
 
 def emit_absolute(builder, a):
-    """One part of `abs(a)`: without its sign bit, where there is no intrinsic of that name."""
+    """Emit one part of `abs(a)`; it clears the sign bit if there is no intrinsic."""
     if not on_gpu(builder):
         return intrinsic(builder, "fabs", a)
     bits = ir.IntType(64 if a.type == ir.DoubleType() else 32)
@@ -138,7 +138,7 @@ def emit_absolute(builder, a):
 
 
 def half_over(builder, number, root):
-    """The derivative of a square root."""
+    """Emit the derivative of a square root."""
     return builder.fdiv(ir.Constant(root.type, 0.5), root)
 
 
@@ -149,7 +149,7 @@ register_arithmetic(sqrt, emit_sqrt, 1, lambda kinds: isinstance(kinds[0], Num),
 
 
 def register_float(function, emit, arity):
-    """Let kernels call a function of ours on plain floats, which are one lane of float64."""
+    """Register a function of this package for plain floats, which are one lane of float64."""
 
     class Template(AbstractTemplate):
         def generic(self, args, kws):
@@ -166,7 +166,7 @@ register_float(sqrt, emit_sqrt, 1)
 
 
 def register_comparison(function, name):
-    """Let kernels compare numbers of our types; not a number compares false."""
+    """Register a comparison of numbers of this package's types; it is False for NaN."""
 
     class Template(AbstractTemplate):
         def generic(self, args, kws):
@@ -193,7 +193,7 @@ for _operator, _name in ((operator.gt, ">"), (operator.lt, "<"), (operator.ge, "
 
 
 def register_logic(function, emit):
-    """Let kernels combine masks by `&`, `|` and `~`."""
+    """Register an operation on masks: `&`, `|` or `~`."""
 
     class Template(AbstractTemplate):
         def generic(self, args, kws):
@@ -211,10 +211,10 @@ register_logic(operator.invert, lambda builder, a: builder.not_(a))
 
 
 def come_first() -> None:
-    """Have numba try the types of this package before its own: of all that a kernel is made of, most are ours.
+    """Make numba try the types of this package before its own, because most values in a kernel have them.
 
-    Each of numba's attempts to read `a + b` as a sum of lists, sets or texts takes a fraction of a millisecond, and so
-    does each to read `a[i]` as anything but an element of an array.
+    Each of numba's attempts to type `a + b` as a sum of lists, sets or texts takes a fraction of a millisecond. So does
+    each attempt to type `a[i]` as anything except an element of an array.
     """
     context = cpu_target.typing_context
     context.refresh()

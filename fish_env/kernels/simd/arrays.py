@@ -1,4 +1,4 @@
-"""What kernels ask of an array of numbers or vectors: its floats, its zero, how many fish an element is for."""
+"""Properties of an array of numbers or vectors in kernels: its floats, its zero, its number of fish per element."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ from fish_env.kernels.simd.warps import ThreadArray, word
 
 
 def floats(array) -> Any:
-    """The memory of vectors (n,3 or 4,w) or of numbers (n,w), as plain floats."""
+    """Memory of vectors (n,3 or 4,w) or of numbers (n,w), as plain floats."""
     n = array.shape[0]
     if isinstance(array, np.ndarray):
         return array.reshape(n, 1)
@@ -25,7 +25,7 @@ def floats(array) -> Any:
 
 
 def zero(array) -> Any:
-    """The zero of an array's elements."""
+    """Zero of the type of an array's elements."""
     if isinstance(array, Vectors):
         return array[0] * 0.0
     return 0.0 * array[0]
@@ -38,23 +38,23 @@ def nowhere(array):
 
 
 def block_size(array):
-    """How many fish an element of the array is for."""
+    """Number of fish per element of the array."""
     return array.kind.width if isinstance(array, Numbers | Vectors) else 1
 
 
 def directions(array):
-    """How many derivatives the numbers in the array carry with them: 0, but for dual numbers."""
+    """Number of derivatives of the numbers in the array: 0 except for dual numbers."""
     return DIRECTIONS if isinstance(array, Numbers | Vectors) and array.kind.lanes == DUAL else 0
 
 
 def epsilon(array):
-    """The distance from 1 to the next number in the precision of an array's elements."""
+    """Distance from 1 to the next number in the precision of an array's elements."""
     return float(np.finfo((array if isinstance(array, np.ndarray) else array.memory).dtype).eps)
 
 
 @infer_global(floats)
 class Floats(AbstractTemplate):
-    """Of a one-dimensional array."""
+    """Type of `floats` of a one-dimensional array."""
 
     def generic(self, args, kws):
         kind = args[0].dtype
@@ -84,7 +84,7 @@ def _floats(context, builder, sig, args):
 
 @infer_global(zero)
 class Zero(AbstractTemplate):
-    """Of any array of floats, numbers or vectors."""
+    """Type of `zero` of any array of floats, numbers or vectors."""
 
     def generic(self, args, kws):
         return signature(args[0].dtype, args[0])
@@ -97,7 +97,7 @@ def _zero(context, builder, sig, args):
 
 @infer_global(nowhere)
 class Nowhere(AbstractTemplate):
-    """Of an array of numbers or vectors."""
+    """Type of `nowhere` of an array of numbers or vectors."""
 
     def generic(self, args, kws):
         return signature(mask_type(getattr(args[0].dtype, "w", 1)), args[0])
@@ -109,7 +109,7 @@ lower_builtin(nowhere, types.Array)(_zero)
 @infer_global(block_size)
 @infer_global(directions)
 class Count(AbstractTemplate):
-    """Of an array of numbers or vectors."""
+    """Type of `block_size` and `directions` of an array of numbers or vectors."""
 
     def generic(self, args, kws):
         return signature(types.int64, args[0])
@@ -127,7 +127,7 @@ def _block_size(context, builder, sig, args):
 
 @infer_global(epsilon)
 class Epsilon(AbstractTemplate):
-    """Of an array of floats, numbers or vectors."""
+    """Type of `epsilon` of an array of floats, numbers or vectors."""
 
     def generic(self, args, kws):
         return signature(types.float64, args[0])

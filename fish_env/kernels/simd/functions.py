@@ -1,11 +1,11 @@
-"""What kernels may write besides + - * / and comparisons: the functions of this file.
+"""Functions that kernels may use, in addition to + - * / and comparisons.
 
-Every function here is also a plain Python function, on `plain.Vec3` and numpy arrays, so that kernels run with the
-compiler switched off. All arithmetic is IEEE's, rounded operation by operation: nothing is reordered or contracted but
-by an explicit `fma`, so that a fish has the same bits whatever the lanes. How they are compiled is in `arithmetic.py`
-(what is taken part by part) and `products.py` (the rest).
+Every function here is also a plain Python function, on `plain.Vec3` and numpy arrays, so that kernels also run without
+the compiler. All arithmetic is IEEE's, rounded after each operation. Nothing is reordered or contracted except by an
+explicit `fma`, so results are bitwise independent of the lanes. The compilation is in `arithmetic.py` (operations part
+by part) and `products.py` (all others).
 
-Vectors times vectors are taken coordinate by coordinate; `dot` and `cross` are the other products.
+The product of two vectors with `*` is that of their coordinates; `dot` and `cross` are the other products.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from fish_env.kernels.simd import plain
 
 
 def fma(a, b, c) -> Any:
-    """A * b + c, rounded once; of numbers and vectors."""
+    """Fused multiply-add of numbers or vectors: a * b + c, rounded once."""
     return plain.fma(a, b, c)
 
 
@@ -31,12 +31,12 @@ def cross(a, b) -> Any:
 
 
 def select(condition, a, b) -> Any:
-    """A where the condition holds, else b; both are worked out."""
+    """Select a if the condition is true, else b, lane by lane; both are computed."""
     return plain.select(condition, a, b)
 
 
 def vec3(x, y, z) -> Any:
-    """The vector of three numbers."""
+    """Vector of three numbers."""
     return plain.Vec3(x, y, z)
 
 
@@ -46,25 +46,25 @@ def sqrt(a) -> Any:
 
 
 def any_lane(condition) -> Any:
-    """Whether the condition holds for any fish."""
+    """Return True if the condition is true for any fish."""
     return bool(np.any(condition))
 
 
 def all_lanes(condition) -> Any:
-    """Whether the condition holds for every fish."""
+    """Return True if the condition is true for every fish."""
     return bool(np.all(condition))
 
 
 def exp(a) -> Any:
-    """The exponential function, lane by lane."""
+    """Exponential function, lane by lane."""
     return plain.exp(a)
 
 
 def log(a) -> Any:
-    """The natural logarithm, lane by lane."""
+    """Natural logarithm, lane by lane."""
     return plain.log(a)
 
 
 def lane(a, i) -> Any:
-    """The number, or the truth value, of fish i of the block."""
+    """Number, or Boolean, of fish i of the block."""
     return a.parts[i] if isinstance(a, plain.Dual) else np.atleast_1d(a)[i]

@@ -1,4 +1,4 @@
-"""How many fish a kernel works on at once, and in which precision; arrays of numbers and of vectors for such kernels.
+"""Kinds of kernels, by their number of fish and precision; arrays of numbers and of vectors for such kernels.
 
 Legend: n elements of an array; w lanes.
 """
@@ -14,7 +14,7 @@ from fish_env.kernels.simd.types import DUAL, THREAD, WARP, XYZ, Vec3, floats_ap
 
 LANES = (XYZ, 1, 2, 4, 8, 16, 32)
 TESTED = ("0.60", "0.61", "0.62", "0.63", "0.64", "0.65", "0.66", "0.67", "0.68")
-"""Versions of numba whose compiler the types were tested with."""
+"""Versions of numba with which the types were tested."""
 SUPPORTED = numba.__version__.startswith(tuple(f"{version}." for version in TESTED))
 if not SUPPORTED:
     warnings.warn(
@@ -28,12 +28,12 @@ ALIGNMENT = 64  # bytes: a cache line, and the widest register
 
 @dataclass(frozen=True)
 class Kind:
-    """How many fish a kernel works on at once, and in which precision."""
+    """Number of fish that a kernel processes at once, and its precision."""
 
     lanes: str | int = XYZ if SUPPORTED else 1
-    """"xyz", one fish with its coordinates in a register; or how many fish side by side: 1, 2, 4, 8, 16 or 32; or
-    "dual", one fish with derivatives, which moves nothing but tells how forces change; or "thread", one fish of a
-    thread of a GPU, in memory of its own between that of the other threads of its warp."""
+    """"xyz", one fish with its coordinates in a register; or the number of fish side by side: 1, 2, 4, 8, 16 or 32; or
+    "dual", one fish of dual numbers, for derivatives of forces only; or "thread", one fish per thread of a GPU, whose
+    memory is interleaved with that of the other threads of its warp."""
     dtype: str = "float64"
     """"float64" or "float32"."""
 
@@ -56,38 +56,38 @@ class Kind:
 
     @property
     def width(self) -> int:
-        """Fish in a block."""
+        """Number of fish in a block."""
         return width(self.lanes)
 
     def numbers(self, count: int) -> "Numbers":
-        """`count` numbers a fish, all zero."""
+        """Array of `count` numbers per fish, all zero."""
         return Numbers(aligned((count, floats_apart(self.lanes)), self.dtype), self)
 
     def scratch(self, shape, dtype="float64") -> "np.ndarray | Scratch":
-        """An array of numbers, not one a fish but one a block, all zero: what kernels note down while they run."""
+        """Array of numbers per block instead of per fish, all zero: scratch memory of kernels."""
         if self.lanes != THREAD:
             return np.zeros(shape, dtype=dtype)
         return Scratch(aligned((*np.atleast_1d(shape), WARP), dtype), self)
 
     def vectors(self, count: int) -> "Vectors":
-        """`count` vectors a fish, all zero."""
+        """Array of `count` vectors per fish, all zero."""
         shape = (count, 4) if self.lanes == XYZ else (count, 3, floats_apart(self.lanes))
         return Vectors(aligned(shape, self.dtype), self)
 
     def rows(self, array) -> "Vectors":
-        """The rows of an array (n,3) as vectors that are the same for every fish: a copy."""
+        """Copy the rows of an array (n,3) to vectors that are the same for every fish."""
         kind = self if self.lanes == XYZ else Kind(1, self.dtype)
         rows = kind.vectors(len(array))
         rows.memory.reshape(len(array), 4 if self.lanes == XYZ else 3)[:, :3] = array
         return rows
 
     def scalars(self, array) -> np.ndarray:
-        """An array of floats in this precision: a copy."""
+        """Copy an array of floats to this precision."""
         return np.array(array, dtype=self.dtype, order="C")
 
 
 def aligned(shape, dtype) -> np.ndarray:
-    """Zeros that begin at a cache line."""
+    """Array of zeros that begins at a cache line."""
     item = np.dtype(dtype).itemsize
     count = int(np.prod(shape))
     raw = np.zeros(count + ALIGNMENT // item, dtype=dtype)
@@ -96,7 +96,7 @@ def aligned(shape, dtype) -> np.ndarray:
 
 
 class Numbers:
-    """n numbers a fish: memory (n,w)."""
+    """Array of n numbers per fish: memory (n,w)."""
 
     def __init__(self, memory: np.ndarray, kind: Kind):
         self.memory, self.kind = memory, kind
@@ -115,7 +115,7 @@ class Numbers:
 
 
 class Vectors:
-    """Vectors, memory (...,3,w), or (...,4) for one fish in a register; one lane may leave the last axis out."""
+    """Vectors, memory (...,3,w), or (...,4) for one fish in a register; one lane may omit the last axis."""
 
     def __init__(self, memory: np.ndarray, kind: Kind):
         tail = {XYZ: (4,), 1: (3,)}.get(kind.lanes, (3, floats_apart(kind.lanes)))
@@ -142,7 +142,7 @@ class Vectors:
 
 
 class Scratch:
-    """An array of which every thread of a GPU has its own: memory (...,WARP)."""
+    """Array of which every thread of a GPU has its own: memory (...,WARP)."""
 
     def __init__(self, memory: np.ndarray, kind: Kind):
         self.memory, self.kind, self.shape = memory, kind, memory.shape[:-1]

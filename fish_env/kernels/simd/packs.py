@@ -1,8 +1,8 @@
-"""What kernels are handed: packs, records of arrays behind one address.
+"""Packs, the arguments of kernels: records of arrays behind one address.
 
-A nested named tuple of 25 arrays takes 5 us to hand to a compiled function, a `Pack` of any size a tenth of that: it is
-one pointer to a block of 8-byte words, which kernels read as `pack.name`. What a pack names is kept alive by the pack,
-not by the compiled code: hold on to it while a kernel runs.
+Passing a nested named tuple of 25 arrays to a compiled function takes 5 us, a `Pack` of any size a tenth of that. It is
+one pointer to a block of 8-byte words, which kernels read as `pack.name`. The pack keeps its fields alive, the compiled
+code does not: keep a reference to the pack while a kernel runs.
 """
 
 import hashlib
@@ -23,13 +23,13 @@ from fish_env.kernels.simd.kinds import Kind, Numbers, Scratch, Vectors
 from fish_env.kernels.simd.types import THREAD
 from fish_env.kernels.simd.warps import WORD, ThreadArray, first_byte, steps
 
-SIZES: dict[types.Type, int] = {}  # bytes of an element: LLVM takes a millisecond to tell
+SIZES: dict[types.Type, int] = {}  # bytes of an element, cached because LLVM takes a millisecond
 PACKS: WeakValueDictionary[int, "Pack"] = WeakValueDictionary()
-"""The packs by their addresses, for kernels without the compiler."""
+"""Packs by their addresses, for kernels without the compiler."""
 
 
 class PackType(types.Type):
-    """The type of a `Pack`: names and types of what is in it, in order."""
+    """Numba type of a `Pack`: names and types of its fields, in order."""
 
     def __init__(self, label: str, fields: tuple[tuple[str, types.Type, int], ...]):
         self.label, self.fields = label, fields
@@ -39,12 +39,12 @@ class PackType(types.Type):
 
 
 class Pack:
-    """Named arrays, numbers and other packs, handed to kernels by address.
+    """Named arrays, numbers and other packs, passed to kernels by address.
 
     Args:
-        label: what it is, for messages of the compiler.
-        fields: numpy arrays (C-contiguous; a kernel may change them), `Numbers`, `Vectors`, packs, floats, whole
-            numbers, truth values.
+        label: a name for messages of the compiler.
+        fields: numpy arrays (C-contiguous; a kernel may change them), `Numbers`, `Vectors`, packs, floats, integers,
+            Booleans.
     """
 
     def __init__(self, label: str, /, **fields: Any):
@@ -66,16 +66,16 @@ class Pack:
 
     @property
     def address(self) -> int:
-        """Where the words are, for `pack_at`."""
+        """Address of the words, for `pack_at`."""
         return self._address
 
     @property
     def type(self) -> PackType:
-        """What numba takes it for."""
+        """Numba type of the pack."""
         return self._numba_type_
 
     def set(self, **values) -> None:
-        """Give fields other values of the same types."""
+        """Replace the values of fields by others of the same types."""
         for name, value in values.items():
             wanted, place = self._numba_type_.places[name]
             kind, content = describe(name, value)
@@ -90,11 +90,11 @@ class Pack:
 
 
 def packed(record, kind: Kind) -> Pack:
-    """A named tuple of arrays and numbers as kernels of a kind read it; what is None is left out.
+    """Make a pack for kernels of a kind from a named tuple of arrays and numbers, without the fields that are None.
 
-    Floats become numbers of the kind's precision; the fields that the record's class names in VECTORS, (3,) or (n,3),
-    become vectors, the same for every fish. Whole numbers and truth values stay what they are. Arrays are copied. What
-    is in a dictionary stands beside the other fields.
+    Floats become numbers of the kind's precision. Fields in VECTORS of the record's class, (3,) or (n,3), become
+    vectors that are the same for every fish. Integers and Booleans are unchanged. Arrays are copied. Entries of a
+    dictionary become fields of the pack.
     """
     fields = {}
     for name, value in record._asdict().items():
@@ -113,12 +113,12 @@ def packed(record, kind: Kind) -> Pack:
 
 
 def remade(label, fields):
-    """A pack out of a pickle: its addresses are those of the new arrays."""
+    """Make a pack from a pickle, with the addresses of the new arrays."""
     return Pack(label, **fields)
 
 
 def describe(name: str, value) -> tuple[types.Type, list[int]]:
-    """The type of a field, and the words that stand for it."""
+    """Type of a field, and the words that represent it."""
     if isinstance(value, Scratch):
         kind = ThreadArray(typeof_dtype(value.memory.dtype), len(value.shape))
         return kind, address(name, value.memory, value.shape)
@@ -142,14 +142,14 @@ def describe(name: str, value) -> tuple[types.Type, list[int]]:
 
 
 def typeof_dtype(dtype):
-    """The numba type of an array's elements."""
+    """Numba type of an array's elements."""
     from numba.np.numpy_support import from_dtype
 
     return from_dtype(dtype)
 
 
 def address(name, memory, shape) -> list[int]:
-    """Where an array is, and its shape."""
+    """Words of an array: its address and its shape."""
     if not memory.flags.c_contiguous:
         raise ValueError(f"field {name} is not contiguous in memory; give np.ascontiguousarray of it")
     return [memory.ctypes.data, *shape]
@@ -162,7 +162,7 @@ def _typeof_pack(value, c):
 
 @register_model(PackType)
 class PackModel(models.PrimitiveModel):
-    """The address of the words."""
+    """Data model of a pack: the address of its words."""
 
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type, WORD.as_pointer())
@@ -180,7 +180,7 @@ def _unbox_pack(typ, obj, c):
 
 @infer_getattr
 class PackAttributes(AttributeTemplate):
-    """`pack.name`."""
+    """Type of `pack.name`."""
 
     key = PackType
 
@@ -189,9 +189,9 @@ class PackAttributes(AttributeTemplate):
 
 
 def pack_at(kind: PackType) -> Callable[[int], Any]:
-    """A function for kernels that takes the address of a pack of this type, a whole number, and returns the pack.
+    """Make a function for kernels that returns the pack of this type at an address, an integer.
 
-    Numba looks up the type of every argument that is neither a number nor an array, which takes a microsecond.
+    It avoids a microsecond, which numba needs for the type of every argument that is neither a number nor an array.
     """
     if numba.config.DISABLE_JIT:
         return PACKS.__getitem__
@@ -208,7 +208,7 @@ def pack_at(kind: PackType) -> Callable[[int], Any]:
 
 
 def load_word(builder, pointer, place):
-    """Word number `place`; packs do not change while a kernel runs, so LLVM may load it once."""
+    """Emit the load of word number `place`; packs do not change while a kernel runs, so LLVM may load it once."""
     value = builder.load(builder.gep(pointer, [ir.Constant(WORD, place)]))
     value.set_metadata("invariant.load", builder.module.add_metadata([]))
     return value
@@ -229,9 +229,9 @@ def _pack_getattr(context, builder, kind, pointer, name):
 
 
 def array_at(context, builder, kind, word, shape):
-    """The array of a type at an address (one word), C-contiguous or the thread's own, owned by nobody.
+    """Emit the array of a type at an address (one word), C-contiguous or the thread's own, without an owner.
 
-    Put together field by field, which every reading of a pack is compiled to: `populate_array` takes far longer.
+    It is assembled field by field, because `populate_array` takes far longer and every read of a pack needs it.
     """
     if kind.dtype not in SIZES:
         SIZES[kind.dtype] = context.get_abi_sizeof(context.get_data_type(kind.dtype))
@@ -245,7 +245,7 @@ def array_at(context, builder, kind, word, shape):
             step = builder.mul(step, length)
     model = context.data_model_manager[kind]
     layout = model.get_value_type()
-    array = ir.Constant(layout, None)  # what owns the memory stays null
+    array = ir.Constant(layout, None)  # the owner of the memory is null
     count = shape[0]
     for length in shape[1:]:
         count = builder.mul(count, length, flags=["nsw"])

@@ -1,14 +1,14 @@
 """Numbers and vectors without the compiler: numpy arrays of W lanes, and vectors of three of them.
 
-Slow and obvious; it is what kernels work on under NUMBA_DISABLE_JIT=1, for debugging and to measure coverage. `fma`
-rounds twice here, so results agree with the compiled ones to rounding, not to the bit.
+This slow reference implementation serves kernels under NUMBA_DISABLE_JIT=1, for debugging and to measure coverage.
+`fma` rounds twice here, so results agree with the compiled ones up to rounding, not bitwise.
 """
 
 import numpy as np
 
 
 class Dual:
-    """A value and its derivatives, an array (1 + D,), as `fish_env.kernels.simd.dual` has them."""
+    """Value and derivatives, an array (1 + D,), as in `fish_env.kernels.simd.dual`."""
 
     __slots__ = ("parts",)
     __array_ufunc__ = None  # numpy's numbers leave the arithmetic to this class
@@ -55,7 +55,7 @@ class Dual:
         return Dual(parts(other, self)) / self
 
     def of_value(self, function, slope):
-        """A function of the value, whose derivative is slope(value, result)."""
+        """Apply a function of the value, whose derivative is slope(value, result)."""
         number = self.parts[0]
         with np.errstate(all="ignore"):
             result = function(number)
@@ -77,7 +77,7 @@ class Dual:
 
 
 def parts(number, like: Dual):
-    """The parts of a number, dual or not."""
+    """Value and derivatives of a number, dual or not."""
     if isinstance(number, Dual):
         return number.parts
     found = np.zeros_like(like.parts)
@@ -86,14 +86,14 @@ def parts(number, like: Dual):
 
 
 def read(row, lanes):
-    """A number a fish, out of its floats in memory."""
+    """Read a number per fish from its floats in memory."""
     if lanes == "dual":
         return Dual(row.copy())
     return row[0] if len(row) == 1 else row.copy()
 
 
 def write(memory, place, number, lanes):
-    """Put a number at a place in memory; what has no derivatives is a constant."""
+    """Write a number to a place in memory; one without derivatives is a constant."""
     if lanes == "dual":
         memory[place] = parts(number, Dual(memory[place]))
     else:
@@ -138,7 +138,7 @@ class Vec3:
 
 
 def fma(a, b, c):
-    """A * b + c."""
+    """Sum of c and the product of a and b, rounded twice."""
     product = b * a if isinstance(b, Vec3) else a * b
     return product + c
 
@@ -170,7 +170,7 @@ def log(a):
 
 
 def select(condition, a, b):
-    """A where the condition holds, else b."""
+    """Select a if the condition is true, else b."""
     if isinstance(a, Dual) or isinstance(b, Dual):
         return a if condition else b
     if isinstance(a, Vec3) and isinstance(a.x, Dual):

@@ -1,4 +1,4 @@
-"""How kernels compile choices, products of vectors, coordinates, and what looks at single lanes."""
+"""Compilation of selections, products of vectors, coordinates, and operations on single lanes."""
 
 import math
 
@@ -25,7 +25,7 @@ from fish_env.kernels.simd.types import DUAL, XYZ, Mask, Num, Vec3, coordinates,
 
 @infer_global(select)
 class Select(AbstractTemplate):
-    """Of a mask, or of a truth value, and two numbers or two vectors."""
+    """Type of `select` of a mask, or of a Boolean, and two numbers or two vectors."""
 
     def generic(self, args, kws):
         condition, a, b = args
@@ -55,7 +55,7 @@ for _condition in (Mask, types.Boolean):
 
 
 def register_product(function, of):
-    """A product of two vectors, whose type is `of(lanes, bits)`."""
+    """Register a product of two vectors, whose type is `of(lanes, bits)`."""
 
     def add(lower):
         class Template(AbstractTemplate):
@@ -107,7 +107,7 @@ def _cross(context, builder, sig, args):
 
 @infer_global(vec3)
 class MakeVec3(AbstractTemplate):
-    """Of three numbers, at least one of which has lanes; of plain floats, one lane."""
+    """Type of `vec3` of three numbers, with the lanes of any of them; one lane for plain floats."""
 
     def generic(self, args, kws):
         if any(isinstance(kind, Vec3) for kind in args) or not all(isinstance(kind, OPERANDS) for kind in args):
@@ -130,7 +130,7 @@ for _kinds in np.ndindex(3, 3, 3):
 
 @infer_getattr
 class Vec3Attributes(AttributeTemplate):
-    """`v.x`, `v.y` and `v.z`: numbers."""
+    """Type of `v.x`, `v.y` and `v.z`: numbers."""
 
     key = Vec3
 
@@ -146,7 +146,7 @@ for _k, _name in enumerate("xyz"):
 
 
 def register_reduction(function, combine):
-    """Whether a mask holds anywhere, or everywhere."""
+    """Register a reduction of a mask: true in any lane, or in all lanes."""
 
     class Template(AbstractTemplate):
         def generic(self, args, kws):
@@ -167,7 +167,7 @@ register_reduction(all_lanes, lambda builder, value, bits: builder.icmp_unsigned
 
 
 def register_by_lane(function, scalar_function, slope):
-    """A function of the C library, taken lane by lane: the same bits for every number of lanes.
+    """Register a function of the C library, lane by lane: the same bits for every number of lanes.
 
     `slope(builder, number, result)` emits its derivative.
     """
@@ -203,7 +203,7 @@ register_by_lane(log, math.log, lambda builder, number, result: builder.fdiv(ir.
 
 @infer_global(lane)
 class LaneOf(AbstractTemplate):
-    """A float, or a truth value."""
+    """Type of `lane`: a float, or a Boolean."""
 
     def generic(self, args, kws):
         kind = args[0]

@@ -1,10 +1,10 @@
-"""The numba types of numbers, masks and 3-vectors, and their layout in registers and in memory.
+"""Numba types of numbers, masks and 3-vectors, and their layout in registers and in memory.
 
-A *kind* says how many fish a kernel works on at once, and in which precision. `lanes` is "xyz" for one fish whose
+A *kind* is the number of fish that a kernel processes at once, and its precision. `lanes` is "xyz" for one fish whose
 3-vectors fill a SIMD register with their coordinates, or W for W fish side by side, a coordinate of all of them in a
-register. One lane in float64 is numba's own float64. "dual" is one fish whose numbers carry their derivatives along
-some directions with them, in a register too (`fish_env.kernels.simd.dual`). "thread" is one fish again, as one lane is,
-whose memory stands between that of WARP others (`fish_env.kernels.simd.warps`).
+register. One lane in float64 is numba's own float64. "dual" is one fish of dual numbers, with derivatives along some
+directions, also in a register (`fish_env.kernels.simd.dual`). "thread" is one fish, like one lane, whose memory is
+interleaved with that of the other fish of its warp (`fish_env.kernels.simd.warps`).
 
 Legend: w lanes of a type ("xyz", "dual" or a whole number), bits 64 or 32, parts the LLVM values that make up one
 value.
@@ -18,13 +18,13 @@ from numba.extending import lower_cast, models, register_model
 
 XYZ, DUAL, THREAD = "xyz", "dual", "thread"
 DIRECTIONS = 7
-"""Derivatives that a dual number carries, after its value: with it they fill a register, or two."""
+"""Number of derivatives of a dual number: with its value, they fill one or two registers."""
 WARP = 32
-"""Threads of a GPU that run in step: what they load at once should lie side by side."""
+"""Number of threads of a GPU that run in step: values that they load at once should be adjacent."""
 
 
 class Num(types.Type):
-    """A number a fish: W lanes, one lane in float32, or dual. A plain number becomes the same for every fish."""
+    """One number per fish: W lanes, one lane in float32, or dual. A plain number becomes the same for every fish."""
 
     def __init__(self, w, bits):
         self.w, self.bits = w, bits
@@ -35,7 +35,7 @@ class Num(types.Type):
 
 
 class Mask(types.Type):
-    """A truth value a fish, W lanes with W > 1."""
+    """One Boolean per fish, W lanes with W > 1."""
 
     def __init__(self, w):
         self.w = w
@@ -43,7 +43,7 @@ class Mask(types.Type):
 
 
 class Vec3(types.Type):
-    """A 3-vector a fish. One of a single lane becomes the same for every fish."""
+    """One 3-vector per fish. A vector of a single lane becomes the same for every fish."""
 
     def __init__(self, w, bits):
         self.w, self.bits = w, bits
@@ -58,50 +58,50 @@ FIRST = ir.Constant(ir.IntType(32), 0)
 
 
 def scalar(bits):
-    """LLVM's floating-point type of that many bits."""
+    """Floating-point type of LLVM with this number of bits."""
     return ir.DoubleType() if bits == 64 else ir.FloatType()
 
 
 def width(w) -> int:
-    """How many fish a type with these lanes holds."""
+    """Number of fish of a type with these lanes."""
     return 1 if w in (XYZ, DUAL, THREAD) else w
 
 
 def floats_in(w) -> int:
-    """How many floats make up a number with these lanes."""
+    """Number of floats of a number with these lanes."""
     return 1 + DIRECTIONS if w == DUAL else width(w)
 
 
 def floats_apart(w) -> int:
-    """How many floats of memory a number with these lanes takes, those of other fish in between included."""
+    """Stride of a number with these lanes, in floats of memory, including interleaved ones of other fish."""
     return WARP if w == THREAD else floats_in(w)
 
 
 def number_llvm(w, bits):
-    """The layout of a number in registers."""
+    """Layout of a number in registers."""
     return scalar(bits) if floats_in(w) == 1 else ir.VectorType(scalar(bits), floats_in(w))
 
 
 def number_type(w, bits):
-    """The numba type of a number of this kind."""
+    """Numba type of a number of this kind."""
     if w == DUAL:
         return Num(DUAL, bits)
     return types.float64 if (width(w), bits) == (1, 64) else Num(width(w), bits)
 
 
 def mask_type(w):
-    """The numba type of a comparison of numbers of this kind."""
+    """Numba type of a comparison of numbers of this kind."""
     return types.boolean if width(w) == 1 else Mask(w)
 
 
 def vector_llvm(w, bits):
-    """The layout of a 3-vector in registers: one register of x, y, z and an unused number, or one a coordinate."""
+    """Layout of a 3-vector in registers: one register of x, y, z and an unused number, or one per coordinate."""
     return ir.VectorType(scalar(bits), 4) if w == XYZ else ir.ArrayType(number_llvm(w, bits), 3)
 
 
 @register_model(Num)
 class NumModel(models.PrimitiveModel):
-    """A float or a vector of them; memory need only be aligned to one number."""
+    """Data model of a number: a float or a vector of them; memory must be aligned to one number only."""
 
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type, number_llvm(fe_type.w, fe_type.bits))
@@ -112,7 +112,7 @@ class NumModel(models.PrimitiveModel):
 
 @register_model(Mask)
 class MaskModel(models.PrimitiveModel):
-    """A vector of bits."""
+    """Data model of a mask: a vector of bits."""
 
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type, ir.VectorType(ir.IntType(1), fe_type.w))
@@ -120,7 +120,7 @@ class MaskModel(models.PrimitiveModel):
 
 @register_model(Vec3)
 class Vec3Model(models.PrimitiveModel):
-    """Three numbers, or one register of four."""
+    """Data model of a 3-vector: three numbers, or one register of four."""
 
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type, vector_llvm(fe_type.w, fe_type.bits))
@@ -144,7 +144,7 @@ def _cast(context, builder, kind, target, value):
 
 
 def broadcast(builder, value, count, bits):
-    """A scalar in each of `count` lanes, or dual; an integer or a number of another precision is converted first."""
+    """Emit a scalar in each of `count` lanes, or dual; an integer or another precision is converted first."""
     if isinstance(value.type, ir.IntType):
         value = builder.sitofp(value, ir.DoubleType())
     if value.type != scalar(bits):
@@ -162,9 +162,9 @@ def broadcast(builder, value, count, bits):
 
 
 def parts_of(builder, value, kind, target):
-    """The parts of `value`, of the numba type `kind`, brought to the lanes of `target`.
+    """Emit the parts of `value`, of the numba type `kind`, with the lanes of `target`.
 
-    A number becomes every part of a vector; what has one lane becomes every lane.
+    A number becomes every part of a vector; a single lane becomes every lane.
     """
     if isinstance(kind, Vec3):
         if kind.w == XYZ:
@@ -190,7 +190,7 @@ def parts_of(builder, value, kind, target):
 
 
 def whole(builder, parts, kind):
-    """The value of the numba type `kind` with these parts."""
+    """Emit the value of the numba type `kind` with these parts."""
     if len(parts) == 1:
         return parts[0]
     value = ir.Constant(vector_llvm(kind.w, kind.bits), ir.Undefined)
@@ -200,7 +200,7 @@ def whole(builder, parts, kind):
 
 
 def coordinates(builder, value, kind):
-    """The three coordinates of a vector, numbers of its kind."""
+    """Emit the three coordinates of a vector, numbers of its kind."""
     if kind.w != XYZ:
         return [builder.extract_value(value, k) for k in range(3)]
     return [builder.extract_element(value, ir.Constant(ir.IntType(32), k)) for k in range(3)]

@@ -1,9 +1,9 @@
-"""Arrays of a thread of a GPU: each thread moves one fish, and its numbers stand between those of its warp's others.
+"""Arrays of a thread of a GPU: each thread moves one fish, and the numbers of a warp's fish are interleaved.
 
-The threads of a warp run in step, so element i of all WARP of them is loaded at once: memory is (n,WARP), or (n,3,WARP)
-for vectors, as it is for a block of WARP fish, but every thread sees one lane of it only, an array (n,) of plain
-numbers and 3-vectors. Each warp has such memory of its own, one after the other behind the address that a pack
-holds. Compiled for the processor, there is one thread, the first.
+The threads of a warp run in step, so element i of all WARP of them is loaded at once. Memory is (n,WARP), or (n,3,WARP)
+for vectors, as for a block of WARP fish. Every thread accesses one lane of it only, an array (n,) of plain numbers or
+3-vectors. The memory of all warps is consecutive, from the address in a pack. Compiled for the processor, there is one
+thread, the first.
 """
 
 import operator
@@ -21,19 +21,19 @@ WORD = ir.IntType(64)
 
 
 class ThreadArray(types.Array):
-    """The type of an array of which every thread has its own: numbers, 3-vectors of one lane, or whole numbers."""
+    """Type of an array of which every thread has its own: numbers, 3-vectors of one lane, or integers."""
 
     def __init__(self, dtype, ndim):
         super().__init__(dtype, ndim, "A", name=f"ThreadArray({dtype},{ndim})")
 
     @property
     def coordinates(self) -> int:
-        """Numbers of an element: 3 of a vector."""
+        """Number of coordinates of an element: 3 for a vector."""
         return 3 if isinstance(self.dtype, Vec3) else 1
 
     @property
     def item(self) -> int:
-        """Bytes of one of them."""
+        """Bytes of one coordinate."""
         return (self.dtype.bits if hasattr(self.dtype, "bits") else self.dtype.bitwidth) // 8
 
 
@@ -41,12 +41,12 @@ register_model(ThreadArray)(models.ArrayModel)
 
 
 def on_gpu(builder) -> bool:
-    """Whether the code that is being made is for a GPU."""
+    """Return True if the code is compiled for a GPU."""
     return builder.module.triple.startswith("nvptx")
 
 
 def register(builder, name):
-    """A special register of a thread, 64 bits: `tid`, `ctaid` or `ntid`."""
+    """Emit the read of a thread's special register, 64 bits: `tid`, `ctaid` or `ntid`."""
     reader = f"llvm.nvvm.read.ptx.sreg.{name}.x"
     function = builder.module.globals.get(reader)
     if function is None:
@@ -55,7 +55,7 @@ def register(builder, name):
 
 
 def first_byte(builder, kind: ThreadArray, count):
-    """Where the thread's part of an array of `count` elements begins, in bytes behind the first thread's."""
+    """Emit the offset of the thread's part of an array of `count` elements, in bytes from the first thread's."""
     if not on_gpu(builder):
         return ir.Constant(WORD, 0)
     tid = register(builder, "tid")
@@ -66,12 +66,12 @@ def first_byte(builder, kind: ThreadArray, count):
 
 
 def word(number: int):
-    """A whole number as a constant of 64 bits."""
+    """Integer constant of 64 bits."""
     return ir.Constant(WORD, number)
 
 
 def steps(builder, kind: ThreadArray, shape):
-    """Bytes from one element to the next along each axis."""
+    """Emit the strides, in bytes, along each axis."""
     found, step = [], word(kind.coordinates * WARP * kind.item)
     for length in reversed(shape):
         found.insert(0, step)
@@ -81,7 +81,7 @@ def steps(builder, kind: ThreadArray, shape):
 
 @infer_global(operator.getitem)
 class Get(AbstractTemplate):
-    """An element by its index, or by one index an axis; indices count from the front."""
+    """Type of an element by its index, or by one index per axis; indices count from the front."""
 
     def generic(self, args, kws):
         array, place = args
@@ -90,7 +90,7 @@ class Get(AbstractTemplate):
 
 @infer_global(operator.setitem)
 class Set(AbstractTemplate):
-    """As `Get`."""
+    """Type of an assignment to an element, with the indices of `Get`."""
 
     def generic(self, args, kws):
         array, place, _ = args
@@ -100,14 +100,14 @@ class Set(AbstractTemplate):
 
 
 def is_index(array, place) -> bool:
-    """Whether a type is that of an index of one element."""
+    """Return True if a type is that of an index of one element."""
     if isinstance(place, types.BaseTuple):
         return len(place) == array.ndim and all(isinstance(kind, types.Integer) for kind in place)
     return array.ndim == 1 and isinstance(place, types.Integer)
 
 
 def parts_at(context, builder, sig, args):
-    """Pointers to the numbers of the element, one or three, and their type."""
+    """Emit pointers to the numbers of the element, one or three, and return their type as well."""
     kind, place = sig.args[0], sig.args[1]
     array = context.make_array(kind)(context, builder, args[0])
     if isinstance(place, types.BaseTuple):

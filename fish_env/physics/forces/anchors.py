@@ -1,10 +1,10 @@
-"""Springs from a node to a point of the world: the mouse's (Song 2009, ch. 4.4), or a penalty that moves the node.
+"""Springs from a node to a point of the world: a drag spring (Song 2009, ch. 4.4), or a penalty that moves the node.
 
-An anchor with a rest length pulls and damps along itself. One without pulls by stiffness times distance, linear in the
-place, and damps along all axes: in matrices it adds to the node's diagonal only, as a penalty should.
+An anchor with a rest length acts and damps along its own direction. One of zero length pulls by stiffness times
+distance, linear in the position, and damps along all axes: it adds to the node's diagonal of a matrix only.
 
-Legend: m anchor; i its node; r from the node to the point; u the point's velocity less the node's; c stiffness, k
-damping, l rest length. What the body is made of is over the fish's factor on mass; here that is `lightness`.
+Legend: m anchor; i its node; r from the node to the point; u the point's velocity minus the node's; c stiffness, k
+damping, l rest length. `lightness` divides by the fish's factor on mass.
 """
 
 import numpy as np
@@ -17,24 +17,24 @@ from fish_env.physics.records import Body, World
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether anything is anchored."""
+    """Return True if the world has anchors."""
     return world.anchors is not None
 
 
 def constant(body: Body, world: World) -> bool:
-    """Whether all of them are without length: their stiffness is then the same along all axes, wherever the node is."""
+    """Return True if all anchors have zero length: their stiffness is then isotropic and constant."""
     return world.anchors is not None and not world.anchors.rest_length.any()
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """What `add_tangent` needs: r, stiffness along all axes, and that along the anchor beyond it over |r|^2."""
+    """Data of `add_tangent`: r, isotropic stiffness, and the additional stiffness along the anchor over |r|^2."""
     assert world.anchors is not None  # else the force is not present
     count = len(world.anchors.node)
     return Pack("anchors", r=kind.vectors(count), across=kind.numbers(count), pull=kind.numbers(count))
 
 
 def bounds(body: Body, world: World) -> tuple[float, float]:
-    """The largest stiffness and damping that the anchors of one node have together, over its mass, 1/s2 and 1/s."""
+    """Largest total stiffness and damping of the anchors of one node, over its mass, 1/s2 and 1/s."""
     assert world.anchors is not None  # else the force is not present
     anchors, inverse = world.anchors, body.inverse_mass.max(axis=1)
     stiffness, damping = (np.bincount(anchors.node, constant, len(inverse))
@@ -44,7 +44,7 @@ def bounds(body: Body, world: World) -> tuple[float, float]:
 
 @kernel
 def stretched(anchors, m, elapsed, x, v):
-    """Of anchor m: i, r, 1 / |r| or 0 where it points nowhere, its strain over its present length, its rate, 1/s."""
+    """Values i, r, 1 / |r| (0 for null r), strain over present length, and its rate, 1/s, of anchor m."""
     i = INDEX(anchors.node[m])
     r, u = fma(elapsed, anchors.velocity[m], anchors.point[m]) - x[i], anchors.velocity[m] - v[i]
     square = dot(r, r)
@@ -56,7 +56,7 @@ def stretched(anchors, m, elapsed, x, v):
 
 @kernel
 def add_one(anchors, m, control, light, x, v, f):
-    """Add the pull of one anchor; returns its r, 1 / |r| and strain."""
+    """Add the force of one anchor; return its r, 1 / |r| and strain."""
     c, k = anchors.stiffness[m], anchors.damping[m]
     i, r, inverse, strain, fast = stretched(anchors, m, control.elapsed[0], x, v)
     if anchors.rest_length[m] == 0.0:
@@ -68,16 +68,16 @@ def add_one(anchors, m, control, light, x, v, f):
 
 @kernel
 def add_force(body, world, control, x, v, f, cache):
-    """Add the pull of every anchor."""
+    """Add the force of every anchor."""
     for m in range(world.anchors.node.size):
         add_one(world.anchors, m, control, control.lightness[0], x, v, f)
 
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+    """Add the force of every anchor, and store the data of `add_tangent` for a filtered step.
 
-    An anchor does so as `springs.add_force_cached`; one under pressure not at all across.
+    The weights are those of `springs.add_force_cached`; a compressed anchor has no transverse stiffness.
     """
     anchors, light = world.anchors, control.lightness[0]
     plans, row = control.plans, control.row[0]
@@ -95,7 +95,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def keep(cache, m, r, across, pull):
-    """Keep the stiffness of an anchor: along all axes, and beyond it along r, over |r|^2."""
+    """Store the stiffness of an anchor: the isotropic part, and the additional part along r, over |r|^2."""
     cache.r[m] = r
     cache.across[m] = across
     cache.pull[m] = pull
@@ -103,7 +103,7 @@ def keep(cache, m, r, across, pull):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add the pull of the anchors if every node moved by y, by the stiffness that was stored."""
+    """Add the restoring force of displacements y, by the stored stiffness."""
     for m in range(world.anchors.node.size):
         i, r = INDEX(world.anchors.node[m]), cache.r[m]
         f[i] -= fma(cache.pull[m] * dot(r, y[i]), r, cache.across[m] * y[i])
@@ -111,7 +111,7 @@ def add_tangent(body, world, control, x, y, f, cache):
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
-    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and keep K for `add_tangent`: along r, or all axes."""
+    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and store K for `add_tangent`."""
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):
         i, r, inverse, _, _ = stretched(anchors, m, control.elapsed[0], x, v)
@@ -127,9 +127,9 @@ def add_system(body, world, control, x, v, a, cache):
 
 @kernel
 def add_lagged(body, world, control, x, v, system, cache):
-    """Add the pull at the start of the step to `system.load`, and what it becomes at its end to `system.matrix`.
+    """Add the force at the start of the step to `system.load`, and its implicit part to `system.matrix`.
 
-    As `springs.add_lagged`; an anchor without length is taken implicitly as a whole.
+    It is that of `springs.add_lagged`; an anchor of zero length is fully implicit.
     """
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):

@@ -1,13 +1,13 @@
-"""Barriers that keep the inner layer inside the outer one (Song 2009, ch. 4.6.2; the barrier of Li et al. 2020).
+"""Non-penetration barriers between an inner and an outer layer (Song 2009, ch. 4.6.2; barrier of Li et al. 2020).
 
 A barrier acts once the tetrahedron (on a ring, the triangle) between an outer face and an inner node has less than NEAR
-of its volume at rest: its energy rises as a logarithm, with two continuous derivatives, and below STEEP as the parabola
-that goes on from there. So its stiffness is bounded, and a step can be chosen for it; a logarithm to the end would stop
-a node in any case, but only with steps that nobody takes. It pushes on beyond zero, which a call must not end at:
-`failed` says so.
+of its volume at rest. Its energy rises as a logarithm with two continuous derivatives, and below STEEP as the parabola
+that continues it. The stiffness is therefore bounded, and a stable step exists. A logarithm down to zero would stop
+every node, but would require impracticably short steps. The force continues below zero volume; `failed` reports a call
+that ends there.
 
-Legend: k barrier; s its relative volume, that over the volume at rest; d, e, f the corners of the outer face seen from
-the inner node; slope gradients of s at the three corners of the face, at 3 k.
+Legend: k barrier; s its relative volume, the ratio to the volume at rest; d, e, f the corners of the outer face
+relative to the inner node; slope gradients of s at the three corners of the face, at 3 k.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from fish_env.physics.forces.plan import FACTOR, H
 from fish_env.physics.linalg import rates
 from fish_env.physics.records import Body, World
 
-NEAR, STEEP = 0.6, 0.3  # of the volume at rest, below which a barrier acts, and below which its energy is a parabola
+NEAR, STEEP = 0.6, 0.3  # relative volumes below which a barrier acts, and below which its energy is a parabola
 FAILURE = ESCAPED
 
 
@@ -27,19 +27,19 @@ ANYWHERE = True
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether the body has barriers."""
+    """Return True if the body has barriers."""
     return body.barriers is not None
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Gradients (3K,), times the root of what weighs them in `add_tangent`, and which barriers (K,) are at work."""
+    """Data of `add_tangent`: gradients (3K,) times the root of their weights, and flags (K,) of active barriers."""
     assert body.barriers is not None  # else the force is not present
     count = len(body.barriers.energy)
     return Pack("barriers", slope=kind.vectors(3 * count), active=kind.scratch(count, "int64"))
 
 
 def bounds(body: Body, world: World) -> tuple[float, float]:
-    """How stiff the barriers are at most, all of them at work, over the masses, 1/s2; they damp nothing."""
+    """Largest stiffness over mass of the barriers, 1/s2, with all of them active; and zero damping."""
     assert body.barriers is not None  # else the force is not present
     barriers = body.barriers
     inner, corners = barriers.nodes[:, 3], [body.position[barriers.nodes[:, k]] for k in range(2)]
@@ -57,7 +57,7 @@ def bounds(body: Body, world: World) -> tuple[float, float]:
 
 @kernel
 def corners(barriers, k, x):
-    """Outer corners of barrier k as seen from its inner node; an edge counts as a face of which one is 3 m above it."""
+    """Outer corners of barrier k relative to its inner node; an edge is a face with one corner 3 m above it."""
     inner, third = x[INDEX(barriers.nodes[k, 3])], barriers.nodes[k, 2]
     d, e = x[INDEX(barriers.nodes[k, 0])] - inner, x[INDEX(barriers.nodes[k, 1])] - inner
     if third < 0:
@@ -78,7 +78,7 @@ def relative_volume(barriers, k, x):
 
 @kernel
 def barrier(s):
-    """Energy of a barrier over its scale, its first and its second derivative with respect to s."""
+    """Energy of a barrier over its scale, and its first and second derivative with respect to s."""
     s = select(s < NEAR, s, NEAR)
     t = select(s > STEEP, s, STEEP)
     gap, logarithm, beyond = t - NEAR, log(t / NEAR), s - t
@@ -105,7 +105,7 @@ def push_apart(barriers, k, f, push, p, q, r):
 
 @kernel
 def add_force(body, world, control, x, v, f, cache):
-    """Add the force of every barrier. Those that act in no fish of a block are skipped: logarithms are expensive."""
+    """Add the force of every barrier. Those that act in no fish of a block are skipped, as logarithms are expensive."""
     barriers, factor = body.barriers, control.stiffness[0]
     for k in range(barriers.energy.size):
         s, p, q, r = relative_volume(barriers, k, x)
@@ -115,7 +115,7 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step."""
+    """Add the force of every barrier, and store the data of `add_tangent` for a filtered step."""
     barriers, factor, slope = body.barriers, control.stiffness[0], cache.slope
     step = control.plans[control.row[0], H]
     weight = control.plans[control.row[0], FACTOR] * step * step
@@ -133,7 +133,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add what the barriers at work push back if every node moved by y: their stiffness along the gradients of s."""
+    """Add the restoring force of displacements y: the stiffness of active barriers along the gradients of s."""
     barriers, slope = body.barriers, cache.slope
     for k in range(barriers.energy.size):
         if cache.active[k] == 0:
@@ -157,7 +157,7 @@ def energy(body, world, control, x, v, f, cache):
 
 @kernel
 def failed(body, world, control, x, v, f, cache):
-    """Where an inner node has left its place behind the outer faces."""
+    """Mask of the fish in which an inner node has passed its outer face."""
     barriers, escaped = body.barriers, nowhere(x)
     for k in range(barriers.energy.size):
         escaped = escaped | (relative_volume(barriers, k, x)[0] <= 0.0)

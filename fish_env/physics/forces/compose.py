@@ -6,19 +6,19 @@ ARGUMENTS = "body, world, control, x, v, f, cache"
 
 
 def part_of(cache, module) -> str:
-    """How the kernel of a sum names a module's own part of the cache."""
+    """Expression for a module's part of the cache, in the source of a sum's kernel."""
     return f"cache.{module}" if cache else "cache"
 
 
 def in_turn(functions: dict[str, tuple], lines="{call}", before="pass", after="pass", **space):
-    """A kernel `(body, world, control, x, v, f, cache)` that calls functions with these arguments one after another.
+    """Make a kernel `(body, world, control, x, v, f, cache)` that calls functions with these arguments in turn.
 
     Args:
-        functions: (function, whether its force has a cache of its own) by the name of its module.
-        lines: what to do with each `{call}`; `{name}` is the module's.
-        before: what comes first.
-        after: what comes last.
-        space: what these lines may name.
+        functions: (function, True if its force has a cache) by the name of its module.
+        lines: source lines for each `{call}`; `{name}` is the module's name.
+        before: first source line.
+        after: last source line.
+        space: names that these lines may use.
     """
     text = [f"def sum_of_forces({ARGUMENTS}):", f"    {before}"]
     for name, (function, cached) in functions.items():

@@ -1,11 +1,10 @@
-"""Walls: a plane throws a node that has come through it back, and takes up what presses on it (Song 2009, ch. 4.6).
+"""Walls: a plane reflects a node that has passed through it, and supports a node at rest on it (Song 2009, ch. 4.6).
 
-An impact turns the node's normal velocity round and leaves a part of it, the plane's restitution: it can only take
-energy away. Of a node that is behind the plane and does not come back, the part of the force that presses it further in
-is taken off, which does no work either. So a node gets behind a plane by no more than what it moves in one step, and no
-energy comes from it.
+An impact reverses the node's normal velocity and multiplies it by the plane's restitution, so it only removes energy.
+If a node behind the plane does not return, the inward part of the force on it is removed, which does no work. So a node
+penetrates a plane by at most its displacement in one step, and walls never add energy.
 
-Legend: p plane; n its normal into the free side; depth how far a node is behind it, m.
+Legend: p plane; n its normal into the free side; depth distance of a node behind it, m.
 """
 
 import numpy as np
@@ -16,11 +15,11 @@ from fish_env.physics.forces.plan import H
 from fish_env.physics.records import Body, World
 
 JUMPS = True  # its force has no derivatives
-LEAVING = 4096.0  # times the precision, of its speed, that a node's normal velocity is more than by rounding
+LEAVING = 4096.0  # times precision and speed: a larger normal velocity is not rounding
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether the world has walls."""
+    """Return True if the world has walls."""
     return world.planes is not None
 
 
@@ -39,9 +38,9 @@ def normal(planes, p):
 
 @kernel
 def add_force(body, world, control, x, v, f, cache):
-    """Take from the sum of all other forces what presses a node further behind a plane.
+    """Remove from the sum of all other forces the part that pushes a node further behind a plane.
 
-    Methods that spread a force over the nodes around, by a filter or a solve, call `constrain` besides.
+    Methods that distribute a force over neighbouring nodes, by a filter or a solve, also call `constrain`.
     """
     planes, rounding = world.planes, LEAVING * epsilon(x)
     for p in range(planes.shape[0]):
@@ -55,7 +54,7 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def constrain(body, world, control, x, v, a, cache):
-    """Change the accelerations a so that none, in a step, sends a node further behind a plane it is behind."""
+    """Constrain the accelerations a so that no node behind a plane moves further behind it in a step."""
     planes, often = world.planes, 1.0 / control.plans[control.row[0], H]
     for p in range(planes.shape[0]):
         n = normal(planes, p)
@@ -67,10 +66,10 @@ def constrain(body, world, control, x, v, a, cache):
 
 @kernel
 def finish(body, world, control, x, v, f, cache):
-    """Turn back the velocities of free nodes that are behind a plane and go on inward, at the end of a step.
+    """Reflect the velocities of free nodes that are behind a plane and move inward, at the end of a step.
 
-    What a step of free fall would give a node anyway is no impact, nor is it one to be pressed further in by what lies
-    on it: such a node comes to rest. Else it would bounce at every step, and sink all the while.
+    A velocity that a step of free fall would cause is no impact, nor is a push by nodes that lie on it: such a node
+    comes to rest. Otherwise it would bounce at every step and slowly sink.
     """
     planes, gravity, h = world.planes, cache.gravity, control.plans[control.row[0], H]
     for p in range(planes.shape[0]):

@@ -1,26 +1,26 @@
-"""What a block of fish is told: rest lengths, what sets each fish apart, and the plan of the method's steps."""
+"""Control of a block of fish: rest lengths, the factors of each fish, and the step coefficients of the method."""
 
 import numpy as np
 
 from fish_env.kernels.simd import Kind, Pack
 from fish_env.physics.records import Body
 
-STIFFNESS, MASS, DRAG, CURRENT = 0, 1, 2, 3  # columns of what sets a fish apart, of a row of NOMINAL
+STIFFNESS, MASS, DRAG, CURRENT = 0, 1, 2, 3  # columns of a fish's factors and current, as in NOMINAL
 NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
-"""Factors on stiffness (and damping), mass and drag, and a current to add, m/s: a fish as it was made."""
+"""Default factors on stiffness (and damping), mass and drag, and additional current, m/s."""
 NO_PLAN = np.zeros((1, 8))
 
 
 def make_control(body: Body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, constant=False) -> Pack:
-    """The control of a block, of fish as they were made, at their natural lengths.
+    """Make the control of a block of fish with default factors, at their natural lengths.
 
-    Fields, an element a fish in each lane: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs
-    (D,) at the start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; current (1,) m/s;
-    fastest (1,) 1/s, the largest relative change of a spring's length in a second so far; pivots and untrusted (1,),
-    what went wrong in solves. Of all fish: plans (P,K), row (1,) and costs (P,3) (`fish_env.physics.forces.plan`);
-    elapsed (1,) s, the time since the start of the call at which forces are evaluated; constant, whether the forces'
-    system matrix does not depend on the motion; reused (1,), steps of a call that took over the factors of the step
-    before.
+    Fields with one lane per fish: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs (D,) at the
+    start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; current (1,) m/s;
+    fastest (1,) 1/s, the largest relative rate of a spring's length so far; pivots and untrusted (1,), counts of
+    non-positive and untrusted pivots. Shared fields: plans (P,K), row (1,) and costs (P,3)
+    (`fish_env.physics.forces.plan`); elapsed (1,) s, the time of the evaluation since the start of the call; constant,
+    True if the forces' system matrix does not depend on the motion; reused (1,), the number of steps of a call that
+    reused the factors of the previous step.
     """
     control = Pack(
         "control",

@@ -1,6 +1,6 @@
-"""Forces, exact derivatives and energies of one fish, for Python: references, statics and tests call them.
+"""Forces, exact derivatives and energies of one fish, callable from Python: for references, statics and tests.
 
-Derivatives are those of the forces' own kernels, which are called with dual numbers: no force states them.
+Derivatives come from the forces' own kernels, called with dual numbers: no force implements them.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ ONE, DUAL = Kind(1), Kind("dual")
 
 @forces.cached
 def compiled(names: tuple[str, ...], function: str) -> Callable[..., Any]:
-    """A function of all these forces, compiled: it fills `block.f`, or returns a number."""
+    """Compile a function of all these forces, which fills `block.f` or returns a number."""
     call = forces.total(names, function)
     if function in ("energy", "failed"):
 
@@ -43,7 +43,7 @@ def compiled(names: tuple[str, ...], function: str) -> Callable[..., Any]:
 
 
 def make_dual(body: Body, world: World, names) -> Pack:
-    """What these forces work out their derivatives in: one fish whose numbers carry derivatives."""
+    """Memory in which these forces compute their derivatives: one fish of dual numbers."""
     n = len(body.mass)
     return Pack("dual", control=make_control(body, DUAL), cache=forces.make_cache(body, world, DUAL, names),
                 x=DUAL.vectors(n), v=DUAL.vectors(n), f=DUAL.vectors(n))  # fmt: skip
@@ -51,10 +51,10 @@ def make_dual(body: Body, world: World, names) -> Pack:
 
 @forces.cached
 def make_jacobian(names: tuple[str, ...]):
-    """The kernel `(body, world, dual, stiffness, damping, begin)` that sets columns of -df/dx and -df/dv, (3N,...).
+    """Make the kernel `(body, world, dual, stiffness, damping, begin)` for columns of -df/dx and -df/dv, (3N,...).
 
-    Of all smooth ones of these forces, on one fish (one lane, float64) in the state that `make_dual`'s pack has in its
-    values. `stiffness` (3N,C) takes the columns from number `begin` on, `damping` all of its own, or (3N,0) none.
+    It sums the smooth ones of these forces on one fish (one lane, float64), in the state of the values in `make_dual`'s
+    pack. `stiffness` (3N,C) receives the columns from number `begin` on, `damping` all of its own, or none if (3N,0).
     """
     add_force = forces.total(tuple(name for name in names if not hasattr(forces.FORCES[name], "JUMPS")), "add_force")
 
@@ -82,7 +82,7 @@ def make_jacobian(names: tuple[str, ...]):
 
 @forces.cached
 def compiled_jacobian(names: tuple[str, ...]):
-    """`make_jacobian`, compiled."""
+    """Compile `make_jacobian`'s kernel as a function that Python calls."""
     jacobian = make_jacobian(names)
 
     @njit
@@ -93,15 +93,15 @@ def compiled_jacobian(names: tuple[str, ...]):
 
 
 class Evaluator:
-    """The forces on one body in one world, worked out for positions x and velocities v (N,3) and rest lengths (E,).
+    """Forces on one body in one world, for positions x and velocities v (N,3) and rest lengths (E,).
 
     Args:
-        body: any.
-        world: what surrounds it.
-        names: the forces to take into account; None for all that act.
+        body: any body.
+        world: its surroundings.
+        names: the forces to include; None for all acting ones.
 
     Raises:
-        ValueError: if arrays of body or world do not fit together.
+        ValueError: if arrays of body or world are inconsistent.
     """
 
     def __init__(self, body: Body, world: World, names: tuple[str, ...] | None = None):
@@ -110,7 +110,7 @@ class Evaluator:
         self.names = forces.present(body, world) if names is None else names
         n = len(body.mass)
         self._control, self._dual, self._around = make_control(body, ONE), None, (body, world)
-        self._compiled, self._jacobian = cache(compiled), cache(compiled_jacobian)  # of the forces as they are now
+        self._compiled, self._jacobian = cache(compiled), cache(compiled_jacobian)  # for the present FORCES
         self._block = Pack(
             "block", body=packed(body, ONE), world=packed(world, ONE), control=self._control,
             x=ONE.vectors(n), v=ONE.vectors(n), f=ONE.vectors(n),
@@ -122,18 +122,18 @@ class Evaluator:
         self._block.x.memory[:], self._block.v.memory[:] = x, v
 
     def force(self, rest_length, x, v, elapsed=0.0) -> np.ndarray:
-        """Force on every node, (N,3) N, `elapsed` seconds after the points of moving anchors were where they are."""
+        """Force on every node, (N,3) N, with moving anchors `elapsed` seconds after their stored positions."""
         self._set(rest_length, x, v)
         self._control.elapsed[0] = elapsed
         self._compiled(self.names, "add_force")(self._block)
         return self._block.f.memory.copy()
 
     def jacobian(self, rest_length, x, v, elapsed=0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Exact -df/dx (3N,3N) N/m and -df/dv (3N,3N) N s/m. The walls, whose force jumps, are left out."""
+        """Exact -df/dx (3N,3N) N/m and -df/dv (3N,3N) N s/m, without walls, whose force is discontinuous."""
         return self._derivatives(rest_length, x, v, range(x.size), x.size, elapsed)
 
     def stiffness(self, rest_length, x, v, columns: range | None = None) -> np.ndarray:
-        """Exact -df/dx (3N,3N) N/m, as `jacobian`, or (3N,C) some of its columns, one after another."""
+        """Exact -df/dx (3N,3N) N/m, as `jacobian`, or a range of its columns, (3N,C)."""
         return self._derivatives(rest_length, x, v, range(x.size) if columns is None else columns, 0)[0]
 
     def _derivatives(self, rest_length, x, v, columns: range, damped: int, elapsed=0.0):
@@ -146,14 +146,14 @@ class Evaluator:
         return stiffness, damping
 
     def energies(self, rest_length, x, v) -> dict[str, float]:
-        """Energy, J: "kinetic", and what each force stores, by its name."""
+        """Energies, J: "kinetic", and the stored energy of each force, by its name."""
         self._set(rest_length, x, v)
         stored = {name: float(self._compiled((name,), "energy")(self._block)) for name in self._having("energy")}
         kinetic = 0.5 * self._block.body.mass @ (np.asarray(v) ** 2).sum(axis=1)
         return {"kinetic": float(kinetic), **stored}
 
     def failures(self, rest_length, x) -> set[int]:
-        """Why a body at these positions is not valid any more: indices into FAILURES."""
+        """Reasons that a body at these positions is invalid: indices into FAILURES."""
         self._set(rest_length, x, np.zeros_like(x))
         broken = [name for name in self._having("failed") if self._compiled((name,), "failed")(self._block)]
         return {forces.FORCES[name].FAILURE for name in broken}

@@ -9,12 +9,12 @@ ANYWHERE = True
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether the world has gravity, be it zero; the air comes with it."""
+    """Return True if the world has gravity, even if it is zero; air drag belongs to it."""
     return world.gravity is not None
 
 
 def constant(body: Body, world: World) -> bool:
-    """The drag of the air is linear in the velocities: what it adds to a matrix never changes."""
+    """Return True: the drag of the air is linear in the velocities, so its matrix is constant."""
     return True
 
 
@@ -28,14 +28,14 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """Add the weight alone: where velocities `decay`, the air has had its part."""
+    """Add the weight only, because `decay` applies the air drag."""
     for i in range(x.size):
         f[i] = fma(body.mass[i], world.gravity[0], f[i])
 
 
 @kernel
 def decay(body, world, control, x, v, f, cache):
-    """Change the velocities by what the air alone makes of them in half a step: they decay, exactly."""
+    """Apply the exact decay of the velocities by air drag in half a step."""
     if world.viscosity == 0.0:
         return
     rate = (-0.5 * control.plans[control.row[0], H] * world.viscosity) * control.lightness[0]
@@ -57,7 +57,7 @@ def add_system(body, world, control, x, v, a, cache):
 
 @kernel
 def energy(body, world, control, x, v, f, cache):
-    """Potential energy of the weight, J, zero at the origin."""
+    """Potential energy of gravity, J, zero at the origin."""
     total = zero(control.stiffness)
     for i in range(x.size):
         total = fma(-body.mass[i], dot(world.gravity[0], x[i]), total)

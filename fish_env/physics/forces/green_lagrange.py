@@ -1,13 +1,13 @@
-"""Tetrahedra by the strain of Green and Lagrange: the material of St. Venant and Kirchhoff (Bonet & Wood 2008, ch. 6).
+"""Tetrahedra with Green-Lagrange strain: the St. Venant-Kirchhoff material (Bonet & Wood 2008, ch. 6).
 
-The strain is E = (F^T F - 1) / 2, quadratic in the deformation gradient F, and the same however the element is turned,
-without a frame that must be found. Its energy is V (mu E : E + lambda/2 (tr E)^2), and damping acts on the rate of E.
-A bar stiffens as it is drawn out, and softens as it is pressed: below 0.58 of its length it gives way, and an element
-pressed flat is not pushed out again. Small strains are those of the other two measures.
+The strain is E = (F^T F - 1) / 2, quadratic in the deformation gradient F, and invariant under rotation without a
+corotational frame. Its energy is V (mu E : E + lambda/2 (tr E)^2), and damping acts on the rate of E.
+A bar stiffens in tension and softens in compression: below 0.58 of its length it collapses, and a flat element has no
+restoring force. Small strains equal those of the other two measures.
 
-Legend: t element; F its columns p, q, r; G the columns a, b, c of the gradient of another field, velocities or moves;
-S the stress of Piola and Kirchhoff (the second), symmetric, as its diagonal and its off-diagonal yz, xz, xy; n F times
-the gradient of the shape function of a corner.
+Legend: t element; F its columns p, q, r; G the columns a, b, c of the gradient of another field, velocities or
+displacements; S the second Piola-Kirchhoff stress, symmetric, as its diagonal and its off-diagonal yz, xz, xy; n F
+times the gradient of the shape function of a corner.
 """
 
 from fish_env.kernels.compile import INDEX, kernel
@@ -25,12 +25,12 @@ ANYWHERE = True
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether the body has tetrahedra of this measure of strain."""
+    """Return True if the body has tetrahedra of this measure of strain."""
     return body.tets is not None and body.tets.quadratic
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """What `add_tangent` needs: F and S (5T,) and the weighted Lame constants (T,), Pa m3; and scratch."""
+    """Data of `add_tangent`: F and S (5T,) and the weighted Lame constants (T,), Pa m3; and scratch."""
     assert body.tets is not None  # else the force is not present
     count = len(body.tets.nodes)
     shear, dilation = kind.scratch(count, kind.dtype), kind.scratch(count, kind.dtype)
@@ -39,7 +39,7 @@ def make_cache(body: Body, world: World, kind) -> Pack:
 
 @kernel
 def paired(m, n):
-    """F^T G + G^T F as its diagonal and its off-diagonal, of the columns m of F and n of G."""
+    """Diagonal and off-diagonal of F^T G + G^T F, for the columns m of F and n of G."""
     p, q, r = m
     a, b, c = n
     return (
@@ -50,7 +50,7 @@ def paired(m, n):
 
 @kernel
 def stress(double, shear, dilation):
-    """Stress of twice a strain, both as diagonal and off-diagonal."""
+    """Stress for twice a strain, both as diagonal and off-diagonal."""
     diagonal, off = double
     even = (0.5 * dilation) * (diagonal.x + diagonal.y + diagonal.z)
     return vec3(fma(shear, diagonal.x, even), fma(shear, diagonal.y, even), fma(shear, diagonal.z, even)), shear * off
@@ -58,7 +58,7 @@ def stress(double, shear, dilation):
 
 @kernel
 def strained(m, n, relaxation):
-    """Twice the strain and `relaxation` times its rate, of F and the gradient of the velocities."""
+    """Twice the strain plus `relaxation` times its rate, from F and the velocity gradient."""
     p, q, r = m
     diagonal, off = paired(m, n)
     unit = vec3(dot(p, p) - 1.0, dot(q, q) - 1.0, dot(r, r) - 1.0)
@@ -67,7 +67,7 @@ def strained(m, n, relaxation):
 
 @kernel
 def product(m, s):
-    """The columns of a matrix m times a symmetric one s."""
+    """Columns of the product of a matrix m and a symmetric one s."""
     p, q, r = m
     d, o = s
     return (
@@ -79,13 +79,13 @@ def product(m, s):
 
 @kernel
 def along(shape, t, a, m):
-    """A matrix m times the gradient of the shape function of corner a of element t."""
+    """Product of a matrix m and the gradient of the shape function of corner a of element t."""
     return fma(shape[t, a, 2], m[2], fma(shape[t, a, 1], m[1], shape[t, a, 0] * m[0]))
 
 
 @kernel
 def scatter(elements, t, m, f):
-    """Take from f what the stress m (the first of Piola and Kirchhoff), with the volume in it, does to element t."""
+    """Subtract from f the nodal forces of the first Piola-Kirchhoff stress m times the volume of element t."""
     nodes, shape = elements.nodes, elements.gradient
     a, b, c = along(shape, t, 1, m), along(shape, t, 2, m), along(shape, t, 3, m)
     f[INDEX(nodes[t, 0])] += a + b + c
@@ -96,7 +96,7 @@ def scatter(elements, t, m, f):
 
 @kernel
 def add_element(elements, t, factor, x, v, f):
-    """Add the elastic and viscous force of element t; returns F, and S of the elastic force, with the volume in it."""
+    """Add the elastic and viscous force of element t; return F, and S of the elastic force times the volume."""
     m, n = gradient(elements, t, edges(elements, t, x)), gradient(elements, t, edges(elements, t, v))
     shear, dilation = constants(elements, t, factor)
     s = stress(strained(m, n, elements.relaxation_time[t]), shear, dilation)
@@ -114,7 +114,7 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def pulling(s):
-    """A symmetric matrix with no negative eigenvalue that is s if s is pulled along every axis (Gershgorin's bound)."""
+    """Positive semi-definite matrix that equals s if s is tensile along every axis (Gershgorin's bound)."""
     d, o = s
     x, y, z = abs(o.x), abs(o.y), abs(o.z)
     low = d.x - (y + z)
@@ -127,9 +127,9 @@ def pulling(s):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+    """Add the force of every tetrahedron, and store the data of `add_tangent` for a filtered step.
 
-    By the weights of `tets.add_force_cached`. The stress resists rotation where it pulls; where it presses it does not.
+    The weights are those of `tets.add_force_cached`. Only tensile stress resists rotation.
     """
     elements, factor = body.tets, control.stiffness[0]
     plans, row = control.plans, control.row[0]
@@ -145,7 +145,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def keep(elements, t, m, s, weight, cache):
-    """Keep F and S of element t, and its stiffness times a weight."""
+    """Store F and S of element t, and its stiffness times a weight."""
     kept, shear, dilation = cache.kept, cache.shear, cache.dilation
     kept[5 * t], kept[5 * t + 1], kept[5 * t + 2] = m
     kept[5 * t + 3], kept[5 * t + 4] = s
@@ -154,7 +154,7 @@ def keep(elements, t, m, s, weight, cache):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add the pull of the tetrahedra if every node moved by y, by the stiffness that was stored."""
+    """Add the restoring force of displacements y, by the stored stiffness."""
     elements, factor, kept = body.tets, control.stiffness[0], cache.kept
     for t in range(elements.volume.size):
         m, s = (kept[5 * t], kept[5 * t + 1], kept[5 * t + 2]), (kept[5 * t + 3], kept[5 * t + 4])
@@ -167,11 +167,11 @@ def add_tangent(body, world, control, x, y, f, cache):
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
-    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and keep K for `add_tangent`.
+    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and store K for `add_tangent`.
 
-    K is exact for an element without damping: that of the material and that of the stress, which resists rotation where
-    it pulls and favours it where it presses; the latter is left out if LOWEST is zero or more. What viscous forces
-    change by as they are turned is not symmetric and is left out.
+    K is exact for an element without damping: material and geometric stiffness. Tensile stress resists rotation and
+    compressive stress favours it; the latter is omitted if LOWEST is zero or more. The change of viscous forces by
+    rotation is not symmetric, and is omitted.
     """
     elements, factor, now = body.tets, control.stiffness[0], cache.corner
     first, start, shape = body.profile.first, body.profile.start, elements.gradient
@@ -216,7 +216,7 @@ def add_system(body, world, control, x, v, a, cache):
 
 @kernel
 def column_of(here, there, mu, la, square, both, this, that):
-    """A column of the block of two corners: mu n_j n_i^T + lambda n_i n_j^T + mu (g_i . g_j) F F^T."""  # (71)
+    """Column of the block of two corners: mu n_j n_i^T + lambda n_i n_j^T + mu (g_i . g_j) F F^T."""  # (71)
     return fma(both, square, fma(mu * this, there, (la * that) * here))
 
 

@@ -1,8 +1,8 @@
-"""The rotation nearest to a 3 x 3 matrix: of a deformation gradient, how the element has turned.
+"""Nearest rotation to a 3 x 3 matrix: the rotation of an element, from its deformation gradient.
 
 It maximises tr(R^T F) over all rotations, so it exists for flat and inverted elements too. In terms of the trace t of
-the stretch S, F = R S, it is an algebraic function of F; t is the largest root of a quartic (Horn 1987). Where the root
-is not simple, the nearest rotation is not unique, and one of them is taken from the eigenvectors of Horn's matrix.
+the stretch S, F = R S, it is an algebraic function of F; t is the largest root of a quartic (Horn 1987). If the root is
+not simple, the nearest rotation is not unique, and one of them is taken from the eigenvectors of Horn's matrix.
 
 Legend: p, q, r columns of F; n its square norm, d its determinant, a, b, c the columns of its cofactors; m_ij is
 F^T F; t, u invariants of S; k Horn's matrix, e its eigenvectors in columns.
@@ -29,28 +29,28 @@ from fish_env.kernels.simd import (
 )
 
 NEWTON = 50  # steps at most; near a rotation three are enough
-RATE = 100.0  # times the square of Newton's relative step: what the next step is, at most, where the root is CLEAR
-CLEAR = 1e-2  # of n^1.5: a smaller (s1 + s2)(s2 + s3)(s3 + s1) leaves the algebraic form too few digits
-SWEEPS = 20  # of the Jacobi method at most
+RATE = 100.0  # times the square of Newton's relative step: bound of the next step if the root is CLEAR
+CLEAR = 1e-2  # times n^1.5: below, (s1 + s2)(s2 + s3)(s3 + s1) makes the algebraic form inaccurate
+SWEEPS = 20  # at most, of the Jacobi method
 
 
 def make_scratch(kind) -> Pack:
-    """What `rotation` needs besides its matrix: columns of the matrix and of the rotation, k and e (4,4)."""
+    """Scratch memory of `rotation`: columns of the matrix and of the rotation, k and e (4,4)."""
     return Pack("polar", f=kind.vectors(3), r=kind.vectors(3), k=kind.scratch((4, 4)), e=kind.scratch((4, 4)))
 
 
 @kernel
 def rotation(p, q, r, scratch):
-    """Columns of the rotation nearest to a matrix given by columns; finite for numbers below 1e70 (float32: 1e9).
+    """Columns of the nearest rotation to a matrix given by columns; finite for numbers below 1e70 (float32: 1e9).
 
-    Newton's method runs until every fish is done; those that are done before stay where they are.
+    Newton's method iterates until every fish has converged; values that have converged do not change any more.
     """
     m00, m11, m22, m01, m02, m12 = dot(p, p), dot(q, q), dot(r, r), dot(p, q), dot(p, r), dot(q, r)
     a, b, c = cross(q, r), cross(r, p), cross(p, q)
     n, d = m00 + m11 + m22, dot(p, a)
     constant = fma(n, n, -4.0 * (dot(a, a) + dot(b, b) + dot(c, c)))
     precision = epsilon(scratch.f)
-    t = sqrt(3.0 * n)  # no trace of S is larger: Newton comes down to the largest root
+    t = sqrt(3.0 * n)  # an upper bound of the trace of S: Newton's method descends to the largest root
     going = n > 0.0
     for _ in range(NEWTON):
         square = t * t
@@ -85,9 +85,10 @@ def rotation(p, q, r, scratch):
 
 @kernel
 def with_derivatives(p, q, r, turn):
-    """The rotation `turn` of a matrix of dual numbers, with its derivatives: those that a last Newton step leaves.
+    """Rotation `turn` of a matrix of dual numbers, with derivatives, which come from a final Newton step.
 
-    The step turns it by w, (tr S - S) w = sum of x cross p, with S = F R^T: nothing, but for what F changes by.
+    The step rotates it by w, (tr S - S) w = sum of x cross p, with S = F R^T. The value of w is zero; its derivatives
+    are not.
     """
     columns = floats(turn)
     for i in range(3):
@@ -105,9 +106,9 @@ def with_derivatives(p, q, r, turn):
 
 @part
 def by_jacobi(scratch, fish):
-    """As `rotation`, of one fish, where two singular values with their signs add up to almost nothing, or to less.
+    """Compute `rotation` of one fish if two signed singular values have a sum that is almost zero or negative.
 
-    It takes `scratch.f` to `scratch.r`, in plain numbers: such elements are rare.
+    It reads `scratch.f` and writes `scratch.r`, in scalar arithmetic, because such elements are rare.
     """
     f, r, k, e = floats(scratch.f), floats(scratch.r), scratch.k, scratch.e
     k[0, 0] = f[0, 0, fish] + f[1, 1, fish] + f[2, 2, fish]
@@ -142,7 +143,7 @@ def by_jacobi(scratch, fish):
 
 @part
 def sweep(k, e):
-    """Turn k (4,4) nearer to its eigenvalues, in every plane once, and e with it; returns how far off it was."""
+    """Perform one Jacobi sweep of k (4,4), and rotate e with it; return its largest off-diagonal entry."""
     off = 0.0
     for i in range(4):
         for j in range(i + 1, 4):

@@ -1,8 +1,8 @@
-"""Gas in closed compartments: an ideal gas at constant temperature (Song 2009, ch. 4.5).
+"""Ideal gas at constant temperature in closed compartments (Song 2009, ch. 4.5).
 
-The pressure is n R T over the volume, and its force that times the gradient of the volume: minus the gradient of the
-gas' energy. Exact for surfaces of triangles, of bilinear patches, and for flat rings of edges. Gas without a volume
-pushes nowhere, and `failed` says so.
+The pressure is n R T over the volume. Its force is the pressure times the gradient of the volume, which is minus
+the gradient of the gas' energy. It is exact for surfaces of triangles, of bilinear patches, and for flat rings of
+edges. Gas without a volume exerts no force, and `failed` reports it.
 
 Legend: c compartment; i node; slope gradient of the volume of c, at c N + i.
 """
@@ -23,12 +23,12 @@ ANYWHERE = True
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether the body has gas."""
+    """Return True if the body has gas compartments."""
     return body.compartments is not None
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Volume gradients (C N,), times the root of nRT / V^2 where kept for `add_tangent`, and its weight (1,), s2."""
+    """Data of `add_tangent`: volume gradients (C N,) times the root of nRT / V^2, and its weight (1,), s2."""
     assert body.compartments is not None  # else the force is not present
     return Pack("pressure", slope=kind.vectors(len(body.compartments.gas) * len(body.mass)), weight=kind.scratch(1))
 
@@ -45,7 +45,7 @@ def rest_matrices(body: Body, elastic):
 
 @kernel
 def volume(body, c, x, slope):
-    """Volume of compartment c; its gradient is written to slope."""
+    """Return the volume of compartment c, and write its gradient to slope."""
     compartments, count = body.compartments, x.size
     for i in range(count):
         slope[INDEX(c * count + i)] = zero(slope)
@@ -54,7 +54,7 @@ def volume(body, c, x, slope):
 
 @kernel
 def push(body, c, space):
-    """Pressure in compartment c, over that outside, and 1 / V; nothing without a volume."""
+    """Gauge pressure in compartment c, and 1 / V; both zero without a volume."""
     inverse = select(space > 0.0, 1.0 / space, 0.0)
     outside = select(space > 0.0, body.compartments.ambient[c] + 0.0 * space, 0.0)
     return fma(body.compartments.gas[c], inverse, -outside), inverse  # (54)
@@ -72,7 +72,7 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step."""
+    """Add the force of the gas, and store the data of `add_tangent` for a filtered step."""
     count, slope, factor, root = x.size, cache.slope, control.stiffness[0], sqrt(control.stiffness[0])
     step = control.plans[control.row[0], H]
     cache.weight[0] = control.plans[control.row[0], FACTOR] * step * step
@@ -88,7 +88,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add what the gas' compression pushes back if every node moved by y; nothing unless it was kept by a force."""
+    """Add the restoring force of displacements y by the gas' compression, if `add_force_cached` stored its data."""
     count, slope, weight = x.size, cache.slope, cache.weight[0]
     if weight == 0.0:
         return
@@ -103,7 +103,7 @@ def add_tangent(body, world, control, x, y, f, cache):
 
 @kernel
 def energy(body, world, control, x, v, f, cache):
-    """Energy of the gas and of what it displaces, J, relative to compartments of one cubic metre."""
+    """Energy of the gas and of the displaced surroundings, J, relative to compartments of one cubic metre."""
     total = zero(control.stiffness)
     for c in range(body.compartments.gas.size):
         space = volume(body, c, x, cache.slope)
@@ -113,7 +113,7 @@ def energy(body, world, control, x, v, f, cache):
 
 @kernel
 def failed(body, world, control, x, v, f, cache):
-    """Where a compartment has no volume left."""
+    """Mask of the fish in which a compartment has no positive volume."""
     empty = nowhere(x)
     for c in range(body.compartments.gas.size):
         empty = empty | (volume(body, c, x, cache.slope) <= 0.0)

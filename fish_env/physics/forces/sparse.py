@@ -1,9 +1,8 @@
-"""The exact stiffness of a body of any size: the elements' derivatives, worked out a few at a time.
+"""Exact stiffness of a body of any size, from the derivatives of a few elements at a time.
 
-The forces' derivatives come as dense matrices. Here they are worked out for small bodies of some of the elements each,
-whose matrices add up to a sparse one; what an element's derivatives are stands in one place. It is not known how to
-share out a force whose elements `_pieces` does not know, one added to the list by its user: its derivatives are worked
-out for the whole body, once, some columns at a time.
+The forces' derivatives are dense matrices. Here they are computed for small bodies of some of the elements each, whose
+matrices are summed to a sparse one. `_pieces` cannot split a force that a user has added to the list: its derivatives
+are computed for the whole body, some columns at a time.
 """
 
 import numpy as np
@@ -14,17 +13,17 @@ from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.linalg import rates
 from fish_env.physics.records import Body, World
 
-PIECE = 48  # elements a kind whose derivatives are worked out together
-STRIP = 240  # columns of the whole body's matrix that are worked out together: what is dense at any time
+PIECE = 48  # elements of a kind whose derivatives are computed together
+STRIP = 240  # columns of the whole body's matrix that are computed together, and dense at a time
 SHARED = ("water", "springs", "tets", "green_lagrange", "pressure", "barriers", "gravity", "anchors", "contact")
-"""The forces whose elements `_pieces` shares out, and those that have no stiffness."""
+"""Forces whose elements `_pieces` splits, and those without stiffness."""
 
 
 def tangent(body: Body, world: World, rest_length, x):
-    """Exact stiffness -df/dx (3N,3N), N/m, of all forces on a body at x (N,3) m without motion.
+    """Exact stiffness -df/dx (3N,3N), N/m, of all forces on a body at x (N,3) m at zero velocity.
 
-    Dense up to `linalg.rates.DENSE` rows, then sparse (scipy, compressed rows), worked out for a few elements at a
-    time. The walls are left out.
+    Dense up to `linalg.rates.DENSE` rows, then sparse (scipy, compressed rows), computed for a few elements at a time.
+    Walls are excluded.
     """
     names = forces.present(body, world)
     if x.size <= rates.DENSE:
@@ -36,7 +35,7 @@ def tangent(body: Body, world: World, rest_length, x):
 
 
 def _shared_out(names, body: Body, world: World, rest_length, x):
-    """Row, column and value of what these forces add between the nodes of a few elements, for all elements."""
+    """Rows, columns and values of these forces' stiffness, computed for a few elements at a time."""
     for nodes, piece, around, rest in _pieces(body, world, rest_length):
         block = Evaluator(piece, around, names).stiffness(rest, x[nodes], np.zeros((len(nodes), 3)))
         places = (3 * nodes[:, None] + np.arange(3)).ravel()
@@ -45,7 +44,7 @@ def _shared_out(names, body: Body, world: World, rest_length, x):
 
 
 def _in_strips(names, body: Body, world: World, rest_length, x):
-    """Row, column and value of what these forces add in each strip of columns, if there are any of these forces."""
+    """Rows, columns and values of these forces' stiffness, computed for a strip of columns at a time."""
     evaluator, still = Evaluator(body, world, names), np.zeros_like(x)
     for begin in range(0, x.size if names else 0, STRIP):
         block = evaluator.stiffness(rest_length, x, still, range(begin, min(begin + STRIP, x.size)))
@@ -54,7 +53,7 @@ def _in_strips(names, body: Body, world: World, rest_length, x):
 
 
 def _pieces(body: Body, world: World, rest_length):
-    """Share a body's elements out: each time the nodes (K,) of a few, those elements and their surroundings alone."""
+    """Split a body into pieces: yield the nodes (K,) of a few elements, with a body of these elements only."""
     springs, faces, tets, compartments, barriers = body.springs, body.faces, body.tets, body.compartments, body.barriers
     sizes = [len(springs.nodes), len(faces.nodes), *(len(part.nodes) for part in (tets, barriers) if part is not None)]
     anchored = 0 if world.anchors is None else world.anchors.node.size
@@ -77,7 +76,7 @@ def _pieces(body: Body, world: World, rest_length):
         named += ([] if gas is None else [gas.faces]) + ([] if pull is None else [pull.node])
         nodes = np.unique(np.concatenate([each.ravel() for each in named]))
         nodes = nodes[nodes >= 0]
-        local = np.full(len(body.mass) + 1, -1)  # the last stands for no node, -1
+        local = np.full(len(body.mass) + 1, -1)  # the last entry is for no node, -1
         local[nodes] = np.arange(nodes.size)
         parts = [part and part._replace(nodes=local[part.nodes]) for part in some]
         piece = body._replace(

@@ -12,7 +12,7 @@ from fish_env.physics.failures import STRETCH_LIMIT, TORN
 from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, H
 from fish_env.physics.records import Body, World
 
-MOST_COMPRESSED = -0.1  # strain below which an element's negative stiffness across grows no further in `add_tangent`
+MOST_COMPRESSED = -0.1  # strain below which a spring's negative transverse stiffness is constant in `add_tangent`
 FAILURE = TORN
 
 
@@ -20,12 +20,12 @@ ANYWHERE = True
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether the body has springs."""
+    """Return True if the body has springs."""
     return len(body.springs.nodes) > 0
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """What `add_force_cached` keeps: separation r, and stiffness across and along less across over |r|^2."""
+    """Data of `add_force_cached`: separation r, transverse stiffness, and axial minus transverse over |r|^2."""
     count = len(body.springs.nodes)
     return Pack("springs", r=kind.vectors(count), across=kind.numbers(count), pull=kind.numbers(count))
 
@@ -41,7 +41,7 @@ def rest_matrices(body: Body, elastic):
 
 @kernel
 def stretched(springs, rest, x, v, e):
-    """Of spring e: i, j, r, 1 / |r|, its strain over its present length, and |r|'s relative rate of change, 1/s."""
+    """Values i, j, r, 1 / |r|, strain over present length, and relative rate of change of |r|, 1/s, of spring e."""
     i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
     r, u = x[j] - x[i], v[j] - v[i]
     inverse = 1.0 / sqrt(dot(r, r))
@@ -61,11 +61,11 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+    """Add the force of every spring, and store the data of `add_tangent` for a filtered step.
 
-    A spring does so by the mass FACTOR h^2 c across, and along itself by that of its damping besides. Two stages could
-    hold back less than half a step of damping, at small steps: then they hold back just that, LEAST, so that the
-    damping stays of second order.
+    The filter weight is FACTOR h^2 c transverse to the spring; along it, the weight of its damping is added. With two
+    stages and small steps, that could be less than half a step of damping. LEAST is therefore its lower bound, so that
+    the damping remains of second order.
     """
     springs, rest, factor, fastest = body.springs, control.rest_length, control.stiffness[0], control.fastest[0]
     plans, row = control.plans, control.row[0]
@@ -90,7 +90,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add the pull of the springs if every node moved by y, by the stiffness that was stored."""
+    """Add the restoring force of displacements y, by the stored stiffness."""
     nodes = body.springs.nodes
     for e in range(nodes.shape[0]):
         i, j = INDEX(nodes[e, 0]), INDEX(nodes[e, 1])
@@ -102,11 +102,11 @@ def add_tangent(body, world, control, x, y, f, cache):
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
-    """Add h D + h^2 K to the matrix a, with h the INNER step, and keep K for `add_tangent`.
+    """Add h D + h^2 K to the matrix a, with h the INNER step, and store K for `add_tangent`.
 
-    D is -df/dv and K is -df/dx less what is not symmetric in it, that damping acts along a direction that turns. The
-    effective stiffness eta is taken to be at least LOWEST: with 0, K is positive semi-definite. a holds three columns
-    for each entry of the nodes' skyline.
+    D is -df/dv. K is -df/dx without its unsymmetric part, which comes from the rotation of the damping's direction. The
+    lower bound of the effective stiffness eta is LOWEST: with 0, K is positive semi-definite. a has three columns for
+    each entry of the nodes' skyline.
     """
     springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
     h, lowest = control.plans[control.row[0], INNER], control.plans[control.row[0], LOWEST]
@@ -126,7 +126,7 @@ def add_system(body, world, control, x, v, a, cache):
 
 @kernel
 def add_columns(a, place, sign, r, along, across):
-    """Add sign (along r^T + across) to the block of which the columns stand in a from a place on."""
+    """Add sign (along r^T + across) to the block whose columns begin at `place` in a."""
     a[INDEX(place)] += sign * fma(r.x, along, across * vec3(1.0, 0.0, 0.0))
     a[INDEX(place + 1)] += sign * fma(r.y, along, across * vec3(0.0, 1.0, 0.0))
     a[INDEX(place + 2)] += sign * fma(r.z, along, across * vec3(0.0, 0.0, 1.0))
@@ -134,10 +134,10 @@ def add_columns(a, place, sign, r, along, across):
 
 @kernel
 def add_lagged(body, world, control, x, v, system, cache):
-    """Add the force at the start of the step to `system.load`, and h^2 eta, that of its end, to `system.matrix`.
+    """Add the force at the start of the step to `system.load`, and h^2 eta, its implicit part, to `system.matrix`.
 
-    The effective stiffness eta is the same for all axes and is taken to stay what it is. The matrix holds a number for
-    each entry of the nodes' skyline.
+    The effective stiffness eta is the same for all axes and is assumed to be constant in the step. The matrix has one
+    number for each entry of the nodes' skyline.
     """
     matrix, load, h = system.matrix, system.load, control.plans[control.row[0], INNER]
     springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
@@ -165,7 +165,7 @@ def energy(body, world, control, x, v, f, cache):
 
 @kernel
 def failed(body, world, control, x, v, f, cache):
-    """Where a spring is longer than STRETCH_LIMIT times its natural length."""
+    """Mask of the fish in which a spring is longer than STRETCH_LIMIT times its natural length."""
     nodes, natural = body.springs.nodes, body.springs.rest_length
     torn = nowhere(x)
     for e in range(natural.size):

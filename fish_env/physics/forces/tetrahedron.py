@@ -1,9 +1,9 @@
-"""One linear tetrahedron: its deformation, its frame, its stress, and what that does to its corners.
+"""One linear tetrahedron: its deformation, its frame, its stress and its nodal forces.
 
-Strain and stress are taken along the axes of the world: with R the frame, R (R^T F) R^T = F R^T is the sum of
-x_a (R g_a)^T, and the material is isotropic, so that all that is needed of R are the turned gradients R g_a.
+Strain and stress are expressed in world axes: with R the frame, R (R^T F) R^T = F R^T is the sum of x_a (R g_a)^T. The
+material is isotropic, so only the rotated gradients R g_a are needed.
 
-Legend: t element; a its corners; g gradients of the shape functions; h = R g the turned ones, of corners 1 to 3; F the
+Legend: t element; a its corners; g gradients of the shape functions; h = R g the rotated ones, of corners 1 to 3; F the
 sum of x_a g_a^T; a matrix m is a tuple of its columns, also p, q, r.
 """
 
@@ -14,7 +14,7 @@ from fish_env.physics.forces import polar
 
 @kernel
 def edges(tets, t, x):
-    """What corners 1, 2 and 3 of element t have of a field x beyond corner 0."""
+    """Differences of a field x between corners 1, 2 and 3 of element t and corner 0."""
     nodes = tets.nodes
     base = x[INDEX(nodes[t, 0])]
     return x[INDEX(nodes[t, 1])] - base, x[INDEX(nodes[t, 2])] - base, x[INDEX(nodes[t, 3])] - base
@@ -22,7 +22,7 @@ def edges(tets, t, x):
 
 @kernel
 def gradient(tets, t, e):
-    """The sum of x_a g_a^T of the field whose edges are e: of positions, F. The four g add up to nothing."""
+    """Gradient, the sum of x_a g_a^T, of the field whose edges are e: F for positions. All four g sum to zero."""
     g = tets.gradient
     return (
         fma(g[t, 3, 0], e[2], fma(g[t, 2, 0], e[1], g[t, 1, 0] * e[0])),
@@ -33,7 +33,7 @@ def gradient(tets, t, e):
 
 @kernel
 def turned(tets, t, e, scratch):
-    """The gradients h of element t, whose edges are e: turned with it, or as they are in a fixed frame."""
+    """Gradients h of element t with edges e: rotated with it, or those at rest in a fixed frame."""
     p, q, r = gradient(tets, t, e)
     if tets.rotating:
         p, q, r = polar.rotation(p, q, r, scratch)
@@ -50,7 +50,7 @@ def turned(tets, t, e, scratch):
 
 @kernel
 def world_gradient(e, h):
-    """The sum of x_a h_a^T of the field whose edges are e: of positions, F R^T."""
+    """Sum of x_a h_a^T of the field whose edges are e: F R^T for positions."""
     return (
         fma(h[2].x, e[2], fma(h[1].x, e[1], h[0].x * e[0])),
         fma(h[2].y, e[2], fma(h[1].y, e[1], h[0].y * e[0])),
@@ -60,7 +60,7 @@ def world_gradient(e, h):
 
 @kernel
 def less_one(m):
-    """A matrix less the unit matrix."""
+    """Matrix m minus the unit matrix."""
     return m[0] - vec3(1.0, 0.0, 0.0), m[1] - vec3(0.0, 1.0, 0.0), m[2] - vec3(0.0, 0.0, 1.0)
 
 
@@ -79,13 +79,13 @@ def stress(m, shear, dilation):
 
 @kernel
 def product(m, h):
-    """A matrix times a vector."""
+    """Product of a matrix and a vector."""
     return fma(h.z, m[2], fma(h.y, m[1], h.x * m[0]))
 
 
 @kernel
 def scatter(tets, t, m, h, f):
-    """Take from f what a stress m, with the volume in it, does to the corners of element t."""
+    """Subtract from f the nodal forces of a stress m times the volume of element t."""
     nodes = tets.nodes
     a, b, c = product(m, h[0]), product(m, h[1]), product(m, h[2])
     f[INDEX(nodes[t, 0])] += a + b + c

@@ -1,13 +1,13 @@
-"""Linear tetrahedra: small strain in a frame that turns with each element, or in a fixed one (Müller & Gross 2004).
+"""Linear tetrahedra: small strain in a corotational frame, or in a fixed one (Müller & Gross 2004).
 
 With the nearest rotation R of the deformation gradient F, the energy is V (mu |F - R|^2 + lambda/2 tr(R^T F - 1)^2),
-and the force its gradient: rigid rotation costs nothing. Damping acts on the rate of the same strain.
+and the force its gradient: rigid rotation costs no energy. Damping acts on the rate of the same strain.
 
-A filter of many stages takes the stiffness not element by element but side by side of the mesh: several elements share
-a side, and as moving a body as a whole costs nothing, nodes are pulled by how their neighbours move against them.
+A filter of many stages uses the assembled stiffness, one matrix for each side of the mesh, because several elements
+share a side. A translation costs no energy, so the force on a node depends on displacements relative to its neighbours.
 
-Legend: t element; a, b its corners; e its edges; h turned gradients of the shape functions, of corners 1 to 3; s what
-the strain's rate adds to the strain, a time; p, q, r columns of a matrix; k stiffness between the ends of a side.
+Legend: t element; a, b its corners; e its edges; h rotated gradients of the shape functions, of corners 1 to 3; s
+factor on the strain's rate, a time; p, q, r columns of a matrix; k stiffness between the ends of a side.
 """
 
 import numpy as np
@@ -31,19 +31,19 @@ from fish_env.physics.records import Body, World
 
 FAILURE = TORN
 CORNERS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
-MANY = 8  # stages from which adding up the stiffness of the sides costs less than it saves
+MANY = 8  # number of stages from which the assembly of the sides' stiffness saves time
 
 
 ANYWHERE = True
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether the body has tetrahedra of these measures of strain."""
+    """Return True if the body has tetrahedra of these measures of strain."""
     return body.tets is not None and not body.tets.quadratic
 
 
 def constant(body: Body, world: World) -> bool:
-    """Whether the elements are those of linear elasticity, of which the stiffness does not depend on the motion."""
+    """Return True for linear elasticity, whose stiffness does not depend on the motion."""
     return body.tets is not None and not body.tets.rotating
 
 
@@ -61,9 +61,9 @@ def sides_of(nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """What `add_tangent` needs: turned gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch.
+    """Data of `add_tangent`: rotated gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch.
 
-    Or the columns of the weighted stiffness of the sides (3S,), N/m.
+    Alternatively, the columns of the weighted stiffness of the sides (3S,), N/m.
     """
     assert body.tets is not None  # else the force is not present
     count = len(body.tets.nodes)
@@ -88,7 +88,7 @@ def rest_matrices(body: Body, elastic):
 
 @kernel
 def add_element(tets, t, e, h, factor, v, f):
-    """Add the elastic and viscous force of element t, whose edges are e and turned gradients h."""
+    """Add the elastic and viscous force of element t with edges e and rotated gradients h."""
     u, s = edges(tets, t, v), tets.relaxation_time[t]
     m = world_gradient((fma(s, u[0], e[0]), fma(s, u[1], e[1]), fma(s, u[2], e[2])), h)
     shear, dilation = constants(tets, t, factor)
@@ -106,9 +106,9 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """As `add_force`, and keep what `add_tangent` needs to resist acceleration in a filtered step.
+    """Add the force of every tetrahedron, and store the data of `add_tangent` for a filtered step.
 
-    An element does so by the mass FACTOR (h^2 K + 2 h D), but no less than LEAST h D (see `springs.add_force_cached`).
+    The filter weight is FACTOR (h^2 K + 2 h D), but at least LEAST h D (see `springs.add_force_cached`).
     """
     tets, factor = body.tets, control.stiffness[0]
     plans, row = control.plans, control.row[0]
@@ -130,13 +130,13 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def by_sides(control):
-    """Whether the plan has so many stages that the stiffness is taken side by side."""
+    """Return True if the number of stages makes the assembled stiffness of the sides faster."""
     return control.plans[control.row[0], STAGES] >= MANY
 
 
 @kernel
 def keep(tets, t, h, weight, cache):
-    """Keep the stiffness of element t, times a weight."""
+    """Store the stiffness of element t, times a weight."""
     kept = cache.h
     kept[3 * t], kept[3 * t + 1], kept[3 * t + 2] = h
     cache.shear[t], cache.dilation[t] = constants(tets, t, weight)
@@ -159,7 +159,7 @@ def add_sides(tets, t, h, weight, cache):
 
 @kernel
 def add_tangent(body, world, control, x, y, f, cache):
-    """Add the pull of the tetrahedra if every node moved by y, by the stiffness that was stored."""
+    """Add the restoring force of displacements y, by the stored stiffness."""
     tets, factor, kept = body.tets, control.stiffness[0], cache.h
     if by_sides(control):
         add_pull(cache.ends, cache.k, y, f)
@@ -172,7 +172,7 @@ def add_tangent(body, world, control, x, y, f, cache):
 
 @kernel
 def add_pull(ends, k, y, f):
-    """Add the pull of all sides if every node moved by y."""
+    """Add the restoring force of all sides for displacements y."""
     for s in range(ends.shape[0]):
         i, j = INDEX(ends[s, 0]), INDEX(ends[s, 1])
         p, q, r = k[3 * s], k[3 * s + 1], k[3 * s + 2]
@@ -183,9 +183,9 @@ def add_pull(ends, k, y, f):
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
-    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and keep K for `add_tangent`.
+    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and store K for `add_tangent`.
 
-    Both are those of linear elasticity, turned with the element: what its turning changes in turn is left out, so they
+    Both are those of linear elasticity, rotated with the element. The derivative of the rotation is omitted, so they
     are symmetric and positive semi-definite.
     """
     tets, factor, now = body.tets, control.stiffness[0], cache.corner
@@ -224,9 +224,9 @@ def energy(body, world, control, x, v, f, cache):
 
 @kernel
 def failed(body, world, control, x, v, f, cache):
-    """Where a tetrahedron is stretched along any direction to more than STRETCH_LIMIT times its natural length.
+    """Mask of the fish in which a tetrahedron is stretched in any direction to more than STRETCH_LIMIT.
 
-    None is as long as the leading minors of STRETCH_LIMIT^2 - F^T F are positive.
+    The stretch is below STRETCH_LIMIT if all leading minors of STRETCH_LIMIT^2 - F^T F are positive.
     """
     tets, torn, square = body.tets, nowhere(x), STRETCH_LIMIT * STRETCH_LIMIT
     for t in range(tets.volume.size):

@@ -1,4 +1,4 @@
-"""Water on the surface: every face that moves outward through the water is pushed back along its normal.
+"""Water on the surface: every face that moves outward through the water is resisted along its normal.
 
 The linear law is Tu & Terzopoulos 1994; the quadratic one Terzopoulos, Tu & Grzeszczuk 1994 with half the density
 times a drag coefficient in place of their unit constant. No lift, added mass, friction or wake.
@@ -17,21 +17,21 @@ ANYWHERE = True
 
 
 def present(body: Body, world: World) -> bool:
-    """Whether water pushes on the body."""
+    """Return True if water acts on the body."""
     return (world.linear != 0.0 or world.quadratic != 0.0) and len(body.faces.nodes) > 0
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Each face's normal, area times factor, push, and its mobility (F,)."""
+    """Data of `add_change`: each face's normal, area times factor, push, and its mobility (F,)."""
     count = len(body.faces.nodes)
     return Pack("water", normal=kind.vectors(count), area=kind.numbers(count), push=kind.numbers(count),
                 mobility=kind.scalars(mobility(body)))  # fmt: skip
 
 
 def mobility(body: Body) -> np.ndarray:
-    """Velocity (F,) m/s a face gains in 1 s from a force of 1 N, if half the faces around it feel as much.
+    """Velocity (F,) m/s that a face gains in 1 s from a force of 1 N, if half the faces around it have the same force.
 
-    Half: while a fish swims, about half its faces move outward and are pushed.
+    Half, because about half of a swimming fish's faces move outward.
     """
     faces = body.faces
     carried = np.zeros(len(body.mass))
@@ -42,7 +42,7 @@ def mobility(body: Body) -> np.ndarray:
 
 @kernel
 def corners(body, k):
-    """The nodes of face k."""
+    """Node numbers of face k."""
     nodes = body.faces.nodes
     return INDEX(nodes[k, 0]), INDEX(nodes[k, 1]), INDEX(nodes[k, 2]), INDEX(nodes[k, 3])
 
@@ -86,7 +86,7 @@ def laws(world, control):
 
 @kernel
 def push_on(body, linear, quadratic, current, x, v, k):
-    """Normal of face k, its area times its factor, and the push along the normal; none on a face that moves inward."""
+    """Normal of face k, its area times its factor, and the force along the normal, zero if the face moves inward."""
     a, w = area_vector(body, x, k), velocity(body, current, v, k)
     size = sqrt(dot(a, a))
     n, area = (1.0 / size) * a, body.faces.drag[k] * size
@@ -105,10 +105,10 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """As `add_force`, and keep what `add_change` needs.
+    """Add the force of the water on every face, and store the data of `add_change`.
 
-    A push that would turn its face around within half a step is taken to stop it there: beyond that the prediction,
-    from which the change is worked out, would grow from step to step.
+    A force that would reverse its face's motion within half a step is limited to the force that stops it. Otherwise the
+    prediction, from which the change is computed, would grow from step to step.
     """
     linear, quadratic, current = laws(world, control)
     half = 0.5 * control.plans[control.row[0], H]
@@ -125,9 +125,9 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def add_change(body, world, control, x, v, f, cache):
-    """Add what the force changes by when the velocities become v, half a step later, at positions as they were kept.
+    """Add the change of the force when the velocities become v, half a step later, at the stored positions.
 
-    Each face's drag is taken implicitly, as if it alone slowed the face down.
+    Each face's drag is implicit, as if it were the only force on the face.
     """
     linear, quadratic, current = laws(world, control)
     half = 0.5 * control.plans[control.row[0], H]
@@ -145,8 +145,8 @@ def add_change(body, world, control, x, v, f, cache):
 def add_damping(body, world, control, x, v, a, cache):
     """Add h D to the matrix a, as `springs.add_system`.
 
-    D is the part of -df/dv that is symmetric and positive semi-definite: what the outward velocity of a face changes in
-    the push along its normal.
+    D is the symmetric, positive semi-definite part of -df/dv: the derivative of the force along a face's normal with
+    respect to its outward velocity.
     """
     linear, quadratic, current = laws(world, control)
     h = control.plans[control.row[0], INNER]

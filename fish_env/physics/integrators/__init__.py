@@ -1,7 +1,7 @@
-"""The INTEGRATORS table: every method there is, with what a user wants to know before choosing one.
+"""The INTEGRATORS table: every method, with its order, kind, cost and step-size limit.
 
-A method with steps of its own is a `Method`: how it plans a step, and a kernel that takes steps of a block of fish.
-`fish_env.physics.engine` compiles the kernel together with the forces that act, and calls it.
+A method with a given step is a `Method`: it computes the coefficients of a step, and makes a kernel that advances a
+block of fish. `fish_env.physics.engine` compiles the kernel together with the acting forces, and calls it.
 """
 
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from fish_env.physics.records import Body, World
 
 
 class Method(Protocol):
-    """How fish are moved by steps of a given length: a module, or an object that is hashable, with these functions."""
+    """Method with steps of a given length: a module, or a hashable object, with these functions."""
 
     def plan(self, elastic: float, viscous: float, h: float) -> np.ndarray:
-        """The row of `control.plans` for a step of h s; `fish_env.physics.forces.plan` names its numbers.
+        """Coefficients of a step of h s, a row of `control.plans`; `fish_env.physics.forces.plan` names its columns.
 
         `elastic`, 1/s2, and `viscous`, 1/s, are the highest eigenvalues of the stiffness and the damping of the body
         and its surroundings over the masses.
@@ -27,59 +27,59 @@ class Method(Protocol):
         ...
 
     def costs(self, row: np.ndarray) -> tuple[int, int, int]:
-        """Force evaluations, factorisations and solves of a step that is planned so."""
+        """Force evaluations, factorisations and solves of a step with these coefficients."""
         ...
 
     def make_work(self, body: Body, kind: Kind) -> Pack:
-        """The scratch memory of a block of fish of a kind."""
+        """Scratch memory of a block of fish of a kind."""
         ...
 
     def make_run(self, names: tuple[str, ...]) -> Callable:
-        """The kernel `run(body, world, control, x, v, work, cache, n)`, of a block on which forces of these names act.
+        """Make the kernel `run(body, world, control, x, v, work, cache, n)` of a block, for the forces of these names.
 
-        It takes n steps of `control.plans[control.row[0], H]` seconds: x and v are changed in place, `work` is what
-        `make_work` made, `cache` what the forces keep. It sets the rest lengths of each time it evaluates a force at,
-        calls the forces' `constrain` on accelerations that are not an immediate sum of forces and `finish` after every
-        step, leaves fixed degrees of freedom their velocities, and notes in `control.pivots` and `control.untrusted`
-        what went wrong in solves. What it captures are kernels, numbers, tuples of them and truth values, which name
-        the compiled code on disk.
+        It takes n steps of `control.plans[control.row[0], H]` seconds, and changes x and v in place. `work` is the
+        result of `make_work`, `cache` that of the forces' `make_cache`. The kernel sets the rest lengths for the time
+        of each force evaluation. It calls the forces' `constrain` on accelerations that are no direct sum of forces,
+        and `finish` after every step. It keeps the velocities of fixed degrees of freedom, and counts bad pivots of
+        solves in `control.pivots` and `control.untrusted`. It may capture kernels, numbers, tuples of them and Booleans
+        only, because their values name the compiled code on disk.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Integrator:
-    """A time-stepping method, as the table lists it."""
+    """Entry of the table: a time-stepping method."""
 
     name: str
     order: int
     """Order of accuracy in h for smooth controls."""
     kind: str
     """"explicit", "semi-implicit" (one linear solve a step, stiffness lagged), "linearly implicit" (stiffness
-    linearised), "stabilised" (explicit, with as many stages as the step needs) or "adaptive" (chooses its own steps: h
-    is only the unit in which a duration is given)."""
+    linearised), "stabilised" (explicit, with as many stages as the step needs) or "adaptive" (chooses its own steps; h
+    is only the unit of durations)."""
     forces: int
-    """Force evaluations a step; 0 for a stabilised or adaptive method, which counts them as they come."""
+    """Force evaluations per step; 0 for a stabilised or adaptive method, which counts them at run time."""
     factorisations: int
-    """Factorisations of a matrix a step."""
+    """Factorisations of a matrix per step."""
     solves: int
-    """Solves with one, for all nodes and coordinates, a step."""
+    """Solves with a factorised matrix, for all nodes and coordinates, per step."""
     source: str
     method: Method | None = None
-    """What takes its steps; None for a method that chooses its own."""
+    """The implementation of its steps; None for a method that chooses its own."""
     limit: Callable[[Body], float] = limits.leapfrog
-    """Longest step, s, that is sure to be stable for small motion about rest."""
+    """Largest stable step for small motion about rest, s."""
     refuses: Callable[[Body, World], str] = limits.everything
-    """Why it cannot move a body in a world; "" if it can."""
+    """Reason that it cannot move a body in a world; "" if it can."""
     advance: Callable | None = None
-    """Without a `method`: `advance(body, world, state, control, h, n)` moves every valid body n h seconds."""
+    """Function of a method without a `method`: `advance(body, world, state, control, h, n)` moves every valid body."""
 
     def __reduce__(self):
-        return named, (self.name,)  # a pickle names its method; compiled code stays in the process that compiled it
+        return named, (self.name,)  # a pickle contains the name only; compiled code stays in its process
 
 
 def named(name: str) -> Integrator:
-    """The entry of the table."""
+    """Entry of the table with this name."""
     return INTEGRATORS[name]
 
 

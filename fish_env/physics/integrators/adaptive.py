@@ -1,8 +1,8 @@
 """Methods with error control, of scipy: DOP853 (Hairer, Norsett & Wanner 1993) and Radau IIA (Hairer & Wanner 1996).
 
-For references, not for speed: they are entered from Python for every force. Radau is handed the exact Jacobian. It
-solves with LAPACK, whose threads get in each other's way on a busy machine, and whose number changes the last bits:
-OPENBLAS_NUM_THREADS=1 ends that.
+They serve for reference solutions and are slow, because Python calls every force evaluation. Radau uses the exact
+Jacobian. It solves with LAPACK, whose threads slow each other down on a busy machine, and whose number changes the last
+bits: OPENBLAS_NUM_THREADS=1 avoids both.
 
 Legend: x, v positions and velocities of one body; f forces; y both, flattened.
 """
@@ -18,24 +18,24 @@ from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import FACTORISATIONS, FORCES, Body, State, World
 
 METHODS = ("DOP853", "Radau")
-TOLERANCE = 1e-10  # of the entries in INTEGRATORS
+TOLERANCE = 1e-10  # default of the entries in INTEGRATORS
 LOWEST, HIGHEST = 1e-13, 1e-2  # below, rounding decides; above, error control does not hold
-MOST_EVALUATIONS = 200_000  # a call: some seconds, in which a valid fish swims for ten; what needs more never ends
+MOST_EVALUATIONS = 200_000  # per call: some seconds of computing, enough for ten seconds of swimming
 
 
 class Motion:
-    """The motion of body b as scipy takes it: dy/dt and its Jacobian; FloatingPointError where one is not finite."""
+    """Motion of body b for scipy: dy/dt and its Jacobian; FloatingPointError if one is not finite."""
 
     def __init__(self, body: Body, evaluator, control, b):
         self.evaluator, self.inverse_mass, self.evaluations = evaluator, body.inverse_mass, 0
         self.start, self.rate = control.rest_length[b], control.rate[b]
 
     def at(self, t, y):
-        """What forces are evaluated for, at a time within the call: rest lengths (E,) m, x and v (N,3)."""
+        """Arguments of the forces at a time within the call: rest lengths (E,) m, x and v (N,3)."""
         return self.start + t * self.rate, *y.reshape(2, -1, 3)  # (14)
 
     def slope(self, t, y):
-        """dy/dt, (6N,)."""
+        """Time derivative of y, (6N,)."""
         self.evaluations += 1
         rest_length, x, v = self.at(t, y)
         acceleration = finite(self.evaluator.force(rest_length, x, v, t) * self.inverse_mass)
@@ -44,17 +44,17 @@ class Motion:
         return np.concatenate([v.ravel(), acceleration.ravel()])
 
     def jacobian(self, t, y):
-        """Its derivative with respect to y, (6N,6N)."""
+        """Jacobian of `slope` with respect to y, (6N,6N)."""
         stiffness, damping = self.evaluator.jacobian(*self.at(t, y), t)
         inverse = self.inverse_mass.reshape(-1, 1)
         return finite(np.block([[0.0 * stiffness, np.eye(inverse.size)], [-stiffness * inverse, -damping * inverse]]))
 
 
 @cache
-def make_radau() -> Any:  # scipy takes a class, though its annotations say a name
-    """Scipy's Radau, with FloatingPointError where a system or its right-hand side is not finite, near overflow.
+def make_radau() -> Any:  # scipy accepts a class, though its annotations require a name
+    """Make a subclass of scipy's Radau that raises FloatingPointError if a system or right-hand side is not finite.
 
-    Scipy says so by a ValueError, which may mean anything else as well.
+    Scipy raises a ValueError in this case, which may have other causes.
     """
     from scipy.integrate import Radau
 
@@ -69,16 +69,17 @@ def make_radau() -> Any:  # scipy takes a class, though its annotations say a na
 
 
 def finite(array):
-    """The array; FloatingPointError if not all of it is finite."""
+    """Return the array; FloatingPointError if not all of it is finite."""
     if not np.isfinite(array).all():
         raise FloatingPointError
     return array
 
 
 def allowed_error(body: Body, tolerance) -> np.ndarray:
-    """Absolute error a step may make, (6N,): of the body's size, and of the speed its mass has on a mean spring.
+    """Absolute error tolerance of a step, (6N,): relative to the body's size and to a typical speed.
 
-    Without springs, it is the speed that moves it by its size in a period of its fastest vibration, over 2 pi.
+    The speed is that of its mass on a mean spring. Without springs, it is the body's size times the highest angular
+    frequency.
     """
     size = np.ptp(body.position, axis=0).max()
     rate = (
@@ -91,22 +92,22 @@ def allowed_error(body: Body, tolerance) -> np.ndarray:
 
 
 def solve(body: Body, world: World, state: State, control, duration, method="DOP853", tolerance=TOLERANCE) -> None:
-    """Move every valid body `duration` seconds with error control; state is changed in place.
+    """Advance every valid body by `duration` seconds with error control; state is changed in place.
 
-    A body that fails has the reason recorded, and its last valid state put back: the one it had before the call, or the
-    body at rest if it was handed over invalid. Rest lengths stop where their rates have taken them.
+    If a body fails, the reason is recorded and its last valid state is restored: that before the call, or the rest
+    position if that was invalid. Rest lengths move to the end of the call and stop.
 
     Args:
         body: of every fish.
-        world: what surrounds them.
+        world: their surroundings.
         state: their motion (B bodies).
         control: their rest lengths.
         duration: s, zero or more.
         method: "DOP853" (explicit, order 8) or "Radau" (implicit, order 5).
-        tolerance: relative error a step may make; `allowed_error` says what it means for small numbers.
+        tolerance: relative error tolerance of a step; `allowed_error` is the absolute one.
 
     Raises:
-        ValueError: for an unknown method, a tolerance outside 1e-13 to 1e-2, or such a duration.
+        ValueError: for an unknown method, a tolerance outside 1e-13 to 1e-2, or an invalid duration.
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; choose from {', '.join(map(repr, METHODS))}")
@@ -135,22 +136,22 @@ def solve(body: Body, world: World, state: State, control, duration, method="DOP
 
 
 def failure_of(evaluator, rest_length, x, v) -> int:
-    """Why a body in this state is not valid: an index into FAILURES, zero for one that is."""
+    """Reason that a body in this state is invalid: an index into FAILURES, zero if it is valid."""
     if not (np.isfinite(x).all() and np.isfinite(v).all()):
         return NON_FINITE
     return min(evaluator.failures(rest_length, x), default=0)
 
 
 def move(body: Body, evaluator, state: State, control, b, duration, method, tolerance) -> int:
-    """Positions and velocities of body b after `duration` s > 0, counted; 0, or why there are none."""
-    from scipy.integrate import solve_ivp  # 0.3 s that only these methods need
+    """Advance body b by `duration` s > 0 and count the work; return 0, or the failure code."""
+    from scipy.integrate import solve_ivp  # imported here, because it takes 0.3 s and only these methods need it
 
     motion, y = Motion(body, evaluator, control, b), np.concatenate([state.x[b].ravel(), state.v[b].ravel()])
     if not np.isfinite(y).all():
         return NON_FINITE
     if method == "Radau":
         solver, options = make_radau(), {"jac": motion.jacobian}
-    else:  # it ends at 6 / frequency anyway; a first trial step far beyond overflows before it is rejected
+    else:  # steps end at 6 / frequency anyway; a far longer first trial overflows before its rejection
         solver, options = method, {"max_step": 6.0 / max(np.sqrt(body.max_stiffness_eigenvalue), 6.0 / duration)}
     try:
         with np.errstate(all="ignore"):
@@ -160,14 +161,14 @@ def move(body: Body, evaluator, state: State, control, b, duration, method, tole
         return NO_CONVERGENCE
     finally:
         state.counters[b, FORCES] += motion.evaluations
-    state.counters[b, FACTORISATIONS] += found.nlu  # scipy does not tell its solves
+    state.counters[b, FACTORISATIONS] += found.nlu  # scipy does not report its solves
     if found.status == 0:
         state.x[b], state.v[b] = found.y[:, -1].reshape(2, -1, 3)
     return 0 if found.status == 0 else NO_CONVERGENCE
 
 
 def advance(body: Body, world: World, state: State, control, h, n, method) -> None:
-    """Move every valid body n h seconds; the length of a step is the method's own choice."""
+    """Advance every valid body by n h seconds; the method chooses its own steps."""
     solve(body, world, state, control, n * h, method)
 
 

@@ -1,4 +1,4 @@
-"""What the methods share: rows of their plan, scratch memory, rest lengths that move, and fixed degrees of freedom."""
+"""Common parts of the methods: step coefficients, scratch memory, moving rest lengths, fixed degrees of freedom."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from fish_env.physics.records import Body
 
 
 def plan_of_step(elastic: float, viscous: float, h: float, inner=1.0, lowest=-np.inf) -> np.ndarray:
-    """The row of `control.plans` of a method that needs to know nothing but its step of h s.
+    """Step coefficients, a row of `control.plans`, of a method that needs its step of h s only.
 
-    `inner` is the part of the step that a system matrix is made for, `lowest` as in `fish_env.physics.forces.plan`.
+    `inner` is the part of the step in the system matrix, `lowest` as in `fish_env.physics.forces.plan`.
     """
     row = np.zeros(POLYNOMIAL)
     row[[H, INNER, LOWEST]] = h, inner * h, lowest
@@ -20,12 +20,12 @@ def plan_of_step(elastic: float, viscous: float, h: float, inner=1.0, lowest=-np
 
 
 def scratch(body: Body, kind: Kind, *names: str, **others) -> Pack:
-    """Vectors (N,) of these names for a block of fish, and other fields."""
+    """Scratch pack of a block of fish: vectors (N,) of these names, and other fields."""
     return Pack("work", **{name: kind.vectors(len(body.mass)) for name in names}, **others)
 
 
 def make_constrain(names: tuple[str, ...]):
-    """The kernel that has the forces of these names constrain accelerations; fixed degrees of freedom stay fixed."""
+    """Make the kernel in which these forces constrain accelerations; those of fixed degrees of freedom are zero."""
     constrain = forces.total(names, "constrain")
     if not forces.any_has(names, "constrain"):
         return constrain
@@ -40,7 +40,7 @@ def make_constrain(names: tuple[str, ...]):
 
 @kernel
 def move_rest_lengths(control, elapsed):
-    """Set the rest lengths of the driven springs to where they are `elapsed` seconds into the call; note the time."""
+    """Set the rest lengths of the driven springs to those `elapsed` seconds into the call, and store the time."""
     control.elapsed[0] = elapsed
     rest, start, rate, driven = control.rest_length, control.start, control.rate, control.driven
     for d in range(driven.size):
@@ -71,9 +71,9 @@ def set_masses(body, a):
 
 @kernel
 def eliminate(body, a):
-    """Take the fixed degrees of freedom out of a matrix as `set_masses` begins it: their rows and columns.
+    """Eliminate the rows and columns of fixed degrees of freedom from a matrix in the layout of `set_masses`.
 
-    In their place stands the equation that the unknown is its right-hand side, so the matrix keeps its shape.
+    They are replaced by the equation that the unknown equals its right-hand side, so the matrix keeps its shape.
     """
     first, start, fixed, values, none = body.profile.first, body.profile.start, body.fixed, floats(a), zero(a)
     for m in range(fixed.shape[0]):
@@ -90,7 +90,7 @@ def eliminate(body, a):
 
 @kernel
 def count_pivots(control, found):
-    """Note the (non-positive pivots, untrusted pivots) of a factorisation; after an untrusted one, no others count."""
+    """Count (non-positive pivots, untrusted pivots) of a factorisation, but none after the first untrusted one."""
     negative, untrusted = found
     before, counted = control.untrusted[0], control.pivots[0]
     control.pivots[0] = select(before > 0.0, counted, counted + negative)

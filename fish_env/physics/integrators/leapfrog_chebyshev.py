@@ -2,10 +2,11 @@
 
 It is of second order with two stages; with more, as at the default step, its damping is of first order.
 
-Drift half a step, kick, drift half a step. The kick passes through a polynomial of the frozen stiffness and damping,
-which slows only what the step cannot resolve: a leapfrog-Chebyshev scheme (Gilbert & Joly 2008; Carle, Hochbruck &
-Sturm 2020), here with damped elements and with a face's own drag taken implicitly. `plan` says how many stages a step
-of h needs: small motion is stable at any h that MOST_STAGES reach, at a cost that grows with the root of the stiffness.
+Drift half a step, kick, drift half a step. The kick passes a Chebyshev polynomial of the stiffness and damping at the
+start of the step, which slows only motion that the step cannot resolve. It is a leapfrog-Chebyshev scheme (Gilbert &
+Joly 2008; Carle, Hochbruck & Sturm 2020), with damped elements and implicit drag of each face. `plan` chooses the
+number of stages for a step h. Small motion is stable up to the step of MOST_STAGES; the cost grows with the root of the
+stiffness.
 
 Legend: x, v positions and velocities of a block; h step; f the force; a the filtered acceleration of this stage, before
 of the last one, kick of all forces; t Chebyshev polynomials T_k at their midpoint.
@@ -22,8 +23,8 @@ from fish_env.physics.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOM
 from fish_env.physics.integrators.common import make_constrain, move_rest_lengths, scratch
 from fish_env.physics.records import Body
 
-DAMPING = 4.0  # of the polynomial: how far above 1 its midpoint lies, times the square of the stages
-SAFETY = 1.2  # the body's highest rates when bent and pulled, over those at rest
+DAMPING = 4.0  # of the polynomial: excess of its midpoint over 1, times the square of the number of stages
+SAFETY = 1.2  # ratio of the highest rates of a deformed body to those at rest
 MOST_STAGES = 1000
 
 
@@ -51,7 +52,7 @@ def stages_for(elastic: float, viscous: float, h: float) -> int:
 
 
 def plan(elastic: float, viscous: float, h: float) -> np.ndarray:
-    """The row of `control.plans` for a step of h s of a body with these highest rates, 1/s2 and 1/s."""
+    """Coefficients of a step of h s for a body with these highest rates, 1/s2 and 1/s, a row of `control.plans`."""
     stages = stages_for(elastic, viscous, h)
     midpoint, first, factor, _ = polynomial(stages)  # (36)
     row = np.zeros(POLYNOMIAL + stages + 1)
@@ -67,16 +68,16 @@ def costs(row: np.ndarray) -> tuple[int, int, int]:
 
 
 def make_work(body: Body, kind):
-    """Scratch of a block."""
+    """Scratch memory of a block."""
     return scratch(body, kind, "f", "kick", "a", "before")
 
 
 def make_run(names):
-    """The kernel that takes n steps of a block on which the forces of these names act."""
+    """Make the kernel that takes n steps of a block, for the forces of these names."""
     add_force = forces.total(names, "add_force_cached", "add_force")
     add_tangent, add_change = forces.total(names, "add_tangent"), forces.total(names, "add_change")
     constrain, decay, finish = make_constrain(names), forces.total(names, "decay"), forces.total(names, "finish")
-    whole = not forces.any_has(names, "decay", "finish")  # the drifts of two steps in a row are one
+    whole = not forces.any_has(names, "decay", "finish")  # the drifts of two consecutive steps are merged
 
     @kernel
     def run(body, world, control, x, v, work, cache, n):

@@ -1,8 +1,8 @@
-"""Step-size limits of each family of methods, by linear theory about rest: what a default step is taken from.
+"""Step-size limits of each family of methods, from linear theory about rest; default steps derive from them.
 
 A body's fastest vibration has the frequency w, w^2 = `max_stiffness_eigenvalue`, and the relaxation time s,
 s w^2 = `max_damping_eigenvalue`.
-Where `benchmarks/stability/survey.py` measures longer stable steps, these limits stay on the safe side.
+`benchmarks/stability/survey.py` measures longer stable steps in some cases: these limits are conservative.
 """
 
 import math
@@ -13,7 +13,10 @@ from fish_env.physics.records import Body, World
 
 
 def leapfrog(body: Body) -> float:
-    """Of symplectic Euler, s: (sqrt((w s)^2 + 4) - w s) / w. Tu's method has the same; most others are stable there."""
+    """Largest stable step of symplectic Euler, s: (sqrt((w s)^2 + 4) - w s) / w.
+
+    Tu's method has the same limit; most others are also stable at this step.
+    """
     elastic, viscous = body.max_stiffness_eigenvalue, body.max_damping_eigenvalue
     if elastic == 0.0:
         return 2.0 / viscous if viscous > 0.0 else math.inf
@@ -29,24 +32,30 @@ def relaxation(body: Body) -> float:
 
 
 def explicit_euler(body: Body) -> float:
-    """Of explicit Euler, s: the relaxation time, without which it has no stable step."""
+    """Largest stable step of explicit Euler, s: at most the relaxation time, which is zero without damping."""
     return min(relaxation(body), leapfrog(body))
 
 
 def midpoint(body: Body) -> float:
-    """Of the midpoint method, s: a step h feeds a vibration (h w)^4 / 4 and damping takes h s w^2."""
+    """Largest stable step of the midpoint method, s.
+
+    A step h amplifies a vibration by (h w)^4 / 4, and damping reduces it by h s w^2.
+    """
     if body.max_stiffness_eigenvalue == 0.0:
         return leapfrog(body)
     return min((4.0 * relaxation(body) / body.max_stiffness_eigenvalue) ** (1 / 3), leapfrog(body))
 
 
 def everything(body: Body, world: World) -> str:
-    """Why a method cannot move this body in this world; "" if it can, as most methods can move any body."""
+    """Return "", for a method that can move any body in any world."""
     return ""
 
 
 def whole_nodes(body: Body, world: World) -> str:
-    """Of Tu's method: one matrix serves all axes, so a node is fixed along all of them or along none."""
+    """Reason that Tu's method cannot move the body, or "".
+
+    One matrix serves all axes, so a node must be fixed along all of them or along none.
+    """
     fixed = body.inverse_mass == 0.0
     mixed = fixed[:, ~fixed.all(axis=0)]
     bad = np.flatnonzero(mixed.any(axis=1) & ~mixed.all(axis=1))
@@ -54,5 +63,5 @@ def whole_nodes(body: Body, world: World) -> str:
 
 
 def no_walls(body: Body, world: World) -> str:
-    """Of the adaptive methods: error control does not hold for an impact in the middle of a step."""
+    """Reason that adaptive methods cannot move the body, or "": error control fails for an impact within a step."""
     return "a step of its own choice would run through the walls" if world.planes is not None else ""

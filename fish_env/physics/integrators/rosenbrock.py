@@ -1,17 +1,17 @@
 """Rosenbrock methods, whose stages solve linear systems with one matrix: linearly implicit Euler and ROS2.
 
-Linearly implicit Euler is that of one stage (Baraff & Witkin 1998), ROS2 that of two (Verwer et al. 1999), of second
-order for any approximate Jacobian and L-stable. The whole stiffness and damping of forces with an `add_system` are
-implicit. Other forces are explicit, and so is the water, but for its damping in the variant WATER.
+Linearly implicit Euler has one stage (Baraff & Witkin 1998). ROS2 has two (Verwer et al. 1999), and is L-stable and of
+second order for any approximate Jacobian. Stiffness and damping of forces with an `add_system` are fully implicit.
+Other forces are explicit. Water is explicit too, except its damping in the variant WATER.
 
-Where the matrix does not depend on the motion, as that of linear elasticity, its factors are used again from step to
-step, from call to call and from fish to fish, until the step or a fish's factors on stiffness or mass are others; with
-other boundary conditions a tank makes a new engine, and with it new scratch memory.
+If the matrix does not depend on the motion, as in linear elasticity, its factors are reused for further steps, calls
+and fish. They are recomputed when the step or a fish's factors on stiffness or mass change. For other boundary
+conditions, a tank makes a new engine with new scratch memory.
 
 Legend: x, v positions and velocities of a block; h step, inner the part of it that is implicit; matrix the system
 matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration, then a, that of
-the step so far, as u is its speed; sx, sv where they lead; p the acceleration of the first stage; rate what positions
-would move at; y the pull of the stiffness if the nodes moved at that rate for a second.
+the step so far; u the velocity of the step so far; sx, sv the resulting state; p the acceleration of the first stage;
+rate a velocity of the positions; y the restoring force of a displacement by that rate in one second.
 """
 
 import math
@@ -25,21 +25,21 @@ from fish_env.physics.integrators import common
 from fish_env.physics.linalg import ldlt
 from fish_env.physics.records import Body
 
-GAMMA = 1.0 - math.sqrt(0.5)  # of ROS2: of the two values that make it L-stable, the smaller and more accurate one
+GAMMA = 1.0 - math.sqrt(0.5)  # of ROS2: the smaller and more accurate of the two L-stable values
 
 
 @dataclass(frozen=True)
 class Rosenbrock:
-    """A `fish_env.physics.integrators.Method` of one or two stages."""
+    """Rosenbrock method of one or two stages, a `fish_env.physics.integrators.Method`."""
 
     gamma: float = 1.0
-    """The part of the step that is implicit."""
+    """Implicit part of the step."""
     time: tuple[float, ...] = (1.0,)
-    """When each stage takes its rest lengths, in steps: an implicit method of first order wants those of the end."""
+    """Time of each stage's rest lengths, in steps: an implicit method of first order uses those of the end."""
     lowest: float = -math.inf
-    """N/m, least effective stiffness with which a spring enters the matrix."""
+    """Least effective stiffness of a spring in the matrix, N/m."""
     wet: bool = False
-    """Whether the damping of the water is in the matrix."""
+    """True if the damping of the water is in the matrix."""
 
     def plan(self, elastic, viscous, h):
         return common.plan_of_step(elastic, viscous, h, self.gamma, self.lowest)
@@ -110,7 +110,7 @@ class Rosenbrock:
 
 @kernel
 def holds(control, work, inner):
-    """Whether the factors in `work` are those of this step's matrix, for every fish of the block."""
+    """Return True if the factors in `work` are valid for this step's matrix and every fish of the block."""
     stiffness, lightness, same = floats(work.stiffness), floats(work.lightness), control.constant
     same = same and work.step[0] == inner
     for lane in range(stiffness.shape[1]):
@@ -121,7 +121,7 @@ def holds(control, work, inner):
 
 @kernel
 def remember(control, work, inner):
-    """Note what the factors in `work` were made for: nothing if a pivot of one fish is not to be trusted."""
+    """Store the parameters of the factors in `work`, invalid ones if a pivot of any fish is untrusted."""
     untrusted = floats(control.untrusted)
     work.step[0], work.stiffness[0], work.lightness[0] = inner, control.stiffness[0], control.lightness[0]
     for lane in range(untrusted.shape[1]):
@@ -131,7 +131,7 @@ def remember(control, work, inner):
 
 EULER = Rosenbrock()
 PROJECTED = Rosenbrock(lowest=0.0)
-"""A compressed spring enters the matrix without its negative stiffness across: none is indefinite."""
+"""Variant without the negative transverse stiffness of compressed springs, so that no spring's part is indefinite."""
 WATER = Rosenbrock(wet=True)
-"""The water's damping along the normals is in the matrix."""
+"""Variant with the water's damping along the normals in the matrix."""
 ROS2 = Rosenbrock(GAMMA, (0.0, 1.0))

@@ -1,9 +1,9 @@
-"""Explicit Runge-Kutta methods in which every stage is reached by the slope of the one before (Song 2009, ch. 5).
+"""Explicit Runge-Kutta methods whose stages each use the slope of the previous stage (Song 2009, ch. 5).
 
-Symplectic Euler is among them: it is explicit Euler but for the velocity that moves the positions. Newton and Warp call
-it semi-implicit; here that word is Tu's (see `semi_implicit.py`).
+Symplectic Euler is one of them: it is explicit Euler except that positions move at the new velocity. Newton and Warp
+call it semi-implicit; in this package, that is Tu's method (see `semi_implicit.py`).
 
-Legend: x, v positions and velocities of a block; f forces; h step; sx, sv the stage, and its slopes u, a; kx, kv the
+Legend: x, v positions and velocities of a block; f forces; h step; sx, sv the stage, with slopes u, a; kx, kv the
 weighted sums of slopes.
 """
 
@@ -19,14 +19,14 @@ from fish_env.physics.records import Body
 
 @dataclass(frozen=True)
 class RungeKutta:
-    """A `fish_env.physics.integrators.Method`, by its tableau."""
+    """Explicit Runge-Kutta method, a `fish_env.physics.integrators.Method` given by its tableau."""
 
     time: tuple[float, ...]
-    """When each stage is taken, in steps: how far along the slope of the one before."""
+    """Time of each stage, in steps: the step along the slope of the previous stage."""
     weight: tuple[float, ...]
-    """Of each stage's slope in the step; the sum is 1."""
+    """Weight of each stage's slope; the sum is 1."""
     symplectic: bool = False
-    """Whether positions move at the velocity of the step's end; of a method of one stage."""
+    """True if positions move at the velocity at the end of the step; for one stage only."""
 
     def plan(self, elastic, viscous, h):
         return plan_of_step(elastic, viscous, h)

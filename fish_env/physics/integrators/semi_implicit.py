@@ -1,8 +1,8 @@
 """Tu's semi-implicit Euler method: effective stiffness implicit but lagged, water explicit (Tu 1996, ch. 4).
 
-The force of a spring is eta r with eta frozen at the start of the step and r at its end, so one symmetric N x N matrix
-serves x, y and z. Each force says itself how it enters that matrix (`add_lagged`); those that do not are explicit. Not
-what Newton and Warp call semi-implicit; that is symplectic Euler, in `runge_kutta.py`.
+The force of a spring is eta r with eta from the start of the step and r from its end, so one symmetric N x N matrix
+serves x, y and z. Each force adds itself to that matrix (`add_lagged`); forces without that function are explicit.
+Newton and Warp use the name semi-implicit for symplectic Euler, which is in `runge_kutta.py`.
 
 Legend: x, v positions and velocities of a block; h step; matrix the system matrix in its skyline, then L; load the
 right-hand side, then the new velocities; eta effective stiffness.
@@ -27,7 +27,7 @@ def costs(row):
 
 
 def make_work(body: Body, kind):
-    """Scratch of a block: the system, and the nodes (K,) that are fixed along every axis in which any is free."""
+    """Scratch memory of a block: the system, and the nodes (K,) that are fixed along every axis with a free node."""
     n, free = len(body.mass), body.inverse_mass > 0.0
     fixed = np.flatnonzero(~free[:, free.any(axis=0)].any(axis=1))
     matrix = kind.numbers(int(body.profile.start[n]))
@@ -36,7 +36,7 @@ def make_work(body: Body, kind):
 
 @kernel
 def eliminate(body, v, work):
-    """Take the fixed nodes out of the system: in the place of their equations stands that they keep their velocity."""
+    """Eliminate the fixed nodes from the system: their equations become that their velocity is constant."""
     first, start, fixed = body.profile.first, body.profile.start, work.fixed
     matrix, load, none = work.matrix, work.load, zero(work.matrix)
     for m in range(fixed.size):
@@ -53,7 +53,7 @@ def eliminate(body, v, work):
 
 @kernel
 def restore_fixed(body, v, u):
-    """Give the new velocities u along fixed degrees of freedom the values that they have in v."""
+    """Set the new velocities u along fixed degrees of freedom to those in v."""
     was, become, fixed = floats(v), floats(u), body.fixed
     for m in range(fixed.shape[0]):
         i, k = INDEX(fixed[m, 0]), INDEX(fixed[m, 1])
@@ -62,7 +62,7 @@ def restore_fixed(body, v, u):
 
 
 def make_run(names):
-    """The kernel that takes n steps of a block on which the forces of these names act."""
+    """Make the kernel that takes n steps of a block, for the forces of these names."""
     lagged = tuple(name for name in names if forces.any_has((name,), "add_lagged"))
     add_lagged = forces.total(lagged, "add_lagged")
     add_force = forces.total(tuple(name for name in names if name not in lagged), "add_force")

@@ -4,9 +4,9 @@ Row i of the lower triangle is stored from its first non-zero column to the diag
 Fill-in stays inside that skyline, so the profile is computed once a body and never changes. Every fish of a block has a
 matrix of its own; all have the same skyline.
 
-A pivot is not to be trusted if it is not finite, or smaller than TRUSTED_PIVOT times the diagonal entry it came from
-(in single precision: than what rounding makes of that entry).
-Such a fish goes on to the end of the call, with whatever numbers follow: the lanes of a block stay together.
+A pivot is untrusted if it is not finite, or smaller than TRUSTED_PIVOT times its diagonal entry (in single precision:
+smaller than the rounding error of that entry).
+Such a fish continues to the end of the call with the resulting numbers, because the lanes of a block stay together.
 
 Legend: i, j, k rows and columns; a stored values, overwritten by L (below the diagonal); d the pivots D; s an entry of
 L D; p, q columns of blocks of L D and of L.
@@ -23,7 +23,7 @@ from fish_env.physics.records import (
 )
 
 TRUSTED_PIVOT = 1e-9  # a pivot below this fraction of its diagonal entry has lost nine digits to cancellation
-ROUNDING = 16.0  # times the precision: what the sums that a pivot comes from may be wrong by
+ROUNDING = 16.0  # times the precision: rounding error of a pivot's sums
 
 
 def profile(pairs: np.ndarray, order: int) -> Profile:
@@ -36,16 +36,16 @@ def profile(pairs: np.ndarray, order: int) -> Profile:
 
 
 def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
-    """Where the off-diagonal entries `pairs` (E,2) are stored, (E,)."""
+    """Storage indices (E,) of the off-diagonal entries `pairs` (E,2)."""
     low, high = np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1).T
     return shape.start[high] + low - shape.first[high]
 
 
 @kernel
 def judge(least, diagonal, pivot, negative, untrusted):
-    """Count a pivot that came from a diagonal entry: (non-positive pivots, untrusted ones), a number a fish.
+    """Count a pivot: (non-positive pivots, untrusted ones), a number for each fish.
 
-    `least` is the smallest part of the entry that is trusted.
+    `least` is the smallest trusted ratio of the pivot to its diagonal entry.
     """
     size = abs(pivot)
     lost = select(size > least * abs(diagonal), untrusted, untrusted + 1.0)
@@ -56,11 +56,11 @@ def judge(least, diagonal, pivot, negative, untrusted):
 def factor_solve(shape, a, b, inverse_pivot, row):
     """Factor a (S,) in place into L D L^T and solve for three right-hand sides: b (N,), vectors, is overwritten.
 
-    The forward reduction runs beside the factorisation, row by row, for both wait on the same sums. inverse_pivot (N,)
-    receives 1/D; row (N,) is scratch.
+    The forward reduction is interleaved with the factorisation, row by row, as both depend on the same sums.
+    inverse_pivot (N,) receives 1/D; row (N,) is scratch.
 
     Returns:
-        (non-positive pivots, untrusted pivots), a number a fish.
+        (non-positive pivots, untrusted pivots), a number for each fish.
     """
     first, start, order = shape.first, shape.start, shape.first.size
     negative, untrusted, least = zero(a), zero(a), max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
@@ -93,7 +93,7 @@ def factor_solve(shape, a, b, inverse_pivot, row):
 
 @kernel
 def subtract_product(p, q, s):
-    """S - P Q^T of blocks, each a tuple of three columns."""
+    """Compute s - p q^T of blocks, each a tuple of three columns."""
     p0, p1, p2 = p
     q0, q1, q2 = q
     s0, s1, s2 = s
@@ -105,21 +105,21 @@ def subtract_product(p, q, s):
 
 @kernel
 def block(a, place):
-    """The three columns of the block that is stored at a place."""
+    """Three columns of the block at a place."""
     k = 3 * place
     return a[INDEX(k)], a[INDEX(k + 1)], a[INDEX(k + 2)]
 
 
 @kernel
 def store(a, place, s):
-    """Put a block, a tuple of three columns, at a place."""
+    """Store a block, a tuple of three columns, at a place."""
     k = 3 * place
     a[INDEX(k)], a[INDEX(k + 1)], a[INDEX(k + 2)] = s
 
 
 @kernel
 def factor_node(d):
-    """L and D of a block of which the lower triangle is given: L below the diagonal as two columns, and D."""
+    """Factors L, below the diagonal as two columns, and D of a block, from its lower triangle."""
     d0, d1, d2 = d
     first = 1.0 / d0.x
     l10, l20 = first * d0.y, first * d0.z
@@ -133,12 +133,12 @@ def factor_node(d):
 def factor(shape, a, row):
     """Factor a matrix of order 3N in place into L D L^T, all of its coordinates coupled.
 
-    a (3S,) holds three vectors, columns of a 3 x 3 block, for every entry of the N x N skyline `shape`: rows of the
-    later node, columns of the earlier one. Of the diagonal blocks only the lower triangle is read; in their columns are
-    left the two of L below the diagonal, and 1/D. row (3N,), vectors, is scratch.
+    a (3S,) has three vectors, columns of a 3 x 3 block, for every entry of the N x N skyline `shape`: rows of the later
+    node, columns of the earlier one. Only the lower triangle of diagonal blocks is read. Their columns receive the two
+    columns of L below the diagonal, and 1/D. row (3N,), vectors, is scratch.
 
     Returns:
-        (non-positive pivots, untrusted pivots), a number a fish.
+        (non-positive pivots, untrusted pivots), a number for each fish.
     """
     first, start, none = shape.first, shape.start, zero(a)
     negative, untrusted, least = none.x, none.x, max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
@@ -170,7 +170,7 @@ def factor(shape, a, row):
 
 @kernel
 def solve(shape, a, b):
-    """Solve for one right-hand side, vectors b (N,), which is overwritten, with what `factor` made of a."""
+    """Solve for one right-hand side, vectors b (N,), which is overwritten, with the factors a of `factor`."""
     first, start, order, none = shape.first, shape.start, shape.first.size, zero(b)
     for i in range(order):
         row_i, y = start[i] - first[i], b[INDEX(i)]
