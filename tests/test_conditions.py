@@ -93,7 +93,8 @@ def test_motion_at_constant_velocity():
 
 
 @pytest.mark.parametrize("bad", [
-    ({"nodes": [99]}, "missing"), ({"nodes": [0], "axes": "w"}, "axes"), ({"nodes": [0], "method": "glue"}, "method"),
+    ({"nodes": [99]}, "contain node 99"), ({"nodes": [0], "axes": "w"}, "axes"),
+    ({"nodes": [0], "method": "glue"}, "method"),
     ({"nodes": [0], "axes": "x", "method": "penalty"}, "all axes"), ({"nodes": range(5)}, "leave one"),
 ])  # fmt: skip
 def test_refused(bad):

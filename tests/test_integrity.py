@@ -47,11 +47,14 @@ CHANGED = {
     ),
     "stiffness": (lambda: with_part(FISH, "springs", stiffness=np.ones(3)), "stiffness of springs has shape"),
     "entry": (lambda: with_part(FISH, "springs", entry=raised(FISH.body.springs.entry)), "springs.entry does not"),
-    "faces": (lambda: with_part(FISH, "faces", nodes=raised(FISH.body.faces.nodes)), "faces.nodes names"),
-    "tetrahedra": (lambda: with_part(SOLID, "tets", nodes=raised(SOLID.body.tets.nodes)), "tets.nodes names"),
+    "faces": (lambda: with_part(FISH, "faces", nodes=raised(FISH.body.faces.nodes)), "faces.nodes contains"),
+    "tetrahedra": (lambda: with_part(SOLID, "tets", nodes=raised(SOLID.body.tets.nodes)), "tets.nodes contains"),
     "gas": (lambda: with_part(RING, "compartments", faces=raised(RING.body.compartments.faces)), "compartments.faces"),
     "first": (lambda: with_part(RING, "compartments", first=np.array([0, 5, 7])), "compartments.first is"),
-    "barriers": (lambda: with_part(RING, "barriers", nodes=raised(RING.body.barriers.nodes)), "barriers.nodes names"),
+    "barriers": (
+        lambda: with_part(RING, "barriers", nodes=raised(RING.body.barriers.nodes)),
+        "barriers.nodes contains",
+    ),
     "profile": (
         lambda: replace(FISH, body=FISH.body._replace(profile=FISH.body.profile._replace(first=np.zeros(23, int)))),
         "profile of the body is not that",
@@ -61,15 +64,15 @@ CHANGED = {
         lambda: replace(FISH, body=FISH.body._replace(position=FISH.body.position * np.nan)),
         "position of body",
     ),
-    "muscles": (lambda: replace(FISH, muscles=raised(FISH.muscles)), "muscles names"),
+    "muscles": (lambda: replace(FISH, muscles=raised(FISH.muscles)), "muscles contains"),
     "contracted": (lambda: replace(FISH, contracted=FISH.contracted[:3]), "contracted has shape"),
-    "fibres": (lambda: replace(FISH, fibres=raised(FISH.fibres), drives=FISH.drives), "fibres names"),
-    "drives": (lambda: replace(FISH, fibres=FISH.fibres, drives=raised(FISH.drives)), "drives names"),
+    "fibres": (lambda: replace(FISH, fibres=raised(FISH.fibres), drives=FISH.drives), "fibres contains"),
+    "drives": (lambda: replace(FISH, fibres=FISH.fibres, drives=raised(FISH.drives)), "drives contains"),
     "right": (lambda: replace(FISH, right=FISH.right[:-1]), "right has shape"),
     "nose": (lambda: replace(FISH, nose=23), "nose contains 23"),
     "landmarks": (
         lambda: replace(FISH, landmarks=FISH.landmarks._replace(node=raised(FISH.landmarks.node))),
-        "landmarks.node names",
+        "landmarks.node contains",
     ),
 }
 
@@ -95,7 +98,7 @@ def test_a_body_changed_in_place_is_refused_or_harmless():
     np.testing.assert_array_equal(tank.position, same.position)
     with pytest.raises(ValueError, match=r"springs.nodes contains 10+; valid numbers are 0 to 22"):
         Tank(fish, 1)
-    with pytest.raises(ValueError, match=r"springs.nodes names"):
+    with pytest.raises(ValueError, match=r"springs.nodes contains"):
         equilibrium(fish.body)
 
 

@@ -225,7 +225,8 @@ def test_one_too_many_is_told_and_sent_away(laboratory, monkeypatch):
     page, late = Viewer(laboratory).entered(), Viewer(laboratory)
     until(lambda: any("full" in note for note in late.notes))
     until(lambda: not late._thread.is_alive())
-    assert list(laboratory.sessions.values()) == [page.session] and len(laboratory.server.get_clients()) == 1
+    until(lambda: len(laboratory.server.get_clients()) == 1)
+    assert list(laboratory.sessions.values()) == [page.session]
     page.leave()
     until(lambda: not page.session.alive)
 
@@ -363,6 +364,8 @@ def test_nothing_is_kept_of_300_mb_that_pages_send(tmp_path):
         sent += apart.send((pack(click) for _ in range(10000)), camera=True)
         sent += apart.send((pack(value) for _ in range(4000)), camera=True)
         sent += apart.send((pack({"type": "ViewerCameraMessage", **CAMERA}) for _ in range(4000)), camera=True)
+        for _ in range(100):  # a busy machine closes connections before all is sent
+            sent += apart.send(b"\0" * 2**22 for _ in range(12)) if sent <= 300e6 else 0
         after = apart.memory()
         assert sent > 300e6 and after < before + 20.0, (sent, before, after)
         assert "Traceback" not in (tmp_path / "errors").read_text()

@@ -102,7 +102,7 @@ def test_reactions_of_a_body_that_hangs():
 
 
 @pytest.mark.parametrize(("change", "said"), [
-    ({"nodes": [999]}, "missing"), ({"displacement": (1.0, 2.0)}, "displacement"),
+    ({"nodes": [999]}, "contain node 999"), ({"displacement": (1.0, 2.0)}, "displacement"),
     ({"displacement": np.nan}, "displacement"),
     ({"method": "glue"}, "elimination"), ({"multiple": 0.0}, "multiple"), ({"nodes": [0]}, "free them"),
 ])  # fmt: skip
