@@ -44,7 +44,7 @@ def bits(env, begin) -> list[bytes]:
 
 
 def interrupted(env, ring, alarm, longest):
-    """Step and reset until the interruption comes, and say where the time went."""
+    """Step and reset until the interruption comes."""
     action = np.zeros(env.action_space.shape)
     while True:
         try:

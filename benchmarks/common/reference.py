@@ -37,7 +37,7 @@ def swim(body: str) -> float:
 
 
 def perform(task: str) -> float:
-    """Rewards and observations in a task under the motor controllers, a second and a half of a reversal among them."""
+    """Rewards and observations in a task under the motor controllers."""
     env = FishVectorEnv(2, task=task, threads=1, max_episode_steps=None)
     control, (obs, _), total = scripted(env), env.reset(seed=1), 0.0
     for k in range(6 * INTERVALS):
