@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -83,6 +84,18 @@ def test_hash_sees_every_source_file(package):
     (package / "physics" / "forces" / "newer.py").unlink()
     (package / "notes.txt").write_text("not a source")
     assert _cache.source_hash(package) == first
+
+
+def test_kernels_are_in_the_rooms_that_name_the_folder(package):
+    """The folder's name changes with the files of these rooms only, and no file elsewhere has kernels."""
+    first = _cache.source_hash(package, _cache.ROOMS)
+    for path in package.rglob("*.py"):
+        text, inside = path.read_text(), path.relative_to(package).parts[0] in _cache.ROOMS
+        assert inside or not re.search(r"kernels\.compile|import njit|numba\.(c?jit|njit|vectorize)", text), path
+    for name, same in (("lab/panel.py", True), ("control/film.py", True), ("envs/step.py", False)):
+        path = package / name
+        path.write_text(path.read_text() + "\n")
+        assert (_cache.source_hash(package, _cache.ROOMS) == first) == same
 
 
 def fresh(script, package, cache):
@@ -184,7 +197,7 @@ def test_folder_is_where_the_user_says(nowhere, tmp_path, monkeypatch, variable)
     monkeypatch.setenv(variable, str(tmp_path / "mine"))
     folder = Path(_cache.cache_folder())
     assert folder.is_dir() and folder.parent == tmp_path / "mine" / "fish_env"
-    assert folder.name.startswith(_cache.source_hash())
+    assert folder.name.startswith(_cache.source_hash(rooms=_cache.ROOMS))
 
 
 def test_own_variable_comes_first(nowhere, tmp_path, monkeypatch):
@@ -192,8 +205,8 @@ def test_own_variable_comes_first(nowhere, tmp_path, monkeypatch):
     for name in _cache.CACHE_VARIABLES:
         monkeypatch.setenv(name, str(tmp_path / name))
     monkeypatch.setenv("FISH_ENV_CACHE", str(tmp_path / "mine"))
-    folder = Path(_cache.cache_folder())
-    assert folder.is_dir() and folder.parent == tmp_path / "mine" and folder.name.startswith(_cache.source_hash())
+    folder, sources = Path(_cache.cache_folder()), _cache.source_hash(rooms=_cache.ROOMS)
+    assert folder.is_dir() and folder.parent == tmp_path / "mine" and folder.name.startswith(sources)
     monkeypatch.setenv("FISH_ENV_CACHE", "")
     assert Path(_cache.cache_folder()).parent == tmp_path / "NUMBA_CACHE_DIR" / "fish_env"
 

@@ -1,8 +1,8 @@
 """Disk cache of compiled kernels: its folder, the names of its files, and their look-up.
 
 Numba's own cache checks only the file of a kernel, so a kernel that calls another file's kernel can be stale after an
-edit. Here the cache folder's name is a hash of every source file of the package: after any edit there is a new folder,
-and a stale kernel cannot be found.
+edit. Here the cache folder's name is a hash of every source file of the rooms that have kernels: after an edit there is
+a new folder, and a stale kernel cannot be found.
 
 The folder is in the first of FISH_ENV_CACHE, NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA, ~/.cache and the temporary
 files. FISH_ENV_CACHE is intended for folders that machines share, and for images of containers.
@@ -27,15 +27,18 @@ from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
 from fish_env.kernels.progress import begin_progress, end_progress
 
 CHECKSUM = 32  # bytes
+ROOMS = ("kernels", "physics", "tasks", "envs")
+"""Folders of the package whose files have kernels."""
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
-def source_hash(package: Path | None = None) -> str:
-    """Hash of every Python source file of a package (names and bytes), by default this one, 16 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for name, content in _sources(data("fish_env") if package is None else package):
-        digest.update(name.encode())
-        digest.update(content)
+def source_hash(package: Path | None = None, rooms: tuple[str, ...] = ("",)) -> str:
+    """Hash of the Python source files of a package or some of its folders (names and bytes), 16 hexadecimal digits."""
+    digest, package = hashlib.sha256(), data("fish_env") if package is None else package
+    for room in rooms:
+        for name, content in _sources(package.joinpath(room) if room else package, room):
+            digest.update(name.encode())
+            digest.update(content)
     return digest.hexdigest()[:16]
 
 
@@ -54,7 +57,7 @@ def cache_folder() -> str | None:
     Compiled kernels are pickles, so only the user may write to the folder: FISH_ENV_CACHE, or a folder in
     NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache, else a private one among the temporary files.
     """
-    name = f"{source_hash()}-py{sys.version_info.major}{sys.version_info.minor}"
+    name = f"{source_hash(rooms=ROOMS)}-py{sys.version_info.major}{sys.version_info.minor}"
     if os.environ.get("FISH_ENV_CACHE"):
         return chosen_folder(Path(os.environ["FISH_ENV_CACHE"]).expanduser() / name)
     user = next((os.environ[name] for name in CACHE_VARIABLES if os.environ.get(name)), None)
