@@ -48,9 +48,9 @@ def parse() -> argparse.Namespace:
         command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are saved (default runs)")
         command.add_argument("--folder", type=Path, help="save the run in this folder")
         command.add_argument("--no-pictures", action="store_true", help="only evaluate the policy at the end")
-        command.add_argument("--learner", default="compiled", choices=("compiled", "sb3"), help="compiled kernels, or "
-                             "Stable-Baselines3's own code, which trains the same policy in more time")  # fmt: skip
-        command.add_argument("--torch-threads", type=int, default=1, help="more is often slower (default 1)")
+        command.add_argument(
+            "--torch-threads", type=int, help="threads of the updates (default 2, or 1 on one processor)"
+        )
     command = commands.add_parser("all", help="train every task with all its seeds, and publish the results")
     command.add_argument("--runs", type=Path, help="where runs are saved (default runs/all)")
     command.add_argument("--tasks", nargs="+", help="only these")
@@ -118,15 +118,19 @@ def run(arguments: argparse.Namespace, came: list[int]) -> None:
         import torch
 
         from agents.train import Request, train
+        from fish_env.physics.tank_options import available_processors
 
-        if not 1 <= arguments.torch_threads <= MOST_THREADS:
-            raise ValueError(f"--torch-threads is {arguments.torch_threads}; give 1 to {MOST_THREADS}")
-        torch.set_num_threads(arguments.torch_threads)
+        threads = arguments.torch_threads
+        if threads is None:
+            threads = min(2, available_processors())
+        if not 1 <= threads <= MOST_THREADS:
+            raise ValueError(f"--torch-threads is {threads}; give 1 to {MOST_THREADS}")
+        torch.set_num_threads(threads)
 
         train(
             Request(
                 arguments.command, arguments.seed, arguments.runs, arguments.folder, arguments.resume,
-                arguments.start_from, arguments.body, learner=arguments.learner, integrator=arguments.integrator,
+                arguments.start_from, arguments.body, integrator=arguments.integrator,
                 dt=arguments.dt, pictures=not arguments.no_pictures,
                 changes={"timesteps": arguments.timesteps, "num_envs": arguments.num_envs}, stopped=lambda: bool(came),
             )

@@ -134,6 +134,7 @@ class Checkpoint(Writing):
         return True
 
     def _on_rollout_start(self) -> None:
+        check_finite(self.model)
         self.trained_steps = self.num_timesteps
         if time.perf_counter() - self._last > self.seconds:
             with self.going_on(self.path):
@@ -206,6 +207,15 @@ def without_tracebacks_of_writers():
         yield
     finally:
         threading.excepthook = before
+
+
+def check_finite(model) -> None:
+    """Raise ValueError if a parameter of the policy is not finite."""
+    if not all(parameter.isfinite().all() for parameter in model.policy.parameters()):
+        raise ValueError(
+            f"the training diverged before environment step {model.num_timesteps:,}: parameters of the policy are not "
+            "finite; resume the run from its last checkpoint, or train with another seed or a smaller learning rate"
+        )
 
 
 def save_model(model, path: Path) -> None:

@@ -61,6 +61,8 @@ class Job:
             "--seed",
             str(self.seed),
             "--no-pictures",
+            "--torch-threads",
+            "1",  # each run has one processor
             *(word for name in changed if name in options for word in (f"--{name}", str(options[name]))),
             "--resume" if begun else "--folder",
             str(self.folder),

@@ -12,18 +12,18 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
-from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
+from agents.build import export_policy, make_env, make_model, start_from
 from agents.callbacks import (
     Checkpoint,
     EndsIf,
     LearningCurve,
     Progress,
     SurvivingEvents,
+    check_finite,
     save_model,
     without_tracebacks_of_writers,
 )
 from agents.config import CONFIGS, RESULTS, TrainConfig, check_settings, fine_tuning, moved_by, settings_of
-from agents.fast_ppo import FastPPO
 from agents.jobs import PARENT
 from agents.records import provenance
 from agents.report import report
@@ -65,8 +65,6 @@ class Request:
     """A key of `fish_env.INTEGRATORS` to train with; None takes the body's own."""
     dt: float | None = None
     """Step of the integrator, s; None takes its default step on that body."""
-    learner: str = "compiled"
-    """A key of `agents.build.LEARNERS`; both train the same policy, and a run may change from one to the other."""
     pictures: bool = True
     """Make the pictures, the video and the table with the baselines; else only evaluate the policy."""
     changes: Mapping[str, Any] = field(default_factory=dict)
@@ -86,7 +84,7 @@ def train(request: Request) -> Path:
 
     Raises:
         ImportError: if a package that is needed, or this one, is not installed.
-        ValueError: for an unknown task, body or learner, a setting that is not allowed, a run to start from that does
+        ValueError: for an unknown task or body, a setting that is not allowed, a run to start from that does
             not fit, files of a saved run that cannot be used, a folder that holds a run already, or one that cannot be
             written to.
         FileNotFoundError: if there is nothing to resume or to start from.
@@ -95,8 +93,6 @@ def train(request: Request) -> Path:
     """
     check_installed()
     task, resumed = request.task, None
-    if request.learner not in LEARNERS:
-        raise ValueError(f"unknown learner {request.learner!r}; choose from {', '.join(LEARNERS)}")
     if request.resume is not None:
         resumed = _saved_run(Path(request.resume), task, "resume")
     config, seed = _settings(request, resumed)
@@ -107,7 +103,6 @@ def train(request: Request) -> Path:
         if resumed is not None:
             keep_of_other_versions(folder, resumed)
         _write_config(folder, request, config, seed, resumed)
-        print(how_it_learns(model))
         finished = learn(model, config, folder, RESULTS[task].score, request.stopped)
         about = {"task": task, "env_id": config.env_id, "env_options": config.env_options}
         try:
@@ -131,6 +126,7 @@ def train(request: Request) -> Path:
 
 def _save(model: PPO, folder: Path, about: dict) -> None:
     """Save the model and its policy, each whole or not at all; RuntimeError if the disk does not take them."""
+    check_finite(model)  # before any file is replaced
     try:
         save_model(model, folder / "model.zip")
         export_policy(model, about).save(folder / "policy.npz")
@@ -184,7 +180,7 @@ def _folder(request: Request) -> Path:
 def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, start: PPO | None) -> PPO:
     """The learner: a fresh one, one that starts from that of another run, or that of the run to resume."""
     if request.resume is not None:
-        model = make_model(config, env, seed, folder / "tensorboard", request.learner)
+        model = make_model(config, env, seed, folder / "tensorboard")
         restore(model, folder / "model.zip")
         if request.changes.get("timesteps") and model.num_timesteps > config.timesteps:
             raise ValueError(
@@ -192,21 +188,10 @@ def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, 
                 "least as many"
             )
         return model
-    model = make_model(config, env, seed, folder / "tensorboard", request.learner)
+    model = make_model(config, env, seed, folder / "tensorboard")
     if start is not None:
         start_from(model, start)
     return model
-
-
-def how_it_learns(model: PPO) -> str:
-    """One line for the log: which code trains the policy, and why if it is the slower one."""
-    if not isinstance(model, FastPPO):
-        return "Learning with Stable-Baselines3's own code."
-    if model.why_slow:
-        return (
-            f"Learning with Stable-Baselines3's own code: {model.why_slow}, which the compiled kernels do not support."
-        )
-    return "Learning with compiled kernels; the first time, compiling them takes some seconds."
 
 
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Callable[[], bool]) -> bool:

@@ -376,12 +376,29 @@ def test_a_failed_run_leaves_the_saved_model(tmp_path, monkeypatch):
         raise OSError("no space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(training.FastPPO, "save", fail)
+        patch.setattr(training.PPO, "save", fail)
         with pytest.raises(RuntimeError, match=r"could not be saved in .*no space left.*free some space there and"):
             train("swim", resume=folder, changes={"timesteps": 2048})
     assert {name: (folder / name).read_bytes() for name in before} == before
     assert not list(folder.glob(".*"))
     assert train("swim", resume=folder, changes={"timesteps": 2048}) == folder
+
+
+def test_a_diverged_training_ends_with_advice(tmp_path, monkeypatch):
+    """Parameters that are not finite end the run with an error, and the model that was saved stays."""
+    monkeypatch.setattr(training, "report", lambda *args: None)
+    folder = train("swim", folder=tmp_path / "run")
+    before = (folder / "model.zip").read_bytes()
+
+    def diverge(self):
+        with torch.no_grad():
+            self.policy.log_std[0] = np.nan
+
+    monkeypatch.setattr(training.PPO, "train", diverge)
+    for steps in (1280, 2048):  # at the end of the training, and before
+        with pytest.raises(ValueError, match="not finite"):
+            train("swim", resume=folder, changes={"timesteps": steps})
+    assert (folder / "model.zip").read_bytes() == before
 
 
 def test_a_full_disk_does_not_end_the_training(tmp_path, monkeypatch, capsys):
@@ -438,7 +455,7 @@ def test_a_disk_that_is_really_full_does_not_end_the_training(tmp_path, monkeypa
     monkeypatch.setattr(training, "report", lambda *args: None)
     monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
     monkeypatch.setattr(callbacks.LearningCurve.__init__, "__defaults__", (1,))
-    update, updates = training.FastPPO.train, []
+    update, updates = training.PPO.train, []
 
     def fill_and_clear(self):
         update(self)
@@ -450,7 +467,7 @@ def test_a_disk_that_is_really_full_does_not_end_the_training(tmp_path, monkeypa
         elif len(updates) == 6:
             (disk / "big").unlink()
 
-    monkeypatch.setattr(training.FastPPO, "train", fill_and_clear)
+    monkeypatch.setattr(training.PPO, "train", fill_and_clear)
     try:
         folder = train("swim", folder=disk / "run", changes={"timesteps": 2048, "num_envs": 8})
         said = capfd.readouterr()

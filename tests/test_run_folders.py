@@ -264,16 +264,14 @@ def test_the_payloads_would_be_executed(place):
     assert (place / "executed").exists()
 
 
-@pytest.mark.parametrize("learner", ["compiled", "sb3"])
-def test_a_run_goes_on_as_with_stable_baselines(learner, place, monkeypatch):
+def test_a_run_goes_on_as_with_stable_baselines(place, monkeypatch):
     """Bit for bit: parameters, optimizer, learning rate and counts are those of a learner that `PPO.load` gave."""
     before = shutil.copytree(place / "run", place / "before")
-    train({"timesteps": 2048}, resume=place / "run", learner=learner)
-    kind = training.LEARNERS[learner]
-    load = lambda config, env, *rest: kind.load(before / "model.zip", env, device="cpu")  # noqa: E731
+    train({"timesteps": 2048}, resume=place / "run")
+    load = lambda config, env, *rest: training.PPO.load(before / "model.zip", env, device="cpu")  # noqa: E731
     monkeypatch.setattr(training, "make_model", load)
     monkeypatch.setattr(training, "restore", lambda model, path: model)
-    train({"timesteps": 2048}, resume=before, learner=learner)
+    train({"timesteps": 2048}, resume=before)
     one, other = (parts_of(folder / "model.zip") for folder in (place / "run", before))
     for name in ("policy.pth", "policy.optimizer.pth"):
         mine, theirs = (flat(torch.load(BytesIO(held[name]), weights_only=True)) for held in (one, other))
