@@ -7,9 +7,9 @@ from gymnasium.spaces import flatdim
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
 
 from agents.config import TrainConfig
-from agents.layers import Tanh
 from agents.synergy import Synergies, batch_of, both, synergies
 from fish_env.control import Policy, equivariant
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
@@ -41,7 +41,7 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
         ent_coef=config.entropy_weight,
         policy_kwargs={
             "net_arch": list(config.hidden),
-            "activation_fn": Tanh,
+            "activation_fn": nn.Tanh,
             "optimizer_kwargs": {"fused": True},
             "log_std_init": config.initial_log_std,
             **options,

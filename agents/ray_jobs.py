@@ -15,8 +15,8 @@ from typing import Any
 
 from tqdm import tqdm
 
+from agents.checkout import ROOT
 from agents.jobs import PARENT, Job
-from agents.records import ROOT
 from fish_env.control.files import replacing
 
 NEEDED = ("fish_env", "agents", "train.py", "pyproject.toml")

@@ -15,8 +15,8 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-NEEDED = ("tensorboard", "tqdm", "matplotlib", "moviepy")  # modules that are loaded when there is something to write
-WRITTEN = ("config.json", "curve.csv", "model.zip", "policy.npz", "results.json", "curve.png", "path.png", "lock")
+NEEDED = ("tensorboard", "tqdm", "matplotlib")  # modules that are loaded when there is something to write
+WRITTEN = ("config.json", "curve.csv", "model.zip", "policy.npz", "results.json", "report.html", "lock")
 
 
 def check_installed() -> None:
@@ -42,14 +42,14 @@ def new_folder(root: Path, task: str) -> Path:
     raise FileExistsError(f"{root / task / stamp} and 98 like it exist")
 
 
-def checked_folder(folder: Path, task: str) -> Path:
-    """The folder of a run, made if it is missing.
+def check_folder(folder: Path) -> Path:
+    """Check the folder of a run, and make it if it is missing; return it.
 
     Raises:
         ValueError: if it cannot be written to, or if what is no file, or a link, lies where the run would write.
     """
     check_name(folder)
-    for path in (*(folder / name for name in WRITTEN), folder / f"{task}.mp4"):
+    for path in (folder / name for name in WRITTEN):
         if os.path.lexists(path) and not path.is_file():
             raise ValueError(f"{path} is not a file, and one would be written there; move it away")
     events = folder / "tensorboard"

@@ -13,21 +13,12 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
 from agents.build import export_policy, make_env, make_model, start_from
-from agents.callbacks import (
-    Checkpoint,
-    EndsIf,
-    LearningCurve,
-    Progress,
-    SurvivingEvents,
-    check_finite,
-    save_model,
-    without_tracebacks_of_writers,
-)
+from agents.callbacks import Checkpoint, EndsIf, LearningCurve, Progress, check_finite, save_model
+from agents.checkout import present_commit
 from agents.config import CONFIGS, RESULTS, TrainConfig, check_settings, fine_tuning, moved_by, settings_of
 from agents.jobs import PARENT
-from agents.records import provenance
 from agents.report import report
-from agents.run_folder import check_installed, checked_folder, locked, new_folder
+from agents.run_folder import check_folder, check_installed, locked, new_folder
 from agents.saved_run import (
     joined_versions,
     keep_of_other_versions,
@@ -168,13 +159,13 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
 def _folder(request: Request) -> Path:
     """The folder of the run, made if it is missing; ValueError if it holds another run or cannot be written to."""
     if request.resume is not None:
-        return checked_folder(Path(request.resume), request.task)
+        return check_folder(Path(request.resume))
     if request.folder is None:
         return new_folder(Path(request.root), request.task)
     folder = Path(request.folder)
     if os.path.lexists(folder / "model.zip"):
         raise ValueError(f"{folder} holds a run; resume it with: python train.py {request.task} --resume {folder}")
-    return checked_folder(folder, request.task)
+    return check_folder(folder)
 
 
 def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, start: PPO | None) -> PPO:
@@ -197,15 +188,14 @@ def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, 
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Callable[[], bool]) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C, or what `stopped` says, stopped it first."""
     checkpoint = Checkpoint(folder / "model.zip")
-    callbacks = [SurvivingEvents(), Progress(), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
+    callbacks = [Progress(), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
     if os.environ.get(PARENT, "").isdigit():  # `train.py all`, which may be killed
         callbacks.append(EndsIf(lambda: os.getppid() != int(os.environ[PARENT])))
     left = config.timesteps - model.num_timesteps
     if left <= 0:
         return True
     try:
-        with without_tracebacks_of_writers():
-            model.learn(left, CallbackList(callbacks), reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
+        model.learn(left, CallbackList(callbacks), reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
     except KeyboardInterrupt:
         model.num_timesteps = checkpoint.trained_steps  # steps since then have not been trained on
         return False
@@ -243,7 +233,7 @@ def _start(folder: Path, task: str) -> PPO:
 
 def _write_config(folder: Path, request: Request, config: TrainConfig, seed: int, resumed: dict | None) -> None:
     """Write config.json: task, seed, settings, command, commit and versions, with those of the run that is resumed."""
-    commit = provenance("")["commit"]
+    commit = present_commit()
     if resumed is not None and commit not in resumed["commit"].split(", "):
         commit = f"{resumed['commit']}, {commit}"
     command = (

@@ -19,12 +19,15 @@ pytest.importorskip("stable_baselines3")
 record_writer = pytest.importorskip("tensorboard.summary.writer.record_writer")
 
 import fish_env
-from agents import callbacks, integrators, jobs, records, report, results, statistics, train_all
+from agents import callbacks, jobs, report, statistics, train_all
 from agents import train as training
-from agents.build import Tanh, export_policy, make_env, make_model
+from agents.build import export_policy, make_env, make_model
 from agents.config import CONFIGS, RESULTS, settings_of
 from agents.run_measures import read_run
 from agents.synergy import synergies
+from benchmarks.common import tables
+from benchmarks.common.tables import read_rows
+from benchmarks.learning import integrators, publish
 from fish_env.control import evaluate, evaluation_options, load_policy, make_eval_env, policy_controller, shipped_policy
 from fish_env.control.equivariant import reflection_of
 
@@ -96,23 +99,11 @@ def test_a_slower_policy_moves_the_same_in_shorter_steps(groups):
         policy_controller(policy, make_eval_env(config.env_id, 1, {"muscle_groups": groups, "control_interval": 0.03}))
 
 
-def test_tanh_is_tanh():
-    """The quick one is torch's to rounding, and so is its gradient."""
-    x = torch.linspace(-30.0, 30.0, 6001, requires_grad=True)
-    quick, slow = Tanh()(x), torch.tanh(x)
-    weights = torch.linspace(0.5, 2.0, 6001)
-    gradients = [torch.autograd.grad((y * weights).sum(), x)[0] for y in (quick, slow)]
-    assert (quick - slow).abs().max() < 3e-7
-    assert (gradients[0] - gradients[1]).abs().max() < 2e-6
-    assert torch.autograd.gradcheck(Tanh(), torch.randn(7, dtype=torch.float64, requires_grad=True))
-
-
 def test_run_leaves_everything_behind(tmp_path, capsys):
     """A training run leaves model, policy, configuration, curve, pictures and video, and prints what to do next."""
     folder = train("swim", seed=3, root=tmp_path)
-    for name in ("model.zip", "policy.npz", "config.json", "results.json", "curve.csv", "curve.png", "path.png"):
+    for name in ("model.zip", "policy.npz", "config.json", "results.json", "curve.csv", "report.html"):
         assert (folder / name).stat().st_size > 0, name
-    assert (folder / "swim.mp4").stat().st_size > 10_000
     assert list((folder / "tensorboard").rglob("events.*"))
     record = json.loads((folder / "config.json").read_text())
     assert record["seed"] == 3 and record["config"]["timesteps"] == 1024 and record["versions"]["torch"]
@@ -239,11 +230,12 @@ def test_another_integrator_is_published(tmp_path, monkeypatch, capsys):
     runs = tmp_path / "runs"
     folder = train("swim", folder=runs / "swim/seed_0", pictures=False, integrator="semi_implicit", dt=0.002)
     assert json.loads((folder / "config.json").read_text())["config"]["env_options"]["integrator"] == "semi_implicit"
-    monkeypatch.setattr(results, "EPISODES", 3)
+    monkeypatch.setattr(publish, "EPISODES", 3)
     monkeypatch.setattr(statistics, "RESAMPLES", 20)
     capsys.readouterr()
-    results.publish_method(runs, "semi_implicit", ["swim"])
-    rows = records.read_rows(runs / "trained_with_semi_implicit.csv")
+    monkeypatch.setattr(tables, "trajectories", dict)
+    publish.publish_method(runs, "semi_implicit", ["swim"])
+    rows = read_rows(runs / "trained_with_semi_implicit.csv")
     assert [row["moved_by"] for row in rows] == ["semi_implicit"] * 3 + ["the default"] * 3
     assert {row["dt"] for row in rows} == {"0.002"} and {row["seeds"] for row in rows} == {"1"}
     text = (runs / "trained_with_semi_implicit.csv").read_text()
@@ -252,7 +244,7 @@ def test_another_integrator_is_published(tmp_path, monkeypatch, capsys):
     assert out.count("| swim | speed, BL/s |") == 1
     assert len([line for line in out.splitlines() if line.startswith("| swim") and line.count("|") == 6]) == 3
     with pytest.raises(FileNotFoundError, match="no run of turn"):
-        results.publish_method(runs, "semi_implicit", ["turn"])
+        publish.publish_method(runs, "semi_implicit", ["turn"])
 
 
 def test_a_folder_takes_one_run(tmp_path, monkeypatch):
@@ -266,7 +258,7 @@ def test_a_folder_takes_one_run(tmp_path, monkeypatch):
     with (folder / "curve.csv").open("a") as file:
         file.write("999999,9.0,1,0.0,0.0\n")
     train("swim", resume=folder, changes={"timesteps": 2048})
-    steps = [int(row["timesteps"]) for row in results.read_rows(folder / "curve.csv")]
+    steps = [int(row["timesteps"]) for row in read_rows(folder / "curve.csv")]
     assert steps == sorted(steps) and steps[-1] == 2048
     record = json.loads((folder / "config.json").read_text())
     assert record["resumed"] == 1 and settings_of(record["config"]) == replace(
@@ -300,40 +292,41 @@ def test_interquartile_mean_and_interval(monkeypatch):
 
 def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
     """Publishing writes seeds, methods and curves, ships the median seed, and fills in the table of the page."""
-    monkeypatch.setattr(results, "LEARNING", tmp_path / "learning")
-    monkeypatch.setattr(records, "RESULTS", tmp_path)
-    monkeypatch.setattr(results, "PRETRAINED", tmp_path / "pretrained")
-    monkeypatch.setattr(results, "EPISODES", 4)
+    monkeypatch.setattr(publish, "LEARNING", tmp_path / "learning")
+    monkeypatch.setattr(tables, "RESULTS", tmp_path)
+    monkeypatch.setattr(tables, "trajectories", dict)
+    monkeypatch.setattr(publish, "PRETRAINED", tmp_path / "pretrained")
+    monkeypatch.setattr(publish, "EPISODES", 4)
     monkeypatch.setattr(statistics, "RESAMPLES", 20)
-    monkeypatch.setattr(results, "RESULTS", {"swim": replace(RESULTS["swim"], seeds=2)})
+    monkeypatch.setattr(publish, "RESULTS", {"swim": replace(RESULTS["swim"], seeds=2)})
     page = tmp_path / "results.md"
     page.write_text("before <!-- swim --> old <!-- end --> after")
-    monkeypatch.setattr(results, "PAGE", page)
-    monkeypatch.setattr(results, "README", tmp_path / "README.md")
-    results.README.write_text("<!-- summary -->\nold\n<!-- end -->")
+    monkeypatch.setattr(publish, "PAGE", page)
+    monkeypatch.setattr(publish, "README", tmp_path / "README.md")
+    publish.README.write_text("<!-- summary -->\nold\n<!-- end -->")
     for seed in range(2):
         train("swim", seed, folder=tmp_path / "runs" / "swim" / f"seed_{seed}", pictures=False)
-    results.publish(tmp_path / "runs", ["swim"])
+    publish.publish(tmp_path / "runs", ["swim"])
     assert (
         "| PPO, 2 seeds |" in page.read_text() and "old" not in page.read_text() and page.read_text().endswith("after")
     )
-    assert "[`Swim-v0`](docs/envs/swim.md)" in results.README.read_text() and "old" not in results.README.read_text()
+    assert "[`Swim-v0`](docs/envs/swim.md)" in publish.README.read_text() and "old" not in publish.README.read_text()
     assert load_policy(tmp_path / "pretrained" / "swim" / "policy.npz")
-    assert [row["seed"] for row in results.stored("seeds")] == ["0", "1"]
-    results.replace_rows("seeds", "turn", [{"seed": 5, "latency": 0.5}])
-    results.replace_rows("seeds", "swim", [{"seed": 7, "speed": 2.0}])
-    found = [(row["task"], row["seed"], row["latency"], row["speed"]) for row in results.stored("seeds")]
+    assert [row["seed"] for row in publish.stored("seeds")] == ["0", "1"]
+    publish.replace_rows("seeds", "turn", [{"seed": 5, "latency": 0.5}])
+    publish.replace_rows("seeds", "swim", [{"seed": 7, "speed": 2.0}])
+    found = [(row["task"], row["seed"], row["latency"], row["speed"]) for row in publish.stored("seeds")]
     assert found == [("swim", "7", "", "2.0"), ("turn", "5", "0.5", "")]
     with pytest.raises(FileNotFoundError, match=r"no run of swim in .* is finished"):
-        results.publish(tmp_path / "nowhere", ["swim"])
+        publish.publish(tmp_path / "nowhere", ["swim"])
 
 
 def test_the_pages_hold_what_the_tables_hold():
     """The tables of the page of results and of the README are those of the CSV file; no trained policy has failed."""
-    page = results.PAGE.read_text()
-    assert results.filled(page) == page and all(f"<!-- {task} -->" in page for task in CONFIGS)
-    assert f"<!-- summary -->\n{results.summary()}<!-- end -->" in results.README.read_text()
-    assert {float(row["value"]) for row in results.stored("methods") if row["metric"] == "failed"} == {0.0}
+    page = publish.PAGE.read_text()
+    assert publish.filled(page) == page and all(f"<!-- {task} -->" in page for task in CONFIGS)
+    assert f"<!-- summary -->\n{publish.summary()}<!-- end -->" in publish.README.read_text()
+    assert {float(row["value"]) for row in publish.stored("methods") if row["metric"] == "failed"} == {0.0}
 
 
 def test_integrator_check_sees_a_difference(tmp_path, monkeypatch):
@@ -419,10 +412,11 @@ def test_a_full_disk_does_not_end_the_training(tmp_path, monkeypatch, capsys):
     folder = train("swim", folder=tmp_path / "run", changes={"timesteps": 4096, "num_envs": 8})
     assert {"model.zip", "curve.csv"} <= set(calls[2:5])
     assert capsys.readouterr().out.count("could not be written (No space left on device)") == 2
-    steps = [int(row["timesteps"]) for row in results.read_rows(folder / "curve.csv")]
+    steps = [int(row["timesteps"]) for row in read_rows(folder / "curve.csv")]
     assert steps == sorted(set(steps)) and len(steps) > 3
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_events_that_cannot_be_written_do_not_end_the_training(tmp_path, monkeypatch, capfd):
     """TensorBoard's writing thread raises: it is said once, with the folder, and the run has all but the events."""
     monkeypatch.setattr(training, "report", lambda *args: None)
@@ -440,9 +434,10 @@ def test_events_that_cannot_be_written_do_not_end_the_training(tmp_path, monkeyp
     said = capfd.readouterr()
     assert said.out.count(f"{folder / 'tensorboard' / 'ppo_1'} could not be written (No space left on device)") == 1
     assert "Traceback" not in said.err
-    assert (folder / "policy.npz").exists() and results.read_rows(folder / "curve.csv")[-1]["timesteps"] == "2048"
+    assert (folder / "policy.npz").exists() and read_rows(folder / "curve.csv")[-1]["timesteps"] == "2048"
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_disk_that_is_really_full_does_not_end_the_training(tmp_path, monkeypatch, capfd):
     """On a file system of 2 MB that is full for a while: a warning a file, and model, policy and curve at the end."""
     disk = tmp_path / "disk"
@@ -473,7 +468,7 @@ def test_a_disk_that_is_really_full_does_not_end_the_training(tmp_path, monkeypa
         said = capfd.readouterr()
         assert said.out.count("could not be written (No space left on device)") == 3 and "Traceback" not in said.err
         assert {"model.zip", "policy.npz", "config.json"} <= set(os.listdir(folder))
-        assert [int(row["timesteps"]) for row in results.read_rows(folder / "curve.csv")] == updates
+        assert [int(row["timesteps"]) for row in read_rows(folder / "curve.csv")] == updates
         with (disk / "big").open("wb", buffering=0) as file, pytest.raises(OSError, match="No space left"):
             while True:
                 file.write(bytes(4096))
@@ -620,7 +615,7 @@ def test_short_training_learns(tmp_path, monkeypatch):
     """A short PPO run swims faster than it did before, on the evaluation seeds."""
     config = CONFIGS["swim"]
     env = make_eval_env(config.env_id, 8, config.env_options)
-    before = evaluate(policy_controller(report.untrained(config, 0), env), env)["speed"].mean()
+    before = evaluate(policy_controller(report.untrained_policy(config, 0), env), env)["speed"].mean()
     monkeypatch.setattr(training, "report", lambda *args: None)
     folder = train("swim", root=tmp_path, changes={"timesteps": 100_000, "num_envs": 64})
     after = evaluate(policy_controller(load_policy(folder / "policy.npz"), env), env)["speed"].mean()

@@ -6,7 +6,7 @@ import pytest
 
 import agents.train as training
 from agents.config import CONFIGS
-from agents.report import opened
+from agents.report import open_policy
 from agents.train import Request, moved_by, train
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.control import load_policy
@@ -29,7 +29,7 @@ def test_a_run_says_what_it_is_trained_with(tmp_path, quick):
     chosen = {"integrator": "symplectic_euler", "dt": 0.0005}
     assert record["config"]["env_options"] == load_policy(folder / "policy.npz").about["env_options"] == chosen
     assert record["command"].endswith("--integrator symplectic_euler --dt 0.0005")
-    *_, env = opened(folder / "policy.npz", 2)
+    *_, env = open_policy(folder / "policy.npz", 2)
     assert env.tank.integrator.name == "symplectic_euler" and env.tank.dt == 0.0005
     env.close()
     train(Request("swim", resume=folder, changes={"timesteps": 1024}))

@@ -82,7 +82,7 @@ def test_train_on_another_body(tmp_path, monkeypatch):
     assert {name: record["config"][name] for name in FINE_TUNING} == FINE_TUNING | SHORT
     policy = load_policy(first / "policy.npz")
     assert policy.about["env_options"] == {"body": "planar", "muscle_groups": "pairs"}
-    task, opened, env = report.opened(first / "policy.npz", 2, body="mass_spring")
+    task, opened, env = report.open_policy(first / "policy.npz", 2, body="mass_spring")
     assert task == "swim" and not env.tank.fish.flat and env.single_action_space.shape == (6,)
     assert np.isfinite(evaluate(policy_controller(opened, env), env)["speed"]).all()
     train("swim", resume=second, changes={"timesteps": 2048})

@@ -12,13 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.avoidability import avoidable
+from agents.checkout import present_commit
 from agents.config import CONFIGS, RESULTS
-from agents.records import RESULTS as TABLES
-from agents.records import ROOT, provenance, pyplot, read_rows, write_csv
 from agents.report import baselines
 from agents.saved_run import read_record
-from agents.statistics import interquartile_mean, interval, rounded, seed_mean
+from agents.statistics import interquartile_mean, interval, seed_mean
+from benchmarks.common.charts import pyplot, save
+from benchmarks.common.statistics import rounded
+from benchmarks.common.tables import IMAGES, ROOT, read_rows, write_csv
+from benchmarks.common.tables import RESULTS as TABLES
+from benchmarks.learning.avoidability import avoidable
 from fish_env.control import (
     EPISODES,
     Scores,
@@ -33,7 +36,7 @@ from fish_env.control.policy import PRETRAINED
 
 COMMAND = "python train.py all"
 CURVE_POINTS = 60
-IMAGES, LEARNING = ROOT / "docs" / "images", TABLES / "learning"
+LEARNING = TABLES / "learning"
 PAGE, README = ROOT / "docs" / "results.md", ROOT / "README.md"
 UNITS = {
     "speed": ("speed, BL/s", 1, 2),
@@ -141,7 +144,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
                                     "episodes": EPISODES})  # fmt: skip
         if not condition:
             ship(runs, methods["PPO"], result.score, PRETRAINED / task)
-    measured = {"measured": provenance(COMMAND)["commit"]}
+    measured = {"measured": present_commit()}
     replace_rows("seeds", task, [row | measured for row in seed_rows])
     replace_rows("methods", task, [row | measured for row in method_rows])
     replace_rows("curves", task, [row for run in runs for row in curve_rows(run)])
@@ -239,8 +242,7 @@ def draw_curves(path: Path) -> None:
         levels_of = {key_of(row): row["value"] for row in stored("methods")}
         axes.axhline(float(levels_of[task, "", "motor controllers", score]), color="#c0562f", ls="--", lw=1)
         axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=score, ylim=(0, None))
-    figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)
+    save(figure, path)
 
 
 def filled(page: str) -> str:
