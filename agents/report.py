@@ -3,11 +3,10 @@
 import json
 from pathlib import Path
 
-import numpy as np
-
 from agents.build import export_policy, make_env, make_model
-from agents.config import CONFIGS, RESULTS, TrainConfig
+from agents.config import TrainConfig
 from agents.run_report import write_report
+from fish_env.__main__ import print_means
 from fish_env.control import (
     EPISODES,
     FIRST_SEED,
@@ -45,7 +44,7 @@ def measure_policies(env: FishVectorEnv, policies: dict[str, Policy], beside: bo
     return {name: means(evaluate(controller, env)) for name, controller in controllers.items()}
 
 
-def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bool = True) -> None:
+def report(folder: Path, config: TrainConfig, seed: int, pictures: bool = True) -> None:
     """Evaluate on fixed seeds and write results.json; with pictures, print the table and write report.html too."""
     policies = {"trained policy": load_policy(folder / "policy.npz", config.env_id)}
     if pictures:
@@ -55,7 +54,7 @@ def report(folder: Path, task: str, config: TrainConfig, seed: int, pictures: bo
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
     write_text(folder / "results.json", json.dumps(results, indent=2) + "\n")
     if pictures:
-        print_table(task, rows)
+        print_rows(config.env_id, rows)
         page = write_report([folder], episodes=EPISODES)
         print(f"\nSaved in {folder}: model.zip, policy.npz, config.json, curve.csv, results.json")
         print(f"Read it:  {page}")
@@ -68,38 +67,18 @@ def untrained_policy(config: TrainConfig, seed: int) -> Policy:
     return export_policy(make_model(config, env, seed), {"env_id": config.env_id, "env_options": config.env_options})
 
 
-def print_table(task: str, rows: dict[str, dict]) -> None:
+def print_rows(env_id: str, rows: dict[str, dict]) -> None:
     """Print the means of every controller over the fixed evaluation episodes."""
-    columns = (*RESULTS[task].metrics, "return", "failed")
-    print(f"\n{task}: mean over {EPISODES} episodes (metrics and their units: docs/envs/)")
-    widths = [max(12, len(name) + 2) for name in columns]
-    print(" " * 20 + "".join(name.rjust(width) for name, width in zip(columns, widths, strict=True)))
-    for name, row in rows.items():
-        cells = ["-" if row.get(column) is None else f"{row[column]:.3f}" for column in columns]
-        print(name.ljust(20) + "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
-    if task == "swim" and "best open-loop gait" in rows:
-        gait, policy = rows["best open-loop gait"], rows["trained policy"]
-        own = np.hypot(gait["speed"], gait["sideways"])  # from means, so about
-        faster = policy["speed"] / gait["speed"], policy["speed"] / own
-        print(f"The policy swims {faster[0]:.2f} times as fast along the heading as the gait, which cannot steer, and "
-              f"{faster[1]:.2f} times as fast as the gait along its own line.")  # fmt: skip
-
-
-def open_policy(path: Path, episodes: int = EPISODES, **changes) -> tuple[str, Policy, FishVectorEnv]:
-    """A policy file: its task, the policy, and an environment to evaluate it in; `changes` are options of that."""
-    policy = load_policy(path)
-    task = policy.about.get("task")
-    if not isinstance(task, str) or task not in CONFIGS or policy.about["env_id"] != CONFIGS[task].env_id:
-        what = f"task {task!r} in {policy.about['env_id']!r}"
-        raise ValueError(f"{path} is for {what}; choose a policy for one of {', '.join(CONFIGS)}")
-    return task, policy, make_policy_env(policy, episodes, **changes)
+    print()
+    about = {"episodes": EPISODES, "first_seed": FIRST_SEED}
+    print_means(env_id, [{"policy": name, "means": found} | about for name, found in rows.items()])
 
 
 def compare(paths: list[Path]) -> dict[Path, dict]:
     """Evaluate policy files (or those that are shipped) on the fixed seeds, with the controllers without learning."""
     found = {}
     for path in paths or shipped_policies().values():
-        task, policy, env = open_policy(path)
-        found[path] = measure_policies(env, {"trained policy": policy}, beside=True)
-        print_table(task, found[path])
+        policy = load_policy(path)
+        found[path] = measure_policies(make_policy_env(policy, EPISODES), {str(path): policy}, beside=True)
+        print_rows(policy.about["env_id"], found[path])
     return found

@@ -95,12 +95,12 @@ def group_runs(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
     """
     found: dict[str, list[Run]] = {}
     for run in runs:
-        found.setdefault(json.dumps([run.record["config"], run.record.get("start")], sort_keys=True), []).append(run)
+        found.setdefault(json.dumps([run.record["config"], run.record["start"]], sort_keys=True), []).append(run)
     if len(found) > len(charts.COLOURS):
         raise ValueError(f"the runs have {len(found)} different settings; compare at most {len(charts.COLOURS)}")
     if len(found) == 1:
         return [(f"seed {runs[0].seed}" if len(runs) == 1 else "all seeds", list(runs))]
-    settings = [flatten(same[0].record["config"] | {"start": same[0].record.get("start")}) for same in found.values()]
+    settings = [flatten(same[0].record["config"] | {"start": same[0].record["start"]}) for same in found.values()]
     names = dict.fromkeys(name for each in settings for name in each)
     other = [name for name in names if len({str(each.get(name)) for each in settings}) > 1]
     labels = [", ".join(f"{n.rpartition('.')[2]} {each[n]}" for n in other if n in each) for each in settings]
@@ -160,7 +160,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]], first_numbers: i
 
 def tabulate_runs(groups: Sequence[Group]) -> str:
     """Every run with its folder, seed and length."""
-    rows = [(group.label, str(run.folder), run.seed, f"{run.steps:,}", str(run.record.get("commit", "-")))
+    rows = [(group.label, str(run.folder), run.seed, f"{run.steps:,}", run.record["commit"])
             for group in groups for run in group.runs]  # fmt: skip
     return table(("group", "folder", "seed", "environment steps", "commit"), rows, 2)
 
@@ -170,10 +170,10 @@ def describe_run(run: Run) -> str:
     record, wanted = run.record, run.record["config"].get("timesteps", 0)
     short = f' <span class="bad">Interrupted: {wanted:,} were asked for.</span>' if run.steps < 0.9 * wanted else ""
     seconds = run.curve["seconds"][-1] if run.steps else 0.0
-    rows = [*flatten(record["config"]).items(), *flatten(record.get("versions", {}), "version of ").items()]
+    rows = [*flatten(record["config"]).items(), *flatten(record["versions"], "version of ").items()]
     return (
-        f"<p><code>{escape(str(record.get('command', '')))}</code></p>"
-        f"<p>{run.steps:,} environment steps in {seconds:.0f} s, commit {escape(str(record['commit']))}.{short}</p>"
+        f"<p><code>{escape(record['command'])}</code></p>"
+        f"<p>{run.steps:,} environment steps in {seconds:.0f} s, commit {escape(record['commit'])}.{short}</p>"
         f"<details><summary>Settings and versions</summary>{table(('setting', 'value'), rows, 9)}</details>"
     )
 

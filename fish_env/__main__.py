@@ -164,7 +164,12 @@ def evaluate_policies(arguments: argparse.Namespace, changes: dict[str, str | fl
 
 
 def print_means(env_id: str, records: list[dict]) -> None:
-    """Print the metrics of one environment, a row each, and a column for each policy."""
+    """Print the metrics of one environment, a row each, and a column for each policy.
+
+    Args:
+        env_id: of the environment.
+        records: of the policies, each with `policy` (its name), `means`, `episodes` and `first_seed`.
+    """
     print(f"{env_id}: mean over {records[0]['episodes']} episodes, seeds from {records[0]['first_seed']}")
     names = [record["policy"] for record in records]
     names = [Path(name).parent.name if Path(name).name == "policy.npz" else name for name in names]

@@ -168,7 +168,7 @@ def test_a_run_whose_starter_is_gone_stops_and_is_saved(tmp_path):
 def test_training_everything_can_be_stopped_and_resumed(tmp_path, monkeypatch):
     """`train.py all` leaves finished runs unchanged, resumes stopped ones, and publishes the results of all."""
     monkeypatch.setattr(train_all, "CONFIGS", {"swim": replace(CONFIGS["swim"], **SHORT)})
-    monkeypatch.setattr(train_all, "RESULTS", {"swim": replace(RESULTS["swim"], seeds=2)})
+    monkeypatch.setattr(train_all, "RESULTS", {"swim": RESULTS["swim"]._replace(seeds=2)})
     started = []
 
     def ended():
@@ -298,7 +298,7 @@ def test_publishing_fills_in_page_and_files(tmp_path, monkeypatch):
     monkeypatch.setattr(publish, "PRETRAINED", tmp_path / "pretrained")
     monkeypatch.setattr(publish, "EPISODES", 4)
     monkeypatch.setattr(statistics, "RESAMPLES", 20)
-    monkeypatch.setattr(publish, "RESULTS", {"swim": replace(RESULTS["swim"], seeds=2)})
+    monkeypatch.setattr(publish, "RESULTS", {"swim": RESULTS["swim"]._replace(seeds=2)})
     page = tmp_path / "results.md"
     page.write_text("before <!-- swim --> old <!-- end --> after")
     monkeypatch.setattr(publish, "PAGE", page)
