@@ -23,7 +23,8 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 MOST_THREADS = 1024
-THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+THREADS = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
+"""Settings of the libraries; threads that wait actively make each other far slower on a busy machine."""
 
 
 def parse() -> argparse.Namespace:
@@ -180,8 +181,8 @@ def command(came: list[int]) -> int:
 
 def main() -> int:
     """The command line; its exit status is 128 and the number of the signal, if one has stopped it."""
-    for name in THREADS:  # before numpy and torch are loaded
-        os.environ.setdefault(name, "1")
+    for name, value in THREADS.items():  # before numpy and torch are loaded
+        os.environ.setdefault(name, value)
     saves = sys.argv[1:2] not in [["evaluate"], ["compare"], ["report"], ["play"]]
     with stopped_once() if saves else nullcontext([]) as came:
         status = carry_out(came)
