@@ -8,10 +8,10 @@ from importlib import import_module
 
 import pytest
 
-from agents import records
+from agents.checkout import present_commit
 from benchmarks import __main__ as entry
 from benchmarks.bodies import convergence
-from benchmarks.common import motion, reference
+from benchmarks.common import motion, reference, tables
 from benchmarks.common.reference import TRAJECTORIES
 from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
 from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Status, status_of
@@ -144,7 +144,7 @@ def test_names_and_stale_ones(monkeypatch, capfd):
     made = {name: Result(f"a.{name}", "", f"-c print('{name}')", 0.1, (name,)) for name in states}
     monkeypatch.setattr(entry, "REGISTRY", made)
     monkeypatch.setattr(entry, "status_of", lambda outputs, follows: Status(states[outputs[0]], commit, "", ""))
-    commit = records.provenance("")["commit"]
+    commit = present_commit()
     capfd.readouterr()
     assert entry.main(["--stale"]) == 0
     assert [line for line in capfd.readouterr().out.splitlines() if line in made] == ["old", "missing"]
@@ -163,15 +163,16 @@ def test_the_list_of_this_project(capsys):
 
 def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
     """A table that cannot be written leaves the one that was there: rows that differ, or no provenance."""
-    monkeypatch.setattr(records, "RESULTS", tmp_path)
-    path = records.write_csv("some.csv", [{"a": 1, "b": 2.5}], "python -m some")
+    monkeypatch.setattr(tables, "RESULTS", tmp_path)
+    monkeypatch.setattr(tables, "trajectories", lambda: {"body fast": 1.0})
+    path = tables.write_csv("some.csv", [{"a": 1, "b": 2.5}], "python -m some")
     before = path.read_bytes()
     assert before.startswith(b"# command: python -m some\n") and before.endswith(b"\na,b\n1,2.5\n")
     with pytest.raises(ValueError, match="fields not in fieldnames"):
-        records.write_csv("some.csv", [{"a": 1}, {"a": 1, "c": 2}], "python -m some")
-    monkeypatch.setattr(records, "provenance", lambda command: 1 / 0)
+        tables.write_csv("some.csv", [{"a": 1}, {"a": 1, "c": 2}], "python -m some")
+    monkeypatch.setattr(tables, "provenance", lambda command: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        records.write_csv("some.csv", [{"a": 1}], "python -m some")
+        tables.write_csv("some.csv", [{"a": 1}], "python -m some")
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
 
 

@@ -18,7 +18,7 @@ def test_files_exist():
 def test_a_trial_replaces_its_own_rows(tmp_path, monkeypatch):
     """Rows of other trials stay as they are; a failed test is reported."""
     monkeypatch.setattr(reliability, "RESULTS", tmp_path)
-    monkeypatch.setattr("agents.records.RESULTS", tmp_path)
+    monkeypatch.setattr("benchmarks.common.tables.RESULTS", tmp_path)
     for failed, names in ((0, ["company", "checks"]), (1, ["checks"])):
         counts = {"tests": 3, "passed": 3 - failed, "skipped": 0, "failed": failed}
         monkeypatch.setattr(reliability, "outcome", lambda *_, counts=counts: counts)

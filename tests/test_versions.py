@@ -45,7 +45,7 @@ def test_what_pip_is_told():
 def test_a_table_of_trials(tmp_path, monkeypatch):
     """A row replaces that of the same minor version and resolution; rows are in the order of the versions."""
     monkeypatch.setattr(versions, "RESULTS", tmp_path)
-    monkeypatch.setattr("agents.records.RESULTS", tmp_path)
+    monkeypatch.setattr("benchmarks.common.tables.RESULTS", tmp_path)
     for python, resolution, tests in (("3.10.1", "lowest", 1), ("3.9.5", "pinned", 2), ("3.10.2", "lowest", 3)):
         versions.keep({"python": python, "resolution": resolution, "tests": tests})
     rows = read_rows(tmp_path / versions.TABLE)

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from benchmarks.common.tables import RESULTS, ROOT, provenance, read_rows, write_csv
+from agents.checkout import present_commit
+from benchmarks.common.tables import RESULTS, ROOT, read_rows, write_csv
 
 COMMAND = "python -m benchmarks.stability.reliability"
 TABLE = "reliability.csv"
@@ -67,7 +68,7 @@ def run(names: list[str], workers: int) -> bool:
     """Run trials and put their rows into the table; True if no test failed."""
     known: list[dict] = read_rows(RESULTS / TABLE) if (RESULTS / TABLE).exists() else []
     rows = {(row["trial"], row["file"]): row for row in known}
-    commit, passed = provenance(COMMAND)["commit"], True
+    commit, passed = present_commit(), True
     try:
         for name in names:
             for file in TRIALS[name].files:

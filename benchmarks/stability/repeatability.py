@@ -69,7 +69,7 @@ def swum(keywords: dict, threads: int, steps: int = 20) -> str:
     return seen.hexdigest()
 
 
-def trained(task: str, learner: str, threads: int, updates: int = 8) -> str:
+def trained(task: str, threads: int, updates: int = 8) -> str:
     """The digest of a policy, its value function and its optimizer, trained by `agents.train` for some updates."""
     from agents.config import CONFIGS
     from agents.train import Request, train
@@ -77,7 +77,7 @@ def trained(task: str, learner: str, threads: int, updates: int = 8) -> str:
     options = CONFIGS[task].env_options | {"threads": threads}
     steps = updates * FISH * CONFIGS[task].rollout
     with tempfile.TemporaryDirectory() as folder:
-        train(Request(task, 3, folder=Path(folder, "run"), learner=learner, pictures=False,
+        train(Request(task, 3, folder=Path(folder, "run"), pictures=False,
                       changes={"timesteps": steps, "num_envs": FISH, "env_options": options}))  # fmt: skip
         return parameters(Path(folder, "run"))
 
@@ -114,9 +114,8 @@ TRIALS: dict[str, Callable[[int], str]] = {
     **{f"swim by {name}": partial(swum, {"integrator": name}, steps=4) for name in INTEGRATORS},
     "swim in float32": partial(swum, {"dtype": "float32"}),
     "swim, all that may vary": partial(swum, VARIED),
-    **{f"{task}, trained": partial(trained, task, "compiled")
+    **{f"{task}, trained": partial(trained, task)
        for task in ("swim", "turn", "left_after_right", "target", "target_3d", "avoid")},
-    "swim, trained by Stable-Baselines3": partial(trained, "swim", "sb3"),
 }  # fmt: skip
 """What is computed of a number of threads."""
 
