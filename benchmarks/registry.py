@@ -66,17 +66,8 @@ ACCURACY = (
     Result(
         "accuracy.work_precision", "error against computing time of every method on eight scenes",
         "-m benchmarks.accuracy.work_precision", 12,
-        csv("work_precision", "work_precision_references", "work_precision_time.svg", "work_precision_turn.svg"),
+        csv("work_precision", "work_precision_references", "work_precision.svg"),
         one_core=True,
-    ),
-    Result(
-        "accuracy.refinement", "steps a control interval and intervals that are repeated: error, cost and stability",
-        "-m benchmarks.accuracy.refinement", 3, csv("refinement", "refinement_stable"),
-    ),
-    Result(
-        "accuracy.boundary", "prescribed displacements: a penalty against elimination",
-        "-m benchmarks.accuracy.boundary", 0.5, csv("boundary") + images("boundary.svg"),
-        follows=("body mass_spring", "object *"),
     ),
     Result(
         "accuracy.finite_elements", "tetrahedra against beam theory; measures of strain in rotation and bending",
@@ -89,28 +80,13 @@ ACCURACY = (
 STABILITY = (
     Result(
         "stability.survey", "step-size limits of every method, on every body and against stiffness",
-        "-m benchmarks.stability.survey", 9, csv("stability", "stability_limits", "stability.svg", "stability_map.svg"),
+        "-m benchmarks.stability.survey", 9, csv("stability_limits", "stability.svg"),
         one_core=True, follows=EVERY_BODY,
     ),
     Result(
         "stability.attack", "failures of every body under random, bang-bang, oscillating and searched commands; also "
         "tests/worst.npz", "-m benchmarks.stability.attack", 10, csv("attack"),
         follows=EVERY_BODY,
-    ),
-    Result(
-        "stability.reliability", "odd arguments, many processes, and the checkers of other packages: tests passed",
-        "-m benchmarks.stability.reliability", 20, csv("reliability"),
-        follows=EVERY_TASK,
-    ),
-    Result(
-        "stability.repeatability", "the same bits in other processes, checkouts and numbers of threads",
-        "-m benchmarks.stability.repeatability", 10, csv("repeatability"),
-        follows=EVERY_TASK,
-    ),
-    Result(
-        "stability.versions", "built, installed and tested on other versions of Python and of the dependencies",
-        "-m benchmarks.stability.versions", 60, csv("versions"), by_name=True,
-        follows=EVERY_TASK,
     ),
 )  # fmt: skip
 
@@ -126,18 +102,8 @@ SPEED = (
         follows=EVERY_BODY,
     ),
     Result(
-        "speed.peers", "other simulators on the same springs, other environments (needs the extra [peers])",
+        "speed.peers", "MuJoCo on the same springs, and its environments (needs the extra [peers])",
         "-m benchmarks.speed.peers", 5, csv("speed/peers.csv"),
-    ),
-    Result(
-        "speed.laboratory", "the laboratory: its start, and updates a second of every object (needs the extra "
-        "[browser], Chromium)",
-        "-m benchmarks.speed.laboratory", 6, csv("speed/laboratory.csv"),
-        follows=(*EVERY_BODY, "object *"),
-    ),
-    Result(
-        "speed.cluster", "sampling and learning with one and more runners of Ray RLlib (needs the extra [cluster])",
-        "-m benchmarks.speed.cluster", 2, csv("cluster"),
     ),
 )  # fmt: skip
 
@@ -145,16 +111,6 @@ FIDELITY = (
     Result(
         "bodies.fidelity", "distance of every body to the finest, and its cost, in a scene of every task",
         "-m benchmarks.bodies.fidelity", 12, csv("fidelity") + images("fidelity.svg"),
-        follows=EVERY_BODY,
-    ),
-    Result(
-        "bodies.convergence", "levels 1 to 3 of the finest body against level 4, in scenes of two tasks",
-        "-m benchmarks.bodies.convergence", 8, csv("convergence"),
-        follows=("body tetrahedral", "body mass_spring"),
-    ),
-    Result(
-        "bodies.inertia", "mass, centre and inertia of every body beside its outline's continuum; roll in strong gaits",
-        "-m benchmarks.bodies.inertia", 1, csv("inertia"),
         follows=EVERY_BODY,
     ),
 )  # fmt: skip
@@ -167,13 +123,13 @@ OBJECTS = (
         follows=("object *",),
     ),
     Result(
-        "objects.layers", "one layer and two on a floor, by the pressure of their gas; layers against each other",
-        "-m benchmarks.objects.layers", 1, csv("objects_layers", "objects_layer_modes", "objects_layers.svg"),
+        "objects.layers", "one layer and two on a floor, by the pressure of their gas",
+        "-m benchmarks.objects.layers", 1, csv("objects_layers", "objects_layers.svg"),
         follows=("object *",),
     ),
     Result(
-        "objects.solids", "solids of finite elements: errors, costs and largest steps of every method; recovery",
-        "-m benchmarks.objects.solids", 2, csv("solids_methods", "solids_recovery", "solids_methods.svg"),
+        "objects.solids", "solids of finite elements: errors, costs and largest steps of every method",
+        "-m benchmarks.objects.solids", 2, csv("solids_methods", "solids_methods.svg"),
         follows=("object *",),
     ),
 )  # fmt: skip
@@ -181,12 +137,8 @@ OBJECTS = (
 COMMANDS = "benchmarks/calibration/task_commands.npz"
 CALIBRATION = (
     Result(
-        "calibration.check", "the best open-loop gait beside living fish",
-        "-m benchmarks.calibration.check", 0.2, csv("gait"),
-    ),
-    Result(
-        "calibration.living_fish", "every body beside a living trout: speed, sweep and the sway of the midline",
-        "-m benchmarks.calibration.living_fish --check", 3, csv("living_fish", "living_fish.svg"),
+        "calibration.living_fish", "every body and the best gait beside living fish: speed, sweep, sway of the midline",
+        "-m benchmarks.calibration.living_fish --check", 3, csv("living_fish", "gait", "living_fish.svg"),
         follows=EVERY_BODY,
     ),
     Result(

@@ -10,8 +10,7 @@ import pytest
 
 from agents import records
 from benchmarks import __main__ as entry
-from benchmarks.bodies import convergence
-from benchmarks.common import motion, reference
+from benchmarks.common import reference
 from benchmarks.common.reference import TRAJECTORIES
 from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
 from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Status, status_of
@@ -173,12 +172,3 @@ def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         records.write_csv("some.csv", [{"a": 1}], "python -m some")
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
-
-
-def test_convergence_of_tetrahedra(monkeypatch):
-    """Distances to the finest level, which of two is the next finer one: other motions, and no motion of its own."""
-    monkeypatch.setattr(motion, "SECONDS", 1.2)
-    rows = convergence.run(1, tasks=("swim",), levels=(2, 1))
-    assert {(row["level"], row["against"], row["failed"]) for row in rows} == {(1, 2, 0)}
-    (off,) = (float(row["error"]) for row in rows if row["quantity"] == "all")
-    assert 0.05 < off < 1.0

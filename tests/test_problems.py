@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import refinement, work_precision
+from benchmarks.accuracy import work_precision
 from benchmarks.common import problems
-from benchmarks.common.actions import actions
 from benchmarks.common.charts import METHOD_STYLE
+from benchmarks.common.tables import ROOT, read_table
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.control import best_gait
 
@@ -130,36 +130,38 @@ def test_every_method_has_a_style():
 # Refined intervals
 
 
-def test_meter():
-    """Steps are counted with those that were thrown away: two force evaluations each where the longest need no more."""
-    steps = 40
-    tank = Tank(FISH, 16, water=FISH.water, dt=FISH.control_interval / steps, refine=0.003)
-    meter = refinement.Meter(tank)
-    for action in actions(FISH, "random")[:20]:
-        tank.swim(action, FISH.control_interval)
-        meter.read(steps)
-    row = meter.row()
-    assert 0.1 < row["intervals_refined"] < 1.0 and row["steps_taken"] > 1.2 * steps
-    assert row["forces_per_interval"] == pytest.approx(2.0 * row["steps_taken"], rel=1e-4)
-
-
-def test_a_row_of_refinement(truth):
-    """In float32 the default is as it is in float64, to its bar; steps of a whole interval tear it unrefined."""
+def test_single_precision():
+    """The default in float32 stays within 5e-5 body lengths of float64 over the abrupt manoeuvre."""
     steps = problems.steps_of(FISH)
-    double, _ = problems.run(TURN, FISH.integrator, steps, refine=FISH.refine)
-    row = refinement.measure(TURN, steps, FISH.refine, double, dtype="float32")
-    assert 0.0 < row["error"] <= refinement.SINGLE and row["against"] == "float64"
-    assert refinement.measure(TURN, 1, np.inf, truth)["error"] == np.inf
-    assert refinement.measure(TURN, 1, FISH.refine, truth)["error"] < np.inf
+    double, single = (problems.run(TURN, FISH.integrator, steps, refine=FISH.refine, dtype=dtype)[0]
+                      for dtype in ("float64", "float32"))  # fmt: skip
+    assert 0.0 < problems.distance(FISH, single, double) <= 5e-5
 
 
-def test_largest_stable():
-    """Unrefined, the turn tears the fish at a step of 20 ms; refined it does not."""
-    fixed, refined = (refinement.stable(FISH, "turn", refine) for refine in (np.inf, FISH.refine))
-    assert fixed["fewest_steps"] > 1 and fixed["beyond"].startswith("torn")
-    assert refined["largest_stable_ms"] == pytest.approx(20.0) and not refined["beyond"]
+def test_refinement_allows_long_steps():
+    """A step of a whole control interval tears the fish on the turn, and does not with the default's refinement."""
+    for refine, survives in ((np.inf, False), (FISH.refine, True)):
+        assert problems.run(TURN, FISH.integrator, 1, refine=refine)[1].alive[0] == survives
 
 
-def test_the_published_default_meets_its_bars():
-    """Its error, that of float32, and the margin of its step on fish half to twice as stiff, as they are published."""
-    assert refinement.bars()
+@pytest.mark.parametrize("stiffness", [0.5, 2.0])
+def test_three_times_the_default_step(stiffness):
+    """Under random commands, a fish half or twice as stiff is stable at steps of 10 ms, as docs/ say."""
+    fish = problems.scaled(FISH, stiffness)
+    tank = Tank(fish, 16, water=fish.water, dt=0.01, refine=FISH.refine, threads=1)
+    for goal in np.random.default_rng(0).uniform(size=(150, 16, fish.num_muscles)):
+        tank.drive(goal, 2)
+    assert tank.alive.all()
+
+
+# Tables
+
+
+def test_the_page_says_what_the_table_says():
+    """The table of docs/choosing-an-integrator.md is that of the least expensive accurate runs on the turn."""
+    page, rows = (ROOT / "docs/choosing-an-integrator.md").read_text(), read_table(work_precision.CSV)
+    for name in ("leapfrog_chebyshev", "symplectic_euler", "semi_implicit", "rosenbrock", "midpoint", "rk4",
+                 "explicit_euler"):  # fmt: skip
+        row = work_precision.least_expensive([each for each in rows if np.isinf(each["refine"])], "turn", [name])
+        cells = row["substeps"], f"{row['us_per_interval']:.2g}", f"{100 * row['error']:.1g} %"
+        assert f"| `{name}` | " + " | ".join(map(str, cells)) + " |" in page

@@ -14,8 +14,6 @@ PAGE = (ROOT / "docs/soft-objects.md").read_text()
 HEAD = {
     "scenes": "| | Largest growth of energy | at half the step | Largest distance behind a wall | Times real time |",
     "layers": "| | Layers | Without gas | 1/16 of the pressure | 1/4 | Standard pressure |",
-    "modes": "| | From matrices, Hz | Simulated | Decay from matrices, damped, 1/s | Simulated "
-    "| Opposed in an impact, ms | with six times the inner mass |",
     "limits": "| Stable; scenes | Explicit Euler | Midpoint | RK4 | `leapfrog_chebyshev` |",
     "errors": "| Error | Explicit Euler | Midpoint | RK4 | `leapfrog_chebyshev` |",
     "beam": "| Cells through the thickness | Nodes | Deflection | First frequency | with equal masses |",
@@ -55,14 +53,6 @@ def collapse():
             rows = select("objects_layers.csv", object=kind, layers=count)
             kept = {row["pressure_over_standard"]: row["kept"] for row in rows}
             yield kind, str(count), *(f"{abs(kept[p]):.2f}" for p in (0.0, 0.0625, 0.25, 1.0))
-
-
-def modes():
-    """The lowest opposed mode."""
-    for row in read_table("objects_layer_modes.csv"):
-        hertz = (f"{row[key]:.4f}" for key in ("undamped_hz", "undamped_simulated_hz"))
-        decay = (f"{row[key]:.2f}" for key in ("damped_decay", "damped_simulated_decay"))
-        yield row["object"], *hertz, *decay, *(f"{row[key]:.1f}" for key in ("opposed_ms", "opposed_heavy_ms"))
 
 
 def of_methods(cell):
@@ -119,7 +109,7 @@ def moved_solids():
         yield f"`{name}`", *steps, short(row["error_1.25_ms"]), f"{cost[error < 1e-3].min():.0f}"
 
 
-TABLES = {"scenes": scenes, "layers": collapse, "modes": modes, "limits": limits, "errors": errors, "beam": beam,
+TABLES = {"scenes": scenes, "layers": collapse, "limits": limits, "errors": errors, "beam": beam,
           "strains": strains, "solids": moved_solids}  # fmt: skip
 
 
@@ -134,22 +124,6 @@ def written(name):
 def test_table(name):
     """It stands on the page as it follows from the results."""
     assert written(name) in PAGE
-
-
-def test_recovery():
-    """Twisted solids come back to their shape, and inverted ones but for the ball."""
-    for row in read_table("solids_recovery.csv"):
-        stays = (row["object"], row["start"]) == ("ball", "inverted")
-        assert not row["failure"] and (row["out_of_shape"] > 0.5 if stays else row["out_of_shape"] < 5e-3), row
-
-
-def test_penalty():
-    """Errors of moved nodes at the penalty of the textbook, and how many more force evaluations it takes."""
-    rows = {row["body"]: row for row in select("boundary.csv", penalty=1e4)}
-    fish, bar = (short(rows[body]["error_moved_nodes"]) for body in ("fish", "bar"))
-    assert f"by {fish} of the distance for a fish of springs. For a bar of tetrahedra it is {bar}." in PAGE
-    times = rows["fish"]["stages"] / rows["fish"]["stages_without"]
-    assert f"needs {times:.0f} times as many force evaluations" in PAGE
 
 
 def test_energy_that_implicit_euler_loses():

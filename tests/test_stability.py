@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from moving import tiered
 
-from benchmarks.common.problems import scaled
-from benchmarks.stability import attack, attack_search, cases, linear, mistreatment, runs
+from benchmarks.common.problems import FIXED, scaled
+from benchmarks.common.tables import read_table
+from benchmarks.stability import attack, attack_search, cases, linear, mistreatment, survey
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.physics.failures import FAILURES, STRETCH_LIMIT, TORN
@@ -59,7 +60,7 @@ def test_limit_of_rk4_undamped():
     assert np.isclose(linear.linear_limit("rk4", body, LONGEST), np.sqrt(8.0) / OMEGA, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", tiered(n for n in runs.FIXED if INTEGRATORS[n].kind != "explicit"))
+@pytest.mark.parametrize("name", tiered(n for n in FIXED if INTEGRATORS[n].kind != "explicit"))
 def test_no_linear_limit(name):
     """A method that solves for, or filters, the whole stiffness bears any step on a hundredfold stiff body at rest."""
     body = scaled(FISH, stiffness=100.0).body
@@ -71,27 +72,25 @@ def test_no_linear_limit(name):
 
 def test_limit_is_below_every_unstable_step():
     """A stable step beyond an unstable one does not count."""
-    found = ((1.0, 2), (0.5, 1), (0.3, 2), (0.2, 1), (0.1, 0))
-    rows = [{"step_s": h, "verdict": runs.VERDICTS[v]} for h, v in found]
-    assert runs.limit(rows) == (0.2, 0.3)
-    assert runs.limit(rows[4:]) == (0.1, np.inf)
-    assert np.isnan(runs.limit(rows[:1])[0])
+    found = {1.0: False, 0.5: True, 0.3: False, 0.2: True, 0.1: True}
+    assert survey.limit(found) == (0.2, 0.3)
+    assert survey.limit({0.1: True}) == (0.1, np.inf)
+    assert np.isnan(survey.limit({1.0: False})[0])
 
 
 def test_the_survey_covers_every_body():
     """Every body as it is, and the default one at every stiffness."""
-    found = [(name, factor) for name, factor, _ in runs.cases()]
+    found = [(name, factor) for name, factor, _ in survey.cases()]
     assert {name for name, factor in found if factor == 1.0} == set(BODIES)
-    assert [factor for name, factor in found if name == FISH.name] == list(runs.STIFFNESS)
+    assert [factor for name, factor in found if name == FISH.name] == list(survey.STIFFNESS)
 
 
-def test_verdicts():
-    """RK4 is accurate; explicit Euler fails at the control interval, and says why."""
-    path, energy = runs.reference(FISH)
-    cells = [runs.cell(FISH, *run, path, energy) for run in (("rk4", 64, 1), ("linearly_implicit_projected", 1, 1),
-                                                                ("explicit_euler", 1, 1))]  # fmt: skip
-    assert [cell["verdict"] for cell in cells] == list(runs.VERDICTS)
-    assert cells[0]["failure"] == "" and cells[2]["failure"] in [text.split(":")[0] for text in FAILURES[1:]]
+def test_limit_of_tus_method():
+    """A sweep finds the limit that the table has."""
+    (row,) = [row for row in read_table("stability_limits.csv") if row["body"] == FISH.name and row["stiffness"] == 1.0
+              and row["integrator"] == "semi_implicit"]  # fmt: skip
+    found = survey.sweep(FISH, "semi_implicit", survey.reference_energy(FISH))
+    assert survey.limit(found) == (row["largest_stable_s"], row["unstable_from_s"])
 
 
 # The worst that was found
