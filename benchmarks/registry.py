@@ -92,9 +92,9 @@ STABILITY = (
 
 SPEED = (
     Result(
-        "speed.throughput", "environment steps a second, memory, first use; kinds of kernels, methods and bodies",
-        "-m benchmarks.speed.throughput", 6, csv("throughput", "kinds", "costs"),
-        follows=(*EVERY_BODY, "task *"),
+        "speed.throughput", "environment steps a second, memory, first use; a control interval of one fish and of many",
+        "-m benchmarks.speed.throughput", 2, csv("throughput"),
+        follows=("body mass_spring", "task swim"),
     ),
     Result(
         "speed.scaling", "cost against the number of fish and against the number of nodes (needs 3 GB)",

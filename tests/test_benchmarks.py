@@ -13,7 +13,7 @@ from benchmarks import __main__ as entry
 from benchmarks.common import reference
 from benchmarks.common.reference import TRAJECTORIES
 from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
-from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Status, status_of
+from benchmarks.freshness import CURRENT, MISSING, NO_TABLE, ROOT, STALE, UNKNOWN, Status, status_of
 from benchmarks.registry import REGISTRY, RESULTS, Result
 from fish_env import make_fish
 from fish_env.physics.body import scaled
@@ -90,12 +90,14 @@ def test_status_of_a_table(project):
 
 
 def test_status_that_cannot_be_told(project):
-    """A table without trajectories, and files without a head, are said to be so; a missing file comes first."""
+    """A table without trajectories, and files that are no tables, are said to be so; a missing file comes first."""
     folder, _, _ = project
     (folder / "speed.csv").write_text("# commit: abc\nx\n6.0\n")
     assert status_of(["speed.csv"], ["*"], folder).state == UNKNOWN
     (folder / "chart.svg").touch()
-    assert status_of(["chart.svg"], ["*"], folder).state == UNKNOWN
+    assert status_of(["chart.svg"], ["*"], folder) == (NO_TABLE, "", "", "")
+    (folder / "gait.json").write_text('{"provenance": {"commit": "abc", "date": "2026-01-02"}}')
+    assert status_of(["gait.json"], ["*"], folder) == (NO_TABLE, "abc", "2026-01-02", "")
     assert status_of(["chart.svg", "gone.csv"], ["*"], folder)[0::3] == (MISSING, "gone.csv")
 
 
