@@ -110,7 +110,7 @@ SPEED = (
 FIDELITY = (
     Result(
         "bodies.fidelity", "distance of every body to the finest, and its cost, in a scene of every task",
-        "-m benchmarks.bodies.fidelity", 12, csv("fidelity") + images("fidelity.svg"),
+        "-m benchmarks.bodies.fidelity", 4, csv("fidelity") + images("fidelity.svg"),
         follows=EVERY_BODY,
     ),
 )  # fmt: skip
