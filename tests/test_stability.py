@@ -130,33 +130,17 @@ def test_the_worst_at_the_default_step(name):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_every_body_can_be_attacked(name):
-    """Every start fits every body, in the axes in which its nodes are free; its sections are those of the landmarks."""
+def test_every_body_can_be_crumpled(name):
+    """Every start moves a body's free axes only; its sections are mirror images of themselves, those of the landmarks."""
     fish = make_fish(name)
     free = np.broadcast_to(fish.body.inverse_mass > 0.0, (2, *fish.body.position.shape))
     for start in mistreatment.STARTS:
         x, v = mistreatment.beginning(start, fish, 2, np.random.default_rng(0))
-        assert x.shape == v.shape == free.shape and np.isfinite([x, v]).all()
-        assert not v[~free].any()
-        if fish.flat:
-            assert not x[:, :, 2].any()
+        assert np.isfinite([x, v]).all() and not v[~free].any() and not (fish.flat and x[:, :, 2].any())
     sections = mistreatment.cross_sections(fish)
-    assert len(sections) == 5 and all(len(nodes) >= 2 for nodes in sections)
-    for nodes in sections:
-        np.testing.assert_array_equal(np.sort(fish.mirror[nodes]), nodes)
+    assert len(sections) == 5 and all(np.array_equal(np.sort(fish.mirror[nodes]), nodes) for nodes in sections)
     if name in naive.TU:
         np.testing.assert_array_equal(sections, np.sort(LAYERS[1:6], axis=1))
-
-
-def test_attack_of_a_flat_fish():
-    """A family of flat fish, turned inside out in part, is mistreated from beginning to end."""
-    family = mistreatment.Family("inverted, bang-bang", 1.0, "bang-bang", "inverted")
-    how = cases.own_settings(make_fish("planar"))
-    assert how.refine < 1.0
-    row, kept = attack.mistreat("planar", family, 3, how, 0, attack.usual_energy(make_fish("planar"), how), Silent())
-    assert row["fish"] == 3 and row["refine"] == how.refine and row["worst_stretch"] > 1.0
-    again, stretch = cases.replay(kept[0])
-    assert again.failure[0] == kept[0]["failure"] and stretch[0] == pytest.approx(kept[0]["stretch"], rel=1e-12)
 
 
 @pytest.mark.parametrize("name", tiered(BODIES, (FISH.name, "planar")))
@@ -177,25 +161,6 @@ def test_an_attack_from_beginning_to_end(name, monkeypatch):
         assert survived or row["failures"] == row["fish"]
     assert any(row["failures"] == 0 for row in rows)
     attack.report(rows)
-
-
-class Silent:
-    """A progress bar that is not shown."""
-
-    def update(self, count):
-        """Nothing."""
-
-
-def test_oscillating_commands():
-    """Goals cross from side to side at 1 to 12 Hz; half of them are all or nothing, half of them are the same along."""
-    goals = mistreatment.oscillating_goals(FISH, 200, np.random.default_rng(1)) / mistreatment.LEVELS
-    left, right = (goals[..., FISH.sides == side] for side in (1, -1))
-    crossings = (np.diff(np.sign(left - right)[..., 0], axis=0) != 0).sum(axis=0) / (2 * 500 * FISH.control_interval)
-    assert 0.9 < crossings.min() < 1.5 and 11.0 < crossings.max() < 12.1
-    steady = np.ptp(left, axis=2).max(axis=0) < 1e-9
-    harsh = [len(np.unique(goals[:, b])) <= 4 for b in range(200)]
-    assert 60 < steady.sum() < 140 and 60 < np.sum(harsh) < 140
-    np.testing.assert_allclose(left + right[..., [1, 0, 3, 2, 5, 4]], 1.0, rtol=0, atol=1.5 / mistreatment.LEVELS)
 
 
 def test_stored_cases_are_read_back(tmp_path):
