@@ -13,7 +13,6 @@ MOTOR = "fish_env/control/motor_controllers.json"
 FINEST = "fish_env/bodies/tetrahedral.json"
 DEFAULT, EVERY_BODY, EVERY_TASK = ("body mass_spring",), ("body *",), ("body mass_spring", "task *")
 TRAINED = (*EVERY_TASK, "policy *")
-LEARNED = ("swim", "turn", "left_after_right", "target", "target_3d", "avoid")
 
 
 @dataclass(frozen=True)
@@ -199,13 +198,6 @@ LEARNING = (
     Result(
         "learning.reversal", "one turn begun before another is over: path, heading, strain",
         "-m benchmarks.learning.reversal", 0.5, csv("reversal") + images("reversal.svg"),
-        follows=TRAINED,
-    ),
-    Result(
-        "learning.pictures", "a picture of a swimming fish, a video of every task, a film in 3-D",
-        "-m benchmarks.learning.pictures", 3,
-        (*images("swim.png"), *(f"docs/videos/{task}.mp4" for task in LEARNED), "docs/videos/left_after_right.html"),
-        by_name=True,
         follows=TRAINED,
     ),
 )  # fmt: skip

@@ -131,7 +131,7 @@ def test_the_worst_at_the_default_step(name):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_every_body_can_be_crumpled(name):
-    """Every start moves a body's free axes only; its sections are mirror images of themselves, those of the landmarks."""
+    """Every start moves a body's free axes only; its sections mirror themselves, and are those of the landmarks."""
     fish = make_fish(name)
     free = np.broadcast_to(fish.body.inverse_mass > 0.0, (2, *fish.body.position.shape))
     for start in mistreatment.STARTS:
