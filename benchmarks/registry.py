@@ -157,7 +157,7 @@ CALIBRATION = (
     ),
     Result(
         "calibration.fit", "parameters of the other bodies, fitted in motion to the finest one",
-        "-m benchmarks.calibration.fit", 40,
+        "-m benchmarks.calibration.fit", 18,
         tuple(f"fish_env/bodies/{name}.json" for name in ("mass_spring", "planar", "two_layer")), by_name=True,
         follows=EVERY_BODY,
     ),
