@@ -14,18 +14,6 @@ from fish_env.control import best_gait
 TURN, FISH = problems.problems()["turn"], make_fish()
 
 
-def test_scaled():
-    """Stiffness, damping and mass are multiplied, and the rates that follow from them; the rest is the same fish."""
-    fish = TURN.fish
-    other = problems.scaled(fish, stiffness=4.0, damping=3.0, mass=2.0)
-    np.testing.assert_array_equal(other.body.springs.stiffness, 4.0 * fish.body.springs.stiffness)
-    np.testing.assert_array_equal(other.body.springs.damping, 3.0 * fish.body.springs.damping)
-    np.testing.assert_array_equal(other.body.mass, 2.0 * fish.body.mass)
-    assert other.body.max_stiffness_eigenvalue == pytest.approx(2.0 * fish.body.max_stiffness_eigenvalue, rel=1e-12)
-    assert other.body.max_damping_eigenvalue == pytest.approx(1.5 * fish.body.max_damping_eigenvalue, rel=1e-12)
-    np.testing.assert_array_equal(other.muscles, fish.muscles)
-
-
 def test_left_after_right():
     """All muscles of the right side pull and none of the left, then the other way round; two seconds in all."""
     fish, goal = TURN.fish, TURN.contraction
