@@ -210,7 +210,7 @@ UFUNC = "import numba\n@numba.vectorize\n" + OUTER + CALLS_OUTER
 def test_what_is_unknown_is_not_stored(tmp_path):
     """A kernel that calls what cannot be told by value is compiled in every process, and one warning says so."""
     for value in ("2.0", "5.0"):
-        _cache.unstored.cache_clear()
+        _cache.warn_unstored.cache_clear()
         with pytest.warns(RuntimeWarning, match="cannot store the compiled call, .*outer"):
             module = loaded(tmp_path / "edited.py", HEAD + UFUNC.format(value=value))
             assert module.call(3.0) == 3.0 * float(value)

@@ -247,7 +247,7 @@ def test_a_folder_that_can_only_be_read(tmp_path, monkeypatch):
     def refused(*arguments, **options):
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    _cache.unstored.cache_clear()
+    _cache.warn_unstored.cache_clear()
     monkeypatch.setattr(os, "makedirs", refused)
     files = set(folder.rglob("*.nbc"))
     again = made(2.0)
@@ -351,7 +351,7 @@ def test_damaged_files_are_compiled_again(tmp_path, monkeypatch, damage):
 def test_a_full_disk_costs_time_only(tmp_path, monkeypatch):
     """Kernels that cannot be stored stay in memory, and one warning names the folder."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
-    _cache.unstored.cache_clear()
+    _cache.warn_unstored.cache_clear()
 
     def full(source, target):
         raise OSError(errno.ENOSPC, "No space left on device")
