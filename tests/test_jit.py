@@ -119,6 +119,18 @@ def test_kernels_are_in_the_rooms_that_name_the_folder(package):
         assert (_cache.source_hash(package, _cache.ROOMS) == first) == same
 
 
+def scaled(factor):
+    """A compiled function that multiplies by a factor, called once."""
+    call = njit(lambda a: factor * a)
+    assert call(1.0) == factor
+    return call
+
+
+def hits(call):
+    """How often a compiled function was found on disk."""
+    return sum(call.stats.cache_hits.values())
+
+
 def run(script, folder, **variables):
     """What a script prints, on the standard output and error, in a fresh process in which the package of a folder is.
 
@@ -233,28 +245,22 @@ def test_a_folder_that_can_only_be_read(tmp_path, monkeypatch):
     """One that holds kernels serves, as in an image; an empty one does not. What is new stays in memory."""
     monkeypatch.setenv("FISH_ENV_CACHE", str(tmp_path))
     monkeypatch.setattr(_cache, "_FOLDER", _cache.cache_folder())
-    folder = Path(_cache._FOLDER)
-
-    def made(factor):
-        return njit(lambda a: factor * a)
-
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
     with pytest.warns(RuntimeWarning, match="it holds no kernels, and cannot be written to"):
         assert _cache.cache_folder() is None
-    assert made(2.0)(1.0) == 2.0
-    assert _cache.cache_folder() == str(folder)
+    assert hits(scaled(2.0)) == 0
+    assert _cache.cache_folder() == _cache._FOLDER
 
     def refused(*arguments, **options):
         raise PermissionError(errno.EACCES, "Permission denied")
 
     _cache.warn_unstored.cache_clear()
     monkeypatch.setattr(os, "makedirs", refused)
-    files = set(folder.rglob("*.nbc"))
-    again = made(2.0)
-    assert again(1.0) == 2.0 and sum(again.stats.cache_hits.values()) == 1
+    files = set(tmp_path.rglob("*.nbc"))
+    assert hits(scaled(2.0)) == 1
     with pytest.warns(RuntimeWarning, match="cannot store compiled kernels in .*Permission denied.*FISH_ENV_CACHE"):
-        assert made(3.0)(1.0) == 3.0
-    assert set(folder.rglob("*.nbc")) == files and files
+        scaled(3.0)
+    assert set(tmp_path.rglob("*.nbc")) == files and files
 
 
 OPEN = {
@@ -268,19 +274,11 @@ OPEN = {
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="users have no numbers here")
 @pytest.mark.parametrize("variable", ["FISH_ENV_CACHE", "XDG_CACHE_HOME"])
 @pytest.mark.parametrize("what", OPEN)
-def test_a_folder_that_others_can_write_to(tmp_path, monkeypatch, variable, what):
+def test_a_folder_that_others_can_write_to(nowhere, tmp_path, monkeypatch, variable, what):
     """Compiled code that somebody else may have put there is not run: it is compiled in memory, with a warning."""
-    monkeypatch.delenv("FISH_ENV_CACHE", raising=False)
     monkeypatch.setenv(variable, str(tmp_path / "mine" / "kernels"))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
     monkeypatch.setattr(_cache, "_FOLDER", _cache.cache_folder())
-
-    def made():
-        return njit(lambda a: 2.0 * a)
-
-    for hits in (0, 1):
-        call = made()
-        assert call(1.0) == 2.0 and sum(call.stats.cache_hits.values()) == hits
+    assert [hits(scaled(2.0)) for _ in range(2)] == [0, 1]
     place, mode = OPEN[what]
     folder = Path(_cache._FOLDER)
     path = next(folder.rglob("*.nbc")) if place == "file" else folder if place == "." else folder.parent
@@ -290,8 +288,7 @@ def test_a_folder_that_others_can_write_to(tmp_path, monkeypatch, variable, what
             pytest.skip("only the administrator gives files away")
         monkeypatch.setattr(os, "getuid", lambda: 12345)
         os.chown(path, 12345, 54321)
-    call = made()
-    assert call(1.0) == 2.0 and sum(call.stats.cache_hits.values()) == 0
+    assert hits(scaled(2.0)) == 0
     if place != "file":
         with pytest.warns(RuntimeWarning, match="somebody else|cannot write to"):
             assert _cache.cache_folder() is None
@@ -308,9 +305,8 @@ def test_a_folder_of_somebody_else(tmp_path, monkeypatch):
         assert _cache.cache_folder() is None
 
 
-def test_no_temporary_folder(tmp_path, monkeypatch):
+def test_no_temporary_folder(nowhere, tmp_path, monkeypatch):
     """Without any folder for temporary files, the user's own is taken all the same."""
-    monkeypatch.delenv("FISH_ENV_CACHE", raising=False)
 
     def missing():
         raise FileNotFoundError("No usable temporary directory found")
@@ -318,8 +314,7 @@ def test_no_temporary_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "gettempdir", missing)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert _cache.cache_folder().startswith(str(tmp_path))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "below"))
-    (tmp_path / "file").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(nowhere))
     with pytest.warns(RuntimeWarning, match="cannot write to .*below"):
         assert _cache.cache_folder() is None
 
@@ -328,24 +323,14 @@ def test_no_temporary_folder(tmp_path, monkeypatch):
 def test_damaged_files_are_compiled_again(tmp_path, monkeypatch, damage):
     """A file of the cache that was cut short or changed counts as missing, and is replaced by a good one."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
-
-    def made():
-        def thrice(a):
-            return 3.0 * a
-
-        return njit(thrice)
-
-    assert made()(2.0) == 6.0
+    assert hits(scaled(3.0)) == 0
     (path,) = tmp_path.rglob("*.nbc")
     good = path.read_bytes()
     changed = bytearray(good)
     changed[len(good) // 2] ^= 1
     path.write_bytes({"half": good[: len(good) // 2], "a bit": bytes(changed), "empty": b""}[damage])
-    again = made()
-    assert again(2.0) == 6.0 and not sum(again.stats.cache_hits.values())
-    assert path.read_bytes()[: _cache.CHECKSUM] != b"" and path.stat().st_size > len(good) // 2
-    last = made()
-    assert last(2.0) == 6.0 and sum(last.stats.cache_hits.values()) == 1
+    assert [hits(scaled(3.0)) for _ in range(2)] == [0, 1]
+    assert path.stat().st_size > len(good) // 2
 
 
 def test_a_full_disk_costs_time_only(tmp_path, monkeypatch):
@@ -360,22 +345,15 @@ def test_a_full_disk_costs_time_only(tmp_path, monkeypatch):
     with pytest.warns(
         RuntimeWarning, match="cannot store compiled kernels in .*No space left.*another folder"
     ) as found:
-        assert [njit(lambda a, k=k: k * a)(1.0) for k in (4.0, 5.0)] == [4.0, 5.0]
+        assert hits(scaled(4.0)) == hits(scaled(5.0)) == 0
     assert len(found) == 1 and not list(tmp_path.rglob("*.nbc*"))
 
 
 def test_parts_are_never_loaded(tmp_path, monkeypatch):
     """What is loaded first under a name serves all callers: a part, which is not optimised by itself, must not be."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))  # or the caller would come from disk, and without its part
-
-    @part
-    def seventh(a):
-        return a / 7.0
-
-    @njit
-    def call(a):
-        return seventh(a)
-
+    seventh = part(lambda a: a / 7.0)
+    call = njit(lambda a: seventh(a))
     assert call(14.0) == 2.0
     (inner,), (outer,) = seventh.overloads.values(), call.overloads.values()
     engine = outer.library.codegen._engine
@@ -386,26 +364,15 @@ def test_parts_are_never_loaded(tmp_path, monkeypatch):
 def test_processes_that_compile_at_once(tmp_path, monkeypatch):
     """Code is found by what it is for, though another process wrote at the same time and no index knows of it."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
-
-    def made(factor):
-        @njit
-        def scaled(a):
-            return factor * a
-
-        return scaled
-
-    files, keys = [], []
-    for factor in (2.0, 3.0):
-        scaled = made(factor)
-        assert scaled(1.0) == factor
-        files.append(scaled._cache._cache_file)
-        keys.append(scaled._cache._index_key(scaled.signatures[0], scaled.targetctx.codegen()))
+    calls = [scaled(factor) for factor in (2.0, 3.0)]
+    files = [call._cache._cache_file for call in calls]
+    keys = [call._cache._index_key(call.signatures[0], call.targetctx.codegen()) for call in calls]
     monkeypatch.setattr(type(files[0]), "_load_index", lambda self: {})
     for number, (file, key) in enumerate(zip(files, keys, strict=True)):
         file.save(key, number)
     assert [file.load(key) for file, key in zip(files, keys, strict=True)] == [0, 1]
     assert len(list(tmp_path.rglob("*.nbc"))) == 2
-    assert [made(factor)(1.0) for factor in (4.0, 5.0)] == [4.0, 5.0]
+    scaled(4.0), scaled(5.0)
 
 
 def test_closures_of_several_processes(tmp_path):
