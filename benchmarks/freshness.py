@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.common.reference import changed, from_text
 from benchmarks.common.tables import ROOT, TRAJECTORIES
 
-CURRENT, STALE, UNKNOWN, MISSING = "current", "stale", "cannot be told", "missing"
+CURRENT, STALE, UNKNOWN, MISSING, NO_TABLE = "current", "stale", "cannot be told", "missing", "no table"
 
 
 class Status(NamedTuple):
@@ -47,9 +47,11 @@ def status_of(outputs: Iterable[str], follows: Iterable[str], root: Path = ROOT)
     missing = [path.name for path in paths if not path.exists()]
     if missing:
         return Status(MISSING, "", "", ", ".join(missing))
-    found = [_status(header, follows) for header in map(header_of, paths) if header]
-    if not found:
-        return Status(UNKNOWN, "", "", "no table with a head is among these files")
+    heads = [(path, header_of(path)) for path in paths]
+    found = [_status(head, follows) for path, head in heads if path.suffix == ".csv"]
+    if not found:  # parameters, which are followed, and pictures
+        about = next((head for _, head in heads if head), {})
+        return Status(NO_TABLE, about.get("commit", ""), about.get("date", ""), "")
     return min(found, key=lambda each: (STALE, UNKNOWN, CURRENT).index(each.state))
 
 
