@@ -126,7 +126,7 @@ def run(arguments: argparse.Namespace, came: list[int]) -> None:
 
 
 @contextmanager
-def stopped_once() -> Iterator[list[int]]:
+def hear_first_signal() -> Iterator[list[int]]:
     """A context in which SIGTERM and SIGHUP do what Ctrl-C does; after the first of them, no other interrupts.
 
     A second one would end the saving. It yields the list of those that came. `nohup` works as usual.
@@ -149,20 +149,20 @@ def stopped_once() -> Iterator[list[int]]:
             signal.signal(number, handler or signal.SIG_DFL)
 
 
-def say(text: str) -> None:
+def print_error(text: str) -> None:
     """Print to stderr, unless the terminal is closed."""
     with suppress(OSError):
         print(text, file=sys.stderr)
 
 
-def carry_out(came: list[int]) -> int:
+def run_command_line(came: list[int]) -> int:
     """Run the command of the command line; errors that a user can correct are one line without a traceback."""
     try:
         from fish_env.control.console import answered
 
         return answered("train.py", lambda: command(came))
     except ImportError as error:
-        say(f'train.py: {error}; install it, in the checkout: pip install -c constraints.txt -e ".[train]"')
+        print_error(f'train.py: {error}; install it, in the checkout: pip install -c constraints.txt -e ".[train]"')
         return 2
 
 
@@ -172,9 +172,9 @@ def command(came: list[int]) -> int:
         run(parse(), came)
     except KeyboardInterrupt as stop:
         if type(stop) is KeyboardInterrupt:  # else the saved files were printed already
-            say("\nStopped.")
+            print_error("\nStopped.")
         if sys.argv[1:2] == ["all"]:
-            say(f"Resume: python train.py {' '.join(sys.argv[1:])}")
+            print_error(f"Resume: python train.py {' '.join(sys.argv[1:])}")
         return 128 + signal.SIGINT
     return 0
 
@@ -184,8 +184,8 @@ def main() -> int:
     for name, value in THREADS.items():  # before numpy and torch are loaded
         os.environ.setdefault(name, value)
     saves = sys.argv[1:2] not in [["evaluate"], ["compare"], ["report"], ["play"]]
-    with stopped_once() if saves else nullcontext([]) as came:
-        status = carry_out(came)
+    with hear_first_signal() if saves else nullcontext([]) as came:
+        status = run_command_line(came)
     return 128 + came[0] if came else status
 
 

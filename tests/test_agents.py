@@ -200,7 +200,7 @@ def test_a_folder_takes_one_run(run_copy):
     """A folder with a run in it, or in which another program trains, stays as it is; the curve is cut to the model."""
     with pytest.raises(ValueError, match="holds a run; resume it with"):
         train_short(folder=run_copy)
-    with training.locked(run_copy), pytest.raises(RuntimeError, match="another program is training"):
+    with training.lock_folder(run_copy), pytest.raises(RuntimeError, match="another program is training"):
         train_short(resume=run_copy, changes=LONGER)
     with (run_copy / "curve.csv").open("a") as file:
         file.write("999999,9.0,1,0.0,0.0\n")

@@ -81,7 +81,7 @@ def test_all_runs_are_saved_by_a_signal(tmp_path):
     for seed in range(2):
         folder = tmp_path / "runs" / "swim" / f"seed_{seed}"
         assert counted(folder) >= 0 and "--resume" in (folder / "log.txt").read_text()
-        with training.locked(folder):  # nobody trains there any more
+        with training.lock_folder(folder):  # nobody trains there any more
             pass
 
 
@@ -131,7 +131,7 @@ def test_an_interruption_that_is_lost(tmp_path, capsys):
 def test_only_the_first_signal_is_heard():
     """The handlers of before are there again afterwards."""
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    with program.stopped_once() as came:
+    with program.hear_first_signal() as came:
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGINT)
