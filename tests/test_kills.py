@@ -76,18 +76,8 @@ def test_a_run_that_is_killed(tmp_path, monkeypatch):
 def test_two_programs_and_one_folder(tmp_path):
     """A second program is refused while the first one trains, from the first moment on, and changes nothing."""
     folder = tmp_path / "run"
-    command = [
-        sys.executable,
-        ROOT / "train.py",
-        "swim",
-        "--timesteps",
-        "10000000",
-        "--num-envs",
-        "8",
-        "--no-pictures",
-        "--torch-threads",
-        "1",
-    ]
+    words = ["swim", "--timesteps", "10000000", "--num-envs", "8", "--torch-threads", "1", "--no-pictures"]
+    command = [sys.executable, ROOT / "train.py", *words]
     first = subprocess.Popen([*command, "--folder", folder], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     try:
         while not (folder / "config.json").exists():
