@@ -6,7 +6,6 @@ used raises a ValueError, which names the file and the reason; nothing has been 
 
 import json
 import os
-import shutil
 import sys
 from importlib.metadata import version
 from io import BytesIO
@@ -20,7 +19,6 @@ from stable_baselines3 import PPO
 
 from agents.config import CONFIGS, settings_of
 from fish_env.checks import is_whole
-from fish_env.control.files import replacing
 
 PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "torch")
 CURVE = "timesteps,seconds,episodes,score,return"
@@ -113,7 +111,7 @@ def restore(model: PPO, path: Path) -> PPO:
         parameters, memory = (_load_tensors(data) for data in saved)
         found = _check_tensors(parameters, wanted)
         trained = {name for name, _ in policy.named_parameters()}
-        for name in wanted.keys() - trained:  # the kernels rely on them, and they follow from the fish
+        for name in wanted.keys() - trained:  # they follow from the fish
             if not torch.allclose(found[name], wanted[name]):
                 raise ValueError(f"{name} differs from that of the fish")
         state = {}
@@ -193,17 +191,14 @@ def read_curve(path: Path) -> list[str]:
     return rows
 
 
-def keep_of_other_versions(folder: Path, record: dict[str, Any]) -> None:
-    """If a run was trained with other versions than are installed, print them and save a copy of its model."""
+def warn_of_other_versions(record: dict[str, Any]) -> None:
+    """If a run was trained with other versions than are installed, print them."""
     now = versions()
     last = {name: record["versions"].get(name, "unknown").split(", ")[-1] for name in now}
     changed = [f"{name} {last[name]} (now {now[name]})" for name in now if last[name] != now[name]]
     if changed:
-        kept = folder / f"model_before_{record['resumed'] + 1}.zip"
-        with replacing(kept) as partial:
-            shutil.copyfile(folder / "model.zip", partial)
         print(f"Warning: the run was trained with {', '.join(changed)}. Training continues with the installed "
-              f"versions, and its results may differ; the old model is saved in {kept}.")  # fmt: skip
+              "versions, and its results may differ.")  # fmt: skip
 
 
 def append_version(before: str | None, now: str) -> str:
