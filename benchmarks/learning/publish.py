@@ -126,14 +126,14 @@ def publish(root: Path, tasks=None) -> None:
         if len(commits) > 1:
             print(f"runs of {task} are of the commits {'; '.join(commits)}: check if the task changed between them")
         publish_task(task, runs)
-    if {row["task"] for row in stored("curves")} == set(CONFIGS):
+    if {row["task"] for row in read_stored("curves")} == set(CONFIGS):
         draw_curves(IMAGES / "curves.svg")
-    write_text(PAGE, filled(PAGE.read_text()))
+    write_text(PAGE, fill_in_tables(PAGE.read_text()))
     pattern = r"(?<=<!-- summary -->\n).*?(?=<!-- end -->)"
     write_text(README, re.sub(pattern, lambda _: summary(), README.read_text(), flags=re.DOTALL))
 
 
-def stored(table: str) -> list[dict]:
+def read_stored(table: str) -> list[dict]:
     """The rows of a table that are there already, of all tasks."""
     path = LEARNING / f"{table}.csv"
     return read_rows(path) if path.exists() else []
@@ -146,7 +146,7 @@ def key_of(row: dict) -> tuple[str, str, str, str]:
 
 def replace_rows(table: str, task: str, rows: list[dict]) -> None:
     """Write the rows of a task into a table in place of those that were there; other tasks keep theirs."""
-    rows = [row for row in stored(table) if row["task"] != task] + [{"task": task} | row for row in rows]
+    rows = [row for row in read_stored(table) if row["task"] != task] + [{"task": task} | row for row in rows]
     rows.sort(key=lambda row: list(CONFIGS).index(row["task"]))
     columns = dict.fromkeys(name for row in rows for name in row)
     write_csv(f"learning/{table}.csv", [{name: row.get(name, "") for name in columns} for row in rows], COMMAND)
@@ -219,7 +219,7 @@ def method_table(rows: list[dict], integrator: str) -> str:
     heads = ("Task", "Metric", "trained with the default", f"with `{integrator}`", "the same, moved by the default")
     lines = [f"| {' | '.join(heads)} |", "|---|---|---|---|---|"]
     for task, metric in dict.fromkeys((row["task"], row["metric"]) for row in rows):
-        cells = [row for row in stored("methods") if key_of(row) == (task, "", "PPO", metric)]
+        cells = [row for row in read_stored("methods") if key_of(row) == (task, "", "PPO", metric)]
         cells += [row for row in rows if (row["task"], row["metric"]) == (task, metric)]
         lines.append(f"| {task} | {UNITS[metric][0]} | {' | '.join(cell(row) for row in cells)} |")
     return "\n".join(lines) + "\n"
@@ -260,7 +260,7 @@ def draw_curves(path: Path) -> None:
     figure, grid = plt.subplots(2, 3, figsize=(10, 5.4), layout="constrained")
     for axes, task in zip(grid.flat, CONFIGS, strict=True):
         lines = {}
-        for row in (row for row in stored("curves") if row["task"] == task):
+        for row in (row for row in read_stored("curves") if row["task"] == task):
             lines.setdefault(row["seed"], []).append((float(row["timesteps"]) / 1e6, float(row["score"])))
         lines = [np.array(line).T for line in lines.values()]
         points = np.linspace(max(line[0, 0] for line in lines), min(line[0, -1] for line in lines), CURVE_POINTS)
@@ -269,17 +269,17 @@ def draw_curves(path: Path) -> None:
             axes.plot(*line, color="#0b7a99", alpha=0.3, lw=0.8)
         axes.plot(points, [interquartile_mean(column) for column in levels.T], color="#0b7a99", lw=2)
         score = RESULTS[task].score
-        levels_of = {key_of(row): row["value"] for row in stored("methods")}
+        levels_of = {key_of(row): row["value"] for row in read_stored("methods")}
         axes.axhline(float(levels_of[task, "", "motor controllers", score]), color="#c0562f", ls="--", lw=1)
         axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=score, ylim=(0, None))
     save(figure, path)
 
 
-def filled(page: str) -> str:
+def fill_in_tables(page: str) -> str:
     """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, filled in from the CSV file."""
 
     def table(match: re.Match) -> str:
-        rows = [row for row in stored("methods") if row["task"] == match[1] and shown(row)]
+        rows = [row for row in read_stored("methods") if row["task"] == match[1] and is_shown(row)]
         if not rows:
             return match[0]
         return f"<!-- {match[1]} -->\n\n{table_of(rows, PUBLICATIONS[match[1]].shown)}\n<!-- end -->"
@@ -287,7 +287,7 @@ def filled(page: str) -> str:
     return re.sub(r"<!-- (\w+) -->.*?<!-- end -->", table, page, flags=re.DOTALL)
 
 
-def shown(row: dict) -> bool:
+def is_shown(row: dict) -> bool:
     """True for the rows of methods.csv that the page shows."""
     allowed = not row["condition"] or (row["method"] in EVERYWHERE and row["condition"] not in MIRRORED)
     return allowed and row["metric"] in PUBLICATIONS[row["task"]].shown
@@ -299,7 +299,7 @@ def summary() -> str:
         name: name.removeprefix("best ") for name in ("random", "best open-loop gait", "motor controllers", "PPO")
     }
     lines = [f"| Task | Goal | Metric | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
-    found = {key_of(row): row for row in stored("methods")}
+    found = {key_of(row): row for row in read_stored("methods")}
     for task, publication in PUBLICATIONS.items():
         for metric in publication.headline if (task, "", "PPO", "return") in found else ():
             rows = [found.get((task, "", method, metric)) for method in methods]
