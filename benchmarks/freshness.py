@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from benchmarks.common.reference import changed, from_text
 from benchmarks.common.tables import ROOT, TRAJECTORIES
 
@@ -21,7 +23,10 @@ class Status(NamedTuple):
 
 
 def header_of(path: Path) -> dict[str, str]:
-    """The provenance of a table (its comment lines) or of a JSON file; empty for any other file."""
+    """The provenance of a table (its comment lines), a JSON file or an .npz file; empty for any other file."""
+    if path.suffix == ".npz":
+        with np.load(path) as file:
+            return json.loads(str(file["provenance"])) if "provenance" in file else {}
     if path.suffix == ".json":
         return json.loads(path.read_text()).get("provenance", {})
     if path.suffix != ".csv":

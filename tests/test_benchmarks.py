@@ -8,9 +8,9 @@ from importlib import import_module
 
 import pytest
 
-from agents import records
+from agents.checkout import present_commit
 from benchmarks import __main__ as entry
-from benchmarks.common import reference
+from benchmarks.common import reference, tables
 from benchmarks.common.reference import TRAJECTORIES
 from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
 from benchmarks.freshness import CURRENT, MISSING, NO_TABLE, ROOT, STALE, UNKNOWN, Status, status_of
@@ -144,7 +144,7 @@ def test_names_and_stale_ones(monkeypatch, capfd):
     made = {
         state: Result(f"a.{state}", "", f"-c print('{state}')", 0.1, (state,)) for state in (CURRENT, STALE, MISSING)
     }
-    commit = records.provenance("")["commit"]
+    commit = present_commit()
     monkeypatch.setattr(entry, "REGISTRY", made)
     monkeypatch.setattr(entry, "status_of", lambda outputs, follows: Status(outputs[0], commit, "", ""))
     for option in ("--stale", "--all"):
@@ -164,13 +164,14 @@ def test_the_list_of_this_project(capsys):
 
 def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
     """A table that cannot be written leaves the one that was there: rows that differ, or no provenance."""
-    monkeypatch.setattr(records, "RESULTS", tmp_path)
-    path = records.write_csv("some.csv", [{"a": 1, "b": 2.5}], "python -m some")
+    monkeypatch.setattr(tables, "RESULTS", tmp_path)
+    monkeypatch.setattr(tables, "trajectories", lambda: {"body fast": 1.0})
+    path = tables.write_csv("some.csv", [{"a": 1, "b": 2.5}], "python -m some")
     before = path.read_bytes()
     assert before.startswith(b"# command: python -m some\n") and before.endswith(b"\na,b\n1,2.5\n")
     with pytest.raises(ValueError, match="fields not in fieldnames"):
-        records.write_csv("some.csv", [{"a": 1}, {"a": 1, "c": 2}], "python -m some")
-    monkeypatch.setattr(records, "provenance", lambda command: 1 / 0)
+        tables.write_csv("some.csv", [{"a": 1}, {"a": 1, "c": 2}], "python -m some")
+    monkeypatch.setattr(tables, "provenance", lambda command: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        records.write_csv("some.csv", [{"a": 1}], "python -m some")
+        tables.write_csv("some.csv", [{"a": 1}], "python -m some")
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
