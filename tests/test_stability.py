@@ -3,7 +3,7 @@
 import naive
 import numpy as np
 import pytest
-from moving import tiered
+from moving import STABILISED, tiered
 
 from benchmarks.common.problems import FIXED, scaled
 from benchmarks.common.tables import read_table
@@ -60,7 +60,7 @@ def test_limit_of_rk4_undamped():
     assert np.isclose(linear.linear_limit("rk4", body, LONGEST), np.sqrt(8.0) / OMEGA, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", tiered(n for n in FIXED if INTEGRATORS[n].kind != "explicit"))
+@pytest.mark.parametrize("name", tiered((n for n in FIXED if INTEGRATORS[n].kind != "explicit"), STABILISED))
 def test_no_linear_limit(name):
     """A method that solves for, or filters, the whole stiffness bears any step on a hundredfold stiff body at rest."""
     body = scaled(FISH, stiffness=100.0).body
