@@ -79,7 +79,7 @@ ACCURACY = (
 STABILITY = (
     Result(
         "stability.survey", "step-size limits of every method, on every body and against stiffness",
-        "-m benchmarks.stability.survey", 9, csv("stability_limits", "stability.svg"),
+        "-m benchmarks.stability.survey", 6, csv("stability_limits", "stability.svg"),
         one_core=True, follows=EVERY_BODY,
     ),
     Result(
