@@ -124,7 +124,7 @@ def write_section(task: str, groups: list[Group], alone: bool) -> str:
     seeds = "In training, with exploration noise. Bold lines are interquartile means over seeds, thin lines are seeds."
     parts = [
         describe_run(groups[0].runs[0]) if alone else f"<h2>{escape(task)}: the runs</h2>{tabulate_runs(groups)}",
-        f"<h2>{escape(task)}: results</h2>{tabulate_metrics(task, groups)}",
+        f"<h2>{escape(task)}: results</h2>{tabulate_metrics(groups)}",
         f"<h2>Learning curves</h2>{note(seeds)}{charts.draw_learning_curves(curves, RESULTS[task].score)}",
         f"<h2>Failures</h2>{''.join(list_failures(group) for group in groups)}",
         f"<h2>Path</h2>{note(f'From above, the first {len(groups[0].motions)} episodes; a dot is the end.')}{paths}",
@@ -172,12 +172,10 @@ def describe_run(run: Run) -> str:
     )
 
 
-def tabulate_metrics(task: str, groups: Sequence[Group]) -> str:
-    """The task's metrics, a row each, with intervals over seeds and episodes."""
-    rows, measured = [], groups[0].episodes[0].keys() | {"time_per_target"}
-    for name in (*RESULTS[task].metrics, "return", "failed"):
-        if name not in measured:
-            continue
+def tabulate_metrics(groups: Sequence[Group]) -> str:
+    """The metrics, a row each, with intervals over seeds and episodes."""
+    rows, names = [], [*groups[0].episodes[0]]
+    for name in [*names, "time_per_target"] if "targets" in names else names:
         cells = []
         for group in groups:
             middle, low, high = interval(group.episodes, name, np.random.default_rng(0))

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.checkout import present_commit
-from agents.config import CONFIGS, RESULTS, TARGETS
+from agents.config import CONFIGS, RESULTS
 from agents.report import baselines
 from agents.saved_run import read_record
 from agents.statistics import interquartile_mean, interval, seed_mean
@@ -70,21 +70,28 @@ class Publication(NamedTuple):
     """Summary of the task, in a few words."""
     headline: tuple[str, ...]
     """The metrics of the summary in the README."""
+    metrics: tuple[str, ...]
+    """The metrics of the table methods.csv, beside return and failures."""
     shown: tuple[str, ...]
     """The metrics of its table on the page."""
     conditions: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
     """Other conditions it is evaluated under: keywords of the environment and reset options, by name."""
 
 
+TURNING = ("success", "latency", "overshoot", "radius", "turning_rate", "speed_lost", "work", "peak_strain")
+TARGETS = ("targets", "success", "time_per_target")
+AVOIDING = ("avoided", "avoided_possible", "passed", "success", "clearance", "work", "peak_strain")
 TURNS = ("success", "latency", "overshoot", "radius", "speed_lost", "work")
 PUBLICATIONS = {
-    "swim": Publication("swim along a commanded heading", ("speed",), ("speed", "sideways", "return")),
+    "swim": Publication(
+        "swim along a commanded heading", ("speed",), ("speed", "sideways"), ("speed", "sideways", "return")
+    ),
     "turn": Publication(
-        "turn by 30 to 180 degrees to either side", ("success", "latency"), TURNS,
+        "turn by 30 to 180 degrees to either side", ("success", "latency"), TURNING, TURNS,
         {"90 left": ({}, {"turn": math.pi / 2}), "90 right": ({}, {"turn": -math.pi / 2})},
     ),
     "left_after_right": Publication(
-        "turn left before a right turn is over, and mirrored", ("success", "latency"), TURNS,
+        "turn left before a right turn is over, and mirrored", ("success", "latency"), TURNING, TURNS,
         {
             "left after right": ({}, {"side": -1}),
             "right after left": ({}, {"side": 1}),
@@ -92,10 +99,10 @@ PUBLICATIONS = {
             "double reversal": ({"reversals": 2}, {}),
         },
     ),
-    "target": Publication("reach targets one after another", ("time_per_target",), TARGETS),
-    "target_3d": Publication("the same in three dimensions", ("success",), TARGETS),
+    "target": Publication("reach targets one after another", ("time_per_target",), TARGETS, TARGETS),
+    "target_3d": Publication("the same in three dimensions", ("success",), TARGETS, TARGETS),
     "avoid": Publication(
-        "pass a sudden obstacle, perhaps in a turn, and come back to the heading", ("avoided", "success"),
+        "pass a sudden obstacle, perhaps in a turn, and come back to the heading", ("avoided", "success"), AVOIDING,
         ("avoided", "passed", "success", "clearance", "return"),
         {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
     ),
@@ -168,7 +175,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
                 scores["avoided_possible"] = np.where(where, scores["avoided"], np.nan)
         seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]
         for method, found in methods.items():
-            for metric in dict.fromkeys((*result.metrics, "return", "failed")):
+            for metric in dict.fromkeys((*PUBLICATIONS[task].metrics, "return", "failed")):
                 value, low, high = interval(found, metric, generator)
                 method_rows.append({"condition": condition, "method": method, "metric": metric, "value": rounded(value),
                                     "low": rounded(low), "high": rounded(high), "seeds": len(found),
