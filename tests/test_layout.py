@@ -2,24 +2,27 @@
 
 import ast
 import pickle
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from pages import ROOT
 
 import fish_env
-from fish_env.envs import FishVectorEnv, Layout
-from fish_env.tasks import Direction, SwimTask
+from fish_env.envs import Layout
+from fish_env.tasks import Direction
 
-ROOT = Path(__file__).parent.parent
-FORMS = [*((task, {}) for task in fish_env.TASKS), ("swim", {"speed": 1.0}), ("swim", {"body": "planar"})]
+STUB = "FishEnv/Stub-v0"
 
 
-@pytest.mark.parametrize(("task", "keywords"), FORMS)
-def test_parts_follow_one_another(task, keywords):
+@pytest.mark.parametrize(
+    ("id", "keywords"),
+    [*((f"FishEnv/{name}-v0", {}) for name in ("Turn", "LeftAfterRight", "Target", "Avoid")),
+     (STUB, {"speed": 1.0}), (STUB, {"body": "planar"})],
+)  # fmt: skip
+def test_parts_follow_one_another(id, keywords):
     """The parts fill the observation without gaps, in their shapes, and the bounds are those of the space."""
-    env = FishVectorEnv(2, task=task, **keywords)
+    env = gym.make_vec(id, 2, **keywords).unwrapped
     layout, obs = env.layout, env.reset(seed=0)[0]
     end = 0
     for part in layout:
@@ -56,10 +59,10 @@ def test_parts_are_what_they_say():
     assert seen["commanded heading"] @ seen["commanded heading"] == pytest.approx(1, abs=1e-6)
 
 
-@pytest.mark.parametrize("body", ["mass_spring", "planar", "two_layer"])
+@pytest.mark.parametrize("body", fish_env.BODIES)
 def test_scaled_observation_of_a_fish_at_rest_is_zero(body):
     """A relaxed fish at rest, level, is seen as zeros but for what the task shows."""
-    env = FishVectorEnv(1, body=body)
+    env = gym.make_vec(STUB, 1, body=body).unwrapped
     env.reset(seed=0)
     env.tank.position[:], env.tank.velocity[:] = env.tank.fish.body.position, 0.0
     env._measure()
@@ -88,14 +91,8 @@ def test_layout_is_asked_by_id():
 
 def test_parts_need_different_names():
     """A task whose direction has the name of another part is an error."""
-
-    class Twice(SwimTask):
-        def __init__(self):
-            super().__init__()
-            self.directions = (Direction("velocity", "body lengths/s", 1.0, 1.0),)
-
     with pytest.raises(ValueError, match="give every direction a name of its own"):
-        Layout(fish_env.make_fish(), Twice().directions)
+        Layout(fish_env.make_fish(), (Direction("velocity", "body lengths/s", 1.0, 1.0),))
 
 
 def read_by_number(source):

@@ -98,7 +98,7 @@ def test_seeds(case):
 
 ZERO, ONE = np.float32([0.0, 1.0])
 BASIC = {
-    "ClipAction": {}, "ClipReward": {"min_reward": -1.0, "max_reward": 1.0}, "DtypeObservation": {"dtype": np.float64},
+    "ClipAction": {}, "ClipReward": {"min_reward": -1.0, "max_reward": 1.0}, "DtypeObservation": {"dtype": np.float16},
     "FlattenObservation": {}, "NormalizeObservation": {}, "NormalizeReward": {}, "RecordEpisodeStatistics": {},
     "RescaleAction": {"min_action": ZERO, "max_action": ONE}, "RescaleObservation": {"min_obs": ZERO, "max_obs": ONE},
 }  # fmt: skip
@@ -117,6 +117,7 @@ UNUSED = {
     "NumpyToTorch",
 }  # fmt: skip
 """Wrappers of pictures, of dictionaries, of other arrays, and of functions of the user."""
+says_lowered = pytest.mark.filterwarnings("ignore:.*precision lowered by casting to float16")
 
 
 def test_every_wrapper_is_named():
@@ -130,6 +131,7 @@ def check_same(answers):
         np.testing.assert_array_equal(one, other)
 
 
+@says_lowered
 @pytest.mark.parametrize("name", [name for name in OF_ONE if hasattr(wrappers, name)])
 @each_id
 def test_wrappers(id, name):
@@ -175,6 +177,7 @@ def test_what_wrappers_say_is_true(id):
     assert truncated and info["episode"]["l"] == 4 and info["episode"]["r"] == pytest.approx(total, rel=1e-6)
 
 
+@says_lowered
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("name", [*BASIC, "DictInfoToList"])
 @each_id
