@@ -15,7 +15,7 @@ from agents.report import opened
 from agents.statistics import rounded
 from fish_env import INTEGRATORS
 from fish_env.control import Scores, policy_controller, run_episodes, shipped_policies
-from fish_env.control.evaluation import episode_scores, gathered
+from fish_env.control.evaluation import episode_scores, scores_by_name
 from fish_env.control.files import writable_folder
 from fish_env.envs import FishVectorEnv
 
@@ -54,7 +54,7 @@ def replay(path: Path, how: tuple[str, float, float | None], episodes: int) -> t
         for i in np.flatnonzero(ended).tolist():
             results[i] = episode_scores(infos["final_info"], i)
         track.append(np.where(done[:, None], np.nan, places(env)))
-    return gathered(results), np.array(track)
+    return scores_by_name(results), np.array(track)
 
 
 def places(env: FishVectorEnv) -> np.ndarray:

@@ -20,8 +20,8 @@ from fish_env.control import (
     record,
     run_episodes,
 )
-from fish_env.control.evaluation import Scores, episode_scores, gathered
-from fish_env.control.stated import one_fish, stated
+from fish_env.control.environments import environment_of, make_checked_env
+from fish_env.control.evaluation import Scores, episode_scores, scores_by_name
 from fish_env.envs import FishEnv
 
 FILES = ("config.json", "curve.csv", "policy.npz")
@@ -92,7 +92,7 @@ def measured_episodes(run: Run, count: int) -> Episodes:
             if results[i]["failed"]:
                 failures[str(final["failure"][i]).partition(":")[0]] += 1
     env.close()
-    return Episodes(gathered(results), gathered(terms), failures)
+    return Episodes(scores_by_name(results), scores_by_name(terms), failures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +111,8 @@ class Motion:
 
 def recorded_episodes(run: Run, count: int = SHOWN) -> tuple[list[Recording], Fish]:
     """Recordings of the first episodes of the evaluation, and the fish that swam."""
-    env_id, options = stated(run.policy.about)
-    env = one_fish(env_id, evaluation_options(options))
+    env_id, options = environment_of(run.policy.about)
+    env = make_checked_env(env_id, evaluation_options(options))
     bare = env.unwrapped
     assert isinstance(bare, FishEnv)  # the tasks of `RESULTS` are
     found = [record(env, run.policy, FIRST_SEED + k) for k in range(count)]

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from fish_env.checks import is_whole
+from fish_env.control.environments import environment_of, make_checked_batch
 from fish_env.control.gait import Gait
 from fish_env.control.policy import Policy
-from fish_env.control.stated import many_fish, stated
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.vector import make_batch
 from fish_env.physics.tank_options import checked_count
@@ -87,9 +87,9 @@ def make_policy_env(policy: Policy, num_envs: int = EPISODES, **changes) -> Fish
         ValueError: for an option that is not allowed, or an environment that is not registered, or is not one of fish.
         gymnasium.error.Error: for an environment without batches.
     """
-    env_id, options = stated(policy.about)
+    env_id, options = environment_of(policy.about)
     changed = {name: value for name, value in changes.items() if value is not None}
-    return many_fish(env_id, evaluation_options(options) | changed, num_envs)
+    return make_checked_batch(env_id, evaluation_options(options) | changed, num_envs)
 
 
 def run_episodes(
@@ -121,10 +121,10 @@ def evaluate(
     for ended, _, infos in run_episodes(controller, env, first_seed, options):
         for i in np.flatnonzero(ended).tolist():
             results[i] = episode_scores(infos["final_info"], i)
-    return gathered(results)
+    return scores_by_name(results)
 
 
-def gathered(results: list[dict[str, float]]) -> Scores:
+def scores_by_name(results: list[dict[str, float]]) -> Scores:
     """The scores of all fish by name, (B,) each."""
     return {name: np.array([result[name] for result in results]) for name in results[0]}
 

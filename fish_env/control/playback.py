@@ -10,13 +10,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from fish_env.control.environments import environment_of, make_checked_env
 from fish_env.control.evaluation import checked_episodes, evaluation_options, policy_controller
 from fish_env.control.files import writable_file
 from fish_env.control.film import PAGE, write_film
 from fish_env.control.policy import Policy
 from fish_env.control.recording import ENDING, Recording
 from fish_env.control.replaying import record
-from fish_env.control.stated import one_fish, stated
 from fish_env.control.video import SLOWER, VIDEOS, load_writer, write_video
 from fish_env.envs import FishEnv
 
@@ -90,11 +90,11 @@ def has_display() -> bool:
 @contextmanager
 def _environment(policy: Policy, mode: str | None, changes: dict[str, Any]) -> Iterator[tuple[gym.Env, FishEnv]]:
     """The environment of a policy, in its wrappers and without them."""
-    env_id, options = stated(policy.about)
+    env_id, options = environment_of(policy.about)
     changed = {name: value for name, value in changes.items() if value is not None}
-    env = one_fish(env_id, evaluation_options(options) | changed, mode)
+    env = make_checked_env(env_id, evaluation_options(options) | changed, mode)
     bare = env.unwrapped
-    assert isinstance(bare, FishEnv)  # `one_fish` allows no other
+    assert isinstance(bare, FishEnv)  # `make_checked_env` allows no other
     try:
         yield env, bare
     finally:

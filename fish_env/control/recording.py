@@ -13,9 +13,9 @@ import gymnasium as gym
 import numpy as np
 
 import fish_env
+from fish_env.control.environments import check_environment, environment_of, make_checked_env
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.npz import LARGEST, Npz, Part, write_about
-from fish_env.control.stated import check_stated, one_fish, stated
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.cache import source_hash
 from fish_env.physics.failures import FAILURES
@@ -189,7 +189,7 @@ def _check_about(path: Path, about: dict[str, Any]) -> None:
     if bad:
         raise ValueError(f"{path} describes no episode: {bad[0]} is {about[bad[0]]!r}; record the episode again")
     try:
-        check_stated(about)
+        check_environment(about)
     except ValueError as error:
         raise ValueError(f"{path} describes no episode: {error}") from error
 
@@ -229,7 +229,7 @@ def env_of(about: Mapping[str, Any]) -> gym.Env:
         ValueError: if it is not registered, rejects the keywords, or is not one of fish.
     """
     try:
-        return one_fish(*stated(about))
+        return make_checked_env(*environment_of(about))
     except (gym.error.Error, ValueError) as error:
         raise ValueError(
             f"the recording was made in {about['env_id']} with {about['env_options']}, which cannot be made here "

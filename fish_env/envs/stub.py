@@ -5,7 +5,7 @@ the end of an episode, is the code of the real environments; their kernels run a
 """
 
 from fish_env.envs.single import FishEnv
-from fish_env.envs.step import acceptable, make_see
+from fish_env.envs.step import contract_all, make_measure_and_observe
 from fish_env.envs.vector import FishVectorEnv
 from fish_env.tasks import SwimTask
 
@@ -17,10 +17,13 @@ class StubVectorEnv(FishVectorEnv):
 
     def _compile(self):
         super()._compile()
-        self._see, self._step = make_see(self._kernels), None  # a kernel, which runs as Python
+        self._measure_and_observe, self._step = (
+            make_measure_and_observe(self._kernels),
+            None,
+        )  # a kernel, which runs as Python
 
     def _move(self):
-        if not as_python(acceptable)(self._env):
+        if not as_python(contract_all)(self._env):
             return False
         tank, contraction = self.tank, self._contraction
         tank.rest_length[:, tank.fish.muscles] = tank.natural - contraction * tank.span
@@ -28,7 +31,7 @@ class StubVectorEnv(FishVectorEnv):
         tank.velocity[:] = velocity[:, None]
         tank.position[:] += tank.velocity * self.control_interval
         tank.time[:] += self.control_interval
-        self._see(self._env, 0, self.num_envs, True)
+        self._measure_and_observe(self._env, 0, self.num_envs, True)
         return True
 
 
