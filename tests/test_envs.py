@@ -92,19 +92,9 @@ def test_unknown_keywords_are_unknown_to_others_too(make, error):
         make(frameskip=1)
 
 
-@pytest.mark.parametrize("options", [{"body": "whale"}, {"render_mode": "x"}, {"autoreset_mode": "x"}])
-def test_refused_environments_are_closed_in_silence(options):
+def test_refused_environments_are_closed_in_silence():
     """An environment whose options were refused may be closed, as some versions of Gymnasium do when it is deleted."""
-    made = []
-
-    class Remembered(FishVectorEnv):
-        def __init__(self, **options):
-            made.append(self)
-            super().__init__(**options)
-
-    with pytest.raises(ValueError, match="unknown"):
-        Remembered(**options)
-    made[0].close()
+    FishVectorEnv.__new__(FishVectorEnv).close()
 
 
 def test_module_id():

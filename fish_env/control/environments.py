@@ -1,4 +1,4 @@
-"""The environment that a policy or a recording states, checked before it is made: anybody may have written the file.
+"""The environment that a policy or a recording names, checked before it is made: anybody may have written the file.
 
 Gymnasium imports the module of an id such as "module:Name-v0". That is for ids that a user types; a file can only name
 what a package, imported by the user, has registered.
@@ -44,11 +44,7 @@ def check_environment(about: Mapping[str, Any]) -> None:
 
 
 def environment_of(about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """The id and the keywords of an environment of fish that is registered; nothing is made.
-
-    Raises:
-        ValueError: for another id or keywords, or an environment that is not registered, or is not one of fish.
-    """
+    """The id and the keywords of a registered environment of fish, or ValueError; nothing is made."""
     check_environment(about)
     env_id = about["env_id"]
     spec = gym.registry.get(env_id)
@@ -63,7 +59,7 @@ def environment_of(about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
 
 
 def make_checked_env(env_id: str, options: Mapping[str, Any], render_mode: str | None = None) -> gym.Env:
-    """The environment that `environment_of` has checked, of one fish.
+    """Create the environment that `environment_of` has checked, of one fish.
 
     Raises:
         gymnasium.error.Error: where Gymnasium has a name for what is wrong.
@@ -99,7 +95,7 @@ def _check_work(fish: FishVectorEnv) -> None:
 
 @contextmanager
 def constructor_errors(env_id: str) -> Iterator[None]:
-    """A ValueError for what constructors raise for keywords that they do not have, and for missing modules."""
+    """Raise ValueError for what constructors raise for keywords that they do not have, and for missing modules."""
     try:
         yield
     except (ValueError, gym.error.Error):

@@ -154,7 +154,7 @@ def read_about(text: str) -> dict[str, Any]:
 
 
 def write_about(about: Mapping[str, Any]) -> str:
-    """JSON that `read_about` can read; ValueError for values that it cannot."""
+    """JSON that `read_about` can read, or ValueError."""
     text = json.dumps(dict(about))
     read_about(text)
     return text
