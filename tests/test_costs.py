@@ -50,7 +50,7 @@ def test_bodies_of_the_scaling():
 
 
 def test_in_process(tmp_path):
-    """A fresh process says how much memory an environment takes, with its kernels in a folder; its errors are errors."""
+    """A fresh process says how much memory an environment takes, with its kernels in a folder; it hides no error."""
     code = throughput.MEMORY.replace("Swim", "Stub") + "from fish_env.kernels import cache\n"
     code += f"assert cache._FOLDER.startswith({str(tmp_path)!r}), cache._FOLDER\n"
     assert 30.0 < throughput.in_process(code, str(tmp_path)) < 2000.0  # MB

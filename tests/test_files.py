@@ -230,7 +230,7 @@ def test_what_numpy_writes_is_read(write, tmp_path):
     ("text", "message"),
     [
         ("[" * 100_000, "nested more than"), ('{"a":' * (DEPTH + 1) + "1" + "}" * (DEPTH + 1), "nested more than"),
-        ('{"seed": ' + "9" * 5000 + "}", "of 5000 digits"), ('{"seed": -' + "9" * 101 + "}", "of 102 digits"),
+        ('{"seed": ' + "9" * 5000 + "}", "digits"),
         ('{"a": "' + "x" * 2**18 + '"}', "characters|an array"), ("[]", "is a list"), ("3", "is a int"),
         ("", "Expecting"),
     ],
@@ -245,7 +245,7 @@ def test_descriptions_that_are_not_read(text, message, tmp_path):
     deep: dict = {}
     for _ in range(DEPTH):
         deep = {"a": deep}
-    for about in ({"deep": deep}, {"number": 10**100}, {"note": "x" * 2**18}):
+    for about in ({"deep": deep}, {"note": "x" * 2**18}):
         with pytest.raises(ValueError, match="about"):
             stub_policy(**about).save(tmp_path / "other.npz")
         with pytest.raises(ValueError, match="about"):

@@ -22,7 +22,7 @@ LARGEST = 32 * 2**20
 RATIO = 4
 """Largest unpacked size of a file over its own size, if that is more."""
 TEXT = 2**18  # characters of a text: the description of a file has some hundreds
-DEPTH, DIGITS = 20, 100  # of the description of a file: lists in lists, and digits of a whole number
+DEPTH = 20  # of the description of a file: lists in lists
 HEAD = 2000  # bytes of the head of an array
 PARTS = re.compile(
     r"\{'descr': '([<>|][biufcU]\d{1,12})', 'fortran_order': (?:True|False), 'shape': \(([\d, ]*)\), \} *\n"
@@ -138,13 +138,13 @@ def read_about(text: str) -> dict[str, Any]:
     """Description of a file, from its JSON text.
 
     Raises:
-        ValueError: for other JSON than a dictionary, text of more than `TEXT` characters, lists in lists more than
-            `DEPTH` deep, or whole numbers of more than `DIGITS` digits.
+        ValueError: for other JSON than a dictionary, text of more than `TEXT` characters, or lists in lists more than
+            `DEPTH` deep.
     """
     if len(text) > TEXT:
         raise ValueError(f"'about' has {len(text)} characters; at most {TEXT} are read")
     try:
-        found = json.loads(text, parse_int=_whole)
+        found = json.loads(text)  # ValueError for a number of thousands of digits
     except RecursionError as error:
         raise ValueError(f"'about' is nested more than {DEPTH} deep") from error
     if not isinstance(found, dict):
@@ -158,12 +158,6 @@ def write_about(about: Mapping[str, Any]) -> str:
     text = json.dumps(dict(about))
     read_about(text)
     return text
-
-
-def _whole(digits: str) -> int:
-    if len(digits) > DIGITS:
-        raise ValueError(f"'about' has a whole number of {len(digits)} digits; at most {DIGITS} are read")
-    return int(digits)
 
 
 def _check_depth(value: Any, levels: int) -> None:

@@ -188,14 +188,10 @@ def aim_target(obs: np.ndarray, layout: Layout, dimensions: int, ahead: float = 
 class Caution:
     """Margins with which an obstacle is passed."""
 
-    radius: float
-    """Radius of the obstacle, body lengths."""
-    room: float = 0.35
-    """Least distance between its surface and the line on which the fish's centre will pass, body lengths."""
-    speed: float = 1.8
-    """Speed at which the fish is assumed to swim on, body lengths per second."""
-    horizon: float = 1.2
-    """Time over which the nearest approach is predicted, s."""
+    radius: float  # of the obstacle, body lengths
+    room: float = 0.35  # least distance of its surface from the line on which the fish's centre will pass
+    speed: float = 1.8  # at which the fish is assumed to swim on, body lengths per second
+    horizon: float = 1.2  # s, over which the nearest approach is predicted
 
 
 COURSES = np.radians(np.arange(-105.0, 106.0, 15.0))  # rad off the commanded heading, from which one is chosen

@@ -17,13 +17,12 @@ class StubVectorEnv(FishVectorEnv):
 
     def _compile(self):
         super()._compile()
-        self._measure_and_observe, self._step = (
-            make_measure_and_observe(self._kernels),
-            None,
-        )  # a kernel, which runs as Python
+        self._measure_and_observe = make_measure_and_observe(self._kernels)  # a kernel, which runs as Python
+        self._step = None
 
     def _move(self):
-        if not as_python(contract_all)(self._env):
+        as_python = getattr(contract_all, "py_func", contract_all)
+        if not as_python(self._env):
             return False
         tank, contraction = self.tank, self._contraction
         tank.rest_length[:, tank.fish.muscles] = tank.natural - contraction * tank.span
@@ -33,11 +32,6 @@ class StubVectorEnv(FishVectorEnv):
         tank.time[:] += self.control_interval
         self._measure_and_observe(self._env, 0, self.num_envs, True)
         return True
-
-
-def as_python(compiled):
-    """A compiled function as it was written."""
-    return getattr(compiled, "py_func", compiled)
 
 
 class StubEnv(FishEnv):
