@@ -173,8 +173,7 @@ def test_in_a_browser(tmp_path):
     flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
-        page = browser.new_context(offline=True, viewport={"width": 800, "height": 600}).new_page()
-        said = []
+        page, said = browser.new_context(offline=True, viewport={"width": 800, "height": 600}).new_page(), []
         page.on("console", lambda message: said.append(message.text))
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("request", lambda request: said.append(request.url) if request.url != path.as_uri() else None)
@@ -183,25 +182,23 @@ def test_in_a_browser(tmp_path):
         page.click("#play")
         assert page.inner_text("#play") == "Play" and page.inner_text("#task") == "Target, seed 5"
         page.fill("#scrub", "20")
-        assert page.evaluate("film.time") == pytest.approx(0.4)
-        page.wait_for_function("document.getElementById('time').textContent == '0.40'")
+        page.wait_for_function(
+            "film.time.toFixed(3) == '0.400' && document.getElementById('time').textContent == '0.40'"
+        )
 
         def picture():
-            drawn = page.evaluate("film.drawn")
-            page.wait_for_function(f"film.drawn > {drawn + 1}")
+            page.wait_for_function(f"film.drawn > {page.evaluate('film.drawn') + 1}")
             return page.screenshot(clip={"x": 200, "y": 150, "width": 400, "height": 300})
 
-        before, yaw, pitch = picture(), page.evaluate("film.yaw"), page.evaluate("film.pitch")
+        before, (yaw, pitch, distance) = picture(), page.evaluate("[film.yaw, film.pitch, film.distance]")
         assert picture() == before, "a film that is paused stands still"
         page.mouse.move(400, 300)
         page.mouse.down()
         page.mouse.move(500, 350, steps=4)
         page.mouse.up()
         page.mouse.move(420, 300)
-        assert page.evaluate("film.yaw") == pytest.approx(yaw - 0.8)
-        assert page.evaluate("film.pitch") == pytest.approx(min(1.55, pitch + 0.4))
+        assert page.evaluate("[film.yaw, film.pitch]") == pytest.approx([yaw - 0.8, min(1.55, pitch + 0.4)])
         assert picture() != before
-        distance = page.evaluate("film.distance")
         page.mouse.wheel(0, -200)
         page.wait_for_function(f"film.distance < {distance}")
         page.select_option("#reel", "1")
@@ -230,7 +227,7 @@ def test_numbers_of_any_size(one, name, number, ending, tmp_path):
             assert not re.search(r"NaN|Infinity", json.dumps(data_of((tmp_path / "film.html").read_text())))
 
 
-@pytest.mark.parametrize(("radius", "count"), [(0.15, 1), (100.0, 1), (1e200, 1), (0.5, 60), (1.0, 26)])
+@pytest.mark.parametrize(("radius", "count"), [(0.15, 1), (100.0, 1), (1e200, 1), (1.0, 26)])
 def test_videos_of_large_spheres(one, radius, count, tmp_path):
     """Spheres are drawn with little memory, or refused where they are larger or more than any task has."""
     spheres = np.full((one.steps + 1, count, 4), radius)
