@@ -28,8 +28,7 @@ PAIRS = {"muscle_groups": "pairs"}
 
 def test_gait_is_what_it_says():
     """Left and right contract exactly out of phase, within [0, amplitude], at the stated frequency."""
-    fish, gait = fish_env.make_fish(), Gait(2.0, (0.3, 0.6, 1.0), (0.0, 1.0, 2.0))
-    time = np.linspace(0, 1, 101)
+    fish, gait, time = fish_env.make_fish(), Gait(2.0, (0.3, 0.6, 1.0), (0.0, 1.0, 2.0)), np.linspace(0, 1, 101)
     contraction = gait.contraction(fish, time)
     assert contraction.shape == (101, 12)
     amplitude = np.array(gait.amplitude)[fish.segments]
