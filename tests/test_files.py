@@ -171,6 +171,7 @@ BAD = {
     "head of huge axes": ([array((10**30, 10**30))], {}, "its head says"),
     "nothing, of huge axes": ([array((0, 10**30))], {}, "too large|too big|exceeded"),
     "very many axes": ([array((1,) * 100, bytes(4))], {}, "dimension"),
+    "a long list": ([(f"{k}.npy", b"", 1) for k in range(2000)], {}, "a few parts"),
     "a part twice": ([ONE], {"repeat": 2}, "a part twice"),
     "an encrypted part": ([ONE], {"flag_bits": 1}, "encrypted"),
     "a part that is no array": ([("a.txt", b"text", 1)], {}, "no array"),

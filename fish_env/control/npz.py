@@ -24,6 +24,7 @@ RATIO = 4
 TEXT = 2**18  # characters of a text: the description of a file has some hundreds
 DEPTH = 20  # of the description of a file: lists in lists
 HEAD = 2000  # bytes of the head of an array
+DIRECTORY = 2**16  # bytes of a zip file's list of parts, of which each takes about 60
 PARTS = re.compile(
     r"\{'descr': '([<>|][biufcU]\d{1,12})', 'fortran_order': (?:True|False), 'shape': \(([\d, ]*)\), \} *\n"
 )
@@ -124,7 +125,12 @@ class Npz:
 
 def _open_archive(file: BinaryIO) -> zipfile.ZipFile:
     """A zip file that holds arrays, each once, and does not unpack to very much."""
-    size, found = file.seek(0, os.SEEK_END), zipfile.ZipFile(file)
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - 42))
+    end = file.read()  # of the list of parts; of more than 4 GB another one before it
+    if end[-22:-18] != b"PK\5\6" or end[:4] == b"PK\6\7" or int.from_bytes(end[-10:-6], "little") > DIRECTORY:
+        raise ValueError("its end is not that of a zip file of a few parts")
+    found = zipfile.ZipFile(file)
     names = found.namelist()
     if len(set(names)) < len(names) or not all(name.endswith(".npy") for name in names):
         raise ValueError("it holds a part twice, or one that is no array")
