@@ -126,23 +126,22 @@ def test_stub_compiles_nothing(monkeypatch):
 
 
 @pytest.mark.parametrize("id", IDS)
-def test_batch_equals_singles(id):
-    """Fish i of a batch seeded s is the single environment seeded s + i, bit for bit, over 60 steps and a reset."""
-    count, limit, seed = 3, 40, 11
-    batch = gym.make_vec(id, num_envs=count, max_episode_steps=limit)
-    singles = [gym.make(id, max_episode_steps=limit) for _ in range(count)]
-    obs, _ = batch.reset(seed=seed)
-    np.testing.assert_array_equal(obs, [env.reset(seed=seed + i)[0] for i, env in enumerate(singles)])
-    over, ends = [False] * count, 0
-    for action in actions(batch, 60):
-        obs, reward, terminated, truncated, _ = batch.step(action)
-        for i, env in enumerate(singles):
-            expected = (env.reset()[0], 0.0, False, False) if over[i] else env.step(action[i])[:4]
-            np.testing.assert_array_equal(obs[i], expected[0])
-            assert (reward[i], terminated[i], truncated[i]) == expected[1:]
-            over[i] = expected[2] or expected[3]
-            ends += over[i]
-    assert ends >= count, "no episode ended: the restart was not tested"
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_batch_equals_singles(id, mode):
+    """A batch seeded s is Gymnasium's batch of single fish seeded s + i, bit for bit, over 50 steps and a restart."""
+    batch = gym.make_vec(id, 3, max_episode_steps=30, autoreset_mode=mode)
+    mode = batch.metadata["autoreset_mode"]
+    singles = gym.vector.SyncVectorEnv([lambda: gym.make(id, max_episode_steps=30)] * 3, autoreset_mode=mode)
+    np.testing.assert_array_equal(batch.reset(seed=11)[0], singles.reset(seed=11)[0])
+    ends = 0
+    for action in actions(batch, 50):
+        *found, infos = batch.step(action)
+        *expected, wanted = singles.step(action)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert infos.keys() == wanted.keys()
+        ends += np.count_nonzero(found[2] | found[3])
+    assert ends >= 3, "no episode ended: the restart was not tested"
 
 
 def test_same_seed_same_bits():
@@ -199,35 +198,19 @@ def test_still_fish_pays_nothing():
     assert np.abs(rewards).max() < 1e-3
 
 
-@pytest.mark.parametrize("id", IDS)
-@each_mode
-def test_autoreset(id, mode):
-    """Each of the three autoreset modes does what Gymnasium says it does."""
-    env = gym.make_vec(id, num_envs=3, max_episode_steps=4, autoreset_mode=mode.value)
-    assert env.metadata["autoreset_mode"] is mode
-    env.reset(seed=0)
-    for _ in range(4):
-        obs, _, terminated, truncated, infos = env.step(env.action_space.sample())
-    assert truncated.all() and not terminated.any()
-    time = env.unwrapped.tank.time
-    if mode is AutoresetMode.SAME_STEP:
-        assert infos["_final_obs"].all() and infos["_final_info"].all()
-        assert not np.array_equal(infos["final_obs"][0], obs[0])
-        assert infos["final_info"]["seconds"] == pytest.approx([4 * env.unwrapped.control_interval] * 3)
-        assert (time == 0).all()
-        return
-    assert infos["_seconds"].all() and infos["seconds"].shape == (3,)
-    if mode is AutoresetMode.NEXT_STEP:
-        fresh, reward, terminated, truncated, _ = env.step(env.action_space.sample())
-        assert (reward == 0).all() and not truncated.any() and (time == 0).all()
-        assert not np.array_equal(fresh, obs)
-        return
+def test_disabled_autoreset():
+    """An episode that has ended waits for a reset by `reset_mask`, which leaves the other fish where they are."""
+    env = begun_batch(3, max_episode_steps=4, autoreset_mode="Disabled")
+    assert env.metadata["autoreset_mode"] is AutoresetMode.DISABLED
+    for action in actions(env, 4):
+        obs, _, terminated, truncated, infos = env.step(action)
+    assert truncated.all() and not terminated.any() and infos["_seconds"].all()
     with pytest.raises(gym.error.ResetNeeded, match="reset_mask"):
         env.step(env.action_space.sample())
     mask = np.array([True, False, True])
     after, _ = env.reset(options={"reset_mask": mask})
     np.testing.assert_array_equal(after[1], obs[1])
-    assert (time[mask] == 0).all() and time[1] > 0
+    assert (env.tank.time[mask] == 0).all() and env.tank.time[1] > 0
 
 
 @each_mode
