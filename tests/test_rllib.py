@@ -195,6 +195,13 @@ def test_runs_of_all_tasks_on_a_cluster(tmp_path):
     assert not ray.is_initialized()
 
 
+def test_no_cluster():
+    """An address without a cluster is refused, with what may be given."""
+    ray.shutdown()
+    with pytest.raises(ValueError, match="there is no Ray cluster"):
+        ray_jobs.check_ray("127.0.0.1:1")
+
+
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "auto", "nowhere"])
 def test_the_example_without_a_cluster(tmp_path, address):
     """The example says in one line that there is no cluster and what may be given, before it writes anything."""

@@ -50,11 +50,12 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
     with closing(make_checked_env(env_id, evaluation_options(options) | changed, mode)) as env:
         try:
             for episode in range(episodes):
-                found.append(record(env, policy, seed + episode))
+                one = record(env, policy, seed + episode)
+                found += [] if path is None else [one]
                 print(f"episode {episode}: {summary(env.get_wrapper_attr('episode_info')())}")
         except (KeyboardInterrupt, WindowClosed):
             print("stopped")
-    if found and path is not None:
+    if path is not None and found:
         written = found[0].save(path) if path.suffix.lower() == ENDING else write_film(found, path)
         print(f"written to {written}" + (", at half speed" if path.suffix.lower() in VIDEOS else ""))
 
