@@ -123,14 +123,14 @@ def versions() -> dict[str, str]:
     }
 
 
-def plain(value: Any, name: str) -> Any:
+def as_json(value: Any, name: str) -> Any:
     """`value` as JSON holds it; ValueError for what it cannot hold, such as a `Fish`, naming the keyword."""
     if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
-        return {key: plain(part, f"{name}[{key!r}]") for key, part in value.items()}
+        return {key: as_json(part, f"{name}[{key!r}]") for key, part in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist(), name)
+        return as_json(value.tolist(), name)
     if type(value) in (list, tuple):  # not a World, which is a named tuple
-        return [plain(part, f"{name}[{k}]") for k, part in enumerate(value)]
+        return [as_json(part, f"{name}[{k}]") for k, part in enumerate(value)]
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise ValueError(

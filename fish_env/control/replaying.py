@@ -10,7 +10,7 @@ import numpy as np
 from fish_env.checks import finite_array, is_whole
 from fish_env.control.evaluation import Controller, policy_controller
 from fish_env.control.policy import Policy
-from fish_env.control.recording import Recording, env_of, load_recording, plain, versions
+from fish_env.control.recording import Recording, as_json, env_of, load_recording, versions
 from fish_env.envs import FishEnv
 
 STATES = ("position", "velocity", "rest_length", "time", "failure", "counters", "directions", "spheres")
@@ -56,7 +56,7 @@ def record(
     bare, id, keywords = _described(env)
     if not is_whole(seed) or seed < 0:
         raise ValueError(f"seed is {seed!r}; give a whole number, zero or more: a recording must be repeatable")
-    wanted: dict[str, Any] = {} if options is None else plain(options, "options")
+    wanted: dict[str, Any] = {} if options is None else as_json(options, "options")
     limited = env.has_wrapper_attr("_max_episode_steps")  # may have been set since `gym.make`
     steps = env.get_wrapper_attr("_max_episode_steps") if steps is None and limited else steps
     act, limit = _controller(controller, bare, steps)
@@ -169,7 +169,7 @@ def _described(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
     if env.spec is None or env.spec.additional_wrappers:
         raise ValueError("the environment was not made by gym.make alone; give it without wrappers of your own")
     keywords = {name: value for name, value in bare.spec.kwargs.items() if name != "render_mode"}
-    return bare, env.spec.id, plain(keywords, "the environment's keywords")
+    return bare, env.spec.id, as_json(keywords, "the environment's keywords")
 
 
 def _controller(
