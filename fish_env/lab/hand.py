@@ -24,7 +24,7 @@ class Hand:
         self._goal, self._left, self._waited = self.point.copy(), 0.0, LONGEST
 
     def aim(self, point) -> None:
-        """The pointer is now at a point (3,) m: be there after as much time as lay between its last two events."""
+        """Go to where the pointer is now, (3,) m, in as much time as lay between its last two events."""
         self._goal = np.array(point, dtype=float)
         self._left = min(max(self._waited, LEAST), LONGEST)
         self._waited = 0.0

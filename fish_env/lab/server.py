@@ -4,6 +4,7 @@ import asyncio
 import socket
 import sys
 import threading
+import warnings
 
 import viser
 
@@ -15,6 +16,8 @@ MOST = 8  # sessions at once: each takes a thread
 READING = 5.0  # s to read that there are too many
 SHADE, BRIGHTNESS = (110, 110, 120), 3.5  # of the light from below, and of that from above
 UPRIGHT = (0.5**0.5, 0.5**0.5, 0.0, 0.0)  # turns the direction of y to that of z
+
+warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # of a session whose page has just been closed
 
 
 class PrivateServer(viser.ViserServer):

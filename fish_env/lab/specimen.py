@@ -13,9 +13,9 @@ from fish_env.bodies.detail import carried_over
 from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.checks import is_whole
 from fish_env.control.gait import best_gait
-from fish_env.lab.geometry import Surface, enclosed, spring_strain, surfaces, tet_strain
+from fish_env.lab.geometry import Surface, enclosed_volume, spring_strain, surfaces, tet_strain
 from fish_env.lab.hand import Hand
-from fish_env.lab.settings import chosen
+from fish_env.lab.settings import checked_choice
 from fish_env.physics.body import scaled, with_rates
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.evaluate import Evaluator
@@ -62,8 +62,7 @@ def level_of(name: str) -> dict[str, int]:
 
 def make_thing(entry: Entry) -> ElasticObject:
     """The object of an entry; ValueError for a name or a number that is not allowed."""
-    if entry.thing not in TABLE:
-        raise ValueError(f"unknown object {entry.thing!r}; choose from {', '.join(map(repr, TABLE))}")
+    checked_choice(entry.thing, TABLE, "object")
     unknown = [name for name, _ in entry.level if name not in level_of(entry.thing)]
     if unknown:
         known = ", ".join(level_of(entry.thing)) or "no number"
@@ -74,7 +73,7 @@ def make_thing(entry: Entry) -> ElasticObject:
 def checked_entry(entry: Entry) -> Entry:
     """An entry whose names exist and whose numbers are in their range, or ValueError."""
     if entry.integrator:
-        chosen(entry.integrator, INTEGRATORS, "integrator")
+        checked_choice(entry.integrator, INTEGRATORS, "integrator")
     for name, value in entry.level:
         if not is_whole(value) or not 0 <= value <= FINEST:
             raise ValueError(f"{name} is {value!r}; give a whole number from 0 to {FINEST}")
@@ -146,7 +145,7 @@ class Specimen:
     def __init__(self, entry: Entry, numbers: dict[str, float], walls: str, step: float):
         self.entry, self.thing, self.fixed = entry, make_thing(entry), []
         self.surfaces: list[Surface] = surfaces(self.thing)
-        self.rest_volume = enclosed(self.thing, self.surfaces, self.thing.body.position)
+        self.rest_volume = enclosed_volume(self.thing, self.surfaces, self.thing.body.position)
         self.swimming, self._gait = False, best_gait()
         self.numbers, self.walls, self.step = numbers, walls, step
         self._make(numbers, walls, step, [])
@@ -154,6 +153,11 @@ class Specimen:
     @property
     def is_fish(self) -> bool:
         return isinstance(self.thing, Fish)
+
+    @property
+    def method(self) -> str:
+        """Name of its integrator."""
+        return self.tank.integrator.name
 
     @property
     def position(self) -> np.ndarray:
@@ -196,10 +200,7 @@ class Specimen:
             self.tank.fix(self.fixed)
 
     def at_level(self, level: int) -> "Specimen":
-        """This object, made with another level of detail, in the same motion; nothing is fixed.
-
-        ValueError unless it is one of layers.
-        """
+        """This object with another level of detail, in the same motion, nothing fixed; ValueError without layers."""
         numbers = dict(self.entry.level) | {"level": level}
         entry = checked_entry(self.entry._replace(level=tuple(numbers.items())))
         other = Specimen(entry, self.numbers, self.walls, self.step)
@@ -271,7 +272,7 @@ class Specimen:
         """Current measurements."""
         state = (self.tank.rest_length[0], self.position, self.tank.velocity[0])
         energy = sum(self._evaluate().energies(*state).values())
-        volume = enclosed(self.thing, self.surfaces, self.position) / self.rest_volume
+        volume = enclosed_volume(self.thing, self.surfaces, self.position) / self.rest_volume
         strains = (self.spring_strain(), self.tet_strain())
         strain = max((float(np.abs(each).max()) for each in strains if each.size), default=np.nan)
         return Readings(self.time, energy, volume, strain)
