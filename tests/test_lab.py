@@ -10,15 +10,7 @@ from fish_env.bodies.mesh import box
 from fish_env.lab import serve
 from fish_env.lab.bench import Bench, checked_entry
 from fish_env.lab.fields import LONGEST, SHADES, arrows, shade_of, shades
-from fish_env.lab.geometry import (
-    boundary,
-    enclosed_volume,
-    octahedron,
-    signed_volume,
-    surfaces,
-    tet_strain,
-    triangulate,
-)
+from fish_env.lab.geometry import boundary, enclosed_volume, signed_volume, surfaces, tet_strain, triangulate
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import SETTINGS, checked_point
 from fish_env.lab.specimen import Entry
@@ -236,7 +228,7 @@ def test_solids_of_many_nodes_last_with_longer_steps(name, how):
 
 
 def test_geometry():
-    """Volumes are those of the gas or the tetrahedra, a quadrilateral is two triangles, a node's ball is round."""
+    """Volumes are those of the gas or the tetrahedra, and a quadrilateral is two triangles."""
     for name in ("sphere", "uniform sphere"):
         thing = Bench([Entry(name)]).specimens[0].thing
         want, _ = volume_of(thing.skin, thing.body.position)
@@ -246,11 +238,6 @@ def test_geometry():
     assert signed_volume(triangles, place) == pytest.approx(2.0, rel=1e-12)
     assert len(owner) == len(triangles) == 6 * 4 * 2
     assert triangulate(np.array([(0, 1, 2, 3), (4, 5, 6, 6)])).tolist() == [[0, 1, 2], [4, 5, 6], [0, 2, 3]]
-    points, triangles = octahedron(0.5)
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    places = np.unique(np.round(points, 6), axis=0, return_inverse=True)[1].reshape(-1)
-    _, count = np.unique(np.sort(places[edges], axis=1), axis=0, return_counts=True)
-    assert np.linalg.norm(points, axis=1) == pytest.approx(0.5) and (count == 2).all()
 
 
 def test_strains_in_closed_form_are_those_of_the_eigenvalues():

@@ -17,7 +17,7 @@ from gymnasium.wrappers import RecordVideo
 
 import fish_env
 from fish_env.render import Frame, Renderer, WindowClosed, draw, make_frame
-from fish_env.render.layout import CENTRE, HEIGHT, PANEL, SCALE, SIDE_UNIT, UNIT, WIDTH
+from fish_env.render.labels import CENTRE, HEIGHT, PANEL, SCALE, SIDE_UNIT, UNIT, WIDTH
 from fish_env.render.skin import normals, skin_of
 
 

@@ -26,14 +26,7 @@ FAR = 100.0  # lengths of the object: a point of the page further away is not ac
 
 
 class Bench:
-    """Objects that are looked at and touched, all under the same conditions.
-
-    Args:
-        entries: what stands side by side, one to three.
-
-    Raises:
-        ValueError: for what is not allowed.
-    """
+    """One to three objects that are looked at and touched, all under the same conditions."""
 
     def __init__(self, entries: Sequence[Entry] = (Entry("uniform sphere"),)):
         self.same_cost, self.strength = False, 1.0
@@ -43,11 +36,7 @@ class Bench:
         self.choose(entries)
 
     def choose(self, entries: Sequence[Entry], same_cost: bool | None = None) -> None:
-        """Put other objects on the bench, at rest, with the numbers that they are made with.
-
-        Raises:
-            ValueError: for what is not allowed; the bench is then as before.
-        """
+        """Put other objects on the bench, at rest; ValueError, and the bench is as before, for what is not allowed."""
         if not 1 <= len(entries) <= MOST:
             raise ValueError(f"{len(entries)} objects; give 1 to {MOST}")
         same_cost = self.same_cost if same_cost is None else bool(same_cost)
@@ -228,8 +217,7 @@ class Bench:
     def distance(self, number: int) -> float:
         """Distance of an object from the first one, in lengths of the first.
 
-        It is the root mean square over landmarks of two fish, over the nodes of two objects with as many, or else the
-        distance between the centres of mass.
+        Root mean square over landmarks of fish or over as many nodes; of other objects, between the centres of mass.
         """
         first, other = self.specimens[0], self._specimen(number)
         if isinstance(first.thing, Fish) and isinstance(other.thing, Fish):

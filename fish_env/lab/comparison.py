@@ -21,12 +21,7 @@ RANKS = ("", "second ", "third ")  # begin the labels of each object's controls
 
 
 class ObjectControls:
-    """Controls that choose an object of the bench, its method, and the whole numbers that it is made with.
-
-    Args:
-        panel: puts objects on the bench.
-        number: of the object, 0 to 2.
-    """
+    """Controls that choose an object of the bench (0 to 2), its method, and the whole numbers that it is made with."""
 
     def __init__(self, panel: Panel, number: int):
         self.panel, self.controls, self.number = panel, panel.controls, number
@@ -90,11 +85,7 @@ class ObjectControls:
 
 
 class Comparison:
-    """The tab of the second and third object.
-
-    Args:
-        panel: whose tab it is.
-    """
+    """The tab of the second and third object."""
 
     def __init__(self, panel: Panel):
         self.controls, self.bench = panel.controls, panel.session.bench

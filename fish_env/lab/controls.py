@@ -13,11 +13,7 @@ if TYPE_CHECKING:
 
 
 class Controls:
-    """Adds controls to the page of one browser.
-
-    Args:
-        session: does what they ask for.
-    """
+    """Adds controls to the page of one browser, whose session does what they ask for."""
 
     def __init__(self, session: Session):
         self.session, self.gui = session, session.client.gui

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fish_env.bodies.skins import octasphere
 from fish_env.lab import fields
 from fish_env.lab.fields import ARROWS, SHADES, activation, arrows, colours_along, part_of, shade_of, shades
-from fish_env.lab.geometry import boundary, octahedron
+from fish_env.lab.geometry import boundary
 from fish_env.lab.settings import checked_point, positive_or
 from fish_env.lab.specimen import Specimen, down_of, room_size
 
@@ -48,9 +49,9 @@ def free_part(camera) -> tuple[float, float]:
 
 def add_balls(scene: Any, name: str, count: int, radius: float, colour) -> Any:
     """Small balls that can be moved; the handle."""
-    points, triangles = octahedron(radius)
+    ball = octasphere(1)
     return scene.add_batched_meshes_simple(
-        name, points, triangles, np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)), np.zeros((count, 3)),
+        name, radius * ball.place, ball.faces[:, :3], np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)), np.zeros((count, 3)),
         batched_colors=np.tile(np.array(colour, np.uint8), (count, 1)), lod="off", flat_shading=False,
     )  # fmt: skip
 
@@ -68,11 +69,7 @@ def move_lines(handle: Any, ends: np.ndarray, scale: np.ndarray, part: np.ndarra
 
 
 class Drawing:
-    """Scene of a bench in the browser.
-
-    Args:
-        session: the session of the bench.
-    """
+    """Scene of a bench in the browser."""
 
     def __init__(self, session: Session):
         self.session, self.scene = session, session.client.scene
@@ -97,11 +94,7 @@ class Drawing:
         return np.asarray(point, dtype=float) @ self.turn(number) / self.scale - self.offset(number)
 
     def seen_from(self, number: int) -> tuple[float, float]:
-        """Distance of the camera from an object, m, and the focal length of the picture, pixels.
-
-        Raises:
-            ValueError: for a camera whose position is not three finite numbers.
-        """
+        """Distance of the camera, m, and focal length of the picture, pixels; ValueError if the camera is nowhere."""
         camera = self.session.client.camera
         middle = self._scaled(number, self.session.bench.specimens[number].position.mean(axis=0)[None])[0]
         away = float(np.linalg.norm(checked_point(camera.position, what="camera") - middle)) / self.scale
@@ -128,10 +121,7 @@ class Drawing:
         self._handles, self._room, self._tets, self._opacity = {}, [], {}, {}
 
     def look(self) -> None:
-        """Turn the camera to the objects: from the front, and those in a plane from above it.
-
-        They stand in the middle of what the panel leaves free of the page, all of them.
-        """
+        """Turn the camera to the objects, all in what the panel leaves free of the page."""
         bench, camera = self.session.bench, self.session.client.camera
         thing = bench.specimens[0].thing
         flat = upright(thing)
@@ -221,7 +211,6 @@ class Drawing:
 
     def _show_all(self) -> None:
         """Show what is to be shown, and make faint what would hide forces."""
-        views = {"muscles": "springs"}
         for (number, name), handle in self._handles.items():
             kind = name.split()[0]
             if kind == "skin":
@@ -229,7 +218,7 @@ class Drawing:
             elif kind == "element":
                 handle.visible = self.shown["tetrahedra"]
             elif name != "hand":
-                handle.visible = self.shown[views.get(name, name)]
+                handle.visible = self.shown["springs" if name == "muscles" else name]
             if kind in ("skin", "element"):
                 handle.opacity = FAINT if self.shown["forces"] else self._opacity[number, name]
 

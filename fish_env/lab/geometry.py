@@ -117,17 +117,3 @@ def tet_strain(tets, x) -> np.ndarray:
     high = np.sqrt(np.maximum(mean + 2.0 * spread * np.cos(angle), 0.0)) - 1.0
     low = np.sqrt(np.maximum(mean + 2.0 * spread * np.cos(angle + 2.0 * np.pi / 3.0), 0.0)) - 1.0
     return np.where(np.abs(high) >= np.abs(low), high, low)
-
-
-def octahedron(radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """A ball of few triangles: an octahedron, each side divided in four and blown up."""
-    places: list[Any] = [*np.eye(3), *-np.eye(3)]
-    triangles: list[tuple] = []
-    for x, y, z in np.ndindex(2, 2, 2):
-        a, b, c = 3 * x, 1 + 3 * y, 2 + 3 * z
-        if (x + y + z) % 2:  # mirrored: outward all the same
-            b, c = c, b
-        p, q, r = (len(places) + k for k in range(3))
-        places += [0.5**0.5 * (places[i] + places[j]) for i, j in ((a, b), (b, c), (c, a))]
-        triangles += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
-    return radius * np.array(places, np.float32), np.array(triangles, np.uint32)

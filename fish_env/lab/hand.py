@@ -7,13 +7,7 @@ LONGEST = 0.1  # s, over which the hand covers the way to where the pointer is
 
 
 class Hand:
-    """A point that follows a pointer at an even speed.
-
-    Args:
-        specimen: number of the object whose node it drags.
-        node: number of the node.
-        point: where it begins, (3,) m.
-    """
+    """A point that begins at `point` (3,) m, follows a pointer at an even speed, and drags a node of an object."""
 
     def __init__(self, specimen: int, node: int, point):
         self.specimen, self.node = specimen, node

@@ -24,11 +24,7 @@ relaxed, red contracted. Forces: their length goes with the square root."""
 
 
 class Panel:
-    """All controls of one browser.
-
-    Args:
-        session: what they act on.
-    """
+    """All controls of one browser, which act on its session."""
 
     def __init__(self, session: Session):
         self.session, self.controls = session, Controls(session)

@@ -108,15 +108,7 @@ def make_driver(name: str, num_fish: int) -> tuple[Waters, Controller]:
 
 
 class School:
-    """Fish that are steered.
-
-    Args:
-        driver: a key of DRIVERS.
-        num_fish: B, 1 to MOST_FISH.
-
-    Raises:
-        ValueError: for what is not allowed.
-    """
+    """B fish, 1 to MOST_FISH, that a driver, a key of DRIVERS, steers."""
 
     def __init__(self, driver: str = "policy turn", num_fish: int = 1):
         checked_choice(driver, DRIVERS, "driver")
@@ -180,11 +172,7 @@ class School:
         self._planned = [(self.time + BETWEEN, left)]
 
     def put(self, point) -> None:
-        """Put the target, or one more obstacle, where a point (3,) m of the picture is.
-
-        Raises:
-            ValueError: for a point that is not finite or far away, or if nothing can be put there.
-        """
+        """Put the target, or one more obstacle, at a point (3,) m of the picture; ValueError if it cannot be."""
         near = np.abs(self.shown().mean(axis=1)).max()
         point = checked_point(point, REACH * self.fish.length + float(near))
         if isinstance(self.task, PlacedTask):

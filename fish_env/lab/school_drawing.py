@@ -25,12 +25,7 @@ WATER = "/water"  # name of the part of the scene that moves
 
 
 class SchoolDrawing:
-    """Scene of a school in the browser.
-
-    Args:
-        session: the session of the school.
-        school: the school to draw.
-    """
+    """Scene of a school in the browser."""
 
     def __init__(self, session: Session, school: School):
         self.school, self.session, self.scene = school, session, session.client.scene
@@ -76,11 +71,7 @@ class SchoolDrawing:
                 handle.remove()
 
     def place(self, origin, direction) -> np.ndarray:
-        """The point (3,) m at the height of the fish that a ray of the scene hits, from an origin (3,) on.
-
-        Raises:
-            ValueError: for a ray that does not.
-        """
+        """The point (3,) m at the height of the fish that a ray from an origin (3,) hits; ValueError if none."""
         height = self._focus[2] + origin[2]
         if not (height > 0.0 > direction[2] or height < 0.0 < direction[2]):
             raise ValueError("that point lies in the sky; give one nearer, in the plane in which the fish swim")

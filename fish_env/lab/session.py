@@ -30,11 +30,7 @@ NOTES, RECENT = 50, 10.0  # messages shown at most in so many seconds: a page th
 
 
 class Session:
-    """State and requests of one browser.
-
-    Args:
-        client: the browser.
-    """
+    """State and requests of one browser."""
 
     def __init__(self, client: viser.ClientHandle):
         self.client = client

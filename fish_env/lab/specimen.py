@@ -139,7 +139,7 @@ class Specimen:
         step: the integrator's step over its own.
 
     Raises:
-        ValueError: for a name or a number that is not allowed, or a method that cannot move the object there.
+        ValueError: for what is not allowed, or a method that cannot move the object there.
     """
 
     def __init__(self, entry: Entry, numbers: dict[str, float], walls: str, step: float):

@@ -31,11 +31,7 @@ UNFOCUS = "if (document.activeElement) document.activeElement.blur();"
 
 
 class Steering:
-    """The controls of a school.
-
-    Args:
-        panel: whose tab they fill.
-    """
+    """The tab of a school."""
 
     def __init__(self, panel: Panel):
         self.session, self.controls = panel.session, panel.controls

@@ -8,7 +8,7 @@ import pygame
 
 from fish_env.render.flat import draw_surface, pixels_of
 from fish_env.render.frame import make_frame
-from fish_env.render.layout import HEIGHT, WIDTH
+from fish_env.render.labels import HEIGHT, WIDTH
 
 PATH_POINTS = 1000  # older points of a path are dropped: they have faded by then
 WINDOW_FISH = 4  # a window shows the first ones of a batch; more could not be drawn in real time
