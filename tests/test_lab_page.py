@@ -304,7 +304,7 @@ def test_the_camera_shows_all_fish_and_not_from_afar(page, count):
     ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
     right = np.cross(ahead, (0.0, 0.0, 1.0)) / np.linalg.norm(np.cross(ahead, (0.0, 0.0, 1.0)))
     school = page.session.school
-    nodes = school.shown().reshape(-1, 3) / school.fish.length - page.session.school_drawing._focus
+    nodes = school.shown_positions().reshape(-1, 3) / school.fish.length - page.session.school_drawing._focus
     way = nodes - camera.position
     half = np.tan(0.5 * CAMERA["fov"])
     across = way @ right / (way @ ahead) / half * CAMERA["image_height"] / CAMERA["image_width"]

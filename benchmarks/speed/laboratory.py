@@ -173,7 +173,9 @@ class Photographer:
         camera, drawing = self.session.client.camera, self.session.drawing
         place, aside = camera.position, camera.look_at
         objects = enumerate(self.bench.specimens)
-        middle = sum(drawing._scaled(k, each.position).mean(axis=0) for k, each in objects) / len(self.bench.specimens)
+        middle = sum(drawing._to_scene(k, each.position).mean(axis=0) for k, each in objects) / len(
+            self.bench.specimens
+        )
         self.do(lambda: self.session.turn_camera(middle + part * place, middle + part * aside))
 
     def take(self, name: str, seconds: float = 0.0, whole: bool = False, closer: float = 1.0) -> None:
@@ -254,7 +256,9 @@ def steered(at: Photographer) -> None:
     at.take("steer", 0.5, whole=True)
     at.steer("policy avoid", 1, 1.0)
     school = at.session.school
-    at.do(lambda: school.put(school.shown()[0].mean(axis=0) + school.fish.length * np.array([2.0, 0.05, 0.0])))
+    at.do(
+        lambda: school.put(school.shown_positions()[0].mean(axis=0) + school.fish.length * np.array([2.0, 0.05, 0.0]))
+    )
     at.take("obstacle", 0.8)
     at.steer("policy target", 4, 0.8)
     at.take("targets", 0.3)

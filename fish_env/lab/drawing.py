@@ -96,7 +96,7 @@ class Drawing:
     def seen_from(self, number: int) -> tuple[float, float]:
         """Distance of the camera, m, and focal length of the picture, pixels; ValueError if the camera is nowhere."""
         camera = self.session.client.camera
-        middle = self._scaled(number, self.session.bench.specimens[number].position.mean(axis=0)[None])[0]
+        middle = self._to_scene(number, self.session.bench.specimens[number].position.mean(axis=0)[None])[0]
         away = float(np.linalg.norm(checked_point(camera.position, what="camera") - middle)) / self.scale
         high = positive_or(camera.image_height, SCREEN[1])
         return away, 0.5 * high / np.tan(0.5 * min(positive_or(camera.fov, SIGHT), 3.0))
@@ -138,7 +138,7 @@ class Drawing:
         thing, count = specimen.thing, len(specimen.position)
         tint = fields.SPECIMENS[number] if len(self.session.bench.specimens) > 1 else fields.SKY
         for k, surface in enumerate(specimen.surfaces):
-            points = self._scaled(number, surface.points(specimen.position))
+            points = self._to_scene(number, surface.points(specimen.position))
             opacity = None if k else 0.35 if len(specimen.surfaces) > 1 else 0.55
             self._mesh(number, f"skin {k}", points, surface.triangles, fields.ORANGE if k else tint, opacity)
         if thing.body.tets is not None:
@@ -222,7 +222,7 @@ class Drawing:
             if kind in ("skin", "element"):
                 handle.opacity = FAINT if self.shown["forces"] else self._opacity[number, name]
 
-    def _scaled(self, number, points) -> np.ndarray:
+    def _to_scene(self, number, points) -> np.ndarray:
         return flat_points((points + self.offset(number)) @ self.turn(number).T * self.scale)
 
     def update(self) -> None:
@@ -231,12 +231,12 @@ class Drawing:
             self._update(number, specimen)
 
     def _update(self, number: int, specimen: Specimen) -> None:
-        handles, x = self._handles, self._scaled(number, specimen.position)
+        handles, x = self._handles, self._to_scene(number, specimen.position)
         if number in self._tets and self.shown["tetrahedra"]:
             self._update_elements(number, x, specimen.tet_strain())
         elif self.shown["skin"]:
             for k, surface in enumerate(specimen.surfaces):
-                handles[number, f"skin {k}"].vertices = self._scaled(number, surface.points(specimen.position))
+                handles[number, f"skin {k}"].vertices = self._to_scene(number, surface.points(specimen.position))
         if self.shown["springs"]:
             self._update_springs(number, specimen, x, specimen.spring_strain())
         if self.shown["nodes"]:
@@ -277,4 +277,4 @@ class Drawing:
         nodes = 0 if hand is None else len(self.session.bench.specimens[hand.specimen].position)
         handle.visible = nodes == len(x)
         if hand is not None and nodes == len(x):
-            handle.points = np.stack([x[hand.node], self._scaled(number, hand.point[None])[0]])[None]
+            handle.points = np.stack([x[hand.node], self._to_scene(number, hand.point[None])[0]])[None]

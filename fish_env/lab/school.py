@@ -173,7 +173,7 @@ class School:
 
     def put(self, point) -> None:
         """Put the target, or one more obstacle, at a point (3,) m of the picture; ValueError if it cannot be."""
-        near = np.abs(self.shown().mean(axis=1)).max()
+        near = np.abs(self.shown_positions().mean(axis=1)).max()
         point = checked_point(point, REACH * self.fish.length + float(near))
         if isinstance(self.task, PlacedTask):
             self.task.target[:] = point - self.offset
@@ -233,7 +233,7 @@ class School:
         if isinstance(self.task, HeadingTask | ObstacleTask):
             self.task.command(self.commanded)
 
-    def shown(self) -> np.ndarray:
+    def shown_positions(self) -> np.ndarray:
         """Positions at which the nodes are shown, (B,N,3) m: interpolated between the last two environment steps."""
         part = np.clip((self.clock - self.time) / self.interval, 0.0, 1.0)
         now = self.waters.tank.position

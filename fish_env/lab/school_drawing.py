@@ -32,7 +32,7 @@ class SchoolDrawing:
         fish = school.fish
         self.scale = 1.0 / fish.length
         self._surface = surfaces(fish)[0]
-        scene, points, count = self.scene, self._points(school.shown()), school.num_fish
+        scene, points, count = self.scene, self._points(school.shown_positions()), school.num_fish
         self.water = scene.add_frame(WATER, show_axes=False)
         triangles = np.concatenate([self._surface.triangles + len(self._surface.nodes) * k for k in range(count)])
         self.skin = scene.add_mesh_simple(
@@ -82,7 +82,7 @@ class SchoolDrawing:
     def update(self, seconds: float) -> None:
         """Draw where everything is now, `seconds` after the last picture."""
         school, fish = self.school, self.school.fish
-        x = school.shown()
+        x = school.shown_positions()
         self._focus = self._focus + min(FOLLOW * seconds, 1.0) * (self._centre() - self._focus)
         if np.abs(self._centre() - self._focus).max() > 5.0:  # the fish have begun again
             self._focus = self._centre()
@@ -107,4 +107,4 @@ class SchoolDrawing:
         return flat_points(self.scale * np.concatenate([self._surface.points(each) for each in x]))
 
     def _centre(self) -> np.ndarray:
-        return self.scale * self.school.shown().mean(axis=(0, 1))
+        return self.scale * self.school.shown_positions().mean(axis=(0, 1))

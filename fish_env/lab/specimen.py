@@ -3,6 +3,7 @@
 import inspect
 import time
 from dataclasses import replace
+from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -67,7 +68,13 @@ def make_thing(entry: Entry) -> ElasticObject:
     if unknown:
         known = ", ".join(level_of(entry.thing)) or "no number"
         raise ValueError(f"{entry.thing!r} is made with {known}, and not with {unknown[0]!r}; give one of these")
-    return TABLE[entry.thing].make(**dict(entry.level))
+    return make_once(entry.thing, entry.level)
+
+
+@lru_cache(maxsize=8)
+def make_once(name: str, level: tuple[tuple[str, int], ...]) -> ElasticObject:
+    """An object that all who choose it share: it is not changed."""
+    return TABLE[name].make(**dict(level))
 
 
 def checked_entry(entry: Entry) -> Entry:
@@ -86,8 +93,8 @@ def checked_entry(entry: Entry) -> Entry:
     return entry
 
 
-def changed_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
-    """The body of an object with the numbers of the settings."""
+def change_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
+    """Apply the numbers of the settings to the body of an object, and return the new body."""
     body = scaled(thing.body, numbers["stiffness"], numbers["damping"], numbers["density"])
     gas, inner = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64))
     if gas is not None and numbers["pressure"] != 1.0:
@@ -113,8 +120,8 @@ def room_size(thing: ElasticObject) -> float:
     return ROOM * thing.length if planes is None else float(-planes[:, 3].min())
 
 
-def changed_world(thing: ElasticObject, numbers: dict[str, float], walls: str) -> World:
-    """The world of an object with the numbers of the settings and the walls that are chosen."""
+def change_world(thing: ElasticObject, numbers: dict[str, float], walls: str) -> World:
+    """Apply the numbers of the settings and the walls that are chosen to the world of an object; the new world."""
     own, size = thing.water, room_size(thing)
     planes = [] if own.planes is None else [(row[:3], row[3], numbers["restitution"]) for row in own.planes]
     if walls == "none":
@@ -171,9 +178,9 @@ class Specimen:
 
     def _make(self, numbers, walls, step, fixed) -> None:
         """Make the tank; nothing is changed if that cannot be done."""
-        body = changed_body(self.thing, numbers)
+        body = change_body(self.thing, numbers)
         thing = replace(self.thing, body=body)
-        world = changed_world(self.thing, numbers, walls)
+        world = change_world(self.thing, numbers, walls)
         name = self.entry.integrator or None
         own = step == 1.0 and name in (None, thing.integrator)
         tank = Tank(thing, integrator=name, dt=None if own else step * self.own_step(thing), water=world, threads=1)

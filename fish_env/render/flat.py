@@ -5,7 +5,7 @@ import pygame
 
 from fish_env.render import labels, water
 from fish_env.render.body import View, body_picture, rotation
-from fish_env.render.frame import Frame, place_of, within_reach
+from fish_env.render.frame import Frame, clip_positions, place_of
 from fish_env.render.labels import CENTRE, FOAM, HEIGHT, INK, OVER, PANEL, SIDE_UNIT, TRAIL, UNIT, WIDTH
 from fish_env.render.spheres import sphere_pictures
 
@@ -28,7 +28,7 @@ def pixels_of(surface: pygame.Surface) -> np.ndarray:
 
 def draw_surface(frame: Frame) -> pygame.Surface:
     """The picture of a frame, a new surface."""
-    frame = within_reach(frame)
+    frame = clip_positions(frame)
     canvas = pygame.Surface((OVER * WIDTH, OVER * HEIGHT), 0, 32)
     draw_from_above(canvas, frame)
     draw_from_the_side(canvas, frame)
