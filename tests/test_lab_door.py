@@ -274,9 +274,10 @@ def test_requests_and_messages_of_a_session_are_few(page):
 
 
 HOST = """
-import gc, sys
+import contextlib, gc, sys
 from fish_env.lab.server import Laboratory
-laboratory = Laboratory("127.0.0.1", 18530)
+with contextlib.redirect_stdout(sys.stderr):
+    laboratory = Laboratory("127.0.0.1", 18530)
 print(laboratory.port, flush=True)
 for line in sys.stdin:
     gc.collect()

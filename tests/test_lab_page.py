@@ -47,6 +47,11 @@ def choose_object(page, thing):
     until(lambda: page.session.bench.specimens[0].entry.thing == thing and "/0/nodes" in page.nodes)
 
 
+def lines(page, title):
+    """Rows of a chart, the first its times, as they were last sent."""
+    return next(each["data"] for each in list(page.controls.values()) if each.get("title") == title)
+
+
 def told(page, *texts):
     """Wait until the page has been told of each text."""
     for text in texts:
@@ -73,7 +78,8 @@ def test_what_is_on_the_bench_is_drawn_where_it_is(page):
     want = session.bench.specimens[0].position / session.bench.specimens[0].thing.length
     until(lambda: np.allclose(drawn(page, "/0/nodes"), want, atol=1e-5))
     assert np.ptp(want[:, 2]) > 0.5
-    until(lambda: "uniform sphere" in status(page))
+    until(lambda: "uniform sphere" in status(page) and len(lines(page, "energy (J)")[0]) > 3)
+    assert len(lines(page, "energy (J)")) == 2  # a chart has as many lines as there are finite numbers
     assert page.notes == []
 
 
@@ -175,7 +181,7 @@ def test_every_kind_of_object_is_drawn(page, thing):
         until(lambda part=part: page.nodes[f"/0/{part}"].get("visible") is False)
     page.press("Look again")
     choose_object(page, "uniform sphere")  # what is hidden stays hidden
-    until(lambda: all(page.nodes[f"/0/{part}"].get("visible") is False for part in ("skin 0", "springs")))
+    until(lambda: all(page.nodes.get(f"/0/{k}", {}).get("visible") is False for k in ("skin 0", "springs")))
     assert page.notes == []
 
 
@@ -239,6 +245,9 @@ def test_objects_side_by_side_are_compared(page):
     across = [drawn(page, f"/{k}/nodes")[:, 0].mean() for k in range(3)]
     assert across[0] < across[1] - 1.0 < across[2] - 2.0
     until(lambda: "3. ring" in status(page))
+    for title in ("energy (J)", "distance from the first (lengths)"):
+        until(lambda title=title: len(lines(page, title)) == (4 if title[0] == "e" else 3))
+        assert np.isfinite(lines(page, title)).all()
     page.choose("second object", "nothing")
     until(lambda: made() == [132, 24] and "/2/nodes" not in page.nodes and not page.has("third nodes"))
     until(lambda: page.shows("third object") == "nothing" and page.shows("second nodes") == 12)

@@ -8,7 +8,7 @@ import numpy as np
 
 from fish_env.bodies import BODIES
 from fish_env.bodies.objects import OBJECTS
-from fish_env.lab.controls import pad_rows
+from fish_env.lab.controls import Plot
 from fish_env.lab.fields import SPECIMENS
 from fish_env.lab.specimen import FINEST, Entry, level_of
 from fish_env.physics.integrators import INTEGRATORS
@@ -87,7 +87,7 @@ class ObjectControls:
 class Comparison:
     """The tab of the second and third object."""
 
-    def __init__(self, panel: Panel):
+    def __init__(self, panel: Panel, tab: Any):
         self.controls, self.bench = panel.controls, panel.session.bench
         gui = self.controls.gui
         gui.add_markdown("The same object by other methods, or other objects, under the same conditions.")
@@ -97,7 +97,7 @@ class Comparison:
             action=lambda value: panel.choose(panel.entries(), same_cost=bool(value)),
         )  # fmt: skip
         lines = {str(k + 1): colour for k, colour in enumerate(SPECIMENS[1:])}
-        self.distance = self.controls.add_plot("distance from the first (lengths)", lines)
+        self.distance = Plot(gui, tab, "distance from the first (lengths)", lines)
         self.steps = gui.add_markdown("")
 
     def refresh(self) -> None:
@@ -112,4 +112,4 @@ class Comparison:
         """Draw how far the others are from the first."""
         if len(self.bench.specimens) > 1 and len(self.bench.distances) > 1:
             rows = list(np.array(list(self.bench.distances)).T)
-            self.distance.data = pad_rows(self.bench.series("energy")[0], rows, 2)
+            self.distance.draw(self.bench.series("energy")[0], rows)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,17 +52,6 @@ class Controls:
         command: Any = self.gui.add_command(label, hotkey=hotkey)
         command.on_trigger(pressed)
 
-    def add_plot(self, title: str, lines: dict, height: int = 150) -> Any:
-        """Add a chart of lines over time, `height` pixels high: their names and colours."""
-        series: list[dict[str, Any]] = [{"label": "t (s)"}] + [
-            {"label": label, "stroke": f"#{bytes(colour).hex()}", "width": 2, "points": {"show": False}}
-            for label, colour in lines.items()
-        ]
-        return self.gui.add_uplot(
-            tuple(np.zeros(1) for _ in series), tuple(viser.uplot.Series(**each) for each in series), title=title,
-            scales={"x": viser.uplot.Scale(time=False)}, height=height, legend=viser.uplot.Legend(show=False),
-        )  # fmt: skip
-
     def show(self, handle, value) -> None:
         """Show a value unless it is shown already: what the user has chosen since then, and asks for, is left alone."""
         if self._shown.get(id(handle), handle.value) != value:
@@ -75,7 +64,49 @@ class Controls:
         handle.remove()
 
 
-def pad_rows(times, rows, count: int) -> tuple[np.ndarray, ...]:
-    """Times and `count` rows of the same length, NaN where there are fewer or a number is not finite."""
-    rows = [np.where(np.isfinite(row), row, np.nan) for row in rows]
-    return (times, *rows, *(np.full(len(times), np.nan) for _ in range(count - len(rows))))
+class Plot:
+    """A chart of lines over time.
+
+    The page cannot scale a chart with a line of NaN: one whose numbers are not finite is left out, until they are.
+
+    Args:
+        gui: of the page.
+        container: tab or folder that it stands in, open now.
+        title: of the chart.
+        lines: names and colours.
+        height: in pixels.
+    """
+
+    def __init__(self, gui: Any, container: Any, title: str, lines: dict[str, tuple], height: int = 150):
+        self.gui, self.container, self.lines = gui, container, lines
+        self.options = {
+            "title": title, "height": height, "scales": {"x": viser.uplot.Scale(time=False)},
+            "legend": viser.uplot.Legend(show=False),
+        }  # fmt: skip
+        self._names, self._handle = list(lines)[:1], None
+        self._add()
+
+    def _add(self) -> None:
+        """Add the chart, in place of the one there is, with the lines that can be drawn."""
+        order = None
+        if self._handle is not None:
+            order = self._handle.order
+            self._handle.remove()
+        series: list[dict[str, Any]] = [{"label": "t (s)"}] + [
+            {"label": name, "stroke": f"#{bytes(self.lines[name]).hex()}", "width": 2, "points": {"show": False}}
+            for name in self._names
+        ]
+        points = tuple(np.zeros(1) for _ in series)
+        self._handle: Any = self.gui.add_uplot(
+            points, tuple(viser.uplot.Series(**each) for each in series), order=order, **self.options
+        )
+
+    def draw(self, times: np.ndarray, rows: Iterable[np.ndarray]) -> None:
+        """Draw rows over times; there may be fewer than lines."""
+        finite = {name: row for name, row in zip(self.lines, rows, strict=False) if np.isfinite(row).all()}
+        if finite and list(finite) != self._names:
+            self._names = list(finite)
+            with self.container:
+                self._add()
+        if finite:
+            self._handle.data = (times, *finite.values())

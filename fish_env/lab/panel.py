@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from fish_env.bodies.detail import LevelOfDetail
 from fish_env.lab.comparison import Comparison, ObjectControls
-from fish_env.lab.controls import Controls, pad_rows
+from fish_env.lab.controls import Controls, Plot
 from fish_env.lab.fields import SPECIMENS
 from fish_env.lab.settings import SETTINGS, WALLS, is_finite
 from fish_env.lab.specimen import Entry, level_of
@@ -44,10 +44,10 @@ class Panel:
                 for name, each in SETTINGS.items()
             }  # fmt: skip
             self.walls = self.controls.add("dropdown", "walls", list(WALLS), action=self.set_walls)
-        with tabs.add_tab("Compare"):
-            self.comparison = Comparison(self)
-        with tabs.add_tab("Steer"):
-            self.steering = Steering(self)
+        with tabs.add_tab("Compare") as tab:
+            self.comparison = Comparison(self, tab)
+        with tabs.add_tab("Steer") as tab:
+            self.steering = Steering(self, tab)
         with tabs.add_tab("View"):
             for view, shown in session.drawing.shown.items():
                 self.controls.add(
@@ -55,9 +55,9 @@ class Panel:
                 )
             self.controls.add_button("Look again", session.look)
             gui.add_markdown(COLOURS)
-        with gui.add_folder("Measured"):
+        with gui.add_folder("Measured") as folder:
             lines = {str(k): colour for k, colour in enumerate(SPECIMENS, 1)}
-            self._plots = {name: self.controls.add_plot(label, lines) for name, label in PLOTS.items()}
+            self._plots = {name: Plot(gui, folder, label, lines) for name, label in PLOTS.items()}
         for hotkey, label, action in (
             ("R", "Start again", self.restart), ("T", "Throw", session.bench.throw), ("N", "One step", self.one_step),
             ("space", "Pause", lambda: self.set_paused(not session.paused)),
@@ -187,10 +187,10 @@ class Panel:
             return
         self._adapt_level()
         bench = self.session.bench
-        for name, handle in self._plots.items():
+        for name, plot in self._plots.items():
             times, *rows = bench.series(name)
             if len(times) > 1:
-                handle.data = pad_rows(times, rows, 3)
+                plot.draw(times, rows)
         self.comparison.update()
         names = ", ".join(f"**{each.thing.name}** by {each.method}" for each in bench.specimens)
         self.status.content = f"{names}: {bench.nodes} nodes, {bench.clock:.1f} s, {rate}"

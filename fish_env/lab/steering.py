@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from viser._messages import RunJavascriptMessage
 
+from fish_env.lab.controls import Plot
 from fish_env.lab.fields import BLUE, VERMILLION
 from fish_env.lab.school import DRIVERS, MOST_FISH, TURN, School
 
@@ -33,7 +34,7 @@ UNFOCUS = "if (document.activeElement) document.activeElement.blur();"
 class Steering:
     """The tab of a school."""
 
-    def __init__(self, panel: Panel):
+    def __init__(self, panel: Panel, tab: Any):
         self.session, self.controls = panel.session, panel.controls
         add, self.gui = self.controls.add, self.controls.gui
         self.driver = add(
@@ -56,7 +57,7 @@ class Steering:
             "fish is to go. Each fish is alone in its own water."
         )
         lines = {"heading": BLUE, "command": VERMILLION}
-        self.plot = self.controls.add_plot("heading, blue, and command, red (degrees)", lines, 170)
+        self.plot = Plot(self.gui, tab, "heading, blue, and command, red (degrees)", lines, 170)
         self._run(ARROWS)
         # viser takes coroutines too, and others would wait for a thread, as many as come
         register: Any = self.session.client.scene.on_click()
@@ -109,6 +110,6 @@ class Steering:
         school = self.school
         rows = np.array(school.history)
         if len(rows) > 1:
-            self.plot.data = (rows[:, 0], np.degrees(rows[:, 1]), np.degrees(rows[:, 2]))
+            self.plot.draw(rows[:, 0], np.degrees(rows[:, 1:].T))
         heading, aim = np.degrees(school.heading[0]), np.degrees(school.aim()[0])
         return f"**{school.num_fish} fish** by {school.driver}: heading {heading:.0f}, command {aim:.0f} degrees"
