@@ -13,7 +13,7 @@ from fish_env.bodies.distorted import DISTORTIONS, distorted, out_of_shape
 from fish_env.checks import is_whole
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import BODY, SETTINGS, WALLS, checked_choice, checked_point, checked_setting
-from fish_env.lab.specimen import Entry, Readings, Specimen, checked_entry, cost_of_step, make_thing, room_size
+from fish_env.lab.specimen import Entry, Readings, Specimen, checked_entry, cost_of_step, down_of, make_thing, room_size
 
 MOST = 3  # objects side by side
 MANY = 600  # nodes of an object that one processor does not move in real time by steps of its own
@@ -152,8 +152,7 @@ class Bench:
     def throw(self) -> None:
         """Start again with a velocity obliquely upward, five lengths of the object a second."""
         thing = self.specimens[0].thing
-        up = -np.asarray(getattr(thing, "down", (0.0, 0.0, -1.0)))
-        along = np.array([1.0, 0.0, 0.0])
+        up, along = -down_of(thing), np.array([1.0, 0.0, 0.0])
         self.reset(thing.length * (5.0 * along + 8.0 * up * (abs(up @ along) < 0.5)))
 
     def distort(self, how: str) -> None:
@@ -203,8 +202,8 @@ class Bench:
             if off > BACK:
                 self.messages.append(
                     f"The {specimen.thing.name} was {self._distorted} and has not come back to its shape after "
-                    f"{SETTLED:g} s by {specimen.method}: a node is {off:.2f} of its size from its "
-                    "place. It may be in another equilibrium; Drop starts again at rest."
+                    f"{SETTLED:g} s by {specimen.method}: a node is {off:.2f} of its size from its place. It may be in "
+                    "another equilibrium; Drop starts again at rest."
                 )
         self._distorted = ""
 
@@ -228,12 +227,6 @@ class Bench:
             a, b = ((each.tank.fish.body.mass @ each.position)[None] for each in (first, other))
             a, b = a / first.tank.fish.body.mass.sum(), b / other.tank.fish.body.mass.sum()
         return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean())) / first.thing.length
-
-    def readings(self) -> list[Readings]:
-        """The newest readings, one for each object."""
-        if not self.history:
-            self.measure()
-        return self.history[-1]
 
     def _specimen(self, number) -> Specimen:
         if not (is_whole(number) and 0 <= number < len(self.specimens)):

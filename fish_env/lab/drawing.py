@@ -38,7 +38,7 @@ def flat_points(points: np.ndarray) -> np.ndarray:
 
 def upright(thing) -> bool:
     """Return True if an object falls within the xy plane, which is then shown upright."""
-    return abs(float(getattr(thing, "down", (0, 0, -1))[2])) < 0.5
+    return abs(down_of(thing)[2]) < 0.5
 
 
 def free_part(camera) -> tuple[float, float]:

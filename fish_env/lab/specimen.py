@@ -56,7 +56,7 @@ TABLE: dict[str, Any] = {**BODIES, **OBJECTS}
 
 
 def level_of(name: str) -> dict[str, int]:
-    """The whole numbers that an object is made with, and their defaults."""
+    """Whole numbers that an object is made with, and their defaults."""
     parameters = inspect.signature(TABLE[name].make).parameters.values()
     return {each.name: each.default for each in parameters if type(each.default) is int}
 
