@@ -93,7 +93,7 @@ class Visitor:
         self.page.get_by_role("button", name=name).click()
 
     def screen(self, point):
-        """Where a point of the scene is on the screen, pixels."""
+        """Place of a point of the scene on the screen, pixels."""
         camera = self.session.client.camera
         eye, ahead = np.array(camera.position), np.array(camera.look_at) - np.array(camera.position)
         ahead /= np.linalg.norm(ahead)
@@ -182,7 +182,7 @@ def test_a_view_is_shown_and_hidden(visitor, view, thing):
     box = visitor.page.get_by_label(view, exact=True)
 
     def picture():
-        """What is seen left of the panel and below messages, once it has not changed for five looks."""
+        """Screenshot left of the panel and below messages, once it has not changed five times."""
         looks = []
         while len(set(looks[-5:])) > 1 or len(looks) < 5:
             visitor.page.wait_for_timeout(400)

@@ -87,14 +87,20 @@ class Renderer:
         return self._window is not None and pygame.display.get_init() and pygame.display.get_surface() is self._window
 
     def _open(self, size: tuple[int, int]) -> pygame.Surface:
-        try:
-            pygame.display.init()
-            self._window = window = pygame.display.set_mode(size)
-        except pygame.error as error:
-            raise RuntimeError(
-                f"no window could be opened ({error}): use render_mode='rgb_array', or run with a display"
-            ) from error
         count = self.env.num_envs
         title = "fish_env" if count <= WINDOW_FISH else f"fish_env: the first {WINDOW_FISH} of {count} fish"
-        pygame.display.set_caption(title)
-        return window
+        self._window = open_window(size, title)
+        return self._window
+
+
+def open_window(size: tuple[int, int], title: str) -> pygame.Surface:
+    """Open pygame's window; RuntimeError if there is no display to open it on."""
+    try:
+        pygame.display.init()
+        window = pygame.display.set_mode(size)
+    except pygame.error as error:
+        raise RuntimeError(
+            f"no window could be opened ({error}): use render_mode='rgb_array', or run with a display"
+        ) from error
+    pygame.display.set_caption(title)
+    return window

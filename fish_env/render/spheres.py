@@ -22,7 +22,7 @@ Sprite = tuple[pygame.Surface, tuple[int, int]]
 
 
 def sphere_pictures(frame: Frame, view: View, canvas: tuple[int, int]) -> tuple[list[Sprite], list[Sprite]]:
-    """Those that belong behind the fish and those in front of it, the furthest first; none that is far off the canvas.
+    """Pictures of spheres behind the fish and of those in front of it, the furthest first; none far off the canvas.
 
     canvas is its width and height, pixels. A bubble is always behind: a fish that reaches it should be seen whole.
     """
