@@ -352,7 +352,7 @@ import gymnasium as gym, numpy as np, fish_env
 env = gym.make("FishEnv/Target-v0", render_mode={mode!r})
 tank = env.unwrapped.tank
 for how in ("all", "down", "node", "stretched", "fast", "path", "muscles"):
-    for far in (1e6, -1e15, 1e300, np.inf, np.nan):
+    for far in (-1e15, 1e300, np.nan):
         env.reset(seed=0)
         if how == "all": tank.position[:] += far
         elif how == "down": tank.position[..., 2] = far
