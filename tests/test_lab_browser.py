@@ -228,7 +228,8 @@ def test_a_click_puts_a_target_on_the_water(visitor):
     visitor.choose("steered by", "policy target")
     school = until(lambda: visitor.session.school)
     until(lambda: school.time > 0.5)
-    visitor.page.keyboard.press("Space")  # else the fish may reach the target, and another one is drawn
+    visitor.tab("Object")
+    visitor.press("One step")  # pauses: else the fish may reach the target, and another one is drawn
     until(lambda: visitor.session.paused)
     before = school.targets().copy()
     visitor.page.mouse.click(150, 300)
