@@ -36,21 +36,21 @@ def test_modes_are_those_of_the_body():
     assert np.allclose(damping, THETA * squares, rtol=1e-9, atol=0)
 
 
-@pytest.mark.parametrize("factor", [1.0, 100.0])
-@pytest.mark.parametrize("name", ["symplectic_euler", "semi_implicit"])
-def test_limit_of_symplectic_euler(name, factor):
-    """(sqrt(w^2 theta^2 + 4) - w theta) / w; Tu's method has the same limit about rest."""
-    body = scaled(ALIKE, stiffness=factor).body
-    omega, theta = OMEGA * np.sqrt(factor), THETA / factor
-    expected = (np.sqrt((omega * theta) ** 2 + 4.0) - omega * theta) / omega
-    assert np.isclose(linear.linear_limit(name, body, LONGEST), expected, rtol=1e-5)
+FORMULAS = {
+    "symplectic_euler": (lambda w, s: (np.sqrt((w * s) ** 2 + 4.0) - w * s) / w, 1e-5),
+    "semi_implicit": (lambda w, s: (np.sqrt((w * s) ** 2 + 4.0) - w * s) / w, 1e-5),
+    "explicit_euler": (lambda w, s: s, 1e-3),  # where every mode is lightly damped
+}
+"""Limit of a method by the highest frequency and the relaxation time, and the relative error that is allowed."""
 
 
 @pytest.mark.parametrize("factor", [1.0, 100.0])
-def test_limit_of_explicit_euler(factor):
-    """The relaxation time, where every mode is lightly damped."""
-    body = scaled(ALIKE, stiffness=factor).body
-    assert np.isclose(linear.linear_limit("explicit_euler", body, LONGEST), THETA / factor, rtol=1e-3)
+@pytest.mark.parametrize("name", FORMULAS)
+def test_linear_limits(name, factor):
+    """The limit of a body whose stiffness is multiplied by a factor is that of the formula."""
+    body, (formula, error) = scaled(ALIKE, stiffness=factor).body, FORMULAS[name]
+    expected = formula(OMEGA * np.sqrt(factor), THETA / factor)
+    assert np.isclose(linear.linear_limit(name, body, LONGEST), expected, rtol=error)
 
 
 def test_limit_of_rk4_undamped():
@@ -149,17 +149,6 @@ def test_every_body_can_be_attacked(name):
         np.testing.assert_array_equal(sections, np.sort(LAYERS[1:6], axis=1))
 
 
-def test_attack_of_a_flat_fish():
-    """A family of flat fish, turned inside out in part, is mistreated from beginning to end."""
-    family = mistreatment.Family("inverted, bang-bang", 1.0, "bang-bang", "inverted")
-    how = cases.own_settings(make_fish("planar"))
-    assert how.refine < 1.0
-    row, kept = attack.mistreat("planar", family, 3, how, 0, attack.usual_energy(make_fish("planar"), how), Silent())
-    assert row["fish"] == 3 and row["refine"] == how.refine and row["worst_stretch"] > 1.0
-    again, stretch = cases.replay(kept[0])
-    assert again.failure[0] == kept[0]["failure"] and stretch[0] == pytest.approx(kept[0]["stretch"], rel=1e-12)
-
-
 @pytest.mark.parametrize("name", tiered(BODIES, (FISH.name, "planar")))
 def test_an_attack_from_beginning_to_end(name, monkeypatch):
     """Every family and every search, with few fish and short sequences; a trial writes nothing."""
@@ -178,13 +167,6 @@ def test_an_attack_from_beginning_to_end(name, monkeypatch):
         assert survived or row["failures"] == row["fish"]
     assert any(row["failures"] == 0 for row in rows)
     attack.report(rows)
-
-
-class Silent:
-    """A progress bar that is not shown."""
-
-    def update(self, count):
-        """Nothing."""
 
 
 def test_oscillating_commands():

@@ -42,9 +42,8 @@ if hasattr(os, "register_at_fork"):
 def compiling(function):
     """Compile a function in this block, in which its name contains a hash of its content.
 
-    The loader resolves all calls of one name to the first part of that name that is not inlined. Numba's numbers
-    distinguish functions of one name only within a process. A third process could otherwise confuse two functions that
-    two processes have stored on disk.
+    The loader resolves all calls of one name to the first part of that name that is not inlined. Numba distinguishes
+    such names only within a process, so a third process could confuse functions that two others have stored.
     """
     with global_compiler_lock:
         plain = function.__qualname__
@@ -62,8 +61,7 @@ def compiling(function):
 class Kernel(CPUDispatcher):
     """A kernel that Python calls.
 
-    During compilation, the garbage collector is off, as it would find nothing. Signals are deferred, because an
-    exception would leave numba in an inconsistent state.
+    Signals during its compilation are deferred: an exception would leave numba in an inconsistent state.
     """
 
     def compile(self, sig):
@@ -89,11 +87,9 @@ def njit(function):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PartLowering(NativeLowering):
-    """Lowering of a part to LLVM's language only. Its callers optimise it and compile it to machine code.
+    """Lowering of a part to LLVM's language only, which halves its cost; its callers optimise and assemble it.
 
-    Numba also optimises and assembles every function separately, which is half of the cost of an inlined one. A part
-    must not be loaded either. The loader resolves a name to its first function, so callers that do not inline the part
-    would run its unoptimised version in this process.
+    It must not be loaded either: callers that do not inline the part would find this unoptimised version first.
     """
 
     _name = "part_lowering"

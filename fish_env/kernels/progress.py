@@ -8,10 +8,9 @@ from numba.core import event
 
 
 class Progress(event.Listener):
-    """Listener that reports the progress of compilation on standard error, so that a first use does not seem to hang.
+    """Listener that reports compilation on standard error: in a terminal a line that is updated, elsewhere one line.
 
-    In a terminal, it updates one line; elsewhere, it prints one line after PATIENCE seconds.
-    FISH_ENV_QUIET=1 turns it off.
+    It begins after PATIENCE seconds. FISH_ENV_QUIET=1 turns it off.
     """
 
     def __init__(self):
