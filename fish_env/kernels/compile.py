@@ -20,7 +20,7 @@ from numba.core.untyped_passes import InlineClosureLikes
 from fish_env.kernels import cache as _cache
 from fish_env.kernels.cache import SourceCache
 from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
-from fish_env.kernels.threads import signals_held
+from fish_env.kernels.threads import defer_signals
 
 # No fastmath: nothing is reordered or contracted. A single fish and a fish in any lane then have the same bits, and the
 # failure check detects a NaN.
@@ -39,7 +39,7 @@ if hasattr(os, "register_at_fork"):
 
 
 @contextmanager
-def compiling(function):
+def name_by_content(function):
     """Compile a function in this block, in which its name contains a hash of its content.
 
     The loader resolves all calls of one name to the first part of that name that is not inlined. Numba distinguishes
@@ -68,7 +68,7 @@ class Kernel(CPUDispatcher):
         collecting = gc.isenabled()
         gc.disable()
         try:
-            with signals_held(), compiling(self.py_func):
+            with defer_signals(), name_by_content(self.py_func):
                 return super().compile(sig)
         finally:
             if collecting:
@@ -144,7 +144,7 @@ class Part(CPUDispatcher):
         return self.py_func(*args)
 
     def compile(self, sig):
-        with compiling(self.py_func):
+        with name_by_content(self.py_func):
             return super().compile(sig)
 
 

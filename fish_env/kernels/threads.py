@@ -10,7 +10,7 @@ from queue import SimpleQueue
 
 
 @contextmanager
-def signals_held() -> Iterator[None]:
+def defer_signals() -> Iterator[None]:
     """Defer signals in this block, such as Ctrl-C, to its end. Only the main thread handles signals."""
     came: list[int] = []
     handlers = {}
@@ -90,7 +90,7 @@ class Threads:
 
     def _started(self) -> SimpleQueue:
         if self._queue is None or self._process != os.getpid():
-            with signals_held():
+            with defer_signals():
                 queue = SimpleQueue()
                 for _ in range(self.count):
                     threading.Thread(target=serve, args=(queue,), daemon=True).start()

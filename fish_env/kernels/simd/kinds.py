@@ -62,18 +62,18 @@ class Kind:
 
     def numbers(self, count: int) -> "Numbers":
         """Array of `count` numbers per fish, all zero."""
-        return Numbers(aligned((count, floats_apart(self.lanes)), self.dtype), self)
+        return Numbers(aligned_zeros((count, floats_apart(self.lanes)), self.dtype), self)
 
     def scratch(self, shape, dtype="float64") -> "np.ndarray | Scratch":
         """Array of numbers per block instead of per fish, all zero: scratch memory of kernels."""
         if self.lanes != THREAD:
             return np.zeros(shape, dtype=dtype)
-        return Scratch(aligned((*np.atleast_1d(shape), WARP), dtype), self)
+        return Scratch(aligned_zeros((*np.atleast_1d(shape), WARP), dtype), self)
 
     def vectors(self, count: int) -> "Vectors":
         """Array of `count` vectors per fish, all zero."""
         shape = (count, 4) if self.lanes == XYZ else (count, 3, floats_apart(self.lanes))
-        return Vectors(aligned(shape, self.dtype), self)
+        return Vectors(aligned_zeros(shape, self.dtype), self)
 
     def rows(self, array) -> "Vectors":
         """Copy the rows of an array (n,3) to vectors that are the same for every fish."""
@@ -87,7 +87,7 @@ class Kind:
         return np.array(array, dtype=self.dtype, order="C")
 
 
-def aligned(shape, dtype) -> np.ndarray:
+def aligned_zeros(shape, dtype) -> np.ndarray:
     """Array of zeros that begins at a cache line."""
     item = np.dtype(dtype).itemsize
     count = int(np.prod(shape))
