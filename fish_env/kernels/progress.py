@@ -30,11 +30,6 @@ class Progress(event.Listener):
             sys.stderr.write(f"\r{text} " if terminal else f"{text} ...\n")
             sys.stderr.flush()
 
-    def close(self):
-        """End the line of a terminal."""
-        if self.said and sys.stderr.isatty():
-            sys.stderr.write("\n")
-
 
 PATIENCE = 1.0  # s
 _progress: list[Progress] = []
@@ -48,8 +43,9 @@ def begin_progress() -> None:
 
 
 def end_progress() -> None:
-    """Stop listening."""
+    """Stop listening, and end the line of a terminal."""
     if _progress:
         listener = _progress.pop()
         event.unregister("numba:compile", listener)
-        listener.close()
+        if listener.said and sys.stderr.isatty():
+            sys.stderr.write("\n")

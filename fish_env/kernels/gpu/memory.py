@@ -65,7 +65,7 @@ class Upload:
         warps: number of warps that have their own memory.
         place: `place(array)` copies a numpy array there, `place(shape, dtype)` makes one of zeros; both return it.
         address: `address(placed)` returns its address.
-        axes: axes of the fish (`fish_axes`), if their number there is another. These arrays are initialised with zeros.
+        axes: axes of the fish (`fish_axes`) in arrays that have another number of fish there, and begin with zeros.
         num_fish: that number.
 
     Two arrays of the pack that share memory on the host also share it there, if they begin at the same address.
