@@ -20,7 +20,7 @@ from fish_env.control import (
     policy_controller,
     record,
 )
-from fish_env.control.stated import one_fish, stated
+from fish_env.control.environments import environment_of, make_checked_env
 from fish_env.envs import FishEnv
 
 FILES = ("config.json", "curve.csv", "policy.npz")
@@ -90,8 +90,8 @@ class Motion(NamedTuple):
 
 def record_episodes(run: Run, count: int = SHOWN) -> tuple[list[Recording], Fish]:
     """Record the first episodes of the evaluation; return them and the fish that swam."""
-    env_id, options = stated(run.policy.about)
-    env = one_fish(env_id, evaluation_options(options))
+    env_id, options = environment_of(run.policy.about)
+    env = make_checked_env(env_id, evaluation_options(options))
     bare = env.unwrapped
     assert isinstance(bare, FishEnv)  # the tasks of `RESULTS` are
     found = [record(env, run.policy, FIRST_SEED + k) for k in range(count)]

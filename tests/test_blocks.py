@@ -121,15 +121,16 @@ def test_blocks_run(program, monkeypatch, tmp_path):
 @cache
 def help_of(*words):
     """What a program of this repository prints when it is called with these words and --help, in this process."""
+    if words[0] == "-m":
+        spec = importlib.util.find_spec(words[1])
+        spec = importlib.util.find_spec(f"{words[1]}.__main__") if spec.submodule_search_locations else spec
+        words = (spec.origin, *words[2:])
     printed, before = io.StringIO(), (sys.argv, sys.path[:])
-    run = runpy.run_module if words[0] == "-m" else runpy.run_path
-    words = words[1:] if words[0] == "-m" else (str(ROOT / words[0]), *words[1:])
-    sys.argv = [*words, "--help"]
-    if run is runpy.run_path:
-        sys.path.insert(0, str(Path(words[0]).parent))
+    sys.argv = [str(ROOT / words[0]), *words[1:], "--help"]
+    sys.path.insert(0, str(Path(sys.argv[0]).parent))
     try:
         with redirect_stdout(printed), pytest.raises(SystemExit) as end:
-            run(words[0], run_name="__main__")
+            runpy.run_path(sys.argv[0], run_name="__main__")
     finally:
         sys.argv, sys.path[:] = before
     assert not end.value.code, f"{' '.join(words)} --help: {end.value}"

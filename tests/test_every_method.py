@@ -2,26 +2,14 @@
 
 from functools import cache
 
+import moving
 import naive
 import numpy as np
 import pytest
 import small_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from moving import (
-    ADAPTIVE,
-    FINER,
-    FIXED_STEP,
-    STABILISED,
-    assert_moved,
-    each_adaptive,
-    each_fixed,
-    each_method,
-    slope_of,
-    tank_of,
-    tiered,
-    without_walls,
-)
+from moving import ADAPTIVE, STABILISED, assert_moved, each_fixed, each_method, tank_of, tiered
 from moving import advance as advance_body
 from scipy.integrate import solve_ivp
 from small_bodies import ALL, BODIES, bent
@@ -46,7 +34,7 @@ def test_step_equals_its_reference(name, seed, reach):
     """One step, short and long, equals the textbook's; an adaptive method's is as accurate as its tolerance."""
     rng = np.random.default_rng(seed)
     x, v = small_bodies.shaken(ALL, rng)
-    world = without_walls(name, small_bodies.world_with_all(ALL))
+    world = moving.without_walls(name, small_bodies.world_with_all(ALL))
     rest = ALL.springs.rest_length * rng.uniform(0.95, 1.05, 36)
     h = reach / np.sqrt(ALL.max_stiffness_eigenvalue)
     rate = rest * rng.uniform(-0.3, 0.3, rest.size)
@@ -74,7 +62,7 @@ def test_steps_at_walls_equal_their_reference(name):
     assert_moved(x, moved, wanted, 1e-11 * np.abs(wanted[0] - x).max(), 1e-11 * np.abs(wanted[1]).max())
 
 
-@pytest.mark.parametrize("name", tiered(FIXED_STEP, STABILISED))
+@pytest.mark.parametrize("name", tiered(moving.FIXED_STEP, STABILISED))
 def test_comes_to_rest_on_a_wall(name):
     """A block dropped on the floor comes to rest there, however it is moved, and does not sink in."""
     body = small_bodies.completed(small_bodies.block(relaxation_time=1e-2))
@@ -118,20 +106,20 @@ def smooth_motion():
 def test_order(name):
     """The error falls with the method's order, all kinds of elements at work in a world with everything."""
     (world, x, v, rest, rate, duration), (true_x, true_v) = smooth_motion()
-    steps = (1 if name in STABILISED else FINER.get(name, 1)) * np.array([32, 64, 128])
+    steps = (1 if name in STABILISED else moving.FINER.get(name, 1)) * np.array([32, 64, 128])
     errors = []
     for n in steps:
         near_x, near_v = advance(name, world, x, v, rest, rate, duration / n, n)
         errors.append(np.linalg.norm(near_x - true_x) + duration * np.linalg.norm(near_v - true_v))
-    order = slope_of(errors, duration / steps)
+    order = moving.slope_of(errors, duration / steps)
     assert abs(order - INTEGRATORS[name].order) <= 0.15, f"measured order {order:.3f}, errors {errors}"
 
 
-@each_adaptive
+@moving.each_adaptive
 def test_adaptive_is_exact(name):
     """An adaptive method ends at the reference solution, to its tolerance, on this body and on one without springs."""
     (world, x, v, rest, rate, duration), (true_x, true_v) = smooth_motion()
-    near_x, near_v = advance(name, without_walls(name, world), x, v, rest, rate, duration, 1)
+    near_x, near_v = advance(name, moving.without_walls(name, world), x, v, rest, rate, duration, 1)
     assert_moved(
         x, (near_x, near_v), (true_x, true_v), 5e-9 * np.linalg.norm(true_x - x), 5e-9 * np.linalg.norm(true_v)
     )
@@ -143,7 +131,7 @@ def test_adaptive_is_exact(name):
     assert_moved(x, moved, wanted, 1e-7 * np.abs(wanted[0] - x).max(), 1e-7 * np.abs(wanted[1]).max())
 
 
-@pytest.mark.parametrize("lanes", tiered(("xyz", 1, 4, 8, 16), (8,)))
+@pytest.mark.parametrize("lanes", tiered(("xyz", 1, 4, 8, 16), ("xyz",)))
 @pytest.mark.parametrize("name", tiered(INTEGRATORS, STABILISED))
 def test_batch_is_one_by_one(name, lanes):
     """Bodies moved in one call end, bit for bit, where each ends alone; a failed one in their midst stands still.
@@ -151,7 +139,7 @@ def test_batch_is_one_by_one(name, lanes):
     Whether they are moved one by one or side by side in lanes, at walls and among everything else.
     """
     rng, count = np.random.default_rng(10), 3 if name in ADAPTIVE else 9
-    world = without_walls(name, small_bodies.world_with_all(ALL, offset=0.04))
+    world = moving.without_walls(name, small_bodies.world_with_all(ALL, offset=0.04))
     states = [small_bodies.shaken(ALL, rng) for _ in range(count)]
     h = 0.1 / np.sqrt(ALL.max_stiffness_eigenvalue)
     batch = tank_of(name, ALL, world, *map(np.array, zip(*states, strict=True)), h, lanes=lanes)

@@ -1,27 +1,10 @@
 """How every method fails, at which steps, and what it counts: forces, factorisations, solves, non-positive pivots."""
 
+import moving
 import naive
 import numpy as np
 import pytest
-from moving import (
-    ADAPTIVE,
-    EXPLICIT,
-    FISH,
-    FIXED_STEP,
-    LINEARLY_IMPLICIT,
-    MATRIX,
-    REPRESENTATIVE,
-    SEMI_IMPLICIT,
-    SOLVING,
-    STABILISED,
-    THIN,
-    each_body,
-    each_method,
-    run_into_failure,
-    tank_of,
-    tiered,
-    world_of,
-)
+from moving import ADAPTIVE, EXPLICIT, FISH, SOLVING, THIN, each_body, each_method, run_into_failure, tank_of, tiered
 
 from fish_env import INTEGRATORS, Tank
 from fish_env.physics.body import make_body
@@ -46,7 +29,7 @@ def test_torn(name, body):
     assert tank.time[0] > 0 and tank.velocity.any()
 
 
-@pytest.mark.parametrize("name", tiered(INTEGRATORS, set(REPRESENTATIVE) - set(ADAPTIVE)))
+@pytest.mark.parametrize("name", tiered(INTEGRATORS, set(moving.REPRESENTATIVE) - set(ADAPTIVE)))
 def test_non_finite(name):
     """A speed whose fourth power overflows makes the water's force infinite: the fish fails as non-finite, and stays.
 
@@ -54,7 +37,7 @@ def test_non_finite(name):
     trusted.
     """
     v = np.full((23, 3), 1e150)
-    tank = tank_of(name, DEFAULT, world_of(DEFAULT), DEFAULT.body.position, v, DEFAULT.time_step)
+    tank = tank_of(name, DEFAULT, moving.world_of(DEFAULT), DEFAULT.body.position, v, DEFAULT.time_step)
     failure = run_into_failure(tank, 1)
     if name in ADAPTIVE:
         assert failure == NO_CONVERGENCE and FAILURES[failure].startswith("no convergence")
@@ -65,7 +48,7 @@ def test_non_finite(name):
     np.testing.assert_array_equal(tank.velocity[0], v)
 
 
-@pytest.mark.parametrize("name", tiered(EXPLICIT + SEMI_IMPLICIT))
+@pytest.mark.parametrize("name", tiered(EXPLICIT + moving.SEMI_IMPLICIT))
 @each_body
 def test_too_large_a_step(name, body):
     """Many steps far above the stable one blow the fish up: it fails with a reason, explicit methods as non-finite."""
@@ -90,7 +73,7 @@ def stable_step(fish) -> float:
     return (np.sqrt((omega * times.max()) ** 2 + 4) - omega * times.max()) / omega
 
 
-@pytest.mark.parametrize("name", [name for name in LINEARLY_IMPLICIT if INTEGRATORS[name].order == 1])
+@pytest.mark.parametrize("name", [name for name in moving.LINEARLY_IMPLICIT if INTEGRATORS[name].order == 1])
 @each_body
 @pytest.mark.parametrize("factor", [10, 100])
 def test_large_steps(name, body, factor):
@@ -106,11 +89,11 @@ def test_large_steps(name, body, factor):
     starts = [naive.random_state(fish, np.random.default_rng(k), displacement=0.005, speed=0.3) for k in range(3)]
     x = np.array([position * (1 + 1e-13 * k) for position, _ in starts for k in range(16)])
     v = np.repeat([velocity for _, velocity in starts], 16, axis=0)
-    for other in EXPLICIT + SEMI_IMPLICIT:
+    for other in EXPLICIT + moving.SEMI_IMPLICIT:
         tank = tank_of(other, fish, THIN, x[::16], v[::16], h, lanes="xyz")
         tank.advance(300)
         assert not tank.alive.any()
-    world = world_of(fish, (0, 0, 0)) if MATRIX[name].get("wet") else THIN
+    world = moving.world_of(fish, (0, 0, 0)) if moving.MATRIX[name].get("wet") else THIN
     tank = tank_of(name, fish, world, x, v, h, lanes="xyz")
     tank.advance(300)
     some_tear = (factor, name, body) in SOME_TEAR
@@ -148,7 +131,9 @@ def test_nodes_in_one_place(name):
     np.testing.assert_array_equal(tank.position[0], x)
 
 
-@pytest.mark.parametrize("name", tiered((n for n in SOLVING if n != "linearly_implicit_projected"), SEMI_IMPLICIT))
+@pytest.mark.parametrize(
+    "name", tiered((n for n in SOLVING if n != "linearly_implicit_projected"), moving.SEMI_IMPLICIT)
+)
 def test_untrusted_solve(name):
     """Two masses on a spring compressed so that m + 2 h2 eta is zero: the singular system is reported, not solved.
 
@@ -212,10 +197,10 @@ def test_non_positive_pivots_are_counted(name, body):
         h = inner = reach / naive.highest_frequency(fish.body)
         if name == "rosenbrock":
             h = inner / rosenbrock.GAMMA
-        if name in SEMI_IMPLICIT:
+        if name in moving.SEMI_IMPLICIT:
             matrix, _ = naive.tu_system(fish.body, VACUUM, rest, h, x, STILL)
         else:
-            stiffness, damping = naive.implicit_matrices(fish.body, VACUUM, rest, x, STILL, **MATRIX[name])
+            stiffness, damping = naive.implicit_matrices(fish.body, VACUUM, rest, x, STILL, **moving.MATRIX[name])
             matrix = np.diag(np.repeat(fish.body.mass, 3)) + inner * damping + inner**2 * stiffness
         wanted = np.count_nonzero(np.linalg.eigvalsh(matrix) < 0)
         tank = tank_of(name, fish, THIN, x, STILL, h)
@@ -228,20 +213,21 @@ def test_non_positive_pivots_are_counted(name, body):
 @each_method
 def test_a_swimming_fish_meets_no_bad_pivot(name):
     """At its own step a swimming fish meets no non-positive pivot, and explicit methods have none to count."""
-    tank = Tank(DEFAULT, 2, name, own_step(DEFAULT, INTEGRATORS[name]), water=world_of(DEFAULT, (0, 0, 0)), lanes="xyz")
-    for action in np.random.default_rng(11).uniform(-1, 1, (20 if name in FIXED_STEP else 4, 2, 12)):
+    dt, still = own_step(DEFAULT, INTEGRATORS[name]), moving.world_of(DEFAULT, (0, 0, 0))
+    tank = Tank(DEFAULT, 2, name, dt, water=still, lanes="xyz")
+    for action in np.random.default_rng(11).uniform(-1, 1, (20 if name in moving.FIXED_STEP else 4, 2, 12)):
         tank.swim(action, DEFAULT.control_interval)
     assert tank.alive.all() and not tank.counters["non_positive_pivots"].any()
 
 
-@pytest.mark.parametrize("name", tiered(FIXED_STEP, ("leapfrog_chebyshev", "rosenbrock")))
+@pytest.mark.parametrize("name", tiered(moving.FIXED_STEP, ("leapfrog_chebyshev", "rosenbrock")))
 def test_counters(name):
     """Every fish's counters grow by the record's numbers a step, call after call; a failed fish's stand still."""
     record = INTEGRATORS[name]
     tank = Tank(DEFAULT, 3, name, dt=0.1 * DEFAULT.time_step, water=THIN, lanes="xyz")
     tank.state.failure[1] = TORN
     evaluations = record.forces
-    if name in STABILISED:
+    if name in moving.STABILISED:
         body = DEFAULT.body
         row = record.method.plan(body.max_stiffness_eigenvalue, body.max_damping_eigenvalue, tank.dt)
         evaluations = record.method.costs(row)[0]

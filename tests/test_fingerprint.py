@@ -170,18 +170,19 @@ TEXTS = {
 def test_code_is_seen(tmp_path, name):
     """A change of the code itself is seen where the bytecode stays the same; what has not changed is found."""
     one, other = (HEAD + f"@njit\ndef call(x):\n    return {text}\n" for text in TEXTS[name])
-    for text, hits in ((one, 0), (one, 1), (other, 0), (other, 1), (one, 1)):
-        module = is_right(tmp_path / "edited.py", text)
-        assert sum(module.call.stats.cache_hits.values()) == hits, text
+    assert [hits(tmp_path, text) for text in (one, one, other, other, one)] == [0, 1, 0, 1, 1]
+
+
+def hits(folder, text):
+    """How often what a text compiles was found on disk; the compiled text is right."""
+    return sum(is_right(folder / "edited.py", text).call.stats.cache_hits.values())
 
 
 def test_values_are_found_again(tmp_path):
     """A kernel whose values are the same is loaded, whatever stands elsewhere in its file."""
-    body = "K = np.arange(6000.0)\n@njit\ndef call(x):\n    return x + K[17]\n"
-    assert sum(is_right(tmp_path / "edited.py", HEAD + body).call.stats.cache_hits.values()) == 0
-    assert sum(is_right(tmp_path / "edited.py", HEAD + body).call.stats.cache_hits.values()) == 1
-    edited = HEAD + body + "other = 3\n\n\ndef unrelated():\n    return other\n"
-    assert sum(is_right(tmp_path / "edited.py", edited).call.stats.cache_hits.values()) == 1
+    text = HEAD + "K = np.arange(6000.0)\n@njit\ndef call(x):\n    return x + K[17]\n"
+    edited = text + "other = 3\n\n\ndef unrelated():\n    return other\n"
+    assert [hits(tmp_path, each) for each in (text, text, edited)] == [0, 1, 1]
 
 
 OUTER = "def outer(x):\n    return x * {value}\n"
@@ -222,26 +223,13 @@ def test_closures_of_one_process():
     """Kernels that close over arrays which differ in one of 6,000 numbers are told apart, inlined or not."""
 
     def made(array, how):
-        @how
-        def inner(i):
-            return array[i]
-
-        return inner
+        inner = how(lambda i: array[i])
+        return njit(lambda i: inner(i))
 
     first, second = np.zeros(6000), np.zeros(6000)
     second[3000] = 1.0
     for how in (kernel, njit, plain_njit):
-        calls = []
-        for array in (first, second):
-            calls.append(njit(_calling(made(array, how))))
-        assert [call(3000) for call in calls] == [0.0, 1.0]
-
-
-def _calling(inner):
-    def call(i):
-        return inner(i)
-
-    return call
+        assert [made(array, how)(3000) for array in (first, second)] == [0.0, 1.0]
 
 
 def test_keyword_defaults():

@@ -64,9 +64,7 @@ def test_memory_of_a_thread(options, dtype):
     assert integrator or np.any(tanks[0].counters["refinements"] > 0)
     assert not np.any(block.x.memory[..., 1:])  # nothing was written to where the other threads have theirs
     for name, value in shared.items():
-        np.testing.assert_array_equal(
-            memory_of(value), before[name], err_msg=f"threads write to {name}, which they share"
-        )
+        np.testing.assert_array_equal(memory_of(value), before[name], err_msg=f"threads write to {name}, shared")
 
 
 def test_kind_is_for_gpus_only():

@@ -10,7 +10,7 @@ import pytest
 from fish_env import BODIES
 from fish_env.envs import FishVectorEnv
 from fish_env.kernels.compile import kernel, njit
-from fish_env.kernels.threads import Threads, signals_held
+from fish_env.kernels.threads import Threads, defer_signals
 
 FISH, STEPS, QUICK = 64, 3, "mass_spring"
 INTERRUPTIONS = 17
@@ -133,17 +133,17 @@ def test_signals_wait_while_kernels_are_compiled(alarm):
 
 def test_signals_are_held_in_the_main_thread_alone(alarm):
     """A held signal is handled at the end, once, whatever happens in between; another thread leaves all as it is."""
-    with pytest.raises(Interruption), signals_held():
+    with pytest.raises(Interruption), defer_signals():
         signal.raise_signal(signal.SIGALRM)
         reached = True
     assert reached
-    with pytest.raises(Interruption), signals_held():
+    with pytest.raises(Interruption), defer_signals():
         signal.raise_signal(signal.SIGALRM)
         raise ValueError("replaced")
     handler, seen = signal.getsignal(signal.SIGALRM), []
 
     def elsewhere():
-        with signals_held():
+        with defer_signals():
             seen.append(signal.getsignal(signal.SIGALRM))
 
     thread = threading.Thread(target=elsewhere)

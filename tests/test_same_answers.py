@@ -243,6 +243,13 @@ def test_seeds_that_are_not_allowed(seed):
 # Infos
 
 
+def reset_ended(envs, over):
+    """Reset the fish of batches whose episodes are over, if they do not restart by themselves."""
+    for env in envs:
+        if env.metadata["autoreset_mode"] is AutoresetMode.DISABLED and over.any():
+            env.reset(options={"reset_mask": over})
+
+
 def plain(infos):
     """The infos of a batch, their arrays as texts with the types of objects; NaN equals NaN there."""
     if isinstance(infos, dict):
@@ -268,11 +275,8 @@ def test_infos(id, every, mode):
         for mine, its in zip(one, other, strict=True):
             np.testing.assert_array_equal(mine, its)
         assert plain(infos) == plain(wanted)
-        over = one[2] | one[3]
-        ended += over.sum()
-        if mode is AutoresetMode.DISABLED and over.any():
-            for env in (native, own):
-                env.reset(options={"reset_mask": over})
+        ended += np.sum(one[2] | one[3])
+        reset_ended((native, own), one[2] | one[3])
         native.unwrapped._limit[:] = 3, 5, 4  # one limit a fish
     assert ended >= 3 and len(obs) == 2
 
@@ -440,14 +444,10 @@ def test_lists_of_pictures(mode, monkeypatch):
         env.reset(seed=0)
     for steps in (1, 2, 2):
         for _ in range(steps):
-            action = np.zeros((2, 12), dtype=np.float32)
-            over, _ = (env.step(action)[3] for env in (native, own))
+            over, _ = (env.step(np.zeros((2, 12), dtype=np.float32))[3] for env in (native, own))
         one, other = native.render(), own.render()
         assert [len(each) for each in one] == [len(each) for each in other]
-        for mine, its in zip(one, other, strict=True):
-            np.testing.assert_array_equal(mine, its)
-        if mode is AutoresetMode.DISABLED and over.any():
-            for env in (native, own):
-                env.reset(options={"reset_mask": np.array([True, True])})
+        np.testing.assert_array_equal(one, other)
+        reset_ended((native, own), over)
     with pytest.raises(ValueError, match="unknown render_mode 'rgb_array_list'; choose None, 'human', 'rgb_array'"):
         sb3(render_mode="rgb_array_list")

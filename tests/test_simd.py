@@ -12,25 +12,7 @@ from hypothesis import strategies as st
 
 from fish_env.kernels import simd
 from fish_env.kernels.compile import kernel, njit
-from fish_env.kernels.simd import (
-    Kind,
-    Pack,
-    all_lanes,
-    any_lane,
-    block_size,
-    cross,
-    dot,
-    exp,
-    floats,
-    fma,
-    lane,
-    log,
-    nowhere,
-    select,
-    sqrt,
-    vec3,
-    zero,
-)
+from fish_env.kernels.simd import Kind, Pack, cross, dot, fma, select, sqrt, vec3
 
 KINDS = [Kind(lanes, dtype) for dtype in ("float64", "float32") for lanes in ("xyz", 1, 2, 4, 8, 16, 32)]
 
@@ -64,14 +46,14 @@ def everything(p):
     s[5] = -q
     s[6] = dot(a, b)
     s[7] = sqrt(abs(q))
-    s[8] = exp(q)
-    s[9] = log(abs(r))
+    s[8] = simd.exp(q)
+    s[9] = simd.log(abs(r))
     s[10] = fma(q, r, 0.5)
     s[11] = select((q > r) & (q > 0.0), q, r)
     s[12] = select((q <= r) | (r < 0.5), q, 0.25)
     s[13] = select(q >= r, q, p.number)
-    s[14] = zero(s)
-    s[15] = select(nowhere(s), q, r)
+    s[14] = simd.zero(s)
+    s[15] = select(simd.nowhere(s), q, r)
     s[16] = q
     s[16] -= 2 * r
     s[17] = p.scalar[0] * q
@@ -177,13 +159,13 @@ def test_bits_do_not_depend_on_the_lanes(seed):
 @njit
 def looked_at(p):
     """What kernels can ask about a block: its size, any and all lanes, single lanes, raw memory."""
-    flags, memory = p.flags, floats(p.a)
-    flags[0] = any_lane(p.q[0] > 0.0)
-    flags[1] = all_lanes(p.q[0] > 0.0)
-    flags[2] = lane(p.q[0] > 0.0, block_size(p.q) - 1)
-    p.out[0] = lane(p.q[0], 0)
-    p.out[1] = memory[0, 1, block_size(p.a) - 1]
-    p.out[2] = block_size(p.a)
+    flags, memory = p.flags, simd.floats(p.a)
+    flags[0] = simd.any_lane(p.q[0] > 0.0)
+    flags[1] = simd.all_lanes(p.q[0] > 0.0)
+    flags[2] = simd.lane(p.q[0] > 0.0, simd.block_size(p.q) - 1)
+    p.out[0] = simd.lane(p.q[0], 0)
+    p.out[1] = memory[0, 1, simd.block_size(p.a) - 1]
+    p.out[2] = simd.block_size(p.a)
     memory[0, 0, 0] = 7.0
 
 

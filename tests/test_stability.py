@@ -37,21 +37,21 @@ def test_modes_are_those_of_the_body():
     assert np.allclose(damping, THETA * squares, rtol=1e-9, atol=0)
 
 
-@pytest.mark.parametrize("factor", [1.0, 100.0])
-@pytest.mark.parametrize("name", ["symplectic_euler", "semi_implicit"])
-def test_limit_of_symplectic_euler(name, factor):
-    """(sqrt(w^2 theta^2 + 4) - w theta) / w; Tu's method has the same limit about rest."""
-    body = scaled(ALIKE, stiffness=factor).body
-    omega, theta = OMEGA * np.sqrt(factor), THETA / factor
-    expected = (np.sqrt((omega * theta) ** 2 + 4.0) - omega * theta) / omega
-    assert np.isclose(linear.linear_limit(name, body, LONGEST), expected, rtol=1e-5)
+FORMULAS = {
+    "symplectic_euler": (lambda w, s: (np.sqrt((w * s) ** 2 + 4.0) - w * s) / w, 1e-5),
+    "semi_implicit": (lambda w, s: (np.sqrt((w * s) ** 2 + 4.0) - w * s) / w, 1e-5),
+    "explicit_euler": (lambda w, s: s, 1e-3),  # where every mode is lightly damped
+}
+"""Limit of a method by the highest frequency and the relaxation time, and the relative error that is allowed."""
 
 
 @pytest.mark.parametrize("factor", [1.0, 100.0])
-def test_limit_of_explicit_euler(factor):
-    """The relaxation time, where every mode is lightly damped."""
-    body = scaled(ALIKE, stiffness=factor).body
-    assert np.isclose(linear.linear_limit("explicit_euler", body, LONGEST), THETA / factor, rtol=1e-3)
+@pytest.mark.parametrize("name", FORMULAS)
+def test_linear_limits(name, factor):
+    """The limit of a body whose stiffness is multiplied by a factor is that of the formula."""
+    body, (formula, error) = scaled(ALIKE, stiffness=factor).body, FORMULAS[name]
+    expected = formula(OMEGA * np.sqrt(factor), THETA / factor)
+    assert np.isclose(linear.linear_limit(name, body, LONGEST), expected, rtol=error)
 
 
 def test_limit_of_rk4_undamped():

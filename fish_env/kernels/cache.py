@@ -1,11 +1,7 @@
 """Disk cache of compiled kernels: its folder, the names of its files, and their look-up.
 
-Numba's own cache checks only the file of a kernel, so a kernel that calls another file's kernel can be stale after an
-edit. Here the cache folder's name is a hash of every source file of the rooms that have kernels: after an edit there is
-a new folder, and a stale kernel cannot be found.
-
-The folder is in the first of FISH_ENV_CACHE, NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA, ~/.cache and the temporary
-files. FISH_ENV_CACHE is intended for folders that machines share, and for images of containers.
+Numba's own cache checks only the file of a kernel, not those of the kernels that it calls. Here the folder's name is a
+hash of every source file of the rooms that have kernels, so a stale kernel cannot be found after an edit.
 """
 
 import contextlib
@@ -54,8 +50,8 @@ def _sources(folder: Path, above: str = "") -> Iterator[tuple[str, bytes]]:
 def cache_folder() -> str | None:
     """Folder of compiled kernels, created if necessary; None (with a warning) if none can be written.
 
-    Compiled kernels are pickles, so only the user may write to the folder: FISH_ENV_CACHE, or a folder in
-    NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache, else a private one among the temporary files.
+    It is FISH_ENV_CACHE, or in NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache, or else a
+    private one among the temporary files. Compiled kernels are pickles, so only the user may write to it.
     """
     name = f"{source_hash(rooms=ROOMS)}-py{sys.version_info.major}{sys.version_info.minor}"
     if os.environ.get("FISH_ENV_CACHE"):
@@ -87,8 +83,8 @@ def cache_folder() -> str | None:
 def others_write(path: Path) -> Path | None:
     """First of a path and its parent folders whose content another user can change, or None.
 
-    The administrator is trusted. In a folder with the sticky bit, such as that of temporary files, users cannot replace
-    files of others. A group with the number of its user belongs to that user only.
+    The administrator is trusted, and a group with the number of its user. Sticky folders, such as that of temporary
+    files, protect files of others.
     """
     if not hasattr(os, "getuid"):
         return None
@@ -103,10 +99,7 @@ def others_write(path: Path) -> Path | None:
 
 
 def chosen_folder(folder: Path) -> str | None:
-    """Folder below FISH_ENV_CACHE; a read-only one is valid if it contains kernels, as in an image.
-
-    There is no fallback to another folder, because the user chose this one explicitly.
-    """
+    """Folder below FISH_ENV_CACHE, or None with a warning; a read-only one is valid if it contains kernels."""
     reason = "it holds no kernels, and cannot be written to"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -132,8 +125,7 @@ _FOLDER = cache_folder()
 class Place:
     """Cache locator of a function, for numba: a subfolder with the name of the function's package.
 
-    Numba's own locators name it after the path of the sources, which differs between machines that share a folder. They
-    also reject read-only folders.
+    Numba's own are named after the path of the sources, which differs between machines, and reject read-only folders.
     """
 
     def __init__(self, function, file):
@@ -144,7 +136,6 @@ class Place:
 
     @classmethod
     def from_function(cls, function, file):
-        """Make the locator of any function."""
         return cls(function, file)
 
     def get_cache_path(self) -> str:
@@ -171,12 +162,10 @@ class Stored(CompileResultCacheImpl):
 
 
 class KeyedFiles(IndexDataCacheFile):
-    """Files of compiled code, named by a hash of their key, so that concurrent processes do not interfere.
+    """Files of compiled code, named by a hash of their key; a damaged one, whose checksum differs, counts as missing.
 
-    Numba numbers files by an index that it reads and writes without a lock. If two processes compile two closures of
-    one function, one may then load the code of the other.
-
-    A file begins with a checksum; one that is damaged or cannot be read counts as missing.
+    Numba numbers files by an index without a lock: of two processes that compile two closures of one function, one may
+    then load the code of the other.
     """
 
     def save(self, key, data):

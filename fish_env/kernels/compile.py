@@ -20,7 +20,7 @@ from numba.core.untyped_passes import InlineClosureLikes
 from fish_env.kernels import cache as _cache
 from fish_env.kernels.cache import SourceCache
 from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
-from fish_env.kernels.threads import signals_held
+from fish_env.kernels.threads import defer_signals
 
 # No fastmath: nothing is reordered or contracted. A single fish and a fish in any lane then have the same bits, and the
 # failure check detects a NaN.
@@ -39,12 +39,11 @@ if hasattr(os, "register_at_fork"):
 
 
 @contextmanager
-def compiling(function):
+def name_by_content(function):
     """Compile a function in this block, in which its name contains a hash of its content.
 
-    The loader resolves all calls of one name to the first part of that name that is not inlined. Numba's numbers
-    distinguish functions of one name only within a process. A third process could otherwise confuse two functions that
-    two processes have stored on disk.
+    The loader resolves all calls of one name to the first part of that name that is not inlined. Numba distinguishes
+    such names only within a process, so a third process could confuse functions that two others have stored.
     """
     with global_compiler_lock:
         plain = function.__qualname__
@@ -62,15 +61,14 @@ def compiling(function):
 class Kernel(CPUDispatcher):
     """A kernel that Python calls.
 
-    During compilation, the garbage collector is off, as it would find nothing. Signals are deferred, because an
-    exception would leave numba in an inconsistent state.
+    Signals during its compilation are deferred: an exception would leave numba in an inconsistent state.
     """
 
     def compile(self, sig):
         collecting = gc.isenabled()
         gc.disable()
         try:
-            with signals_held(), compiling(self.py_func):
+            with defer_signals(), name_by_content(self.py_func):
                 return super().compile(sig)
         finally:
             if collecting:
@@ -89,11 +87,9 @@ def njit(function):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PartLowering(NativeLowering):
-    """Lowering of a part to LLVM's language only. Its callers optimise it and compile it to machine code.
+    """Lowering of a part to LLVM's language only, which halves its cost; its callers optimise and assemble it.
 
-    Numba also optimises and assembles every function separately, which is half of the cost of an inlined one. A part
-    must not be loaded either. The loader resolves a name to its first function, so callers that do not inline the part
-    would run its unoptimised version in this process.
+    It must not be loaded either: callers that do not inline the part would find this unoptimised version first.
     """
 
     _name = "part_lowering"
@@ -148,7 +144,7 @@ class Part(CPUDispatcher):
         return self.py_func(*args)
 
     def compile(self, sig):
-        with compiling(self.py_func):
+        with name_by_content(self.py_func):
             return super().compile(sig)
 
 

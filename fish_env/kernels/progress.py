@@ -8,10 +8,9 @@ from numba.core import event
 
 
 class Progress(event.Listener):
-    """Listener that reports the progress of compilation on standard error, so that a first use does not seem to hang.
+    """Listener that reports compilation on standard error: in a terminal a line that is updated, elsewhere one line.
 
-    In a terminal, it updates one line; elsewhere, it prints one line after PATIENCE seconds.
-    FISH_ENV_QUIET=1 turns it off.
+    It begins after PATIENCE seconds. FISH_ENV_QUIET=1 turns it off.
     """
 
     def __init__(self):
@@ -31,11 +30,6 @@ class Progress(event.Listener):
             sys.stderr.write(f"\r{text} " if terminal else f"{text} ...\n")
             sys.stderr.flush()
 
-    def close(self):
-        """End the line of a terminal."""
-        if self.said and sys.stderr.isatty():
-            sys.stderr.write("\n")
-
 
 PATIENCE = 1.0  # s
 _progress: list[Progress] = []
@@ -49,8 +43,9 @@ def begin_progress() -> None:
 
 
 def end_progress() -> None:
-    """Stop listening."""
+    """Stop listening, and end the line of a terminal."""
     if _progress:
         listener = _progress.pop()
         event.unregister("numba:compile", listener)
-        listener.close()
+        if listener.said and sys.stderr.isatty():
+            sys.stderr.write("\n")

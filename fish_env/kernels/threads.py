@@ -10,7 +10,7 @@ from queue import SimpleQueue
 
 
 @contextmanager
-def signals_held() -> Iterator[None]:
+def defer_signals() -> Iterator[None]:
     """Defer signals in this block, such as Ctrl-C, to its end. Only the main thread handles signals."""
     came: list[int] = []
     handlers = {}
@@ -59,10 +59,7 @@ class Jobs:
 
 
 class Threads:
-    """A number of threads, started on first use, and again after `close` or in a forked process.
-
-    A forked process has none of its parent's threads, and would wait for them forever. A pickle contains no threads.
-    """
+    """A number of threads, started on first use, and again after `close` or in a forked process, which has none."""
 
     def __init__(self, count: int):
         self.count = count
@@ -71,8 +68,8 @@ class Threads:
     def run(self, work: Callable, jobs: list[tuple]) -> None:
         """Call `work(*job)` for every job in parallel, and raise an error of one when all have ended.
 
-        An interruption of the wait, such as Ctrl-C, is also raised then: no job continues in the background. Therefore
-        all actions here may be repeated, and locks are those that Python acquires and releases atomically.
+        An interruption of the wait, such as Ctrl-C, is also raised then. Therefore all actions may be repeated, and
+        locks are those that Python acquires and releases atomically.
         """
         if not jobs:
             return
@@ -90,7 +87,7 @@ class Threads:
 
     def _started(self) -> SimpleQueue:
         if self._queue is None or self._process != os.getpid():
-            with signals_held():
+            with defer_signals():
                 queue = SimpleQueue()
                 for _ in range(self.count):
                     threading.Thread(target=serve, args=(queue,), daemon=True).start()

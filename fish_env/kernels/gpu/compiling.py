@@ -11,11 +11,7 @@ HOW = 'pip install "fish_env[gpu]"'
 
 
 def load() -> Any:
-    """Import the module `numba.cuda` of numba-cuda.
-
-    Raises:
-        ModuleNotFoundError: if numba-cuda is not installed; numba's own target for GPUs is no longer maintained.
-    """
+    """Import `numba.cuda` of numba-cuda; ModuleNotFoundError if it is not installed."""
     if importlib.util.find_spec("numba_cuda") is None:
         raise ModuleNotFoundError(f"kernels are compiled for GPUs by numba-cuda, which is not installed: {HOW}")
     from numba import cuda
@@ -25,11 +21,7 @@ def load() -> Any:
 
 @contextmanager
 def exactly(cc: tuple[int, int] | None = None) -> Iterator[Any]:
-    """Yield `numba.cuda`, set to compile without contraction, except by an explicit `fma`, as this package does.
-
-    Args:
-        cc: the compute capability to compile for, if there is no GPU.
-    """
+    """Yield `numba.cuda`, set to contract only explicit `fma`; `cc` is the compute capability if there is no GPU."""
     cuda = load()
     dispatcher: Any = importlib.import_module("numba.cuda.dispatcher")
     nvvm: Any = importlib.import_module("numba.cuda.cudadrv.nvvm")
@@ -44,12 +36,9 @@ def exactly(cc: tuple[int, int] | None = None) -> Iterator[Any]:
 
 
 def to_ptx(function, signature, cc: tuple[int, int]) -> str:
-    """PTX of a kernel, a plain function whose signature returns nothing; no GPU is needed.
+    """PTX of a plain function with the signature `types.void(...)`, which may call kernels; no GPU is needed.
 
-    Args:
-        function: it may call kernels of this package.
-        signature: numba types, `types.void(...)`.
-        cc: compute capability, such as (8, 0) for A100 and (9, 0) for H100 and H200.
+    `cc` is the compute capability, such as (8, 0) for A100 and (9, 0) for H100 and H200.
     """
     with exactly(cc) as cuda:
         return cuda.compile_ptx(function, signature, cc=cc)[0]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from fish_env.kernels.simd import Numbers, Pack, Scratch, Vectors
+from fish_env.kernels.simd import Pack, Scratch
+from fish_env.kernels.simd.kinds import Lanes
 from fish_env.kernels.simd.packs import PackType, describe
 from fish_env.kernels.simd.types import THREAD
 
@@ -26,7 +27,7 @@ def gpu_type(kind):
 
 def is_own(value) -> bool:
     """Return True if every thread has its own copy of a value."""
-    return isinstance(value, Scratch) or (isinstance(value, Numbers | Vectors) and value.kind.lanes == THREAD)
+    return isinstance(value, Lanes) and (isinstance(value, Scratch) or value.kind.lanes == THREAD)
 
 
 def arrays_of(pack: Pack, prefix: str = "") -> dict[str, Any]:
@@ -35,7 +36,7 @@ def arrays_of(pack: Pack, prefix: str = "") -> dict[str, Any]:
     for name, value in pack._kept.items():
         if isinstance(value, Pack):
             found |= arrays_of(value, f"{prefix}{name}.")
-        elif isinstance(value, np.ndarray | Numbers | Vectors | Scratch):
+        elif isinstance(value, np.ndarray | Lanes):
             found[prefix + name] = value
     return found
 
@@ -64,7 +65,7 @@ class Upload:
         warps: number of warps that have their own memory.
         place: `place(array)` copies a numpy array there, `place(shape, dtype)` makes one of zeros; both return it.
         address: `address(placed)` returns its address.
-        axes: axes of the fish (`fish_axes`), if their number there is another. These arrays are initialised with zeros.
+        axes: axes of the fish (`fish_axes`) in arrays that have another number of fish there, and begin with zeros.
         num_fish: that number.
 
     Two arrays of the pack that share memory on the host also share it there, if they begin at the same address.
@@ -99,7 +100,7 @@ class Upload:
                 placed = self._place((self._warps, *memory.shape), memory.dtype)
                 self._placed[memory.ctypes.data, memory.nbytes] = placed
                 content[0] = self._address(placed)
-            elif isinstance(value, np.ndarray | Numbers | Vectors):
+            elif isinstance(value, np.ndarray | Lanes):
                 axis = self._axes.get(prefix + name)
                 content[0] = self._address(self._copy(memory_of(value), axis))
                 if axis is not None:

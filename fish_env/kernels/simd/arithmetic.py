@@ -26,7 +26,7 @@ FIRST = (__name__.rpartition(".")[0], "numba.core.typing.arraydecl")
 CONSTANT_VECTOR = Vec3(1, 64)  # a vector of constants is compatible with every kind, like a float
 
 
-def common(kinds):
+def common_lanes(kinds):
     """Lanes and bits of an operation on values of these types; None if they are incompatible."""
     typed = [kind for kind in kinds if isinstance(kind, Num | Vec3)]
     typed = [kind for kind in typed if kind != CONSTANT_VECTOR] or typed
@@ -36,11 +36,11 @@ def common(kinds):
     return (wide.pop() if wide else 1), (typed[0].bits if typed else 64)
 
 
-def result(kinds):
+def result_type(kinds):
     """Type of the result of an operation part by part; None if it has no type of this package."""
     if not all(isinstance(kind, OPERANDS) for kind in kinds) or not any(isinstance(k, Num | Vec3) for k in kinds):
         return None
-    lanes = common(kinds)
+    lanes = common_lanes(kinds)
     if lanes is None:
         return None
     return Vec3(*lanes) if any(isinstance(kind, Vec3) for kind in kinds) else number_type(*lanes)
@@ -85,7 +85,7 @@ def register_arithmetic(function, emit, arity, allowed=lambda kinds: True, emit_
 
     @typed(function)
     def rule(*kinds):
-        return result(kinds) if len(kinds) == arity and allowed(kinds) else None
+        return result_type(kinds) if len(kinds) == arity and allowed(kinds) else None
 
     lower = by_parts(emit, emit_dual)
     for kinds in np.ndindex(*[len(OPERANDS)] * arity):
@@ -164,11 +164,11 @@ def register_comparison(function, name):
 
     @typed(function)
     def rule(*kinds):
-        kind = result(kinds) if len(kinds) == 2 else None
+        kind = result_type(kinds) if len(kinds) == 2 else None
         return mask_type(kind.w) if isinstance(kind, Num) else None
 
     def lower(context, builder, sig, args):
-        target = result(sig.args)
+        target = result_type(sig.args)
         a, b = (parts_of(builder, value, kind, target)[0] for value, kind in zip(args, sig.args, strict=True))
         if target.w == DUAL:
             a, b = dual.value(builder, a), dual.value(builder, b)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from numba.np.numpy_support import from_dtype
 
 from fish_env.kernels.simd import plain
 from fish_env.kernels.simd.types import DUAL, THREAD, WARP, XYZ, Vec3, floats_apart, floats_in, number_type, width
@@ -61,18 +62,18 @@ class Kind:
 
     def numbers(self, count: int) -> "Numbers":
         """Array of `count` numbers per fish, all zero."""
-        return Numbers(aligned((count, floats_apart(self.lanes)), self.dtype), self)
+        return Numbers(aligned_zeros((count, floats_apart(self.lanes)), self.dtype), self)
 
     def scratch(self, shape, dtype="float64") -> "np.ndarray | Scratch":
         """Array of numbers per block instead of per fish, all zero: scratch memory of kernels."""
         if self.lanes != THREAD:
             return np.zeros(shape, dtype=dtype)
-        return Scratch(aligned((*np.atleast_1d(shape), WARP), dtype), self)
+        return Scratch(aligned_zeros((*np.atleast_1d(shape), WARP), dtype), self)
 
     def vectors(self, count: int) -> "Vectors":
         """Array of `count` vectors per fish, all zero."""
         shape = (count, 4) if self.lanes == XYZ else (count, 3, floats_apart(self.lanes))
-        return Vectors(aligned(shape, self.dtype), self)
+        return Vectors(aligned_zeros(shape, self.dtype), self)
 
     def rows(self, array) -> "Vectors":
         """Copy the rows of an array (n,3) to vectors that are the same for every fish."""
@@ -86,7 +87,7 @@ class Kind:
         return np.array(array, dtype=self.dtype, order="C")
 
 
-def aligned(shape, dtype) -> np.ndarray:
+def aligned_zeros(shape, dtype) -> np.ndarray:
     """Array of zeros that begins at a cache line."""
     item = np.dtype(dtype).itemsize
     count = int(np.prod(shape))
@@ -95,17 +96,24 @@ def aligned(shape, dtype) -> np.ndarray:
     return raw[first : first + count].reshape(shape)
 
 
-class Numbers:
-    """Array of n numbers per fish: memory (n,w)."""
+class Lanes:
+    """Array for kernels of a kind: its memory, and its shape without lanes."""
 
-    def __init__(self, memory: np.ndarray, kind: Kind):
-        self.memory, self.kind = memory, kind
-        self._rows = memory.reshape(len(memory), floats_apart(kind.lanes))[:, : floats_in(kind.lanes)]
-        self.element, self.shape = number_type(kind.lanes, kind.bits), (len(memory),)
+    def __init__(self, memory: np.ndarray, kind: Kind, shape: tuple[int, ...]):
+        self.memory, self.kind, self.shape = memory, kind, shape
 
     @property
     def size(self) -> int:
-        return self.shape[0]
+        return int(np.prod(self.shape))
+
+
+class Numbers(Lanes):
+    """Array of n numbers per fish: memory (n,w)."""
+
+    def __init__(self, memory: np.ndarray, kind: Kind):
+        super().__init__(memory, kind, (len(memory),))
+        self._rows = memory.reshape(len(memory), floats_apart(kind.lanes))[:, : floats_in(kind.lanes)]
+        self.element = number_type(kind.lanes, kind.bits)
 
     def __getitem__(self, i):
         return plain.read(self._rows[i], self.kind.lanes)
@@ -114,7 +122,7 @@ class Numbers:
         plain.write(self._rows, i, value, self.kind.lanes)
 
 
-class Vectors:
+class Vectors(Lanes):
     """Vectors, memory (...,3,w), or (...,4) for one fish in a register; one lane may omit the last axis."""
 
     def __init__(self, memory: np.ndarray, kind: Kind):
@@ -123,13 +131,8 @@ class Vectors:
             memory = memory[..., 0]
         if memory.shape[-len(tail) :] != tail or not memory.flags.c_contiguous or memory.dtype != kind.dtype:
             raise ValueError(f"memory is {memory.dtype}, {memory.shape}; give contiguous {kind.dtype}, (...,{tail})")
-        self.memory, self.kind = memory, kind
+        super().__init__(memory, kind, memory.shape[: memory.ndim - len(tail)])
         self.element = Vec3(1 if kind.lanes == THREAD else kind.lanes, kind.bits)
-        self.shape = memory.shape[: memory.ndim - len(tail)]
-
-    @property
-    def size(self) -> int:
-        return int(np.prod(self.shape))
 
     def __getitem__(self, i):
         x, y, z, *_ = self.memory[i]
@@ -141,15 +144,12 @@ class Vectors:
             plain.write(self.memory[i], k, each, self.kind.lanes)
 
 
-class Scratch:
+class Scratch(Lanes):
     """Array of which every thread of a GPU has its own: memory (...,WARP)."""
 
     def __init__(self, memory: np.ndarray, kind: Kind):
-        self.memory, self.kind, self.shape = memory, kind, memory.shape[:-1]
-
-    @property
-    def size(self) -> int:
-        return int(np.prod(self.shape))
+        super().__init__(memory, kind, memory.shape[:-1])
+        self.element = from_dtype(memory.dtype)
 
     def __getitem__(self, i):
         return self.memory[..., 0][i]

@@ -13,11 +13,11 @@ from fish_env.kernels.simd.arithmetic import (
     OPERANDS,
     SCALARS,
     all_or_none_vectors,
-    common,
+    common_lanes,
     emit_fma,
     emit_fma_dual,
     emit_negative,
-    result,
+    result_type,
 )
 from fish_env.kernels.simd.functions import all_lanes, any_lane, cross, dot, exp, lane, log, select, vec3
 from fish_env.kernels.simd.types import (
@@ -39,10 +39,10 @@ from fish_env.kernels.simd.types import (
 def _type_of_select(condition, a, b):
     """Type of `select` of a mask, or of a Boolean, and two numbers or two vectors."""
     if isinstance(condition, types.Boolean):
-        return result((a, b)) or types.float64
+        return result_type((a, b)) or types.float64
     if not isinstance(condition, Mask) or not all_or_none_vectors((a, b)):
         return None
-    lanes = common((a, b, Num(condition.w, getattr(a, "bits", bits_of(b)))))
+    lanes = common_lanes((a, b, Num(condition.w, getattr(a, "bits", bits_of(b)))))
     if lanes is None:
         return None
     return Vec3(*lanes) if isinstance(a, Vec3) else number_type(*lanes)
@@ -68,7 +68,7 @@ def register_product(function, of):
     def add(lower):
         @typed(function)
         def rule(*kinds):
-            lanes = common(kinds) if all(isinstance(kind, Vec3) for kind in kinds) else None
+            lanes = common_lanes(kinds) if all(isinstance(kind, Vec3) for kind in kinds) else None
             return None if lanes is None else of(*lanes)
 
         lower_builtin(function, Vec3, Vec3)(lower)
@@ -79,7 +79,7 @@ def register_product(function, of):
 
 @register_product(dot, number_type)
 def _dot(context, builder, sig, args):
-    target = Vec3(*common(sig.args))
+    target = Vec3(*common_lanes(sig.args))
     p, q = (
         coordinates(builder, whole(builder, parts_of(builder, value, kind, target), target), target)
         for value, kind in zip(args, sig.args, strict=True)
@@ -117,7 +117,7 @@ def _type_of_vec3(*kinds):
     """Type of `vec3` of three numbers, with the lanes of any of them; one lane for plain floats."""
     if any(isinstance(kind, Vec3) for kind in kinds) or not all(isinstance(kind, OPERANDS) for kind in kinds):
         return None
-    return Vec3(*common(kinds))
+    return Vec3(*common_lanes(kinds))
 
 
 def _vec3(context, builder, sig, args):

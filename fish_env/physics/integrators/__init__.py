@@ -37,12 +37,11 @@ class Method(Protocol):
     def make_run(self, names: tuple[str, ...]) -> Callable:
         """Make the kernel `run(body, world, control, x, v, work, cache, n)` of a block, for the forces of these names.
 
-        It takes n steps of `control.plans[control.row[0], H]` seconds, and changes x and v in place. `work` is the
-        result of `make_work`, `cache` that of the forces' `make_cache`. The kernel sets the rest lengths for the time
-        of each force evaluation. It calls the forces' `constrain` on accelerations that are no direct sum of forces,
-        and `finish` after every step. It keeps the velocities of fixed degrees of freedom, and counts bad pivots of
-        solves in `control.pivots` and `control.untrusted`. It may capture kernels, numbers, tuples of them and Booleans
-        only, because their values name the compiled code on disk.
+        It takes n steps of `control.plans[control.row[0], H]` seconds, and changes x and v in place. `work` is of
+        `make_work`, `cache` of the forces' `make_cache`. The kernel sets the rest lengths for the time of each force
+        evaluation. It calls the forces' `constrain` on accelerations that are no direct sum of forces, and `finish`
+        after every step. It keeps the velocities of fixed degrees of freedom, and counts bad pivots in
+        `control.pivots` and `control.untrusted`. It may capture kernels, numbers, tuples of them and Booleans only.
         """
         ...
 

@@ -1,8 +1,7 @@
 """Methods with error control, of scipy: DOP853 (Hairer, Norsett & Wanner 1993) and Radau IIA (Hairer & Wanner 1996).
 
 They serve for reference solutions and are slow, because Python calls every force evaluation. Radau uses the exact
-Jacobian. It solves with LAPACK, whose threads slow each other down on a busy machine, and whose number changes the last
-bits: OPENBLAS_NUM_THREADS=1 avoids both.
+Jacobian, and LAPACK, the number of whose threads changes the last bits: OPENBLAS_NUM_THREADS=1 avoids that.
 
 Legend: x, v positions and velocities of one body; f forces; y both, flattened.
 """
@@ -52,10 +51,7 @@ class Motion:
 
 @cache
 def make_radau() -> Any:  # scipy accepts a class, though its annotations require a name
-    """Make a subclass of scipy's Radau that raises FloatingPointError if a system or right-hand side is not finite.
-
-    Scipy raises a ValueError in this case, which may have other causes.
-    """
+    """Make a subclass of scipy's Radau that raises FloatingPointError, not ValueError, if a system is not finite."""
     from scipy.integrate import Radau
 
     class Finite(Radau):
@@ -78,15 +74,11 @@ def finite(array):
 def allowed_error(body: Body, tolerance) -> np.ndarray:
     """Absolute error tolerance of a step, (6N,): relative to the body's size and to a typical speed.
 
-    The speed is that of its mass on a mean spring. Without springs, it is the body's size times the highest angular
-    frequency.
+    The speed is the size times the frequency of its mass on a mean spring; without springs, the highest one.
     """
-    size = np.ptp(body.position, axis=0).max()
-    rate = (
-        body.springs.stiffness.mean() / body.mass.sum()
-        if body.springs.stiffness.size
-        else body.max_stiffness_eigenvalue
-    )
+    size, stiffness, rate = np.ptp(body.position, axis=0).max(), body.springs.stiffness, body.max_stiffness_eigenvalue
+    if stiffness.size:
+        rate = stiffness.mean() / body.mass.sum()
     scale = np.repeat([size, size * np.sqrt(rate)], 3 * body.mass.size)
     return np.maximum(tolerance * scale, np.finfo(float).tiny)
 
@@ -95,16 +87,8 @@ def solve(body: Body, world: World, state: State, control, duration, method="DOP
     """Advance every valid body by `duration` seconds with error control; state is changed in place.
 
     If a body fails, the reason is recorded and its last valid state is restored: that before the call, or the rest
-    position if that was invalid. Rest lengths move to the end of the call and stop.
-
-    Args:
-        body: of every fish.
-        world: their surroundings.
-        state: their motion (B bodies).
-        control: their rest lengths.
-        duration: s, zero or more.
-        method: "DOP853" (explicit, order 8) or "Radau" (implicit, order 5).
-        tolerance: relative error tolerance of a step; `allowed_error` is the absolute one.
+    position if that was invalid. Rest lengths move to the end of the call and stop. The method is "DOP853" (explicit,
+    order 8) or "Radau" (implicit, order 5). The tolerance is the relative one of a step.
 
     Raises:
         ValueError: for an unknown method, a tolerance outside 1e-13 to 1e-2, or an invalid duration.
@@ -121,9 +105,8 @@ def solve(body: Body, world: World, state: State, control, duration, method="DOP
         failure = move(body, evaluator, state, control, b, duration, method, tolerance) if duration else 0
         control.rest_length[b] += duration * control.rate[b]
         control.rate[b] = 0.0
-        control.rest_length[b] = np.where(
-            np.isfinite(control.rest_length[b]), control.rest_length[b], body.springs.rest_length
-        )
+        wrong = ~np.isfinite(control.rest_length[b])
+        control.rest_length[b, wrong] = body.springs.rest_length[wrong]
         failure = failure or failure_of(evaluator, control.rest_length[b], state.x[b], state.v[b])
         if not np.isfinite(state.t[b]):
             failure, state.t[b] = NON_FINITE, 0.0

@@ -1,12 +1,10 @@
 """Leapfrog with Chebyshev-filtered kicks: explicit, its stable step grows with the number of stages.
 
-It is of second order with two stages; with more, as at the default step, its damping is of first order.
-
 Drift half a step, kick, drift half a step. The kick passes a Chebyshev polynomial of the stiffness and damping at the
 start of the step, which slows only motion that the step cannot resolve. It is a leapfrog-Chebyshev scheme (Gilbert &
 Joly 2008; Carle, Hochbruck & Sturm 2020), with damped elements and implicit drag of each face. `plan` chooses the
-number of stages for a step h. Small motion is stable up to the step of MOST_STAGES; the cost grows with the root of the
-stiffness.
+number of stages, at most MOST_STAGES; the cost grows with the root of the stiffness. The order is two with two stages;
+with more, as at the default step, the damping is of first order.
 
 Legend: x, v positions and velocities of a block; h step; f the force; a the filtered acceleration of this stage, before
 of the last one, kick of all forces; t Chebyshev polynomials T_k at their midpoint.

@@ -1,8 +1,7 @@
 """Step-size limits of each family of methods, from linear theory about rest; default steps derive from them.
 
-A body's fastest vibration has the frequency w, w^2 = `max_stiffness_eigenvalue`, and the relaxation time s,
-s w^2 = `max_damping_eigenvalue`.
-`benchmarks/stability/survey.py` measures longer stable steps in some cases: these limits are conservative.
+A body's fastest vibration has the frequency w, w^2 = `max_stiffness_eigenvalue`, and the relaxation time s, s w^2 =
+`max_damping_eigenvalue`. The limits are conservative: `benchmarks/stability/survey.py` measures longer stable steps.
 """
 
 import math
@@ -13,10 +12,7 @@ from fish_env.physics.records import Body, World
 
 
 def leapfrog(body: Body) -> float:
-    """Largest stable step of symplectic Euler, s: (sqrt((w s)^2 + 4) - w s) / w.
-
-    Tu's method has the same limit; most others are also stable at this step.
-    """
+    """Largest stable step of symplectic Euler, of Tu's and most other methods, s: (sqrt((w s)^2 + 4) - w s) / w."""
     elastic, viscous = body.max_stiffness_eigenvalue, body.max_damping_eigenvalue
     if elastic == 0.0:
         return 2.0 / viscous if viscous > 0.0 else math.inf
@@ -37,10 +33,7 @@ def explicit_euler(body: Body) -> float:
 
 
 def midpoint(body: Body) -> float:
-    """Largest stable step of the midpoint method, s.
-
-    A step h amplifies a vibration by (h w)^4 / 4, and damping reduces it by h s w^2.
-    """
+    """Largest stable step of the midpoint method, s: it amplifies by (h w)^4 / 4, and damping reduces by h s w^2."""
     if body.max_stiffness_eigenvalue == 0.0:
         return leapfrog(body)
     return min((4.0 * relaxation(body) / body.max_stiffness_eigenvalue) ** (1 / 3), leapfrog(body))
@@ -52,10 +45,7 @@ def everything(body: Body, world: World) -> str:
 
 
 def whole_nodes(body: Body, world: World) -> str:
-    """Reason that Tu's method cannot move the body, or "".
-
-    One matrix serves all axes, so a node must be fixed along all of them or along none.
-    """
+    """Reason that Tu's method cannot move the body, or "": a node must be fixed along all axes or along none."""
     fixed = body.inverse_mass == 0.0
     mixed = fixed[:, ~fixed.all(axis=0)]
     bad = np.flatnonzero(mixed.any(axis=1) & ~mixed.all(axis=1))

@@ -5,8 +5,7 @@ second order for any approximate Jacobian. Stiffness and damping of forces with 
 Other forces are explicit. Water is explicit too, except its damping in the variant WATER.
 
 If the matrix does not depend on the motion, as in linear elasticity, its factors are reused for further steps, calls
-and fish. They are recomputed when the step or a fish's factors on stiffness or mass change. For other boundary
-conditions, a tank makes a new engine with new scratch memory.
+and fish, until the step or a fish's factors on stiffness or mass change. Other boundary conditions are a new engine.
 
 Legend: x, v positions and velocities of a block; h step, inner the part of it that is implicit; matrix the system
 matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration, then a, that of
@@ -74,7 +73,7 @@ class Rosenbrock:
                     for i in range(x.size):
                         f[i] = zero(f)
                         y[i] = zero(y)
-                    if stage == 0 and steady and holds(control, work, inner):
+                    if stage == 0 and steady and factors_are_valid(control, work, inner):
                         control.reused[0] += 1
                     elif stage == 0:
                         common.set_masses(body, matrix)
@@ -82,7 +81,7 @@ class Rosenbrock:
                         add_system(body, world, control, x, v, matrix, cache)  # (30)
                         common.eliminate(body, matrix)
                         common.count_pivots(control, ldlt.factor(body.profile, matrix, work.row))
-                        remember(control, work, inner)
+                        store_validity(control, work, inner)
                     add_tangent(body, world, control, x, speed, y, cache)
                     add_force(body, world, control, px, pv, f, cache)
                     for i in range(x.size):
@@ -109,7 +108,7 @@ class Rosenbrock:
 
 
 @kernel
-def holds(control, work, inner):
+def factors_are_valid(control, work, inner):
     """Return True if the factors in `work` are valid for this step's matrix and every fish of the block."""
     stiffness, lightness, same = floats(work.stiffness), floats(work.lightness), control.constant
     same = same and work.step[0] == inner
@@ -120,7 +119,7 @@ def holds(control, work, inner):
 
 
 @kernel
-def remember(control, work, inner):
+def store_validity(control, work, inner):
     """Store the parameters of the factors in `work`, invalid ones if a pivot of any fish is untrusted."""
     untrusted = floats(control.untrusted)
     work.step[0], work.stiffness[0], work.lightness[0] = inner, control.stiffness[0], control.lightness[0]

@@ -4,9 +4,8 @@ Row i of the lower triangle is stored from its first non-zero column to the diag
 Fill-in stays inside that skyline, so the profile is computed once a body and never changes. Every fish of a block has a
 matrix of its own; all have the same skyline.
 
-A pivot is untrusted if it is not finite, or smaller than TRUSTED_PIVOT times its diagonal entry (in single precision:
-smaller than the rounding error of that entry).
-Such a fish continues to the end of the call with the resulting numbers, because the lanes of a block stay together.
+A pivot is untrusted if it is not finite, or smaller than TRUSTED_PIVOT times its diagonal entry, or than the rounding
+error of that entry. The fish continues to the end of the call, because the lanes of a block stay together.
 
 Legend: i, j, k rows and columns; a stored values, overwritten by L (below the diagonal); d the pivots D; s an entry of
 L D; p, q columns of blocks of L D and of L.
@@ -54,11 +53,7 @@ def check_pivot(least, diagonal, pivot, negative, untrusted):
 def factor_solve(shape, a, b, inverse_pivot, row):
     """Factor a (S,) in place into L D L^T and solve for three right-hand sides: b (N,), vectors, is overwritten.
 
-    The forward reduction is interleaved with the factorisation, row by row, as both depend on the same sums.
-    inverse_pivot (N,) receives 1/D; row (N,) is scratch.
-
-    Returns:
-        (non-positive pivots, untrusted pivots), a number for each fish.
+    inverse_pivot (N,) receives 1/D; row (N,) is scratch. Returns the numbers of non-positive and of untrusted pivots.
     """
     first, start, order = shape.first, shape.start, shape.first.size
     negative, untrusted, least = zero(a), zero(a), max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
@@ -133,10 +128,7 @@ def factor(shape, a, row):
 
     a (3S,) has three vectors, columns of a 3 x 3 block, for every entry of the N x N skyline `shape`: rows of the later
     node, columns of the earlier one. Only the lower triangle of diagonal blocks is read. Their columns receive the two
-    columns of L below the diagonal, and 1/D. row (3N,), vectors, is scratch.
-
-    Returns:
-        (non-positive pivots, untrusted pivots), a number for each fish.
+    columns of L below the diagonal, and 1/D. row (3N,), vectors, is scratch. Returns counts as `factor_solve`.
     """
     first, start, none = shape.first, shape.start, zero(a)
     negative, untrusted, least = none.x, none.x, max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
