@@ -34,7 +34,7 @@ def examples(count: int, **options):
     )  # fmt: skip
 
 
-def call(entry: str, function, *args, **keywords):
+def call(entry: str, function, *args, refused=REFUSED, **keywords):
     """The result of a call, or None if it was refused by an exception that is documented; others are the test's."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -42,7 +42,7 @@ def call(entry: str, function, *args, **keywords):
         warnings.filterwarnings("ignore", message=".*(converting a masked element to nan|Using the latest versioned)")
         try:
             result = function(*args, **keywords)
-        except REFUSED as error:
+        except refused as error:
             assert str(error), f"{entry} raised {type(error).__name__} without a word"
             CALLS[entry, type(error).__name__] += 1
             return None

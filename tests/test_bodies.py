@@ -31,7 +31,9 @@ each_body = pytest.mark.parametrize("name", FOUR)
 each_pair = pytest.mark.parametrize(
     ("name", "method"),
     [
-        pytest.param(name, method, marks=() if method == "leapfrog_chebyshev" and name == "planar" else pytest.mark.slow)
+        pytest.param(
+            name, method, marks=() if method == "leapfrog_chebyshev" and name == "planar" else pytest.mark.slow
+        )
         for name in FOUR
         for method, record in INTEGRATORS.items()
         if record.kind != "adaptive" and not (method == "explicit_euler" and name != "planar")
