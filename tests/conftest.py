@@ -4,7 +4,6 @@ import gc
 import math
 import os
 import signal
-import sys
 
 # before numpy is loaded: small matrices gain nothing from its threads, which on a busy machine take far longer
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -43,9 +42,3 @@ def pytest_collection_finish():
     """What has been loaded stays: the garbage collector need not look through it again while kernels are compiled."""
     gc.collect()
     gc.freeze()
-
-
-def pytest_sessionfinish():
-    """The fuzz tests write down what they have called: a worker does not live long after this."""
-    if "fuzzing" in sys.modules:
-        sys.modules["fuzzing"].write_ledger()

@@ -7,14 +7,13 @@ import json
 import os
 import sys
 import tracemalloc
-from collections import Counter
 from contextlib import redirect_stderr, redirect_stdout
 from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from fuzzing import CALLS, JSON, call, examples, odd
+from fuzzing import JSON, call, examples, odd
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -97,9 +96,9 @@ def test_a_film_of_another_fish_is_refused(recorded, place):
 def test_layouts_and_tables(place, data):
     """The layout of any id and the tables of any file, or an error that says why not."""
     id = data.draw(st.one_of(st.sampled_from(IDS), odd))
-    call("observation_layout", fish_env.observation_layout, id, **data.draw(KEYWORDS))
+    call(fish_env.observation_layout, id, **data.draw(KEYWORDS))
     place.with_suffix(".json").write_text(data.draw(st.one_of(st.text(max_size=20), JSON.map(json.dumps))))
-    call_file("load_tables", load_tables, place.with_suffix(".json"))
+    call_file(load_tables, place.with_suffix(".json"))
 
 
 TABLES = json.loads(MOTOR_FILE.read_text())
@@ -121,7 +120,7 @@ def test_tables_with_other_numbers(place, data):
         else:
             found[part][at][data.draw(st.sampled_from(list(found[part][at])))] = value
     place.with_suffix(".json").write_text(json.dumps(found))
-    tables = call_file("load_tables", load_tables, place.with_suffix(".json"))
+    tables = call_file(load_tables, place.with_suffix(".json"))
     if tables is not None:
         turns, swims = tables.turns.at(np.array([0.5, 2.0])), tables.swims.at(np.array([0.1, 0.8]))
         added = [
@@ -129,23 +128,6 @@ def test_tables_with_other_numbers(place, data):
             swim_mc(tables, swims, np.zeros((2, 2))),
         ]
         assert np.isfinite(added).all() and added[0].min() >= 0.0 and added[0].max() <= 1.0
-
-
-@pytest.mark.parametrize(
-    ("part", "value", "message"),
-    [
-        ("front", "1.0", "front is '1.0'; give"),
-        ("front", -1.0, "front is -1.0"),
-        ("lag", [0.0, 0.1], r"lag \(rad\) has shape \(2,\)"),
-        ("lag", ["a", "b", "c"], r"lag \(rad\) is"),
-        ("lag", [0.0, float("nan"), 0.0], r"lag \(rad\) is nan"),
-    ],
-)
-def test_tables_of_other_parts_are_refused(place, part, value, message):
-    """The numbers beside the tables are looked at as well."""
-    place.with_suffix(".json").write_text(json.dumps(TABLES | {part: value}))
-    with pytest.raises(ValueError, match=rf"holds no tables of motor controllers: .*{message}"):
-        load_tables(place.with_suffix(".json"))
 
 
 @pytest.mark.parametrize("text", ["[" * 10**5, '{"turns": ' + "9" * 5000 + "}", " " * 2**21, "\0", '{"turns": 1e999}'])
@@ -254,9 +236,9 @@ sys.addaudithook(Watched.hook)
 
 def use_policy(path, folder):
     """Read a policy, and all that is done with one."""
-    policy = call_file("load_policy", load_policy, path)
-    env = policy and call_file("make_policy_env", make_policy_env, policy, 2)
-    control = env and call_file("policy_controller", policy_controller, policy, env)
+    policy = call_file(load_policy, path)
+    env = policy and call_file(make_policy_env, policy, 2)
+    control = env and call_file(policy_controller, policy, env)
     if control is not None:
         assert control(env.reset(seed=0)[0], 0.0).shape == (2, *env.single_action_space.shape)
     return [["evaluate", "--episodes", "2", "--policy", str(path)],
@@ -266,30 +248,31 @@ def use_policy(path, folder):
 
 def use_recording(path, folder):
     """Read a recording, and all that is done with one."""
-    one = call_file("load_recording", load_recording, path)
+    one = call_file(load_recording, path)
     if one is not None:
-        call_file("replay", replay, one)
-        call_file("write_film", write_film, one, folder / "film.html")
+        call_file(replay, one)
+        call_file(write_film, one, folder / "film.html")
     return [["replay", str(path)], ["replay", str(path), "--save", str(folder / "film.html")]]
 
 
 def try_file(use, path):
     """Do all with a file: no other exception, no other module, nothing written elsewhere, and little memory."""
     Watched.imported, Watched.written, Watched.asked = set(), set(), True
+    statuses = []
     tracemalloc.start()
     try:
         for arguments in use(path, path.parent):
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as err:
-                status = command_line.main(arguments)
+                statuses.append(status := command_line.main(arguments))
             lines = err.getvalue().count("\n")
             assert status in (0, 1, 2) and (lines == 1 if status == 2 else not lines), (status, err.getvalue())
-            CALLS[f"python -m fish_env {arguments[0]}", f"status {status}"] += 1
         assert tracemalloc.get_traced_memory()[1] < MEMORY
     finally:
         tracemalloc.stop()
         Watched.asked = False
     assert not Watched.imported & {"planted", "nowhere", "this"}
     assert not {name for name in Watched.written if not name.startswith((str(path.parent), os.devnull))}
+    return statuses
 
 
 KINDS = {"policy": use_policy, "recording": use_recording}
@@ -326,15 +309,11 @@ def test_files_of_strangers(place, wholes, planted, kind, data):
     try_file(KINDS[kind], place)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_good_file_of_the_trial_is_used(place, wholes, kind):
-    """What the trial changes is read, replayed, played and evaluated as it is: refusals are due to the changes."""
+@pytest.mark.parametrize(("kind", "statuses"), [("policy", [0, 0, 2]), ("recording", [0, 0])])
+def test_the_good_file_of_the_trial_is_used(place, wholes, kind, statuses):
+    """What the trial changes is used as it is, but by Swim, for which the policy is not: refusals are the changes'."""
     place.write_bytes(data_of(wholes[kind]))
-    before = Counter(CALLS)
-    try_file(KINDS[kind], place)
-    made = CALLS - before
-    refused = sum(count for (_, end), count in made.items() if end not in ("accepted", "status 0"))
-    assert refused == (kind == "policy") and len(made) >= 4  # a policy of Swim was asked for once
+    assert try_file(KINDS[kind], place) == statuses
 
 
 # Command lines
@@ -358,11 +337,10 @@ def test_command_lines(tmp_path_factory, arguments):
         except SystemExit as end:
             status = end.code
     assert status in (0, 2) and (status == 0) == (not err.getvalue()), (arguments, status, err.getvalue())
-    CALLS["python -m fish_env", f"status {status}"] += 1
 
 
 TRAINING = ["swim", "all", "evaluate", "compare", "report", "play", "--seed", "--timesteps", "--num-envs", "--dt", "1",
-            "nan", "inf", "1e400", "-1", "x", "--tasks", "--learner", "sb3", "--integrators", "--help", "--"]  # fmt: skip
+            "nan", "inf", "1e400", "-1", "x", "--tasks", "--learner", "sb3", "--integrators", "--help"]  # fmt: skip
 
 
 @examples(60)
@@ -371,12 +349,9 @@ def test_training_command_lines(arguments):
     """The command line of `train.py`, of any words, is understood or refused by argparse with status 2."""
     train = pytest.importorskip("train")
     pytest.importorskip("torch")
-    status = "accepted"
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         patch.setattr(sys, "argv", ["train.py", *arguments])
         try:
             train.parse()
         except SystemExit as end:
             assert end.code in (0, 2), arguments
-            status = f"status {end.code}"
-    CALLS["train.py", status] += 1

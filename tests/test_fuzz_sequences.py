@@ -1,12 +1,13 @@
 """Environments that are reset, stepped, closed, copied and pickled in any order behave as fresh ones that are not."""
 
+import contextlib
 import copy
 import pickle
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from fuzzing import CALLS, FACTOR, REFUSED, examples
+from fuzzing import FACTOR, REFUSED, examples
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
@@ -42,8 +43,6 @@ def same(one, other, place=""):
 class Sequence(RuleBasedStateMachine):
     """Calls in any order. At the end a fresh environment is given those that count, and must answer alike."""
 
-    name = "single"
-
     def make(self):
         raise NotImplementedError
 
@@ -61,14 +60,12 @@ class Sequence(RuleBasedStateMachine):
         """Make a call that counts."""
         self.last = answer(self.env, method, args, keywords)
         self.log.append((method, args, keywords, copy.deepcopy(self.last)))
-        CALLS[f"sequence {self.name}: {method}", "accepted"] += 1
         return copy.deepcopy(self.last)
 
     def refused(self, method, *args, **keywords):
         """Make a call that is refused, and does not count."""
         with pytest.raises(REFUSED):
             getattr(self.env, method)(*args, **keywords)
-        CALLS[f"sequence {self.name}: {method}", "refused"] += 1
 
     @rule(way=st.sampled_from(["pickle", "deepcopy", "pickle of a copy"]), seed=st.integers(0, 99))
     def clone(self, way, seed):
@@ -77,7 +74,6 @@ class Sequence(RuleBasedStateMachine):
         made = copy.deepcopy(original) if way != "pickle" else original
         self.env = pickle.loads(pickle.dumps(made)) if way != "deepcopy" else made
         self.disturb(original, seed)
-        CALLS[f"sequence {self.name}: {way}", "accepted"] += 1
 
     def disturb(self, original, seed):
         original.reset(seed=seed)
@@ -87,7 +83,6 @@ class Sequence(RuleBasedStateMachine):
     def close(self):
         """Close it; a fish goes on, as its threads and its window begin again when they are needed."""
         getattr(self.env, "unwrapped", self.env).close()
-        CALLS[f"sequence {self.name}: close", "accepted"] += 1
 
     @rule()
     def overwrite(self):
@@ -122,8 +117,6 @@ def actions(shape):
 class Single(Sequence):
     """One fish, by `gym.make`, in Gymnasium's wrappers."""
 
-    name = "single"
-
     def make(self):
         return gym.make(**self.options, disable_env_checker=True)
 
@@ -155,8 +148,6 @@ class Single(Sequence):
 
 class Batch(Sequence):
     """Several fish, by `gym.make_vec`, in all three autoreset modes."""
-
-    name = "batch"
 
     def make(self):
         return gym.make_vec(**self.options)
@@ -196,8 +187,6 @@ class Batch(Sequence):
 class OfStableBaselines3(Sequence):
     """The `VecEnv` of Stable-Baselines3."""
 
-    name = "VecEnv"
-
     def make(self):
         return make_sb3_vec_env(self.options["id"], 2, self.options["seed"], max_episode_steps=3,
                                 monitor=self.options["monitor"], staggered=self.options["staggered"])  # fmt: skip
@@ -233,8 +222,6 @@ class OfStableBaselines3(Sequence):
 
 class Tanks(Sequence):
     """A tank: it is moved, held, dragged, varied and reset."""
-
-    name = "tank"
 
     def make(self):
         return Tank(FISH, 2, water=FISH.water, **self.options)
@@ -321,10 +308,8 @@ class Tanks(Sequence):
 
     def attempt(self, method, *args):
         """A call that counts if it is accepted, and that has changed nothing if it is not."""
-        try:
+        with contextlib.suppress(ValueError):
             self.do(method, *args)
-        except ValueError:
-            CALLS[f"sequence {self.name}: {method}", "ValueError"] += 1
 
 
 TestSingle = Single.TestCase

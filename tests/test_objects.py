@@ -12,12 +12,10 @@ from benchmarks.objects.layers import (
     against_each_other,
     collapse,
     enclosed,
-    frequency_and_decay,
     opposed_mode,
     opposed_time,
     twist_rate,
 )
-from benchmarks.objects.methods import largest_stable
 from benchmarks.objects.scenes import SCENES, outside, stage, watched
 from fish_env import Tank
 from fish_env.bodies.objects import OBJECTS, RING, SONG, make_ring, make_sphere, make_string, make_uniform_sphere, room
@@ -259,19 +257,6 @@ def test_scene(name, scene):
     assert (row["work"] > 0.01) == (scene == "dragged")
 
 
-def test_falls_of_rings_that_differ():
-    """Whatever the masses and wherever the nodes start, impacts add at most GROWTH of the energy of the fall.
-
-    Most falls add nothing: 7, 25 and 37 are those of 40 that add most.
-    """
-    growths = []
-    for seed in (0, 7, 25, 37):
-        outer, inner = 1.0 + 0.02 * np.random.default_rng(seed).normal(size=2)
-        thing = make_ring(mass=outer * RING.mass, inner_mass=inner * RING.inner_mass)
-        growths.append(watched(thing, SCENES["dropped"], seed=seed)["growth"])
-    assert 1e-7 < max(growths) < GROWTH
-
-
 @pytest.mark.parametrize("name", [pytest.param("sphere", marks=pytest.mark.slow), "uniform sphere"])
 def test_scene_of_a_sphere(name):
     """As for the ring, thrown at the wall, until it has left the wall again."""
@@ -340,13 +325,6 @@ def test_string_keeps_to_its_line():
     assert not tank.position[0, :, 1:].any() and not tank.position[0, 0].any()
 
 
-@pytest.mark.slow
-def test_largest_stable_step():
-    """Linear theory is on the safe side for the string; explicit Euler bears its relaxation time and no more."""
-    row = largest_stable(make_string(), "explicit_euler")
-    assert row["theory_ms"] == pytest.approx(2.0) and 1.96 < row["stable_ms"] < 2.04
-
-
 # One layer beside two
 
 
@@ -370,13 +348,6 @@ def test_layers_turn_against_each_other():
     assert abs(row["undamped_simulated_decay"]) < 1e-5
     assert row["damped_simulated_hz"] == pytest.approx(row["damped_hz"], rel=1e-7)
     assert row["damped_simulated_decay"] == pytest.approx(0.5 * 0.002 * twist_rate(12, RING) ** 2, rel=1e-6)
-
-
-def test_frequency_and_decay():
-    """Frequency and decay of a given oscillation are found."""
-    time = np.linspace(0.0, 2.0, 20001)
-    found = frequency_and_decay(time, np.exp(-0.7 * time) * np.cos(2 * np.pi * 5.0 * time))
-    assert found == pytest.approx((5.0, 0.7), rel=1e-5)
 
 
 def test_layers_move_against_each_other_after_an_impact():

@@ -108,27 +108,6 @@ def test_a_hand_that_jumps_does_not_converge():
     assert min(off[20, False], off[80, False]) > 0.5
 
 
-def fall(**materials):
-    """Least height of a ring that falls 0.2 m, over its diameter, and the rebound of its middle, over the fall."""
-    thing, height, middle = make_ring(**materials), [], []
-    tank = Tank(thing, water=room(thing.down, 0.3, 0.5), threads=1)
-    while tank.time[0] < 1.2:
-        tank.advance(4)
-        height.append(np.ptp(tank.position[0, thing.outer, 1]) / 0.2)
-        middle.append(thing.body.mass @ tank.position[0, :, 1] / thing.body.mass.sum())
-    assert tank.alive[0]
-    low = int(np.argmin(middle[: len(middle) // 2]))
-    return min(height), (max(middle[low:]) + 0.2) / 0.2
-
-
-def test_parameters():
-    """The harder the radius springs, the less a ring is flattened; the more gas, the higher it rebounds."""
-    heights = [fall(radius_stiffness=value)[0] for value in (40.0, 150.0, 600.0)]
-    assert heights == sorted(heights)
-    rebounds = [fall(pressure=value)[1] for value in (0.0, 20.0, 45.0)]
-    assert rebounds == sorted(rebounds)
-
-
 def test_projected_size():
     """A metre at ten metres through a camera of 500 pixels covers 50; an octahedron's edge is 1 - sqrt(1/2) below."""
     assert projected_size(1.0, 10.0, 500.0) == 50.0

@@ -10,10 +10,9 @@ import pytest
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv
 from fish_env.envs.variation import vary
-from fish_env.kernels.simd import Kind, Pack, Vectors, vec3
-from fish_env.physics.forces.control import NOMINAL
+from fish_env.kernels.simd import vec3
 from fish_env.physics.pose import Pose, packed_pose
-from fish_env.tasks import avoid, measures, rewards, start, target, turn, turns
+from fish_env.tasks import avoid, rewards, start, target, turn, turns
 
 each_task = pytest.mark.parametrize("task", fish_env.TASKS)
 
@@ -88,25 +87,6 @@ def test_turn_is_commanded_when_it_should_be():
     for _ in range(30):
         spun(env, [1.55])
     assert env.task.metrics(env.tank, 0, 1.6)["success"]
-
-
-@pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_reversal_comes_in_the_middle(side):
-    """The second turn is commanded after the given part of the first, from where the fish points, to the other side."""
-    options = {"yaw": 3.0, "first": 1.0, "second": 1.4, "side": side, "part": 0.5, "wait": 0.04}
-    env = begun("left_after_right", seed=1, options=options)
-    course, stages, headings = env.task.course, [], []
-    for k in range(30):
-        spun(env, [3.0 + side * 0.03 * k])
-        stages.append(int(course.stage[0]))
-        headings.append(float(course.heading[0]))
-    assert stages[:1] == [0] and stages[-1] == 2
-    second = stages.index(2)
-    # commanded at step 1, pointing at 3.03: the first turn is 0.97 from there, and its half 0.485
-    assert second == 1 + math.ceil(0.485 / 0.03)
-    facing = 3.0 + side * 0.03 * second
-    for heading, wanted in ((headings[second], facing - side * 1.4), (headings[1], 3.0 + side)):
-        assert rewards.wrapped(heading - wanted) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_reversal_by_time_and_twice():
@@ -241,20 +221,6 @@ def test_strain_and_work_against_their_definitions():
     assert found["peak_strain"] == pytest.approx(strain, rel=1e-12)
     assert found["work"] == pytest.approx(work / tank.fish.body.mass.sum(), rel=1e-9)
     assert work > 0
-
-
-def test_work_of_one_muscle():
-    """A muscle that shortens under its own elastic force does the work of a spring: c (dl)^2 / 2 goes in at most."""
-    x, rest = np.array([[[0.0, 0, 0], [1.0, 0, 0]]]), np.array([[1.0]])
-    tank = Pack(
-        "tank", position=Vectors(x, Kind(1)), rest_length=rest, variation=np.array([NOMINAL]), fibres=np.array([0]),
-        spring_nodes=np.array([[0, 1]]), spring_length=np.array([1.0]), spring_stiffness=np.array([10.0]),
-    )  # fmt: skip
-    load = measures.Effort(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.ones((1, 1)))
-    for length in np.linspace(1.0, 0.5, 11):
-        rest[0, 0] = length
-        measures.measure_load(tank, Pack("load", **load._asdict()), 0)  # as Python
-    assert load.work[0] == pytest.approx(0.5 * 10.0 * 0.5**2, rel=1e-12)  # the trapezoidal rule is exact here
 
 
 # Target
