@@ -329,7 +329,7 @@ def test_spaces_are_the_same(name):
 def test_harsh_commands_break_no_body(name):
     """Square waves for two seconds, random on every muscle or from side to side at 5 Hz, leave every fish sound."""
     fish, rng, command = FISH[name], np.random.default_rng(9), np.zeros((8, 12))
-    tank = Tank(fish, 8, water=fish.water)
+    tank = Tank(fish, 8, water=fish.water, lanes="xyz")  # the kernels of one fish
     for k in range(100):
         command = np.where(rng.random((8, 12)) < 0.15, rng.integers(0, 2, (8, 12)), command)
         command[0] = fish.sides * np.sin(0.2 * np.pi * (k + 0.5)) > 0

@@ -220,7 +220,7 @@ def test_one_compilation_for_all_memory():
     from fish_env.physics.muscles import command_all
 
     for layout in LAYOUTS:
-        Tank(FISH, 2).drive(lay(layout, abs(ACTION)), 2)
+        Tank(FISH, 2, water=FISH.water).drive(lay(layout, abs(ACTION)), 2)
     assert len({signature[1] for signature in command_all.signatures}) == 1
 
 

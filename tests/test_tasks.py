@@ -18,8 +18,8 @@ each_task = pytest.mark.parametrize("task", fish_env.TASKS)
 
 
 def begun(task="swim", num_envs=1, seed=0, options=None, **keywords):
-    """A batch of fish after a reset."""
-    env = FishVectorEnv(num_envs, task=task, **keywords)
+    """A batch of fish after a reset, moved by the kernels of one fish."""
+    env = FishVectorEnv(num_envs, task=task, lanes="xyz", **keywords)
     env.reset(seed=seed, options=options)
     return env
 
