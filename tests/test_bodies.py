@@ -120,7 +120,7 @@ def test_grouping():
         ({"body": "planar", "level": 1}, "unknown parameter 'level' of the planar fish; choose from length"),
         ({"body": "planar", "bending": [1.0] * 4}, r"bending has shape \(4,\); give shape \(5,\)"),
         ({"body": "planar", "damping": -1.0}, r"damping is -1\.0"),
-        ({"body": "tetrahedral", "level": 0}, "level is 0; give a whole number from 1 to 4"),
+        ({"body": "tetrahedral", "level": 0}, "level is 0; give a whole number, 1 to 4"),
         ({"body": "tetrahedral", "poisson": 0.5}, "poisson is 0.5 in element 0; give numbers above -1 and below 0.5"),
         ({"body": "tetrahedral", "lumping": "thirds"}, "unknown rule 'thirds'; choose from 'matched', 'quarter', 'uni"),
         ({"body": "two_layer", "inner_size": 1.0}, "inner_size is 1.0; give a number between 0 and 1"),

@@ -5,14 +5,13 @@ wrote `mass_spring.json`; `make_published` keeps the published masses and
 constants, which barely swim.
 """
 
-import json
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, shared_by_layers
 from fish_env.checks import finite_array, positive_array
-from fish_env.kernels.data import data
 from fish_env.physics.body import make_body
 from fish_env.physics.fish import Fish
 from fish_env.physics.records import Body
@@ -153,7 +152,7 @@ class MassSpringParameters:
 
 def calibrated() -> dict:
     """The calibrated parameters, from `mass_spring.json` (which also says how they were found)."""
-    return json.loads(data("fish_env.bodies", "mass_spring.json").read_text())["parameters"]
+    return read_calibration("mass_spring")["parameters"]
 
 
 def shape(parameters: MassSpringParameters) -> np.ndarray:
@@ -239,11 +238,7 @@ def make_mass_spring(**parameters) -> Fish:
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     share, drag = felt(p)
     body = make_body(position, masses(p), pairs, stiffness, damping, natural, faces, share=share, drag=drag)
-    water = make_water(WATER_DENSITY, p.drag_coefficient)
-    fish = _fish(
-        "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval
-    )
-    return replace(fish, refine=REFINE, activation_time=p.activation_time)
+    return _fish("mass_spring", body, p.contracted, time_step=p.time_step, refine=REFINE, **common_fields(p))
 
 
 def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.0275) -> Fish:
@@ -264,31 +259,28 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
     pairs, classes, _, faces = topology()
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     body = make_body(position, mass, pairs, np.array([38.0, 28.0, 30.0])[classes], np.full(91, 0.1), natural, faces)
-    contracted = finite_array(contracted, (3,), "contracted")
     water = make_water(law="linear", drag_coefficient=3.0)
-    return _fish("published", body, water, 26.0, contracted, contraction_time, time_step, 8 * time_step)
+    return _fish(
+        "published", body, finite_array(contracted, (3,), "contracted"), length=26.0, time_step=float(time_step),
+        contraction_time=float(contraction_time), control_interval=float(8 * time_step), water=water,
+    )  # fmt: skip
 
 
-def _fish(name, body: Body, water, length, contracted, contraction_time, time_step, control_interval) -> Fish:
+def common_fields(p: MassSpringParameters) -> dict:
+    """Fields of `Fish` that every body takes from the parameters as they are, and its own water."""
+    return {
+        "length": p.length, "contraction_time": p.contraction_time, "activation_time": p.activation_time,
+        "control_interval": p.control_interval, "water": make_water(WATER_DENSITY, p.drag_coefficient),
+    }  # fmt: skip
+
+
+def _fish(name: str, body: Body, contracted, **others) -> Fish:
     """Add the muscles, the head and the tail to a body with this topology."""
     pairs, classes, sections, _ = topology()
     muscles = np.flatnonzero(classes == MUSCLE)
     segments = sections[muscles].astype(int) - 1
     return Fish(
-        name=name,
-        body=body,
-        length=float(length),
-        muscles=muscles,
-        sides=np.where(np.isin(pairs[muscles, 0], LEFT), 1, -1),
-        segments=segments,
-        contracted=np.array(contracted, dtype=float)[segments],
-        contraction_time=float(contraction_time),
-        time_step=float(time_step),
-        control_interval=float(control_interval),
-        water=water,
-        nose=NOSE,
-        tail=np.array(TAIL),
-        left=LEFT.copy(),
-        right=RIGHT.copy(),
-        mirror=mirrored(),
-    )
+        name=name, body=body, muscles=muscles, sides=np.where(np.isin(pairs[muscles, 0], LEFT), 1, -1),
+        segments=segments, contracted=np.array(contracted)[segments], nose=NOSE, tail=np.array(TAIL),
+        left=LEFT.copy(), right=RIGHT.copy(), mirror=mirrored(), **others,
+    )  # fmt: skip

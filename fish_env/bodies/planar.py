@@ -10,13 +10,11 @@ from itertools import pairwise
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.fitted import fitted
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline, shared_by_layers
+from fish_env.bodies.fitted import fitted_parameters
+from fish_env.bodies.masses import continuum, matched, outline, shared_by_layers
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.fish import Fish, Landmarks
-from fish_env.physics.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 NODES = [(0, 0), *((k, k + 1) for k in range(1, 11, 2)), (11, 11)]
 """Left and right node of each layer, nose to tail; of nose and tail the one there is, twice."""
 
@@ -36,8 +34,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
         ValueError: for an unknown parameter or a value that is not allowed.
     """
     p = tu.checked_parameters("planar", parameters)
-    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag, "damping": damping}
-    bending, pull, shear, drag, damping = fitted("planar", SHAPES, **given)
+    bending, pull, shear, drag, damping = fitted_parameters("planar", bending, pull, shear, drag, damping)
     chord, diagonal, across, active = projected(p)
     chord[1:] *= bending
     diagonal[1:] *= bending
@@ -56,30 +53,15 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     )  # fmt: skip
     fibres, drives = muscles(section)
     segments, sides = np.repeat(np.arange(3), 4), np.tile([1, -1, -1, 1], 3)
-    left, right_nodes, mirror = reflected()
+    left, right, mirror = reflected()
     return Fish(
-        name="planar",
-        body=fix(body, np.arange(len(position)), "z"),
-        length=float(p.length),
+        name="planar", body=fix(body, np.arange(len(position)), "z"),
         muscles=np.array([fibres[np.argmax((drives == m).any(axis=1))] for m in range(12)]),
-        fibres=fibres,
-        drives=drives,
-        sides=sides,
-        segments=segments,
+        fibres=fibres, drives=drives, sides=sides, segments=segments,
         contracted=1.0 - ((1.0 - np.array(p.contracted)) * pull * active[1:4])[segments],
-        contraction_time=float(p.contraction_time),
-        activation_time=p.activation_time,
-        time_step=float(p.time_step),
-        refine=tu.REFINE,
-        control_interval=float(p.control_interval),
-        water=make_water(WATER_DENSITY, p.drag_coefficient),
-        nose=0,
-        tail=np.array([len(position) - 1] * 2),
-        left=left,
-        right=right_nodes,
-        mirror=mirror,
-        landmarks=landmarks(p),
-    )
+        time_step=p.time_step, refine=tu.REFINE, nose=0, tail=np.array([len(position) - 1] * 2), left=left,
+        right=right, mirror=mirror, landmarks=landmarks(p), **tu.common_fields(p),
+    )  # fmt: skip
 
 
 def reflected() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,17 +10,15 @@ of the water around while the fish is at rest, so that it resists a change of vo
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.fitted import fitted
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched
+from fish_env.bodies.fitted import fitted_parameters
+from fish_env.bodies.masses import continuum, matched
 from fish_env.bodies.skins import Skin, edges_of, layered
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_barriers, make_compartments
 from fish_env.physics.fish import Fish, Landmarks
 from fish_env.physics.records import Body
-from fish_env.physics.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
 
 
@@ -52,8 +50,7 @@ def make_two_layer(
         if not 0.0 < float(positive_array(value, (), name)) < 1.0:
             raise ValueError(f"{name} is {value!r}; give a number between 0 and 1")
     inner_stiffness = float(positive_array(inner_stiffness, (), "inner_stiffness"))
-    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag, "damping": damping}
-    bending, pull, shear, drag, damping = fitted("two_layer", SHAPES, **given)
+    bending, pull, shear, drag, damping = fitted_parameters("two_layer", bending, pull, shear, drag, damping)
     topology, classes, sections, faces = tu.topology()
     skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
     body = two_skins(
@@ -64,25 +61,14 @@ def make_two_layer(
     ends, mirror = topology[classes == tu.MUSCLE], tu.mirrored()
     segments = sections[classes == tu.MUSCLE].astype(int) - 1
     return Fish(
-        name="two_layer",
-        body=body,
-        length=float(p.length),
-        muscles=np.array([edge[frozenset(pair)] for pair in ends.tolist()]),
-        sides=np.where(np.isin(ends[:, 0], tu.LEFT), 1, -1),
-        segments=segments,
+        name="two_layer", body=body, muscles=np.array([edge[frozenset(pair)] for pair in ends.tolist()]),
+        sides=np.where(np.isin(ends[:, 0], tu.LEFT), 1, -1), segments=segments,
         contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
-        contraction_time=float(p.contraction_time),
-        activation_time=p.activation_time,
-        time_step=float(p.time_step) / 4,  # half of the largest stable step of barriers under oscillating commands
-        control_interval=float(p.control_interval),
-        water=make_water(WATER_DENSITY, p.drag_coefficient),
-        nose=tu.NOSE,
-        tail=np.array(tu.TAIL),
-        left=tu.LEFT.copy(),
-        right=tu.RIGHT.copy(),
+        time_step=p.time_step / 4,  # half of the largest stable step of barriers under oscillating commands
+        nose=tu.NOSE, tail=np.array(tu.TAIL), left=tu.LEFT.copy(), right=tu.RIGHT.copy(),
         mirror=np.concatenate([mirror, mirror + 23]),
-        landmarks=Landmarks(np.arange(23), np.zeros(23), tu.masses(p), faces, ends, mirror),
-    )
+        landmarks=Landmarks(np.arange(23), np.zeros(23), tu.masses(p), faces, ends, mirror), **tu.common_fields(p),
+    )  # fmt: skip
 
 
 def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, drag) -> Body:
