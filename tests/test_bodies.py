@@ -14,7 +14,7 @@ from moving import tiered
 from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.masses import outline
-from fish_env.bodies.tetrahedral import meshed, softening
+from fish_env.bodies.tetrahedral import make_mesh, softening
 from fish_env.physics import statics
 from fish_env.physics.body import make_body
 from fish_env.physics.forces.evaluate import Evaluator
@@ -372,7 +372,7 @@ def test_fibres_run_from_layer_to_layer(level):
 def test_the_solid_is_as_stiff_in_bending_as_a_continuum(level):
     """The energy of pure bending, of elements that were softened, is half E I over the length, slice by slice."""
     poisson, p = 0.4, tu.MassSpringParameters(**tu.calibrated())
-    mesh, section = meshed(p, level)
+    mesh, section = make_mesh(p, level)
     factor = softening(mesh, section, poisson)
     x, y, z = mesh.position.T
     bent = np.stack([-x * y, 0.5 * (x**2 + poisson * (y**2 - z**2)), poisson * y * z], axis=1)
@@ -392,7 +392,7 @@ def test_the_solid_is_as_stiff_in_bending_as_a_continuum(level):
 def test_finer_meshes_are_softened_less():
     """The factors tend to 1 as the mesh is refined."""
     p = tu.MassSpringParameters(**tu.calibrated())
-    factors = [softening(*meshed(p, level), 0.4) for level in (1, 2, 4)]
+    factors = [softening(*make_mesh(p, level), 0.4) for level in (1, 2, 4)]
     assert factors[0].min() > 0 and (factors[0] < factors[1]).all() and (factors[1] < factors[2]).all()
     assert 0.75 < factors[2].max() < 1
 

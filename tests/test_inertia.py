@@ -8,7 +8,7 @@ import pytest
 from benchmarks.bodies import inertia
 from benchmarks.bodies.fidelity import every_fish
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, moments, shared_by_layers
+from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments, moments
 from fish_env.bodies.mesh import grid, lumped_mass
 
 PARAMETERS = tu.MassSpringParameters(**tu.calibrated())
@@ -51,7 +51,7 @@ def test_layers_share_the_mass_of_their_sections():
     width, depth = (PARAMETERS.length * np.interp(share, np.arange(7), row) for row in rows)
     slice_mass = 4 * WATER_DENSITY * width * depth * np.repeat(np.diff(stations) / slices, slices)
     wanted = [slice_mass @ np.maximum(1.0 - np.abs(share - k), 0.0) for k in range(7)]
-    layers = shared_by_layers(PARAMETERS)
+    layers = layer_masses(PARAMETERS)
     np.testing.assert_allclose(layers, wanted, rtol=1e-5)
     assert layers.sum() == pytest.approx(WANTED.mass, rel=1e-12)
     assert -layers @ stations / layers.sum() == pytest.approx(WANTED.centre, rel=1e-12)
@@ -72,7 +72,7 @@ def test_bodies_have_the_inertia_of_the_outline(key, axes):
 def test_masses_are_the_nearest_in_relative_entropy():
     """Any other masses with the same moments are farther from those given."""
     position, given = tu.shape(PARAMETERS), np.ones(23) / 23 * WANTED.mass
-    found = matched(given, position, WANTED, solid=False)
+    found = match_moments(given, position, WANTED, solid=False)
 
     def entropy(mass):
         return (mass * np.log(mass / given)).sum()
@@ -100,7 +100,7 @@ def test_what_cannot_be_had_is_refused():
     """Nodes on the outline cannot have its roll inertia; nor does any outline do."""
     position = tu.shape(PARAMETERS)
     with pytest.raises(ValueError, match="no masses of these nodes have the inertia of the outline; give an outline"):
-        matched(tu.masses(PARAMETERS), position, WANTED, solid=True)
+        match_moments(tu.masses(PARAMETERS), position, WANTED, solid=True)
     with pytest.raises(ValueError, match="no masses of these nodes"):
         tu.masses(replace(PARAMETERS, layer_position=(0.001, 0.002, 0.003, 0.004, 0.005)))
 

@@ -19,7 +19,7 @@ from benchmarks.objects.layers import (
 from benchmarks.objects.scenes import SCENES, outside, stage, watched
 from fish_env import Tank
 from fish_env.bodies.objects import OBJECTS, RING, SONG, make_ring, make_sphere, make_string, make_uniform_sphere, room
-from fish_env.bodies.skins import KINDS, circle, evened, globe, octasphere, tensions
+from fish_env.bodies.skins import KINDS, circle, even_factors, globe, octasphere, tensions
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_compartments
 from fish_env.physics.forces.evaluate import Evaluator
@@ -138,7 +138,7 @@ def test_tensions_balance(skin):
 def test_evened():
     """The factors sum to 6 at every node, and springs at nodes with 4 neighbours are the stiffest."""
     skin = octasphere(2)
-    factor = evened(skin.edges)
+    factor = even_factors(skin.edges)
     total = sum(np.bincount(end, factor, len(skin.place)) for end in skin.edges.T)
     np.testing.assert_allclose(total, 6.0, rtol=1e-13)
     few = np.isin(skin.edges, np.flatnonzero(np.bincount(skin.edges.ravel()) == 4)).any(axis=1)

@@ -12,7 +12,7 @@ from benchmarks.objects.methods import is_stable
 from benchmarks.objects.scenes import SCENES, watched
 from benchmarks.objects.solids import METHODS, recovered, survives
 from fish_env import INTEGRATORS, Tank
-from fish_env.bodies.distorted import inverted, twisted
+from fish_env.bodies.distorted import invert, twist
 from fish_env.bodies.objects import OBJECTS, SOLIDS
 from fish_env.bodies.solids import SOFT, STIFF, SolidMaterial, make_ball, make_beam, make_block, make_two_materials
 from fish_env.lab.bench import Bench
@@ -106,8 +106,8 @@ def test_scene_of_a_solid(name, most):
 def test_comes_back_to_its_shape(how, method):
     """Twisted half round, or turned inside out, a bar comes back to its shape: there is no plasticity."""
     thing = make_two_materials()
-    assert np.abs(twisted(thing) - thing.body.position).max() > 0.05
-    assert (np.linalg.det(deformation(thing.body, inverted(thing))) < 0).all()
+    assert np.abs(twist(thing) - thing.body.position).max() > 0.05
+    assert (np.linalg.det(deformation(thing.body, invert(thing))) < 0).all()
     row = recovered(thing, how, method)
     assert row["failure"] == "" and row["out_of_shape"] < 2e-3
 

@@ -8,7 +8,7 @@ from benchmarks.objects.methods import largest_surviving
 from benchmarks.objects.scenes import DRAG_SPRING, FRAME
 from benchmarks.objects.survey import survives
 from fish_env import INTEGRATORS, Tank
-from fish_env.bodies.detail import LevelOfDetail, carried_over, facet_gap, projected_size
+from fish_env.bodies.detail import LevelOfDetail, carry_over, facet_gap, projected_size
 from fish_env.bodies.objects import FINEST, OBJECTS, make_ring, room
 from fish_env.physics.body import make_body
 from fish_env.physics.fish import ElasticObject
@@ -140,15 +140,15 @@ def test_a_motion_is_carried_over_to_another_level():
     turn, shift = np.eye(3) + 0.3 * rng.normal(size=(3, 3)), rng.normal(size=3)
     for old, new in ((coarse, fine), (fine, coarse)):
         affine = old.body.position @ turn + shift
-        np.testing.assert_allclose(carried_over(old, new, affine), new.body.position @ turn + shift, atol=1e-13)
+        np.testing.assert_allclose(carry_over(old, new, affine), new.body.position @ turn + shift, atol=1e-13)
         shaken = affine + 0.01 * rng.normal(size=affine.shape)
-        found = carried_over(old, new, shaken)
+        found = carry_over(old, new, shaken)
         apart = np.linalg.norm(new.body.position[:, None] - old.body.position, axis=2)
         i, j = np.nonzero(apart < 1e-10)
         assert len(i) == 36  # all nodes of the coarse level
         np.testing.assert_allclose(found[i], shaken[j], atol=1e-10)
     with pytest.raises(ValueError, match="no inner layer"):
-        carried_over(coarse, OBJECTS["uniform sphere"].make(2, layers=1), coarse.body.position)
+        carry_over(coarse, OBJECTS["uniform sphere"].make(2, layers=1), coarse.body.position)
 
 
 @pytest.mark.parametrize(

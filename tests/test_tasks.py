@@ -49,7 +49,7 @@ def test_start_pose():
     assert np.abs(np.mean(np.exp(1j * headings))) < 0.2
     env.reset(seed=0, options={"yaw": 1.0, "pitch": 0.3, "roll": 0.2})
     forward, left, up = env._pose.axes[0]
-    np.testing.assert_allclose(forward, np.cos(0.3) * start.level(1.0) + [0, 0, np.sin(0.3)], atol=1e-12)
+    np.testing.assert_allclose(forward, np.cos(0.3) * start.heading_vector(1.0) + [0, 0, np.sin(0.3)], atol=1e-12)
     assert left[2] == pytest.approx(np.sin(0.2) * np.cos(0.3), abs=1e-12)  # its left side is up, its right one down
     np.testing.assert_allclose(np.cross(forward, left), up, atol=1e-12)
 
@@ -71,11 +71,11 @@ def test_turn_is_commanded_when_it_should_be():
     place, heading = np.zeros(3), [env.task.vectors(env.tank, env._pose)[0, 0].copy()]
     for k in range(60):
         yaw = 0.5 + min(max(k - 5, 0) * 0.07, 1.2)
-        place = place + 0.02 * env.tank.fish.length * start.level(yaw)
+        place = place + 0.02 * env.tank.fish.length * start.heading_vector(yaw)
         spun(env, [yaw], place)
         heading.append(env.task.vectors(env.tank, env._pose)[0, 0].copy())
-    np.testing.assert_allclose(heading[:5], [start.level(0.5)] * 5, atol=1e-12)
-    np.testing.assert_allclose(heading[5:], [start.level(1.5)] * 56, atol=1e-12)
+    np.testing.assert_allclose(heading[:5], [start.heading_vector(0.5)] * 5, atol=1e-12)
+    np.testing.assert_allclose(heading[5:], [start.heading_vector(1.5)] * 56, atol=1e-12)
     found = env.task.metrics(env.tank, 0, 1.2)
     # commanded at step 4 (0.1 s), pointing at 0.5; it turns from step 6 on, 0.91 rad are made at step 18
     wanted = {
@@ -125,12 +125,12 @@ def test_follow_agrees_with_its_twin():
         facing, history, stage, since, origin, latency = yaw, [], 0, 0.0, yaw, None
         drift = rng.normal(0, 6)
         for _ in range(200):
-            target_rate = 4.0 * rewards.wrapped(heading - yaw) + drift * rng.normal()
+            target_rate = 4.0 * rewards.wrap_angle(heading - yaw) + drift * rng.normal()
             yaw = facing = facing + target_rate * interval
             history.append(facing)
             since += interval
             wanted = angle[stage - 1] if stage else 0.0
-            left = abs(rewards.wrapped(heading - yaw))
+            left = abs(rewards.wrap_angle(heading - yaw))
             if stage and latency is None and ((facing - origin) / wanted >= 0.9 or left <= 0.1 * abs(wanted)):
                 latency = since
             if stage < task.course.count[0]:
@@ -138,25 +138,25 @@ def test_follow_agrees_with_its_twin():
                 if reached or since >= wait[stage] - 1e-9:
                     base = heading if stage == 0 else yaw
                     heading = base + angle[stage]
-                    angle[stage] += rewards.wrapped(base - yaw)
+                    angle[stage] += rewards.wrap_angle(base - yaw)
                     stage, since, origin, latency = stage + 1, 0.0, facing, None
             spun(env, [yaw])
         assert task.course.stage[0] == stage
-        assert rewards.wrapped(task.course.heading[0] - heading) == pytest.approx(0.0, abs=1e-9)
+        assert rewards.wrap_angle(task.course.heading[0] - heading) == pytest.approx(0.0, abs=1e-9)
         assert task.course.since[0] == pytest.approx(since)
         beat = np.ones(window) / window
         mean = np.convolve(np.convolve(history, beat, "valid"), beat, "valid")[-1]
         found = task.metrics(env.tank, 0, 4.0)
-        assert found["heading_error"] == pytest.approx(abs(math.degrees(rewards.wrapped(heading - mean))), abs=1e-6)
+        assert found["heading_error"] == pytest.approx(abs(math.degrees(rewards.wrap_angle(heading - mean))), abs=1e-6)
         assert found["latency"] == pytest.approx(math.nan if latency is None else latency, nan_ok=True)
 
 
 def test_alignment_is_linear_in_the_angle():
     """0 along the heading, -1 across, -2 away, and a degree costs the same everywhere."""
     axes = np.zeros((7, 3, 3))
-    axes[:, 0] = [start.level(a) for a in np.linspace(0, np.pi, 7)]
+    axes[:, 0] = [start.heading_vector(a) for a in np.linspace(0, np.pi, 7)]
     pose = packed_pose(Pose(np.zeros((7, 3)), np.zeros((7, 3)), axes))
-    found = [rewards.alignment(pose, vec3(*start.level(0.0)), b) for b in range(7)]  # as Python
+    found = [rewards.alignment(pose, vec3(*start.heading_vector(0.0)), b) for b in range(7)]  # as Python
     np.testing.assert_allclose(found, np.linspace(0, -2, 7), atol=1e-7)
 
 
@@ -183,7 +183,7 @@ def test_a_turn_before_is_no_overshoot():
     env = begun("left_after_right", severity=0.5, options=options)
     yaw, course, paid = 0.0, env.task.course, 0.0
     for _ in range(100):
-        yaw += float(np.clip(rewards.wrapped(course.heading[0] - yaw), -0.1, 0.1))
+        yaw += float(np.clip(rewards.wrap_angle(course.heading[0] - yaw), -0.1, 0.1))
         paid += spun(env, [yaw])["overshoot"][0]
     found = env.task.metrics(env.tank, 0, 2.0)
     assert found["success"] and course.stage[0] == 2
@@ -231,7 +231,7 @@ def test_targets_follow_one_another():
     env = begun("target", patience=1.0, options={"yaw": 0.0, "distance": 1.5, "bearing": 0.4})
     task, length = env.task, env.tank.fish.length
     direction, way = task.vectors(env.tank, env._pose)[0]
-    np.testing.assert_allclose([direction, way], [start.level(0.4), 1.5 * start.level(0.4)], atol=1e-9)
+    np.testing.assert_allclose([direction, way / 1.5], [start.heading_vector(0.4)] * 2, atol=1e-9)
     goal, nose, total = task._target[0].copy(), env.tank.position[0, 0].copy(), 0.0
     first = np.linalg.norm(goal - nose) / length
     while not task.reached[0]:

@@ -27,7 +27,7 @@ from benchmarks.objects.methods import (
     swing,
 )
 from fish_env import Tank
-from fish_env.bodies.distorted import inverted, out_of_shape, twisted
+from fish_env.bodies.distorted import invert, out_of_shape, twist
 from fish_env.bodies.objects import SOLIDS
 from fish_env.bodies.room import InRoom
 from fish_env.bodies.solids import make_beam
@@ -51,7 +51,7 @@ def released(thing: InRoom, how: str, name: str, dt: float) -> Tank:
     if how == "swing":
         tank.velocity[0] = swing(thing, 0.5)
     else:
-        tank.position[0] = {"twisted": twisted, "inverted": inverted}[how](thing)
+        tank.position[0] = {"twisted": twist, "inverted": invert}[how](thing)
     return tank
 
 

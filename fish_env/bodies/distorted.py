@@ -8,7 +8,7 @@ from fish_env.physics.fish import ElasticObject
 from fish_env.physics.records import Body
 
 
-def twisted(thing: ElasticObject, turns=0.5) -> np.ndarray:
+def twist(thing: ElasticObject, turns=0.5) -> np.ndarray:
     """Positions (N,3) m of an object turned about x, the more the larger x is: by so many turns from end to end."""
     x = thing.body.position
     angle = 2.0 * np.pi * turns * (x[:, 0] - x[:, 0].min()) / thing.length
@@ -16,16 +16,16 @@ def twisted(thing: ElasticObject, turns=0.5) -> np.ndarray:
     return np.stack([x[:, 0], c * x[:, 1] - s * x[:, 2], s * x[:, 1] + c * x[:, 2]], axis=1)
 
 
-def inverted(thing: ElasticObject) -> np.ndarray:
+def invert(thing: ElasticObject) -> np.ndarray:
     """Positions (N,3) m of an object turned inside out, reflected in the plane z = 0, with noise of a hundredth."""
     noise = np.random.default_rng(1).standard_normal(thing.body.position.shape)
     return thing.body.position * [1.0, 1.0, -1.0] + 0.01 * np.ptp(thing.body.position[:, 2]) * noise
 
 
-DISTORTIONS: dict[str, Callable[[ElasticObject], np.ndarray]] = {"twisted": twisted, "inverted": inverted}
+DISTORTIONS: dict[str, Callable[[ElasticObject], np.ndarray]] = {"twisted": twist, "inverted": invert}
 
 
-def distorted(thing: ElasticObject, how: str) -> np.ndarray:
+def distort(thing: ElasticObject, how: str) -> np.ndarray:
     """Positions (N,3) m of an object, twisted or inverted.
 
     Raises:

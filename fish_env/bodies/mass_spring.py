@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from fish_env.bodies.fitted import read_calibration
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, shared_by_layers
+from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments
 from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.fish import Fish
@@ -26,7 +26,7 @@ RIGHT = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])
 CROSS, MUSCLE, OTHER = 0, 1, 2
 
 
-def mirrored() -> np.ndarray:
+def mirror_nodes() -> np.ndarray:
     """(23,) the node that each node becomes when left and right are exchanged."""
     mirror = np.arange(23)
     mirror[LEFT], mirror[RIGHT] = RIGHT, LEFT
@@ -172,9 +172,9 @@ def masses(parameters: MassSpringParameters) -> np.ndarray:
     Pitch and roll inertia are larger than the outline's: all 23 nodes lie on it, above and below the axis.
     """
     mass = np.empty(23)
-    for nodes, share in zip(LAYERS, shared_by_layers(parameters) * parameters.mass_factor, strict=True):
+    for nodes, share in zip(LAYERS, layer_masses(parameters) * parameters.mass_factor, strict=True):
         mass[nodes] = share / len(nodes)
-    return matched(mass, shape(parameters), continuum(parameters), solid=False)
+    return match_moments(mass, shape(parameters), continuum(parameters), solid=False)
 
 
 def along(factors, sections) -> np.ndarray:
@@ -182,7 +182,7 @@ def along(factors, sections) -> np.ndarray:
     return np.exp(np.interp(sections, np.arange(6), np.log(factors)))
 
 
-def felt(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
+def drag_points(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
     """Weights (24,4) of the corners in the point of each face of `topology` where its drag acts; drag factors (24,).
 
     A section bends and rotates, and a single point of a face samples neither. Place and factor are therefore fitted.
@@ -209,7 +209,7 @@ def shares(faces, behind, place) -> np.ndarray:
     return (1.0 - place)[:, None] * ends[0] + place[:, None] * ends[1]
 
 
-def checked_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
+def check_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
     """The calibrated parameters with some replaced, or ValueError, which names the body, for one there is not.
 
     Args:
@@ -230,13 +230,13 @@ def make_mass_spring(**parameters) -> Fish:
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    p = checked_parameters("mass_spring", parameters)
+    p = check_parameters("mass_spring", parameters)
     pairs, classes, sections, faces = topology()
     position = shape(p)
     stiffness = np.array(p.stiffness)[classes] * along(p.taper, sections) * (p.length / REFERENCE_LENGTH) ** 3
     damping = p.relaxation_time * along(p.damping_taper, sections) * stiffness
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
-    share, drag = felt(p)
+    share, drag = drag_points(p)
     body = make_body(position, masses(p), pairs, stiffness, damping, natural, faces, share=share, drag=drag)
     return _fish("mass_spring", body, p.contracted, time_step=p.time_step, refine=REFINE, **common_fields(p))
 
@@ -282,5 +282,5 @@ def _fish(name: str, body: Body, contracted, **others) -> Fish:
     return Fish(
         name=name, body=body, muscles=muscles, sides=np.where(np.isin(pairs[muscles, 0], LEFT), 1, -1),
         segments=segments, contracted=np.array(contracted)[segments], nose=NOSE, tail=np.array(TAIL),
-        left=LEFT.copy(), right=RIGHT.copy(), mirror=mirrored(), **others,
+        left=LEFT.copy(), right=RIGHT.copy(), mirror=mirror_nodes(), **others,
     )  # fmt: skip

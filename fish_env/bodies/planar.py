@@ -11,7 +11,7 @@ import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import fitted_parameters
-from fish_env.bodies.masses import continuum, matched, outline, shared_by_layers
+from fish_env.bodies.masses import continuum, layer_masses, match_moments, outline
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.fish import Fish, Landmarks
 
@@ -33,9 +33,9 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    p = tu.checked_parameters("planar", parameters)
+    p = tu.check_parameters("planar", parameters)
     bending, pull, shear, drag, damping = fitted_parameters("planar", bending, pull, shear, drag, damping)
-    chord, diagonal, across, active = projected(p)
+    chord, diagonal, across, active = project_stiffness(p)
     chord[1:] *= bending
     diagonal[1:] *= bending
     diagonal *= shear
@@ -53,7 +53,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     )  # fmt: skip
     fibres, drives = muscles(section)
     segments, sides = np.repeat(np.arange(3), 4), np.tile([1, -1, -1, 1], 3)
-    left, right, mirror = reflected()
+    left, right, mirror = mirror_nodes()
     return Fish(
         name="planar", body=fix(body, np.arange(len(position)), "z"),
         muscles=np.array([fibres[np.argmax((drives == m).any(axis=1))] for m in range(12)]),
@@ -64,7 +64,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     )  # fmt: skip
 
 
-def reflected() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def mirror_nodes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The nodes on the left and on the right, (5,) each, and what each node becomes when they are exchanged, (12,)."""
     left, right = np.array(NODES[1:-1]).T.copy()
     mirror = np.arange(12)
@@ -91,12 +91,12 @@ def shape(p) -> np.ndarray:
 def masses(p) -> np.ndarray:
     """Node masses (12,) kg: those of the default fish's layers, with the outline's mass, centre and yaw inertia."""
     mass = np.empty(12)
-    for nodes, value in zip(NODES, shared_by_layers(p) * p.mass_factor, strict=True):
+    for nodes, value in zip(NODES, layer_masses(p) * p.mass_factor, strict=True):
         mass[list(nodes)] = value / len(set(nodes))
-    return matched(mass, shape(p), continuum(p), solid=False)
+    return match_moments(mass, shape(p), continuum(p), solid=False)
 
 
-def projected(p):
+def project_stiffness(p):
     """Stiffness of the default fish's springs, projected onto the plane, N/m.
 
     Returns:
@@ -177,5 +177,5 @@ def landmarks(p) -> Landmarks:
     level = points * (1.0, 1.0, 0.0)
     node = np.array([np.argmin(np.linalg.norm(flat - point, axis=1)) for point in level])
     pairs, classes, _, faces = tu.topology()
-    mirror = tu.mirrored()
+    mirror = tu.mirror_nodes()
     return Landmarks(node, points[:, 2].copy(), mass, faces, pairs[classes == tu.MUSCLE], mirror)

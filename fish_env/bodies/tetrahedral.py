@@ -11,7 +11,7 @@ import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import read_calibration
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline
+from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments, outline
 from fish_env.bodies.mesh import RULES, grid, lumped_mass
 from fish_env.bodies.room import whole
 from fish_env.checks import positive_array
@@ -41,9 +41,9 @@ def make_tetrahedral(
         ValueError: for another level, an unknown parameter or a value that is not allowed.
     """
     level, own = whole(level, "level", 1, MOST), read_calibration("tetrahedral")
-    p = tu.checked_parameters("tetrahedral", parameters, own["parameters"])
+    p = tu.check_parameters("tetrahedral", parameters, own["parameters"])
     young = positive_array(own["young"] if young is None else young, (6,), "young")
-    mesh, section = meshed(p, level)
+    mesh, section = make_mesh(p, level)
     modulus = (young * softening(mesh, section, poisson))[section] * (p.length / tu.REFERENCE_LENGTH) ** 2
     tets = make_tets(mesh.position, mesh.tets, modulus, poisson, p.relaxation_time, strain)
     marks = landmarks(mesh, level, tu.masses(p))
@@ -66,7 +66,7 @@ def make_tetrahedral(
     )  # fmt: skip
 
 
-def meshed(p, level):
+def make_mesh(p, level):
     """The mesh of the default fish's outline, and the section of the body, 0 to 5, in which each tetrahedron is."""
     at = np.arange(6 * level + 1) / level
     along, width, depth = (np.interp(at, np.arange(7), row) for row in outline(p))
@@ -115,7 +115,8 @@ def masses(p, mesh, lumping) -> np.ndarray:
     if lumping not in ("matched", *RULES):
         raise ValueError(f"unknown rule {lumping!r}; choose from {', '.join(map(repr, ('matched', *RULES)))}")
     if lumping == "matched":
-        return matched(lumped_mass(mesh.position, mesh.tets, WATER_DENSITY), mesh.position, continuum(p), solid=True)
+        mass = lumped_mass(mesh.position, mesh.tets, WATER_DENSITY)
+        return match_moments(mass, mesh.position, continuum(p), solid=True)
     return lumped_mass(mesh.position, mesh.tets, WATER_DENSITY, lumping)
 
 
@@ -124,4 +125,4 @@ def landmarks(mesh, level, mass) -> Landmarks:
     lines = corner_lines(mesh)[:, ::level]
     node = np.array([mesh.number[0, 0, 0], *lines[:, 1:-1].T.ravel(), *mesh.number[-1, 0, [-1, 0]]])
     pairs, classes, _, faces = tu.topology()
-    return Landmarks(node, np.zeros(23), mass, faces, pairs[classes == tu.MUSCLE], tu.mirrored())
+    return Landmarks(node, np.zeros(23), mass, faces, pairs[classes == tu.MUSCLE], tu.mirror_nodes())

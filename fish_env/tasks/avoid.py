@@ -28,7 +28,7 @@ CRUISE = 2.0  # body lengths a second: the speed of the fish for which a sweepin
 
 
 @kernel
-def look(tank, pose, task, b, out):
+def write_vectors(tank, pose, task, b, out):
     """Commanded heading; towards the obstacle, the longer the nearer; its velocity. Zero while there is none."""
     out[b, 0] = task.heading[b]
     out[b, 1] = out[b, 2] = vec3(0.0, 0.0, 0.0)
@@ -41,9 +41,9 @@ def look(tank, pose, task, b, out):
 
 
 @kernel
-def score(tank, pose, task, b, terms):
+def write_terms(tank, pose, task, b, terms):
     """Reward as for commanded turns, less the cost of touching the obstacle; then move the obstacle."""
-    turns.score(tank, pose, task, b, terms)
+    turns.write_terms(tank, pose, task, b, terms)
     update_obstacle(tank, pose, task, b)
     terms[3, b] = -TOUCH_PENALTY if task.over[b] else 0.0
 
@@ -106,7 +106,7 @@ class AvoidTask(CommandedTurns):
     term_names = ("progress", "alignment", "effort", "touch")
     episode_steps = 300
     settable = ("gap", "aside", "drift", "sweeping", "turning", "angle", "wait")
-    look, score = look, score
+    write_vectors, write_terms = write_vectors, write_terms
     directions = (
         *CommandedTurns.directions,
         Direction("obstacle's nearness", "1 / (1 + gap in body lengths), towards it, in the body frame", 1.0, 0.3),
@@ -155,7 +155,7 @@ class AvoidTask(CommandedTurns):
             "radius": float(self.radius),
         }  # fmt: skip
 
-    def plan(self, i, generator, options):
+    def draw_turns(self, i, generator, options):
         """When the sphere appears, where, how fast it drifts, and whether a turn is under way then."""
         self._appears[i] = options.get("wait", generator.uniform(*self.wait))
         self._gap[i] = options.get("gap", generator.uniform(*self.gap))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fish_env.tasks.options import Option, checked_choice
+from fish_env.tasks.options import Option, check_choice
 from fish_env.tasks.start import POSE_OPTIONS
 from fish_env.tasks.turns import ANGLE, PATIENCE, WAIT, CommandedTurns
 
@@ -56,9 +56,9 @@ class LeftAfterRightTask(CommandedTurns):
         self.part = PART.checked_range("part", part)
         self.dwell = DWELL.checked_range("dwell", dwell)
         self.wait = WAIT.checked_range("wait", wait)
-        self.reversals = checked_choice("reversals", reversals, (1, 2))
+        self.reversals = check_choice("reversals", reversals, (1, 2))
 
-    def plan(self, i, generator, options):
+    def draw_turns(self, i, generator, options):
         """The turns, to one side and the other in turn, each before the one before it is complete."""
         course = self.course
         side = generator.choice([-1.0, 1.0])

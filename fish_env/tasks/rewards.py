@@ -33,6 +33,6 @@ def effort(tank, interval, b):
 
 
 @kernel
-def wrapped(angle):
+def wrap_angle(angle):
     """An angle, rad, brought to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
