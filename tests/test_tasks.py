@@ -89,6 +89,21 @@ def test_turn_is_commanded_when_it_should_be():
     assert env.task.metrics(env.tank, 0, 1.6)["success"]
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_reversal_comes_in_the_middle(side):
+    """The second turn is commanded after the given part of the first, from where the fish points, to the other side."""
+    options = {"yaw": 3.0, "first": 1.0, "second": 1.4, "side": side, "part": 0.5, "wait": 0.04}
+    env = begun("left_after_right", seed=1, options=options)
+    course, step = env.task.course, -1
+    while course.stage[0] < 2:
+        step += 1
+        spun(env, [3.0 + side * 0.03 * step])
+    # commanded at step 1, pointing at 3.03: the first turn is 0.97 from there, and its half 0.485
+    assert step == 1 + math.ceil(0.485 / 0.03)
+    facing = 3.0 + side * 0.03 * step
+    assert rewards.wrap_angle(course.heading[0] - (facing - side * 1.4)) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_reversal_by_time_and_twice():
     """With a dwell the next turn comes by time; two reversals make three turns of alternating sides."""
     env = begun("left_after_right", reversals=2, options={"yaw": 0.0, "side": -1, "dwell": 0.2, "wait": 0.1})
