@@ -101,7 +101,7 @@ def make_sphere(slices=12, stacks=8, layers=2, **materials) -> Layered:
     Args:
         slices: around, at least 3.
         stacks: from pole to pole, at least 2.
-        layers: 2, or 1 for the outer layer alone, filled with gas at `pressure`.
+        layers: as of `make_ring`.
         materials: fields of `TwoLayers`; those not given are those of GLOBE.
 
     Raises:

@@ -112,26 +112,11 @@ class AvoidTask(CommandedTurns):
         Direction("obstacle's nearness", "1 / (1 + gap in body lengths), towards it, in the body frame", 1.0, 0.3),
         Direction("obstacle's velocity", "body lengths/s, in the body frame", DRIFT.high, 1.0),
     )
-    reset_options = {
-        **POSE_OPTIONS,
-        "turn": ANGLE_SIGNED,
-        "wait": WAIT,
-        "gap": GAP,
-        "aside": ASIDE_SIGNED,
-        "drift": DRIFT_SIGNED,
-    }
+    reset_options = {**POSE_OPTIONS, "turn": ANGLE_SIGNED, "wait": WAIT, "gap": GAP, "aside": ASIDE_SIGNED,
+                     "drift": DRIFT_SIGNED}  # fmt: skip
 
-    def __init__(
-        self,
-        radius: float = 0.3,
-        gap=(0.6, 1.5),
-        aside: float = 0.5,
-        drift=(0.3, 1.0),
-        sweeping: float = 0.5,
-        turning: float = 0.5,
-        angle=(np.pi / 6, np.pi / 2),
-        wait=(1.0, 2.0),
-    ):
+    def __init__(self, radius: float = 0.3, gap=(0.6, 1.5), aside: float = 0.5, drift=(0.3, 1.0), sweeping: float = 0.5,
+                 turning: float = 0.5, angle=(np.pi / 6, np.pi / 2), wait=(1.0, 2.0)):  # fmt: skip
         self.radius = RADIUS.checked("radius", radius)
         self.gap = GAP.checked_range("gap", gap)
         self.aside = ASIDE.checked("aside", aside)

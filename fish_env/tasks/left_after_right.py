@@ -32,25 +32,11 @@ class LeftAfterRightTask(CommandedTurns):
 
     most_turns = 3
     settable = ("angle", "severity", "part", "dwell", "wait", "reversals")
-    reset_options = {
-        **POSE_OPTIONS,
-        "first": ANGLE,
-        "second": ANGLE,
-        "side": SIDE,
-        "part": PART,
-        "dwell": DWELL,
-        "wait": WAIT,
-    }
+    reset_options = {**POSE_OPTIONS, "first": ANGLE, "second": ANGLE, "side": SIDE, "part": PART, "dwell": DWELL,
+                     "wait": WAIT}  # fmt: skip
 
-    def __init__(
-        self,
-        angle=(np.pi / 4, np.pi / 2),
-        severity: float = 1.0,
-        part=(0.2, 0.8),
-        dwell=(0.06, 0.3),
-        wait=(0.6, 1.2),
-        reversals: int = 1,
-    ):
+    def __init__(self, angle=(np.pi / 4, np.pi / 2), severity: float = 1.0, part=(0.2, 0.8), dwell=(0.06, 0.3),
+                 wait=(0.6, 1.2), reversals: int = 1):  # fmt: skip
         self.angle = ANGLE.checked_range("angle", angle)
         self.severity = SEVERITY.checked("severity", severity)
         self.part = PART.checked_range("part", part)
