@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import small_bodies
 from moving import ADAPTIVE, each_method, without_walls
+from small_bodies import Task, bar_task
 
-from benchmarks.accuracy import boundary
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.physics.body import fix
-from fish_env.physics.conditions import PENALTY
+from fish_env.physics.conditions import PENALTY, largest_entry
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.integrators import limits
 from fish_env.physics.prescribed import prescribed_displacement
@@ -20,7 +20,33 @@ from fish_env.physics.tank_options import own_step
 from fish_env.physics.world import VACUUM, make_anchors, make_world
 
 FISH = make_fish()
-each_task = pytest.mark.parametrize("task", boundary.TASKS)
+
+
+def fish_task():
+    """The fish, its head fixed, the two nodes of its tail, and how far they go, (2,3) m: a twentieth of its length."""
+    head = FISH.body.position[:, 0] >= np.sort(FISH.body.position[:, 0])[-5]
+    return Task(fix(FISH.body, head), FISH.tail, np.tile([0.0, 0.05 * FISH.length, 0.0], (2, 1)))
+
+
+each_task = pytest.mark.parametrize("make", [fish_task, bar_task])
+
+
+def present_lengths(body):
+    """Lengths of the springs at rest, (E,) m: taken for the rest lengths, they leave no force at rest."""
+    ends = body.position[body.springs.nodes]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def displaced(task, **method):
+    """Displacement (N,3) m of all nodes, and the forces on those that are moved, of a body without forces at rest."""
+    body = task.body._replace(springs=task.body.springs._replace(rest_length=present_lengths(task.body)))
+    return prescribed_displacement(body, task.nodes, task.displacement, **method)
+
+
+def penalty(task):
+    """An anchor without length for every node to be moved: the penalty of the textbook."""
+    point = task.body.position[task.nodes] + task.displacement
+    return make_anchors(task.nodes, point, PENALTY * largest_entry(task.body))
 
 
 def thing(body, name="fixed"):
@@ -133,12 +159,12 @@ def reduced(task, load, moved, penalties=None):
 
 
 @each_task
-def test_static_elimination(task):
+def test_static_elimination(make):
     """K u = f with nodes fixed and moved, by elimination, is the reduced dense system's, to 1e-12."""
-    body, nodes, displacement = boundary.TASKS[task]()
+    body, nodes, displacement = task = make()
     rng = np.random.default_rng(2)
     load, move = rng.normal(size=body.position.shape), np.zeros_like(body.position)
-    found, bearing = prescribed_displacement(boundary.tensionless(body), nodes, displacement, load)
+    found, bearing = displaced(task, load=load)
     move[nodes] = displacement
     wanted = reduced(fix(body, np.union1d(body.fixed[:, 0], nodes)), load, move)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
@@ -154,28 +180,29 @@ def test_static_elimination(task):
 
 
 @each_task
-def test_penalty_of_the_textbook(task):
+def test_penalty_of_the_textbook(make):
     """Ten thousand largest entries on the diagonal, and that times the displacement on the right: solved alike."""
-    body, nodes, displacement = task = boundary.TASKS[task]()
-    penalties = boundary.penalty(task, PENALTY)
+    body, nodes, displacement = task = make()
+    penalties = penalty(task)
     entry = np.abs(naive.stiffness_matrix(body)).max()
     np.testing.assert_allclose(penalties.stiffness, 1e4 * entry, rtol=1e-14)
     still = np.zeros_like(body.position)
     wanted = reduced(body, still, still, penalties)
-    found = boundary.by_penalty(task, PENALTY)
+    found = displaced(task, method="penalty")[0]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
     size = np.abs(displacement).max()
     assert 0 < np.abs(found[nodes] - displacement).max() < 1e-4 * size
-    assert np.abs(found - boundary.by_elimination(task)).max() < 1e-4 * size
+    assert np.abs(found - displaced(task)[0]).max() < 1e-4 * size
 
 
 @each_task
-def test_penalty_error(task):
+def test_penalty_error(make):
     """The penalty's error falls as one over the penalty, from ten largest entries up to where rounding takes over."""
-    task = boundary.TASKS[task]()
-    truth, multiples = boundary.by_elimination(task), 10.0 ** np.arange(1, 9)
+    task = make()
+    truth, multiples = displaced(task)[0], 10.0 ** np.arange(1, 9)
     for which in (task.nodes, slice(None)):
-        errors = [np.abs(boundary.by_penalty(task, multiple) - truth)[which].max() for multiple in multiples]
+        errors = [np.abs(displaced(task, method="penalty", multiple=multiple)[0] - truth)[which].max()
+                  for multiple in multiples]  # fmt: skip
         slope = np.polyfit(np.log(multiples), np.log(errors), 1)[0]
         assert abs(slope + 1) <= 0.05, f"slope {slope:.4f}, errors {errors}"
 
@@ -183,8 +210,8 @@ def test_penalty_error(task):
 @cache
 def bent_fish():
     """The fish's task with the 1e4 penalty: body, anchors, and the world they make."""
-    task = boundary.fish_task()
-    pulling = boundary.penalty(task, PENALTY)
+    task = fish_task()
+    pulling = penalty(task)
     task = task._replace(body=small_bodies.completed(task.body))
     return task, pulling, small_bodies.completed_world(VACUUM)._replace(anchors=pulling)
 
@@ -306,7 +333,7 @@ def test_anchors_are_no_springs_in_the_matrix():
     """A penalty adds to its node's own diagonal alone, and the same on all axes, wherever the node is."""
     task, pulling, world = bent_fish()
     x = task.body.position + 0.01 * FISH.length
-    with_it, without = (naive.implicit_matrices(task.body, w, boundary.present_lengths(task.body), x, 0 * x)[0]
+    with_it, without = (naive.implicit_matrices(task.body, w, present_lengths(task.body), x, 0 * x)[0]
                         for w in (world, VACUUM))  # fmt: skip
     added = np.zeros_like(with_it)
     places = (3 * task.nodes[:, None] + np.arange(3)).ravel()

@@ -226,7 +226,7 @@ def test_a_cache_of_damaged_files(tmp_path):
 def test_folders_in_place_of_files(tmp_path, monkeypatch):
     """Folders that have the names of the cache's files cost time only."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
-    _cache.unstored.cache_clear()
+    _cache.warn_unstored.cache_clear()
 
     def made():
         return _jit.njit(lambda a: 7.0 * a)

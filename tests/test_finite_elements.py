@@ -94,34 +94,36 @@ def test_cantilever_converges():
 
     With equal masses for all nodes the end of the beam is too heavy by half a layer: that error goes with the size.
     """
-    cells, deflection, frequency, even = (2, 4, 8, 16), [], [], []
+    cells, deflection, frequency, even = (2, 4, 8), [], [], []
     for n in cells:
         body = beam.cantilever(n)
         force = 1e-4 * beam.rigidity(body) / beam.LENGTH**2
         scale = force * beam.LENGTH**3 / (3 * beam.rigidity(body))
         deflection.append(beam.tip(body, statics.linear_deflection(body, beam.tip_load(body, force)))[2] / scale)
-        if n < 16:
-            frequency.append(beam.vertical(body)[0] / beam.first_frequency(body))
-            even.append(beam.vertical(beam.cantilever(n, rule="uniform"))[0] / beam.first_frequency(body))
+        frequency.append(beam.vertical(body)[0] / beam.first_frequency(body))
+        even.append(beam.vertical(beam.cantilever(n, rule="uniform"))[0] / beam.first_frequency(body))
     missing = 1 / np.array(deflection[1:]) - 1 / (1 + beam.SHEAR)
     assert finite_elements.order(cells[1:], missing) == pytest.approx(2.0, abs=0.1)
-    assert abs(deflection[-1] - 1) < 0.02
-    assert finite_elements.order(cells[:3], np.array(frequency) ** 2 - 1) == pytest.approx(2.0, abs=0.2)
+    assert abs(deflection[-1] - 1) < 0.05
+    assert finite_elements.order(cells, np.array(frequency) ** 2 - 1) == pytest.approx(2.0, abs=0.2)
     assert abs(frequency[-1] - 1) < 0.02 and abs(even[-1] - 1) < 0.02
-    np.testing.assert_allclose(np.array(even) / frequency, 1 - 0.5 / (beam.RATIO * np.array(cells[:3])), atol=0.003)
+    np.testing.assert_allclose(np.array(even) / frequency, 1 - 0.5 / (beam.RATIO * np.array(cells)), atol=0.003)
 
 
 def test_large_bending():
-    """Under a load that bends it through 80 degrees the corotational beam is an elastica and keeps its volume."""
-    load = (2.0, 5.0, 10.0)
-    turned, fixed = (beam.cantilever(4, strain=strain) for strain in STRAINS[:2])
-    *_, (_, x) = finite_elements.bend(turned, load)
-    *_, (_, y) = finite_elements.bend(fixed, load)
-    assert abs(finite_elements.volume(turned, x) - 1) < 0.03
-    assert finite_elements.volume(fixed, y) - 1 > 0.2
+    """Under a load that bends it through 80 degrees the corotational beam is an elastica and keeps its volume.
+
+    With Green-Lagrange strain the beam is there, too, to a hundredth; with linear strain it grows.
+    """
+    ends, grown = {}, {}
+    for strain in STRAINS:
+        body = beam.cantilever(4, strain=strain)
+        *_, (_, x) = finite_elements.bend(body, (10.0,))
+        ends[strain], grown[strain] = beam.tip(body, x)[[0, 2]] / beam.LENGTH, finite_elements.volume(body, x) - 1
+    assert abs(grown["corotational"]) < 0.03 and abs(grown["green_lagrange"]) < 0.002 and grown["linear"] > 0.2
     softer = 10.0 * 0.8274 / (1 + beam.SHEAR)  # these elements bend 17 % less than they should under a small load
-    ends = finite_elements.elastica(softer)[-1]
-    np.testing.assert_allclose(beam.tip(turned, x)[[0, 2]] / beam.LENGTH, ends, atol=0.02)
+    np.testing.assert_allclose(ends["corotational"], finite_elements.elastica(softer)[-1], atol=0.02)
+    assert np.linalg.norm(ends["corotational"] - ends["green_lagrange"]) < 0.01
 
 
 @pytest.mark.parametrize("method", soft_bodies.STEPS)
@@ -140,7 +142,7 @@ def test_ruined_bodies_recover(how, method):
 def test_implicit_method_is_implicit_euler(steps, relaxation):
     """On the beam's first mode `linearly_implicit` turns and decays as implicit Euler: to the frequency as h goes to 0.
 
-    At 20 steps a period five sixths of the energy are gone after one.
+    At 20 steps a period five sixths of the energy are gone after one, and 96 % at ten.
     """
     plain = beam.cantilever(2)
     body = beam.cantilever(2, relaxation_time=relaxation / beam.vertical(plain)[0])
@@ -151,6 +153,7 @@ def test_implicit_method_is_implicit_euler(steps, relaxation):
     assert rate == pytest.approx(wanted[1], rel=1e-6)
     assert abs(frequency / (2 * np.pi) - 1) < (0.05 if steps == 20 else 0.002)
     assert steps == 200 or energy[20] / energy[0] < 0.16
+    assert np.exp(-2 * soft_bodies.implicit_euler(0.0, 10)[1]) == pytest.approx(0.04, abs=0.005)  # at ten steps
 
 
 def test_decay_of_the_first_mode():
@@ -289,16 +292,6 @@ def test_quadratic_strain_gives_way_under_pressure_and_does_not_see_a_reflection
         f = Evaluator(body, make_world()).force(np.zeros(0), body.position * [1, 1, -1], 0 * body.position)
         forces[strain] = np.abs(f).max() / (2e5 * 0.1**2)
     assert forces["green_lagrange"] < 1e-14 and min(forces["linear"], forces["corotational"]) > 1e-2
-
-
-def test_quadratic_strain_bends_as_the_elastica():
-    """Under a load that bends it through 80 degrees, its beam is where the corotational one is, to a hundredth."""
-    load = (2.0, 5.0, 10.0)
-    *_, (_, x) = finite_elements.bend(beam.cantilever(4, strain="corotational"), load)
-    body = beam.cantilever(4, strain="green_lagrange")
-    *_, (_, y) = finite_elements.bend(body, load)
-    assert np.linalg.norm(beam.tip(body, x) - beam.tip(body, y)) < 0.01 * beam.LENGTH
-    assert abs(finite_elements.volume(body, y) - 1) < 0.002
 
 
 @pytest.mark.parametrize("method", ["linearly_implicit_projected", "leapfrog_chebyshev"])

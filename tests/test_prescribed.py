@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import small_bodies
+from small_bodies import bar_task
 
-from benchmarks.accuracy.boundary import bar_task
 from fish_env import Tank, make_fish, make_world
 from fish_env.bodies.objects import make_ring
 from fish_env.physics.body import fix, make_body

@@ -221,7 +221,7 @@ class Tank(Settled, Generic[Elastic]):
     def _set_variation(self, i: int, row: np.ndarray) -> None:
         self.variation[i] = row
         if self._engine is not None:
-            self._engine.plan(i)
+            self._engine.choose_step(i)
 
     def advance(self, steps: int) -> None:
         """Advance by `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
@@ -491,7 +491,7 @@ class Tank(Settled, Generic[Elastic]):
         if self._engine is not None and not follows:
             self._engine = Engine(self)
         elif self._engine is not None and world.anchors is not None:
-            self._engine.follow(world.anchors)
+            self._engine.update_anchors(world.anchors)
         self._impose()
 
     def _impose(self) -> None:
@@ -512,4 +512,4 @@ class Tank(Settled, Generic[Elastic]):
         """Update the positions and velocities of the anchors, which stay the same otherwise."""
         self._settle_anew(world=frozen(self.world._replace(anchors=anchors)))
         if self._engine is not None and anchors is not None:
-            self._engine.follow(anchors)
+            self._engine.update_anchors(anchors)
