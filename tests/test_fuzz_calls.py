@@ -15,7 +15,6 @@ from fish_env.kernels.simd import Kind
 
 FISH = make_fish()
 ACTION = single(np.random.default_rng(0).uniform(-1.0, 1.0, (2, 12)))
-SOLID = make_fish("tetrahedral").body
 
 
 def finite(tank):
