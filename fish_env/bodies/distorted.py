@@ -9,7 +9,7 @@ from fish_env.physics.records import Body
 
 
 def twist(thing: ElasticObject, turns=0.5) -> np.ndarray:
-    """Positions (N,3) m of an object turned about x, the more the larger x is: by so many turns from end to end."""
+    """Turn an object about x, by so many turns from end to end; returns positions (N,3) m."""
     x = thing.body.position
     angle = 2.0 * np.pi * turns * (x[:, 0] - x[:, 0].min()) / thing.length
     c, s = np.cos(angle), np.sin(angle)
@@ -17,7 +17,7 @@ def twist(thing: ElasticObject, turns=0.5) -> np.ndarray:
 
 
 def invert(thing: ElasticObject) -> np.ndarray:
-    """Positions (N,3) m of an object turned inside out, reflected in the plane z = 0, with noise of a hundredth."""
+    """Turn an object inside out, in the plane z = 0, with noise of a hundredth; returns positions (N,3) m."""
     noise = np.random.default_rng(1).standard_normal(thing.body.position.shape)
     return thing.body.position * [1.0, 1.0, -1.0] + 0.01 * np.ptp(thing.body.position[:, 2]) * noise
 
@@ -26,7 +26,7 @@ DISTORTIONS: dict[str, Callable[[ElasticObject], np.ndarray]] = {"twisted": twis
 
 
 def distort(thing: ElasticObject, how: str) -> np.ndarray:
-    """Positions (N,3) m of an object, twisted or inverted.
+    """Twist or invert an object; returns positions (N,3) m.
 
     Raises:
         ValueError: for an object in a plane or on a line; or if springs alone make it up, which are at rest in its

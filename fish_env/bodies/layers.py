@@ -81,7 +81,7 @@ class TwoLayers:
 
 
 def choose_materials(standard: TwoLayers, changes: dict, layers=2) -> TwoLayers:
-    """The standard materials with some changed, for one layer or two.
+    """Change some of the standard materials, for one layer or two.
 
     Raises:
         ValueError: for an unknown name, a value that is not allowed, a mass and a density of the same layer, or a

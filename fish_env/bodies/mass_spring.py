@@ -27,7 +27,7 @@ CROSS, MUSCLE, OTHER = 0, 1, 2
 
 
 def mirror_nodes() -> np.ndarray:
-    """(23,) the node that each node becomes when left and right are exchanged."""
+    """Node (23,) that each node becomes when left and right are exchanged."""
     mirror = np.arange(23)
     mirror[LEFT], mirror[RIGHT] = RIGHT, LEFT
     return mirror
@@ -197,7 +197,7 @@ def drag_points(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.nda
 
 
 def shares(faces, behind, place) -> np.ndarray:
-    """The part (F,4) that each corner has in a point of a face, from 0 between its front corners to 1 between the rear.
+    """Part (F,4) that each corner has in a point of a face, from 0 between its front corners to 1 between the rear.
 
     Args:
         faces: (F,4) nodes; a triangle's third is given twice.
@@ -210,7 +210,7 @@ def shares(faces, behind, place) -> np.ndarray:
 
 
 def check_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
-    """The calibrated parameters with some replaced, or ValueError, which names the body, for one there is not.
+    """Replace some of the calibrated parameters; ValueError, which names the body, for one there is not.
 
     Args:
         body: its name.

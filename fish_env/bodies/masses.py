@@ -77,7 +77,7 @@ def layer_masses(p) -> np.ndarray:
 
 
 def match_moments(mass, position, wanted: Moments, solid: bool) -> np.ndarray:
-    """Masses (N,) kg with the mass, the centre and the inertia of `wanted`.
+    """Change masses (N,) kg to have the mass, the centre and the inertia of `wanted`.
 
     Each mass is multiplied by the exponential of a polynomial of second degree in its position: of all masses with
     these moments they are the nearest to those given, in relative entropy, and they are positive.

@@ -65,7 +65,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
 
 
 def mirror_nodes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The nodes on the left and on the right, (5,) each, and what each node becomes when they are exchanged, (12,)."""
+    """Nodes on the left and on the right, (5,) each, and the node (12,) that each becomes when they are exchanged."""
     left, right = np.array(NODES[1:-1]).T.copy()
     mirror = np.arange(12)
     mirror[left], mirror[right] = right, left
@@ -97,7 +97,7 @@ def masses(p) -> np.ndarray:
 
 
 def project_stiffness(p):
-    """Stiffness of the default fish's springs, projected onto the plane, N/m.
+    """Project the stiffness of the default fish's springs, N/m, onto the plane.
 
     Returns:
         chord (6,) of each side of a section, diagonal (6,) of each of two, across (7,) a layer, active (6,) the

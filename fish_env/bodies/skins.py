@@ -53,7 +53,7 @@ def octasphere(level: int) -> Skin:
 
 
 def subdivide(place: list, faces: list, level: int) -> Skin:
-    """Triangles (a, b, c), outward, divided in four `level` times at the middles of their edges, on the sphere."""
+    """Divide triangles (a, b, c), outward, in four `level` times at the middles of their edges, on the sphere."""
     for _ in range(level):
         middle: dict[tuple[int, int], int] = {}
         finer = []

@@ -124,7 +124,7 @@ def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=S
 
 
 def choose_material(standard: SolidMaterial, given: dict) -> SolidMaterial:
-    """A material with some fields given; ValueError for an unknown one."""
+    """Change some fields of a material; ValueError for an unknown one."""
     names = [field.name for field in fields(SolidMaterial)]
     for name in given:
         if name not in names:

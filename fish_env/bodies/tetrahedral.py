@@ -67,7 +67,7 @@ def make_tetrahedral(
 
 
 def make_mesh(p, level):
-    """The mesh of the default fish's outline, and the section of the body, 0 to 5, in which each tetrahedron is."""
+    """Make the mesh of the default fish's outline; returns it and the section, 0 to 5, of each tetrahedron."""
     at = np.arange(6 * level + 1) / level
     along, width, depth = (np.interp(at, np.arange(7), row) for row in outline(p))
     mesh = grid(along, width, depth, 2 * level, 2 * level)
@@ -91,7 +91,7 @@ def fibres(p, marks):
 
 
 def softening(mesh, section, poisson) -> np.ndarray:
-    """(6,) factors on the moduli of the sections, with which each is as stiff in lateral bending as the continuum.
+    """Factors (6,) on the moduli of the sections, with which each is as stiff in lateral bending as the continuum.
 
     A linear tetrahedron that is bent is sheared as well, and is too stiff by what that takes: the more, the longer it
     is along the body and the thinner the body. The factor is the energy of pure bending, by the exact integral, over

@@ -114,7 +114,7 @@ def inner_shape(p, size) -> np.ndarray:
 
 
 def corners_of(faces) -> tuple[np.ndarray, np.ndarray]:
-    """Between what barriers act: every corner of a face with its two neighbours (K,3), and its inner partner (K,).
+    """Corners of faces, each with its two neighbours (K,3), and the inner partner (K,) that a barrier keeps behind it.
 
     A quadrilateral cut along one diagonal would not be its own mirror image.
     """
@@ -128,7 +128,7 @@ def corners_of(faces) -> tuple[np.ndarray, np.ndarray]:
 
 
 def reverse_faces(faces) -> np.ndarray:
-    """The faces (F,4) seen from inside; a triangle's third node stays the one given twice."""
+    """Turn faces (F,4) to be seen from inside; a triangle's third node stays the one given twice."""
     turned = faces[:, [0, 3, 2, 1]]
     return np.where(faces[:, 2:3] == faces[:, 3:4], faces[:, [1, 0, 2, 3]], turned)
 

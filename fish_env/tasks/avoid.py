@@ -29,7 +29,7 @@ CRUISE = 2.0  # body lengths a second: the speed of the fish for which a sweepin
 
 @kernel
 def write_vectors(tank, pose, task, b, out):
-    """Commanded heading; towards the obstacle, the longer the nearer; its velocity. Zero while there is none."""
+    """Write the commanded heading; the way to the obstacle, the longer the nearer; its velocity. Zero without one."""
     out[b, 0] = task.heading[b]
     out[b, 1] = out[b, 2] = vec3(0.0, 0.0, 0.0)
     if task.present[b]:
@@ -42,7 +42,7 @@ def write_vectors(tank, pose, task, b, out):
 
 @kernel
 def write_terms(tank, pose, task, b, terms):
-    """Reward as for commanded turns, less the cost of touching the obstacle; then move the obstacle."""
+    """Write the reward as for commanded turns and the cost of touching the obstacle; move the obstacle."""
     turns.write_terms(tank, pose, task, b, terms)
     update_obstacle(tank, pose, task, b)
     terms[3, b] = -TOUCH_PENALTY if task.over[b] else 0.0
@@ -141,7 +141,7 @@ class AvoidTask(CommandedTurns):
         }  # fmt: skip
 
     def draw_turns(self, i, generator, options):
-        """When the sphere appears, where, how fast it drifts, and whether a turn is under way then."""
+        """Draw when the sphere appears, where, how fast it drifts, and whether a turn is under way then."""
         self._appears[i] = options.get("wait", generator.uniform(*self.wait))
         self._gap[i] = options.get("gap", generator.uniform(*self.gap))
         self._aside[i] = options.get("aside", generator.uniform(-self.aside, self.aside))

@@ -45,7 +45,7 @@ class LeftAfterRightTask(CommandedTurns):
         self.reversals = check_choice("reversals", reversals, (1, 2))
 
     def draw_turns(self, i, generator, options):
-        """The turns, to one side and the other in turn, each before the one before it is complete."""
+        """Draw turns to one side and the other, each commanded before the one before it is complete."""
         course = self.course
         side = generator.choice([-1.0, 1.0])
         if "side" in options:

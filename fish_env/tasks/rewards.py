@@ -34,5 +34,5 @@ def effort(tank, interval, b):
 
 @kernel
 def wrap_angle(angle):
-    """An angle, rad, brought to [-pi, pi)."""
+    """Bring an angle, rad, to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

@@ -16,13 +16,13 @@ SPEED = Option(0.1, 3.0, "commanded speed, body lengths per second")
 
 @kernel
 def write_vectors(tank, pose, task, b, out):
-    """The commanded heading, a unit vector, or the commanded velocity, body lengths per second."""
+    """Write the commanded heading, a unit vector, or the commanded velocity, body lengths per second."""
     out[b, 0] = task.speed[b] * task.heading[b]
 
 
 @kernel
 def write_terms(tank, pose, task, b, terms):
-    """Progress along the heading, body lengths, less the effort of moving the muscles."""
+    """Write the progress along the heading, body lengths, and the cost of moving the muscles."""
     progress = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
     if task.commanded:
         wanted = task.speed[b] * task.interval

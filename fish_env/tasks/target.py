@@ -28,7 +28,7 @@ PATIENCE = Option(0.5, 60.0, "time after which a target is given up, s")
 
 @kernel
 def write_vectors(tank, pose, task, b, out):
-    """From the fish's centre to its target: a unit vector, and the whole way in body lengths."""
+    """Write the way from the fish's centre to its target: as a unit vector, and in body lengths."""
     way = (task.target[b] - pose.centre[b]) / tank.length
     out[b, 0] = pointing(way)
     out[b, 1] = way
@@ -36,7 +36,7 @@ def write_vectors(tank, pose, task, b, out):
 
 @kernel
 def write_terms(tank, pose, task, b, terms):
-    """Reward for approaching, pointing at and reaching the target, less effort; then set the next target."""
+    """Write the reward for approaching, pointing at and reaching the target, and effort; set the next target."""
     way = pointing(task.target[b] - pose.centre[b])
     now = gap(tank, task, b)
     hit = now <= task.radius

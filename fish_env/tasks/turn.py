@@ -28,7 +28,7 @@ class TurnTask(CommandedTurns):
         self.wait = WAIT.checked_range("wait", wait)
 
     def draw_turns(self, i, generator, options):
-        """One turn, by time."""
+        """Draw one turn, commanded by time."""
         angle, side = generator.uniform(*self.angle), generator.choice([-1.0, 1.0])
         wait = generator.uniform(*self.wait)
         self.course.count[i] = 1

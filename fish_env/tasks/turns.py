@@ -160,13 +160,13 @@ def overshoot_angle(task, b):
 
 @kernel
 def write_vectors(tank, pose, task, b, out):
-    """The commanded heading, a unit vector."""
+    """Write the commanded heading, a unit vector."""
     out[b, 0] = task.heading[b]
 
 
 @kernel
 def write_terms(tank, pose, task, b, terms):
-    """Progress along the commanded heading, less what pointing elsewhere and effort cost; on with the course."""
+    """Write progress along the commanded heading, alignment, effort and overshoot; go on with the course."""
     heading = task.heading[b]
     terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
     terms[1, b] = rewards.alignment(pose, heading, b) * (task.alignment_weight * task.interval)  # (40)
