@@ -107,7 +107,7 @@ def simulated(thing):
 def test_makers(name, data):
     """Parts of bodies, worlds, anchors, gaits and kinds."""
     make, needed, others = MAKERS[name]
-    made = call(name, make, **data.draw(keywords(needed, others)))
+    made = call(make, **data.draw(keywords(needed, others)))
     assert made is None or not unsound(made, infinite=("phase",)), unsound(made)
 
 
