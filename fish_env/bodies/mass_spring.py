@@ -155,15 +155,18 @@ def calibrated() -> dict:
     return read_calibration("mass_spring")["parameters"]
 
 
-def shape(parameters: MassSpringParameters) -> np.ndarray:
-    """Rest positions (23,3) m: nose at the origin, body along -x, y to the left, z up."""
+def place_nodes(stations, half_depths, half_widths, end, half_span) -> np.ndarray:
+    """Positions (23,3): nose at the origin, square layers at five stations along -x, tail tips at the end."""
     position = np.zeros((23, 3))
-    for layer, station, depth, width in zip(
-        LAYERS[1:6], parameters.layer_position, parameters.half_depth, parameters.half_width, strict=True
-    ):
-        position[layer] = [(-station, sy * width, sz * depth) for sy, sz in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    position[list(TAIL)] = [(-1.0, 0.0, parameters.tail_half_span), (-1.0, 0.0, -parameters.tail_half_span)]
-    return position * parameters.length
+    for layer, x, depth, width in zip(LAYERS[1:6], stations, half_depths, half_widths, strict=True):
+        position[layer] = [(-x, sy * width, sz * depth) for sy, sz in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    position[list(TAIL)] = [(-end, 0.0, half_span), (-end, 0.0, -half_span)]
+    return position
+
+
+def shape(p: MassSpringParameters) -> np.ndarray:
+    """Rest positions (23,3) m: nose at the origin, body along -x, y to the left, z up."""
+    return place_nodes(p.layer_position, p.half_depth, p.half_width, 1.0, p.tail_half_span) * p.length
 
 
 def masses(parameters: MassSpringParameters) -> np.ndarray:
@@ -248,10 +251,8 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
     (vanish87/UnityFishSimulation, 2020), as is `contraction_time`, its fastest half beat. The water is linear, as the
     published one, and thick enough to survive hard jerks at half the published step of 0.055. See docs/physics.md.
     """
-    position = np.zeros((23, 3))
-    for layer, x, half in zip(LAYERS[1:6], (5, 10, 15, 20, 22), (2, 3, 2, 1, 0.8), strict=True):
-        position[layer] = [(-x, sy * half, sz * half) for sy, sz in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    position[list(TAIL)] = [(-26, 0, 3), (-26, 0, -3)]
+    half = (2, 3, 2, 1, 0.8)
+    position = place_nodes((5, 10, 15, 20, 22), half, half, 26, 3)
     mass = np.full(23, 1.1)
     mass[1:5] = mass[9:13] = 6.6
     mass[5:9] = 11.0
