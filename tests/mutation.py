@@ -48,7 +48,7 @@ COMPILED = {
     "fish_env/physics/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs",
                              "failing_methods", "every_method", "topology", "tank"),
     "fish_env/physics/forces": ("forces", "surroundings", "elements", "gas_and_barriers", "own_force", "conditions",
-                                "lanes", "four_bodies", "constant_matrix", "method_kinds"),
+                                "lanes", "bodies", "constant_matrix", "method_kinds"),
     "fish_env/tasks": ("tasks", "layout", "envs", "controllers", "control"),
 }  # fmt: skip
 """The files of tests that a compiled copy of the package with a mistake meets."""

@@ -29,7 +29,7 @@ from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import checked_options
+from fish_env.tasks.options import check_options
 from fish_env.tasks.start import check_pose
 
 
@@ -172,7 +172,7 @@ class Episodes(Settled):
 
     def checked_reset(self, options: Mapping | None) -> dict[str, float]:
         """The options of a reset as numbers; ValueError for what these fish cannot begin with."""
-        checked = checked_options({} if options is None else options, self.reset_options)
+        checked = check_options({} if options is None else options, self.reset_options)
         check_pose(self.tank.fish, checked)
         return checked
 

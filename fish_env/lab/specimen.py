@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies import BODIES, Fish
-from fish_env.bodies.detail import carried_over
+from fish_env.bodies.detail import carry_over
 from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.checks import is_whole
 from fish_env.control.gait import best_gait
@@ -216,8 +216,8 @@ class Specimen:
             raise ValueError(
                 f"{self.entry.thing!r} has no layers, whose motion could be carried over; give one that has"
             )
-        other.tank.position[0] = carried_over(before, after, self.position)
-        other.tank.velocity[0] = carried_over(before, after, self.tank.velocity[0])
+        other.tank.position[0] = carry_over(before, after, self.position)
+        other.tank.velocity[0] = carry_over(before, after, self.tank.velocity[0])
         other.tank.time[0] = self.tank.time[0]
         return other
 
