@@ -481,7 +481,7 @@ def test_methods_refuse():
     """Methods refuse conditions that they cannot serve, with the reason; penalties need equal places and all axes."""
     slanted = fix(FISH.body, [7], "yz")
     with pytest.raises(
-        ValueError, match="'semi_implicit' cannot move 'fixed' .*: node 7 is fixed along some axes only"
+        ValueError, match=r"'semi_implicit' cannot move 'fixed' .*: node 7 is fixed along some axes only"
     ):
         Tank(thing(slanted), integrator="semi_implicit")
     for body in (fix(FISH.body, [7]), fix(FISH.body, range(23), "z"), fix(fix(FISH.body, range(23), "z"), [4])):

@@ -14,8 +14,7 @@ from fish_env.physics import statics
 from fish_env.physics.body import make_body
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.statics import reactions
-from fish_env.physics.statics import equilibrium
+from fish_env.physics.statics import equilibrium, reactions
 from fish_env.physics.world import make_anchors, make_world
 
 FISH = make_fish()

@@ -20,8 +20,8 @@ from fish_env.physics.body import fix, make_body
 from fish_env.physics.conditions import PENALTY, largest_entry
 from fish_env.physics.elements import make_tets
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.statics import prescribed_displacement
 from fish_env.physics.records import Anchors, Body
+from fish_env.physics.statics import prescribed_displacement
 from fish_env.physics.world import VACUUM, make_anchors
 
 COMMAND = "python -m benchmarks.accuracy.boundary"
