@@ -47,7 +47,7 @@ TESTS = {
 COMPILED = {
     "fish_env/physics/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs", "counters",
                              "failing_methods", "every_method", "topology", "tank"),
-    "fish_env/physics/forces": ("forces", "elements", "own_force", "conditions", "lanes",
+    "fish_env/physics/forces": ("forces", "elements", "extending", "conditions", "lanes",
                                  "four_bodies", "constant_matrix", "method_kinds"),
     "fish_env/tasks": ("tasks", "layout", "envs", "controllers", "control"),
 }  # fmt: skip
