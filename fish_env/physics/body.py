@@ -13,14 +13,7 @@ from fish_env.physics import forces
 from fish_env.physics.elements import check_outward
 from fish_env.physics.failures import FAILURES  # noqa: F401 - also importable from here
 from fish_env.physics.linalg import ldlt, rates
-from fish_env.physics.records import (
-    Barriers,
-    Body,
-    Compartments,
-    Faces,
-    Springs,
-    Tets,
-)
+from fish_env.physics.records import Barriers, Body, Compartments, Faces, Springs, Tets
 
 
 @representable("the body")

@@ -9,11 +9,7 @@ from typing import Any
 import numpy as np
 
 from fish_env.checks import finite_array, node_array, positive_array, representable
-from fish_env.physics.records import (
-    Barriers,
-    Compartments,
-    Tets,
-)
+from fish_env.physics.records import Barriers, Compartments, Tets
 from fish_env.physics.volume import volume_of
 
 STRAINS = ("corotational", "linear", "green_lagrange")

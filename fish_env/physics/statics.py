@@ -32,7 +32,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from fish_env.checks import finite_array, is_whole, positive_array
 from fish_env.physics.body import node_numbers
-from fish_env.physics.conditions import METHODS, PENALTY
+from fish_env.physics.conditions import METHODS, PENALTY, vectors_along
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.forces.sparse import tangent
@@ -170,19 +170,12 @@ def prescribed_displacement(
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
     multiple = float(positive_array(multiple, (), "multiple"))
-    nodes, shape = node_numbers(body, nodes), body.position.shape
-    given = np.asarray(displacement)
-    given = finite_array(given, (3,) if given.shape == (3,) else (nodes.size, 3), "displacement (m)")
-    wanted = np.zeros(shape)
-    wanted[nodes] = given
+    nodes, shape, own = node_numbers(body, nodes), body.position.shape, body.inverse_mass == 0.0
+    wanted, displaced, every = np.zeros(shape), np.zeros(shape, dtype=bool), np.ones(3, dtype=bool)
+    wanted[nodes], displaced[nodes] = vectors_along(displacement, nodes, every, "displacement", "it", "m"), True
     load = np.zeros(shape) if load is None else finite_array(load, shape, "load (N)")
-    own = body.inverse_mass == 0.0
-    if (clash := wanted[own]).any():
-        raise ValueError(
-            f"the body fixes degrees of freedom that are to move by up to {abs(clash).max():g} m; free them"
-        )
-    displaced = np.zeros(shape, dtype=bool)
-    displaced[nodes] = True
+    if (clash := abs(wanted[own])).any():
+        raise ValueError(f"the body fixes degrees of freedom that are to move by up to {clash.max():g} m; free them")
     matrix = csc_array(tangent(body, world, body.springs.rest_length, body.position))
     if method == "elimination":
         return _eliminate(matrix, wanted, load, own | displaced)

@@ -130,22 +130,19 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
     """
     if isinstance(lanes, np.integer):
         lanes = int(lanes)
+    choice = ", ".join(map(repr, LANES))
     if not isinstance(lanes, str | int | None) or not isinstance(dtype, str):
-        raise ValueError(
-            f"lanes is {lanes!r} and dtype {dtype!r}; choose from {', '.join(map(repr, LANES))} and from 'float64', "
-            "'float32'"
-        )
+        raise ValueError(f"lanes is {lanes!r} and dtype {dtype!r}; choose from {choice} and from 'float64', 'float32'")
     if lanes is None:
         many = 16 if dtype == "float32" else 8
         lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
     kind = Kind(lanes, dtype)
     if lanes in NOT_FOR_TANKS:
-        reason = NOT_FOR_TANKS[str(lanes)]
-        raise ValueError(f"lanes is {lanes!r}, which {reason}; choose from {', '.join(map(repr, LANES))}")
+        raise ValueError(f"lanes is {lanes!r}, which {NOT_FOR_TANKS[str(lanes)]}; choose from {choice}")
     return kind
 
 
-def varied(body: Body, world: World, row) -> tuple[Body, World]:
+def apply_variation(body: Body, world: World, row) -> tuple[Body, World]:
     """Apply the factors and the current of a row of `Tank.variation` to a body and its world."""
     stiffness, mass, drag = (float(factor) for factor in row[:3])
     return scaled(body, stiffness, stiffness, mass), world._replace(
@@ -167,10 +164,8 @@ def own_step(fish: ElasticObject, integrator: Integrator) -> float:
     limit = integrator.limit(fish.body)
     if not limit > 0:
         others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.limit(fish.body) > 0)
-        raise ValueError(
-            f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped; "
-            f"choose from {others}"
-        )
+        what = f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped"
+        raise ValueError(f"{what}; choose from {others}")
     return fish.control_interval / max(1, math.ceil(fish.control_interval / (PART * limit)))
 
 
@@ -215,11 +210,9 @@ def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.nd
 
 def checked_variation(stiffness, mass, drag, current) -> np.ndarray:
     """Row (6,) of `Tank.variation`; ValueError for invalid values."""
-    row = np.concatenate([
-        positive_array([stiffness, mass], (2,), "factors on stiffness and mass"),
-        positive_array([drag], (1,), "factor on drag", zero=True),
-        finite_array(current, (3,), "current (m/s)"),
-    ])  # fmt: skip
+    factors = positive_array([stiffness, mass], (2,), "factors on stiffness and mass")
+    drag = positive_array([drag], (1,), "factor on drag", zero=True)
+    row = np.concatenate([factors, drag, finite_array(current, (3,), "current (m/s)")])
     low, high = FACTORS
     if not (row[:2].min() >= low and row[:3].max() <= high):
         raise ValueError(f"factors on stiffness, mass and drag are {row[:3]}; give numbers from {low:g} to {high:g}")
