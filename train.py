@@ -29,6 +29,7 @@ THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 def parse() -> argparse.Namespace:
     """The command line."""
     from agents.config import CONFIGS, FINE_TUNING
+    from fish_env.__main__ import add_policy_commands
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
@@ -48,9 +49,9 @@ def parse() -> argparse.Namespace:
         command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are saved (default runs)")
         command.add_argument("--folder", type=Path, help="save the run in this folder")
         command.add_argument("--no-pictures", action="store_true", help="only evaluate the policy at the end")
-        command.add_argument("--learner", default="compiled", choices=("compiled", "sb3"), help="compiled kernels, or "
-                             "Stable-Baselines3's own code, which trains the same policy in more time")  # fmt: skip
-        command.add_argument("--torch-threads", type=int, default=1, help="more is often slower (default 1)")
+        command.add_argument(
+            "--torch-threads", type=int, help="threads of the updates (default 2, or 1 on one processor)"
+        )
     command = commands.add_parser("all", help="train every task with all its seeds, and publish the results")
     command.add_argument("--runs", type=Path, help="where runs are saved (default runs/all)")
     command.add_argument("--tasks", nargs="+", help="only these")
@@ -58,11 +59,6 @@ def parse() -> argparse.Namespace:
     command.add_argument("--ray", metavar="ADDRESS", help="on a Ray cluster (local: one that is begun here)")
     command.add_argument("--integrator", help="with this method, three seeds a task, in runs/all_<integrator>")
     command.add_argument("--dt", type=float, help="by steps of so many s (default those of the method)")
-    command = commands.add_parser("evaluate", help="evaluate policies on fixed seeds")
-    command.add_argument("policies", type=Path, nargs="+")
-    command.add_argument("--integrator", help="under another integrator than the one it was trained with")
-    command.add_argument("--dt", type=float, help="and with another step, s")
-    command.add_argument("--body", help="on another body than the one it was trained with")
     command = commands.add_parser("compare", help="evaluate policies beside the controllers without learning")
     command.add_argument("policies", type=Path, nargs="*", help="default: those that are shipped")
     command.add_argument("--integrators", action="store_true", help="under every integrator, RK4 as the reference")
@@ -70,23 +66,18 @@ def parse() -> argparse.Namespace:
     command.add_argument("folders", type=Path, nargs="+", help="of runs; seeds are put together")
     command.add_argument("--save", type=Path, help="the page (default report.html in the folder of all)")
     command.add_argument("--episodes", type=int, default=100, help="that each policy is measured in (default 100)")
-    command = commands.add_parser("play", help="watch a policy")
-    command.add_argument("policy", type=Path)
-    command.add_argument("--seed", type=int, default=0)
-    command.add_argument("--episodes", type=int, default=3)
-    command.add_argument("--save", "--video", type=Path, dest="video", help="write a file instead of opening a window: "
-                         "an .html page in 3-D, an .mp4, .webp or .gif video, or an .npz recording")  # fmt: skip
+    add_policy_commands(commands)
     return parser.parse_args()
 
 
 def run(arguments: argparse.Namespace, came: list[int]) -> None:
     """Run a command; `came` gets the signals that are to stop it."""
-    if arguments.command == "evaluate":
-        from agents.report import measure
+    if arguments.command in ("evaluate", "play"):
+        from fish_env.__main__ import run_policy_command
 
-        measure(arguments.policies, integrator=arguments.integrator, dt=arguments.dt, body=arguments.body)
+        run_policy_command(arguments)
     elif arguments.command == "compare" and arguments.integrators:
-        from agents.integrators import compare_integrators
+        from benchmarks.learning.integrators import compare_integrators
 
         compare_integrators(arguments.policies)
     elif arguments.command == "compare":
@@ -97,13 +88,9 @@ def run(arguments: argparse.Namespace, came: list[int]) -> None:
         from agents.run_report import write_report
 
         print(f"written to {write_report(arguments.folders, arguments.save, arguments.episodes)}")
-    elif arguments.command == "play":
-        from fish_env.control import load_policy, play
-
-        play(load_policy(arguments.policy), arguments.seed, arguments.episodes, arguments.video)
     elif arguments.command == "all":
-        from agents.results import publish, publish_method
         from agents.train_all import train_all
+        from benchmarks.learning.publish import publish, publish_method
 
         integrator = arguments.integrator
         runs = arguments.runs or Path("runs", f"all_{integrator}" if integrator else "all")
@@ -118,15 +105,19 @@ def run(arguments: argparse.Namespace, came: list[int]) -> None:
         import torch
 
         from agents.train import Request, train
+        from fish_env.physics.tank_options import available_processors
 
-        if not 1 <= arguments.torch_threads <= MOST_THREADS:
-            raise ValueError(f"--torch-threads is {arguments.torch_threads}; give 1 to {MOST_THREADS}")
-        torch.set_num_threads(arguments.torch_threads)
+        threads = arguments.torch_threads
+        if threads is None:
+            threads = min(2, available_processors())
+        if not 1 <= threads <= MOST_THREADS:
+            raise ValueError(f"--torch-threads is {threads}; give 1 to {MOST_THREADS}")
+        torch.set_num_threads(threads)
 
         train(
             Request(
                 arguments.command, arguments.seed, arguments.runs, arguments.folder, arguments.resume,
-                arguments.start_from, arguments.body, learner=arguments.learner, integrator=arguments.integrator,
+                arguments.start_from, arguments.body, integrator=arguments.integrator,
                 dt=arguments.dt, pictures=not arguments.no_pictures,
                 changes={"timesteps": arguments.timesteps, "num_envs": arguments.num_envs}, stopped=lambda: bool(came),
             )

@@ -7,10 +7,9 @@ from gymnasium.spaces import flatdim
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
 
 from agents.config import TrainConfig
-from agents.fast_ppo import FastPPO
-from agents.layers import Tanh
 from agents.synergy import Synergies, batch_of, both, synergies
 from fish_env.control import Policy, equivariant
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
@@ -23,19 +22,13 @@ def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
     return Synergies(make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options))
 
 
-LEARNERS: dict[str, type[PPO]] = {"compiled": FastPPO, "sb3": PPO}
-"""Networks and loss by compiled kernels, or all by Stable-Baselines3: both train the same policy and share files."""
-
-
-def make_model(
-    config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None, learner: str = "compiled"
-) -> PPO:
-    """A fresh PPO learner; `learner` is a key of `LEARNERS`."""
+def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None) -> PPO:
+    """A fresh PPO learner; `log_folder` is where TensorBoard's events go."""
     fish = batch_of(env)
     options = equivariant_options(fish)
     if not config.symmetric:
         del options["reflection"]
-    model = LEARNERS[learner](
+    return PPO(
         EquivariantPolicy if config.symmetric else "MlpPolicy",
         env,
         n_steps=config.rollout,
@@ -48,7 +41,7 @@ def make_model(
         ent_coef=config.entropy_weight,
         policy_kwargs={
             "net_arch": list(config.hidden),
-            "activation_fn": Tanh,
+            "activation_fn": nn.Tanh,
             "optimizer_kwargs": {"fused": True},
             "log_std_init": config.initial_log_std,
             **options,
@@ -57,9 +50,6 @@ def make_model(
         seed=seed,
         device="cpu",
     )
-    if isinstance(model, FastPPO):
-        model.threads = config.env_options.get("threads")  # as many as the fish are shared out over
-    return model
 
 
 class falling:  # noqa: N801 - used like a function; a class so that it can be pickled with the model

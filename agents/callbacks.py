@@ -1,17 +1,15 @@
 """Callbacks of a training: a progress bar, the learning curve, and a checkpoint to resume from.
 
-If the disk is full, training continues: a file that cannot be written is reported and left out.
+If the disk is full, training continues: a file that cannot be written is reported once and written later.
 """
 
-import threading
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import KVWriter
+from stable_baselines3.common.logger import Logger
 from tqdm import tqdm
 
 from agents.saved_run import CURVE, read_curve
@@ -41,29 +39,19 @@ class Progress(BaseCallback):
         self._bar.close()
 
 
-class Writing(BaseCallback):
-    """A callback that writes a file. A failure is reported once, until the file can be written again."""
-
-    failed = False
-
-    @contextmanager
-    def going_on(self, path: Path):
-        """A context in which a file that cannot be written is reported, and does not end the training."""
-        try:
-            yield
-            self.failed = False
-        except OSError as error:
-            if not self.failed:
-                say_unwritten(path, error, "it is tried again")
-            self.failed = True
+def write_or_warn(write: Callable[[], None], what: object, failed: bool) -> bool:
+    """Write a file; return whether that failed. The first failure in a row is printed beside the progress bar."""
+    try:
+        write()
+    except OSError as error:
+        if not failed:
+            tqdm.write(f"Warning: {what} could not be written ({error.strerror or error}). Training continues. "
+                       "Free some space before it ends.")  # fmt: skip
+        return True
+    return False
 
 
-def say_unwritten(path: Path, error: OSError, rest: str) -> None:
-    """Print one line next to the progress bar: the file that could not be written, the reason and the consequence."""
-    tqdm.write(f"Warning: {path} could not be written ({error.strerror or error}); the training goes on, and {rest}.")
-
-
-class LearningCurve(Writing):
+class LearningCurve(BaseCallback):
     """Appends (timesteps, seconds, episodes, score, return) of the episodes ended since the last row to a CSV file.
 
     All their metrics go to TensorBoard. Rows that cannot be written, on a full disk for example, are written later.
@@ -76,15 +64,16 @@ class LearningCurve(Writing):
 
     def __init__(self, path: Path, score: str, min_episodes: int = 100):
         super().__init__()
-        self.path, self.score, self.min_episodes = path, score, min_episodes
+        self.path, self.score, self.min_episodes, self.failed = path, score, min_episodes, False
 
     def _on_training_start(self) -> None:
-        self._begin, self._infos, self._rows = time.perf_counter(), [], ""
+        self.model.set_logger(Events(self.logger.dir, self.logger.output_formats))
+        self._begin, self._infos = time.perf_counter(), []
         trained = self.num_timesteps  # rows beyond are of steps that the model was not trained on
-        rows = [row for row in read_curve(self.path) if int(row.split(",")[0]) <= trained]
-        write_text(self.path, "\n".join([CURVE, *rows, ""]))
-        if rows:  # a run that is resumed
-            self._begin -= float(rows[-1].split(",")[1])
+        self._rows = [row for row in read_curve(self.path) if int(row.split(",")[0]) <= trained]
+        write_text(self.path, "\n".join([CURVE, *self._rows, ""]))
+        if self._rows:  # a run that is resumed
+            self._begin -= float(self._rows[-1].split(",")[1])
 
     def _on_step(self) -> bool:
         self._infos += [info for info in self.locals["infos"] if info]
@@ -107,17 +96,14 @@ class LearningCurve(Writing):
             if finite:
                 self.logger.record(f"episode/{name}", float(np.mean(finite)))
         score = np.mean([info[self.score] for info in self._infos])
-        self._rows += f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}\n"
+        self._rows.append(f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}")
         self._infos = []
-        with self.going_on(self.path):
-            write_text(self.path, self.path.read_text() + self._rows)
-            self._rows = ""
+        text = "\n".join([CURVE, *self._rows, ""])
+        self.failed = write_or_warn(lambda: write_text(self.path, text), self.path, self.failed)
 
 
-class Checkpoint(Writing):
+class Checkpoint(BaseCallback):
     """Saves the model every so many seconds, replacing the last one only when the new one is complete.
-
-    If that fails, on a full disk for example, training continues and tries again after the same interval.
 
     Attributes:
         trained_steps: environment steps that the model has been trained on.
@@ -125,7 +111,7 @@ class Checkpoint(Writing):
 
     def __init__(self, path: Path, seconds: float = 30.0):
         super().__init__()
-        self.path, self.seconds, self.trained_steps = path, seconds, 0
+        self.path, self.seconds, self.trained_steps, self.failed = path, seconds, 0, False
 
     def _on_training_start(self) -> None:
         self._last = time.perf_counter()
@@ -134,10 +120,10 @@ class Checkpoint(Writing):
         return True
 
     def _on_rollout_start(self) -> None:
+        check_finite(self.model)
         self.trained_steps = self.num_timesteps
         if time.perf_counter() - self._last > self.seconds:
-            with self.going_on(self.path):
-                save_model(self.model, self.path)
+            self.failed = write_or_warn(lambda: save_model(self.model, self.path), self.path, self.failed)
             self._last = time.perf_counter()
 
 
@@ -154,58 +140,22 @@ class EndsIf(BaseCallback):
         return True
 
 
-class Events(KVWriter):
-    """Write the log as TensorBoard events, up to the first event that cannot be written.
+class Events(Logger):
+    """A log that is written up to the first event that cannot be written, which is reported."""
 
-    Args:
-        inner: Stable-Baselines3's writer of events.
-        folder: where it writes them.
-    """
-
-    def __init__(self, inner: KVWriter, folder: Path):
-        self.inner, self.folder, self.failed = inner, folder, False
-
-    def write(self, key_values, key_excluded, step=0) -> None:
-        """Write one event as Stable-Baselines3 does; the first OSError is reported and not raised."""
-        if self.failed:
-            return
-        try:
-            self.inner.write(key_values, key_excluded, step)
-        except OSError as error:
-            self.failed = True
-            say_unwritten(self.folder, error, "TensorBoard will show nothing of the rest of it")
-
-    def close(self) -> None:
-        """End the writer, unless it has ended by an error."""
-        if not self.failed:
-            self.inner.close()
+    def dump(self, step: int = 0) -> None:
+        """Write what was recorded, as Stable-Baselines3 does."""
+        if write_or_warn(lambda: super(Events, self).dump(step), self.dir, False):
+            self.output_formats.clear()
 
 
-class SurvivingEvents(BaseCallback):
-    """Puts `Events` around the logger's writers while the training lasts."""
-
-    def _on_training_start(self) -> None:
-        formats = self.logger.output_formats
-        formats[:] = [Events(each, Path(self.logger.dir or "")) for each in formats]
-
-    def _on_step(self) -> bool:
-        return True
-
-
-@contextmanager
-def without_tracebacks_of_writers():
-    """A context in which a thread that ends by an OSError prints nothing: `Events` reports the error."""
-    before = threading.excepthook
-
-    def hook(arguments):
-        if not issubclass(arguments.exc_type, OSError):
-            before(arguments)
-
-    threading.excepthook = hook
-    try:
-        yield
-    finally:
-        threading.excepthook = before
+def check_finite(model) -> None:
+    """Raise ValueError if a parameter of the policy is not finite."""
+    if not all(parameter.isfinite().all() for parameter in model.policy.parameters()):
+        raise ValueError(
+            f"the training diverged before environment step {model.num_timesteps:,}: parameters of the policy are not "
+            "finite; resume the run from its last checkpoint, or train with another seed or a smaller learning rate"
+        )
 
 
 def save_model(model, path: Path) -> None:

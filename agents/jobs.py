@@ -8,12 +8,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from agents.checkout import ROOT
 from agents.config import TrainConfig, settings_of
 from agents.saved_run import not_through_link, read_curve, read_record
 
 PARENT = "FISH_ENV_TRAIN_ALL"
 """The environment variable by which runs know whose they are: they end when this program is gone."""
-SCRIPT = Path(__file__).parent.parent / "train.py"
+SCRIPT = ROOT / "train.py"
 
 
 @dataclass
@@ -28,7 +29,7 @@ class Job:
 
     @property
     def running(self) -> bool:
-        """Return True if the job was started here and has not ended."""
+        """True if the job was started here and has not ended."""
         return self.process is not None and self.process.poll() is None
 
     @property
@@ -51,30 +52,25 @@ class Job:
             raise ValueError(f"{self.folder} was trained with other settings; move it away, or give other --runs")
 
     def command(self) -> list[str]:
-        """The command that begins the run, or resumes it from its last checkpoint."""
-        begun, options = (self.folder / "model.zip").exists(), self.config.env_options
-        changed = () if begun else ("integrator", "dt")
-        return [
-            sys.executable,
-            str(SCRIPT),
-            self.task,
-            "--seed",
-            str(self.seed),
-            "--no-pictures",
-            *(word for name in changed if name in options for word in (f"--{name}", str(options[name]))),
-            "--resume" if begun else "--folder",
-            str(self.folder),
-        ]
+        """The command that begins the run, or resumes it from its last checkpoint; its last word is the folder."""
+        words = [sys.executable, str(SCRIPT), self.task, "--seed", str(self.seed), "--no-pictures"]
+        words += ["--torch-threads", "1"]  # each run has one processor
+        if (self.folder / "model.zip").exists():
+            return [*words, "--resume", str(self.folder)]
+        for name in ("integrator", "dt"):
+            if name in self.config.env_options:
+                words += [f"--{name}", str(self.config.env_options[name])]
+        return [*words, "--folder", str(self.folder)]
 
     def start(self, processor: int | None) -> None:
         """Run the command, on one processor."""
-        self.folder.mkdir(parents=True, exist_ok=True)
 
         def prepare() -> None:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # a program in the background may have been told to ignore it
             if processor is not None:
                 os.sched_setaffinity(0, {processor})
 
+        self.folder.mkdir(parents=True, exist_ok=True)
         # in a session of its own: Ctrl-C reaches it once, from here
         with open(self.folder / "log.txt", "a", opener=not_through_link) as log:
             self.process = subprocess.Popen(

@@ -15,8 +15,8 @@ from typing import Any
 
 from tqdm import tqdm
 
+from agents.checkout import ROOT
 from agents.jobs import PARENT, Job
-from agents.records import ROOT
 from fish_env.control.files import replacing
 
 NEEDED = ("fish_env", "agents", "train.py", "pyproject.toml")
@@ -30,12 +30,8 @@ NOT_SENT = ("report.html", "events.*")
 
 def files_of(folder: Path) -> dict[str, bytes]:
     """The files of a run by their paths in its folder, without those that nothing is resumed from."""
-    paths = (path for path in folder.rglob("*") if path.is_file())
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in paths
-        if not any(path.match(pattern) for pattern in NOT_SENT)
-    }
+    paths = [path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, NOT_SENT))]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
 def write_files(folder: Path, files: dict[str, bytes]) -> None:
@@ -94,15 +90,11 @@ def run_on_ray(waiting: list[Job], work: list[Job], address: str) -> list[Job]:
     try:
         task = ray.remote(num_cpus=1, max_retries=2)(carry_out)
         under_way = {task.remote(job.command()[2:-1], files_of(job.folder)): job for job in waiting}
-        total, failed = sum(job.config.timesteps for job in work), []
-        processors = int(ray.cluster_resources().get("CPU", 0))
-        with tqdm(total=total, unit=" steps", unit_scale=True, desc=f"all tasks on {processors} processors") as bar:
-            while True:
-                bar.n = sum(job.config.timesteps for job in work if job.finished)
-                bar.set_postfix_str(f"{sum(job.finished for job in work)} of {len(work)} runs", refresh=True)
-                if not under_way:
-                    return failed
+        failed, processors = [], int(ray.cluster_resources().get("CPU", 0))
+        with tqdm(total=len(work), initial=len(work) - len(waiting), unit=" runs", desc=f"on {processors} CPUs") as bar:
+            while under_way:
                 ready, _ = ray.wait(list(under_way), num_returns=1)
+                bar.update()
                 job = under_way.pop(ready[0])
                 try:
                     status, files = ray.get(ready[0])
@@ -110,5 +102,6 @@ def run_on_ray(waiting: list[Job], work: list[Job], address: str) -> list[Job]:
                     status, files = 1, {"log.txt": f"{error}\n".encode()}
                 write_files(job.folder, files)
                 failed += [job] if status or not job.finished else []
+        return failed
     finally:
         ray.shutdown()

@@ -3,8 +3,8 @@
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib.util import find_spec
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 
 from agents.saved_run import check_name, not_through_link, versions
@@ -15,41 +15,36 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-NEEDED = ("tensorboard", "tqdm", "matplotlib", "moviepy")  # modules that are loaded when there is something to write
-WRITTEN = ("config.json", "curve.csv", "model.zip", "policy.npz", "results.json", "curve.png", "path.png", "lock")
+WRITTEN = ("config.json", "curve.csv", "model.zip", "policy.npz", "results.json", "report.html", "lock")
 
 
 def check_installed() -> None:
     """Raise ImportError if a package that a training needs is not installed, or this one is not."""
     versions()
-    for name in NEEDED:
-        if find_spec(name) is None:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+    import_module("tensorboard")  # the others are imported by now
 
 
 def new_folder(root: Path, task: str) -> Path:
     """An empty runs/<task>/<time>/, never one that exists; ValueError if it cannot be made."""
     check_name(root)
     stamp = time.strftime("%Y-%m-%d_%H-%M-%S")
-    for suffix in ("", *(f"_{k}" for k in range(2, 100))):
-        folder = root / task / (stamp + suffix)
-        try:
-            writable_folder(folder.parent)
+    k = 1
+    while True:
+        folder = writable_folder(root / task) / (stamp if k == 1 else f"{stamp}_{k}")
+        with suppress(FileExistsError):
             folder.mkdir()
             return folder
-        except FileExistsError:
-            continue
-    raise FileExistsError(f"{root / task / stamp} and 98 like it exist")
+        k += 1
 
 
-def checked_folder(folder: Path, task: str) -> Path:
-    """The folder of a run, made if it is missing.
+def check_folder(folder: Path) -> Path:
+    """Check the folder of a run, and make it if it is missing; return it.
 
     Raises:
         ValueError: if it cannot be written to, or if what is no file, or a link, lies where the run would write.
     """
     check_name(folder)
-    for path in (*(folder / name for name in WRITTEN), folder / f"{task}.mp4"):
+    for path in (folder / name for name in WRITTEN):
         if os.path.lexists(path) and not path.is_file():
             raise ValueError(f"{path} is not a file, and one would be written there; move it away")
     events = folder / "tensorboard"

@@ -26,6 +26,10 @@ PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "tor
 CURVE = "timesteps,seconds,episodes,score,return"
 ADVICE = "restore the file, or train again"
 RECORD, ROWS, COUNTS = 2**20, 2**26, 2**25  # bytes that config.json, curve.csv and the counts in model.zip may have
+FIELDS = {"task": str, "seed": int, "config": dict, "commit": str, "resumed": int, "versions": dict,
+          "start": str | None, "command": str}  # fmt: skip
+OPTIONAL = {"resumed": 0, "versions": {}, "start": None, "command": ""}
+"""What config.json holds, and the values of fields that may be missing."""
 TENSORS = {"collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch FloatStorage", "torch LongStorage"}
 """All that a policy and its optimizer are saved with. Torch knows more, with which a small file takes any memory."""
 
@@ -72,17 +76,14 @@ def read_record(path: Path) -> dict[str, Any]:
         record = json.loads(text_of(path, RECORD))
         if not isinstance(record, dict):
             raise ValueError(f"it holds {record!r:.40}, not an object")
-        for name, fits in (("task", str), ("seed", int), ("config", dict), ("commit", str)):
+        record = OPTIONAL | record
+        for name, kind in FIELDS.items():
             if name not in record:
                 raise ValueError(f"it has no {name!r}")
-            if not isinstance(record[name], fits) or isinstance(record[name], bool):
+            if not isinstance(record[name], kind) or isinstance(record[name], bool):
                 raise ValueError(f"{name!r} is {record[name]!r:.40}")
-        others = record.get("resumed", 0), record.get("versions", {}), record.get("start"), record.get("command", "")
-        counted, found, *texts = others
-        if not is_whole(counted) or not 0 <= counted < 10**9 or not isinstance(found, dict):
-            raise ValueError("'resumed' is no whole number, or 'versions' no object")
-        if not all(isinstance(text, str | None) for text in (*found.values(), *texts)):
-            raise ValueError("'versions', 'start' or 'command' is no text")
+        if not 0 <= record["resumed"] < 10**9 or not all(isinstance(text, str) for text in record["versions"].values()):
+            raise ValueError("'resumed' is out of range, or 'versions' holds what is no text")
         env_id, task = settings_of(record["config"]).env_id, record["task"]
         if task not in CONFIGS or env_id != CONFIGS[task].env_id:  # another one could be of any module
             raise ValueError(f"the environment {env_id!r:.40} is not that of a task {task!r:.40} here")
@@ -194,21 +195,17 @@ def read_curve(path: Path) -> list[str]:
 
 def keep_of_other_versions(folder: Path, record: dict[str, Any]) -> None:
     """If a run was trained with other versions than are installed, print them and save a copy of its model."""
-    before, now = record.get("versions", {}), versions()
-    last = {name: str(before.get(name, "unknown")).split(", ")[-1] for name in now}
+    now = versions()
+    last = {name: record["versions"].get(name, "unknown").split(", ")[-1] for name in now}
     changed = [f"{name} {last[name]} (now {now[name]})" for name in now if last[name] != now[name]]
     if changed:
-        kept = folder / f"model_before_{record.get('resumed', 0) + 1}.zip"
+        kept = folder / f"model_before_{record['resumed'] + 1}.zip"
         with replacing(kept) as partial:
             shutil.copyfile(folder / "model.zip", partial)
         print(f"Warning: the run was trained with {', '.join(changed)}. Training continues with the installed "
               f"versions, and its results may differ; the old model is saved in {kept}.")  # fmt: skip
 
 
-def joined_versions(record: dict[str, Any] | None) -> dict[str, str]:
-    """The versions now, after those of the run that is resumed where they were others."""
-    before, found = ({} if record is None else record.get("versions", {})), {}
-    for name, now in versions().items():
-        earlier = str(before.get(name, now))
-        found[name] = earlier if earlier.split(", ")[-1] == now else f"{earlier}, {now}"
-    return found
+def append_version(before: str | None, now: str) -> str:
+    """The versions or commits that a run was trained with before, and the present one if it is another."""
+    return now if before is None else before if before.split(", ")[-1] == now else f"{before}, {now}"

@@ -41,8 +41,3 @@ def interval(scores: list[Scores], metric: str, generator: np.random.Generator) 
     found = found[np.isfinite(found)]
     low, high = np.quantile(found, [0.025, 0.975]) if found.size else (np.nan, np.nan)
     return interquartile_mean(np.array([seed_mean(s, metric) for s in needed])), float(low), float(high)
-
-
-def rounded(value: float) -> float | str:
-    """Format with four digits after the point; "" for a number that is not finite."""
-    return round(float(value), 4) if np.isfinite(value) else ""

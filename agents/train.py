@@ -12,30 +12,14 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
-from agents.build import LEARNERS, export_policy, make_env, make_model, start_from
-from agents.callbacks import (
-    Checkpoint,
-    EndsIf,
-    LearningCurve,
-    Progress,
-    SurvivingEvents,
-    save_model,
-    without_tracebacks_of_writers,
-)
-from agents.config import CONFIGS, RESULTS, TrainConfig, check_settings, fine_tuning, moved_by, settings_of
-from agents.fast_ppo import FastPPO
+from agents.build import export_policy, make_env, make_model, start_from
+from agents.callbacks import Checkpoint, EndsIf, LearningCurve, Progress, check_finite, save_model
+from agents.checkout import present_commit
+from agents.config import CONFIGS, FINE_TUNING, RESULTS, TrainConfig, change_simulation, check_settings, settings_of
 from agents.jobs import PARENT
-from agents.records import provenance
 from agents.report import report
-from agents.run_folder import check_installed, checked_folder, locked, new_folder
-from agents.saved_run import (
-    joined_versions,
-    keep_of_other_versions,
-    read_curve,
-    read_record,
-    restore,
-)
-from fish_env import BODIES, make_fish
+from agents.run_folder import check_folder, check_installed, locked, new_folder
+from agents.saved_run import append_version, keep_of_other_versions, read_curve, read_record, restore, versions
 from fish_env.checks import is_whole
 from fish_env.control.files import write_text
 
@@ -65,10 +49,8 @@ class Request:
     """A key of `fish_env.INTEGRATORS` to train with; None takes the body's own."""
     dt: float | None = None
     """Step of the integrator, s; None takes its default step on that body."""
-    learner: str = "compiled"
-    """A key of `agents.build.LEARNERS`; both train the same policy, and a run may change from one to the other."""
     pictures: bool = True
-    """Make the pictures, the video and the table with the baselines; else only evaluate the policy."""
+    """Write the page of the run and print the table with the baselines; else only evaluate the policy."""
     changes: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `TrainConfig` to use instead of the task's; None is ignored."""
     stopped: Callable[[], bool] = bool
@@ -86,7 +68,7 @@ def train(request: Request) -> Path:
 
     Raises:
         ImportError: if a package that is needed, or this one, is not installed.
-        ValueError: for an unknown task, body or learner, a setting that is not allowed, a run to start from that does
+        ValueError: for an unknown task or body, a setting that is not allowed, a run to start from that does
             not fit, files of a saved run that cannot be used, a folder that holds a run already, or one that cannot be
             written to.
         FileNotFoundError: if there is nothing to resume or to start from.
@@ -95,8 +77,6 @@ def train(request: Request) -> Path:
     """
     check_installed()
     task, resumed = request.task, None
-    if request.learner not in LEARNERS:
-        raise ValueError(f"unknown learner {request.learner!r}; choose from {', '.join(LEARNERS)}")
     if request.resume is not None:
         resumed = _saved_run(Path(request.resume), task, "resume")
     config, seed = _settings(request, resumed)
@@ -107,7 +87,6 @@ def train(request: Request) -> Path:
         if resumed is not None:
             keep_of_other_versions(folder, resumed)
         _write_config(folder, request, config, seed, resumed)
-        print(how_it_learns(model))
         finished = learn(model, config, folder, RESULTS[task].score, request.stopped)
         about = {"task": task, "env_id": config.env_id, "env_options": config.env_options}
         try:
@@ -121,7 +100,7 @@ def train(request: Request) -> Path:
             print(f"Watch it: python train.py play {folder / 'policy.npz'}")
             raise Stopped
         try:
-            report(folder, task, config, seed, request.pictures)
+            report(folder, config, seed, request.pictures)
         except KeyboardInterrupt:
             print(f"\nStopped while evaluating. The model is saved; evaluate it with: "
                   f"python train.py {task} --resume {folder}")  # fmt: skip
@@ -131,6 +110,7 @@ def train(request: Request) -> Path:
 
 def _save(model: PPO, folder: Path, about: dict) -> None:
     """Save the model and its policy, each whole or not at all; RuntimeError if the disk does not take them."""
+    check_finite(model)  # before any file is replaced
     try:
         save_model(model, folder / "model.zip")
         export_policy(model, about).save(folder / "policy.npz")
@@ -149,11 +129,9 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
     if resumed is None:
         if task not in CONFIGS:
             raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
-        usual = CONFIGS[task] if request.start is None else fine_tuning(CONFIGS[task])
-        config, seed = replace(usual, **changes), 0 if request.seed is None else request.seed
-        if request.body is not None:
-            config = on_body(config, request.body)
-        config = moved_by(config, request.integrator, request.dt)
+        usual = {} if request.start is None else FINE_TUNING
+        config, seed = replace(CONFIGS[task], **usual | changes), 0 if request.seed is None else request.seed
+        config = change_simulation(config, request.body, request.integrator, request.dt)
     else:
         if any(each is not None for each in (request.body, request.integrator, request.dt, request.start)):
             raise ValueError(
@@ -172,71 +150,45 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
 def _folder(request: Request) -> Path:
     """The folder of the run, made if it is missing; ValueError if it holds another run or cannot be written to."""
     if request.resume is not None:
-        return checked_folder(Path(request.resume), request.task)
+        return check_folder(Path(request.resume))
     if request.folder is None:
         return new_folder(Path(request.root), request.task)
     folder = Path(request.folder)
     if os.path.lexists(folder / "model.zip"):
         raise ValueError(f"{folder} holds a run; resume it with: python train.py {request.task} --resume {folder}")
-    return checked_folder(folder, request.task)
+    return check_folder(folder)
 
 
 def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, start: PPO | None) -> PPO:
     """The learner: a fresh one, one that starts from that of another run, or that of the run to resume."""
+    model = make_model(config, env, seed, folder / "tensorboard")
+    if start is not None:
+        start_from(model, start)
     if request.resume is not None:
-        model = make_model(config, env, seed, folder / "tensorboard", request.learner)
         restore(model, folder / "model.zip")
         if request.changes.get("timesteps") and model.num_timesteps > config.timesteps:
             raise ValueError(
                 f"{folder} was trained for {model.num_timesteps:,} environment steps already; give --timesteps of at "
                 "least as many"
             )
-        return model
-    model = make_model(config, env, seed, folder / "tensorboard", request.learner)
-    if start is not None:
-        start_from(model, start)
     return model
-
-
-def how_it_learns(model: PPO) -> str:
-    """One line for the log: which code trains the policy, and why if it is the slower one."""
-    if not isinstance(model, FastPPO):
-        return "Learning with Stable-Baselines3's own code."
-    if model.why_slow:
-        return (
-            f"Learning with Stable-Baselines3's own code: {model.why_slow}, which the compiled kernels do not support."
-        )
-    return "Learning with compiled kernels; the first time, compiling them takes some seconds."
 
 
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Callable[[], bool]) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C, or what `stopped` says, stopped it first."""
     checkpoint = Checkpoint(folder / "model.zip")
-    callbacks = [SurvivingEvents(), Progress(), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
+    callbacks = [Progress(), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
     if os.environ.get(PARENT, "").isdigit():  # `train.py all`, which may be killed
         callbacks.append(EndsIf(lambda: os.getppid() != int(os.environ[PARENT])))
     left = config.timesteps - model.num_timesteps
     if left <= 0:
         return True
     try:
-        with without_tracebacks_of_writers():
-            model.learn(left, CallbackList(callbacks), reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
+        model.learn(left, CallbackList(callbacks), reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
     except KeyboardInterrupt:
         model.num_timesteps = checkpoint.trained_steps  # steps since then have not been trained on
         return False
     return True
-
-
-def on_body(config: TrainConfig, body: str) -> TrainConfig:
-    """The settings of a task on another body; on a flat fish the upper and the lower muscle contract together.
-
-    Raises:
-        ValueError: for an unknown body.
-    """
-    if body not in BODIES:
-        raise ValueError(f"unknown body {body!r}; choose from {', '.join(BODIES)}")
-    flat = {"muscle_groups": "pairs"} if make_fish(body).flat else {}
-    return replace(config, env_options=config.env_options | {"body": body} | flat)
 
 
 def _saved_run(folder: Path, task: str, purpose: str) -> dict:
@@ -258,27 +210,20 @@ def _start(folder: Path, task: str) -> PPO:
 
 def _write_config(folder: Path, request: Request, config: TrainConfig, seed: int, resumed: dict | None) -> None:
     """Write config.json: task, seed, settings, command, commit and versions, with those of the run that is resumed."""
-    commit = provenance("")["commit"]
-    if resumed is not None and commit not in resumed["commit"].split(", "):
-        commit = f"{resumed['commit']}, {commit}"
-    command = (
-        f"python train.py {request.task} --seed {seed} --timesteps {config.timesteps} --num-envs {config.num_envs}"
-    )
-    for name in ("body", "integrator", "dt"):
-        if name in config.env_options:
-            command += f" --{name} {config.env_options[name]}"
-    start = resumed.get("start") if resumed else request.start and str(request.start)
-    if start:
-        command += f" --start-from {start}"
+    before = resumed or {"resumed": -1, "commit": None, "versions": {}, "start": request.start and str(request.start)}
+    chosen = {"seed": seed, "timesteps": config.timesteps, "num-envs": config.num_envs}
+    chosen |= {name: config.env_options[name] for name in ("body", "integrator", "dt") if name in config.env_options}
+    chosen |= {"start-from": before["start"]} if before["start"] else {}
+    options = " ".join(f"--{name} {value}" for name, value in chosen.items())
     record = {
         "task": request.task,
         "seed": seed,
         "config": asdict(config),
-        "command": command,
-        "start": start,
-        "commit": commit,
-        "resumed": 0 if resumed is None else resumed.get("resumed", 0) + 1,
-        "versions": joined_versions(resumed),
+        "command": f"python train.py {request.task} {options}",
+        "start": before["start"],
+        "commit": append_version(before["commit"], present_commit()),
+        "resumed": before["resumed"] + 1,
+        "versions": {name: append_version(before["versions"].get(name), now) for name, now in versions().items()},
         "threads": {"torch": torch.get_num_threads(), "processors": os.cpu_count()},
     }
     write_text(folder / "config.json", json.dumps(record, indent=2) + "\n")

@@ -3,6 +3,7 @@
 For Linux and macOS.
 """
 
+import itertools
 import os
 import signal
 import time
@@ -11,7 +12,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.config import CONFIGS, RESULTS, moved_by
+from agents.config import CONFIGS, RESULTS, change_simulation
 from agents.jobs import Job
 from agents.ray_jobs import run_on_ray
 from fish_env.control.files import writable_folder
@@ -54,32 +55,29 @@ def train_all(
         raise ValueError(f"jobs is {jobs}; give a whole number, at least 1")
     if os.name == "nt":
         raise RuntimeError("train.py all is for Linux and macOS; train the tasks one by one here")
-    configs = {task: moved_by(CONFIGS[task], integrator, dt) for task in tasks}
-    limit = FEWER if integrator or dt else max(RESULTS[task].seeds for task in tasks)
-    seeds = {task: min(limit, RESULTS[task].seeds) for task in tasks}
+    seeds = {task: min(RESULTS[task].seeds, FEWER) if integrator or dt else RESULTS[task].seeds for task in tasks}
     work = [  # the first seed of every task before the second of any: a run that is stopped has something of each
-        Job(task, seed, root / task / f"seed_{seed}", configs[task])
-        for seed in range(max(seeds.values()))
-        for task in tasks
+        Job(task, seed, root / task / f"seed_{seed}", change_simulation(CONFIGS[task], None, integrator, dt))
+        for seed, task in itertools.product(range(max(seeds.values())), tasks)
         if seed < seeds[task]
     ]
     writable_folder(root)
     for job in work:
         job.check()
     waiting = [job for job in work if not job.finished]
-    failed = run(waiting, work, jobs, stopped) if ray is None else run_on_ray(waiting, work, ray)
+    failed = run_jobs(waiting, work, jobs, stopped) if ray is None else run_on_ray(waiting, work, ray)
     if failed:
         logs = ", ".join(str(job.folder / "log.txt") for job in failed)
         raise RuntimeError(f"{len(failed)} of {len(work)} runs failed; see {logs}")
     return [job.folder for job in work]
 
 
-def run(waiting: list[Job], work: list[Job], jobs: int | None, stopped: Callable[[], bool] = bool) -> list[Job]:
+def run_jobs(waiting: list[Job], work: list[Job], jobs: int | None, stopped: Callable[[], bool] = bool) -> list[Job]:
     """Run the waiting jobs, `jobs` at a time, until `stopped`; return those that failed."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None] * (os.cpu_count() or 1)
     slots: list[Job | None] = [None] * (jobs or len(processors))
-    total, done, failed = sum(job.config.timesteps for job in work), sum(job.steps for job in work), []
-    with tqdm(total=total, initial=done, unit=" steps", unit_scale=True, desc="all tasks") as bar:
+    failed = []
+    with tqdm(total=sum(j.config.timesteps for j in work), unit=" steps", unit_scale=True, desc="all tasks") as bar:
         try:
             while waiting or any(slots):
                 if stopped():
@@ -93,20 +91,15 @@ def run(waiting: list[Job], work: list[Job], jobs: int | None, stopped: Callable
                         slots[k] = waiting.pop(0)
                 running = ", ".join(f"{job.task} {job.seed}" for job in slots if job)
                 ready = f"{sum(job.finished for job in work)} of {len(work)} runs"
-                bar.set_postfix_str(f"{ready}; now {running}", refresh=False)
                 bar.n = sum(job.steps for job in work)
-                bar.refresh()
-                time.sleep(POLL)
+                bar.set_postfix_str(f"{ready}; now {running}")
+                if any(slots):
+                    time.sleep(POLL)
         finally:
-            stop([job for job in slots if job])
+            under_way = [job.process for job in slots if job and job.process]
+            for process in under_way:
+                if process.poll() is None:
+                    process.send_signal(signal.SIGINT)  # it saves its model and ends
+            for process in under_way:
+                process.wait()
     return failed
-
-
-def stop(jobs: list[Job]) -> None:
-    """Let the runs that are under way save their models and end."""
-    processes = [job.process for job in jobs if job.process is not None]
-    for process in processes:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-    for process in processes:
-        process.wait()

@@ -16,7 +16,7 @@ import sys
 import textwrap
 import time
 
-from agents.records import ROOT, provenance
+from agents.checkout import ROOT, present_commit
 from benchmarks.freshness import CURRENT, MISSING, STALE, status_of
 from benchmarks.registry import REGISTRY, Result
 
@@ -65,7 +65,7 @@ def chosen(names: list[str], everything: bool, stale: bool) -> list[Result]:
         return list(dict.fromkeys(found))
     found = [result for result in REGISTRY.values() if not result.by_name]
     if everything:  # what an interrupted run has made already has the commit in its head
-        commit = provenance("")["commit"]
+        commit = present_commit()
         return [result for result in found if status_of(result.outputs, result.follows)[:2] != (CURRENT, commit)]
     return [result for result in found if stale and status_of(result.outputs, result.follows).state in (STALE, MISSING)]
 

@@ -5,10 +5,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from benchmarks.common.reference import changed, from_text
 from benchmarks.common.tables import ROOT, TRAJECTORIES
 
-CURRENT, STALE, UNKNOWN, MISSING = "current", "stale", "cannot be told", "missing"
+CURRENT, STALE, UNKNOWN, MISSING, NO_TABLE = "current", "stale", "cannot be told", "missing", "no table"
 
 
 class Status(NamedTuple):
@@ -21,7 +23,10 @@ class Status(NamedTuple):
 
 
 def header_of(path: Path) -> dict[str, str]:
-    """The provenance of a table (its comment lines) or of a JSON file; empty for any other file."""
+    """The provenance of a table (its comment lines), a JSON file or an .npz file; empty for any other file."""
+    if path.suffix == ".npz":
+        with np.load(path) as file:
+            return json.loads(str(file["provenance"])) if "provenance" in file else {}
     if path.suffix == ".json":
         return json.loads(path.read_text()).get("provenance", {})
     if path.suffix != ".csv":
@@ -42,9 +47,11 @@ def status_of(outputs: Iterable[str], follows: Iterable[str], root: Path = ROOT)
     missing = [path.name for path in paths if not path.exists()]
     if missing:
         return Status(MISSING, "", "", ", ".join(missing))
-    found = [_status(header, follows) for header in map(header_of, paths) if header]
-    if not found:
-        return Status(UNKNOWN, "", "", "no table with a head is among these files")
+    heads = [(path, header_of(path)) for path in paths]
+    found = [_status(head, follows) for path, head in heads if path.suffix == ".csv"]
+    if not found:  # parameters, which are followed, and pictures
+        about = next((head for _, head in heads if head), {})
+        return Status(NO_TABLE, about.get("commit", ""), about.get("date", ""), "")
     return min(found, key=lambda each: (STALE, UNKNOWN, CURRENT).index(each.state))
 
 

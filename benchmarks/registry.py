@@ -13,7 +13,6 @@ MOTOR = "fish_env/control/motor_controllers.json"
 FINEST = "fish_env/bodies/tetrahedral.json"
 DEFAULT, EVERY_BODY, EVERY_TASK = ("body mass_spring",), ("body *",), ("body mass_spring", "task *")
 TRAINED = (*EVERY_TASK, "policy *")
-LEARNED = ("swim", "turn", "left_after_right", "target", "target_3d", "avoid")
 
 
 @dataclass(frozen=True)
@@ -66,17 +65,8 @@ ACCURACY = (
     Result(
         "accuracy.work_precision", "error against computing time of every method on eight scenes",
         "-m benchmarks.accuracy.work_precision", 12,
-        csv("work_precision", "work_precision_references", "work_precision_time.svg", "work_precision_turn.svg"),
+        csv("work_precision", "work_precision_references", "work_precision.svg"),
         one_core=True,
-    ),
-    Result(
-        "accuracy.refinement", "steps a control interval and intervals that are repeated: error, cost and stability",
-        "-m benchmarks.accuracy.refinement", 3, csv("refinement", "refinement_stable"),
-    ),
-    Result(
-        "accuracy.boundary", "prescribed displacements: a penalty against elimination",
-        "-m benchmarks.accuracy.boundary", 0.5, csv("boundary") + images("boundary.svg"),
-        follows=("body mass_spring", "object *"),
     ),
     Result(
         "accuracy.finite_elements", "tetrahedra against beam theory; measures of strain in rotation and bending",
@@ -89,7 +79,7 @@ ACCURACY = (
 STABILITY = (
     Result(
         "stability.survey", "step-size limits of every method, on every body and against stiffness",
-        "-m benchmarks.stability.survey", 9, csv("stability", "stability_limits", "stability.svg", "stability_map.svg"),
+        "-m benchmarks.stability.survey", 9, csv("stability_limits", "stability.svg"),
         one_core=True, follows=EVERY_BODY,
     ),
     Result(
@@ -97,28 +87,13 @@ STABILITY = (
         "tests/worst.npz", "-m benchmarks.stability.attack", 10, csv("attack"),
         follows=EVERY_BODY,
     ),
-    Result(
-        "stability.reliability", "odd arguments, many processes, and the checkers of other packages: tests passed",
-        "-m benchmarks.stability.reliability", 20, csv("reliability"),
-        follows=EVERY_TASK,
-    ),
-    Result(
-        "stability.repeatability", "the same bits in other processes, checkouts and numbers of threads",
-        "-m benchmarks.stability.repeatability", 10, csv("repeatability"),
-        follows=EVERY_TASK,
-    ),
-    Result(
-        "stability.versions", "built, installed and tested on other versions of Python and of the dependencies",
-        "-m benchmarks.stability.versions", 60, csv("versions"), by_name=True,
-        follows=EVERY_TASK,
-    ),
 )  # fmt: skip
 
 SPEED = (
     Result(
-        "speed.throughput", "environment steps a second, memory, first use; kinds of kernels, methods and bodies",
-        "-m benchmarks.speed.throughput", 6, csv("throughput", "kinds", "costs"),
-        follows=(*EVERY_BODY, "task *"),
+        "speed.throughput", "environment steps a second, memory, first use; a control interval of one fish and of many",
+        "-m benchmarks.speed.throughput", 2, csv("throughput"),
+        follows=("body mass_spring", "task swim"),
     ),
     Result(
         "speed.scaling", "cost against the number of fish and against the number of nodes (needs 3 GB)",
@@ -126,35 +101,15 @@ SPEED = (
         follows=EVERY_BODY,
     ),
     Result(
-        "speed.peers", "other simulators on the same springs, other environments (needs the extra [peers])",
+        "speed.peers", "MuJoCo on the same springs, and its environments (needs the extra [peers])",
         "-m benchmarks.speed.peers", 5, csv("speed/peers.csv"),
-    ),
-    Result(
-        "speed.laboratory", "the laboratory: its start, and updates a second of every object (needs the extra "
-        "[browser], Chromium)",
-        "-m benchmarks.speed.laboratory", 6, csv("speed/laboratory.csv"),
-        follows=(*EVERY_BODY, "object *"),
-    ),
-    Result(
-        "speed.cluster", "sampling and learning with one and more runners of Ray RLlib (needs the extra [cluster])",
-        "-m benchmarks.speed.cluster", 2, csv("cluster"),
     ),
 )  # fmt: skip
 
 FIDELITY = (
     Result(
         "bodies.fidelity", "distance of every body to the finest, and its cost, in a scene of every task",
-        "-m benchmarks.bodies.fidelity", 12, csv("fidelity") + images("fidelity.svg"),
-        follows=EVERY_BODY,
-    ),
-    Result(
-        "bodies.convergence", "levels 1 to 3 of the finest body against level 4, in scenes of two tasks",
-        "-m benchmarks.bodies.convergence", 8, csv("convergence"),
-        follows=("body tetrahedral", "body mass_spring"),
-    ),
-    Result(
-        "bodies.inertia", "mass, centre and inertia of every body beside its outline's continuum; roll in strong gaits",
-        "-m benchmarks.bodies.inertia", 1, csv("inertia"),
+        "-m benchmarks.bodies.fidelity", 4, csv("fidelity") + images("fidelity.svg"),
         follows=EVERY_BODY,
     ),
 )  # fmt: skip
@@ -167,13 +122,13 @@ OBJECTS = (
         follows=("object *",),
     ),
     Result(
-        "objects.layers", "one layer and two on a floor, by the pressure of their gas; layers against each other",
-        "-m benchmarks.objects.layers", 1, csv("objects_layers", "objects_layer_modes", "objects_layers.svg"),
+        "objects.layers", "one layer and two on a floor, by the pressure of their gas",
+        "-m benchmarks.objects.layers", 1, csv("objects_layers", "objects_layers.svg"),
         follows=("object *",),
     ),
     Result(
-        "objects.solids", "solids of finite elements: errors, costs and largest steps of every method; recovery",
-        "-m benchmarks.objects.solids", 2, csv("solids_methods", "solids_recovery", "solids_methods.svg"),
+        "objects.solids", "solids of finite elements: errors, costs and largest steps of every method",
+        "-m benchmarks.objects.solids", 2, csv("solids_methods", "solids_methods.svg"),
         follows=("object *",),
     ),
 )  # fmt: skip
@@ -181,12 +136,8 @@ OBJECTS = (
 COMMANDS = "benchmarks/calibration/task_commands.npz"
 CALIBRATION = (
     Result(
-        "calibration.check", "the best open-loop gait beside living fish",
-        "-m benchmarks.calibration.check", 0.2, csv("gait"),
-    ),
-    Result(
-        "calibration.living_fish", "every body beside a living trout: speed, sweep and the sway of the midline",
-        "-m benchmarks.calibration.living_fish --check", 3, csv("living_fish", "living_fish.svg"),
+        "calibration.living_fish", "every body and the best gait beside living fish: speed, sweep, sway of the midline",
+        "-m benchmarks.calibration.living_fish --check", 3, csv("living_fish", "gait", "living_fish.svg"),
         follows=EVERY_BODY,
     ),
     Result(
@@ -206,7 +157,7 @@ CALIBRATION = (
     ),
     Result(
         "calibration.fit", "parameters of the other bodies, fitted in motion to the finest one",
-        "-m benchmarks.calibration.fit", 40,
+        "-m benchmarks.calibration.fit", 18,
         tuple(f"fish_env/bodies/{name}.json" for name in ("mass_spring", "planar", "two_layer")), by_name=True,
         follows=EVERY_BODY,
     ),
@@ -247,13 +198,6 @@ LEARNING = (
     Result(
         "learning.reversal", "one turn begun before another is over: path, heading, strain",
         "-m benchmarks.learning.reversal", 0.5, csv("reversal") + images("reversal.svg"),
-        follows=TRAINED,
-    ),
-    Result(
-        "learning.pictures", "a picture of a swimming fish, a video of every task, a film in 3-D",
-        "-m benchmarks.learning.pictures", 3,
-        (*images("swim.png"), *(f"docs/videos/{task}.mp4" for task in LEARNED), "docs/videos/left_after_right.html"),
-        by_name=True,
         follows=TRAINED,
     ),
 )  # fmt: skip

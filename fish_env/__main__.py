@@ -1,8 +1,8 @@
 """The command line of the package: what there is, and trained policies to watch and to evaluate.
 
 python -m fish_env                      list environments, bodies, integrators and the policies that are shipped
-python -m fish_env play turn            watch a shipped policy in a window (or --save FILE.html, .mp4, .webp, .gif)
-python -m fish_env evaluate turn        evaluate a shipped policy on fixed seeds
+python -m fish_env play turn            watch a policy in a window (or --save FILE.html, .mp4, .webp, .gif)
+python -m fish_env evaluate turn swim   evaluate policies on fixed seeds: shipped ones by name, others by their file
 python -m fish_env replay FILE.npz       simulate a recorded episode again and compare bit for bit
 python -m fish_env lab                  open the laboratory in the browser: look at soft bodies, pull and change them
 python -m fish_env compile swim         compile its kernels ahead of their first use, for an image or a shared folder
@@ -65,21 +65,29 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     command = commands.add_parser("replay", help="simulate a recorded episode again and compare bit for bit")
     command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
     command.add_argument("--save", type=Path, help="show it too: a page or a video")
-    for name, text in (("play", "watch a trained policy"), ("evaluate", "evaluate a trained policy on fixed seeds")):
+    add_policy_commands(commands)
+    return parser.parse_args(arguments)
+
+
+def add_policy_commands(commands) -> None:
+    """Add `play` and `evaluate` to the commands of a parser; `run_policy_command` runs them."""
+    known = f"a shipped policy ({', '.join(shipped_policies())}) or a policy file"
+    for name, text, count, episodes, seed in (
+        ("play", "watch a trained policy", "?", 1, 0),
+        ("evaluate", "evaluate trained policies on fixed seeds", "*", EPISODES, FIRST_SEED),
+    ):
         command = commands.add_parser(name, help=text)
-        command.add_argument("task", nargs="?", help=f"which shipped policy: {', '.join(shipped_policies())}")
-        command.add_argument("--policy", type=Path, help="this policy file instead of the shipped one")
+        command.add_argument("policies", nargs=count, metavar="policy", help=known)
+        command.add_argument("--policy", type=Path, help="a policy file, whatever its name")
         command.add_argument("--body", help="on another body than the one it was trained with")
         command.add_argument("--integrator", help="under another integrator than the one it was trained with")
+        command.add_argument("--dt", type=float, help="and with another step, s")
+        command.add_argument("--seed", type=int, default=seed, help=f"of the first episode (default {seed})")
+        command.add_argument("--episodes", type=int, default=episodes, help=f"how many (default {episodes})")
         if name == "play":
-            command.add_argument("--save", "--to", type=Path, dest="to", help=f"write a file, no window: {FILES}")
-            command.add_argument("--seed", type=int, default=0, help="of the first episode (default 0)")
-            command.add_argument("--episodes", type=int, default=1, help="how many (default 1)")
+            command.add_argument("--save", "--to", "--video", type=Path, dest="to", help=f"write a file: {FILES}")
         else:
             command.add_argument("--to", type=Path, help="write the means to a .json file too")
-            command.add_argument("--seed", type=int, default=FIRST_SEED, help=f"of the first (default {FIRST_SEED})")
-            command.add_argument("--episodes", type=int, default=EPISODES, help=f"how many (default {EPISODES})")
-    return parser.parse_args(arguments)
 
 
 def list_all() -> None:
@@ -87,7 +95,7 @@ def list_all() -> None:
     print(f"fish_env {fish_env.__version__}\n\nEnvironments: gymnasium.make(id, body=..., integrator=...)")
     for id, spec in gym.registry.items():
         if id.startswith("FishEnv/"):
-            print(f"  {id:30}{asked(spec)}")
+            print(f"  {id:30}{task_summary(spec)}")
     print("\nBodies")
     for body in fish_env.BODIES.values():
         print(f"  {body.name:30}{body.description}")
@@ -97,7 +105,7 @@ def list_all() -> None:
     print(f"\nShipped policies: {', '.join(shipped_policies())}\nCommands: python -m fish_env --help")
 
 
-def asked(spec) -> str:
+def task_summary(spec) -> str:
     """Summary of the task of an environment: the first sentence of its docstring."""
     if "Stub" in spec.id:
         return "The spaces of Swim-v0 without physics, for unit tests."
@@ -105,36 +113,73 @@ def asked(spec) -> str:
     return text.split(". ")[0].removesuffix(".") + "."
 
 
-def chosen_policy(arguments: argparse.Namespace) -> Policy:
-    """The policy that the command line names.
+def load_policies(arguments: argparse.Namespace) -> dict[str, Policy]:
+    """Load the policies that the command line names, by name or file; ValueError if there are none."""
+    given = arguments.policies if isinstance(arguments.policies, list) else [arguments.policies]
+    named = [name for name in given if name is not None]
+    found = {name: load_policy(name if name.endswith(".npz") else shipped_policy(name)) for name in named}
+    if arguments.policy is not None:
+        found[str(arguments.policy)] = load_policy(arguments.policy)
+    if not found:
+        raise ValueError(f"there is no policy; give one of {', '.join(shipped_policies())}, or a policy file")
+    return found
+
+
+def run_policy_command(arguments: argparse.Namespace) -> None:
+    """Run `play` or `evaluate`.
 
     Raises:
-        ValueError: if it names none, or a file for another environment than that of the task.
+        ValueError: for no policy or one that cannot be read, for `play` with several, and for options, episodes, seeds
+            or files that are not allowed.
     """
-    shipped = None if arguments.task is None else load_policy(shipped_policy(arguments.task))
-    if arguments.policy is not None:
-        return load_policy(arguments.policy, None if shipped is None else shipped.about["env_id"])
-    if shipped is None:
-        raise ValueError(f"give one of {', '.join(shipped_policies())}, or --policy FILE")
-    return shipped
+    changes = {name: getattr(arguments, name) for name in ("body", "integrator", "dt")}
+    if arguments.command == "evaluate":
+        evaluate_policies(arguments, changes)
+        return
+    policies = load_policies(arguments)
+    if len(policies) > 1:
+        raise ValueError(f"{' and '.join(policies)} cannot be played at once; give one policy")
+    (policy,) = policies.values()
+    play(policy, arguments.seed, arguments.episodes, arguments.to, **changes)
 
 
-def evaluate_policy(arguments: argparse.Namespace) -> None:
-    """Print the means over the episodes, and write them to a file on request."""
+def evaluate_policies(arguments: argparse.Namespace, changes: dict[str, str | float | None]) -> None:
+    """Print the means over the episodes, a column for each policy, and write them to a file on request."""
     checked_episodes(arguments.episodes, arguments.seed)
     if arguments.to is not None:
         writable_file(arguments.to, (".json",))
-    policy = chosen_policy(arguments)
-    env = make_policy_env(policy, arguments.episodes, body=arguments.body, integrator=arguments.integrator)
-    found = means(evaluate(policy_controller(policy, env), env, arguments.seed))
-    env.close()
-    print(f"{policy.about['env_id']}: mean over {arguments.episodes} episodes, seeds from {arguments.seed}")
-    for name, value in found.items():
-        print(f"  {name:20}{'-' if value is None else f'{value:.4g}'}")
+    records = []
+    for name, policy in load_policies(arguments).items():
+        env = make_policy_env(policy, arguments.episodes, **changes)
+        found = means(evaluate(policy_controller(policy, env), env, arguments.seed))
+        env.close()
+        about = {"env_id": policy.about["env_id"], "policy": name}
+        records.append(
+            about | {"episodes": arguments.episodes, "first_seed": arguments.seed, **changes, "means": found}
+        )
+    for env_id in dict.fromkeys(record["env_id"] for record in records):
+        print_means(env_id, [record for record in records if record["env_id"] == env_id])
     if arguments.to is not None:
-        record = {"env_id": policy.about["env_id"], "episodes": arguments.episodes, "first_seed": arguments.seed,
-                  "body": arguments.body, "integrator": arguments.integrator, "means": found}  # fmt: skip
-        write_text(arguments.to, json.dumps(record, indent=2) + "\n")
+        write_text(arguments.to, json.dumps(records[0] if len(records) == 1 else records, indent=2) + "\n")
+
+
+def print_means(env_id: str, records: list[dict]) -> None:
+    """Print the metrics of one environment, a row each, and a column for each policy.
+
+    Args:
+        env_id: of the environment.
+        records: of the policies, each with `policy` (its name), `means`, `episodes` and `first_seed`.
+    """
+    print(f"{env_id}: mean over {records[0]['episodes']} episodes, seeds from {records[0]['first_seed']}")
+    names = [record["policy"] for record in records]
+    names = [Path(name).parent.name if Path(name).name == "policy.npz" else name for name in names]
+    widths = [max(12, len(name) + 2) for name in names]
+    if len(records) > 1:
+        print(" " * 22 + "".join(name.rjust(width) for name, width in zip(names, widths, strict=True)))
+    for metric in dict.fromkeys(metric for record in records for metric in record["means"]):
+        values = [record["means"].get(metric) for record in records]
+        cells = ["-" if value is None else f"{value:.4g}" for value in values]
+        print(f"  {metric:20}" + "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
 
 
 def replay_file(path: Path, save: Path | None) -> int:
@@ -181,13 +226,10 @@ def run(arguments: argparse.Namespace) -> int:
         compile_kernels(arguments)
     elif arguments.command == "lab":
         serve(arguments.host, arguments.port)
-    elif arguments.command == "evaluate":
-        evaluate_policy(arguments)
     elif arguments.command == "replay":
         return replay_file(arguments.recording, arguments.save)
     else:
-        play(chosen_policy(arguments), arguments.seed, arguments.episodes, arguments.to,
-             body=arguments.body, integrator=arguments.integrator)  # fmt: skip
+        run_policy_command(arguments)
     return 0
 
 

@@ -118,20 +118,16 @@ def available_memory(root: Path = Path("/")) -> int | None:
     Args:
         root: root of the file system.
     """
-    sizes, groups = [], []
+    sizes, files = [], [root / "sys/fs/cgroup/memory/memory.limit_in_bytes"]  # of control groups, version 1
     with suppress(AttributeError, ValueError, OSError):  # not available on this system
         sizes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    with suppress(OSError):
-        groups = (root / "proc/self/cgroup").read_text().splitlines()
-    for group in groups:
-        _, controllers, path = group.split(":", 2)
-        if controllers and "memory" not in controllers.split(","):
-            continue
-        place, name = ("", "memory.max") if not controllers else ("memory", "memory.limit_in_bytes")
-        folder = PurePosixPath(path.lstrip("/"))
-        for each in (folder, *folder.parents):  # each may allow less than its subgroups
-            with suppress(OSError, ValueError):  # "max" is not a number
-                sizes.append(int((root / "sys/fs/cgroup" / place / each / name).read_text()))
+    with suppress(OSError):  # version 2: the group of this process, and those around it, which may allow less
+        for line in (root / "proc/self/cgroup").read_text().splitlines():
+            group = PurePosixPath(line.removeprefix("0::/"))
+            files += [root / "sys/fs/cgroup" / each / "memory.max" for each in (group, *group.parents)]
+    for file in files:
+        with suppress(OSError, ValueError):  # "max" is not a number
+            sizes.append(int(file.read_text()))
     return min(sizes, default=None)
 
 

@@ -3,8 +3,10 @@
 import gc
 import math
 import os
+import shutil
 import signal
 import sys
+from pathlib import Path
 
 # before numpy is loaded: small matrices gain nothing from its threads, which on a busy machine take far longer
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -49,3 +51,17 @@ def pytest_sessionfinish():
     """The fuzz tests write down what they have called: a worker does not live long after this."""
     if "fuzzing" in sys.modules:
         sys.modules["fuzzing"].write_ledger()
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory):
+    """The folder of a short run of Swim, which must not be changed."""
+    from trainings import train_short
+
+    return train_short(folder=tmp_path_factory.mktemp("trained") / "run")
+
+
+@pytest.fixture
+def run_copy(trained, tmp_path):
+    """The folder of a copy of the short run, which may be changed."""
+    return Path(shutil.copytree(trained, tmp_path / "run"))

@@ -55,6 +55,16 @@ two_methods = pytest.mark.parametrize("name", tiered(INTEGRATORS, ("leapfrog_che
 all_fixed = pytest.mark.parametrize("name", FIXED_STEP)
 
 
+THIN = VACUUM._replace(quadratic=1e-300)
+"""Water that moves no bit: tests in it share the kernels of tests in water. Methods differ in a real vacuum only where
+`vacuum_for` gives it."""
+
+
+def vacuum_for(name):
+    """Vacuum for a method that leaves something out where no force decays velocities, `THIN` for the others."""
+    return VACUUM if name in STABILISED else THIN
+
+
 def without_walls(name, world):
     """The same world, without walls for a method that cannot serve them."""
     return world._replace(planes=None) if name in ADAPTIVE else world
@@ -99,6 +109,12 @@ def advance(name, thing, world, x, v, rest, rate, h, n):
     tank.advance(n)
     assert tank.alive[0], tank.failure[0]
     return tank.position[0], tank.velocity[0]
+
+
+def assert_moved(start, moved, wanted, of_way, of_velocity):
+    """Check the ends (x, v) of a motion from `start`: displacements and velocities, each to an absolute error."""
+    np.testing.assert_allclose(moved[0] - start, wanted[0] - start, rtol=0, atol=of_way)
+    np.testing.assert_allclose(moved[1], wanted[1], rtol=0, atol=of_velocity)
 
 
 def run_into_failure(tank, n, calls=200):

@@ -45,7 +45,7 @@ TESTS = {
 }
 """The tests that are asked: what selects them, since some take too long without the compiler, and their files."""
 COMPILED = {
-    "fish_env/physics/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs", "counters",
+    "fish_env/physics/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "limits", "costs",
                              "failing_methods", "every_method", "topology", "tank"),
     "fish_env/physics/forces": ("forces", "elements", "extending", "conditions", "lanes",
                                  "four_bodies", "constant_matrix", "method_kinds"),

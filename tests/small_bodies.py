@@ -1,12 +1,14 @@
 """Small bodies of every kind of element, and a world with everything in it, for the tests of what they do."""
 
 from itertools import combinations, permutations, product
+from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.physics.body import make_body
+from fish_env.bodies.mesh import box
+from fish_env.physics.body import fix, make_body
 from fish_env.physics.elements import make_barriers, make_compartments, make_tets
-from fish_env.physics.records import Control, State, World
+from fish_env.physics.records import Body, Control, State, World
 from fish_env.physics.world import make_anchors, make_water, make_world
 
 CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
@@ -25,6 +27,23 @@ def kuhn(corners):
             path[0], path[1] = path[1], path[0]
         found.append([corners[p] for p in path])
     return np.array(found)
+
+
+class Task(NamedTuple):
+    """A body fixed at one end, the nodes at its other end, and how far each is to move, (K,3) m."""
+
+    body: Body
+    nodes: np.ndarray
+    displacement: np.ndarray
+
+
+def bar_task(cells=(6, 2, 2), size=0.05):
+    """A bar of cubes of five-centimetre edges, six tetrahedra each, one end fixed, the other pulled and bent."""
+    position, nodes = box(size * np.array(cells), cells)
+    tets = make_tets(position, nodes, 1e5, 0.3)
+    body = make_body(position, np.full(len(position), 0.1), [], [], [], [], [], tets=tets)
+    end = np.flatnonzero(position[:, 0] == position[:, 0].max())
+    return Task(fix(body, position[:, 0] == 0.0), end, np.tile([0.01, 0.02, 0.0], (end.size, 1)))
 
 
 def block(strain="corotational", young=2e4, poisson=0.3, relaxation_time=2e-3, size=0.1, cells=2):
@@ -159,7 +178,7 @@ def start(x, v):
     """The state of one body, or of several, at time zero."""
     x, v = (np.array(a, ndmin=3) for a in (x, v))
     b = len(x)
-    return State(x, v, np.zeros(b), np.zeros(b, dtype=int), np.zeros((b, 4), dtype=int))
+    return State(x, v, np.zeros(b), np.zeros(b, dtype=int), np.zeros((b, 5), dtype=int))
 
 
 def control(rest, rate=None, copies=1):

@@ -6,25 +6,17 @@ import pytest
 import scipy.integrate
 from moving import FISH, each_adaptive, each_body, run_into_failure, scene, tank_of, world_of
 from scipy.integrate import solve_ivp
+from small_bodies import control, start
 
 from fish_env import Tank
 from fish_env.physics.failures import NO_CONVERGENCE
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrators import adaptive
-from fish_env.physics.records import FORCES, Control, State
+from fish_env.physics.records import FORCES
 from fish_env.physics.world import VACUUM
 
+DEFAULT, STILL = FISH["mass_spring"], np.zeros((23, 3))
 METHOD = {"dop853": "DOP853", "radau": "Radau"}
-
-
-def start(x, v):
-    """The state of one body at time zero."""
-    return State(x[None].copy(), v[None].copy(), np.zeros(1), np.zeros(1, dtype=int), np.zeros((1, 5), dtype=int))
-
-
-def control(rest, rate=None):
-    """Control of one body."""
-    return Control(rest[None].copy(), np.zeros((1, rest.size)) if rate is None else rate[None].copy())
 
 
 @each_adaptive
@@ -41,8 +33,7 @@ def test_adaptive_is_exact(name, body, medium):
         error = np.linalg.norm(state.x[0] - true_x) + duration * np.linalg.norm(state.v[0] - true_v)
         errors.append(error / (np.linalg.norm(true_x - x) + duration * np.linalg.norm(true_v)))
         costs.append(state.counters[0, FORCES])
-    assert errors[0] <= 2e-7 and 1e-7 <= errors[1] <= 0.2
-    assert costs[1] < costs[0]
+    assert errors[0] <= 2e-7 and 1e-7 <= errors[1] <= 0.2 and costs[1] < costs[0]
 
 
 @each_adaptive
@@ -60,23 +51,20 @@ def test_adaptive_counters(name, monkeypatch):
 
     monkeypatch.setattr(Evaluator, "force", counted)
     monkeypatch.setattr(scipy.integrate, "solve_ivp", remember)
-    fish = FISH["mass_spring"]
-    tank = Tank(fish, 1, name, water=world_of(fish))
+    tank = Tank(DEFAULT, 1, name, water=world_of(DEFAULT))
     tank.advance(2)
     tank.advance(1)
     assert len(found) == 2 and found[0].nfev + found[1].nfev == len(evaluations) == tank.counters["force_evaluations"]
     assert tank.counters["factorisations"] == found[0].nlu + found[1].nlu
-    assert (tank.counters["factorisations"] > 0) == (name == "radau")
-    assert tank.counters["solves"] == 0
+    assert (tank.counters["factorisations"] > 0) == (name == "radau") and tank.counters["solves"] == 0
 
 
 @each_adaptive
 def test_adaptive_gives_up(name, monkeypatch):
     """A motion that takes more evaluations than are allowed fails as not converged, and is put back; counters stay."""
     monkeypatch.setattr(adaptive, "MOST_EVALUATIONS", 100)
-    fish = FISH["mass_spring"]
-    x, v = naive.random_state(fish, np.random.default_rng(13))
-    tank = tank_of(name, fish, VACUUM, x, v, 1.0)
+    x, v = naive.random_state(DEFAULT, np.random.default_rng(13))
+    tank = tank_of(name, DEFAULT, VACUUM, x, v, 1.0)
     assert run_into_failure(tank, 1) == NO_CONVERGENCE
     np.testing.assert_array_equal(tank.position[0], x)
     assert tank.state.counters[0, FORCES] == 101
@@ -97,10 +85,7 @@ def test_adaptive_gives_up(name, monkeypatch):
 )
 def test_adaptive_refuses(arguments, text):
     """A method, tolerance or duration that is not allowed is refused before anything moves."""
-    fish = FISH["mass_spring"]
-    x, v = naive.random_state(fish, np.random.default_rng(14))
-    state = start(x, v)
-    rest = control(fish.body.springs.rest_length)
+    state, rest = start(DEFAULT.body.position, STILL), control(DEFAULT.body.springs.rest_length)
     with pytest.raises(ValueError, match=text):
-        adaptive.solve(fish.body, VACUUM, state, rest, **{"duration": 0.1, **arguments})
-    np.testing.assert_array_equal(state.x[0], x)
+        adaptive.solve(DEFAULT.body, VACUUM, state, rest, **{"duration": 0.1, **arguments})
+    np.testing.assert_array_equal(state.x[0], DEFAULT.body.position)

@@ -8,16 +8,15 @@ from importlib import import_module
 
 import pytest
 
-from agents import records
+from agents.checkout import present_commit
 from benchmarks import __main__ as entry
-from benchmarks.bodies import convergence
-from benchmarks.common import motion, reference
+from benchmarks.common import reference, tables
 from benchmarks.common.reference import TRAJECTORIES
 from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
-from benchmarks.freshness import CURRENT, MISSING, ROOT, STALE, UNKNOWN, Status, status_of
+from benchmarks.freshness import CURRENT, MISSING, NO_TABLE, ROOT, STALE, UNKNOWN, Status, status_of
 from benchmarks.registry import REGISTRY, RESULTS, Result
 from fish_env import make_fish
-from fish_env.physics.body import scaled
+from fish_env.physics.body import scale_body
 
 each_result = pytest.mark.parametrize("result", REGISTRY.values(), ids=REGISTRY)
 
@@ -91,12 +90,14 @@ def test_status_of_a_table(project):
 
 
 def test_status_that_cannot_be_told(project):
-    """A table without trajectories, and files without a head, are said to be so; a missing file comes first."""
+    """A table without trajectories, and files that are no tables, are said to be so; a missing file comes first."""
     folder, _, _ = project
     (folder / "speed.csv").write_text("# commit: abc\nx\n6.0\n")
     assert status_of(["speed.csv"], ["*"], folder).state == UNKNOWN
     (folder / "chart.svg").touch()
-    assert status_of(["chart.svg"], ["*"], folder).state == UNKNOWN
+    assert status_of(["chart.svg"], ["*"], folder) == (NO_TABLE, "", "", "")
+    (folder / "gait.json").write_text('{"provenance": {"commit": "abc", "date": "2026-01-02"}}')
+    assert status_of(["gait.json"], ["*"], folder) == (NO_TABLE, "abc", "2026-01-02", "")
     assert status_of(["chart.svg", "gone.csv"], ["*"], folder)[0::3] == (MISSING, "gone.csv")
 
 
@@ -105,7 +106,7 @@ def test_trajectories_see_the_physics(monkeypatch):
     first, task = reference.swim("mass_spring"), reference.perform("swim")
     assert (reference.swim("mass_spring"), reference.perform("swim")) == (first, task)
     fish = make_fish("mass_spring")
-    stiffer = replace(fish, body=scaled(fish.body, stiffness=1.0 + 1e-6))
+    stiffer = replace(fish, body=scale_body(fish.body, stiffness=1.0 + 1e-6))
     monkeypatch.setattr(reference, "make_fish", lambda name: stiffer)
     assert abs(reference.swim("mass_spring") / first - 1.0) > 1e-8
     numbers = {"body a": 1.25e-7, "task b c": -3.0}
@@ -135,23 +136,23 @@ def test_a_failure_does_not_stop_the_others(monkeypatch, capfd):
 
 
 def test_names_and_stale_ones(monkeypatch, capfd):
-    """An unknown name is answered with what there is; --stale makes what is stale or missing."""
+    """An unknown name is answered with what there is; --stale makes what is stale or missing, --all what is older."""
     assert entry.main(["nonsense"]) == 2
     assert "unknown name 'nonsense'" in capfd.readouterr().err
     with pytest.raises(SystemExit):
         entry.main(["--all", "--stale"])
-    states = {"current": CURRENT, "old": STALE, "missing": MISSING, "unknown": UNKNOWN}
-    made = {name: Result(f"a.{name}", "", f"-c print('{name}')", 0.1, (name,)) for name in states}
+    made = {
+        state: Result(f"a.{state}", "", f"-c print('{state}')", 0.1, (state,)) for state in (CURRENT, STALE, MISSING)
+    }
+    commit = present_commit()
     monkeypatch.setattr(entry, "REGISTRY", made)
-    monkeypatch.setattr(entry, "status_of", lambda outputs, follows: Status(states[outputs[0]], commit, "", ""))
-    commit = records.provenance("")["commit"]
-    capfd.readouterr()
-    assert entry.main(["--stale"]) == 0
-    assert [line for line in capfd.readouterr().out.splitlines() if line in made] == ["old", "missing"]
+    monkeypatch.setattr(entry, "status_of", lambda outputs, follows: Status(outputs[0], commit, "", ""))
+    for option in ("--stale", "--all"):
+        capfd.readouterr()
+        assert entry.main([option]) == 0
+        assert [line for line in capfd.readouterr().out.splitlines() if line in made] == [STALE, MISSING]
     assert entry.main([]) == 0
-    assert "1 current, 1 stale, 1 missing, 1 cannot be told" in capfd.readouterr().out
-    assert entry.main(["--all"]) == 0  # what was made at this commit is left out
-    assert [line for line in capfd.readouterr().out.splitlines() if line in made] == ["old", "missing", "unknown"]
+    assert "1 current, 1 stale, 1 missing" in capfd.readouterr().out
 
 
 def test_the_list_of_this_project(capsys):
@@ -163,22 +164,14 @@ def test_the_list_of_this_project(capsys):
 
 def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
     """A table that cannot be written leaves the one that was there: rows that differ, or no provenance."""
-    monkeypatch.setattr(records, "RESULTS", tmp_path)
-    path = records.write_csv("some.csv", [{"a": 1, "b": 2.5}], "python -m some")
+    monkeypatch.setattr(tables, "RESULTS", tmp_path)
+    monkeypatch.setattr(tables, "trajectories", lambda: {"body fast": 1.0})
+    path = tables.write_csv("some.csv", [{"a": 1, "b": 2.5}], "python -m some")
     before = path.read_bytes()
     assert before.startswith(b"# command: python -m some\n") and before.endswith(b"\na,b\n1,2.5\n")
     with pytest.raises(ValueError, match="fields not in fieldnames"):
-        records.write_csv("some.csv", [{"a": 1}, {"a": 1, "c": 2}], "python -m some")
-    monkeypatch.setattr(records, "provenance", lambda command: 1 / 0)
+        tables.write_csv("some.csv", [{"a": 1}, {"a": 1, "c": 2}], "python -m some")
+    monkeypatch.setattr(tables, "provenance", lambda command: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        records.write_csv("some.csv", [{"a": 1}], "python -m some")
+        tables.write_csv("some.csv", [{"a": 1}], "python -m some")
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
-
-
-def test_convergence_of_tetrahedra(monkeypatch):
-    """Distances to the finest level, which of two is the next finer one: other motions, and no motion of its own."""
-    monkeypatch.setattr(motion, "SECONDS", 1.2)
-    rows = convergence.run(1, tasks=("swim",), levels=(2, 1))
-    assert {(row["level"], row["against"], row["failed"]) for row in rows} == {(1, 2, 0)}
-    (off,) = (float(row["error"]) for row in rows if row["quantity"] == "all")
-    assert 0.05 < off < 1.0

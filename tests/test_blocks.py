@@ -5,12 +5,15 @@ are called. Commands are checked by the help of the program they call, without b
 """
 
 import importlib.util
+import io
 import json
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from functools import cache
 from pathlib import Path
 
@@ -117,13 +120,20 @@ def test_blocks_run(program, monkeypatch, tmp_path):
 
 @cache
 def help_of(*words):
-    """What a program of this repository prints when it is called with these words and --help."""
-    found = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, *words, "--help"], env=found, cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, f"{' '.join(words)} --help: {done.stderr}"
-    return done.stdout
+    """What a program of this repository prints when it is called with these words and --help, in this process."""
+    printed, before = io.StringIO(), (sys.argv, sys.path[:])
+    run = runpy.run_module if words[0] == "-m" else runpy.run_path
+    words = words[1:] if words[0] == "-m" else (str(ROOT / words[0]), *words[1:])
+    sys.argv = [*words, "--help"]
+    if run is runpy.run_path:
+        sys.path.insert(0, str(Path(words[0]).parent))
+    try:
+        with redirect_stdout(printed), pytest.raises(SystemExit) as end:
+            run(words[0], run_name="__main__")
+    finally:
+        sys.argv, sys.path[:] = before
+    assert not end.value.code, f"{' '.join(words)} --help: {end.value}"
+    return printed.getvalue()
 
 
 def check_pip(words):
@@ -198,39 +208,31 @@ def test_commands_within_the_text():
 
 
 def test_names_within_the_text():
-    """A name that begins with `fish_env.` exists; what the text calls is found after `import fish_env` alone."""
-    called, named = {}, {}
+    """A name that begins with `fish_env.` exists; what the text calls is found after `import fish_env` alone.
+
+    That loads neither Stable-Baselines3 nor torch, also where `fish_env.make_sb3_vec_env` can be called.
+    """
+    called, named = {"fish_env.make_sb3_vec_env": "the test"}, {}
     for page, span in spans():
         match = re.match(r"(fish_env(?:\.\w+)+)(\(?)", span)
         if match is not None and not match[1].endswith((".py", ".md")):
             (called if match[2] else named).setdefault(match[1], page)
     assert called and named
+    made = "assert fish_env.make_sb3_vec_env('FishEnv/Stub-v0', num_envs=3, seed=0).reset().shape == (3, 156)\n"
     if importlib.util.find_spec("stable_baselines3") is None:
-        called.pop("fish_env.make_sb3_vec_env", None)
+        called.pop("fish_env.make_sb3_vec_env")
+        made = ""
     script = (
         "import pkgutil, sys, fish_env\n"
+        "loaded = {'stable_baselines3', 'torch', 'pygame', 'matplotlib'} & set(sys.modules)\n"
+        "assert not loaded, loaded\n"
+        "assert 'make_sb3_vec_env' in fish_env.__all__\n"
         f"for name in {sorted(called)}:\n"
         "    found = fish_env\n"
         "    for part in name.split('.')[1:]: found = getattr(found, part)\n"
         f"for name in {sorted(named)}:\n"
-        "    pkgutil.resolve_name(name)\n"
+        "    pkgutil.resolve_name(name)\n" + made
     )
     found = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", script], env=found, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{done.stderr}\n{called} {named}"
-
-
-def test_stable_baselines3_loads_when_asked_for():
-    """`import fish_env` alone gives `fish_env.make_sb3_vec_env`, and loads neither Stable-Baselines3 nor torch."""
-    pytest.importorskip("stable_baselines3")
-    script = (
-        "import sys, fish_env\n"
-        "loaded = {'stable_baselines3', 'torch', 'pygame', 'matplotlib'} & set(sys.modules)\n"
-        "assert not loaded, loaded\n"
-        "assert 'make_sb3_vec_env' in fish_env.__all__\n"
-        "env = fish_env.make_sb3_vec_env('FishEnv/Stub-v0', num_envs=3, seed=0)\n"
-        "assert env.reset().shape == (3, 156)\n"
-    )
-    found = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", script], env=found, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

@@ -13,7 +13,6 @@ import pytest
 
 import fish_env
 from fish_env import __main__ as command_line
-from fish_env import control
 from fish_env.control import load_policy, make_policy_env, play, shipped_policies, shipped_policy
 from fish_env.control.console import answered
 from fish_env.control.evaluation import evaluate, means, policy_controller
@@ -53,7 +52,7 @@ def test_versions(capsys, monkeypatch):
     assert found["fish_env"] == fish_env.__version__ and found["python"] == sys.version.split()[0]
 
 
-def test_evaluate(tmp_path, capsys):
+def test_evaluate(tmp_path, capsys, monkeypatch):
     """The means it prints and writes are those of `evaluate`, and train.py finds the same."""
     file = tmp_path / "new" / "swim.json"
     assert command_line.main(["evaluate", "swim", "--episodes", "2", "--to", str(file)]) == 0
@@ -64,10 +63,14 @@ def test_evaluate(tmp_path, capsys):
     assert record["means"] == wanted and record["episodes"] == 2 and record["env_id"] == "FishEnv/Swim-v0"
     printed = dict(line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("  "))
     assert printed["speed"] == f"{wanted['speed']:.4g}"
-    pytest.importorskip("torch")
-    from agents import report
-
-    assert report.measure([shipped_policy("swim")], episodes=2)[shipped_policy("swim")] == wanted
+    arguments = ["evaluate", "swim", str(shipped_policy("swim")), "turn", "--episodes", "2", "--to", str(file)]
+    monkeypatch.setattr(sys, "argv", ["train.py", *arguments])
+    assert pytest.importorskip("train").main() == 0
+    assert [record["means"] == wanted for record in json.loads(file.read_text())] == [True, True, False]
+    printed = capsys.readouterr().out
+    assert "FishEnv/Swim-v0: mean over 2" in printed and "FishEnv/Turn-v0: mean over 2" in printed
+    speed = f"{wanted['speed']:.4g}"
+    assert next(line.split() for line in printed.splitlines() if "  speed " in line) == ["speed", speed, speed]
 
 
 @pytest.mark.parametrize("ending", [".gif", ".webp", ".mp4"])
@@ -93,8 +96,7 @@ def test_a_policy_of_another_environment_is_not_played(tmp_path):
 def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
     """Both command lines hand policy, seed, number of episodes, file and options to the one function that plays."""
     told = []
-    for place in (command_line, control):
-        monkeypatch.setattr(place, "play", lambda *arguments, **options: told.append((*arguments, options)))
+    monkeypatch.setattr(command_line, "play", lambda *arguments, **options: told.append((*arguments, options)))
     policy, video = shipped_policy("swim"), tmp_path / "swim.gif"
     assert command_line.main(["play", "swim", "--to", str(video), "--body", "planar", "--seed", "3"]) == 0
     monkeypatch.setattr(sys, "argv", ["train.py", "play", str(policy), "--video", str(video), "--seed", "4"])
@@ -102,21 +104,22 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
     assert train.main() == 0
     (one, *first), (two, *second) = told
     assert one.about == two.about and one.about["env_id"] == "FishEnv/Swim-v0"
-    assert first == [3, 1, video, {"body": "planar", "integrator": None}] and second == [4, 3, video, {}]
+    assert first == [3, 1, video, {"body": "planar", "integrator": None, "dt": None}]
+    assert second == [4, 1, video, {"body": None, "integrator": None, "dt": None}]
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["play", "fly"], "no policy is shipped for 'fly'; choose from avoid"),
-        (["play"], "give one of avoid, "),
+        (["play"], "there is no policy; give one of avoid, "),
+        (["play", "swim", "--policy", str(shipped_policy("turn"))], "cannot be played at once; give one policy"),
         (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),
         (["evaluate", "swim", "--body", "eel"], "unknown body 'eel'"),
         (["evaluate", "swim", "--episodes", "0"], "episodes is 0; give a whole number, at least 1"),
         (["evaluate", "swim", "--seed", "-5"], "seed is -5; give a whole number, zero or more"),
         (["play", "swim", "--to", "swim.avi"], "give a name that ends in .mp4 or .webp or .gif"),
         (["evaluate", "swim", "--to", "pyproject.toml/x.json"], "no file can be written in the folder"),
-        (["evaluate", "turn", "--policy", str(shipped_policy("swim"))], "was trained for FishEnv/Swim-v0, not"),
     ],
 )
 def test_mistakes(arguments, message, capsys, monkeypatch):

@@ -5,26 +5,47 @@ import numpy as np
 import pytest
 import small_bodies
 from moving import ADAPTIVE, each_method, tiered, without_walls
+from small_bodies import Task, bar_task
 
-from benchmarks.accuracy import boundary
 from fish_env import INTEGRATORS, Tank, make_fish, make_world
 from fish_env.bodies.objects import make_ring
 from fish_env.bodies.solids import make_beam
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.conditions import PENALTY, make_penalty
+from fish_env.physics.conditions import PENALTY, largest_entry, make_penalty
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.integrators import limits
 from fish_env.physics.records import World
 from fish_env.physics.statics import equilibrium, prescribed_displacement
 from fish_env.physics.tank_options import own_step
-from fish_env.physics.world import VACUUM
+from fish_env.physics.world import VACUUM, make_anchors
 
 FISH = make_fish()
 STIFFNESS, DAMPING, MASS, LENGTH, STEP = 50.0, 3.0, 0.1, 0.25, 1e-3
 METHODS = ("elimination", "penalty")
 AXES = {"elimination": "x", "penalty": "xyz"}
 each_way = pytest.mark.parametrize("method", METHODS)
-each_task = pytest.mark.parametrize("task", boundary.TASKS)
+
+
+def fish_task():
+    """The fish, its head fixed, the two nodes of its tail, and how far they go, (2,3) m: a twentieth of its length."""
+    head = FISH.body.position[:, 0] >= np.sort(FISH.body.position[:, 0])[-5]
+    return Task(fix(FISH.body, head), FISH.tail, np.tile([0.0, 0.05 * FISH.length, 0.0], (2, 1)))
+
+
+each_task = pytest.mark.parametrize("make", [fish_task, bar_task])
+
+
+def displaced(task, **options):
+    """Displacements (N,3) m of a task, and the reactions, if the springs of its body have no tension at rest."""
+    ends = task.body.position[task.body.springs.nodes]
+    springs = task.body.springs._replace(rest_length=np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    return prescribed_displacement(task.body._replace(springs=springs), task.nodes, task.displacement, **options)
+
+
+def penalty_of(task):
+    """Anchors without length for the nodes to be moved: the penalty of the textbook."""
+    point = task.body.position[task.nodes] + task.displacement
+    return make_anchors(task.nodes, point, PENALTY * largest_entry(task.body))
 
 
 def thing(body, name="fixed"):
@@ -149,12 +170,12 @@ def solve_dense(body, load, displacement, penalties=None):
 
 
 @each_task
-def test_static_problem(task):
+def test_static_problem(make):
     """Elimination is the reduced dense system, and the penalty the textbook's: 1e4 largest entries on the diagonal."""
-    body, nodes, displacement = task = boundary.TASKS[task]()
+    body, nodes, displacement = task = make()
     rng, still = np.random.default_rng(2), np.zeros_like(body.position)
     load, given = rng.normal(size=still.shape), still.copy()
-    found, bearing = prescribed_displacement(boundary.tensionless(body), nodes, displacement, load)
+    found, bearing = displaced(task, load=load)
     given[nodes] = displacement
     wanted = solve_dense(fix(body, np.union1d(body.fixed[:, 0], nodes)), load, given)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
@@ -164,21 +185,22 @@ def test_static_problem(task):
     np.testing.assert_allclose(force[free], 0.0, atol=1e-9 * np.abs(force).max())
     force[free] = 0.0
     np.testing.assert_allclose(bearing, force, rtol=0, atol=1e-11 * np.abs(force).max())
-    penalties, size = boundary.penalty(task, PENALTY), np.abs(displacement).max()
+    penalties, size = penalty_of(task), np.abs(displacement).max()
     np.testing.assert_allclose(penalties.stiffness, 1e4 * np.abs(naive.stiffness_matrix(body)).max(), rtol=1e-14)
-    wanted, found = solve_dense(body, still, still, penalties), boundary.by_penalty(task, PENALTY)
+    wanted, found = solve_dense(body, still, still, penalties), displaced(task, method="penalty")[0]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
     assert 0 < np.abs(found[nodes] - displacement).max() < 1e-4 * size
-    assert np.abs(found - boundary.by_elimination(task)).max() < 1e-4 * size
+    assert np.abs(found - displaced(task)[0]).max() < 1e-4 * size
 
 
 @each_task
-def test_penalty_error(task):
+def test_penalty_error(make):
     """The penalty's error falls as one over the penalty, from ten largest entries up to where rounding takes over."""
-    task = boundary.TASKS[task]()
-    truth, multiples = boundary.by_elimination(task), 10.0 ** np.arange(1, 9)
+    task = make()
+    truth, multiples = displaced(task)[0], 10.0 ** np.arange(1, 9)
     for which in (task.nodes, slice(None)):
-        errors = [np.abs(boundary.by_penalty(task, multiple) - truth)[which].max() for multiple in multiples]
+        found = [displaced(task, method="penalty", multiple=multiple)[0] for multiple in multiples]
+        errors = [np.abs(each - truth)[which].max() for each in found]
         slope = np.polyfit(np.log(multiples), np.log(errors), 1)[0]
         assert abs(slope + 1) <= 0.05, f"slope {slope:.4f}, errors {errors}"
 
@@ -189,8 +211,8 @@ def test_penalty_error(task):
 @pytest.fixture(scope="module")
 def bent_fish():
     """The fish's task with the 1e4 penalty: task, anchors, and the world they make."""
-    task = boundary.fish_task()
-    pulling = boundary.penalty(task, PENALTY)
+    task = fish_task()
+    pulling = penalty_of(task)
     return task, pulling, VACUUM._replace(anchors=pulling)
 
 

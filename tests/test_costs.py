@@ -30,8 +30,7 @@ def test_ratios():
         lambda: [throughput.Swim(throughput.swimming(FISH, count, lanes="xyz")) for count in (1, 4)], 3, 1
     )
     np.testing.assert_array_equal(found[0].ratio, 1.0)
-    row = throughput.row("table", "name", found[1], "one", 4)
-    assert 0.3 < float(row["ratio"]) < 1.5 and float(row["us_q1"]) <= float(row["us"]) <= float(row["us_q3"])
+    assert 0.3 < found[1].ratio[1] < 1.5 and found[1].time[0] <= found[1].time[1] <= found[1].time[2]
 
 
 def test_bodies_of_the_scaling():

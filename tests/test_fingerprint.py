@@ -137,7 +137,7 @@ def is_right(path, text, x=3.0):
 
 
 @given(way=st.sampled_from(list(WAYS)), values=st.lists(VALUES, min_size=2, max_size=3))
-@examples(60)
+@examples(30)
 def test_values_are_seen(tmp_path_factory, way, values):
     """Whatever value a kernel comes by in whatever way, compiled code is of the value that it has now."""
     path = tmp_path_factory.mktemp("edited") / "edited.py"
@@ -148,7 +148,7 @@ def test_values_are_seen(tmp_path_factory, way, values):
 
 @given(way=st.sampled_from(list(NUMBERED)), values=st.lists(st.sampled_from(["1.0", "2.0", "3", "-0.0", "True"]),
                                                             min_size=2, max_size=3))  # fmt: skip
-@examples(30)
+@examples(15)
 def test_numbers_are_seen(tmp_path_factory, way, values):
     """So it is for defaults, constants of nested functions and members of enumerations."""
     path = tmp_path_factory.mktemp("edited") / "edited.py"
@@ -210,7 +210,7 @@ UFUNC = "import numba\n@numba.vectorize\n" + OUTER + CALLS_OUTER
 def test_what_is_unknown_is_not_stored(tmp_path):
     """A kernel that calls what cannot be told by value is compiled in every process, and one warning says so."""
     for value in ("2.0", "5.0"):
-        _cache.unstored.cache_clear()
+        _cache.warn_unstored.cache_clear()
         with pytest.warns(RuntimeWarning, match="cannot store the compiled call, .*outer"):
             module = loaded(tmp_path / "edited.py", HEAD + UFUNC.format(value=value))
             assert module.call(3.0) == 3.0 * float(value)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.calibration import commands, fit, fit_search
-from benchmarks.calibration.fit_search import SEARCHED, Problem, beginning, off_trout, parameters, rounded
+from benchmarks.calibration import commands, fit_search
+from benchmarks.calibration.fit_search import SEARCHED, Problem, beginning, parameters, rounded
 from benchmarks.common.motion import FAILED, Motion, areas, errors, play, residuals
 from benchmarks.common.roll import roll, strong_gaits
-from fish_env import TASKS, Tank, make_fish
+from fish_env import Tank, make_fish
 from fish_env.bodies import mass_spring as tu
 
 
@@ -104,50 +104,9 @@ def test_scenes_that_count_more():
     np.testing.assert_allclose(weighted[size : 2 * size], 3.0 * plain[size : 2 * size], rtol=1e-12)
     np.testing.assert_array_equal(weighted[2 * size :], plain[2 * size :])
     assert np.abs(plain[size : 2 * size]).max() > 0.0
-    found, recorded = commands.weights(), commands.recorded()
-    scenes = len(recorded) * len(TASKS) * commands.SEEDS
-    assert recorded.shape[1:] == (len(TASKS) * commands.SEEDS, 150, 12) and recorded.min() >= 0 and recorded.max() <= 1
-    assert found.shape == (scenes + sum(commands.EACH.values()),) and commands.EACH.keys() == commands.TRAINING.keys()
-    tasks = found[:scenes].reshape(len(recorded), len(TASKS), commands.SEEDS)
-    assert (tasks == [[commands.WEIGHTS.get(task, 1.0)] * commands.SEEDS for task in TASKS]).all()
-    assert (tasks[:, list(TASKS).index("left_after_right")] == 2.0).all()
+    found = commands.weights()
+    assert found.size == len(commands.training_scenes(0)) and set(found) == {1.0, 2.0}
     assert (found[-commands.EACH["sprints"] :] == 2.0).all()
-
-
-def test_recordings_of_the_controllers_are_added(monkeypatch, tmp_path):
-    """Each recording goes behind the earlier ones, which stay as they were."""
-    monkeypatch.setattr(commands, "FILE", tmp_path / "commands.npz")
-    monkeypatch.setattr(commands, "SEEDS", 1)
-    monkeypatch.setattr("sys.argv", ["commands"])
-    commands.main()
-    monkeypatch.setattr(commands, "record", lambda task, seeds, first: np.full((seeds, 150, 12), 0.5))
-    first = commands.recorded()
-    commands.main()
-    both = commands.recorded()
-    assert first.shape == (1, len(TASKS), 150, 12) and np.ptp(first) > 0.5
-    np.testing.assert_array_equal(both[0], first[0])
-    assert (both[1] == 0.5).all()
-
-
-def test_kept_searches_say_of_which_body_they_are(monkeypatch, tmp_path):
-    """A search is read again for the same job and the same recordings, and made for another base or other ones."""
-    made = []
-
-    def search(job):
-        made.append(job)
-        return 1.0, {"shear": 0.5}
-
-    monkeypatch.setattr(fit, "search", search)
-    monkeypatch.setattr(fit, "KEPT", tmp_path)
-    monkeypatch.setattr(fit, "FILE", tmp_path / "commands.npz")
-    fit.FILE.write_bytes(b"one")
-    jobs = [("planar", 1, {"damping": value}) for value in (1.0, 2.0)]
-    found = [fit.kept_search(job) for job in (jobs[0], jobs[0], jobs[1])]
-    assert made == jobs and found == [(1.0, {"shear": 0.5})] * 3
-    fit.FILE.write_bytes(b"two")
-    fit.kept_search(jobs[0])
-    assert made == [*jobs, jobs[0]]
-    assert make_fish("planar", **fit.fitted()).body.mass.tolist() == make_fish("planar").body.mass.tolist()
 
 
 def test_shipped_bodies_are_what_a_search_may_find():
@@ -179,30 +138,6 @@ def test_the_search_finds_the_way_back():
     changed[searched] -= np.linalg.lstsq(jacobian, here)[0]
     np.testing.assert_allclose(changed, point, atol=2e-3)
     assert (problem.residuals(changed)[motion] ** 2).sum() < 0.01 * (here**2).sum()
-
-
-def test_a_search_begins_where_there_is_a_body(monkeypatch):
-    """Where there is no body at what is drawn, the search begins nearer to the start; there must be one there."""
-    swum = np.zeros((1, 75, 12))
-    problem = Problem("mass_spring", swum, play(make_fish("planar"), swum))
-    monkeypatch.setattr(fit_search, "SPREAD", 3.0)
-    points = [problem.near(np.random.default_rng(seed)) for seed in range(4)]
-    assert all(problem.fish(point).name == "mass_spring" for point in points)
-    assert np.ptp(points, axis=0).max() > 0.0
-    problem.start[25:31], problem.low[25:31], problem.high[25:31] = 0.1, 0.05, 0.15  # water behind its section
-    with pytest.raises(ValueError, match="there is no mass_spring at the start of its search"):
-        problem.near(np.random.default_rng(0))
-
-
-def test_off_trout_is_zero_within_the_margins(monkeypatch):
-    """What is free costs nothing; beyond it, residuals grow with the distance."""
-    fish = make_fish("planar")
-    monkeypatch.setattr(fit_search, "SWIMS_OFF", 10.0)
-    monkeypatch.setattr(fit_search, "SWAYS_OFF", 10.0)
-    monkeypatch.setattr(fit_search, "NOSE", (0.0, 10.0))
-    assert np.abs(off_trout(fish)).max() == 0.0
-    monkeypatch.setattr(fit_search, "NOSE", (0.0, 0.01))
-    assert (off_trout(fish).reshape(3, 9)[:, 8] > 0.1).all()
 
 
 def test_a_flat_fish_does_not_roll():

@@ -15,7 +15,7 @@ from small_bodies import ALL, close, completed, world_with_all
 
 from fish_env import Tank, make_fish, make_water
 from fish_env.physics import forces
-from fish_env.physics.body import fix, make_body, scaled
+from fish_env.physics.body import fix, make_body, scale_body
 from fish_env.physics.failures import STRETCH_LIMIT
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces import FORCES, rest_matrices, tets
@@ -197,7 +197,7 @@ def test_system_is_part_of_the_derivatives():
         )
 
 
-@pytest.mark.parametrize("stages", [tets.MANY - 1, tets.MANY])
+@pytest.mark.parametrize("stages", [tets.MANY_STAGES - 1, tets.MANY_STAGES])
 @pytest.mark.parametrize(("factor", "least"), [(1.3, 0.0), (1e-9, 0.6)])
 @each_body
 def test_tangent(name, factor, least, stages):
@@ -231,7 +231,7 @@ def test_rest_matrices(name):
 def test_scaled():
     """Factors on stiffness and damping of a body multiply its elastic and viscous forces, of all kinds of elements."""
     (x, v, _), rest = random_state("two layers", 6), ALL.springs.rest_length
-    found, twice = [], scaled(ALL, 3.0, 5.0, 2.0)
+    found, twice = [], scale_body(ALL, 3.0, 5.0, 2.0)
     for body in (ALL, twice):
         evaluator = Evaluator(body, WORLDS["two layers"], forces.present(ALL, VACUUM))
         elastic, both = (evaluator.force(rest, x, velocity) for velocity in (0 * v, v))
@@ -251,7 +251,7 @@ def test_variation_is_a_scaled_body(seed):
     (stiffness, mass, drag), current = rng.uniform(0.5, 2.0, 3), rng.uniform(-1, 1, 3)
     found = Block(None, ALL, world, variation=[stiffness, mass, drag, *current]).set(x, v).add("add_force")
     around = world._replace(quadratic=world.quadratic * drag, current=world.current + current)
-    body = scaled(ALL, stiffness, stiffness, mass)
+    body = scale_body(ALL, stiffness, stiffness, mass)
     close(mass * found, naive.total_force(body, around, ALL.springs.rest_length, x, v))
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from moving import tiered
 
 from fish_env import Tank, make_fish
 from fish_env.envs import FishVectorEnv
@@ -30,15 +31,15 @@ BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")
 METHODS = ("semi_implicit", "rk4", "linearly_implicit", "rosenbrock")
 
 
-def others_slow(*cases):
-    """Cases of which all but the first are slow."""
-    return [cases[0], *(pytest.param(case, marks=pytest.mark.slow) for case in cases[1:])]
-
-
 @pytest.mark.parametrize(
-    "options", others_slow({}, *({"body": body} for body in BODIES[1:]), *({"integrator": name} for name in METHODS))
+    "options",
+    [
+        {},
+        *(pytest.param({"body": body}, marks=pytest.mark.slow) for body in BODIES[1:]),
+        *(pytest.param({"integrator": name}, marks=pytest.mark.slow) for name in METHODS),
+    ],
 )
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", tiered(("float64", "float32"), ("float64",)))
 def test_memory_of_a_thread(options, dtype):
     """A fish whose numbers stand between those of 31 others moves as it does alone, to the last bit."""
     body, integrator = options.get("body", BODIES[0]), options.get("integrator")

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.bodies import inertia
 from benchmarks.bodies.fidelity import every_fish
 from fish_env import make_fish
 from fish_env.bodies import mass_spring as tu
@@ -74,6 +73,8 @@ def test_bodies_of_an_outline_have_its_yaw_inertia(body):
     found = moments(fish.body.mass, fish.body.position)
     assert found.mass == pytest.approx(WANTED.mass, rel=1e-9) and found.centre == pytest.approx(WANTED.centre, rel=1e-9)
     assert found.inertia[2] == pytest.approx(WANTED.inertia[2], rel=1e-9)
+    if body == "mass_spring":  # as docs/choosing-a-body.md says
+        np.testing.assert_allclose(found.inertia[:2] / WANTED.inertia[:2], [3.4, 1.09], rtol=0.01)
 
 
 def test_masses_are_the_nearest_in_relative_entropy():
@@ -110,12 +111,3 @@ def test_what_cannot_be_had_is_refused():
         matched(tu.masses(PARAMETERS), position, WANTED, solid=True)
     with pytest.raises(ValueError, match="no masses of these nodes"):
         tu.masses(replace(PARAMETERS, layer_position=(0.001, 0.002, 0.003, 0.004, 0.005)))
-
-
-def test_rows():
-    """Every body in every quantity that matters to it, beside the continuum."""
-    rows = inertia.measure(swimming=False)
-    assert len(rows) == 3 + 5 * 5 and {(row["body"], row["level"]) for row in rows} == set(every_fish())
-    for row in rows:
-        ratio = float(row["value"]) / float(row["continuum"])
-        assert 100 * (ratio - 1) == pytest.approx(float(row["off_percent"]), abs=0.06)

@@ -28,6 +28,7 @@ expected = float((0.125 * springs.stiffness * springs.rest_length**2).sum())
 hits = sum(compiled(("springs",), "energy").stats.cache_hits.values())
 print(fish_env.__file__, round(energy / expected, 6), hits, sep="\\n")
 """
+PATIENT = "import fish_env.kernels.progress as progress; progress.PATIENCE = 0.0"
 CLOSURES = """
 from fish_env.kernels.compile import kernel, njit
 
@@ -47,6 +48,26 @@ def made(part, factor):
 
 calls = [made(part, factor) for part in (square, cube) for factor in (1.0, 10.0)]
 print([call(2.0) for call in calls], [sum(call.stats.cache_hits.values()) for call in calls])
+"""
+LONG = """
+import math
+import sys
+from fish_env.kernels.compile import njit, part
+
+def made(factor):
+    @part
+    def inner(x):
+        total = 0.0
+        for k in range(int(x)):
+            total += factor
+{lines}
+        return total
+    @njit
+    def outer(x):
+        return inner(x) + inner(1.01 * x) + inner(x + 1.0) + inner(x + 2.0) + inner(x + 5.0)
+    return outer
+
+print(*[made(float(factor))(1.0) for factor in sys.argv[1:]])
 """
 
 
@@ -98,77 +119,71 @@ def test_kernels_are_in_the_rooms_that_name_the_folder(package):
         assert (_cache.source_hash(package, _cache.ROOMS) == first) == same
 
 
-def fresh(script, package, cache):
-    """What a script prints in a fresh process that uses the copied package."""
+def scaled(factor):
+    """A compiled function that multiplies by a factor, called once."""
+    call = njit(lambda a: factor * a)
+    assert call(1.0) == factor
+    return call
+
+
+def hits(call):
+    """How often a compiled function was found on disk."""
+    return sum(call.stats.cache_hits.values())
+
+
+def run(script, folder, **variables):
+    """What a script prints, on the standard output and error, in a fresh process in which the package of a folder is.
+
+    Of the variables of this process for Python, numba and the package, it has none but these.
+    """
     skipped = ("NUMBA_", "PYTHON", "FISH_ENV_")
     environment = {key: value for key, value in os.environ.items() if not key.startswith(skipped)}
-    environment |= {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, *(["-c", script] if isinstance(script, str) else [str(script)])]
-    done = subprocess.run(command, env=environment, cwd=package.parent, capture_output=True, text=True)
+    environment |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"} | variables
+    words = ["-c", script] if isinstance(script, str) else list(map(str, script))
+    done = subprocess.run([sys.executable, *words], env=environment, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return done.stdout
+    return done.stdout, done.stderr
 
 
-def stored(package, cache):
-    """Energy of the springs over what it should be, by the copied package in a fresh process, and cache hits."""
-    file, energy, hits = fresh(SCRIPT, package, cache).split("\n")[:3]
+def stored(package, cache, script=SCRIPT, **variables):
+    """Energy of the springs over what it should be, by the copied package in a fresh process, and cache hits.
+
+    Of a longer script also what it prints next, and whether it announces that it compiles.
+    """
+    printed, said = run(script, package.parent, XDG_CACHE_HOME=str(cache), **variables)
+    file, energy, hits, *more = printed.splitlines()
     assert Path(file) == package / "__init__.py"
-    return float(energy), int(hits)
+    announced = ("fish_env compiles its kernels" in said,) if more else ()
+    return float(energy), int(hits), *more, *announced
 
 
 def test_no_stale_kernel(package, tmp_path):
-    """A second process finds the kernels compiled; an edit of a kernel they call, in another file, is seen at once."""
-    cache = tmp_path / "cache"
-    forces = package / "physics" / "forces"
-    springs, caller = forces / "springs.py", forces / "evaluate.py"
+    """A second process finds the kernels compiled, also those of closures, and by a copy that stands elsewhere.
+
+    An edit of a kernel they call, in another file, is seen at once. A process that compiles says so, or is quiet.
+    """
+    cache, script = tmp_path / "cache", tmp_path / "scripts" / "script.py"
+    script.parent.mkdir()
+    script.write_text(PATIENT + SCRIPT + CLOSURES)
+    springs, caller = package / "physics" / "forces" / "springs.py", package / "physics" / "forces" / "evaluate.py"
     stamp = caller.stat().st_mtime
-    assert stored(package, cache) == (1.0, 0)
-    assert stored(package, cache) == (1.0, 1)
-    original = springs.read_text()
+    assert stored(package, cache, [script]) == (1.0, 0, "[4.0, 40.0, 8.0, 80.0] [0, 0, 0, 0]", True)
+    elsewhere = shutil.copytree(package, tmp_path / "elsewhere" / "fish_env")
+    assert stored(elsewhere, cache, [script]) == (1.0, 1, "[4.0, 40.0, 8.0, 80.0] [1, 1, 1, 1]", False)
     edit(springs, "total = fma(0.5 * stiffness[e]", "total = fma(1.0 * stiffness[e]")
-    assert stored(package, cache) == (2.0, 0)
-    assert caller.stat().st_mtime == stamp  # all that numba itself looks at
-    springs.write_text(original)
-    assert stored(package, cache) == (1.0, 1)
-    assert len(list((cache / "fish_env").iterdir())) == 2
-
-
-def test_closures_are_cached(package, tmp_path):
-    """Functions made by one function of different kernels and numbers are kept apart, and found by another process."""
-    script, cache = tmp_path / "closures.py", tmp_path / "cache"
-    script.write_text(CLOSURES)
-    assert fresh(script, package, cache).strip() == "[4.0, 40.0, 8.0, 80.0] [0, 0, 0, 0]"
-    assert fresh(script, package, cache).strip() == "[4.0, 40.0, 8.0, 80.0] [1, 1, 1, 1]"
     edit(script, "return x * x * x", "return x * x + x")
-    assert fresh(script, package, cache).strip().startswith("[4.0, 40.0, 6.0, 60.0]")
-
-
-def test_compiling_is_announced(package, tmp_path):
-    """A first use says on the standard error that it compiles; a second one, and a quiet one, say nothing."""
-    script = "import fish_env.kernels.progress as j; j.PATIENCE = 0.0; " + SCRIPT.strip().replace("\n", "\n")
-    script = script.replace("import fish_env\n", "\nimport fish_env\n", 1)
-    environment = os.environ | {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    environment.pop("FISH_ENV_CACHE", None)
-    for quiet, expected in (("", True), ("", False)):
-        done = subprocess.run([sys.executable, "-c", script], env=environment | {"FISH_ENV_QUIET": quiet},
-                              cwd=package.parent, capture_output=True, text=True)  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        assert ("fish_env compiles its kernels" in done.stderr) is expected
-    environment["XDG_CACHE_HOME"] = str(tmp_path / "other")
-    done = subprocess.run([sys.executable, "-c", script], env=environment | {"FISH_ENV_QUIET": "1"},
-                          cwd=package.parent, capture_output=True, text=True)  # fmt: skip
-    assert done.returncode == 0 and "compiles" not in done.stderr
+    found = stored(package, cache, [script], FISH_ENV_QUIET="1")
+    assert found == (2.0, 0, "[4.0, 40.0, 6.0, 60.0] [0, 0, 0, 0]", False)
+    assert caller.stat().st_mtime == stamp  # all that numba itself looks at
+    assert len(list((cache / "fish_env").iterdir())) == 2
 
 
 @pytest.fixture
 def nowhere(tmp_path, monkeypatch):
     """A place below a plain file, where no folder can be made, for temporary files; returned for the cache too."""
     (tmp_path / "file").touch()
-    monkeypatch.delenv("FISH_ENV_CACHE", raising=False)
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.delenv("LOCALAPPDATA", raising=False)
+    for name in ("FISH_ENV_CACHE", *_cache.CACHE_VARIABLES):
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "file"))
     return tmp_path / "file" / "below"
 
@@ -183,32 +198,37 @@ def test_warning_without_a_writable_folder(nowhere, monkeypatch):
 def test_kernels_compile_without_a_folder(monkeypatch):
     """Without a folder, functions compile all the same, uncached."""
     monkeypatch.setattr(_cache, "_FOLDER", None)
-
-    @njit
-    def twice(x):
-        return 2 * x
-
-    assert twice(21) == 42
+    assert njit(lambda x: 2 * x)(21) == 42
 
 
-@pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA"])
-def test_folder_is_where_the_user_says(nowhere, tmp_path, monkeypatch, variable):
-    """The user's variable decides where the folder is; it is named after the sources and made."""
-    monkeypatch.setenv(variable, str(tmp_path / "mine"))
-    folder = Path(_cache.cache_folder())
-    assert folder.is_dir() and folder.parent == tmp_path / "mine" / "fish_env"
+@pytest.mark.parametrize(
+    ("variables", "parent"),
+    [
+        *(({name: "mine"}, "mine/fish_env") for name in _cache.CACHE_VARIABLES),
+        ({name: name for name in ("FISH_ENV_CACHE", *_cache.CACHE_VARIABLES)}, "FISH_ENV_CACHE"),
+        ({"FISH_ENV_CACHE": "", "NUMBA_CACHE_DIR": "mine", "XDG_CACHE_HOME": "other"}, "mine/fish_env"),
+        ({"XDG_CACHE_HOME": "file/below"}, "cache-*/fish_env"),
+        ({}, "cache-*/fish_env"),
+    ],
+)
+def test_folder(nowhere, tmp_path, monkeypatch, variables, parent):
+    """The user's variable decides where the folder is, the package's own before others; it is named after the sources.
+
+    Where it cannot be written, and without a home as in some containers, it is among the temporary files, unsaid.
+    """
+
+    def home_missing():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", home_missing)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for name, folder in variables.items():
+        monkeypatch.setenv(name, folder and str(tmp_path / folder))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        folder = Path(_cache.cache_folder())
+    assert folder.is_dir() and folder.parent.relative_to(tmp_path).match(parent)
     assert folder.name.startswith(_cache.source_hash(rooms=_cache.ROOMS))
-
-
-def test_own_variable_comes_first(nowhere, tmp_path, monkeypatch):
-    """FISH_ENV_CACHE is the folder itself, whatever else is set."""
-    for name in _cache.CACHE_VARIABLES:
-        monkeypatch.setenv(name, str(tmp_path / name))
-    monkeypatch.setenv("FISH_ENV_CACHE", str(tmp_path / "mine"))
-    folder, sources = Path(_cache.cache_folder()), _cache.source_hash(rooms=_cache.ROOMS)
-    assert folder.is_dir() and folder.parent == tmp_path / "mine" and folder.name.startswith(sources)
-    monkeypatch.setenv("FISH_ENV_CACHE", "")
-    assert Path(_cache.cache_folder()).parent == tmp_path / "NUMBA_CACHE_DIR" / "fish_env"
 
 
 def test_own_variable_has_no_substitute(nowhere, tmp_path, monkeypatch):
@@ -225,28 +245,22 @@ def test_a_folder_that_can_only_be_read(tmp_path, monkeypatch):
     """One that holds kernels serves, as in an image; an empty one does not. What is new stays in memory."""
     monkeypatch.setenv("FISH_ENV_CACHE", str(tmp_path))
     monkeypatch.setattr(_cache, "_FOLDER", _cache.cache_folder())
-    folder = Path(_cache._FOLDER)
-
-    def made(factor):
-        return njit(lambda a: factor * a)
-
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
     with pytest.warns(RuntimeWarning, match="it holds no kernels, and cannot be written to"):
         assert _cache.cache_folder() is None
-    assert made(2.0)(1.0) == 2.0
-    assert _cache.cache_folder() == str(folder)
+    assert hits(scaled(2.0)) == 0
+    assert _cache.cache_folder() == _cache._FOLDER
 
     def refused(*arguments, **options):
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    _cache.unstored.cache_clear()
+    _cache.warn_unstored.cache_clear()
     monkeypatch.setattr(os, "makedirs", refused)
-    files = set(folder.rglob("*.nbc"))
-    again = made(2.0)
-    assert again(1.0) == 2.0 and sum(again.stats.cache_hits.values()) == 1
+    files = set(tmp_path.rglob("*.nbc"))
+    assert hits(scaled(2.0)) == 1
     with pytest.warns(RuntimeWarning, match="cannot store compiled kernels in .*Permission denied.*FISH_ENV_CACHE"):
-        assert made(3.0)(1.0) == 3.0
-    assert set(folder.rglob("*.nbc")) == files and files
+        scaled(3.0)
+    assert set(tmp_path.rglob("*.nbc")) == files and files
 
 
 OPEN = {
@@ -260,19 +274,11 @@ OPEN = {
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="users have no numbers here")
 @pytest.mark.parametrize("variable", ["FISH_ENV_CACHE", "XDG_CACHE_HOME"])
 @pytest.mark.parametrize("what", OPEN)
-def test_a_folder_that_others_can_write_to(tmp_path, monkeypatch, variable, what):
+def test_a_folder_that_others_can_write_to(nowhere, tmp_path, monkeypatch, variable, what):
     """Compiled code that somebody else may have put there is not run: it is compiled in memory, with a warning."""
-    monkeypatch.delenv("FISH_ENV_CACHE", raising=False)
     monkeypatch.setenv(variable, str(tmp_path / "mine" / "kernels"))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
     monkeypatch.setattr(_cache, "_FOLDER", _cache.cache_folder())
-
-    def made():
-        return njit(lambda a: 2.0 * a)
-
-    for hits in (0, 1):
-        call = made()
-        assert call(1.0) == 2.0 and sum(call.stats.cache_hits.values()) == hits
+    assert [hits(scaled(2.0)) for _ in range(2)] == [0, 1]
     place, mode = OPEN[what]
     folder = Path(_cache._FOLDER)
     path = next(folder.rglob("*.nbc")) if place == "file" else folder if place == "." else folder.parent
@@ -282,8 +288,7 @@ def test_a_folder_that_others_can_write_to(tmp_path, monkeypatch, variable, what
             pytest.skip("only the administrator gives files away")
         monkeypatch.setattr(os, "getuid", lambda: 12345)
         os.chown(path, 12345, 54321)
-    call = made()
-    assert call(1.0) == 2.0 and sum(call.stats.cache_hits.values()) == 0
+    assert hits(scaled(2.0)) == 0
     if place != "file":
         with pytest.warns(RuntimeWarning, match="somebody else|cannot write to"):
             assert _cache.cache_folder() is None
@@ -300,38 +305,8 @@ def test_a_folder_of_somebody_else(tmp_path, monkeypatch):
         assert _cache.cache_folder() is None
 
 
-def test_machines_share_a_folder(package, tmp_path):
-    """Kernels are found by a copy of the package that stands elsewhere, as on another machine."""
-    cache = tmp_path / "cache"
-    assert stored(package, cache) == (1.0, 0)
-    elsewhere = shutil.copytree(package, tmp_path / "elsewhere" / "fish_env")
-    assert stored(elsewhere, cache) == (1.0, 1)
-
-
-def test_falls_back_to_the_temporary_folder(nowhere, tmp_path, monkeypatch):
-    """Where the user's folder cannot be written, the temporary one is taken, without a warning."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(nowhere))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert _cache.cache_folder().startswith(str(tmp_path / "cache-"))
-
-
-def test_no_home(nowhere, tmp_path, monkeypatch):
-    """A user without a home directory, as in some containers, gets the temporary folder."""
-    monkeypatch.setattr(Path, "home", home_missing)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    assert _cache.cache_folder().startswith(str(tmp_path / "cache-"))
-
-
-def home_missing():
-    """What pathlib does where no home directory is known."""
-    raise RuntimeError("Could not determine home directory.")
-
-
-def test_no_temporary_folder(tmp_path, monkeypatch):
+def test_no_temporary_folder(nowhere, tmp_path, monkeypatch):
     """Without any folder for temporary files, the user's own is taken all the same."""
-    monkeypatch.delenv("FISH_ENV_CACHE", raising=False)
 
     def missing():
         raise FileNotFoundError("No usable temporary directory found")
@@ -339,8 +314,7 @@ def test_no_temporary_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "gettempdir", missing)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert _cache.cache_folder().startswith(str(tmp_path))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "below"))
-    (tmp_path / "file").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(nowhere))
     with pytest.warns(RuntimeWarning, match="cannot write to .*below"):
         assert _cache.cache_folder() is None
 
@@ -349,30 +323,20 @@ def test_no_temporary_folder(tmp_path, monkeypatch):
 def test_damaged_files_are_compiled_again(tmp_path, monkeypatch, damage):
     """A file of the cache that was cut short or changed counts as missing, and is replaced by a good one."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
-
-    def made():
-        def thrice(a):
-            return 3.0 * a
-
-        return njit(thrice)
-
-    assert made()(2.0) == 6.0
+    assert hits(scaled(3.0)) == 0
     (path,) = tmp_path.rglob("*.nbc")
     good = path.read_bytes()
     changed = bytearray(good)
     changed[len(good) // 2] ^= 1
     path.write_bytes({"half": good[: len(good) // 2], "a bit": bytes(changed), "empty": b""}[damage])
-    again = made()
-    assert again(2.0) == 6.0 and not sum(again.stats.cache_hits.values())
-    assert path.read_bytes()[: _cache.CHECKSUM] != b"" and path.stat().st_size > len(good) // 2
-    last = made()
-    assert last(2.0) == 6.0 and sum(last.stats.cache_hits.values()) == 1
+    assert [hits(scaled(3.0)) for _ in range(2)] == [0, 1]
+    assert path.stat().st_size > len(good) // 2
 
 
 def test_a_full_disk_costs_time_only(tmp_path, monkeypatch):
     """Kernels that cannot be stored stay in memory, and one warning names the folder."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
-    _cache.unstored.cache_clear()
+    _cache.warn_unstored.cache_clear()
 
     def full(source, target):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -381,22 +345,15 @@ def test_a_full_disk_costs_time_only(tmp_path, monkeypatch):
     with pytest.warns(
         RuntimeWarning, match="cannot store compiled kernels in .*No space left.*another folder"
     ) as found:
-        assert [njit(lambda a, k=k: k * a)(1.0) for k in (4.0, 5.0)] == [4.0, 5.0]
+        assert hits(scaled(4.0)) == hits(scaled(5.0)) == 0
     assert len(found) == 1 and not list(tmp_path.rglob("*.nbc*"))
 
 
 def test_parts_are_never_loaded(tmp_path, monkeypatch):
     """What is loaded first under a name serves all callers: a part, which is not optimised by itself, must not be."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))  # or the caller would come from disk, and without its part
-
-    @part
-    def seventh(a):
-        return a / 7.0
-
-    @njit
-    def call(a):
-        return seventh(a)
-
+    seventh = part(lambda a: a / 7.0)
+    call = njit(lambda a: seventh(a))
     assert call(14.0) == 2.0
     (inner,), (outer,) = seventh.overloads.values(), call.overloads.values()
     engine = outer.library.codegen._engine
@@ -407,26 +364,15 @@ def test_parts_are_never_loaded(tmp_path, monkeypatch):
 def test_processes_that_compile_at_once(tmp_path, monkeypatch):
     """Code is found by what it is for, though another process wrote at the same time and no index knows of it."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
-
-    def made(factor):
-        @njit
-        def scaled(a):
-            return factor * a
-
-        return scaled
-
-    files, keys = [], []
-    for factor in (2.0, 3.0):
-        scaled = made(factor)
-        assert scaled(1.0) == factor
-        files.append(scaled._cache._cache_file)
-        keys.append(scaled._cache._index_key(scaled.signatures[0], scaled.targetctx.codegen()))
+    calls = [scaled(factor) for factor in (2.0, 3.0)]
+    files = [call._cache._cache_file for call in calls]
+    keys = [call._cache._index_key(call.signatures[0], call.targetctx.codegen()) for call in calls]
     monkeypatch.setattr(type(files[0]), "_load_index", lambda self: {})
     for number, (file, key) in enumerate(zip(files, keys, strict=True)):
         file.save(key, number)
     assert [file.load(key) for file, key in zip(files, keys, strict=True)] == [0, 1]
     assert len(list(tmp_path.rglob("*.nbc"))) == 2
-    assert [made(factor)(1.0) for factor in (4.0, 5.0)] == [4.0, 5.0]
+    scaled(4.0), scaled(5.0)
 
 
 def test_closures_of_several_processes(tmp_path):
@@ -434,47 +380,11 @@ def test_closures_of_several_processes(tmp_path):
 
     The part is too long to be inlined: such a part is what the loader takes the first of a name of.
     """
-    script = (
-        """
-import math
-import sys
-from fish_env.kernels.compile import njit, part
-
-def made(factor):
-    @part
-    def inner(x):
-        total = 0.0
-        for i in range(int(x)):
-            total += factor
-"""
-        + """
-            for k in range(int(x)):
-                total += math.sin(total) * math.exp(-x * k) + math.tan(total + k)
-                for j in range(k):
-                    total += math.sin(total + j) * math.exp(-x * k) + math.tan(total + k * j)
-"""
-        * 2
-        + """
-        return total
-    @njit
-    def outer(x):
-        return inner(x) + inner(1.01 * x) + inner(x + 1.0) + inner(x + 2.0) + inner(x + 5.0)
-    return outer
-
-print(*[made(float(factor))(1.0) for factor in sys.argv[1:]])
-"""
-    )
+    line = "            total += math.sin(total + k) * math.exp(-x * k) + math.tan(total * k)\n"
     path = tmp_path / "script.py"
-    path.write_text(script)
-    environment = os.environ | {"FISH_ENV_CACHE": str(tmp_path), "FISH_ENV_QUIET": "1"}
-
-    def printed(*factors):
-        done = subprocess.run(
-            [sys.executable, path, *factors], env=environment, capture_output=True, text=True, check=True
-        )
-        return done.stdout.split()
-
-    two, three = printed("2"), printed("3")
-    assert two != three
-    assert printed("2", "3") == two + three
-    assert printed("3", "2") == three + two
+    path.write_text(LONG.format(lines=8 * line))
+    two, three, both = (
+        run([path, *factors], PACKAGE.parent, FISH_ENV_CACHE=str(tmp_path), FISH_ENV_QUIET="1")[0].split()
+        for factors in ("2", "3", "23")
+    )
+    assert two != three and both == two + three

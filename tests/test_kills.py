@@ -20,7 +20,7 @@ from stable_baselines3 import PPO
 
 from agents import callbacks
 from agents import train as training
-from agents.records import read_rows
+from benchmarks.common.tables import read_rows
 from fish_env.control import load_policy
 
 KILLED = {"timesteps": 400_000}

@@ -8,7 +8,7 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
-from moving import FIXED_STEP, each_fixed, tank_of, world_of
+from moving import FIXED_STEP, SEMI_IMPLICIT, each_fixed, tank_of, tiered, world_of
 
 from fish_env import INTEGRATORS, make_fish
 from fish_env.bodies import BODIES
@@ -20,10 +20,6 @@ from fish_env.physics.tank_options import own_step
 FISH = {name: make_fish(name) for name in BODIES}
 COUNT = 18  # two full blocks of eight and two that are left over, or one of sixteen
 QUICK = "mass_spring"
-BODIES_TO_TRY = [pytest.param(name, marks=[] if name == QUICK else pytest.mark.slow) for name in BODIES]
-FEW = ("leapfrog_chebyshev", "semi_implicit")
-SINGLE = [pytest.param(name, marks=[] if name in FEW else pytest.mark.slow) for name in FIXED_STEP]
-LANES = [8, *(pytest.param(lanes, marks=pytest.mark.slow) for lanes in (1, 4, 16))]
 
 
 def moved(name, body, kind, steps=5, **options):
@@ -36,9 +32,8 @@ def moved(name, body, kind, steps=5, **options):
     free = fish.body.inverse_mass > 0
     x = fish.body.position + calm * 0.005 * fish.length * rng.uniform(-1, 1, (COUNT, *free.shape)) * free
     v = calm * 0.2 * fish.length / fish.contraction_time * rng.uniform(-1, 1, x.shape) * free
-    rest = fish.body.springs.rest_length * rng.uniform(
-        1 - 0.03 * calm, 1 + 0.03 * calm, (COUNT, len(fish.body.springs.rest_length))
-    )
+    natural = fish.body.springs.rest_length
+    rest = natural * rng.uniform(1 - 0.03 * calm, 1 + 0.03 * calm, (COUNT, len(natural)))
     rate = 0.1 * rest * rng.uniform(-1, 1, rest.shape) / fish.contraction_time
     h = part * naive.SHORTER.get(name, 1) * own_step(fish, INTEGRATORS["symplectic_euler"])
     tank = tank_of(name, fish, world_of(fish), x, v, h, rest, rate, lanes=kind, **options)
@@ -50,8 +45,8 @@ def moved(name, body, kind, steps=5, **options):
 
 
 @each_fixed
-@pytest.mark.parametrize("body", BODIES_TO_TRY)
-@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("body", tiered(BODIES, (QUICK,)))
+@pytest.mark.parametrize("lanes", tiered((1, 4, 8, 16), (8,)))
 def test_bits(name, body, lanes):
     """Fish side by side in lanes end, bit for bit, where each ends alone with its coordinates in a register."""
     alone, together = moved(name, body, "xyz"), moved(name, body, lanes)
@@ -60,8 +55,8 @@ def test_bits(name, body, lanes):
     assert np.abs(alone.position[1] - alone.position[2]).max() > 1e-4 * alone.fish.length
 
 
-@pytest.mark.parametrize("name", SINGLE)
-@pytest.mark.parametrize("lanes", [16, *(pytest.param(lanes, marks=pytest.mark.slow) for lanes in ("xyz", 1))])
+@pytest.mark.parametrize("name", tiered(FIXED_STEP, SEMI_IMPLICIT))
+@pytest.mark.parametrize("lanes", tiered((16, "xyz", 1), (16,)))
 def test_single_precision(name, lanes):
     """In float32 every method moves the fish as in float64, to that precision."""
     exact, near = moved(name, QUICK, "xyz"), moved(name, QUICK, lanes, dtype="float32")

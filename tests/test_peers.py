@@ -1,40 +1,18 @@
-"""Other simulators, where they are installed, move the same springs to the same places: their speed may be compared."""
-
-import math
-from importlib import import_module
+"""MuJoCo, which is timed beside this package, moves the same springs to the same places; costs are taken in turn."""
 
 import pytest
 
 from benchmarks.common import timing
-from benchmarks.speed import scene
-
-STEPS = 20  # at least: some take many at a time
+from benchmarks.speed import peers
 
 
 @pytest.mark.parametrize("num_fish", [1, 3])
-@pytest.mark.parametrize("package", ["mujoco", "newton"])
-def test_peer_agrees(package, num_fish):
-    """Every way in which a peer computes the springs ends where ours does."""
-    pytest.importorskip(package, reason=f"{package} is not installed: pip install -e '.[peers]'")
-    for peer in import_module(f"benchmarks.speed.{package}_springs").peers(num_fish):
-        steps = peer.chunk * math.ceil(STEPS / peer.chunk)
-        assert scene.disagreement(peer, steps) <= scene.TOLERANCE[peer.precision]
-
-
-class Shorter(scene.Ours):
-    """Springs that are a thousandth shorter."""
-
-    def start(self):
-        super().start()
-        self.tank.rest_length[:] *= 0.999
-
-
-def test_other_springs_are_found_out():
-    """What computes other springs is not timed."""
-    same = scene.make_scene(3)
-    assert scene.disagreement(scene.Ours(same), STEPS) == 0.0
-    with pytest.raises(ValueError, match="BL from fish_env after 20 steps"):
-        scene.disagreement(Shorter(same), STEPS)
+def test_mujoco_agrees(num_fish):
+    """MuJoCo, where it is installed, moves the masses as this package does; springs of other lengths are found out."""
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install -e '.[peers]'")
+    scene = peers.make_scene(num_fish)
+    assert peers.disagreement(peers.Mujoco(scene), 20) <= peers.TOLERANCE
+    assert peers.disagreement(peers.Mujoco(scene._replace(rest_length=0.999 * scene.rest_length)), 20) > 1e-6
 
 
 def test_costs_are_measured_in_turn(monkeypatch):

@@ -28,10 +28,11 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("tensorboard")
 
-from agents import report, run_charts, run_measures, run_report, statistics, train_all
+from agents import report, run_measures, run_report, statistics, train_all
 from agents import train as training
 from agents.config import CONFIGS
 from agents.saved_run import not_through_link, read_curve
+from fish_env import __main__ as command_line
 
 DOCUMENTED = (ValueError, FileNotFoundError, RuntimeError, Error)
 COUNTED = ("num_timesteps", "_n_updates", "seed", "_current_progress_remaining")
@@ -64,7 +65,6 @@ def prepare(begun, tmp_path, monkeypatch):
     torch.set_num_threads(1)
     monkeypatch.setattr(training, "report", lambda *args: None)
     monkeypatch.setattr(statistics, "RESAMPLES", 5)
-    monkeypatch.setattr(run_charts, "RESAMPLES", 5)
     monkeypatch.setattr(run_measures, "SHOWN", 1)
     (tmp_path / "outside.txt").write_text("not of the run\n")
     (tmp_path / "tripwire.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'w')\n")
@@ -264,16 +264,14 @@ def test_the_payloads_would_be_executed(place):
     assert (place / "executed").exists()
 
 
-@pytest.mark.parametrize("learner", ["compiled", "sb3"])
-def test_a_run_goes_on_as_with_stable_baselines(learner, place, monkeypatch):
+def test_a_run_goes_on_as_with_stable_baselines(place, monkeypatch):
     """Bit for bit: parameters, optimizer, learning rate and counts are those of a learner that `PPO.load` gave."""
     before = shutil.copytree(place / "run", place / "before")
-    train({"timesteps": 2048}, resume=place / "run", learner=learner)
-    kind = training.LEARNERS[learner]
-    load = lambda config, env, *rest: kind.load(before / "model.zip", env, device="cpu")  # noqa: E731
+    train({"timesteps": 2048}, resume=place / "run")
+    load = lambda config, env, *rest: training.PPO.load(before / "model.zip", env, device="cpu")  # noqa: E731
     monkeypatch.setattr(training, "make_model", load)
     monkeypatch.setattr(training, "restore", lambda model, path: model)
-    train({"timesteps": 2048}, resume=before, learner=learner)
+    train({"timesteps": 2048}, resume=before)
     one, other = (parts_of(folder / "model.zip") for folder in (place / "run", before))
     for name in ("policy.pth", "policy.optimizer.pth"):
         mine, theirs = (flat(torch.load(BytesIO(held[name]), weights_only=True)) for held in (one, other))
@@ -369,8 +367,7 @@ def test_no_module_is_imported_for_a_run(env_id, place):
     policy = place / "run" / "policy.npz"
     with np.load(policy) as file:
         np.savez(policy, **(dict(file) | {"about": json.dumps(about)}))
-    with pytest.raises(ValueError):
-        report.measure([policy], episodes=1)
+    assert command_line.main(["evaluate", str(policy), "--episodes", "1"]) == 2
     assert not (place / "imported").exists() and "tripwire" not in sys.modules
 
 
@@ -400,7 +397,7 @@ def test_no_other_file_is_written_through_a_run(kind, name, place, begun):
     assert not path.is_symlink() or path.name in ("lock", "ppo_1", "tensorboard") or kind == "dangling link"
 
 
-@pytest.mark.parametrize("name", ["policy.npz", "results.json", "curve.png", "path.png", "swim.mp4"])
+@pytest.mark.parametrize("name", ["policy.npz", "results.json", "report.html"])
 def test_what_would_stand_in_the_way_at_the_end_is_refused_at_the_beginning(name, place):
     """A folder in place of a file that is written when the training is over."""
     (place / "run" / name).unlink(missing_ok=True)
@@ -569,7 +566,7 @@ CALLS = {
     "resume as it says": lambda place: train({}, resume=place / "run"),
     "start": lambda place: train(SHORT, start=place / "run", folder=place / "new"),
     "report": lambda place: run_report.write_report([place / "run"], place / "page.html", episodes=1),
-    "evaluate": lambda place: report.measure([place / "run" / "policy.npz"], episodes=1),
+    "evaluate": lambda place: command_line.main(["evaluate", str(place / "run" / "policy.npz"), "--episodes", "1"]),
 }
 
 

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from collections import Counter
 from dataclasses import asdict, replace
 
 import gymnasium as gym
@@ -13,7 +14,6 @@ pytest.importorskip("matplotlib")
 
 from agents import run_charts, run_measures, run_report
 from agents.config import CONFIGS
-from agents.statistics import interquartile_mean
 from fish_env.control import evaluate, make_policy_env, policy_controller, record, shipped_policy
 
 
@@ -47,14 +47,13 @@ def sections(text):
 
 
 def test_page_of_a_run(runs):
-    """One run: settings, metrics, curve, failures, terms, path, heading, gait, tail and film; nothing is loaded."""
+    """One run: settings, metrics, curve, failures, path, gait and film; nothing is loaded."""
     path = run_report.write_report([runs / "seed0"], episodes=3)
     assert path == runs / "seed0" / "report.html"
     text = path.read_text()
     found = sections(text)
-    assert list(found) == ["swim: results", "Learning curves", "Failures", "Reward terms", "Path", "Heading", "Gait",
-                           "Tail sweep", "Film"]  # fmt: skip
-    for name in ("Learning curves", "Reward terms", "Path", "Heading", "Gait", "Tail sweep"):
+    assert list(found) == ["swim: results", "Learning curves", "Failures", "Path", "Gait", "Film"]
+    for name in ("Learning curves", "Path", "Gait"):
         assert "<svg" in found[name], name
     assert "python train.py swim --seed 0 --timesteps 5000" in text and "<td>learning_rate</td>" in text
     assert "seed 0: none of 3 episodes" in found["Failures"]
@@ -77,7 +76,7 @@ def test_page_of_several_runs(runs, tmp_path):
     assert "3 training runs" in text and "<iframe" not in text
     assert found["swim: the runs"].count("<tr>") == 4 and "<td>learning_rate 0.001</td>" in found["swim: the runs"]
     assert "learning_rate 0.001 (2 seeds)" in found["swim: results"]
-    for name in ("Learning curves", "Reward terms", "Path", "Heading", "Gait", "Tail sweep"):
+    for name in ("Learning curves", "Path", "Gait"):
         assert "learning_rate 0.0005" in found[name] and "learning_rate 0.001" in found[name], name
     assert run_report.write_report([runs / "seed0", runs / "seed1"], tmp_path / "new" / "two.html", 2).exists()
     assert "all seeds (2 seeds)" in (tmp_path / "new" / "two.html").read_text()
@@ -124,31 +123,14 @@ def test_too_many_groups(runs, monkeypatch):
         run_report.write_report([runs / "seed0", runs / "other"], episodes=2)
 
 
-def test_terms_add_up_to_the_return(runs):
-    """The sums of the reward terms of every episode are its return; failures are counted by their reason."""
-    run = run_measures.read_run(runs / "seed0")
-    found = run_measures.measured_episodes(run, 3)
-    np.testing.assert_allclose(sum(found.terms.values()), found.scores["return"], rtol=1e-12)
-    assert not found.failures and len(found.scores["return"]) == 3
-    both = run_charts.pooled([found, found])
-    assert len(both.scores["speed"]) == 6 and all(len(values) == 6 for values in both.terms.values())
-
-
-def test_spectrum_of_a_sine():
-    """Whole periods of a sine wave have one line, of its amplitude; the peak is found between the samples as well."""
-    time = 0.02 * np.arange(250)
-    frequency, amplitude = run_measures.spectrum(0.3 + 0.07 * np.sin(2 * np.pi * 4.0 * time + 1.0), 0.02)
-    assert frequency[20] == pytest.approx(4.0) and amplitude[20] == pytest.approx(0.07, rel=1e-12)
-    assert amplitude[:18].max() < 1e-12 and amplitude[23:].max() < 1e-12
-    still = motion_with_tail(time, 0.07 * np.sin(2 * np.pi * 4.13 * time))
-    beat = run_measures.tail_beat(still, 0.02)
-    assert beat[0] == pytest.approx(4.13, abs=0.005) and beat[1] == pytest.approx(0.07, rel=0.02)
-
-
-def motion_with_tail(time, tail):
-    """A motion of which only the tail matters."""
-    rest = np.zeros((len(time), 2))
-    return run_measures.Motion(time, rest, time, time, rest, tail, np.zeros((0, 3)), rest)
+def test_failures_are_counted_and_listed(runs):
+    """Episodes that the physics ended are counted by their reason, and the worst ones are listed with their seeds."""
+    (group,) = [run_report.measure_group("a", [run_measures.read_run(runs / "seed0")], 3)]
+    episodes = group.episodes[0]
+    assert not episodes.failures and len(episodes.scores["return"]) == 3
+    text = run_report.list_failures(replace(group, episodes=[episodes._replace(failures=Counter(torn=2))] * 2))
+    assert "a: 4 torn of 6 episodes" in text and "class=bad" in text
+    assert all(f">{1_000_000 + k}<" in text for k in range(3))
 
 
 def test_motion_of_a_stiff_fish():
@@ -164,34 +146,16 @@ def test_motion_of_a_stiff_fish():
     rest = fish.body.position - fish.body.mass @ fish.body.position / fish.body.mass.sum()
     bent = rest.copy()
     bent[fish.tail, 1] += 0.1 * fish.length
-    bent_axis = np.arctan2(*(fish.line @ bent)[1::-1])
     bent_centre = fish.body.mass @ bent / fish.body.mass.sum()
     one.position[:] = np.einsum("tij,nj->tni", turn, bent) + centre[:, None]
     one.directions[:, 0] = (0.0, 1.0, 0.0)
-    found = run_measures.motion(one, fish)
+    found = run_measures.measure_motion(one, fish)
     middle = (np.einsum("tij,j->ti", turn, bent_centre) + centre)[:, :2] / fish.length
     moved = middle - middle[0]
     np.testing.assert_allclose(found.path, np.column_stack([moved[:, 1], -moved[:, 0]]), atol=1e-12)  # +x is +y
-    np.testing.assert_allclose(found.heading, angle + bent_axis - np.pi / 2, atol=1e-12)
-    np.testing.assert_allclose(found.command, 0.0, atol=1e-12)
-    axis = np.array([-np.sin(bent_axis), np.cos(bent_axis)])
-    offset = ((bent[fish.tail].mean(axis=0) - bent_centre)[:2] @ axis) / fish.length
-    np.testing.assert_allclose(found.tail, offset, atol=1e-12)
-    assert offset > 0.05
-    order, names = run_report.muscle_rows(fish)
+    order, names = run_report.order_muscles(fish)
     assert sorted(order) == list(range(12)) and names[0] == "Lu 1" and names[-1] == "Rl 3"
     assert (fish.sides[order[:6]] > 0).all()
-
-
-def test_interval_of_curves():
-    """The middle is the interquartile mean of every point; equal seeds have no width, and others bracket the middle."""
-    curves = np.random.default_rng(0).normal(size=(5, 7))
-    middle, low, high = run_charts.curve_interval(curves)
-    np.testing.assert_allclose(middle, [interquartile_mean(column) for column in curves.T], rtol=1e-12)
-    assert (low <= middle).all() and (middle <= high).all() and (low < high).all()
-    assert (low >= curves.min(axis=0)).all() and (high <= curves.max(axis=0)).all()
-    middle, low, high = run_charts.curve_interval(np.repeat(curves[:1], 3, axis=0))
-    np.testing.assert_allclose([low, high], [middle, middle], rtol=1e-12)
 
 
 def test_command(runs, monkeypatch, capsys, tmp_path):
@@ -224,7 +188,7 @@ def test_in_a_browser(runs, tmp_path):
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto(path.as_uri())
         widths = page.eval_on_selector_all("svg", "found => found.map(one => one.getBoundingClientRect().width)")
-        assert len(widths) == 7 and min(widths) > 900
+        assert len(widths) == 3 and min(widths) > 900
         film = page.frames[1]
         film.wait_for_function("film.drawn > 2 && film.time > 0.02")
         assert not said

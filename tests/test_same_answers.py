@@ -9,8 +9,8 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import fish_env
-from fish_env import make_sb3_vec_env
-from fish_env.control import record, replay
+from fish_env import Tank, make_fish, make_sb3_vec_env
+from fish_env.control import load_policy, record, replay, shipped_policy
 from fish_env.envs import FishEnv, FishVectorEnv
 
 ID = "FishEnv/LeftAfterRight-v0"
@@ -33,11 +33,9 @@ def setters(id=STUB, **options):
     single, batch = gym.make(id, **options), gym.make_vec(id, 3, **options)
     vec, own = sb3(id, **options), SyncVectorEnv([lambda: gym.make(id, **options)] * 3)
     return {
-        "single": (single, single.set_wrapper_attr),
-        "batch": (batch, batch.set_attr),
-        "VecEnv": (vec, vec.set_attr),
-        "SyncVectorEnv": (own, own.set_attr),
-    }
+        "single": (single, single.set_wrapper_attr), "batch": (batch, batch.set_attr),
+        "VecEnv": (vec, vec.set_attr), "SyncVectorEnv": (own, own.set_attr),
+    }  # fmt: skip
 
 
 OF_TASKS = {
@@ -134,20 +132,18 @@ def test_values_that_are_not_allowed(name, value):
 @pytest.mark.parametrize("steps", [0, -5, 1.5, True, "3", 2**70])
 def test_limits_that_are_not_allowed(steps):
     """A time limit that is not allowed is refused the same way wherever it is set; of one fish, at the next reset."""
-    env = gym.make(STUB)
+    env, batch, vec, name = gym.make(STUB), gym.make_vec(STUB, 2), sb3(), "max_episode_steps"
     env.set_wrapper_attr("_max_episode_steps", steps)
     if steps != 2**70:  # which one fish may have: it is never reached
         with pytest.raises(ValueError, match="max_episode_steps is"):
             env.reset(seed=0)
-    batch, vec = gym.make_vec(STUB, 2), sb3()
-    for change in (batch.set_attr, vec.set_attr, FishVectorEnv(1, max_episode_steps=4).set_attr):
+    sets = [lambda each=each: setattr(each, name, steps) for each in (batch.unwrapped, vec.fish, env.unwrapped.fish)]
+    for change in (
+        *sets, lambda: gym.make_vec(STUB, 2, max_episode_steps=steps), lambda: batch.set_attr(name, steps),
+        lambda: vec.set_attr(name, steps), lambda: FishVectorEnv(1, max_episode_steps=4).set_attr(name, steps),
+    ):  # fmt: skip
         with pytest.raises(ValueError, match=r"max_episode_steps is .*; give a whole number, at least 1"):
-            change("max_episode_steps", steps)
-    for each in (batch.unwrapped, vec.fish, env.unwrapped.fish):
-        with pytest.raises(ValueError, match="max_episode_steps is"):
-            each.max_episode_steps = steps
-    with pytest.raises(ValueError, match="max_episode_steps is"):
-        gym.make_vec(STUB, 2, max_episode_steps=steps)
+            change()
 
 
 def test_limits_that_are_set():
@@ -159,8 +155,8 @@ def test_limits_that_are_set():
                               (own, own.set_attr, "_max_episode_steps")):  # fmt: skip
         change(name, 2)
         env.reset()
-        over = [np.any(env.step(env.action_space.sample() if env is not vec else np.zeros((3, 12)))[-2])
-                for _ in range(2)]  # fmt: skip
+        action = np.zeros(12 if env is single else (3, 12))
+        over = [np.any(env.step(action)[-2]) for _ in range(2)]
         assert over == [False, True], name
     with pytest.raises(AttributeError, match="give '_max_episode_steps'"):
         single.set_wrapper_attr("max_episode_steps", 2)
@@ -181,9 +177,8 @@ def test_calls():
     batch, own = gym.make_vec(STUB, 3), SyncVectorEnv([lambda: gym.make(STUB)] * 3)
     for env in (batch, own):
         env.reset(seed=4)
-    for name in ("observation_space", "action_space", "render_mode", "np_random_seed", "max_episode_steps"):
-        if name != "max_episode_steps":
-            assert batch.get_attr(name) == own.get_attr(name) == batch.call(name)
+    for name in ("observation_space", "action_space", "render_mode", "np_random_seed"):
+        assert batch.get_attr(name) == own.get_attr(name) == batch.call(name)
     assert batch.call("episode_info") == own.call("episode_info")
     begun = [env.call("reset", seed=7, options={"yaw": 0.5}) for env in (batch, own)]
     for one, other in zip(*begun, strict=True):
@@ -233,9 +228,9 @@ def test_seeds(seed):
 def test_seeds_that_are_not_allowed(seed):
     """Anything else is refused with one error, and the generators stay."""
     single, batch, vec = gym.make(STUB), gym.make_vec(STUB, 2), sb3(num_envs=2)
-    for env, seeded in ((single, single.reset), (batch, batch.reset), (vec, vec.seed)):
+    for env, seeded, fish in ((single, single.reset, single.unwrapped.fish), (batch, batch.reset, batch.unwrapped),
+                              (vec, vec.seed, vec.fish)):  # fmt: skip
         env.reset()
-        fish = {single: single.unwrapped.fish, batch: batch.unwrapped, vec: vec.fish}[env]
         before = repr([generator.bit_generator.state for generator in fish.np_random])
         for error in (gym.error.Error, ValueError):
             with pytest.raises(error, match=r"seed is .*; give .*whole number, zero or more"):
@@ -248,20 +243,11 @@ def test_seeds_that_are_not_allowed(seed):
 # Infos
 
 
-def alike(one, other, place="infos"):
-    """Whether the infos of two batches are the same: keys, masks, types of arrays and bits."""
-    assert one.keys() == other.keys(), place
-    for key, value in one.items():
-        found, where = other[key], f"{place}.{key}"
-        if isinstance(value, dict):
-            alike(value, found, where)
-        elif value.dtype == object:
-            assert found.dtype == object
-            for mine, its in zip(value, found, strict=True):
-                assert type(mine) is type(its) and np.array_equal(mine, its), where
-        else:
-            assert value.dtype == found.dtype, where
-            np.testing.assert_array_equal(value, found, where)
+def plain(infos):
+    """The infos of a batch, their arrays as texts with the types of objects; NaN equals NaN there."""
+    if isinstance(infos, dict):
+        return {key: plain(value) for key, value in infos.items()}
+    return f"{infos.dtype} {[(type(each), np.asarray(each).tolist()) for each in infos]}"
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -281,7 +267,7 @@ def test_infos(id, every, mode):
         (*one, infos), (*other, wanted) = native.step(action), own.step(action)
         for mine, its in zip(one, other, strict=True):
             np.testing.assert_array_equal(mine, its)
-        alike(infos, wanted)
+        assert plain(infos) == plain(wanted)
         over = one[2] | one[3]
         ended += over.sum()
         if mode is AutoresetMode.DISABLED and over.any():
@@ -294,20 +280,18 @@ def test_infos(id, every, mode):
 @pytest.mark.parametrize("id", TASK_IDS)
 def test_failure_and_success(id):
     """Every end of an episode says why it failed, "" if it did not, and whether it succeeded, where a task says so."""
-    single = gym.make(id, max_episode_steps=2)
-    batch = gym.make_vec(id, 2, max_episode_steps=2)
-    vec = sb3(id, 2, max_episode_steps=2)
-    single.reset(seed=0)
-    batch.reset(seed=0)
-    vec.reset()
-    for _ in range(2):
-        *_, info = single.step(np.zeros(12, dtype=np.float32))
-        *_, infos = batch.step(np.zeros((2, 12), dtype=np.float32))
-        *_, each = vec.step(np.zeros((2, 12), dtype=np.float32))
-    for one in (info, each[1]):
-        assert one["failure"] == "" and ("is_success" in one) == ("success" in one)
-        assert one.get("is_success") == one.get("success")
-    assert infos["failure"].tolist() == ["", ""] and infos["failure"].dtype == object
+    options = {"max_episode_steps": 2}
+    envs = gym.make(id, **options), gym.make_vec(id, 2, **options), sb3(id, 2, **options)
+    for env in envs:
+        env.reset()
+        for _ in range(2):
+            *_, info = env.step(np.zeros(12 if env is envs[0] else (2, 12), dtype=np.float32))
+        if env is envs[1]:
+            assert info["failure"].tolist() == ["", ""] and info["failure"].dtype == object
+        else:
+            one = info[1] if env is envs[2] else info
+            assert one["failure"] == "" and ("is_success" in one) == ("success" in one)
+            assert one.get("is_success") == one.get("success")
 
 
 def test_a_reason_beside_none():
@@ -358,14 +342,11 @@ MUTABLE = {
 @pytest.mark.parametrize("case", MUTABLE)
 def test_recordings_keep_what_was_given(case):
     """What becomes of the caller's keywords after `gym.make` does not change a recording, nor the specification."""
-    value, change = copy.deepcopy(MUTABLE[case][0]), MUTABLE[case][1]
-    name = case.split(",")[0]
-    env = gym.make("FishEnv/Swim-v0", **{name: value})
-    batch = gym.make_vec("FishEnv/Swim-v0", 2, **{name: value})
+    value, change = copy.deepcopy(MUTABLE[case])
+    name, wanted = case.split(",")[0], repr(value)
+    env, batch = gym.make("FishEnv/Swim-v0", **{name: value}), gym.make_vec("FishEnv/Swim-v0", 2, **{name: value})
     change(value)
-    kept = record(env, np.zeros((2, 12)), 3)
-    assert replay(kept).same
-    wanted = repr(MUTABLE[case][0])
+    assert replay(record(env, np.zeros((2, 12)), 3)).same
     assert repr(env.unwrapped.spec.kwargs[name]) == repr(batch.spec.kwargs[name]) == wanted
 
 
@@ -384,65 +365,48 @@ def test_recordings_of_what_was_set():
 # Odd arrays
 
 
-def takers():
-    """What takes numbers: how it is called with an array of twelve, a row a fish, and what it moves."""
-    from fish_env import Tank, make_fish
-    from fish_env.control import load_policy, shipped_policy
-
-    single, batch, vec = gym.make(STUB).unwrapped, FishVectorEnv(1), sb3(num_envs=1)
-    for env in (single, batch, vec):
-        env.reset()
-    tank, policy = Tank(make_fish(), 1), load_policy(shipped_policy("swim"))
-    assert isinstance(single, FishEnv)
-    return {
-        "FishEnv.step": (single.step, lambda a: a[0]),
-        "FishVectorEnv.step": (batch.step, lambda a: a),
-        "FishVecEnv.step": (vec.step, lambda a: a),
-        "Tank.swim": (lambda a: tank.swim(a, tank.dt), lambda a: a),
-        "Tank.drive": (lambda a: tank.drive(a, 1), lambda a: a),
-        "Policy": (policy, lambda a: a),
-    }
-
-
 @pytest.mark.parametrize("name", ["FishEnv.step", "FishVectorEnv.step", "FishVecEnv.step", "Tank.swim", "Tank.drive",
                                   "Policy"])  # fmt: skip
 def test_odd_arrays(name):
     """What is under a mask, complex or needs a gradient is refused everywhere by a ValueError; bfloat16 is taken."""
     torch = pytest.importorskip("torch")
-    call, shaped = takers()[name]
-    width = 156 if name == "Policy" else 12
-    plain = np.full((1, width), 0.25)
-    mask = np.zeros((1, width), dtype=bool)
-    call(shaped(plain))
-    call(shaped(np.ma.array(plain, mask=mask)))
+    single, batch, vec = gym.make(STUB).unwrapped, FishVectorEnv(1), sb3(num_envs=1)
+    for env in (single, batch, vec):
+        env.reset()
+    tank, policy = Tank(make_fish(), 1), load_policy(shipped_policy("swim"))
+    call = {
+        "FishEnv.step": lambda a: single.step(a[0]), "FishVectorEnv.step": batch.step, "FishVecEnv.step": vec.step,
+        "Tank.swim": lambda a: tank.swim(a, tank.dt), "Tank.drive": lambda a: tank.drive(a, 1), "Policy": policy,
+    }[name]  # fmt: skip
+    plain = np.full((1, 156 if name == "Policy" else 12), 0.25)
+    mask = np.zeros(plain.shape, dtype=bool)
+    call(plain)
+    call(np.ma.array(plain, mask=mask))
     for dtype in (torch.float32, torch.float64, torch.bfloat16, torch.float16):
-        call(shaped(torch.full((1, width), 0.25, dtype=dtype)))
+        call(torch.from_numpy(plain).to(dtype))
     mask[0, 3] = True
-    grad = torch.full((1, width), 0.25, requires_grad=True)
+    grad = torch.full(plain.shape, 0.25, requires_grad=True)
     for odd in (np.ma.array(plain, mask=mask), np.ma.array(plain, mask=True), grad, grad * 1.0,
                 torch.nn.Parameter(grad.detach()), grad.to(torch.bfloat16), grad.detach().to(torch.complex64),
-                torch.empty(1, width, device="meta"), grad.detach().to_sparse(), plain + 0j,
-                plain.astype(str)):  # fmt: skip
+                grad.detach().to("meta"), grad.detach().to_sparse(), plain + 0j, plain.astype(str)):  # fmt: skip
         with pytest.raises(ValueError):
-            call(shaped(odd))
+            call(odd)
     with pytest.raises(ValueError, match="detach"):
-        call(shaped(grad))
+        call(grad)
 
 
 # Pictures
 
 
-@pytest.mark.parametrize("interval", [0.4, 1.5, 2.0, 4.0, 0.02, 1 / 30 / 5 * 5])
+@pytest.mark.parametrize("interval", [0.4, 1.5, 0.02, 1 / 30 / 5 * 5])
 def test_rate_of_pictures(interval):
     """The rate of pictures is the exact inverse of the control interval, in every kind of environment."""
     interval = round(interval / (0.02 / 6)) * (0.02 / 6)
-    rates = {gym.make("FishEnv/Stub-v0", control_interval=interval).metadata["render_fps"],
-             gym.make_vec("FishEnv/Stub-v0", 2, control_interval=interval).metadata["render_fps"],
-             sb3(control_interval=interval).metadata["render_fps"]}  # fmt: skip
-    assert rates == {1.0 / interval}
+    for make in (gym.make, lambda id, **options: gym.make_vec(id, 2, **options), sb3):
+        assert make(STUB, control_interval=interval).metadata["render_fps"] == 1.0 / interval
 
 
-@pytest.mark.parametrize("fps", [2.5, 0.67, 30])
+@pytest.mark.parametrize("fps", [0.67, 30])
 def test_videos_of_any_rate(fps, tmp_path, monkeypatch):
     """Gymnasium's `RecordVideo`, the package's own writer and the window take any rate."""
     moviepy = pytest.importorskip("moviepy")

@@ -94,26 +94,17 @@ def expected(a, b, q, r, row):
 
 
 def made(kind, a, b, q, r, row) -> Pack:
-    """A pack of these values in lanes."""
-
-    def vectors(values, count=1):
-        array = kind.vectors(count)
-        if values is not None and kind.lanes == "dual":
-            array.memory[0, :, :1] = values
-        elif values is not None:
-            array.memory.reshape(1, -1, kind.width)[0, :3] = values
-        return array
-
-    def numbers(values, count=1):
-        array = kind.numbers(count)
-        if values is not None:
-            array.memory[:, : kind.width] = values
-        return array
-
-    return Pack(
-        "test", a=vectors(a), b=vectors(b), q=numbers(q), r=numbers(r), v=vectors(None, 16), s=numbers(None, 18),
-        row=kind.rows(row[None]), number=0.75, scalar=kind.scalars([3.0]),
+    """A pack of these values in lanes, and room for results."""
+    pack = Pack(
+        "test", a=kind.vectors(1), b=kind.vectors(1), q=kind.numbers(1), r=kind.numbers(1), v=kind.vectors(16),
+        s=kind.numbers(18), row=kind.rows(row[None]), number=0.75, scalar=kind.scalars([3.0]),
     )  # fmt: skip
+    for array, values in ((pack.a, a), (pack.b, b), (pack.q, q), (pack.r, r)):
+        if kind.lanes == "dual":
+            array.memory[0, ..., :1] = values
+        else:
+            array.memory.reshape(-1, kind.width)[: values.size // kind.width] = values
+    return pack
 
 
 def drawn(kind, seed=0):
@@ -157,10 +148,9 @@ def test_derivatives(compiled):
     np.testing.assert_array_equal(found[:, 0], np.concatenate([plain.v.memory.ravel(), plain.s.memory[:, 0]]))
 
     def moved(part):
-        vectors, numbers = expected(*(value + part * slope for value, slope in zip(values, slopes, strict=True)), row)
-        return np.concatenate(
-            [np.broadcast_to(each, (count, 7)) for group, count in ((vectors, 3), (numbers, 1)) for each in group]
-        )
+        groups = expected(*(value + part * slope for value, slope in zip(values, slopes, strict=True)), row)
+        return np.concatenate([np.broadcast_to(each, (n, 7)) for n, group in zip((3, 1), groups, strict=True)
+                               for each in group])  # fmt: skip
 
     wanted = (moved(h) - moved(-h)) / (2 * h)
     np.testing.assert_allclose(found[:, 1:], wanted.astype(float), rtol=0, atol=1e-10)
@@ -286,8 +276,3 @@ except ValueError as error:
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "ok", done.stderr
-
-
-def test_public_names():
-    """What the notation offers is listed."""
-    assert all(hasattr(simd, name) for name in simd.__all__)

@@ -9,9 +9,9 @@ from soft_bodies import deformation
 
 from benchmarks.objects.methods import is_stable
 from benchmarks.objects.scenes import SCENES, watched
-from benchmarks.objects.solids import METHODS, recovered, survives
+from benchmarks.objects.solids import METHODS, released, survives
 from fish_env import INTEGRATORS, Tank, make_world
-from fish_env.bodies.distorted import inverted, twisted
+from fish_env.bodies.distorted import inverted, out_of_shape, twisted
 from fish_env.bodies.objects import OBJECTS, SOLIDS
 from fish_env.bodies.solids import SOFT, STIFF, SolidMaterial, make_ball, make_beam, make_block, make_two_materials
 from fish_env.lab.bench import Bench
@@ -115,13 +115,17 @@ def test_scene_of_a_solid(name, most):
 
 @pytest.mark.parametrize("method", ["leapfrog_chebyshev", "linearly_implicit"])
 @pytest.mark.parametrize("how", ["twisted", "inverted"])
-def test_comes_back_to_its_shape(how, method):
-    """Twisted half round, or turned inside out, a bar comes back to its shape: there is no plasticity."""
-    thing = make_two_materials()
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "two materials" else pytest.mark.slow)
+                                  for name in SOLIDS])  # fmt: skip
+def test_comes_back_to_its_shape(name, how, method):
+    """Twisted half round, or turned inside out, a solid comes back to its shape; a ball stays inside out."""
+    thing = OBJECTS[name].make()
     assert np.abs(twisted(thing) - thing.body.position).max() > 0.05
     assert (np.linalg.det(deformation(thing.body, inverted(thing))) < 0).all()
-    row = recovered(thing, how, method)
-    assert row["failure"] == "" and row["out_of_shape"] < 2e-3
+    tank = released(thing, how, method, thing.time_step)
+    tank.advance(round(3.0 / tank.dt))
+    off = out_of_shape(thing.body, tank.position[0])
+    assert tank.alive[0] and (off > 0.5 if (name, how) == ("ball", "inverted") else off < 5e-3)
 
 
 @pytest.mark.parametrize("strain", STRAINS)

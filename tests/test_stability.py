@@ -3,10 +3,11 @@
 import naive
 import numpy as np
 import pytest
-from moving import tiered
+from moving import STABILISED, tiered
 
-from benchmarks.common.problems import scaled
-from benchmarks.stability import attack, attack_search, cases, linear, mistreatment, runs
+from benchmarks.common.problems import FIXED, scaled
+from benchmarks.common.tables import read_table
+from benchmarks.stability import attack, attack_search, cases, linear, mistreatment, survey
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.physics.failures import FAILURES, STRETCH_LIMIT, TORN
@@ -59,7 +60,7 @@ def test_limit_of_rk4_undamped():
     assert np.isclose(linear.linear_limit("rk4", body, LONGEST), np.sqrt(8.0) / OMEGA, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", tiered(n for n in runs.FIXED if INTEGRATORS[n].kind != "explicit"))
+@pytest.mark.parametrize("name", tiered((n for n in FIXED if INTEGRATORS[n].kind != "explicit"), STABILISED))
 def test_no_linear_limit(name):
     """A method that solves for, or filters, the whole stiffness bears any step on a hundredfold stiff body at rest."""
     body = scaled(FISH, stiffness=100.0).body
@@ -71,27 +72,25 @@ def test_no_linear_limit(name):
 
 def test_limit_is_below_every_unstable_step():
     """A stable step beyond an unstable one does not count."""
-    found = ((1.0, 2), (0.5, 1), (0.3, 2), (0.2, 1), (0.1, 0))
-    rows = [{"step_s": h, "verdict": runs.VERDICTS[v]} for h, v in found]
-    assert runs.limit(rows) == (0.2, 0.3)
-    assert runs.limit(rows[4:]) == (0.1, np.inf)
-    assert np.isnan(runs.limit(rows[:1])[0])
+    found = {1.0: False, 0.5: True, 0.3: False, 0.2: True, 0.1: True}
+    assert survey.limit(found) == (0.2, 0.3)
+    assert survey.limit({0.1: True}) == (0.1, np.inf)
+    assert np.isnan(survey.limit({1.0: False})[0])
 
 
 def test_the_survey_covers_every_body():
     """Every body as it is, and the default one at every stiffness."""
-    found = [(name, factor) for name, factor, _ in runs.cases()]
+    found = [(name, factor) for name, factor, _ in survey.cases()]
     assert {name for name, factor in found if factor == 1.0} == set(BODIES)
-    assert [factor for name, factor in found if name == FISH.name] == list(runs.STIFFNESS)
+    assert [factor for name, factor in found if name == FISH.name] == list(survey.STIFFNESS)
 
 
-def test_verdicts():
-    """RK4 is accurate; explicit Euler fails at the control interval, and says why."""
-    path, energy = runs.reference(FISH)
-    cells = [runs.cell(FISH, *run, path, energy) for run in (("rk4", 64, 1), ("linearly_implicit_projected", 1, 1),
-                                                                ("explicit_euler", 1, 1))]  # fmt: skip
-    assert [cell["verdict"] for cell in cells] == list(runs.VERDICTS)
-    assert cells[0]["failure"] == "" and cells[2]["failure"] in [text.split(":")[0] for text in FAILURES[1:]]
+def test_limit_of_tus_method():
+    """A sweep finds the limit that the table has."""
+    (row,) = [row for row in read_table("stability_limits.csv") if row["body"] == FISH.name and row["stiffness"] == 1.0
+              and row["integrator"] == "semi_implicit"]  # fmt: skip
+    found = survey.sweep(FISH, "semi_implicit", survey.reference_energy(FISH))
+    assert survey.limit(found) == (row["largest_stable_s"], row["unstable_from_s"])
 
 
 # The worst that was found
@@ -131,33 +130,17 @@ def test_the_worst_at_the_default_step(name):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_every_body_can_be_attacked(name):
-    """Every start fits every body, in the axes in which its nodes are free; its sections are those of the landmarks."""
+def test_every_body_can_be_crumpled(name):
+    """Every start moves a body's free axes only; its sections mirror themselves, and are those of the landmarks."""
     fish = make_fish(name)
     free = np.broadcast_to(fish.body.inverse_mass > 0.0, (2, *fish.body.position.shape))
     for start in mistreatment.STARTS:
         x, v = mistreatment.beginning(start, fish, 2, np.random.default_rng(0))
-        assert x.shape == v.shape == free.shape and np.isfinite([x, v]).all()
-        assert not v[~free].any()
-        if fish.flat:
-            assert not x[:, :, 2].any()
+        assert np.isfinite([x, v]).all() and not v[~free].any() and not (fish.flat and x[:, :, 2].any())
     sections = mistreatment.cross_sections(fish)
-    assert len(sections) == 5 and all(len(nodes) >= 2 for nodes in sections)
-    for nodes in sections:
-        np.testing.assert_array_equal(np.sort(fish.mirror[nodes]), nodes)
+    assert len(sections) == 5 and all(np.array_equal(np.sort(fish.mirror[nodes]), nodes) for nodes in sections)
     if name in naive.TU:
         np.testing.assert_array_equal(sections, np.sort(LAYERS[1:6], axis=1))
-
-
-def test_attack_of_a_flat_fish():
-    """A family of flat fish, turned inside out in part, is mistreated from beginning to end."""
-    family = mistreatment.Family("inverted, bang-bang", 1.0, "bang-bang", "inverted")
-    how = cases.own_settings(make_fish("planar"))
-    assert how.refine < 1.0
-    row, kept = attack.mistreat("planar", family, 3, how, 0, attack.usual_energy(make_fish("planar"), how), Silent())
-    assert row["fish"] == 3 and row["refine"] == how.refine and row["worst_stretch"] > 1.0
-    again, stretch = cases.replay(kept[0])
-    assert again.failure[0] == kept[0]["failure"] and stretch[0] == pytest.approx(kept[0]["stretch"], rel=1e-12)
 
 
 @pytest.mark.parametrize("name", tiered(BODIES, (FISH.name, "planar")))
@@ -178,25 +161,6 @@ def test_an_attack_from_beginning_to_end(name, monkeypatch):
         assert survived or row["failures"] == row["fish"]
     assert any(row["failures"] == 0 for row in rows)
     attack.report(rows)
-
-
-class Silent:
-    """A progress bar that is not shown."""
-
-    def update(self, count):
-        """Nothing."""
-
-
-def test_oscillating_commands():
-    """Goals cross from side to side at 1 to 12 Hz; half of them are all or nothing, half of them are the same along."""
-    goals = mistreatment.oscillating_goals(FISH, 200, np.random.default_rng(1)) / mistreatment.LEVELS
-    left, right = (goals[..., FISH.sides == side] for side in (1, -1))
-    crossings = (np.diff(np.sign(left - right)[..., 0], axis=0) != 0).sum(axis=0) / (2 * 500 * FISH.control_interval)
-    assert 0.9 < crossings.min() < 1.5 and 11.0 < crossings.max() < 12.1
-    steady = np.ptp(left, axis=2).max(axis=0) < 1e-9
-    harsh = [len(np.unique(goals[:, b])) <= 4 for b in range(200)]
-    assert 60 < steady.sum() < 140 and 60 < np.sum(harsh) < 140
-    np.testing.assert_allclose(left + right[..., [1, 0, 3, 2, 5, 4]], 1.0, rtol=0, atol=1.5 / mistreatment.LEVELS)
 
 
 def test_stored_cases_are_read_back(tmp_path):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import small_bodies
+from small_bodies import bar_task
 
-from benchmarks.accuracy.boundary import bar_task
 from fish_env import make_fish, make_water, make_world
 from fish_env.bodies.mesh import box, grid, lumped_mass
 from fish_env.bodies.objects import make_ring

@@ -5,11 +5,10 @@ import json
 import pytest
 
 import agents.train as training
-from agents.config import CONFIGS
-from agents.report import opened
-from agents.train import Request, moved_by, train
+from agents.config import CONFIGS, change_simulation
+from agents.train import Request, train
 from fish_env import INTEGRATORS, Tank, make_fish
-from fish_env.control import load_policy
+from fish_env.control import load_policy, make_policy_env
 from fish_env.physics.tank_options import own_step
 
 SHORT = {"timesteps": 512, "num_envs": 4}
@@ -29,7 +28,7 @@ def test_a_run_says_what_it_is_trained_with(tmp_path, quick):
     chosen = {"integrator": "symplectic_euler", "dt": 0.0005}
     assert record["config"]["env_options"] == load_policy(folder / "policy.npz").about["env_options"] == chosen
     assert record["command"].endswith("--integrator symplectic_euler --dt 0.0005")
-    *_, env = opened(folder / "policy.npz", 2)
+    env = make_policy_env(load_policy(folder / "policy.npz"), 2)
     assert env.tank.integrator.name == "symplectic_euler" and env.tank.dt == 0.0005
     env.close()
     train(Request("swim", resume=folder, changes={"timesteps": 1024}))
@@ -42,9 +41,9 @@ def test_a_run_says_what_it_is_trained_with(tmp_path, quick):
 
 def test_a_method_takes_its_own_step():
     """Without a step it is the method's own; with a step alone it is that of the default method."""
-    assert moved_by(CONFIGS["swim"], None, None) is CONFIGS["swim"]
-    assert moved_by(CONFIGS["swim"], "rk4", None).env_options == {"integrator": "rk4"}
-    assert moved_by(CONFIGS["turn"], None, 0.002).env_options["dt"] == 0.002
+    assert change_simulation(CONFIGS["swim"]) is CONFIGS["swim"]
+    assert change_simulation(CONFIGS["swim"], None, "rk4", None).env_options == {"integrator": "rk4"}
+    assert change_simulation(CONFIGS["turn"], None, None, 0.002).env_options["dt"] == 0.002
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,12 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
-from agents import report
 from agents import train as training
 from agents.build import export_policy, make_env, make_model, start_from
-from agents.config import CONFIGS, FINE_TUNING
+from agents.config import CONFIGS, FINE_TUNING, change_simulation
 from benchmarks.learning import transfer
 from fish_env import make_fish
-from fish_env.control import evaluate, load_policy, policy_controller
+from fish_env.control import evaluate, load_policy, make_policy_env, policy_controller
 
 SHORT = {"timesteps": 1024, "num_envs": 8}
 
@@ -33,7 +32,7 @@ def one_thread():
 
 def learner(body: str, seed: int, shaken: float = 0.0, task: str = "swim", **settings):
     """A learner on a body, its parameters shaken."""
-    config = replace(training.on_body(CONFIGS[task], body), **settings)
+    config = replace(change_simulation(CONFIGS[task], body), **settings)
     model = make_model(config, make_env(config, 4, seed), seed)
     with torch.no_grad():
         for parameter in model.policy.parameters():
@@ -82,9 +81,9 @@ def test_train_on_another_body(tmp_path, monkeypatch):
     assert {name: record["config"][name] for name in FINE_TUNING} == FINE_TUNING | SHORT
     policy = load_policy(first / "policy.npz")
     assert policy.about["env_options"] == {"body": "planar", "muscle_groups": "pairs"}
-    task, opened, env = report.opened(first / "policy.npz", 2, body="mass_spring")
-    assert task == "swim" and not env.tank.fish.flat and env.single_action_space.shape == (6,)
-    assert np.isfinite(evaluate(policy_controller(opened, env), env)["speed"]).all()
+    env = make_policy_env(policy, 2, body="mass_spring")
+    assert not env.tank.fish.flat and env.single_action_space.shape == (6,)
+    assert np.isfinite(evaluate(policy_controller(policy, env), env)["speed"]).all()
     train("swim", resume=second, changes={"timesteps": 2048})
     assert json.loads((second / "config.json").read_text())["start"] == str(first)
     with pytest.raises(ValueError, match="unknown body 'eel'; choose from"):

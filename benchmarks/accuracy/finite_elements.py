@@ -22,8 +22,7 @@ from benchmarks.common.beam import (
     tip_load,
     vertical,
 )
-from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
-from benchmarks.common.command import measure_and_draw
+from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, panels, save
 from benchmarks.common.tables import IMAGES, read_table, write_csv
 from fish_env.bodies.mesh import box
 from fish_env.physics import statics

@@ -1,25 +1,22 @@
 """Speed charted against accuracy: every integrator, at many steps, on every scene of `benchmarks/common/problems.py`.
 
-    taskset -c 1 python -m benchmarks.accuracy.work_precision            all scenes (about 12 min): CSVs and charts
-    taskset -c 1 python -m benchmarks.accuracy.work_precision --draw     the charts again, from the CSV
-    taskset -c 1 python -m benchmarks.accuracy.work_precision --bars     against their bars; exit 1 if one is missed
+    taskset -c 1 python -m benchmarks.accuracy.work_precision            all scenes (about 12 min): CSVs and chart
+    taskset -c 1 python -m benchmarks.accuracy.work_precision --draw     the chart again, from the CSV
 
 The error is the largest distance, in body lengths, of any node at the end of any control interval from the
 reference solution. The time is that of one fish of a batch of 8 on one core, per control interval. Failed runs are at
 the top edge.
 """
 
-import argparse
-import sys
 import time
-from pathlib import Path
 from statistics import median
 
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import METHOD_STYLE, pyplot, save
+from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, pyplot, save
 from benchmarks.common.problems import (
+    FIXED,
     Problem,
     distance,
     independent,
@@ -27,14 +24,12 @@ from benchmarks.common.problems import (
     problems,
     reference,
     run,
-    steps_of,
     tank_of,
 )
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import INTEGRATORS, make_fish
 
 SUBSTEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
-FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]
 DEFAULT = make_fish().integrator
 LINES = [*((name, np.inf) for name in FIXED), (DEFAULT, make_fish().refine)]
 """Methods, and what refines their steps: the default method with its own refinement too."""
@@ -44,8 +39,6 @@ BATCH, REPEATS = 8, 3
 ACCURATE = 0.01  # body lengths
 COMMAND = "python -m benchmarks.accuracy.work_precision"
 CSV = "work_precision.csv"
-TEXTBOOK = ("explicit_euler", "symplectic_euler", "midpoint", "rk4", "semi_implicit", "linearly_implicit",
-            "linearly_implicit_projected", "linearly_implicit_water", "rosenbrock")  # fmt: skip
 
 
 def timed(problem: Problem, name: str, substeps: int, refine: float) -> float:
@@ -118,14 +111,12 @@ def reference_of(problem: Problem) -> tuple[np.ndarray, dict]:
     return reference_path, row
 
 
-def draw(rows: list[dict], path: Path, only=()) -> None:
-    """One panel a scene (those of `only`, or all): error against time, a line a method; failed runs on top."""
-    plt, across = pyplot(), "us_per_interval"
-    scenes = {name: problem for name, problem in problems().items() if not only or name in only}
-    shape, size = ((1, len(only)), (5.2 * len(only), 4.6)) if only else ((2, 4), (16, 8.2))
-    figure, panels = plt.subplots(*shape, figsize=size, sharey=True, squeeze=False, layout="constrained")
+def draw() -> None:
+    """One panel a scene: error against time, a line a method; failed runs on top."""
+    rows, across = read_table(CSV), "us_per_interval"
+    figure, panels = pyplot().subplots(2, 4, figsize=(16, 8.2), sharey=True, layout="constrained")
     top, bottom = 2.0, 1e-6
-    for panel, (scene, problem) in zip(panels.flat, scenes.items(), strict=True):
+    for panel, (scene, problem) in zip(panels.flat, problems().items(), strict=True):
         mine = [row for row in rows if row["scene"] == scene]
         for name, refine in LINES:
             colour, marker = METHOD_STYLE.get(name, ("#444444", "P"))
@@ -149,15 +140,8 @@ def draw(rows: list[dict], path: Path, only=()) -> None:
     for row in panels:
         row[0].set_ylabel("error, body lengths (hollow: failed)")
     handles, names = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4 if only else 5, frameon=False)
-    save(figure, path)
-
-
-def draw_all() -> None:
-    """Every chart from the CSV."""
-    rows = read_table(CSV)
-    draw(rows, RESULTS / "work_precision_time.svg")
-    draw(rows, RESULTS / "work_precision_turn.svg", only=("turn", "turn_x10"))
+    figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False)
+    save(figure, RESULTS / "work_precision.svg")
 
 
 def least_expensive(rows: list[dict], scene: str, names) -> dict:
@@ -174,49 +158,23 @@ def least_expensive(rows: list[dict], scene: str, names) -> dict:
     return min(accurate, key=lambda row: row["us_per_interval"])
 
 
-def bars(rows: list[dict]) -> bool:
-    """Print the default's error, and the better method's time beside the best textbook method's; True if met."""
-    met = True
-    fish = problems()["turn"].fish
-    default = measure(problems()["turn"], fish.integrator, steps_of(fish), reference_of(problems()["turn"])[0],
-                      seconds=False, refine=fish.refine)  # fmt: skip
-    print(f"default ({fish.integrator}, {fish.time_step * 1e3:g} ms, refined): error {default['error']:.2%} of a body"
-          f" length over the manoeuvre, bar 1 %: {'met' if default['error'] <= ACCURATE else 'MISSED'}")  # fmt: skip
-    met &= default["error"] <= ACCURATE
-    for scene in ("turn", "turn_x10", "turn_x10_damped"):
-        book, ours = (least_expensive(rows, scene, names) for names in (TEXTBOOK, set(FIXED) - set(TEXTBOOK)))
-        ratio = ours["us_per_interval"] / book["us_per_interval"]
-        print(f"{problems()[scene].title}: {ours['integrator']} {ours['us_per_interval']:.1f} us "
-              f"({ours['substeps']} steps, {ours['error']:.2%}), {book['integrator']} {book['us_per_interval']:.1f} us "
-              f"({book['substeps']} steps, {book['error']:.2%}): ratio {ratio:.2f}, bar 0.33: "
-              f"{'met' if ratio <= 1 / 3 else 'MISSED'}")  # fmt: skip
-        met &= ratio <= 1 / 3
-    return bool(met)
+def measure_all() -> None:
+    """Write the tables; an interrupted run leaves the scenes that are done."""
+    rows, references = [], []
+    with tqdm(total=len(problems()) * len(LINES), unit="sweep") as bar:
+        for problem in problems().values():
+            bar.set_postfix_str(f"{problem.name} reference")
+            reference_path, row = reference_of(problem)
+            references.append(row)
+            rows += sweep(problem, reference_path, bar)
+            write_csv(CSV, rows, COMMAND)
+    write_csv("work_precision_references.csv", references, COMMAND)
 
 
-def main() -> int:
-    """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    action = parser.add_mutually_exclusive_group()
-    action.add_argument("--draw", action="store_true", help="draw the charts again from the CSV")
-    action.add_argument("--bars", action="store_true", help="compare with the bars; exit 1 if one is missed")
-    arguments = parser.parse_args()
-    if arguments.bars:
-        return 0 if bars(read_table(CSV)) else 1
-    if not arguments.draw:
-        rows, references = [], []
-        with tqdm(total=len(problems()) * len(LINES), unit="sweep") as bar:
-            for problem in problems().values():
-                bar.set_postfix_str(f"{problem.name} reference")
-                reference_path, row = reference_of(problem)
-                references.append(row)
-                rows += sweep(problem, reference_path, bar)
-                write_csv(CSV, rows, COMMAND)  # as it comes: Ctrl-C leaves what is done
-        write_csv("work_precision_references.csv", references, COMMAND)
-    draw_all()
-    print(f"written to {RESULTS / CSV} and the charts beside it")
-    return 0
+def main() -> None:
+    """Measure all scenes and draw the chart."""
+    measure_and_draw(__doc__, measure_all, draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

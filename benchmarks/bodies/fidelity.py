@@ -1,20 +1,19 @@
 """Distance of every body to the finest one, and its cost, in a scene of every task.
 
-python -m benchmarks.bodies.fidelity              results/fidelity.csv and docs/images/fidelity.svg (12 minutes)
-python -m benchmarks.bodies.fidelity --chart      the chart only, from the CSV
+python -m benchmarks.bodies.fidelity              results/fidelity.csv and docs/images/fidelity.svg (4 minutes)
+python -m benchmarks.bodies.fidelity --draw       the chart again, from the CSV
 
 A scene is an episode of the task with the motor controllers: the contractions of the default fish's muscles are
 recorded and played to every body, from rest, open loop. The finest body is that of tetrahedra at level 3; level 2 says
 how much it still changes. Bodies are timed in turn, in processor time, many fish together as in training.
 """
 
-import argparse
 import time
 
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import pyplot, save
+from benchmarks.common.charts import measure_and_draw, pyplot, save
 from benchmarks.common.motion import errors, play, record
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import IMAGES, read_table, write_csv
@@ -84,8 +83,9 @@ def run() -> list[dict]:
     return rows
 
 
-def chart(rows: list[dict]) -> None:
+def draw() -> None:
     """Distance over cost, a panel a task."""
+    rows = read_table("fidelity.csv")
     figure, axes = pyplot().subplots(2, 3, figsize=(12, 7), sharex=True, sharey=True, layout="constrained")
     for panel, task in zip(axes.flat, dict.fromkeys(row["task"] for row in rows), strict=False):
         for row in rows:
@@ -106,13 +106,14 @@ def chart(rows: list[dict]) -> None:
     save(figure, IMAGES / "fidelity.svg")
 
 
+def measure() -> None:
+    """Write the table."""
+    write_csv("fidelity.csv", run(), "python -m benchmarks.bodies.fidelity")
+
+
 def main() -> None:
-    """Run the scenes and draw the chart."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--chart", action="store_true", help="only draw the chart")
-    if not parser.parse_args().chart:
-        write_csv("fidelity.csv", run(), "python -m benchmarks.bodies.fidelity")
-    chart(read_table("fidelity.csv"))
+    """The command line."""
+    measure_and_draw(__doc__, measure, draw)
 
 
 if __name__ == "__main__":

@@ -9,11 +9,13 @@ python -m benchmarks.calibration.commands     adds what the motor controllers co
 """
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.common.motion import SECONDS, record
+from benchmarks.common.tables import provenance
 from fish_env import TASKS, make_fish
 from fish_env.bodies import Fish
 from fish_env.control import Gait
@@ -149,7 +151,8 @@ def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     found = np.concatenate([record(task, SEEDS, FIRST_SEED) for task in TASKS])[None]
     found = np.concatenate([recorded(), found]) if FILE.exists() else found
-    np.savez_compressed(FILE, contraction=found.astype(np.float16))
+    about = json.dumps(provenance("python -m benchmarks.calibration.commands"))
+    np.savez_compressed(FILE, contraction=found.astype(np.float16), provenance=about)
     print(FILE, found.shape, FILE.stat().st_size)
 
 

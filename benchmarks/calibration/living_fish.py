@@ -1,12 +1,13 @@
 """Calibrate the finest body to living fish (CMA-ES), and put every body beside them.
 
 python -m benchmarks.calibration.living_fish              writes fish_env/bodies/tetrahedral.json (half an hour)
-python -m benchmarks.calibration.living_fish --check      results/living_fish.csv and results/living_fish.svg (minutes)
+python -m benchmarks.calibration.living_fish --check      living_fish.csv, living_fish.svg and gait.csv (minutes)
 
 Searched are the material of the body of tetrahedra (at level 2; the material is the same at every level) and three
 gaits, at the frequencies and speeds of a trout of 19.6 cm (Drucker & Lauder): tail sweep and speed, the sway of the
 midline (the carangiform envelope of Videler & Hess 1984, scaled to the trout's sweep), the nose's sway over the tail's,
-the Strouhal number, and the wave's phase. The other bodies swim the same gaits.
+the Strouhal number, and the wave's phase. The other bodies swim the same gaits. The check also measures the best
+open-loop gait of the default fish, at its own step and by RK4 at an eighth of it.
 """
 
 import argparse
@@ -19,13 +20,13 @@ from pathlib import Path
 import numpy as np
 
 import fish_env.bodies
-from benchmarks.calibration.midline import Midline, swim_midlines
+from benchmarks.calibration.midline import Midline, swim_gait, swim_midlines
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.search import minimise
 from benchmarks.common.tables import RESULTS, provenance, write_csv
 from fish_env import make_fish
 from fish_env.bodies import mass_spring as tu
-from fish_env.control import Gait
+from fish_env.control import Gait, best_gait
 
 COMMAND = "python -m benchmarks.calibration.living_fish"
 FILE = Path(fish_env.bodies.__file__).parent / "tetrahedral.json"
@@ -186,6 +187,29 @@ def check() -> list[dict]:
     return rows
 
 
+GAIT = {  # of the best gait: attribute, lowest and highest of living fish, or of what a gait must reach
+    "stride, BL a beat": ("stride", 0.5, np.inf),
+    "Strouhal number": ("strouhal", 0.2, 0.4),
+    "tail sweep, BL": ("sweep", 0.1, 0.26),
+    "speed, BL/s": ("speed", 1.0, np.inf),
+    "nose over tail": ("nose", 0.1, 0.14),
+    "tail tips apart, over the sweep": ("wobble", 0.0, 0.1),
+}
+
+
+def check_best_gait() -> list[dict]:
+    """A row for each quantity of the best gait: at the fish's own step, by RK4 at an eighth of it, and the range."""
+    fish, gait = make_fish(), best_gait()
+    swum, exact = swim_gait(fish, gait), swim_gait(fish, gait, integrator="rk4", dt=fish.time_step / 8)
+    return [
+        {
+            "quantity": name, "ours": round(value := getattr(swum, key), 4), "reference": round(getattr(exact, key), 4),
+            "lowest": low, "highest": high, "within": bool(low <= value <= high),
+        }
+        for name, (key, low, high) in GAIT.items()
+    ]  # fmt: skip
+
+
 COLUMNS = {"speed": ".2f", "sweep": ".3f", "nose_over_tail": ".2f", "strouhal": ".2f", "envelope_off": ".3f"}
 
 
@@ -249,6 +273,7 @@ def main() -> None:
         return
     rows = check()
     print(write_csv("living_fish.csv", rows, f"{COMMAND} --check"))
+    print(write_csv("gait.csv", check_best_gait(), f"{COMMAND} --check"))
     draw(rows)
     fill_page(rows)
 

@@ -1,10 +1,11 @@
-"""Charts: one style, colours told apart by colour-blind readers (Okabe & Ito), and SVG files without a date."""
+"""Charts: one style, colours told apart by colour-blind readers (Okabe & Ito), and SVG files without a date.
 
+Benchmarks with a chart share their command line, too: `measure_and_draw`.
+"""
+
+import argparse
+from collections.abc import Callable
 from pathlib import Path
-
-from agents.records import pyplot
-
-__all__ = ["BLUE", "GREY", "METHOD_STYLE", "ORANGE", "panels", "pyplot", "save"]
 
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#999999"
 METHOD_STYLE = {  # colour and marker, one marker a family
@@ -21,9 +22,20 @@ METHOD_STYLE = {  # colour and marker, one marker a family
 }
 
 
-def panels(columns: int, size=(11.0, 4.2)):
-    """A figure with a row of panels, each with a faint grid."""
-    figure, axes = pyplot().subplots(1, columns, figsize=size, layout="constrained")
+def pyplot():
+    """Matplotlib's pyplot without a display; the same numbers give the same bytes of an SVG file."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    pyplot.rcParams["svg.hashsalt"] = "fish_env"
+    return pyplot
+
+
+def panels(columns: int, size=(11.0, 4.2), **options):
+    """A figure with a row of panels, each with a faint grid. `options` as for matplotlib's `subplots`."""
+    figure, axes = pyplot().subplots(1, columns, figsize=size, layout="constrained", **options)
     for panel in axes:
         panel.grid(alpha=0.2)
     return figure, axes
@@ -34,3 +46,12 @@ def save(figure, path: Path, **options) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, metadata={"Date": None}, **options)
     pyplot().close(figure)
+
+
+def measure_and_draw(description: str | None, measure: Callable[[], None], draw: Callable[[], None]) -> None:
+    """Write the tables and draw the chart; with --draw, draw it again from the tables."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draw", action="store_true", help="draw the chart again from the tables")
+    if not parser.parse_args().draw:
+        measure()
+    draw()

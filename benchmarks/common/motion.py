@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.common.poses import pose_of
+from benchmarks.common.measures import pose_of
 from fish_env import Tank
 from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu

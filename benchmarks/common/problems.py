@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from fish_env import make_fish
+from fish_env import INTEGRATORS, make_fish
 from fish_env.bodies import Fish
 from fish_env.control import Gait
 from fish_env.physics import body
@@ -20,6 +20,7 @@ AMPLITUDE, LAG = (
     (0.5439, 0.8077, 0.7836),
     (0.0, 0.8347, 5.453),
 )  # of a gait: fixed here so that the scenes stay the same
+FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]  # methods with given steps
 DISTURBANCE = 1e-7  # body lengths: how far nodes are moved to see how much of it a scene makes
 CONVERGED = 1e-9  # body lengths: how little halving its steps may change a reference
 
@@ -44,7 +45,7 @@ class Problem:
 
 def scaled(fish: Fish, stiffness=1.0, damping=1.0, mass=1.0) -> Fish:
     """The fish with its springs' stiffness and damping and its nodes' masses multiplied."""
-    return replace(fish, body=body.scaled(fish.body, stiffness, damping, mass))
+    return replace(fish, body=body.scale_body(fish.body, stiffness, damping, mass))
 
 
 def swimming(fish: Fish, intervals: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.common.poses import pose_of
+from benchmarks.common.measures import pose_of
 from fish_env import Tank
 from fish_env.bodies import Fish
 from fish_env.control import Gait

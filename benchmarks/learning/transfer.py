@@ -8,9 +8,10 @@ import argparse
 import numpy as np
 from tqdm import tqdm
 
-from agents.config import CONFIGS, RESULTS
+from agents.config import CONFIGS
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import write_csv
+from benchmarks.learning.publish import PUBLICATIONS
 from fish_env.control import (
     FIRST_SEED,
     evaluate,
@@ -41,7 +42,7 @@ def shipped_rows() -> list[dict]:
                     env = make_eval_env(CONFIGS[task].env_id, episodes, options)
                     scores = evaluate(policy_controller(policy, env) if who == "policy" else scripted(env), env)
                     env.close()
-                    for metric in dict.fromkeys((*RESULTS[task].headline, "failed")):
+                    for metric in dict.fromkeys((*PUBLICATIONS[task].headline, "failed")):
                         known = scores[metric][np.isfinite(scores[metric])]
                         mean, low, high = interval_of(known) if known.size else (np.nan,) * 3
                         found.append({

@@ -1,30 +1,23 @@
-"""Why two layers: one layer and two on a floor, with gas and without; motion of the layers against each other.
+"""Why two layers: one layer and two on a floor, with gas and without, and both layers in an impact.
 
-python -m benchmarks.objects.layers             tables and chart (about 1 min)
+python -m benchmarks.objects.layers             table and chart (about 1 min)
 python -m benchmarks.objects.layers --draw      the chart again
 """
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, ORANGE, panels, save
-from benchmarks.common.command import measure_and_draw
+from benchmarks.common.charts import BLUE, ORANGE, measure_and_draw, panels, save
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import Tank
-from fish_env.bodies.layers import TwoLayers
 from fish_env.bodies.objects import GLOBE, OBJECTS, RING, SPHERE, Layered, room
 from fish_env.physics.elements import make_compartments
-from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.statics import modes
 from fish_env.physics.volume import volume_of
-from fish_env.physics.world import VACUUM, make_world
+from fish_env.physics.world import make_world
 
 COMMAND = "python -m benchmarks.objects.layers"
 STANDARD = {"ring": RING, "sphere": GLOBE, "uniform sphere": SPHERE}
 PRESSURES = (0.0, 0.0625, 0.125, 0.25, 0.5, 1.0)  # times the standard one
 SETTLING = 4.0  # s on the floor, after which most objects lie still
-OPPOSED = -0.9  # correlation of the layers' displacements, below which they move against each other
-SMALL = 1e-6  # m: amplitude of the outer layer, at which the forces are linear
-PERIODS = 8
 HEAVY = 6.0  # times the mass of the standard inner layer
 
 
@@ -63,62 +56,6 @@ def collapse(kind: str, layers: int, factor: float) -> dict:
             "kept_range": np.ptp(kept)}  # fmt: skip
 
 
-def opposed_mode(thing: Layered) -> tuple[float, np.ndarray]:
-    """The lowest natural frequency, Hz, at which the layers move against each other, and its shape (N,3), 1/sqrt(kg).
-
-    Raises:
-        ArithmeticError: if there is none.
-    """
-    free = int(np.count_nonzero(thing.body.inverse_mass))
-    for frequency, shape in zip(*modes(thing.body, min(free, 200)), strict=True):
-        one, other = shape[thing.outer], shape[thing.inner]
-        if np.sum(one * other) <= OPPOSED * np.sqrt(np.sum(one * one) * np.sum(other * other)):
-            return float(frequency), shape
-    raise ArithmeticError(f"no mode of the {thing.name} moves its layers against each other")
-
-
-def twist_rate(nodes: int, chosen: TwoLayers) -> float:
-    """Angular frequency, 1/s, at which the layers of a ring turn against each other, in closed form.
-
-    A turn by a small angle stretches the 2 n shear springs only, each by R r sin(2 pi / n) / length times the angle.
-    """
-    outer, inner, angle = chosen.radius, chosen.inner_radius, 2 * np.pi / nodes
-    arm = outer * inner * np.sin(angle) / np.sqrt(outer**2 + inner**2 - 2 * outer * inner * np.cos(angle))
-    inertia = 1 / (chosen.mass * outer**2) + 1 / (chosen.inner_mass * inner**2)
-    return float(np.sqrt(2 * nodes * chosen.shear_stiffness * arm**2 * inertia))
-
-
-def decay_rate(thing: Layered, shape) -> float:
-    """Rate of decay of a mode, 1/s, to first order in the damping: half of u^T C u, C the damping matrix."""
-    body = thing.body
-    evaluator = Evaluator(body, VACUUM)
-    slope = evaluator.jacobian(body.springs.rest_length, body.position, np.zeros_like(body.position))[1]
-    return float(0.5 * shape.ravel() @ slope @ shape.ravel())
-
-
-def oscillate(thing: Layered, frequency: float, shape, steps=400) -> tuple[np.ndarray, np.ndarray]:
-    """Times (K,) s and amplitudes (K,) of a mode, over SMALL, in a simulation that starts with its displacement."""
-    body = thing.body
-    size = SMALL / np.linalg.norm(shape[thing.outer], axis=1).max()
-    tank = Tank(thing, integrator="rk4", dt=1 / (frequency * steps), water=VACUUM, threads=1)
-    tank.position[0] += size * shape
-    time, amount = [0.0], [1.0]
-    for _ in range(PERIODS * steps):
-        tank.advance(1)
-        time.append(float(tank.time[0]))
-        amount.append(np.sum(body.mass[:, None] * shape * (tank.position[0] - body.position)) / size)
-    return np.array(time), np.array(amount)
-
-
-def frequency_and_decay(time, amount) -> tuple[float, float]:
-    """Frequency, Hz, and rate of decay, 1/s, of a decaying oscillation: its zeros, and its values between them."""
-    at = np.flatnonzero(np.signbit(amount[1:]) != np.signbit(amount[:-1]))
-    zeros = time[at] - amount[at] * (time[at + 1] - time[at]) / (amount[at + 1] - amount[at])
-    half = np.polyfit(np.arange(len(zeros)), zeros, 1)[0]
-    peaks = [np.abs(amount[a:b]).max() for a, b in zip(at[:-1] + 1, at[1:] + 1, strict=True)]
-    return 0.5 / half, -np.polyfit(np.arange(len(peaks)), np.log(peaks), 1)[0] / half
-
-
 def impact(kind: str, inner_mass: float, speed=2.5) -> np.ndarray:
     """Times, s, and mean velocities of both layers, m/s, (K,3), of an object that flies into a wall along x."""
     thing = OBJECTS[kind].make(inner_mass=inner_mass)
@@ -132,31 +69,10 @@ def impact(kind: str, inner_mass: float, speed=2.5) -> np.ndarray:
     return np.array(rows)
 
 
-def opposed_time(kind: str, inner_mass: float) -> float:
-    """How long the layers fly in opposite directions during an impact, ms."""
-    time, outer, inner = impact(kind, inner_mass).T
-    return float(1e3 * np.count_nonzero(outer * inner < 0) * (time[1] - time[0]))
-
-
-def against_each_other(kind: str) -> dict:
-    """A row: the lowest opposed mode, from the matrices and simulated, and how long an impact opposes the layers."""
-    row = {"object": kind}
-    for name, time in (("undamped", 0.0), ("damped", 0.002)):
-        thing = OBJECTS[kind].make(relaxation_time=time)
-        frequency, shape = opposed_mode(thing)
-        found, decay = frequency_and_decay(*oscillate(thing, frequency, shape))
-        lost = decay_rate(thing, shape)
-        row |= {f"{name}_hz": np.sqrt(frequency**2 - (lost / (2 * np.pi)) ** 2), f"{name}_simulated_hz": found,
-                f"{name}_decay": lost, f"{name}_simulated_decay": decay}  # fmt: skip
-    standard = STANDARD[kind].inner_mass
-    return row | {"opposed_ms": opposed_time(kind, standard), "opposed_heavy_ms": opposed_time(kind, HEAVY * standard)}
-
-
 def measure() -> None:
-    """Write the tables."""
+    """Write the table."""
     rows = [collapse(kind, layers, p) for kind in STANDARD for layers in (1, 2) for p in PRESSURES]
     write_csv("objects_layers.csv", rows, COMMAND)
-    write_csv("objects_layer_modes.csv", [against_each_other(kind) for kind in STANDARD], COMMAND)
 
 
 def draw() -> None:

@@ -1,6 +1,6 @@
-"""Solids of finite elements: which method moves them, and which come back to their shape.
+"""Solids of finite elements: which method moves them.
 
-    python -m benchmarks.objects.solids             tables and chart (about 2 min)
+    python -m benchmarks.objects.solids             table and chart (about 2 min)
     python -m benchmarks.objects.solids --draw      the chart again
 
 A beam oscillates in free flight: errors against a reference solution, and the largest stable step. Then it is let go
@@ -10,8 +10,7 @@ Costs are medians of ratios, of steps that are timed in turn.
 
 import numpy as np
 
-from benchmarks.common.charts import METHOD_STYLE, panels, save
-from benchmarks.common.command import measure_and_draw
+from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, panels, save
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from benchmarks.common.timing import interleaved
 from benchmarks.objects.methods import (
@@ -27,8 +26,7 @@ from benchmarks.objects.methods import (
     swing,
 )
 from fish_env import Tank
-from fish_env.bodies.distorted import inverted, out_of_shape, twisted
-from fish_env.bodies.objects import SOLIDS
+from fish_env.bodies.distorted import inverted, twisted
 from fish_env.bodies.room import InRoom
 from fish_env.bodies.solids import make_beam
 from fish_env.physics.forces.evaluate import Evaluator
@@ -41,7 +39,6 @@ STRAINS = ("linear", "corotational", "green_lagrange")  # costs are over those o
 STARTS = ("swing", "twisted", "inverted")
 TRIED = [1 / 15 / 2**k for k in range(14)]  # s
 WATCHED, CHECKS, GAIN = 1.0, 20, 0.01  # s; times at which the energy is compared; what it may gain of that at the start
-SETTLED = 3.0  # s
 FIRST, COST_STEPS, ROUNDS = 160, 40, 15  # steps in 0.2 s of those that costs are over; steps of each timing; timings
 
 
@@ -53,14 +50,6 @@ def released(thing: InRoom, how: str, name: str, dt: float) -> Tank:
     else:
         tank.position[0] = {"twisted": twisted, "inverted": inverted}[how](thing)
     return tank
-
-
-def recovered(thing: InRoom, how: str, name: str) -> dict:
-    """A row: how far a solid is from its shape some seconds after it was let go, over its length."""
-    tank = released(thing, how, name, thing.time_step)
-    tank.advance(round(SETTLED / tank.dt))
-    return {"object": thing.name, "start": how, "method": name, "step_ms": 1e3 * tank.dt,
-            "out_of_shape": out_of_shape(thing.body, tank.position[0]), "failure": tank.failure[0]}  # fmt: skip
 
 
 def survives(thing: InRoom, how: str, name: str, dt: float) -> bool:
@@ -122,12 +111,8 @@ def error_and_cost(row: dict) -> tuple[np.ndarray, np.ndarray]:
 
 
 def measure() -> None:
-    """Write the tables."""
+    """Write the table."""
     write_csv("solids_methods.csv", methods(), COMMAND)
-    things = [record.make() for record in SOLIDS.values()]
-    rows = [recovered(thing, how, name) for thing in things for how in STARTS[1:]
-            for name in ("leapfrog_chebyshev", "linearly_implicit")]  # fmt: skip
-    write_csv("solids_recovery.csv", rows, COMMAND)
 
 
 def draw() -> None:

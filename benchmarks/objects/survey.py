@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.common.charts import METHOD_STYLE, panels, save
-from benchmarks.common.command import measure_and_draw
+from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, panels, save
 from benchmarks.common.tables import IMAGES, RESULTS, read_table, write_csv
 from benchmarks.objects.methods import errors, largest_stable, largest_surviving, line_of, reference
 from benchmarks.objects.scenes import FRAME, SCENES, energy_of_fall, outside, play, stage, watched

@@ -1,87 +1,245 @@
-"""How fast other simulators compute the same springs, and other environments a step: results/speed/peers.csv.
+"""How fast MuJoCo computes the same springs, and its environments a step: results/speed/peers.csv.
 
-    pip install -e ".[peers]"
+    pip install -c constraints.txt -e ".[peers]"
     python -m benchmarks.speed.peers
 
-Everything runs in one process on one core (the last one it may use), measured in turn. No spring is timed before its
-masses arrive, after 1000 steps of the same method, where ours do.
+Everything runs in one process on one core (the last one it may use), measured in turn. The springs are the masses and
+springs of the default fish in vacuum, deformed and moving, by symplectic Euler (velocity first, then position with the
+new velocity). MuJoCo is timed only if its masses arrive, after 1000 steps, where ours do. Its Euler integrator is
+symplectic Euler once `eulerdamp`, its implicit treatment of joint damping, is off.
 """
 
 import argparse
 import os
-import sys
+from collections.abc import Iterator
 from functools import partial
-from importlib.util import find_spec
+from importlib.metadata import version
+from typing import NamedTuple
 
+import gymnasium as gym
+import numpy as np
+
+import fish_env
 from benchmarks.common.tables import write_csv
 from benchmarks.common.timing import interleaved
 
 ROUNDS = 15
-SAMPLE = 0.04  # s that a peer runs in a round, about
+SAMPLE = 0.04  # s that a simulator runs in a round, about
 BATCHES = (1, 256)
-PACKAGES = ("mujoco", "newton")
+STEP = 0.0003  # s: 0.4 of the largest stable step for small motion of this body at rest
+CHECKED, TOLERANCE = 1000, 1e-12  # steps after which positions are compared; body lengths that they may be apart
+STRETCH, SHAKE, TURN = 0.01, 0.1, 3.0  # of the start: BL, BL/s and rad/s
+ENVIRONMENTS = {"FishEnv/Swim-v0": "fish_env", "HalfCheetah-v5": "mujoco", "Swimmer-v5": "mujoco"}
+"""Single environments with the wrappers of `gym.make`, and their packages; costs are over those of the first."""
+ENV_STEPS = 1000  # of a run, a whole number of episodes of each: resets are included
+OFF = (
+    "eulerdamp gravity contact constraint equality limit frictionloss sensor actuation clampctrl filterparent refsafe "
+    "warmstart midphase island autoreset"
+)  # whatever this scene does not need and MuJoCo can leave out
+
+
+class Scene(NamedTuple):
+    """B fish of N masses and E springs, and how they start."""
+
+    position: np.ndarray  # (B,N,3) m, about the origin
+    velocity: np.ndarray  # (B,N,3) m/s
+    mass: np.ndarray  # (N,) kg
+    nodes: np.ndarray  # (E,2)
+    stiffness: np.ndarray  # (E,) N/m
+    damping: np.ndarray  # (E,) N s/m
+    rest_length: np.ndarray  # (E,) m
+    length: float  # body length, m
+
+
+def make_scene(num_fish: int) -> Scene:
+    """The default fish's springs, every fish started differently; fish 0 is the same in a batch of any size."""
+    fish = fish_env.make_fish("mass_spring")
+    body, springs, length = fish.body, fish.body.springs, fish.length
+    noise = np.random.default_rng(0).standard_normal((num_fish, 2, body.mass.size, 3))
+    position = body.position - body.position.mean(axis=0) + STRETCH * length * noise[:, 0]
+    velocity = SHAKE * length * noise[:, 1] + np.cross([0.0, 0.0, TURN], position)
+    return Scene(
+        position, velocity, body.mass, springs.nodes, springs.stiffness, springs.damping, springs.rest_length, length
+    )
+
+
+class Ours:
+    """This package's `Tank` in vacuum."""
+
+    name, package = "fish_env", "fish_env"
+
+    def __init__(self, scene: Scene, dtype: str = "float64"):
+        self.scene, self.dtype = scene, dtype
+        fish = fish_env.make_fish("mass_spring")
+        self.tank = fish_env.Tank(fish, len(scene.position), "symplectic_euler", STEP, threads=1, dtype=dtype)
+
+    def start(self) -> None:
+        """Put all fish to the start of the scene."""
+        self.tank.reset()
+        self.tank.position[:], self.tank.velocity[:] = self.scene[:2]
+
+    def advance(self, steps: int) -> None:
+        """Take so many steps."""
+        self.tank.advance(steps)
+
+    def position(self) -> np.ndarray:
+        """Positions of the masses, (B,N,3) m."""
+        return self.tank.position
+
+
+class Mujoco:
+    """MuJoCo: a body with three slide joints for each mass; springs are edges of one-dimensional flexes.
+
+    One fish moves by `mj_step`, more by `mujoco.batch` on this thread.
+    """
+
+    name, package, dtype = "MuJoCo, edges of flexes", "mujoco", "float64"
+
+    def __init__(self, scene: Scene):
+        import mujoco
+        from mujoco import batch
+
+        self.scene, self.model, count = scene, mujoco.MjModel.from_xml_string(mjcf(scene)), len(scene.position)
+        set_rest_lengths(self.model, scene)
+        self.data = mujoco.MjData(self.model) if count == 1 else batch.Batch(self.model, count, nthread=1)
+        self.step = partial(mujoco.mj_step, self.model, self.data) if count == 1 else self.data.step
+
+    def start(self) -> None:
+        """Put all fish to the start of the scene; `qpos` is how far the masses are from fish 0's start."""
+        for array, values in (
+            (self.data.qpos, self.scene.position - self.scene.position[0]),
+            (self.data.qvel, self.scene.velocity),
+        ):
+            array[:] = values.reshape(array.shape)
+
+    def advance(self, steps: int) -> None:
+        """Take so many steps."""
+        self.step(nstep=steps)
+
+    def position(self) -> np.ndarray:
+        """Positions of the masses, (B,N,3) m."""
+        return self.scene.position[0] + self.data.qpos.reshape(self.scene.position.shape)
+
+
+def text(values) -> str:
+    """Numbers as MJCF wants them, to the last digit."""
+    return " ".join(repr(float(value)) for value in np.atleast_1d(values))
+
+
+def mjcf(scene: Scene) -> str:
+    """The model of the scene in MuJoCo's language."""
+    bodies = [
+        f'<body name="n{n}" pos="{text(position)}">'
+        f'<inertial pos="0 0 0" mass="{text(mass)}" diaginertia="1e-6 1e-6 1e-6"/>'
+        + "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+        + "</body>"
+        for n, (position, mass) in enumerate(zip(scene.position[0], scene.mass, strict=True))
+    ]
+    flags = " ".join(f'{flag}="disable"' for flag in OFF.split())
+    return (
+        f'<mujoco><option timestep="{STEP}" integrator="Euler"><flag {flags}/></option>'
+        f"<worldbody>{''.join(bodies)}</worldbody><deformable>{''.join(flexes(scene))}</deformable></mujoco>"
+    )
+
+
+def flexes(scene: Scene) -> Iterator[str]:
+    """A one-dimensional flex for all springs of one stiffness and damping, which are numbers of the whole flex."""
+    laws = np.stack([scene.stiffness, scene.damping], axis=1)
+    for f, law in enumerate(np.unique(laws, axis=0)):
+        nodes, element = np.unique(scene.nodes[(laws == law).all(axis=1)], return_inverse=True)
+        bodies, ends = " ".join(f"n{n}" for n in nodes), " ".join(map(str, element.ravel()))
+        yield f'<flex name="f{f}" dim="1" radius="0.0001" body="{bodies}" element="{ends}">'
+        yield f'<edge stiffness="{text(law[0])}" damping="{text(law[1])}"/>'
+        yield '<contact contype="0" conaffinity="0" selfcollide="none"/></flex>'
+
+
+def set_rest_lengths(model, scene: Scene) -> None:
+    """Give the edges of the flexes the rest lengths of the scene: the compiler took the lengths of fish 0's start."""
+    springs = {tuple(nodes): e for e, nodes in enumerate(np.sort(scene.nodes, axis=1).tolist())}
+    for flex in range(model.nflex):
+        bodies = model.flex_vertbodyid[model.flex_vertadr[flex] :]
+        first = model.flex_edgeadr[flex]
+        for edge in range(first, first + model.flex_edgenum[flex]):
+            nodes = tuple(sorted((bodies[model.flex_edge[edge]] - 1).tolist()))  # body 0 is the world
+            model.flexedge_length0[edge] = scene.rest_length[springs[nodes]]
+
+
+def disagreement(peer, steps: int = CHECKED) -> float:
+    """Largest distance along an axis between a peer's masses and ours after these steps, body lengths."""
+    own = Ours(peer.scene)
+    for each in (own, peer):
+        each.start()
+        each.advance(steps)
+    return float(np.abs(peer.position() - own.position()).max() / peer.scene.length)
 
 
 def spring_rows(num_fish: int) -> list[dict]:
-    """Check, then time, every peer on the same springs; ours first."""
-    from benchmarks.speed import mujoco_springs, newton_springs, scene
+    """Check MuJoCo, then time it beside ours, for a batch in single precision, too.
 
-    peers = [*scene.ours(num_fish)]
-    for module in (mujoco_springs, newton_springs):
-        peers += module.peers(num_fish)
-    runs, agreed = [], []
+    Raises:
+        ValueError: if MuJoCo's masses are elsewhere than ours.
+    """
+    scene = make_scene(num_fish)
+    peers = [Ours(scene), *([Ours(scene, "float32")] if num_fish > 1 else []), Mujoco(scene)]
+    if not (apart := disagreement(peers[-1])) <= TOLERANCE:
+        raise ValueError(f"MuJoCo is {apart:.1e} body lengths from fish_env, more than {TOLERANCE:.0e}")
+    runs = []
     for peer in peers:
-        agreed.append(scene.disagreement(peer))
-        print(f"{peer.name:28}{peer.precision}, {num_fish:3} fish: {agreed[-1]:.1e} BL from ours", flush=True)
-        probe = interleaved([(peer.start, partial(peer.advance, peer.chunk), peer.chunk)], 3)[0].time[1]
-        steps = peer.chunk * max(1, round(SAMPLE / (probe * 1e-6 * peer.chunk)))
+        probe = interleaved([(peer.start, partial(peer.advance, 10), 10)], 3)[0].time[1]
+        steps = max(1, round(SAMPLE / (probe * 1e-6)))
         runs.append((peer.start, partial(peer.advance, steps), steps * num_fish))
-    costs = interleaved(runs, ROUNDS)
     return [
-        row("springs", peer.name, peer.package, num_fish, cost, peer.precision, scene.STEP, found)
-        for peer, cost, found in zip(peers, costs, agreed, strict=True)
+        row("springs", f"{peer.name}, {peer.dtype}", peer.package, num_fish, cost, STEP)
+        for peer, cost in zip(peers, interleaved(runs, ROUNDS), strict=True)
     ]
 
 
-def environment_rows(environments: list, rounds: int) -> list[dict]:
-    """Time environment steps; ours first."""
-    costs = interleaved([(lambda: None, each.run, each.steps) for each in environments], rounds)
+def environment_rows(rounds: int = ROUNDS) -> list[dict]:
+    """Time steps of ENVIRONMENTS with random actions drawn beforehand, resets included."""
+    environments, runs = [], []
+    for name in ENVIRONMENTS:
+        env = gym.make(name)
+        env.reset(seed=0)
+        env.action_space.seed(0)
+        actions = [env.action_space.sample() for _ in range(ENV_STEPS)]
+        environments.append(env)
+        runs.append((lambda: None, partial(act, env, actions), ENV_STEPS))
     return [
-        row("environment step", each.name, each.package, each.copies, cost, "", each.interval)
-        for each, cost in zip(environments, costs, strict=True)
+        row("environment step", name, package, 1, cost, 1.0 / env.metadata["render_fps"])
+        for (name, package), env, cost in zip(
+            ENVIRONMENTS.items(), environments, interleaved(runs, rounds), strict=True
+        )
     ]
 
 
-def row(what, name, package, copies, cost, precision, interval, found=None) -> dict:
-    """One line of the table; `interval` is the simulated time of a step, s."""
-    times, ratios = cost.time, cost.ratio
+def act(env: gym.Env, actions: list) -> None:
+    """Step an environment, and reset it when an episode ends."""
+    for action in actions:
+        _, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            env.reset()
+
+
+def row(what: str, name: str, package: str, copies: int, cost, interval: float) -> dict:
+    """Line of the table; `interval` is the simulated time of a step, s."""
+    times, ratios = cost
     return {
-        "what": what, "name": name, "package": package, "copies": copies, "precision": precision,
+        "what": what, "name": name, "package": f"{package} {version(package)}", "copies": copies,
         "simulated_s": interval, "us": f"{times[1]:.4g}", "us_q1": f"{times[0]:.4g}", "us_q3": f"{times[2]:.4g}",
         "times_ours": f"{ratios[1]:.3g}", "times_q1": f"{ratios[0]:.3g}", "times_q3": f"{ratios[2]:.3g}",
-        "disagreement_bl": "" if found is None else f"{found:.1e}",
     }  # fmt: skip
 
 
-def main() -> int:
+def main() -> None:
     """Measure, print and write."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    missing = [name for name in PACKAGES if find_spec(name) is None]
-    if missing:
-        print(f"{', '.join(missing)} not installed; pip install 'fish_env[peers]'", file=sys.stderr)
-        return 2
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    from benchmarks.speed import environments
-
-    rows = [each for num_fish in BATCHES for each in spring_rows(num_fish)]
-    rows += environment_rows(environments.singles(), ROUNDS) + environment_rows(environments.vectors(), ROUNDS // 3)
+    rows = [each for num_fish in BATCHES for each in spring_rows(num_fish)] + environment_rows()
     for each in rows:
-        spread = f"{each['times_ours']} ({each['times_q1']}-{each['times_q3']})"
-        print(f"{each['name']:44}{each['precision']:9}{each['copies']:4}{each['us']:>9} us  {spread} of ours")
-    print(f"written to {write_csv('speed/peers.csv', rows, 'python -m benchmarks.speed.peers')}")
-    return 0
+        print(*each.values(), sep="  ")
+    print(write_csv("speed/peers.csv", rows, "python -m benchmarks.speed.peers"))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -8,14 +8,13 @@ of bars clamped at one end that swing in vacuum, at a millisecond, so that only 
 their elements shrink. Processor time; medians and quartiles.
 """
 
-import argparse
 from collections.abc import Iterator
 from functools import partial
 
 from tqdm import tqdm
 
 from benchmarks.common.beam import LENGTH, cantilever, loose
-from benchmarks.common.charts import panels, save
+from benchmarks.common.charts import measure_and_draw, panels, save
 from benchmarks.common.tables import IMAGES, read_table, write_csv
 from benchmarks.speed.throughput import Glide, Swim, costs, swimming
 from fish_env import Tank, make_fish
@@ -75,6 +74,11 @@ def by_nodes() -> list[dict]:
     return rows
 
 
+def measure() -> None:
+    """Write the table."""
+    write_csv("scaling.csv", by_fish() + by_nodes(), "python -m benchmarks.speed.scaling")
+
+
 def draw() -> None:
     """Left: a control interval of one fish against how many there are. Right: a step of one body against its nodes."""
     figure, (left, right) = panels(2)
@@ -92,11 +96,7 @@ def draw() -> None:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draw", action="store_true", help="draw the chart again from the CSV")
-    if not parser.parse_args().draw:
-        print(write_csv("scaling.csv", by_fish() + by_nodes(), "python -m benchmarks.speed.scaling"))
-    draw()
+    measure_and_draw(__doc__, measure, draw)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Cost of fish and environments: kinds of kernels, methods, bodies, environment steps, memory, first use.
+"""Cost of fish and environments: one fish and many, environment steps, memory, first use.
 
-    python -m benchmarks.speed.throughput     results/throughput.csv, kinds.csv, costs.csv (6 minutes)
+    python -m benchmarks.speed.throughput     results/throughput.csv (2 minutes)
 
 What is compared runs in turn, within one process, and is counted in processor time: other processes count less. Ratios
 are medians of those of each round. Everything is made several times: where its arrays come to lie in memory can cost a
@@ -21,17 +21,15 @@ import numpy as np
 
 from benchmarks.common.tables import write_csv
 from benchmarks.common.timing import Cost, interleaved
-from fish_env import BODIES, INTEGRATORS, Tank, make_fish
+from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
 from fish_env.control import best_gait
 
 COMMAND = "python -m benchmarks.speed.throughput"
 SETS, ROUNDS = 3, 5  # how often all tanks are made, and are timed in turn
 SAMPLE = 0.04  # s of each run in a round, about
-EXPLICIT_STEP = 0.0003  # s, at which methods are compared; the default takes its own
-TOGETHER = 64  # fish in lanes
 SPREAD = 0.2  # by which the factors of varied fish differ from 1
-BATCHES = (256, 1024)
+MANY = 256  # fish
 REPEATS, SECONDS = 5, 2  # of environments
 
 FIRST_EPISODE = """
@@ -132,69 +130,20 @@ def timed(works: list[Glide], rounds: int) -> list[Cost]:
     return interleaved(runs, rounds)
 
 
-def row(table: str, name: str, cost: Cost, against: str, num_fish: int) -> dict:
-    """A row: time a fish, and its ratio to that of what it is compared with."""
-    (low, middle, high), ratio = cost.time, cost.ratio
-    return {
-        "table": table, "name": name, "fish": num_fish, "us": f"{middle:.4g}", "us_q1": f"{low:.4g}",
-        "us_q3": f"{high:.4g}", "against": against, "ratio": f"{ratio[1]:.3f}", "ratio_q1": f"{ratio[0]:.3f}",
-        "ratio_q3": f"{ratio[2]:.3f}",
+def intervals() -> list[tuple[str, float]]:
+    """Time of a control interval of the default fish, us: alone and one of many, in every kind of batch."""
+    fish = make_fish()
+    batches = {
+        "alone": {"num_fish": 1}, f"one of {MANY}": {}, f"one of {MANY}, float32": {"dtype": "float32"},
+        f"one of {MANY} that differ": {}, f"one of {MANY}, one at a time": {"lanes": "xyz"},
     }  # fmt: skip
 
+    def make():
+        tanks = {name: swimming(fish, **{"num_fish": MANY} | options) for name, options in batches.items()}
+        return [Swim(vary(tank) if "differ" in name else tank) for name, tank in tanks.items()]
 
-def kinds() -> list[dict]:
-    """A control interval of the default fish by every kind of kernel, one fish and many; varied fish."""
-    fish, rows = make_fish(), []
-    one = {"xyz": {}, "lanes=1": {"lanes": 1}, "xyz, float32": {"dtype": "float32"}}
-    found = costs(lambda: [Swim(swimming(fish, 1, **options)) for options in one.values()])
-    rows += [row("one fish", name, cost, "xyz", 1) for name, cost in zip(one, found, strict=True)]
-    for count in BATCHES:
-        many = {
-            "8 lanes": {}, "16 lanes, float32": {"dtype": "float32"}, "xyz": {"lanes": "xyz"}, "lanes=1": {"lanes": 1},
-            "4 lanes": {"lanes": 4}, "16 lanes": {"lanes": 16},
-        }  # fmt: skip
-        varied = {f"{name}, varied": many[name] for name in ("8 lanes", "16 lanes, float32")}
-
-        def make(count=count, many=many, varied=varied):
-            equal = [swimming(fish, count, **options) for options in many.values()]
-            different = [vary(swimming(fish, count, **options)) for options in varied.values()]
-            return [Swim(tank) for tank in (*equal, *different)]
-
-        names = (*many, *varied)
-        rows += [row(f"{count} fish", *each, "8 lanes", count) for each in zip(names, costs(make), strict=True)]
-    return rows
-
-
-def in_lanes(what: str, names: list[str], make: Callable[[str, int], Glide]) -> list[dict]:
-    """A row for each name: one fish by itself beside the first's, and one of many in lanes beside it by itself."""
-    alone = costs(lambda: [make(name, 1) for name in names])
-    beside = [costs(lambda name=name: [make(name, 1), make(name, TOGETHER)])[1] for name in names]
-    return [
-        {
-            "what": what, "name": name, "us": f"{one.time[1]:.4g}", "over_first": f"{one.ratio[1]:.3f}",
-            "fish_in_lanes": TOGETHER, "us_in_lanes": f"{many.time[1]:.4g}", "over_alone": f"{many.ratio[1]:.3f}",
-        }
-        for name, one, many in zip(names, alone, beside, strict=True)
-    ]  # fmt: skip
-
-
-def integrators() -> list[dict]:
-    """A step of every method with steps of its own, beside symplectic Euler's."""
-    fish, default = make_fish(), make_fish().integrator
-    names = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]
-    names.sort(key=lambda name: name != "symplectic_euler")
-
-    def glide(name, count):
-        return Glide(swimming(fish, count, integrator=name, dt=fish.time_step if name == default else EXPLICIT_STEP))
-
-    return in_lanes("step", names, glide)
-
-
-def bodies() -> list[dict]:
-    """A control interval of every body, beside the default's."""
-    fish = {name: make_fish(name) for name in BODIES}
-    names = sorted(fish, key=lambda name: name != make_fish().name)
-    return in_lanes("control interval", names, lambda name, count: Swim(swimming(fish[name], count)))
+    found = costs(make)
+    return [(f"a control interval, {name}, us", cost.time[1]) for name, cost in zip(batches, found, strict=True)]
 
 
 def env_rate(num_envs: int = 1, **options) -> float:
@@ -218,33 +167,30 @@ def in_process(code: str, cache: str | None = None) -> float:
     return float(done.stdout.split()[-1])
 
 
-def environments() -> list[dict]:
+def environments() -> list[tuple[str, float]]:
     """Steps a second, memory, and the first make, reset and step of a process."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with tempfile.TemporaryDirectory() as cache:
         first = in_process(FIRST_EPISODE, cache)
         again = median(in_process(FIRST_EPISODE, cache) for _ in range(REPEATS))
-    rows = [
+    return [
         ("gym.make environment, steps/s", env_rate()),
-        ("256 fish on one thread, steps/s", env_rate(256, threads=1)),
-        ("256 fish on one thread, float32, steps/s", env_rate(256, threads=1, dtype="float32")),
-        (f"256 fish on {cores} processors, steps/s", env_rate(256, threads=cores)),
+        (f"{MANY} fish on one thread, steps/s", env_rate(MANY, threads=1)),
+        (f"{MANY} fish on one thread, float32, steps/s", env_rate(MANY, threads=1, dtype="float32")),
+        (f"{MANY} fish on {cores} processors, steps/s", env_rate(MANY, threads=cores)),
         ("first make + reset + step of one fish, nothing compiled, s", first),
         ("first make + reset + step of one fish, compiled before, s", again),
         ("memory of a process with one environment, MB", in_process(MEMORY)),
     ]
-    return [{"quantity": name, "value": round(float(value), 3)} for name, value in rows]
 
 
 def main() -> None:
     """Measure, print and write."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    tables = {"throughput.csv": environments, "kinds.csv": kinds, "costs.csv": lambda: integrators() + bodies()}
-    for name, measure in tables.items():
-        rows = measure()
-        for each in rows:
-            print(*each.values(), sep="  ")
-        print(write_csv(name, rows, COMMAND), flush=True)
+    rows = [{"quantity": name, "value": f"{value:.5g}"} for name, value in environments() + intervals()]
+    for each in rows:
+        print(*each.values(), sep="  ")
+    print(write_csv("throughput.csv", rows, COMMAND))
 
 
 if __name__ == "__main__":

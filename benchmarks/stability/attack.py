@@ -13,7 +13,6 @@ stored in tests/worst.npz.
 import argparse
 import math
 import sys
-from collections import Counter
 
 import numpy as np
 from tqdm import tqdm
@@ -21,18 +20,7 @@ from tqdm import tqdm
 from benchmarks.common.problems import scaled, swimming
 from benchmarks.common.tables import write_csv
 from benchmarks.stability.attack_search import search
-from benchmarks.stability.cases import (
-    EXPLAINED,
-    STORED,
-    Settings,
-    case_of,
-    drive,
-    explained,
-    own_settings,
-    step_of,
-    store,
-    tank_at,
-)
+from benchmarks.stability.cases import STORED, Settings, Tally, case_of, drive, own_settings, store, tank_at
 from benchmarks.stability.mistreatment import GOALS, LEVELS, Family, at_rest, beginning, families
 from fish_env import BODIES, make_fish
 from fish_env.bodies import Fish
@@ -46,37 +34,20 @@ OTHERS = 5  # times fewer fish and evaluations of bodies that are not the defaul
 def mistreat(name: str, family: Family, count: int, how: Settings, seed: int, usual: float, bar):
     """Drive `count` fish of a family; its row of the CSV, and its worst cases."""
     fish = scaled(make_fish(name), stiffness=family.stiffness, mass=family.mass)
-    reasons, cases, rerun, both = Counter(), [], 0, 0
-    stretch = highest = 0.0
+    tally, cases = Tally(fish, family, how), []
     for first in range(0, count, BATCH):
         size = min(BATCH, count - first)
         generator = np.random.default_rng([seed, first])
         start = beginning(family.start, fish, size, generator)
         goals = GOALS[family.kind](fish, size, generator)
-        tank = tank_at(fish, how, *start)
-        found = drive(tank, goals)
-        alive = tank.alive
-        reasons.update(tank.failure[~alive])
-        stretch, highest = max(stretch, found["stretch"].max()), max(highest, found["energy"][alive].max(initial=0.0))
-        lost = np.flatnonzero(~alive)[: EXPLAINED - rerun]
-        if lost.size:
-            rerun += lost.size
-            both += explained(fish, how.substeps, start[0][lost], start[1][lost], goals[:, lost], found["failed"][lost])
-        worst = np.argsort(np.where(alive, found["stretch"], 0.0))[: -1 - STORED : -1]
-        for i in (*worst[alive[worst]], *lost[:STORED]):
+        tank, found, lost = tally.drive(start, goals)
+        worst = np.argsort(np.where(tank.alive, found["stretch"], 0.0))[: -1 - STORED : -1]
+        for i in (*worst[tank.alive[worst]], *lost[:STORED]):
             case = case_of(fish, family, how, *start, goals, found, i)
             cases.append(case | {"failure": str(tank.failure[i])})
         tank.close()
         bar.update(size)
-    survivors = count > sum(reasons.values())
-    row = {
-        "body": name, "family": family.name, **step_of(fish, how), "fish": count,
-        "failures": sum(reasons.values()), "reasons": "; ".join(f"{n} {r}" for r, n in reasons.items()),
-        "worst_stretch": round(float(stretch), 4),
-        "peak_energy_over_gait": round(float(highest / usual), 2) if survivors else np.nan,
-        "rerun_with_rk4": rerun, "rk4_fails_too": both,
-    }  # fmt: skip
-    return row, cases
+    return tally.row(usual), cases
 
 
 def usual_energy(fish: Fish, how: Settings) -> float:

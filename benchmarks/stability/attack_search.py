@@ -1,10 +1,8 @@
 """A search for the commands that stretch a fish most, or give it most energy, by CMA-ES."""
 
-from collections import Counter
-
 import numpy as np
 
-from benchmarks.stability.cases import EXPLAINED, Settings, case_of, drive, explained, step_of, tank_at
+from benchmarks.stability.cases import Settings, Tally, case_of
 from benchmarks.stability.mistreatment import LEVELS, Family, beginning
 from fish_env import make_fish
 from fish_env.bodies import Fish
@@ -33,26 +31,18 @@ def search(name: str, evaluations: int, how: Settings, usual: float, bar) -> tup
         family = Family(f"search for {aim}, {grouping}", 0.0, "bang-bang")
         options = {"seed": seed, "popsize": POPULATION, "verbose": -9}
         strategy = cma.CMAEvolutionStrategy(np.random.default_rng(seed).uniform(-1.5, 1.5, size), 0.7, options)
-        reasons, best, rk4_fails, rerun, highest, tried = Counter(), (-np.inf, None), 0, 0, 0.0, 0
+        tally, best, tried = Tally(fish, family, how), (-np.inf, {}), 0
         while not tried or tried < evaluations / len(goals_sought):
             points = np.array(strategy.ask())
             goals = decoded(fish, points, grouping)
             start = beginning("rest", fish, POPULATION, None)
-            tank = tank_at(fish, how, *start)
-            found = drive(tank, goals)
+            tank, found, _ = tally.drive(start, goals)
             failed = np.isfinite(found["failed"])
             value = np.where(failed, 10.0 - found["failed"] / SEARCHED, found["stretch"])
             if aim == "energy":
                 value = np.where(failed, 1e6 - found["failed"], found["energy"] / usual)
             strategy.tell(points, -value)
             tried += POPULATION
-            reasons.update(tank.failure[failed])
-            highest = max(highest, found["energy"][~failed].max(initial=0.0))
-            lost = np.flatnonzero(failed)[: EXPLAINED - rerun]
-            if lost.size:
-                rerun += lost.size
-                again = [part[lost] for part in start]
-                rk4_fails += explained(fish, how.substeps, *again, goals[:, lost], found["failed"][lost])
             i = int(value.argmax())
             if value[i] > best[0]:
                 case = case_of(fish, family, how, *start, goals, found, i)
@@ -60,14 +50,5 @@ def search(name: str, evaluations: int, how: Settings, usual: float, bar) -> tup
             tank.close()
             bar.update(POPULATION)
         found_cases.append(best[1])
-        rows.append(
-            {
-                "body": name, "family": family.name, **step_of(fish, how),
-                "fish": tried, "failures": sum(reasons.values()),
-                "reasons": "; ".join(f"{n} {r}" for r, n in reasons.items()),
-                "worst_stretch": round(best[1]["stretch"], 4),
-                "peak_energy_over_gait": round(float(highest / usual), 2),
-                "rerun_with_rk4": rerun, "rk4_fails_too": rk4_fails,
-            }
-        )  # fmt: skip
+        rows.append(tally.row(usual) | {"worst_stretch": round(best[1]["stretch"], 4)})
     return rows, found_cases

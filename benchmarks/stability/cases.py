@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.common.energy import stretch_and_energy
+from benchmarks.common.measures import stretch_and_energy
 from benchmarks.common.problems import scaled
 from benchmarks.common.tables import ROOT
-from benchmarks.stability.mistreatment import LEVELS
+from benchmarks.stability.mistreatment import LEVELS, Family
 from fish_env import make_fish
 from fish_env.bodies import Fish
 from fish_env.physics.tank import Tank
@@ -92,9 +92,50 @@ def explained(fish, substeps, position, velocity, goals, failed) -> int:
     return int((found <= 1.5 * failed + 10).sum())
 
 
-def step_of(fish: Fish, how: Settings) -> dict:
-    """How fish were moved, as the table says it."""
-    return {"integrator": how.integrator, "step_s": fish.control_interval / how.substeps, "refine": how.refine}
+class Tally:
+    """Count of what becomes of the fish of a family, batch by batch.
+
+    Args:
+        fish: of the family.
+        family: how they are mistreated.
+        how: how they are moved.
+    """
+
+    def __init__(self, fish: Fish, family: Family, how: Settings):
+        self.fish, self.family, self.how = fish, family, how
+        self.count, self.rerun, self.both, self.stretch, self.energy = 0, 0, 0, 0.0, 0.0
+        self.reasons: Counter[str] = Counter()
+
+    def drive(self, start, goals: np.ndarray) -> tuple[Tank, dict[str, np.ndarray], np.ndarray]:
+        """Drive a batch from positions and velocities (B,N,3); the tank, what `drive` found, and whom RK4 was tried on.
+
+        Failed fish, EXPLAINED of a family at most, are run again with RK4.
+        """
+        tank = tank_at(self.fish, self.how, *start)
+        found = drive(tank, goals)
+        self.count += tank.num_fish
+        self.reasons.update(tank.failure[~tank.alive])
+        self.stretch = max(self.stretch, found["stretch"].max())
+        self.energy = max(self.energy, found["energy"][tank.alive].max(initial=0.0))
+        lost = np.flatnonzero(~tank.alive)[: EXPLAINED - self.rerun]
+        if lost.size:
+            again = (*(part[lost] for part in start), goals[:, lost], found["failed"][lost])
+            self.rerun += lost.size
+            self.both += explained(self.fish, self.how.substeps, *again)
+        return tank, found, lost
+
+    def row(self, usual: float) -> dict:
+        """Row of the table; `usual` is the highest energy, J, of a fish that swims the gait."""
+        failures = sum(self.reasons.values())
+        return {
+            "body": self.fish.name, "family": self.family.name, "integrator": self.how.integrator,
+            "step_s": self.fish.control_interval / self.how.substeps, "refine": self.how.refine,
+            "fish": self.count, "failures": failures,
+            "reasons": "; ".join(f"{count} {reason}" for reason, count in self.reasons.items()),
+            "worst_stretch": round(float(self.stretch), 4),
+            "peak_energy_over_gait": round(float(self.energy / usual), 2) if self.count > failures else np.nan,
+            "rerun_with_rk4": self.rerun, "rk4_fails_too": self.both,
+        }  # fmt: skip
 
 
 def store(cases: list[dict], path: Path = WORST) -> None:

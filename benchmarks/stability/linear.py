@@ -46,7 +46,7 @@ def growth(tank: Tank, h: float) -> float:
     engine._rows.clear()  # no plans for steps of another length: a new tank for each step would take far longer
     engine._plans.clear()
     for i in range(4):
-        engine.plan(i)
+        engine.choose_step(i)
     state, small, omega = tank.state, 1e-5, np.sqrt(tank.fish.body.springs.stiffness)
     for row, side in ((0, 0.5), (1, -0.5)):  # each spring longer and shorter, then faster and slower
         state.x[row, 1::2, 0] += side * small

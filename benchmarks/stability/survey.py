@@ -1,86 +1,183 @@
 """Step-size limits of every method: against stiffness, on the abrupt manoeuvre, and by linear theory.
 
-    taskset -c 1 python -m benchmarks.stability.survey          every method, step and stiffness (9 min): CSVs, charts
-    taskset -c 1 python -m benchmarks.stability.survey --draw   tables and charts again, from the CSV
+    taskset -c 1 python -m benchmarks.stability.survey          every method, step and stiffness (9 min): CSV and chart
+    taskset -c 1 python -m benchmarks.stability.survey --draw   the chart again, from the CSV
 
 A run is stable if the fish does not fail and its energy, kinetic and elastic, never exceeds BOUND times the reference
 solution's. The largest stable step is the largest below which every tested one is stable: stability can come and go
 with the step. With a step beyond the control interval, a command lasts as long as the step.
 """
 
-import argparse
-import sys
-
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, panels, save
+from benchmarks.common.measures import stretch_and_energy
+from benchmarks.common.problems import (
+    FIXED,
+    LEAD,
+    LEFT,
+    RIGHT,
+    NotConvergedError,
+    distance,
+    left_after_right,
+    scaled,
+)
 from benchmarks.common.tables import RESULTS, read_table, write_csv
-from benchmarks.stability import charts
 from benchmarks.stability.linear import linear_limit
-from benchmarks.stability.runs import FIXED, cases, limit, reference, sweep
+from fish_env import BODIES, INTEGRATORS, make_fish
+from fish_env.bodies import Fish
+from fish_env.physics.tank import Tank
 
 COMMAND = "python -m benchmarks.stability.survey"
+STIFFNESS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4)  # factors on the springs' stiffness, damping as it is
+INTERVALS_PER_STEP = (10, 5, 2)  # of the steps that are longer than a control interval
+FINEST = 1024  # steps a control interval down to which every step is tried
+CONFIRM = 4  # stable steps, each a fifth shorter, below the largest stable one; EXPENSIVE ones are confirmed by 2
+EXPENSIVE = 50_000  # steps a control interval
+BOUND = 10.0  # times the reference solution's highest energy
+CONVERGED = 1e-4  # body lengths: how little halving its steps may change the reference solution
 
 
-def survey() -> list[dict]:
-    """Every cell, or those found before Ctrl-C: the CSV is written after each sweep."""
-    rows, todo = [], cases()
-    try:
-        with tqdm(total=len(todo) * len(FIXED), unit="sweep") as bar:
-            for body, factor, fish in todo:
-                bar.set_postfix_str(f"{body} x{factor:g} reference")
-                reference_path, reference_energy = reference(fish)
-                for name in FIXED:
-                    bar.set_postfix_str(f"{body} x{factor:g} {name}")
-                    found = sweep(fish, name, reference_path, reference_energy)
-                    found.sort(key=lambda row: -row["step_s"])
-                    rows += [{"body": body, "stiffness": factor} | row for row in found]
-                    write_csv("stability.csv", rows, COMMAND)
-                    bar.update()
-    except KeyboardInterrupt:
-        print("interrupted: what was measured is in the CSV")
-    return rows
+def manoeuvre(fish: Fish) -> np.ndarray:
+    """The abrupt manoeuvre until 10 control intervals after the turn: 56 rows of goals."""
+    return left_after_right(fish)[: LEAD + RIGHT + LEFT + 10]
 
 
-def limits(rows: list[dict]) -> list[dict]:
-    """Largest stable step by body, stiffness and method, measured and by linear theory, and over explicit Euler's."""
-    table = []
-    for body, factor, fish in cases():
-        measured, theory = {}, {}
-        for name in FIXED:
-            mine = [row for row in rows if (row["body"], row["stiffness"], row["integrator"]) == (body, factor, name)]
-            if mine:
-                measured[name], theory[name] = limit(mine), linear_limit(name, fish.body, 10 * fish.control_interval)
-        explicit, linear = measured.get("explicit_euler", [np.nan])[0], theory.get("explicit_euler", np.nan)
-        for name, (largest, unstable) in measured.items():
-            table.append(
-                {
-                    "body": body, "stiffness": factor, "integrator": name, "largest_stable_s": largest,
-                    "unstable_from_s": unstable, "linear_theory_s": theory[name],
-                    "over_explicit_euler": round(largest / explicit, 3),
-                    "linear_over_explicit_euler": round(theory[name] / linear, 3),
-                }
-            )  # fmt: skip
-    return table
+def motion(fish: Fish, name: str, substeps: int, intervals: int = 1) -> tuple[np.ndarray, float, Tank]:
+    """The manoeuvre with `substeps` steps every `intervals` control intervals, until it ends or the fish fails.
+
+    Returns the positions after each command (K,N,3), the highest energy then, and the tank.
+    """
+    tank = Tank(fish, 1, name, intervals * fish.control_interval / substeps, fish.water, threads=1)
+    path, highest = [], 0.0
+    for goal in manoeuvre(fish)[intervals - 1 :: intervals]:
+        tank.drive(goal[None], substeps)
+        if not tank.alive[0]:
+            break
+        path.append(tank.position[0].copy())
+        highest = max(highest, stretch_and_energy(tank)[1][0])
+    return np.array(path), highest, tank
 
 
-def draw_all(rows: list[dict]) -> None:
-    """Tables and every chart from the cells."""
-    table = limits(rows)
-    write_csv("stability_limits.csv", table, COMMAND)
-    charts.report(rows, table)
-    charts.draw_limits(table, RESULTS / "stability.svg")
-    charts.draw_map(rows, RESULTS / "stability_map.svg")
-    print(f"written to {RESULTS / 'stability.csv'}, stability_limits.csv and stability*.svg beside it")
+def reference_energy(fish: Fish) -> float:
+    """Highest energy, J, of the reference solution: RK4, at steps whose halving changes its path by CONVERGED.
+
+    Raises:
+        NotConvergedError: if halving the steps changes it by more.
+    """
+    substeps = max(512, int(0.2 * 1000 * fish.control_interval * np.sqrt(fish.body.max_stiffness_eigenvalue) / 20))
+    coarse, _, _ = motion(fish, "rk4", substeps)
+    path, highest, tank = motion(fish, "rk4", 2 * substeps)
+    if not tank.alive[0] or not distance(fish, path, coarse) <= CONVERGED:
+        raise NotConvergedError(f"{fish.name}: RK4 with {2 * substeps} steps a control interval is not accurate enough")
+    return highest
 
 
-def main() -> int:
+def grid(finest: int) -> list[int]:
+    """Steps a control interval, each about a fifth more than the one before, 1 to `finest`."""
+    return list(dict.fromkeys(round(2 ** (j / 4)) for j in range(int(4 * np.log2(finest)) + 1)))
+
+
+def sweep(fish: Fish, name: str, energy: float) -> dict[float, bool]:
+    """Whether a method is stable on a fish at steps, s: down to FINEST, on until confirmed, then between the limits."""
+    found: dict[float, bool] = {}
+
+    def is_stable(substeps: int, intervals: int = 1) -> bool:
+        _, highest, tank = motion(fish, name, substeps, intervals)
+        step = float(f"{tank.dt:.6g}")
+        found[step] = bool(tank.alive[0]) and highest <= BOUND * energy
+        return found[step]
+
+    for intervals in INTERVALS_PER_STEP:
+        is_stable(1, intervals)
+    tested, stable, low = [], 0, 0  # low: the most steps that are not stable
+    for substeps in grid(2**24):
+        if substeps > FINEST and stable >= (2 if substeps > EXPENSIVE else CONFIRM):
+            break
+        tested.append(substeps)
+        if is_stable(substeps):
+            stable += 1
+        else:
+            stable, low = 0, substeps
+    high = next((k for k in tested if k > low), 0)
+    while low and high < EXPENSIVE and high - low > max(1, 0.03 * low):
+        middle = (low + high) // 2
+        low, high = (low, middle) if is_stable(middle) else (middle, high)
+    return found
+
+
+def limit(found: dict[float, bool]) -> tuple[float, float]:
+    """Largest stable step of a sweep, and the shortest that is not, s (inf for none)."""
+    unstable = min((step for step, stable in found.items() if not stable), default=np.inf)
+    return max((step for step in found if step < unstable), default=np.nan), unstable
+
+
+def cases() -> list[tuple[str, float, Fish]]:
+    """(body, stiffness factor, fish): the default fish at every stiffness, every other body as it is."""
+    default = make_fish()
+    stiff = [(default.name, factor, scaled(default, stiffness=factor)) for factor in STIFFNESS]
+    return stiff + [(name, 1.0, make_fish(name)) for name in BODIES if name != default.name]
+
+
+def limits(fish: Fish) -> list[dict]:
+    """Rows of every method on a fish: largest stable step, measured and by linear theory, and over explicit Euler's."""
+    energy, longest = reference_energy(fish), INTERVALS_PER_STEP[0] * fish.control_interval
+    measured = {name: limit(sweep(fish, name, energy)) for name in FIXED}
+    theory = {name: linear_limit(name, fish.body, longest) for name in FIXED}
+    return [
+        {
+            "integrator": name, "largest_stable_s": largest, "unstable_from_s": unstable,
+            "linear_theory_s": theory[name],
+            "over_explicit_euler": round(largest / measured["explicit_euler"][0], 3),
+            "linear_over_explicit_euler": round(theory[name] / theory["explicit_euler"], 3),
+        }
+        for name, (largest, unstable) in measured.items()
+    ]  # fmt: skip
+
+
+def measure() -> None:
+    """Write the table."""
+    rows = []
+    for body, factor, fish in tqdm(cases(), unit="fish"):
+        rows += [{"body": body, "stiffness": factor} | row for row in limits(fish)]
+    write_csv("stability_limits.csv", rows, COMMAND)
+
+
+def draw() -> None:
+    """Draw the largest stable step against stiffness: measured, a marker; linear theory, a dashed line."""
+    table, fish = read_table("stability_limits.csv"), make_fish()
+    implicit = [name for name in FIXED if INTEGRATORS[name].factorisations and name != "semi_implicit"]
+    shared = [name for name in FIXED if name not in implicit]
+    figure, axes = panels(2, (12.5, 6), sharey=True)
+    top = 1e3 * INTERVALS_PER_STEP[0] * fish.control_interval
+    for panel, names, title in zip(axes, (shared, implicit), ("explicit, stabilised and Tu's", "linearly implicit"),
+                                   strict=True):  # fmt: skip
+        for name in names:
+            line = [row for row in table if row["body"] == fish.name and row["integrator"] == name]
+            colour, marker = METHOD_STYLE.get(name, ("#444444", "P"))
+            factor = [row["stiffness"] for row in line]
+            hollow = name in ("semi_implicit", "linearly_implicit_water")  # so that what lies beneath is seen
+            panel.loglog(factor, [1e3 * row["largest_stable_s"] for row in line], color=colour, marker=marker,
+                         markersize=9 if hollow or marker == "*" else 5, fillstyle="none" if hollow else "full",
+                         linewidth=1.4, label=name)  # fmt: skip
+            theory = [min(1e3 * row["linear_theory_s"], 1.25 * top) for row in line]
+            panel.plot(factor, theory, color=colour, linestyle=(0, (4, 3)), linewidth=1.0)
+        for value in (fish.control_interval, fish.time_step):
+            panel.axhline(1e3 * value, color="#888888", linewidth=0.8, linestyle=":", zorder=0)
+        panel.plot([], [], color="#444444", linestyle=(0, (4, 3)), linewidth=1.0, label="linear theory (top: none)")
+        panel.set(title=title, xlabel="stiffness over the default fish's (same damping)", xlim=(0.85, 1.2e4))
+        panel.legend(frameon=False, loc="lower left", fontsize=8.5)
+    axes[0].text(1.1e4, 1e3 * fish.control_interval * 0.93, "control interval", fontsize=8, ha="right", va="top")
+    axes[0].text(1.1e4, 1e3 * fish.time_step * 1.07, "default step", fontsize=8, ha="right", va="bottom")
+    axes[0].set_ylabel("largest stable step, ms")
+    save(figure, RESULTS / "stability.svg")
+
+
+def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draw", action="store_true", help="tables and charts again from the CSV")
-    draw_all(read_table("stability.csv") if parser.parse_args().draw else survey())
-    return 0
+    measure_and_draw(__doc__, measure, draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -231,18 +231,18 @@ class SourceCache(FunctionCache):
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            unstored(
+            warn_unstored(
                 f"compiled kernels in {_FOLDER} ({error.strerror or error}): they are compiled again in every process; "
                 "make room there, or set FISH_ENV_CACHE to another folder"
             )
         except UnknownValueError as error:
-            unstored(f"the compiled {self._py_func.__name__}, which every process compiles again: {error}")
+            warn_unstored(f"the compiled {self._py_func.__name__}, which every process compiles again: {error}")
 
     def _index_key(self, sig, codegen):
         return sig, codegen.magic_tuple(), numba.config.BOUNDSCHECK, fingerprint(self._py_func)
 
 
 @cache
-def unstored(what: str) -> None:
+def warn_unstored(what: str) -> None:
     """Warn, once per process, that a compiled kernel is in memory only."""
     warnings.warn(f"fish_env cannot store {what}", RuntimeWarning, stacklevel=2)

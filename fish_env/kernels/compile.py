@@ -114,11 +114,11 @@ class PartLowering(NativeLowering):
 
 
 @cache
-def come_first() -> None:
+def prefer_own_types() -> None:
     """Register the types of this package before numba's, once, when the first kernel is compiled."""
     from fish_env.kernels.simd import arithmetic
 
-    arithmetic.come_first()
+    arithmetic.prefer_own_types()
 
 
 NEEDLESS = (InlineClosureLikes, InlineOverloads, NopythonRewrites)
@@ -129,7 +129,7 @@ class PartCompiler(CompilerBase):
     """Numba's compiler with the lowering of parts."""
 
     def define_pipelines(self):
-        come_first()
+        prefer_own_types()
         builder = DefaultPassBuilder
         pm = PassManager("part")
         pm.passes.extend(builder.define_untyped_pipeline(self.state).passes)

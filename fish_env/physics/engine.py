@@ -28,27 +28,6 @@ FARTHEST = 1000.0  # body lengths from the origin, in float32, if a force depend
 FACTORISATIONS = 1  # index of the count that reused factors reduce
 
 
-def make_block(fish_count: int, fish: ElasticObject, world: World, kind: Kind, plans, costs, method) -> Pack:
-    """Memory with which one thread moves blocks of fish: their lanes, the forces' cache and the method's scratch."""
-    body, driven, single = fish.body, np.unique(fish.fibres), kind.dtype == "float32"
-    placed = forces.placed(forces.present(body, world))
-    control = make_control(body, kind, driven, plans, costs, forces.constant_system(body, world))
-    n = len(body.mass)
-    return Pack(
-        "block",
-        body=packed(body, kind),
-        world=packed(world, kind),
-        control=control,
-        x=kind.vectors(n),
-        v=kind.vectors(n),
-        work=method.make_work(body, kind),
-        cache=forces.make_cache(body, world, kind),
-        todo=kind.scratch(fish_count, "int64"),
-        relative=single and not placed,
-        reach=(FARTHEST * fish.length) ** 2 if single and placed else np.inf,
-    )
-
-
 @kernel
 def gather(tank, block, todo, p, q):
     """Copy fish todo[p:q] into the lanes of a block; the last fish also fills the unused lanes.
@@ -107,7 +86,7 @@ def stop(tank, block, b, duration):
 
 
 @kernel
-def together(queue, todo, p, count, lanes):
+def end_of_block(queue, todo, p, count, lanes):
     """End of the fish todo[p:] that fit into one block: at most one a lane, all with the same step coefficients."""
     row, q = queue.row[todo[p]], p + 1
     while q < count and q - p < lanes and queue.row[todo[q]] == row:
@@ -116,15 +95,15 @@ def together(queue, todo, p, count, lanes):
 
 
 @forces.cached
-def make_judge(names: tuple[str, ...]):
+def make_failure_codes(names: tuple[str, ...]):
     """Make the kernel that returns the failure codes of a block, for the forces of these names.
 
     It returns one number per lane: 0, or an index into FAILURES.
     """
-    failed, placed = forces.total(names, "failed"), forces.placed(names)
+    failed, placed = forces.total(names, "failed"), forces.depend_on_position(names)
 
     @part
-    def judge(block):
+    def failure_codes(block):
         body, world, control, x, v, c = block.body, block.world, block.control, block.x, block.v, block.cache
         infinite = nowhere(x)
         for i in range(x.size):
@@ -138,22 +117,22 @@ def make_judge(names: tuple[str, ...]):
         code = select(infinite, 1.0 * NON_FINITE, code)
         return select(control.untrusted[0] > 0.0, 1.0 * UNTRUSTED_SOLVE, code)  # any infinite value results from it
 
-    return judge
+    return failure_codes
 
 
 @forces.cached
 def make_finish(names: tuple[str, ...]):
     """Make the kernel that ends an attempt to move a block: each fish is stored, has failed, or is repeated."""
-    judge = make_judge(names)
+    failure_codes = make_failure_codes(names)
 
     @part
-    def put_back(tank, block, p, q):
+    def restore_rest_state(tank, block, p, q):
         """Move fish whose state was invalid at the start, as set by a user, to the body's rest position.
 
         Rest lengths that are not finite become natural lengths, and a clock that is not finite becomes zero.
         """
         gather(tank, block, block.todo, p, q)
-        code = judge(block)
+        code = failure_codes(block)
         for m in range(q - p):
             b = INDEX(block.todo[p + m])
             if tank.failure[b] != 0 and lane(code, m) > 0.0:
@@ -174,7 +153,7 @@ def make_finish(names: tuple[str, ...]):
         control, todo = block.control, block.todo
         whole = control.plans[queue.row[todo[p]], H] * (steps >> level)
         strain = control.plans[control.row[0], H] * control.fastest[0]
-        code, pivots, bad = judge(block), control.pivots[0], 0
+        code, pivots, bad = failure_codes(block), control.pivots[0], 0
         for m in range(q - p):
             b = INDEX(todo[p + m])
             for k in range(COUNTED):
@@ -198,7 +177,7 @@ def make_finish(names: tuple[str, ...]):
                 tank.clock[b] += whole
             stop(tank, block, b, whole)
         if bad > 0:
-            put_back(tank, block, p, q)
+            restore_rest_state(tank, block, p, q)
         return again
 
     return finish
@@ -223,7 +202,7 @@ def make_advance(names: tuple[str, ...], make_run):
         while count > 0:
             again, p = none, none
             while p < count:
-                q = together(queue, todo, p, count, lanes)
+                q = end_of_block(queue, todo, p, count, lanes)
                 gather(tank, block, todo, p, q)
                 control.row[0] = queue.row[todo[p]] + level
                 run(block.body, block.world, control, block.x, block.v, block.work, block.cache, steps)
@@ -283,16 +262,23 @@ class Engine:
         self.queue = Pack("queue", order=self.order, row=self.row, deepest=self.levels - 1, tolerance=tank.refine)
         self.blocks = []
         for i in range(b):
-            self.plan(i)
+            self.choose_step(i)
         self.blocks = [self.new_block(b, tank.kind) for _ in range(tank._chunks)]
 
     def new_block(self, fish_count: int, kind: Kind) -> Pack:
-        """Block of a thread that moves this number of fish."""
-        fish, world = self.tank.fish, self.tank.world
-        plans, costs = self._tables()
-        return make_block(fish_count, fish, world, kind, plans, costs, self.method)
+        """Memory with which one thread moves blocks of this number of fish: lanes, caches and scratch memory."""
+        fish, world, single = self.tank.fish, self.tank.world, kind.dtype == "float32"
+        body, n, placed = fish.body, len(fish.body.mass), forces.depend_on_position(self.names)
+        constant = forces.constant_system(body, world)
+        return Pack(
+            "block", body=packed(body, kind), world=packed(world, kind),
+            control=make_control(body, kind, np.unique(fish.fibres), *self._tables(), constant), x=kind.vectors(n),
+            v=kind.vectors(n), work=self.method.make_work(body, kind), cache=forces.make_cache(body, world, kind),
+            todo=kind.scratch(fish_count, "int64"), relative=single and not placed,
+            reach=(FARTHEST * fish.length) ** 2 if single and placed else np.inf,
+        )  # fmt: skip
 
-    def plan(self, i: int) -> None:
+    def choose_step(self, i: int) -> None:
         """Choose the step coefficients of fish i from its stiffness; fish with the same coefficients share blocks."""
         stiffness, mass = self.tank.variation[i, :2]
         key = stiffness / mass
@@ -315,7 +301,7 @@ class Engine:
             self._sorted = False
             self.row[i] = self._rows[key]
 
-    def follow(self, anchors: Anchors) -> None:
+    def update_anchors(self, anchors: Anchors) -> None:
         """Update the positions and velocities of the world's anchors, which stay the same otherwise."""
         for block in self.blocks:
             kind = self.tank.kind

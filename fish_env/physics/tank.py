@@ -188,7 +188,7 @@ class Tank(Settled, Generic[Elastic]):
     def _set_variation(self, i: int, row: np.ndarray) -> None:
         self.variation[i] = row
         if self._engine is not None:
-            self._engine.plan(i)
+            self._engine.choose_step(i)
 
     def advance(self, steps: int) -> None:
         """Advance by `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
@@ -438,7 +438,7 @@ class Tank(Settled, Generic[Elastic]):
             new.penalties and too_stiff(body, world, self.integrator, self.dt)
         )
         if reason:
-            raise options.refused(self.fish, self.integrator, reason)
+            raise options.integrator_error(self.fish, self.integrator, reason)
         follows = same and same_springs(self.world.anchors, world.anchors)
         fish = self.fish if same else frozen(replace(self.fish, body=body))
         self._settle_anew(fish=fish, world=frozen(world))
@@ -446,7 +446,7 @@ class Tank(Settled, Generic[Elastic]):
         if self._engine is not None and not follows:
             self._engine = Engine(self)
         elif self._engine is not None and world.anchors is not None:
-            self._engine.follow(world.anchors)
+            self._engine.update_anchors(world.anchors)
         self._impose()
 
     def _impose(self) -> None:
@@ -462,4 +462,4 @@ class Tank(Settled, Generic[Elastic]):
         if anchors is not None:
             self._settle_anew(world=frozen(self.world._replace(anchors=anchors)))
             if self._engine is not None:
-                self._engine.follow(anchors)
+                self._engine.update_anchors(anchors)

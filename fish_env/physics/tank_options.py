@@ -8,7 +8,7 @@ import numpy as np
 
 from fish_env.checks import as_floats, finite_array, is_whole, positive_array, real
 from fish_env.kernels.simd import LANES, SUPPORTED, Kind
-from fish_env.physics.body import scaled
+from fish_env.physics.body import scale_body
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.integrators import INTEGRATORS, Integrator
@@ -65,10 +65,10 @@ def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator
     check_world(world, fish.body.mass.size)
     reason = integrator.refuses(fish.body, world)
     if reason:
-        raise refused(fish, integrator, reason)
+        raise integrator_error(fish, integrator, reason)
 
 
-def refused(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
+def integrator_error(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
     """Error to raise if a method cannot move a fish in its world."""
     return ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
 
@@ -145,7 +145,7 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
 def apply_variation(body: Body, world: World, row) -> tuple[Body, World]:
     """Apply the factors and the current of a row of `Tank.variation` to a body and its world."""
     stiffness, mass, drag = (float(factor) for factor in row[:3])
-    return scaled(body, stiffness, stiffness, mass), world._replace(
+    return scale_body(body, stiffness, stiffness, mass), world._replace(
         linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
     )
 

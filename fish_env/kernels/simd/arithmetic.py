@@ -8,11 +8,11 @@ from numba import types
 from numba.core import cgutils
 from numba.core.imputils import lower_builtin
 from numba.core.registry import cpu_target
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.core.typing.templates import signature
 
 from fish_env.kernels.simd import dual
 from fish_env.kernels.simd.functions import fma, sqrt
-from fish_env.kernels.simd.types import DUAL, Mask, Num, Vec3, mask_type, number_type, parts_of, whole
+from fish_env.kernels.simd.types import DUAL, Mask, Num, Vec3, mask_type, number_type, parts_of, typed, whole
 from fish_env.kernels.simd.warps import on_gpu
 
 SCALARS = (types.Float, types.Integer)
@@ -23,13 +23,13 @@ ORDERED = (
     operator.or_, abs, operator.getitem, operator.setitem,
 )  # fmt: skip
 FIRST = (__name__.rpartition(".")[0], "numba.core.typing.arraydecl")
-LOOSE = Vec3(1, 64)  # a vector of constants is compatible with every kind, like a float
+CONSTANT_VECTOR = Vec3(1, 64)  # a vector of constants is compatible with every kind, like a float
 
 
 def common(kinds):
     """Lanes and bits of an operation on values of these types; None if they are incompatible."""
     typed = [kind for kind in kinds if isinstance(kind, Num | Vec3)]
-    typed = [kind for kind in typed if kind != LOOSE] or typed
+    typed = [kind for kind in typed if kind != CONSTANT_VECTOR] or typed
     wide = {kind.w for kind in typed if kind.w != 1}
     if len(wide) > 1 or len({kind.bits for kind in typed}) > 1:
         return None
@@ -83,14 +83,10 @@ emit_fma_dual = dual.fused(emit_fma)
 def register_arithmetic(function, emit, arity, allowed=lambda kinds: True, emit_dual=None):
     """Register a function, for example an operator, for this package's types, part by part."""
 
-    class Template(AbstractTemplate):
-        def generic(self, args, kws):
-            if len(args) == arity and not kws and allowed(args):
-                kind = result(args)
-                return kind and signature(kind, *args)
-            return None
+    @typed(function)
+    def rule(*kinds):
+        return result(kinds) if len(kinds) == arity and allowed(kinds) else None
 
-    infer_global(function)(Template)
     lower = by_parts(emit, emit_dual)
     for kinds in np.ndindex(*[len(OPERANDS)] * arity):
         chosen = [OPERANDS[k] for k in kinds]
@@ -151,13 +147,11 @@ register_arithmetic(sqrt, emit_sqrt, 1, lambda kinds: isinstance(kinds[0], Num),
 def register_float(function, emit, arity):
     """Register a function of this package for plain floats, which are one lane of float64."""
 
-    class Template(AbstractTemplate):
-        def generic(self, args, kws):
-            if len(args) == arity and all(isinstance(kind, SCALARS) for kind in args):
-                return signature(types.float64, *[types.float64] * arity)
-            return None
+    @typed(function)
+    def rule(*kinds):
+        ours = len(kinds) == arity and all(isinstance(kind, SCALARS) for kind in kinds)
+        return signature(types.float64, *[types.float64] * arity) if ours else None
 
-    infer_global(function)(Template)
     lower_builtin(function, *[types.Float] * arity)(lambda context, builder, sig, args: emit(builder, *args))
 
 
@@ -168,12 +162,10 @@ register_float(sqrt, emit_sqrt, 1)
 def register_comparison(function, name):
     """Register a comparison of numbers of this package's types; it is False for NaN."""
 
-    class Template(AbstractTemplate):
-        def generic(self, args, kws):
-            kind = result(args) if len(args) == 2 else None
-            return signature(mask_type(kind.w), *args) if isinstance(kind, Num) else None
-
-    infer_global(function)(Template)
+    @typed(function)
+    def rule(*kinds):
+        kind = result(kinds) if len(kinds) == 2 else None
+        return mask_type(kind.w) if isinstance(kind, Num) else None
 
     def lower(context, builder, sig, args):
         target = result(sig.args)
@@ -195,12 +187,10 @@ for _operator, _name in ((operator.gt, ">"), (operator.lt, "<"), (operator.ge, "
 def register_logic(function, emit):
     """Register an operation on masks: `&`, `|` or `~`."""
 
-    class Template(AbstractTemplate):
-        def generic(self, args, kws):
-            masks = all(isinstance(kind, Mask) and kind == args[0] for kind in args)
-            return signature(args[0], *args) if masks else None
+    @typed(function)
+    def rule(*kinds):
+        return kinds[0] if all(isinstance(kind, Mask) and kind == kinds[0] for kind in kinds) else None
 
-    infer_global(function)(Template)
     for arity in (1, 2):
         lower_builtin(function, *[Mask] * arity)(lambda context, builder, sig, args: emit(builder, *args))
 
@@ -210,7 +200,7 @@ register_logic(operator.or_, lambda builder, a, b: builder.or_(a, b))
 register_logic(operator.invert, lambda builder, a: builder.not_(a))
 
 
-def come_first() -> None:
+def prefer_own_types() -> None:
     """Make numba try the types of this package before its own, because most values in a kernel have them.
 
     Each of numba's attempts to type `a + b` as a sum of lists, sets or texts takes a fraction of a millisecond. So does

@@ -7,11 +7,22 @@ import numpy as np
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed, lower_builtin
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 from fish_env.kernels.simd.kinds import Numbers, Vectors
 from fish_env.kernels.simd.packs import WORD, array_at
-from fish_env.kernels.simd.types import DIRECTIONS, DUAL, WARP, XYZ, Vec3, floats_apart, floats_in, mask_type, width
+from fish_env.kernels.simd.types import (
+    DIRECTIONS,
+    DUAL,
+    WARP,
+    XYZ,
+    Vec3,
+    bits_of,
+    floats_apart,
+    floats_in,
+    mask_type,
+    typed,
+    width,
+)
 from fish_env.kernels.simd.warps import ThreadArray, word
 
 
@@ -52,24 +63,21 @@ def epsilon(array):
     return float(np.finfo((array if isinstance(array, np.ndarray) else array.memory).dtype).eps)
 
 
-@infer_global(floats)
-class Floats(AbstractTemplate):
+@typed(floats)
+def _type_of_floats(array):
     """Type of `floats` of a one-dimensional array."""
-
-    def generic(self, args, kws):
-        kind = args[0].dtype
-        bits = getattr(kind, "bits", 64)
-        number = types.float64 if bits == 64 else types.float32
-        mine = isinstance(args[0], ThreadArray)
-        axes = 3 if isinstance(kind, Vec3) else 2
-        return signature(types.Array(number, axes, "A" if mine else "C", aligned=mine), args[0])
+    mine = isinstance(array, ThreadArray)
+    axes = 3 if isinstance(array.dtype, Vec3) else 2
+    return types.Array(
+        types.float64 if bits_of(array.dtype) == 64 else types.float32, axes, "A" if mine else "C", aligned=mine
+    )
 
 
 @lower_builtin(floats, types.Array)
 def _floats(context, builder, sig, args):
     source = context.make_array(sig.args[0])(context, builder, args[0])
     kind = sig.args[0].dtype
-    lanes = floats_in(getattr(kind, "w", 1))
+    lanes = floats_in(lanes_of(sig.args[0]))
     tail = ([4 if kind.w == XYZ else 3] if isinstance(kind, Vec3) else []) + [lanes]
     shape = [cgutils.unpack_tuple(builder, source.shape, 1)[0], *(ir.Constant(WORD, length) for length in tail)]
     out = array_at(context, builder, sig.return_type, builder.ptrtoint(source.data, WORD), shape)
@@ -82,55 +90,20 @@ def _floats(context, builder, sig, args):
     return impl_ret_borrowed(context, builder, sig.return_type, out)
 
 
-@infer_global(zero)
-class Zero(AbstractTemplate):
-    """Type of `zero` of any array of floats, numbers or vectors."""
-
-    def generic(self, args, kws):
-        return signature(args[0].dtype, args[0])
-
-
 @lower_builtin(zero, types.Array)
+@lower_builtin(nowhere, types.Array)
 def _zero(context, builder, sig, args):
     return ir.Constant(context.get_value_type(sig.return_type), None)
 
 
-@infer_global(nowhere)
-class Nowhere(AbstractTemplate):
-    """Type of `nowhere` of an array of numbers or vectors."""
-
-    def generic(self, args, kws):
-        return signature(mask_type(getattr(args[0].dtype, "w", 1)), args[0])
-
-
-lower_builtin(nowhere, types.Array)(_zero)
-
-
-@infer_global(block_size)
-@infer_global(directions)
-class Count(AbstractTemplate):
-    """Type of `block_size` and `directions` of an array of numbers or vectors."""
-
-    def generic(self, args, kws):
-        return signature(types.int64, args[0])
-
-
 @lower_builtin(directions, types.Array)
 def _directions(context, builder, sig, args):
-    return ir.Constant(WORD, DIRECTIONS if getattr(sig.args[0].dtype, "w", 1) == DUAL else 0)
+    return ir.Constant(WORD, DIRECTIONS if lanes_of(sig.args[0]) == DUAL else 0)
 
 
 @lower_builtin(block_size, types.Array)
 def _block_size(context, builder, sig, args):
-    return ir.Constant(WORD, width(getattr(sig.args[0].dtype, "w", 1)))
-
-
-@infer_global(epsilon)
-class Epsilon(AbstractTemplate):
-    """Type of `epsilon` of an array of floats, numbers or vectors."""
-
-    def generic(self, args, kws):
-        return signature(types.float64, args[0])
+    return ir.Constant(WORD, width(lanes_of(sig.args[0])))
 
 
 @lower_builtin(epsilon, types.Array)
@@ -138,3 +111,14 @@ def _epsilon(context, builder, sig, args):
     kind = sig.args[0].dtype
     bits = getattr(kind, "bits", None) or kind.bitwidth
     return ir.Constant(ir.DoubleType(), float(np.finfo(f"float{bits}").eps))
+
+
+def lanes_of(array):
+    """Lanes of the elements of an array, by its type."""
+    return getattr(array.dtype, "w", 1)
+
+
+typed(zero)(lambda array: array.dtype)
+typed(nowhere)(lambda array: mask_type(lanes_of(array)))
+typed(block_size, directions)(lambda array: types.int64)
+typed(epsilon)(lambda array: types.float64)

@@ -86,7 +86,7 @@ class Pack:
             setattr(self, name, value)
 
     def __reduce__(self):
-        return remade, (self._numba_type_.label, self._kept)
+        return restore_pack, (self._numba_type_.label, self._kept)
 
 
 def packed(record, kind: Kind) -> Pack:
@@ -112,7 +112,7 @@ def packed(record, kind: Kind) -> Pack:
     return Pack(type(record).__name__, **fields)
 
 
-def remade(label, fields):
+def restore_pack(label, fields):
     """Make a pack from a pickle, with the addresses of the new arrays."""
     return Pack(label, **fields)
 

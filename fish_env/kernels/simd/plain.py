@@ -1,8 +1,10 @@
 """Numbers and vectors without the compiler: numpy arrays of W lanes, and vectors of three of them.
 
 This slow reference implementation serves kernels under NUMBA_DISABLE_JIT=1, for debugging and to measure coverage.
-`fma` rounds twice here, so results agree with the compiled ones up to rounding, not bitwise.
+Functions of them are in `functions.py`.
 """
+
+import operator
 
 import numpy as np
 
@@ -63,17 +65,14 @@ class Dual:
         found[0] = result
         return Dual(found)
 
-    def __lt__(self, other):
-        return bool(self.parts[0] < parts(other, self)[0])
 
-    def __gt__(self, other):
-        return bool(self.parts[0] > parts(other, self)[0])
+def comparison(compare):
+    """Make a method of `Dual` that compares values."""
+    return lambda self, other: bool(compare(self.parts[0], parts(other, self)[0]))
 
-    def __le__(self, other):
-        return bool(self.parts[0] <= parts(other, self)[0])
 
-    def __ge__(self, other):
-        return bool(self.parts[0] >= parts(other, self)[0])
+for _compare in (operator.lt, operator.gt, operator.le, operator.ge):
+    setattr(Dual, f"__{_compare.__name__}__", comparison(_compare))
 
 
 def parts(number, like: Dual):
@@ -135,46 +134,3 @@ class Vec3:
 
     def __truediv__(self, number):
         return Vec3(self.x / number, self.y / number, self.z / number)
-
-
-def fma(a, b, c):
-    """Sum of c and the product of a and b, rounded twice."""
-    product = b * a if isinstance(b, Vec3) else a * b
-    return product + c
-
-
-def dot(a, b):
-    """Scalar product."""
-    return a.x * b.x + a.y * b.y + a.z * b.z
-
-
-def cross(a, b):
-    """Vector product."""
-    return Vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
-
-
-def sqrt(a):
-    """Square root."""
-    return a.of_value(np.sqrt, lambda number, root: 0.5 / root) if isinstance(a, Dual) else np.sqrt(a)
-
-
-def exp(a):
-    """Exponential function."""
-    return a.of_value(np.exp, lambda number, result: result) if isinstance(a, Dual) else np.exp(a)
-
-
-def log(a):
-    """Natural logarithm."""
-    with np.errstate(all="ignore"):
-        return a.of_value(np.log, lambda number, result: 1.0 / number) if isinstance(a, Dual) else np.log(a)
-
-
-def select(condition, a, b):
-    """Select a if the condition is true, else b."""
-    if isinstance(a, Dual) or isinstance(b, Dual):
-        return a if condition else b
-    if isinstance(a, Vec3) and isinstance(a.x, Dual):
-        return a if condition else b
-    if isinstance(a, Vec3):
-        return Vec3(*(np.where(condition, p, q) for p, q in zip(a, b, strict=True)))
-    return np.where(condition, a, b)

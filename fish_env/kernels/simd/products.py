@@ -6,7 +6,7 @@ import llvmlite.ir as ir
 import numpy as np
 from numba import types
 from numba.core.imputils import lower_builtin, lower_getattr
-from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
+from numba.core.typing.templates import AttributeTemplate, infer_getattr, signature
 
 from fish_env.kernels.simd import dual
 from fish_env.kernels.simd.arithmetic import (
@@ -20,24 +20,32 @@ from fish_env.kernels.simd.arithmetic import (
     result,
 )
 from fish_env.kernels.simd.functions import all_lanes, any_lane, cross, dot, exp, lane, log, select, vec3
-from fish_env.kernels.simd.types import DUAL, XYZ, Mask, Num, Vec3, coordinates, number_type, parts_of, whole
+from fish_env.kernels.simd.types import (
+    DUAL,
+    XYZ,
+    Mask,
+    Num,
+    Vec3,
+    bits_of,
+    coordinates,
+    number_type,
+    parts_of,
+    typed,
+    whole,
+)
 
 
-@infer_global(select)
-class Select(AbstractTemplate):
+@typed(select)
+def _type_of_select(condition, a, b):
     """Type of `select` of a mask, or of a Boolean, and two numbers or two vectors."""
-
-    def generic(self, args, kws):
-        condition, a, b = args
-        if not isinstance(condition, Mask | types.Boolean):
-            return None
-        if isinstance(condition, Mask):
-            lanes = common((a, b, Num(condition.w, getattr(a, "bits", getattr(b, "bits", 64)))))
-            if lanes is None or not all_or_none_vectors((a, b)):
-                return None
-            return signature(Vec3(*lanes) if isinstance(a, Vec3) else number_type(*lanes), *args)
-        kind = result((a, b))
-        return signature(kind or types.float64, *args)
+    if isinstance(condition, types.Boolean):
+        return result((a, b)) or types.float64
+    if not isinstance(condition, Mask) or not all_or_none_vectors((a, b)):
+        return None
+    lanes = common((a, b, Num(condition.w, getattr(a, "bits", bits_of(b)))))
+    if lanes is None:
+        return None
+    return Vec3(*lanes) if isinstance(a, Vec3) else number_type(*lanes)
 
 
 def _select(context, builder, sig, args):
@@ -58,12 +66,11 @@ def register_product(function, of):
     """Register a product of two vectors, whose type is `of(lanes, bits)`."""
 
     def add(lower):
-        class Template(AbstractTemplate):
-            def generic(self, args, kws):
-                lanes = common(args) if all(isinstance(kind, Vec3) for kind in args) else None
-                return lanes and signature(of(*lanes), *args)
+        @typed(function)
+        def rule(*kinds):
+            lanes = common(kinds) if all(isinstance(kind, Vec3) for kind in kinds) else None
+            return None if lanes is None else of(*lanes)
 
-        infer_global(function)(Template)
         lower_builtin(function, Vec3, Vec3)(lower)
         return lower
 
@@ -105,14 +112,12 @@ def _cross(context, builder, sig, args):
     return turned(minor(p[0], turned(q[0]), turned(p[0]), q[0]))
 
 
-@infer_global(vec3)
-class MakeVec3(AbstractTemplate):
+@typed(vec3)
+def _type_of_vec3(*kinds):
     """Type of `vec3` of three numbers, with the lanes of any of them; one lane for plain floats."""
-
-    def generic(self, args, kws):
-        if any(isinstance(kind, Vec3) for kind in args) or not all(isinstance(kind, OPERANDS) for kind in args):
-            return None
-        return signature(Vec3(*common(args)), *args)
+    if any(isinstance(kind, Vec3) for kind in kinds) or not all(isinstance(kind, OPERANDS) for kind in kinds):
+        return None
+    return Vec3(*common(kinds))
 
 
 def _vec3(context, builder, sig, args):
@@ -147,12 +152,7 @@ for _k, _name in enumerate("xyz"):
 
 def register_reduction(function, combine):
     """Register a reduction of a mask: true in any lane, or in all lanes."""
-
-    class Template(AbstractTemplate):
-        def generic(self, args, kws):
-            return signature(types.boolean, *args) if isinstance(args[0], Mask | types.Boolean) else None
-
-    infer_global(function)(Template)
+    typed(function)(lambda kind: types.boolean if isinstance(kind, Mask | types.Boolean) else None)
 
     def lower(context, builder, sig, args):
         bits = ir.IntType(sig.args[0].w)
@@ -171,17 +171,11 @@ def register_by_lane(function, scalar_function, slope):
 
     `slope(builder, number, result)` emits its derivative.
     """
-
-    class Template(AbstractTemplate):
-        def generic(self, args, kws):
-            ours = isinstance(args[0], Num)
-            return signature(args[0], args[0]) if ours else signature(types.float64, types.float64)
-
-    infer_global(function)(Template)
+    typed(function)(lambda kind: kind if isinstance(kind, Num) else signature(types.float64, types.float64))
 
     def lower(context, builder, sig, args):
         kind = sig.args[0]
-        one = types.float32 if getattr(kind, "bits", 64) == 32 else types.float64
+        one = types.float32 if bits_of(kind) == 32 else types.float64
         call = context.get_function(scalar_function, signature(one, one))
         if not isinstance(kind, Num) or kind.w == 1:
             return call(builder, args)
@@ -201,16 +195,12 @@ register_by_lane(exp, math.exp, lambda builder, number, result: result)
 register_by_lane(log, math.log, lambda builder, number, result: builder.fdiv(ir.Constant(number.type, 1.0), number))
 
 
-@infer_global(lane)
-class LaneOf(AbstractTemplate):
+@typed(lane)
+def _type_of_lane(kind, index):
     """Type of `lane`: a float, or a Boolean."""
-
-    def generic(self, args, kws):
-        kind = args[0]
-        if isinstance(kind, Mask | types.Boolean):
-            return signature(types.boolean, *args)
-        bits = getattr(kind, "bits", 64)
-        return signature(types.float64 if bits == 64 else types.float32, *args)
+    if isinstance(kind, Mask | types.Boolean):
+        return types.boolean
+    return types.float64 if bits_of(kind) == 64 else types.float32
 
 
 def _lane(context, builder, sig, args):

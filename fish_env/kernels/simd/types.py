@@ -14,6 +14,7 @@ import llvmlite.ir as ir
 from numba import types
 from numba.core import cgutils
 from numba.core.typeconv import Conversion
+from numba.core.typing.templates import AbstractTemplate, Signature, infer_global, signature
 from numba.extending import lower_cast, models, register_model
 
 XYZ, DUAL, THREAD = "xyz", "dual", "thread"
@@ -52,6 +53,31 @@ class Vec3(types.Type):
     def can_convert_from(self, typingctx, other):
         loose = isinstance(other, Vec3) and other.w == 1 and other.bits in (64, self.bits)
         return Conversion.unsafe if loose else None
+
+
+def typed(*functions):
+    """Make a decorator that registers `rule(*types)` for the result types of calls of these functions.
+
+    The rule receives the arguments' types. It returns the type of the result, or a whole signature if the arguments are
+    converted, or None if the call is not one of this package's.
+    """
+
+    def register(rule):
+        class Template(AbstractTemplate):
+            def generic(self, args, kws):
+                kind = None if kws else rule(*args)
+                return kind if kind is None or isinstance(kind, Signature) else signature(kind, *args)
+
+        for function in functions:
+            infer_global(function)(Template)
+        return rule
+
+    return register
+
+
+def bits_of(kind) -> int:
+    """Bits of a number of this type, or of a coordinate; 64 for numba's own."""
+    return getattr(kind, "bits", 64)
 
 
 FIRST = ir.Constant(ir.IntType(32), 0)

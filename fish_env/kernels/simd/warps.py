@@ -12,10 +12,10 @@ import llvmlite.ir as ir
 from numba import types
 from numba.core.datamodel import models
 from numba.core.imputils import lower_builtin
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.core.typing.templates import signature
 from numba.extending import register_model
 
-from fish_env.kernels.simd.types import WARP, Vec3
+from fish_env.kernels.simd.types import WARP, Vec3, typed
 
 WORD = ir.IntType(64)
 
@@ -79,24 +79,17 @@ def steps(builder, kind: ThreadArray, shape):
     return found
 
 
-@infer_global(operator.getitem)
-class Get(AbstractTemplate):
+@typed(operator.getitem)
+def _type_of_element(array, place):
     """Type of an element by its index, or by one index per axis; indices count from the front."""
-
-    def generic(self, args, kws):
-        array, place = args
-        return signature(array.dtype, *args) if isinstance(array, ThreadArray) and is_index(array, place) else None
+    return array.dtype if isinstance(array, ThreadArray) and is_index(array, place) else None
 
 
-@infer_global(operator.setitem)
-class Set(AbstractTemplate):
-    """Type of an assignment to an element, with the indices of `Get`."""
-
-    def generic(self, args, kws):
-        array, place, _ = args
-        if isinstance(array, ThreadArray) and is_index(array, place):
-            return signature(types.none, array, place, array.dtype)
-        return None
+@typed(operator.setitem)
+def _type_of_assignment(array, place, value):
+    """Type of an assignment to an element."""
+    ours = isinstance(array, ThreadArray) and is_index(array, place)
+    return signature(types.none, array, place, array.dtype) if ours else None
 
 
 def is_index(array, place) -> bool:

@@ -144,7 +144,7 @@ def call_in_turn(functions: dict[str, Any], line="{call}", before="pass", after=
     return kernel(space["sum_of_forces"])
 
 
-def placed(names: tuple[str, ...]) -> bool:
+def depend_on_position(names: tuple[str, ...]) -> bool:
     """Return True if any of the forces may depend on the absolute position of the body."""
     return not all(hasattr(FORCES[name], "ANYWHERE") for name in names)
 

@@ -25,7 +25,7 @@ from fish_env.physics.records import Body, World
 
 FAILURE = TORN
 CORNERS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
-MANY = 8  # number of stages from which the assembly of the sides' stiffness saves time
+MANY_STAGES = 8  # number of stages from which the assembly of the sides' stiffness saves time
 ANYWHERE = True
 
 
@@ -211,7 +211,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 @kernel
 def by_sides(control):
     """Return True if the number of stages makes the assembled stiffness of the sides faster."""
-    return control.plans[control.row[0], STAGES] >= MANY
+    return control.plans[control.row[0], STAGES] >= MANY_STAGES
 
 
 @kernel

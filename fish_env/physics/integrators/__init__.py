@@ -75,10 +75,10 @@ class Integrator:
     """Function of a method without a `method`: `advance(body, world, state, control, h, n)` moves every valid body."""
 
     def __reduce__(self):
-        return named, (self.name,)  # a pickle contains the name only; compiled code stays in its process
+        return get_integrator, (self.name,)  # a pickle contains the name only; compiled code stays in its process
 
 
-def named(name: str) -> Integrator:
+def get_integrator(name: str) -> Integrator:
     """Entry of the table with this name."""
     return INTEGRATORS[name]
 

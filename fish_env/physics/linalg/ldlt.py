@@ -18,9 +18,7 @@ import numpy as np
 
 from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import dot, epsilon, fma, select, vec3, zero
-from fish_env.physics.records import (
-    Profile,
-)
+from fish_env.physics.records import Profile
 
 TRUSTED_PIVOT = 1e-9  # a pivot below this fraction of its diagonal entry has lost nine digits to cancellation
 ROUNDING = 16.0  # times the precision: rounding error of a pivot's sums
@@ -42,7 +40,7 @@ def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def judge(least, diagonal, pivot, negative, untrusted):
+def check_pivot(least, diagonal, pivot, negative, untrusted):
     """Count a pivot: (non-positive pivots, untrusted ones), a number for each fish.
 
     `least` is the smallest trusted ratio of the pivot to its diagonal entry.
@@ -79,7 +77,7 @@ def factor_solve(shape, a, b, inverse_pivot, row):
             d = fma(-s, lower, d)
             y = fma(-lower, b[INDEX(j)], y)
         b[INDEX(i)] = y
-        negative, untrusted = judge(least, diagonal, d, negative, untrusted)
+        negative, untrusted = check_pivot(least, diagonal, d, negative, untrusted)
         inverse_pivot[INDEX(i)] = 1.0 / d
     for i in range(order):
         b[i] = inverse_pivot[i] * b[i]
@@ -160,9 +158,9 @@ def factor(shape, a, row):
             store(a, row_i + j, lower)
             d = subtract_product(s, lower, d)
         q0, q1, pivot = factor_node(d)
-        negative, untrusted = judge(least, was0.x, pivot.x, negative, untrusted)
-        negative, untrusted = judge(least, was1.y, pivot.y, negative, untrusted)
-        negative, untrusted = judge(least, was2.z, pivot.z, negative, untrusted)
+        negative, untrusted = check_pivot(least, was0.x, pivot.x, negative, untrusted)
+        negative, untrusted = check_pivot(least, was1.y, pivot.y, negative, untrusted)
+        negative, untrusted = check_pivot(least, was2.z, pivot.z, negative, untrusted)
         inverse = vec3(1.0 / pivot.x, 1.0 / pivot.y, 1.0 / pivot.z)
         store(a, row_i + i, (none + q0, none + q1, none + inverse))
     return negative, untrusted

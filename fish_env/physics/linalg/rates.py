@@ -13,23 +13,22 @@ def assemble(elements, size):
 
     Dense up to DENSE rows, then sparse (scipy, compressed rows).
     """
+    places = [(3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1]) for nodes, _ in elements]
     if size <= DENSE:
         matrix = np.zeros((size, size))
-        for nodes, blocks in elements:
-            places = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
-            np.add.at(matrix, (places[:, :, None], places[:, None, :]), blocks)
+        for own, (_, blocks) in zip(places, elements, strict=True):
+            np.add.at(matrix, (own[:, :, None], own[:, None, :]), blocks)
         return matrix
     from scipy.sparse import coo_array  # imported here, because it takes 0.3 s and only large bodies need it
 
     rows, columns, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
-    for nodes, blocks in elements:
-        places = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
-        width = places.shape[1]
-        rows.append(np.repeat(places, width, axis=1).ravel())
-        columns.append(np.tile(places, (1, width)).ravel())
+    for own, (_, blocks) in zip(places, elements, strict=True):
+        rows.append(np.repeat(own, own.shape[1], axis=1).ravel())
+        columns.append(np.tile(own, (1, own.shape[1])).ravel())
         values.append(blocks.ravel())
-    places = (np.concatenate(rows), np.concatenate(columns))
-    return coo_array((np.concatenate(values), places), shape=(size, size)).tocsr()
+    return coo_array(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size)
+    ).tocsr()
 
 
 def highest(elements, root) -> float:

@@ -6,19 +6,24 @@ each method, condition and metric, with intervals) and curves.csv. The page of r
 docs/images/curves.svg the curves.
 """
 
+import math
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.avoidability import avoidable
-from agents.config import CONFIGS, RESULTS
-from agents.records import RESULTS as TABLES
-from agents.records import ROOT, provenance, pyplot, read_rows, write_csv
+from agents.checkout import present_commit
+from agents.config import CONFIGS, RESULTS, TARGETS
 from agents.report import baselines
 from agents.saved_run import read_record
-from agents.statistics import interquartile_mean, interval, rounded, seed_mean
+from agents.statistics import interquartile_mean, interval, seed_mean
+from benchmarks.common.charts import pyplot, save
+from benchmarks.common.statistics import rounded
+from benchmarks.common.tables import IMAGES, ROOT, read_rows, write_csv
+from benchmarks.common.tables import RESULTS as TABLES
+from benchmarks.learning.avoidability import avoidable
 from fish_env.control import (
     EPISODES,
     Scores,
@@ -33,7 +38,7 @@ from fish_env.control.policy import PRETRAINED
 
 COMMAND = "python train.py all"
 CURVE_POINTS = 60
-IMAGES, LEARNING = ROOT / "docs" / "images", TABLES / "learning"
+LEARNING = TABLES / "learning"
 PAGE, README = ROOT / "docs" / "results.md", ROOT / "README.md"
 UNITS = {
     "speed": ("speed, BL/s", 1, 2),
@@ -56,16 +61,45 @@ UNITS = {
     "failed": ("physics failed, %", 100, 2),
 }
 """Heading, factor and digits of a metric in the tables of the page."""
+
+
+class Publication(NamedTuple):
+    """What is published of a task."""
+
+    goal: str
+    """Summary of the task, in a few words."""
+    headline: tuple[str, ...]
+    """The metrics of the summary in the README."""
+    shown: tuple[str, ...]
+    """The metrics of its table on the page."""
+    conditions: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
+    """Other conditions it is evaluated under: keywords of the environment and reset options, by name."""
+
+
 TURNS = ("success", "latency", "overshoot", "radius", "speed_lost", "work")
-SHOWN = {
-    "swim": ("speed", "sideways", "return"),
-    "turn": TURNS,
-    "left_after_right": TURNS,
-    "target": ("targets", "success", "time_per_target"),
-    "target_3d": ("targets", "success", "time_per_target"),
-    "avoid": ("avoided", "passed", "success", "clearance", "return"),
-}
-"""The metrics of a task on the page."""
+PUBLICATIONS = {
+    "swim": Publication("swim along a commanded heading", ("speed",), ("speed", "sideways", "return")),
+    "turn": Publication(
+        "turn by 30 to 180 degrees to either side", ("success", "latency"), TURNS,
+        {"90 left": ({}, {"turn": math.pi / 2}), "90 right": ({}, {"turn": -math.pi / 2})},
+    ),
+    "left_after_right": Publication(
+        "turn left before a right turn is over, and mirrored", ("success", "latency"), TURNS,
+        {
+            "left after right": ({}, {"side": -1}),
+            "right after left": ({}, {"side": 1}),
+            "twice the severity": ({"severity": 2.0}, {}),
+            "double reversal": ({"reversals": 2}, {}),
+        },
+    ),
+    "target": Publication("reach targets one after another", ("time_per_target",), TARGETS),
+    "target_3d": Publication("the same in three dimensions", ("success",), TARGETS),
+    "avoid": Publication(
+        "pass a sudden obstacle, perhaps in a turn, and come back to the heading", ("avoided", "success"),
+        ("avoided", "passed", "success", "clearance", "return"),
+        {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
+    ),
+}  # fmt: skip
 EVERYWHERE = ("motor controllers", "PPO")
 """Methods that the page shows under every condition, and not only under that of the training."""
 MIRRORED = ("90 right", "left after right", "right after left")
@@ -123,7 +157,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
     config, result = CONFIGS[task], RESULTS[task]
     policies = [load_policy(run / "policy.npz", config.env_id) for run in runs]
     seed_rows, method_rows, generator = [], [], np.random.default_rng(0)
-    for condition, (keywords, options) in {"": ({}, {}), **result.conditions}.items():
+    for condition, (keywords, options) in {"": ({}, {}), **PUBLICATIONS[task].conditions}.items():
         env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | keywords)
         methods = {name: [evaluate(controller, env, options=options)] for name, controller in baselines(env).items()}
         methods["PPO"] = [evaluate(policy_controller(policy, env), env, options=options) for policy in policies]
@@ -141,7 +175,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
                                     "episodes": EPISODES})  # fmt: skip
         if not condition:
             ship(runs, methods["PPO"], result.score, PRETRAINED / task)
-    measured = {"measured": provenance(COMMAND)["commit"]}
+    measured = {"measured": present_commit()}
     replace_rows("seeds", task, [row | measured for row in seed_rows])
     replace_rows("methods", task, [row | measured for row in method_rows])
     replace_rows("curves", task, [row for run in runs for row in curve_rows(run)])
@@ -160,7 +194,6 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
     writable_folder(root)
     rows, generator = [], np.random.default_rng(0)
     for task in CONFIGS if tasks is None else tasks:
-        result = RESULTS[task]
         runs = sorted(path.parent for path in (root / task).glob("seed_*/results.json"))
         if not runs:
             raise FileNotFoundError(f"no run of {task} in {root} is finished; resume with the command that began it")
@@ -169,7 +202,7 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
         for moved, options in ((integrator, settings), ("the default", CONFIGS[task].env_options)):
             env = make_eval_env(CONFIGS[task].env_id, EPISODES, evaluation_options(options))
             found = [evaluate(policy_controller(policy, env), env) for policy in policies]
-            for metric in dict.fromkeys((*result.headline, "return", "failed")):
+            for metric in dict.fromkeys((*PUBLICATIONS[task].headline, "return", "failed")):
                 value, low, high = interval(found, metric, generator)
                 rows.append({"task": task, "moved_by": moved, "dt": settings.get("dt", ""), "metric": metric,
                              "value": rounded(value), "low": rounded(low), "high": rounded(high), "seeds": len(runs),
@@ -239,8 +272,7 @@ def draw_curves(path: Path) -> None:
         levels_of = {key_of(row): row["value"] for row in stored("methods")}
         axes.axhline(float(levels_of[task, "", "motor controllers", score]), color="#c0562f", ls="--", lw=1)
         axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=score, ylim=(0, None))
-    figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)
+    save(figure, path)
 
 
 def filled(page: str) -> str:
@@ -248,7 +280,9 @@ def filled(page: str) -> str:
 
     def table(match: re.Match) -> str:
         rows = [row for row in stored("methods") if row["task"] == match[1] and shown(row)]
-        return f"<!-- {match[1]} -->\n\n{table_of(rows, SHOWN[match[1]])}\n<!-- end -->" if rows else match[0]
+        if not rows:
+            return match[0]
+        return f"<!-- {match[1]} -->\n\n{table_of(rows, PUBLICATIONS[match[1]].shown)}\n<!-- end -->"
 
     return re.sub(r"<!-- (\w+) -->.*?<!-- end -->", table, page, flags=re.DOTALL)
 
@@ -256,7 +290,7 @@ def filled(page: str) -> str:
 def shown(row: dict) -> bool:
     """True for the rows of methods.csv that the page shows."""
     allowed = not row["condition"] or (row["method"] in EVERYWHERE and row["condition"] not in MIRRORED)
-    return allowed and row["metric"] in SHOWN[row["task"]]
+    return allowed and row["metric"] in PUBLICATIONS[row["task"]].shown
 
 
 def summary() -> str:
@@ -266,12 +300,12 @@ def summary() -> str:
     }
     lines = [f"| Task | Goal | Metric | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
     found = {key_of(row): row for row in stored("methods")}
-    for task, result in RESULTS.items():
-        for metric in result.headline if (task, "", "PPO", "return") in found else ():
+    for task, publication in PUBLICATIONS.items():
+        for metric in publication.headline if (task, "", "PPO", "return") in found else ():
             rows = [found.get((task, "", method, metric)) for method in methods]
             name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
             cells = " | ".join(cell(row, False) if row else "-" for row in rows)
-            lines.append(f"| {name} | {result.asked} | {UNITS[metric][0]} | {cells} |")
+            lines.append(f"| {name} | {publication.goal} | {UNITS[metric][0]} | {cells} |")
     return "\n" + "\n".join(lines) + "\n\n"
 
 

@@ -1,15 +1,15 @@
 """The pictures, videos and film of the documentation, from the shipped policies.
 
-python -m benchmarks.learning.pictures     writes docs/images/swim.png, docs/videos/<task>.mp4 and left_after_right.html
+python docs/site/task_pictures.py     writes docs/images/swim.png, docs/videos/<task>.mp4 and left_after_right.html
 """
 
-import argparse
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+from PIL import Image
 
 from agents.config import CONFIGS
-from benchmarks.common.tables import IMAGES, ROOT
 from fish_env.control import (
     evaluation_options,
     load_policy,
@@ -22,13 +22,11 @@ from fish_env.control import (
 )
 from fish_env.control.policy import PRETRAINED
 
+ROOT = Path(__file__).parents[2]
 MOMENTS = (0.08, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed
 SIZE = (480, 360)  # of a video
-SECONDS, EVERY, SLOWER = (
-    4.0,
-    2,
-    2,
-)  # of the episode; environment steps between frames; so many times slower than real time
+SECONDS = 4.0  # of the episode
+EVERY, SLOWER = 2, 2  # environment steps between frames; so many times slower than real time
 
 
 def play(task: str, seconds: float):
@@ -46,20 +44,15 @@ def play(task: str, seconds: float):
 
 def picture() -> None:
     """Three moments of an episode side by side."""
-    from PIL import Image
-
     frames = [frame for time, frame in play("swim", MOMENTS[-1]) if any(abs(time - m) < 1e-9 for m in MOMENTS)]
     together = Image.fromarray(np.concatenate(frames, axis=1)).resize((1260, 315), Image.Resampling.LANCZOS)
-    path = IMAGES / "swim.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path = ROOT / "docs" / "images" / "swim.png"
     together.quantize(256).save(path, optimize=True)
     print(f"{path}: {path.stat().st_size // 1000} kB")
 
 
 def videos() -> None:
     """A short video of every task, slower than real time."""
-    from PIL import Image
-
     folder = ROOT / "docs" / "videos"
     folder.mkdir(parents=True, exist_ok=True)
     for task in CONFIGS:
@@ -81,8 +74,7 @@ def film(task: str = "left_after_right", episodes: int = 3) -> None:
 
 
 def main() -> None:
-    """The command line."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    """Write all of them."""
     picture()
     videos()
     film()

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from agents.records import RESULTS, pyplot, write_csv
-from agents.report import opened
-from agents.statistics import rounded
+from benchmarks.common.charts import pyplot, save
+from benchmarks.common.statistics import rounded
+from benchmarks.common.tables import RESULTS, write_csv
 from fish_env import INTEGRATORS
-from fish_env.control import Scores, policy_controller, run_episodes, shipped_policies
+from fish_env.control import Scores, load_policy, make_policy_env, policy_controller, run_episodes, shipped_policies
 from fish_env.control.evaluation import episode_scores, gathered
 from fish_env.control.files import writable_folder
 from fish_env.envs import FishVectorEnv
@@ -48,7 +48,8 @@ def settings(fish) -> list[tuple[str, float, float | None]]:
 def replay(path: Path, how: tuple[str, float, float | None], episodes: int) -> tuple[Scores, np.ndarray]:
     """Scores (B,) and path (T,B,3), body lengths, of the policy under one of `settings`; the path ends in NaN."""
     integrator, dt, refine = how
-    _, policy, env = opened(path, episodes, integrator=integrator, dt=dt, refine=refine)
+    policy = load_policy(path)
+    env = make_policy_env(policy, episodes, integrator=integrator, dt=dt, refine=refine)
     results, track = [{}] * env.num_envs, []
     for ended, done, infos in run_episodes(policy_controller(policy, env), env):
         for i in np.flatnonzero(ended).tolist():
@@ -65,7 +66,7 @@ def places(env: FishVectorEnv) -> np.ndarray:
 
 def replays(path: Path, hows: Iterable[tuple[str, float, float | None]], episodes: int) -> list[dict]:
     """A row for each of some `settings`: scores of the policy, and their differences from those of the first."""
-    rows, reference, task = [], None, opened(path, 1)[0]
+    rows, reference, task = [], None, load_policy(path).about["task"]
     for how in tqdm(hows, desc=task, unit=" settings"):
         scores, track = replay(path, how, episodes)
         reference = reference or (scores, track)
@@ -79,7 +80,7 @@ def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODE
     """Replay policies under every method and print what changes; of the shipped ones, write table and chart too."""
     if not paths:
         writable_folder(RESULTS)
-    fish = {path: opened(path, 1)[2].tank.fish for path in paths or shipped_policies().values()}
+    fish = {path: make_policy_env(load_policy(path), 1).tank.fish for path in paths or shipped_policies().values()}
     rows = [row for path in fish for row in replays(path, settings(fish[path]), episodes)]
     if not paths:  # of other policies nothing is published
         draw(rows, RESULTS / "integrators_policies.svg")
@@ -122,7 +123,6 @@ def print_rows(rows: list[dict]) -> None:
 def draw(rows: list[dict], path: Path) -> None:
     """Change of the return against the step, a panel for each task, a colour for each method."""
     plt = pyplot()
-    plt.rcParams["svg.hashsalt"] = "fish_env"
     tasks = list(dict.fromkeys(row["task"] for row in rows))
     figure, grid = plt.subplots(2, -(-len(tasks) // 2), figsize=(10, 6), layout="constrained", squeeze=False)
     names = list(dict.fromkeys(row["integrator"] for row in rows))
@@ -141,5 +141,4 @@ def draw(rows: list[dict], path: Path) -> None:
         axes.set_axis_off()
     handles, labels = grid.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
-    figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)
+    save(figure, path)

@@ -1,0 +1,21 @@
+"""Short trainings."""
+
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("tensorboard")
+
+from agents import train as training
+
+SHORT = {"timesteps": 1024, "num_envs": 8}
+
+
+def train_short(task="swim", seed=None, changes=SHORT, report=False, pictures=False, **options):
+    """Train for a moment, and evaluate only if a report is wanted; return the folder of the run."""
+    torch.set_num_threads(1)
+    request = training.Request(task, seed, changes=changes, pictures=pictures, **options)
+    with pytest.MonkeyPatch.context() as patch:
+        if not report:
+            patch.setattr(training, "report", lambda *arguments: None)
+        return training.train(request)
