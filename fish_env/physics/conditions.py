@@ -67,17 +67,9 @@ class Conditions(NamedTuple):
         return join_anchors(self.drag, self.penalties)
 
     def with_motion(self, nodes: np.ndarray, axes: np.ndarray, along, penalty: Anchors | None) -> Conditions:
-        """Conditions when nodes (K,) start a prescribed motion, by elimination or by the given penalty.
+        """Conditions when nodes (K,) start a prescribed motion along some axes (3,); see `Tank.move` for the arguments.
 
-        Args:
-            nodes: node numbers.
-            axes: (3,) True for the axes along which they are moved.
-            along: a velocity, m/s, (3,) or (K,3), or a function of the time that returns a displacement, m.
-            penalty: springs that draw them to their places, with zero velocity; None for elimination.
-
-        Raises:
-            ValueError: for velocities or displacements of another shape, not finite, or along an axis that is left
-                free.
+        `penalty` holds the springs that draw them to their places, with zero velocity; None stands for elimination.
         """
         velocity, motions = np.zeros((nodes.size, 3)), ()
         if callable(along):

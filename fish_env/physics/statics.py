@@ -80,15 +80,11 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         raise ValueError("the world has walls, which stop motion; fix the nodes that rest on them instead (body.fix)")
     if not tolerance > 0:
         raise ValueError(f"tolerance is {tolerance!r}; give a positive number")
-    n = len(body.mass)
-    rest = body.springs.rest_length if rest_length is None else rest_length
-    rest = finite_array(rest, body.springs.rest_length.shape, "rest_length (m)")
-    x = finite_array(body.position if start is None else start, (n, 3), "start (m)")
+    rest = _given(rest_length, body.springs.rest_length, "rest_length (m)")
+    x = _given(start, body.position, "start (m)")
     internal = load is None and _still(world) and (world.gravity is None or not world.gravity.any())
-    load = np.zeros((n, 3)) if load is None else finite_array(load, (n, 3), "load (N)")
-    free = _free(body)
-
-    evaluator, still = Evaluator(body, world), np.zeros((n, 3))
+    free, still, evaluator = _free(body), np.zeros_like(x), Evaluator(body, world)
+    load = _given(load, still, "load (N)")
 
     def force(x):
         if ESCAPED in evaluator.failures(rest, x):  # beyond a barrier nothing pushes back
@@ -173,7 +169,7 @@ def prescribed_displacement(
     nodes, shape, own = node_numbers(body, nodes), body.position.shape, body.inverse_mass == 0.0
     wanted, displaced, every = np.zeros(shape), np.zeros(shape, dtype=bool), np.ones(3, dtype=bool)
     wanted[nodes], displaced[nodes] = vectors_along(displacement, nodes, every, "displacement", "it", "m"), True
-    load = np.zeros(shape) if load is None else finite_array(load, shape, "load (N)")
+    load = _given(load, np.zeros(shape), "load (N)")
     if (clash := abs(wanted[own])).any():
         raise ValueError(f"the body fixes degrees of freedom that are to move by up to {clash.max():g} m; free them")
     matrix = csc_array(tangent(body, world, body.springs.rest_length, body.position))
@@ -223,11 +219,9 @@ def reactions(body: Body, position, world: World = VACUUM, rest_length=None, loa
         ValueError: for an array of another shape, or not finite.
     """
     check_problem(body, world)
-    shape, springs = body.position.shape, body.springs.rest_length
-    rest = finite_array(springs if rest_length is None else rest_length, springs.shape, "rest_length (m)")
-    load = np.zeros(shape) if load is None else finite_array(load, shape, "load (N)")
-    evaluator = Evaluator(body, world._replace(planes=None))
-    force = evaluator.force(rest, finite_array(position, shape, "position (m)"), np.zeros(shape)) + load
+    still, rest = np.zeros(body.position.shape), _given(rest_length, body.springs.rest_length, "rest_length (m)")
+    x, load = finite_array(position, still.shape, "position (m)"), _given(load, still, "load (N)")
+    force = Evaluator(body, world._replace(planes=None)).force(rest, x, still) + load
     return np.where(body.inverse_mass == 0.0, -force, 0.0)
 
 
@@ -252,9 +246,8 @@ def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, posit
     free = _free(body)
     if not (is_whole(count) and 1 <= count <= free.size):
         raise ValueError(f"count is {count!r}; give a whole number from 1 to {free.size}")
-    x = body.position if position is None else finite_array(position, body.position.shape, "position (m)")
-    rest = body.springs.rest_length if rest_length is None else rest_length
-    matrix = tangent(body, world, finite_array(rest, body.springs.rest_length.shape, "rest_length (m)"), x)
+    x, rest = _given(position, body.position, "position (m)"), body.springs.rest_length
+    matrix = tangent(body, world, _given(rest_length, rest, "rest_length (m)"), x)
     root = np.sqrt(body.inverse_mass).ravel()[free]
     squares, shapes = _lowest(matrix, free, root, count)
     if squares[0] < -UNSTABLE * body.max_stiffness_eigenvalue:
@@ -331,6 +324,11 @@ def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
         raise NoEquilibrium(UNRESISTED)
     padding = np.zeros(border)
     return lambda f: solve(np.concatenate([f, padding]))[:size]
+
+
+def _given(value, default: np.ndarray, name: str) -> np.ndarray:
+    """Array of the shape of the default, which None stands for; ValueError for another shape, or not finite."""
+    return finite_array(default if value is None else value, default.shape, name)
 
 
 def _still(world: World) -> bool:

@@ -266,7 +266,7 @@ class Tank(Settled, Generic[Elastic]):
     def reset(self, mask=None) -> None:
         """Reset the fish (those of the boolean mask (B,), or all) to rest, relaxed, at time zero.
 
-        Settings of `vary`, `grab`, `fix` and `move` remain, also the target points of penalties and of the drag spring.
+        Settings of `vary`, `grab`, `fix` and `move` remain, also the points of penalties and of the drag spring.
         """
         which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
         if which.dtype != bool or which.shape != (self.num_fish,):
@@ -292,9 +292,7 @@ class Tank(Settled, Generic[Elastic]):
         return {name: array.copy() for name, array in named.items()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Restore a state that `get_state` returned. Boundary conditions (`grab`, `fix`, `move`) are unchanged.
-
-        Nodes that are fixed by elimination get the present prescribed velocity; penalties keep their present points.
+        """Restore a state that `get_state` returned, under the present boundary conditions (`grab`, `fix`, `move`).
 
         Raises:
             ValueError: if a part is missing, unknown, of another shape or not finite; the tank is then unchanged.
@@ -328,29 +326,20 @@ class Tank(Settled, Generic[Elastic]):
         self._apply(self._conditions._replace(drag=anchors))
 
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
-        """Fix nodes of every body at their present positions until `release`; the rest of the state is unchanged.
+        """Fix nodes of every body at their present positions until `release`: `move` with zero velocity.
 
-        It replaces previous conditions of these nodes, and sets their velocity along these axes to zero. By
-        elimination, the positions are constant exactly. By penalty, a stiff, damped spring (`make_penalty`) draws each
-        node back: it deviates a little, and explicit methods need short steps.
-
-        Args:
-            nodes: node numbers, or a boolean mask (N,).
-            axes: any of "x", "y" and "z"; by penalty all three.
-            method: "elimination" or "penalty".
-
-        Raises:
-            ValueError: for a missing node, another axis or method, if no degree of freedom would remain, or if the
-                tank's integrator does not support the condition, with the reason; the tank is then unchanged.
+        By elimination, the positions are constant exactly. By penalty, a stiff, damped spring (`make_penalty`) draws
+        each node back: it deviates a little, and explicit methods need short steps.
         """
         self.move(nodes, np.zeros(3), axes, method)
 
     def move(self, nodes, along, axes: str = "xyz", method: str = "elimination") -> None:
-        """Prescribe the motion of nodes of every body, until `fix`, `release` or another `move`; otherwise like `fix`.
+        """Prescribe the motion of nodes of every body, until `fix`, `release` or another `move`.
 
-        A node gets its velocity at once, whatever its inertia. A function is called before every step of dt for the
-        displacement at its end, and the node moves there at constant velocity. So it is on its path at the end of every
-        step. A body that is reset continues from its rest position, by the rest of the displacement.
+        It replaces previous conditions of these nodes; the rest of the state is unchanged. A node gets its velocity at
+        once, whatever its inertia. A function is called before every step of dt for the displacement at its end, and
+        the node moves there at constant velocity. So it is on its path at the end of every step. A body that is reset
+        continues from its rest position, by the rest of the displacement.
 
         Args:
             nodes: node numbers (K,), or a boolean mask (N,).
@@ -361,9 +350,10 @@ class Tank(Settled, Generic[Elastic]):
             method: "elimination" or "penalty".
 
         Raises:
-            ValueError: as `fix`, and for velocities or displacements of another shape, not finite, or along a free
-                axis. `advance` raises it for a displacement that a function returns later; the bodies have then moved
-                up to that time.
+            ValueError: for a missing node, another axis or method, an invalid velocity or displacement, if no degree of
+                freedom would remain, or if the tank's integrator does not support the condition; the tank is then
+                unchanged. `advance` raises it for a displacement that a function returns later; the bodies have then
+                moved up to that time.
         """
         if method not in METHODS:
             raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")

@@ -26,11 +26,7 @@ NOT_FOR_TANKS = {"dual": "moves nothing", "thread": "is for the threads of a GPU
 
 
 def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple[Integrator, float, float]:
-    """Integrator of a fish, its step in seconds, and the strain in a step above which it is refined.
-
-    Raises:
-        ValueError: for another type than a fish, an unknown method, or an invalid or unsupported step or `refine`.
-    """
+    """Integrator of a fish, its step, s, and the strain in a step above which it is refined; ValueError if invalid."""
     if not isinstance(fish, ElasticObject):
         raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
     integrator = fish.integrator if integrator is None else integrator
@@ -123,11 +119,7 @@ def bytes_of(body: Body) -> int:
 
 
 def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
-    """Kind of kernel for a number of fish: the coordinates of one in a register, or a cache line of fish.
-
-    Raises:
-        ValueError: for an unsupported precision or number of lanes.
-    """
+    """Kind of kernel for a number of fish; ValueError for an unsupported precision or number of lanes."""
     if isinstance(lanes, np.integer):
         lanes = int(lanes)
     choice = ", ".join(map(repr, LANES))
@@ -154,11 +146,7 @@ PART = 0.5  # ratio of the default step to the largest stable step
 
 
 def own_step(fish: ElasticObject, integrator: Integrator) -> float:
-    """Default step of a fish, s.
-
-    Raises:
-        ValueError: for a method that has no stable step on this body.
-    """
+    """Default step of a fish, s; ValueError for a method that has no stable step on this body."""
     if integrator.name == fish.integrator:
         return fish.time_step
     limit = integrator.limit(fish.body)
@@ -188,11 +176,7 @@ def whole_steps(duration: float, dt: float, name: str) -> int:
 
 
 def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Check the arrays of a state that replaces those of `target`, and return them.
-
-    Raises:
-        ValueError: if a part is missing, unknown, of another shape, not finite or out of range.
-    """
+    """Return the arrays of a state that replace those of `target`; ValueError if one is missing or invalid."""
     if not isinstance(state, Mapping) or set(state) != set(target):
         held = sorted(map(str, state)) if isinstance(state, Mapping) else repr(state)
         raise ValueError(f"state holds {held}; give {sorted(target)}, as get_state returns them")
