@@ -4,7 +4,6 @@ A block of the page whose title is the name of a file is that file; one that sho
 table needs.
 """
 
-import importlib
 import os
 import re
 import shutil
@@ -22,15 +21,14 @@ from pages import ROOT, blocks
 from scipy.sparse import issparse
 from soft_floor import Floor
 
-from fish_env import INTEGRATORS, Tank, make_fish, make_world
+from fish_env import INTEGRATORS, Tank, make_world
 from fish_env.kernels.compile import part
 from fish_env.physics import forces, statics
-from fish_env.physics.body import fix, make_body
+from fish_env.physics.body import make_body
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces import sparse
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.integrators import Integrator, leapfrog_chebyshev
-from fish_env.physics.integrators.runge_kutta import RungeKutta
+from fish_env.physics.integrators import leapfrog_chebyshev
 from fish_env.physics.linalg import rates
 from fish_env.physics.world import VACUUM, make_anchors
 
@@ -127,41 +125,6 @@ def with_line(text, table, line, imported):
     return re.sub(r"^(from fish_env)", rf"{imported}\n\1", text, count=1, flags=re.MULTILINE)
 
 
-# The method of the page
-
-
-@pytest.mark.slow
-def test_method_of_the_page(tmp_path, monkeypatch):
-    """It is its tableau: nothing falls through a wall, fixed nodes keep their velocity; the same bits in lanes."""
-    (tmp_path / "heun.py").write_text(FILES["heun.py"])
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "heun", raising=False)
-    own = importlib.import_module("heun").Heun()
-    for name, method in (("heun", own), ("tableau", RungeKutta((0.0, 1.0), (0.5, 0.5)))):
-        monkeypatch.setitem(INTEGRATORS, name, Integrator(name, 2, "explicit", 2, 0, 0, "Heun 1900", method))
-    position = np.array([[0.05 * k, 0.0, 0.0] for k in range(5)])
-    body = make_body(position, np.full(5, 0.01), [[k, k + 1] for k in range(4)], [40.0] * 4, [0.02] * 4, [0.05] * 4, [])
-    chain = ElasticObject(name="chain", body=fix(fix(body, [0]), [1], "x"), length=0.2, time_step=0.0005,
-                          control_interval=0.01)  # fmt: skip
-    world = make_world(gravity=(0.0, 0.0, -9.8), planes=[((0, 0, 1), -0.02, 0.4), ((1, 0, 0), -0.01, 0.0)])
-    found, lowest = [], np.inf
-    for name, lanes in (("heun", "xyz"), ("heun", FISH), ("tableau", "xyz")):
-        tank = Tank(chain, FISH, name, 0.0005, water=world, threads=1, lanes=lanes)
-        tank.grab(4, (0.1, 0.1, 0.05), stiffness=1.0, damping=0.01)
-        tank.velocity[:, 1, 0] = 0.05
-        tank.velocity[:, 2:, 2] = -np.linspace(0.1, 1.0, FISH)[:, None]
-        for _ in range(20):
-            tank.advance(20)
-            lowest = min(lowest, tank.position[:, :, 2].min())
-        assert tank.alive.all()
-        found.append(tank.position.copy())
-    np.testing.assert_array_equal(found[1], found[0])
-    np.testing.assert_allclose(found[2], found[0], rtol=0, atol=1e-12)
-    assert -0.021 < lowest < -0.02  # on the floor, and at most a step's motion into it
-    assert (found[0][:, 0] == 0.0).all()
-    np.testing.assert_allclose(found[0][:, 1, 0], 0.05 + 0.05 * 0.2, rtol=1e-12)
-
-
 # A force of one's own: one module in the list
 
 
@@ -202,24 +165,6 @@ def test_every_method(name):
     np.testing.assert_allclose(speeds, SPEEDS * np.cos(rate * time), rtol=2e-3, atol=2e-3)
     if INTEGRATORS[name].kind != "adaptive":
         np.testing.assert_array_equal(thrown(name, FISH, steps), (heights, speeds))
-
-
-@pytest.mark.slow
-def test_fish_on_a_soft_floor():
-    """The default fish, thrown onto the floor under the default method, is held up: the same bits in eight lanes."""
-    fish, found = make_fish(), []
-    lowest = float(fish.body.position[:, 2].min())
-    for lanes, height in (("xyz", lowest), (8, lowest), ("xyz", lowest - 100.0)):
-        world = fish.water._replace(extra={"floor": Floor(height, 2.0)})
-        tank = Tank(fish, FISH, water=world, threads=1, lanes=lanes)
-        tank.velocity[:, :, 2] = -0.2 * fish.length * np.arange(1, FISH + 1)[:, None]
-        for k in range(10):
-            tank.swim(np.sin(k + np.arange(12.0)), fish.control_interval)
-        assert tank.alive.all()
-        found.append(tank.get_state())
-    for key, value in found[0].items():
-        np.testing.assert_array_equal(found[1][key], value, err_msg=key)
-    assert np.all((found[0]["x"] - found[2]["x"])[:, :, 2].mean(axis=1) > 1e-3 * fish.length)
 
 
 def test_evaluated():

@@ -198,16 +198,6 @@ def test_views_are_live(name):
     np.testing.assert_array_equal(rest[1], start_rest)
 
 
-def test_tank_leaves_the_fish_alone():
-    """Two tanks share a fish and nothing else: swimming in one changes neither the fish nor the other tank."""
-    tanks, body = [Tank(FISH, water=WATER) for _ in range(2)], copy.deepcopy(FISH.body)
-    before = tanks[1].get_state()
-    tanks[0].swim(actions(3), PAUSE)
-    assert_same(tanks[1].get_state(), before)
-    np.testing.assert_array_equal(FISH.body.position, body.position)
-    np.testing.assert_array_equal(FISH.body.springs.rest_length, body.springs.rest_length)
-
-
 def test_default_is_vacuum():
     """Without water a fish keeps its momentum; in water it loses it."""
     for water, kept in ((None, True), (WATER, False)):

@@ -201,15 +201,10 @@ def add_system(body, world, control, x, v, a, cache):
                 both = mu * (gx * hx + gy * hy + gz * hz)
                 turn = (gx * hx) * d.x + (gy * hy) * d.y + (gz * hz) * d.z + (gy * hz + gz * hy) * o.x
                 turn = (step * step) * (turn + (gx * hz + gz * hx) * o.y + (gx * hy + gy * hx) * o.z)
-                a[place] += column_of(here, there, mu, la, square[0], both, here.x, there.x) + turn * vec3(
-                    1.0, 0.0, 0.0
-                )
-                a[place + 1] += column_of(here, there, mu, la, square[1], both, here.y, there.y) + turn * vec3(
-                    0.0, 1.0, 0.0
-                )
-                a[place + 2] += column_of(here, there, mu, la, square[2], both, here.z, there.z) + turn * vec3(
-                    0.0, 0.0, 1.0
-                )
+                even = turn * vec3(1.0, 0.0, 0.0), turn * vec3(0.0, 1.0, 0.0), turn * vec3(0.0, 0.0, 1.0)
+                a[place] += column_of(here, there, mu, la, square[0], both, here.x, there.x) + even[0]
+                a[place + 1] += column_of(here, there, mu, la, square[1], both, here.y, there.y) + even[1]
+                a[place + 2] += column_of(here, there, mu, la, square[2], both, here.z, there.z) + even[2]
 
 
 @kernel

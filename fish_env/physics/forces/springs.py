@@ -153,7 +153,7 @@ def add_lagged(body, world, control, x, v, system, cache):
 @kernel
 def energy(body, world, control, x, v, f, cache):
     """Elastic energy of all springs, J."""
-    nodes, stiffness, total = body.springs.nodes, body.springs.stiffness, zero(control.rest_length)
+    nodes, stiffness, total = body.springs.nodes, body.springs.stiffness, zero(control.stiffness)
     for e in range(stiffness.size):
         r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
         stretch = sqrt(dot(r, r)) - control.rest_length[e]
