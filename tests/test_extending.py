@@ -4,6 +4,7 @@ A block of the page whose title is the name of a file is that file; one that sho
 table needs.
 """
 
+import importlib
 import os
 import re
 import shutil
@@ -24,11 +25,11 @@ from soft_floor import Floor
 from fish_env import INTEGRATORS, Tank, make_world
 from fish_env.kernels.compile import part
 from fish_env.physics import forces, statics
-from fish_env.physics.body import make_body
+from fish_env.physics.body import fix, make_body
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces import sparse
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.integrators import leapfrog_chebyshev
+from fish_env.physics.integrators import Integrator, leapfrog_chebyshev
 from fish_env.physics.linalg import rates
 from fish_env.physics.world import VACUUM, make_anchors
 
@@ -123,6 +124,44 @@ def with_line(text, table, line, imported):
     last = [match.end() for match in re.finditer(rf"^{indent}\S.*\n", text[: end + 1], re.MULTILINE)][-1]
     text = text[:last] + line + text[last:]
     return re.sub(r"^(from fish_env)", rf"{imported}\n\1", text, count=1, flags=re.MULTILINE)
+
+
+def swing_chain(lanes, dt=0.0005, floor=-0.02):
+    """Positions (FISH,5,3) of a chain after 0.2 s under the method of the page, and the lowest ever.
+
+    The chain hangs from its first node, which is fixed; the second moves along x at a set speed, an anchor draws the
+    last one, and the others fall onto a floor.
+    """
+    position = np.array([[0.05 * k, 0.0, 0.0] for k in range(5)])
+    body = make_body(position, np.full(5, 0.01), [[k, k + 1] for k in range(4)], [40.0] * 4, [0.02] * 4, [0.05] * 4, [])
+    body = fix(fix(body, [0]), [1], "x")
+    chain = ElasticObject(name="chain", body=body, length=0.2, time_step=dt, control_interval=0.01)
+    world = make_world(gravity=(0.0, 0.0, -9.8), planes=[((0, 0, 1), floor, 0.4)])
+    tank, lowest = Tank(chain, FISH, "heun", dt, water=world, threads=1, lanes=lanes), np.inf
+    tank.grab(4, (0.1, 0.1, 0.05), stiffness=1.0, damping=0.01)
+    tank.velocity[:, 1, 0] = 0.05
+    tank.velocity[:, 2:, 2] = -np.linspace(0.1, 1.0, FISH)[:, None]
+    for _ in range(20):
+        tank.advance(round(0.01 / dt))
+        lowest = min(lowest, tank.position[:, :, 2].min())
+    assert tank.alive.all()
+    return tank.position.copy(), lowest
+
+
+def test_method_of_the_page(tmp_path, monkeypatch):
+    """It is of second order; no node falls through a wall, fixed nodes keep their velocity; the same bits in lanes."""
+    (tmp_path / "heun.py").write_text(FILES["heun.py"])
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "heun", raising=False)
+    method = importlib.import_module("heun").Heun()
+    monkeypatch.setitem(INTEGRATORS, "heun", Integrator("heun", 2, "explicit", 2, 0, 0, "Heun 1900", method))
+    found, lowest = swing_chain("xyz")
+    np.testing.assert_array_equal(swing_chain(FISH)[0], found)
+    assert -0.021 < lowest < -0.02  # on the floor, and at most a step's motion into it
+    assert (found[:, 0] == 0.0).all()
+    np.testing.assert_allclose(found[:, 1, 0], 0.05 + 0.05 * 0.2, rtol=1e-12)
+    ends = [swing_chain("xyz", dt, floor=-9.0)[0] for dt in (0.0004, 0.0002, 0.0001)]
+    assert 1.9 < np.log2(np.abs(ends[0] - ends[1]).max() / np.abs(ends[1] - ends[2]).max()) < 2.1
 
 
 # A force of one's own: one module in the list

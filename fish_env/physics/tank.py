@@ -8,7 +8,7 @@ from typing import Any, Generic
 
 import numpy as np
 
-from fish_env.checks import Settled, finite_array, fits_memory, frozen, is_whole, own
+from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, is_whole, own
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.kernels.threads import Threads
 from fish_env.physics import forces
@@ -28,7 +28,7 @@ from fish_env.physics.world import VACUUM, make_anchors
 FISH_PER_THREAD = 16  # with fewer, a thread costs more than it saves
 
 
-class Tank(Settled, Generic[Elastic]):
+class Tank(ReadOnly, Generic[Elastic]):
     """B fish of one kind, without interaction, in the same water, advanced by one integrator.
 
     `fish` and `world` of a tank are its own, read-only copies, because kernels read them without checks.
@@ -54,8 +54,8 @@ class Tank(Settled, Generic[Elastic]):
             unsupported dtype, lanes or refine.
     """
 
-    SETTLED = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
-               "natural", "span", "effort", "variation", "pack")  # fmt: skip
+    READ_ONLY = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
+                 "natural", "span", "effort", "variation", "pack")  # fmt: skip
     pack: Pack
 
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
@@ -92,7 +92,7 @@ class Tank(Settled, Generic[Elastic]):
 
     def _compile(self) -> None:
         """Make the pack of arrays for kernels, and the engine if the method has one."""
-        self._settle_anew(pack=self._describe())
+        self._set_read_only(pack=self._describe())
         self._engine = None if self.integrator.method is None else Engine(self)
 
     def _describe(self) -> Pack:
@@ -307,7 +307,12 @@ class Tank(Settled, Generic[Elastic]):
 
     def nearest(self, point, nodes=None, i=0) -> int:
         """Node of body i nearest to a point (3,) m, among `nodes` (numbers) or all; ValueError for a missing one."""
-        which = options.chosen_nodes(nodes, i, self.state.x.shape)
+        bodies, count, _ = self.state.x.shape
+        check_numbers("i", i, (), bodies)
+        which = np.arange(count) if nodes is None else np.asarray(nodes)
+        if not which.size:
+            raise ValueError("nodes is empty; give the numbers of some nodes, or None for all")
+        check_numbers("nodes", which, (None,), count)
         away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
         return int(which[np.argmin((away**2).sum(axis=1))])
 
@@ -431,7 +436,7 @@ class Tank(Settled, Generic[Elastic]):
             raise options.integrator_error(self.fish, self.integrator, reason)
         follows = same and same_springs(self.world.anchors, world.anchors)
         fish = self.fish if same else frozen(replace(self.fish, body=body))
-        self._settle_anew(fish=fish, world=frozen(world))
+        self._set_read_only(fish=fish, world=frozen(world))
         self._conditions = new
         if self._engine is not None and not follows:
             self._engine = Engine(self)
@@ -450,6 +455,6 @@ class Tank(Settled, Generic[Elastic]):
         """Copy the points and velocities of the anchors, which stay the same otherwise, to the world and the engine."""
         anchors = self._conditions.anchors
         if anchors is not None:
-            self._settle_anew(world=frozen(self.world._replace(anchors=anchors)))
+            self._set_read_only(world=frozen(self.world._replace(anchors=anchors)))
             if self._engine is not None:
                 self._engine.update_anchors(anchors)

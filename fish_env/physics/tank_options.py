@@ -12,7 +12,7 @@ from fish_env.physics.body import scale_body
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.integrators import INTEGRATORS, Integrator
-from fish_env.physics.integrity import check_fish, check_numbers, check_world
+from fish_env.physics.integrity import check_fish, check_world
 from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
 
@@ -100,17 +100,6 @@ def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.n
         low, high = (repr(float(x)).removesuffix(".0") for x in (found.min(), found.max()))  # also 1.0000000000000002
         raise ValueError(f"contraction is from {low} to {high}; give numbers from 0 to 1")
     return found, real(duration)
-
-
-def chosen_nodes(nodes, i, shape: tuple[int, ...]) -> np.ndarray:
-    """Node numbers of body i, all of them for None; ValueError if they are empty or a node or body is missing."""
-    bodies, count, _ = shape
-    check_numbers("i", i, (), bodies)
-    which = np.arange(count) if nodes is None else np.asarray(nodes)
-    if not which.size:
-        raise ValueError("nodes is empty; give the numbers of some nodes, or None for all")
-    check_numbers("nodes", which, (None,), count)
-    return which
 
 
 def bytes_of(body: Body) -> int:
