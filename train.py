@@ -157,9 +157,9 @@ def say(text: str) -> None:
 def carry_out(came: list[int]) -> int:
     """Run the command of the command line; errors that a user can correct are one line without a traceback."""
     try:
-        from fish_env.control.console import answered
+        from fish_env.control.console import run_command
 
-        return answered("train.py", lambda: command(came))
+        return run_command("train.py", lambda: command(came))
     except ImportError as error:
         say(f'train.py: {error}; install it, in the checkout: pip install -c constraints.txt -e ".[train]"')
         return 2

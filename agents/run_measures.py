@@ -21,8 +21,8 @@ from fish_env.control import (
     record,
     run_episodes,
 )
-from fish_env.control.evaluation import episode_scores, gathered
-from fish_env.control.stated import one_fish, stated
+from fish_env.control.environments import environment_of, make_checked_env
+from fish_env.control.evaluation import episode_scores, scores_by_name
 from fish_env.envs import FishEnv
 
 FILES = ("config.json", "curve.csv", "policy.npz")
@@ -91,7 +91,7 @@ def measure_episodes(run: Run, count: int) -> Episodes:
             if results[i]["failed"]:
                 failures[str(infos["final_info"]["failure"][i]).partition(":")[0]] += 1
     env.close()
-    return Episodes(gathered(results), failures)
+    return Episodes(scores_by_name(results), failures)
 
 
 class Motion(NamedTuple):
@@ -105,8 +105,8 @@ class Motion(NamedTuple):
 
 def record_episodes(run: Run, count: int = SHOWN) -> tuple[list[Recording], Fish]:
     """Record the first episodes of the evaluation; return them and the fish that swam."""
-    env_id, options = stated(run.policy.about)
-    env = one_fish(env_id, evaluation_options(options))
+    env_id, options = environment_of(run.policy.about)
+    env = make_checked_env(env_id, evaluation_options(options))
     bare = env.unwrapped
     assert isinstance(bare, FishEnv)  # the tasks of `RESULTS` are
     found = [record(env, run.policy, FIRST_SEED + k) for k in range(count)]

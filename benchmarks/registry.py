@@ -79,7 +79,7 @@ ACCURACY = (
 STABILITY = (
     Result(
         "stability.survey", "step-size limits of every method, on every body and against stiffness",
-        "-m benchmarks.stability.survey", 9, csv("stability_limits", "stability.svg"),
+        "-m benchmarks.stability.survey", 6, csv("stability_limits", "stability.svg"),
         one_core=True, follows=EVERY_BODY,
     ),
     Result(
@@ -102,14 +102,14 @@ SPEED = (
     ),
     Result(
         "speed.peers", "MuJoCo on the same springs, and its environments (needs the extra [peers])",
-        "-m benchmarks.speed.peers", 5, csv("speed/peers.csv"),
+        "-m benchmarks.speed.peers", 2, csv("speed/peers.csv"),
     ),
 )  # fmt: skip
 
 FIDELITY = (
     Result(
         "bodies.fidelity", "distance of every body to the finest, and its cost, in a scene of every task",
-        "-m benchmarks.bodies.fidelity", 4, csv("fidelity") + images("fidelity.svg"),
+        "-m benchmarks.bodies.fidelity", 3, csv("fidelity") + images("fidelity.svg"),
         follows=EVERY_BODY,
     ),
 )  # fmt: skip
@@ -185,10 +185,6 @@ LEARNING = (
         "train.py compare --integrators", 20,
         csv("integrators_policies", "integrators_policies.svg"),
         follows=TRAINED,
-    ),
-    Result(
-        "learning.algorithms", "PPO, SAC and TD3 on Swim-v0 for the same wall time",
-        "-m benchmarks.learning.algorithms --seconds 150", 12, csv("algorithms_swim"),
     ),
     Result(
         "learning.transfer", "the shipped policies and the motor controllers on every body",

@@ -20,7 +20,7 @@ from pathlib import Path
 import gymnasium as gym
 
 import fish_env
-from fish_env.control.console import answered
+from fish_env.control.console import run_command
 from fish_env.control.evaluation import (
     EPISODES,
     FIRST_SEED,
@@ -235,7 +235,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; errors that a user can correct are printed without a traceback."""
-    return answered("fish_env", lambda: run(parse(arguments)))
+    return run_command("fish_env", lambda: run(parse(arguments)))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import pytest
 import fish_env
 from fish_env import __main__ as command_line
 from fish_env.control import load_policy, make_policy_env, play, shipped_policies, shipped_policy
-from fish_env.control.console import answered
+from fish_env.control.console import run_command
 from fish_env.control.evaluation import evaluate, means, policy_controller
 
 ROOT = Path(__file__).parent.parent
@@ -221,7 +221,7 @@ def test_how_commands_end(error, status, said, capsys):
     def fail():
         raise error
 
-    assert answered("fish_env", fail) == status
+    assert run_command("fish_env", fail) == status
     printed = capsys.readouterr().err
     assert said in printed and len(printed.strip().splitlines()) == bool(said) and len(printed) < 3000
 

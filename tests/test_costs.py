@@ -1,5 +1,7 @@
 """The benchmarks of speed: what they time is what they say, and comparisons begin with a ratio of one."""
 
+import subprocess
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,10 @@ def test_bodies_of_the_scaling():
     assert (10 * n + 1) * 3 * (n + 1) > 10_000
 
 
-def test_in_process():
-    """A fresh process prints a number."""
-    assert throughput.in_process("print('no'); print(2.5)") == 2.5
+def test_in_process(tmp_path):
+    """A fresh process says how much memory an environment takes, with its kernels in a folder; it hides no error."""
+    code = throughput.MEMORY.replace("Swim", "Stub") + "from fish_env.kernels import cache\n"
+    code += f"assert cache._FOLDER.startswith({str(tmp_path)!r}), cache._FOLDER\n"
+    assert 30.0 < throughput.in_process(code, str(tmp_path)) < 2000.0  # MB
+    with pytest.raises(subprocess.CalledProcessError):
+        throughput.in_process("print(1 / 0)")

@@ -190,54 +190,39 @@ def env_id(task):
 
 @every_form
 def test_observation_table(task, keywords):
-    """The table of observations is that of the layout, element by element; from FIRST on beside swim.md."""
+    """The table of the observation is the layout: part, place, shape and range; from FIRST on beside swim.md."""
     env = FishVectorEnv(1, task=task, **keywords)
-    wanted = env.layout.table()
     whole = task == "swim" and not keywords
-    stated = {}
-    for index, name, unit, low, high in rows(task, "Observation Space", 1 if "speed" in keywords else 0):
-        assert float(low) == -float(high)
-        for i in range(23) if "i" in index else [None]:
-            place = eval(index.replace("3i", f"3 * {i}"))
-            assert place not in stated
-            stated[place] = (name.replace("node i", f"node {i}"), unit, float(high))
-    begin = 0 if whole else FIRST
-    assert sorted(stated) == list(range(begin, len(wanted)))
-    assert [stated[place] for place in range(begin, len(wanted))] == wanted[begin:]
+    wanted = [
+        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
+        for part in env.layout
+        if whole or part.start >= FIRST
+    ]
+    assert rows(task, "Observation Space", 1 if "speed" in keywords else 0) == wanted
     assert whole or "speed" in keywords or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
     assert env.single_observation_space.shape == (number(task, r"`Box\(\((\d+),\), float32\)`"),)
     assert env.layout["vertical"].slice.stop == FIRST
 
 
-def test_parts_of_the_observation():
-    """The table of parts on swim.md is the layout: name, place, shape and range; the task pages name its directions."""
-    layout = fish_env.observation_layout("FishEnv/Swim-v0")
-    stated = rows("swim", "Observation Space", 2)
-    wanted = [
-        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
-        for part in layout
-    ]
-    assert stated == wanted
-
-
 def test_action_tables():
-    """The tables of actions name each muscle's segment, side, nodes and group."""
+    """The tables of actions name each muscle's segment, side, height and nodes, and each pair's muscles."""
     fish = fish_env.make_fish()
+    nodes, x = fish.body.springs.nodes[fish.muscles], fish.body.position
+    sides = ["left" if side > 0 else "right" for side in fish.sides]
+    heights = ["Upper" if x[i, 2] > 0 else "Lower" for i, _ in nodes]
+    columns = ["Upper left", "Upper right", "Lower right", "Lower left"]
+    wanted = [[str(segment), *[""] * 4] for segment in range(3)]
+    for muscle, (i, j) in enumerate(nodes):
+        column = columns.index(f"{heights[muscle]} {sides[muscle]}")
+        wanted[fish.segments[muscle]][1 + column] = f"{muscle} ({i}-{j})"
+    assert rows("swim", "Action Space") == wanted and f"| Segment | {' | '.join(columns)} |" in page("swim")
     groups = fish.grouping("pairs")
-    stated = rows("swim", "Action Space")
-    assert [int(row[0]) for row in stated] == list(range(fish.num_muscles))
-    for muscle, (_, name, nodes, *_) in enumerate(stated):
-        i, j = fish.body.springs.nodes[fish.muscles[muscle]]
-        height = "upper" if fish.body.position[i, 2] > 0 else "lower"
-        side = "left" if fish.sides[muscle] > 0 else "right"
-        assert (name, nodes) == (f"segment {fish.segments[muscle]}, {height} {side}", f"{i}-{j}")
-    paired = rows("swim", "Action Space", 1)
-    assert len(paired) == FishVectorEnv(1, muscle_groups="pairs").single_action_space.shape[0]
-    for group, (index, name, muscles, *_) in enumerate(paired):
+    pairs = [[str(segment), "", ""] for segment in range(3)]
+    for group in range(FishVectorEnv(1, muscle_groups="pairs").single_action_space.shape[0]):
         members = np.flatnonzero(groups == group)
-        side = "left" if fish.sides[members[0]] > 0 else "right"
-        assert (int(index), name) == (group, f"segment {fish.segments[members[0]]}, {side}")
-        assert muscles == ", ".join(map(str, members))
+        place = 1 + ["left", "right"].index(sides[members[0]])
+        pairs[fish.segments[members[0]]][place] = f"{group} ({', '.join(map(str, members))})"
+    assert rows("swim", "Action Space", 1) == pairs
 
 
 @every_task
@@ -280,13 +265,10 @@ def test_rewards(task):
 FACTS = [
     ("swim", r"standard deviation of ([\d.]+) body lengths/s", start.NOISE),
     ("swim", r"by at most\s+([\d.]+) rad", TASKS["swim"]().heading_error),
-    *((name, r"(\d+) % (?:of|was)", 100 * turns.COMPLETE) for name in ("turn", "left_after_right", "avoid")),
-    *((name, r"averaged twice over ([\d.]+) s", turns.MEAN_TIME) for name in ("turn", "left_after_right", "avoid")),
-    *((name, r"(\d+) degrees \|", np.degrees(turns.SETTLED)) for name in ("turn", "left_after_right", "avoid")),
-    ("physics.md", r"until (\d+) % of the angle", 100 * turns.COMPLETE),
-    ("physics.md", r"averaged over ([\d.]+) s, about a beat", turns.MEAN_TIME),
+    *((name, r"(\d+) % (?:of|was)", 100 * turns.COMPLETE) for name in ("turn", "left_after_right")),
+    ("turn", r"averaged twice over ([\d.]+) s", turns.MEAN_TIME),
+    ("turn", r"(\d+) degrees \|", np.degrees(turns.SETTLED)),
     ("physics.md", r"mean heading over the last ([\d.]+) s", turns.MEAN_TIME),
-    ("physics.md", r"at most (\d+) degrees", np.degrees(turns.SETTLED)),
     ("left_after_right", r"at the latest after (\d+) s", turns.PATIENCE),
     ("target", r"(\d+) targets are drawn", target.DRAWN),
     ("avoid", r"a fish at (\d+) body lengths per second", avoid.CRUISE),
@@ -319,7 +301,7 @@ def test_arguments(task):
     wanted |= {"task": task, "max_episode_steps": gym.spec(env_id(task)).max_episode_steps}
     if task != "swim":
         assert "Those of [Swim](swim.md#arguments) without `heading_error` and `speed`, and:" in page(task)
-        wanted = {name: wanted[name] for name in (*own, "max_episode_steps", "task")}
+        wanted = {name: wanted[name] for name in own}
     assert set(stated) == set(wanted)
     for name, default in wanted.items():
         assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name
@@ -341,10 +323,14 @@ def test_times_and_water_of_the_fish():
 
 @every_form
 def test_reset_options(task, keywords):
-    """Keys of `reset(options=...)`, in order, with their range and meaning."""
+    """Keys of `reset(options=...)` beside those that stand on swim.md, in order, with their range and meaning."""
+    shared = {*VARIATIONS} if task == "swim" else {*VARIATIONS, *FishVectorEnv(1, task="swim").task.reset_options}
     options = FishVectorEnv(1, task=task, **keywords).task.reset_options
-    check_options(options, [row for row in rows(task, "Starting State") if applies(row[2], keywords)])
-    assert task == "swim" or "beside those of [`variation`](swim.md#starting-state)" in page(task)
+    check_options(
+        {key: option for key, option in options.items() if key not in shared},
+        [row for row in rows(task, "Starting State") if applies(row[2], keywords)],
+    )
+    assert task == "swim" or "beside those of [Swim](swim.md#starting-state)" in page(task)
 
 
 def test_variations():
@@ -374,9 +360,9 @@ def test_failures(task):
 def test_info_keys(task, keywords, single):
     """`info` has the keys the page lists: those of the step, and at the end of an episode those of the episode."""
     stated = [row for row in rows(task, "Info") if applies(row[1], keywords)]
-    of_episode = {key.strip("`") for key, _ in stated}
+    more = rows("turn", "Info") if "The other keys are those of [Turn](turn.md#info)" in page(task) else []
+    of_episode = {key.strip("`") for key, _ in [*stated, *more]}
     of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)}
-    assert task == "swim" or "every step has the keys [listed for Swim](swim.md#info)" in page(task)
     make = gym.make if single else partial(gym.make_vec, num_envs=2)
     env = make(env_id(task), info_every_step=True, **keywords)
     env.reset(seed=0)

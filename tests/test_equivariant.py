@@ -1,6 +1,6 @@
 """The policy for Stable-Baselines3 that is equivariant under the left-right reflection."""
 
-import subprocess
+import importlib
 import sys
 
 import numpy as np
@@ -33,10 +33,11 @@ def test_mirror_is_the_fish_seen_in_a_mirror():
     assert np.abs(obs[0] - obs[1]).max() > 0.1
 
 
-@pytest.mark.parametrize(("body", "groups"), [("mass_spring", "muscles"), ("planar", "pairs")])
-def test_policy_is_equivariant(body, groups):
+@pytest.mark.parametrize(("id", "body", "groups"), [("Target", "mass_spring", "muscles"), ("Stub", "planar", "pairs")])
+def test_policy_is_equivariant(id, body, groups):
     """Its action for a reflected observation is the reflected action, the value is the same; exported it acts alike."""
-    env = fish_env.make_sb3_vec_env("FishEnv/Target-v0", num_envs=4, seed=0, body=body, muscle_groups=groups)
+    id = f"FishEnv/{id}-v0"
+    env = fish_env.make_sb3_vec_env(id, num_envs=4, seed=0, body=body, muscle_groups=groups)
     options = equivariant_options(env.unwrapped.fish) | {"activation_fn": torch.nn.Tanh}
     model = stable_baselines3.PPO(
         EquivariantPolicy, env, n_steps=4, batch_size=8, policy_kwargs=options, device="cpu", seed=0
@@ -52,19 +53,15 @@ def test_policy_is_equivariant(body, groups):
     assert np.abs(one - one[:, swap]).max() > 0.01
     values = [model.policy.predict_values(torch.as_tensor(seen)).detach().numpy() for seen in (obs, other)]
     np.testing.assert_allclose(*values, atol=1e-5)
-    policy = export_policy(model, {"env_id": "FishEnv/Target-v0"})
+    policy = export_policy(model, {"env_id": id})
     np.testing.assert_allclose(policy(obs), np.clip(one, -1, 1), atol=2e-5)
 
 
-def test_it_says_what_to_install():
-    """Without torch the module and the VecEnv say what is to be installed, and the package itself is imported."""
-    code = """import sys; sys.modules["torch"] = None; sys.modules["stable_baselines3"] = None
-import fish_env, fish_env.control
-from fish_env import *
-for load in (lambda: __import__("fish_env.control.equivariant"), lambda: make_sb3_vec_env("FishEnv/Swim-v0")):
-    try:
-        load()
-    except ImportError as error:
-        print(error)"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.count('pip install "fish_env[train]"') == 2, done.stdout
+@pytest.mark.parametrize("module", ["fish_env.control.equivariant", "fish_env.envs.sb3"])
+def test_it_says_what_to_install(module, monkeypatch):
+    """Without torch and Stable-Baselines3 a module that needs them says what is to be installed."""
+    for name in ("torch", "stable_baselines3", "stable_baselines3.common.vec_env"):
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, module, raising=False)
+    with pytest.raises(ImportError, match=r'pip install "fish_env\[train\]"'):
+        importlib.import_module(module)

@@ -2,19 +2,28 @@
 
 import ast
 import importlib
+import io
 import json
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
+from contextlib import redirect_stdout
 
+import gymnasium as gym
 import pytest
 from pages import ROOT
+
+import fish_env
 
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.rglob("*.py"))
 NOTEBOOK = json.loads((EXAMPLES / "quickstart.ipynb").read_text())
+CODE = [cell for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
+QUICKSTART = "\n\n".join("".join(cell["source"]) for cell in CODE)
+SOURCES = {path.relative_to(EXAMPLES).as_posix(): path.read_text() for path in SCRIPTS} | {"quickstart": QUICKSTART}
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
 QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"} | LEARNERS | {"train_gpu.py"}
 """The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_torch_env.py`."""
@@ -22,26 +31,31 @@ QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_
 
 def run(folder, *words, **variables):
     """What a Python program prints that is run in a folder of its own, as a user would; it must end well."""
-    found = os.environ | {"PYTHONPATH": str(ROOT)} | variables
     done = subprocess.run(
-        [sys.executable, *map(str, words)], env=found, cwd=folder, capture_output=True, text=True, check=False
-    )
+        [sys.executable, *map(str, words)], env=os.environ | {"PYTHONPATH": str(ROOT)} | variables, cwd=folder,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def sources():
-    """(name, source) of every script, and of the notebook as one."""
-    yield from ((path.relative_to(EXAMPLES).as_posix(), path.read_text()) for path in SCRIPTS)
-    yield "quickstart.ipynb", "\n\n".join(cells())
-
-
-def cells():
-    """The source of every code cell of the notebook."""
-    return ["".join(cell["source"]) for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
-
-
-SOURCES = list(sources())
+def run_here(folder, script, *words, **variables):
+    """What a script prints that is run in a folder of its own, in this process; what it registers is forgotten."""
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as said:
+        patch.chdir(folder)
+        patch.syspath_prepend(str(EXAMPLES))
+        patch.setattr(sys, "argv", [str(script), *map(str, words)])
+        for name, value in variables.items():
+            patch.setenv(name, value)
+        for module, name in (
+            (fish_env.BODIES, "eel"),
+            (fish_env.TASKS, "circle"),
+            (gym.registry, "Examples/Circle-v0"),
+        ):
+            patch.setitem(module, name, None)
+            patch.delitem(module, name)
+        runpy.run_path(str(script), run_name="__main__")
+    return said.getvalue()
 
 
 def test_every_example_is_run():
@@ -51,32 +65,29 @@ def test_every_example_is_run():
     assert listed == QUICK | {"quickstart.ipynb", "register_elsewhere"}
 
 
-@pytest.mark.parametrize(("name", "source"), SOURCES, ids=lambda part: part if "\n" not in part else "")
-def test_public_names_only(name, source):
+@pytest.mark.parametrize("name", SOURCES)
+def test_public_names_only(name):
     """Of fish_env an example imports what a module offers by `__all__`, or else what it names without underscore."""
-    imports = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    imports = [node for node in ast.walk(ast.parse(SOURCES[name])) if isinstance(node, ast.Import | ast.ImportFrom)]
     names = [alias.name for node in imports if isinstance(node, ast.Import) for alias in node.names]
     places = [node for node in imports if isinstance(node, ast.ImportFrom)]
     roots = {word.split(".")[0] for word in [*names, *(node.module for node in places)]}
     assert not roots & {"agents", "benchmarks", "tests"}
     for node in places:
         if node.module.split(".")[0] == "fish_env":
-            assert not any(part.startswith("_") for part in node.module.split("."))
             if node.module == "fish_env.envs.rllib":
                 pytest.importorskip("ray")
             module = importlib.import_module(node.module)
-            for alias in node.names:
-                offered = getattr(module, "__all__", None)
-                assert alias.name in (vars(module) if offered is None else offered), f"{node.module}.{alias.name}"
-                assert not alias.name.startswith("_")
+            offered = getattr(module, "__all__", vars(module))
+            assert not any(word.startswith("_") for word in node.module.split("."))
+            assert all(alias.name in offered and not alias.name.startswith("_") for alias in node.names)
 
 
 def test_train_ppo(tmp_path):
     """It trains, saves what a user needs to resume, evaluates, and says how well the fish swims."""
     pytest.importorskip("stable_baselines3")
-    said = run(
-        tmp_path, EXAMPLES / "train_ppo.py", "--timesteps", 512, "--num-envs", 16, "--evaluations", 3, "--folder", "out"
-    )
+    words = ("--timesteps", 512, "--num-envs", 16, "--evaluations", 3, "--folder", "out")
+    said = run_here(tmp_path, EXAMPLES / "train_ppo.py", *words)
     assert re.search(r"mean of 3 episodes: return -?\d.*, speed -?\d", said)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "args.json", "model.zip", "scaling.pkl", "scores.json",
@@ -90,36 +101,28 @@ def test_train_gpu_without_a_gpu(tmp_path):
     torch = pytest.importorskip("torch")
     if torch.cuda.is_available():
         pytest.skip("there is a GPU")
-    done = subprocess.run(
-        [sys.executable, str(EXAMPLES / "train_gpu.py"), "--folder", "out"], cwd=tmp_path, capture_output=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 1 and not list(tmp_path.iterdir())
-    assert re.fullmatch(
-        r"train_gpu.py: device is 'cuda', but torch .* there is: cpu. On the processor: .*\n", done.stderr
-    )
+    with pytest.raises(SystemExit, match=r"^train_gpu.py: device is 'cuda', but torch .* there is: cpu. On the .*\)$"):
+        run_here(tmp_path, EXAMPLES / "train_gpu.py", "--folder", "out")
+    assert not list(tmp_path.iterdir())
 
 
 def test_play(tmp_path):
     """It plays a shipped policy into a file."""
     pytest.importorskip("moviepy")
-    said = run(
-        tmp_path, EXAMPLES / "play.py", "swim", "--video", "swim.gif", "--steps", 12, "--episodes", 1,
-        SDL_VIDEODRIVER="dummy",
-    )  # fmt: skip
-    assert re.search(r"episode 0: .*'speed': \d", said)
+    words = ("swim", "--video", "swim.gif", "--steps", 12, "--episodes", 1)
+    assert re.search(r"episode 0: .*'speed': \d", run_here(tmp_path, EXAMPLES / "play.py", *words))
     assert (tmp_path / "swim.gif").read_bytes()[:3] == b"GIF"
 
 
 def test_custom_task(tmp_path):
     """Its environment runs, and reports the speed of every fish."""
-    said = run(tmp_path, EXAMPLES / "custom_task.py")
+    said = run_here(tmp_path, EXAMPLES / "custom_task.py")
     assert len(re.findall(r"-?\d\.\d*", said.split(":")[1])) == 4
 
 
 def test_custom_body(tmp_path):
     """The eel swims forward, with another number of segments too, and the environments take it."""
-    said = run(tmp_path, EXAMPLES / "custom_body.py", "--segments", 4, "--seconds", 1)
+    said = run(tmp_path, EXAMPLES / "custom_body.py", "--segments", 4, "--seconds", 1)  # as a user would
     forward = float(re.search(r"16 muscles: (\S+) body lengths forward", said)[1])
     assert 0.05 < forward < 3.0
     assert "actions (16,)" in said
@@ -129,9 +132,8 @@ def test_register_elsewhere(tmp_path):
     """The package installs by itself; its id is found from a program that imports neither it nor fish_env."""
     pytest.importorskip("setuptools")
     pytest.importorskip("pip")
-    copy = tmp_path / "package"
+    copy, site = tmp_path / "package", tmp_path / "site"
     shutil.copytree(EXAMPLES / "register_elsewhere", copy)
-    site = tmp_path / "site"
     run(tmp_path, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--target", site, copy)
     assert not list(copy.rglob("*.egg-info")) or (site / "swim_elsewhere").is_dir()
     script = (
@@ -149,14 +151,11 @@ def test_register_elsewhere(tmp_path):
 
 def test_quickstart(tmp_path):
     """The cells of the notebook run in order, as one program; they are stored without outputs."""
-    pytest.importorskip("stable_baselines3")
-    pytest.importorskip("matplotlib")
-    pytest.importorskip("pygame")
-    code = [cell for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
-    assert len(code) >= 5 and NOTEBOOK["nbformat"] == 4
-    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
-    (tmp_path / "quickstart.py").write_text("\n\n".join(cells()))
-    said = run(
-        tmp_path, "quickstart.py", QUICKSTART_TIMESTEPS="8192", MPLBACKEND="agg", SDL_VIDEODRIVER="dummy"
-    )  # fmt: skip
+    for module in ("stable_baselines3", "matplotlib", "pygame"):
+        pytest.importorskip(module)
+    assert len(CODE) >= 5 and NOTEBOOK["nbformat"] == 4
+    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in CODE)
+    (tmp_path / "quickstart.py").write_text(QUICKSTART)
+    variables = {"QUICKSTART_TIMESTEPS": "8192", "MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy"}
+    said = run_here(tmp_path, tmp_path / "quickstart.py", **variables)
     assert "8192 steps" in said and re.search(r"mean speed: -?\d", said)

@@ -77,6 +77,7 @@ ADDED = """
 import gymnasium as gym, numpy as np, fish_env
 from fish_env.physics import forces
 from fish_env.physics.body import fix
+from fish_env.physics.forces.evaluate import Evaluator
 
 env = gym.make("FishEnv/Dash-v0", body="minnow")
 assert gym.spec("FishEnv/Dash-v0").max_episode_steps == 200 and env.action_space.shape == (4,)
@@ -87,6 +88,11 @@ assert forces.present(fish.body, world) == ("springs", "gravity", "soft_floor", 
 tank = fish_env.Tank(fish, integrator="heun", dt=0.0005, water=world)
 tank.advance(3)
 assert tank.alive.all() and (tank.velocity[..., 2].mean(axis=1) > -9.8 * 0.0015).all()  # the floor has pushed
+evaluator, rest, still = Evaluator(fish.body, world, ("soft_floor",)), fish.body.springs.rest_length, np.zeros((7, 3))
+x, up = fish.body.position - [0.0, 0.0, 0.02], np.zeros((7, 3))
+up[4, 2] = 1e-7  # the force is minus the gradient of the energy
+below, above = (evaluator.energies(rest, x + side * up, still)["soft_floor"] for side in (-1.0, 1.0))
+assert np.isclose(evaluator.force(rest, x, still)[4, 2], (below - above) / 2e-7)
 print(fish_env.__file__)
 """
 

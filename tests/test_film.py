@@ -15,7 +15,6 @@ pytest.importorskip("pygame")
 
 from fish_env import __main__ as command_line
 from fish_env.control import film, load_policy, load_recording, play, record, shipped_policy, write_film
-from fish_env.control.film import packed
 from fish_env.control.recording import Recording, arrays_of
 from fish_env.render.skin import skin_of
 
@@ -93,10 +92,12 @@ def test_page_holds_what_was_recorded(one, tmp_path):
 
 @pytest.mark.parametrize("body", ["planar", "tetrahedral"])
 def test_other_bodies(body, tmp_path):
-    """Flat and solid fish are shown by their landmarks."""
-    data = data_of(write_film(recorded("FishEnv/Swim-v0", 2, body=body), tmp_path / "film.html").read_text())
+    """Flat and solid fish are shown by their landmarks; a page names why the physics failed."""
+    one = recorded("FishEnv/Stub-v0", 2, body=body)
+    data = data_of(write_film(replace(one, failure=one.failure + 2), tmp_path / "film.html").read_text())
     assert len(data["skin"]["weights"]["low"]) == 23 and not data["touchable"]
-    assert data["reels"][0]["sphereCount"] == 0
+    assert data["reels"][0]["sphereCount"] == 0 and data["reels"][0]["note"] == "torn"
+    assert data["reels"][0]["spheres"]["data"] == ""
 
 
 def test_long_films_leave_states_out(one, tmp_path, monkeypatch):
@@ -108,13 +109,6 @@ def test_long_films_leave_states_out(one, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"bytes, more than 1,000; give fewer episodes"):
         write_film(one, tmp_path / "other.html")
     assert not (tmp_path / "other.html").exists()
-
-
-def test_packed_numbers():
-    """Columns of equal numbers, and none at all, are packed too."""
-    array = np.array([[1.0, -2.0], [1.0, 3.0], [1.0, 0.5]])
-    np.testing.assert_allclose(unpacked(packed(array), 3, 2), array, atol=5 / 65535 / 2 * 1.001)
-    assert packed(np.zeros((4, 0, 3)))["data"] == ""
 
 
 def test_videos_are_the_pictures_of_the_environment(tmp_path, monkeypatch):
@@ -135,14 +129,21 @@ def test_videos_are_the_pictures_of_the_environment(tmp_path, monkeypatch):
         assert (frame != picture).any(axis=-1).mean() < 1e-3
 
 
-def test_mistakes(one, tmp_path):
-    """No recording, recordings of two environments and unknown endings are refused."""
-    with pytest.raises(ValueError, match="there are 0 recordings; give at least one"):
-        write_film([], tmp_path / "film.html")
-    with pytest.raises(ValueError, match=r"there are 2 recordings; give .* of one environment"):
-        write_film([one, recorded("FishEnv/Swim-v0", 2)], tmp_path / "film.html")
-    with pytest.raises(ValueError, match=r"ends in '.avi'; give a name that ends in .html or .mp4"):
-        write_film(one, tmp_path / "film.avi")
+def test_mistakes(one, tmp_path, monkeypatch):
+    """No recording, recordings of two environments, unknown endings and what no memory holds are refused."""
+    monkeypatch.setattr("fish_env.checks.available_memory", lambda: 10 * film.PICTURE)
+    monkeypatch.setattr(film, "_pictures", lambda *given: pytest.fail("it was drawn"))
+    for recordings, ending, message in (
+        ([], ".html", "there are 0 recordings; give at least one"),
+        ([one, recorded("FishEnv/Stub-v0", 2)], ".html", r"there are 2 recordings; give .* of one environment"),
+        (one, ".avi", r"ends in '.avi'; give a name that ends in .html or .mp4"),
+        (one, ".gif", "the number of states of the video is 13, which takes"),
+        *((replace(one, about=one.about | {"control_interval": interval}), ending,
+           rf"holds a state every {interval} s, and its environment makes one every")
+          for interval in (1e-300, 0.021, 5.0) for ending in (".gif", ".html")),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            write_film(recordings, tmp_path / f"film{ending}")
 
 
 def test_play_and_replay_write_them(tmp_path, capsys):
@@ -161,15 +162,6 @@ def test_play_and_replay_write_them(tmp_path, capsys):
     assert data_of(page.read_text())["reels"] == data["reels"][:1]
 
 
-def test_failure_is_said(one, tmp_path):
-    """A page names why the physics failed."""
-    arrays = arrays_of(one)
-    failure = arrays["failure"].copy()
-    failure[-1] = 2
-    broken = replace(one, failure=failure)
-    assert data_of(write_film(broken, tmp_path / "film.html").read_text())["reels"][0]["note"] == "torn"
-
-
 @pytest.mark.slow
 def test_in_a_browser(tmp_path):
     """Headless Chromium without network: no message on the console, the fish is seen, and a drag turns the view."""
@@ -181,8 +173,7 @@ def test_in_a_browser(tmp_path):
     flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
-        page = browser.new_context(offline=True, viewport={"width": 800, "height": 600}).new_page()
-        said = []
+        page, said = browser.new_context(offline=True, viewport={"width": 800, "height": 600}).new_page(), []
         page.on("console", lambda message: said.append(message.text))
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("request", lambda request: said.append(request.url) if request.url != path.as_uri() else None)
@@ -191,25 +182,23 @@ def test_in_a_browser(tmp_path):
         page.click("#play")
         assert page.inner_text("#play") == "Play" and page.inner_text("#task") == "Target, seed 5"
         page.fill("#scrub", "20")
-        assert page.evaluate("film.time") == pytest.approx(0.4)
-        page.wait_for_function("document.getElementById('time').textContent == '0.40'")
+        page.wait_for_function(
+            "film.time.toFixed(3) == '0.400' && document.getElementById('time').textContent == '0.40'"
+        )
 
         def picture():
-            drawn = page.evaluate("film.drawn")
-            page.wait_for_function(f"film.drawn > {drawn + 1}")
+            page.wait_for_function(f"film.drawn > {page.evaluate('film.drawn') + 1}")
             return page.screenshot(clip={"x": 200, "y": 150, "width": 400, "height": 300})
 
-        before, yaw, pitch = picture(), page.evaluate("film.yaw"), page.evaluate("film.pitch")
+        before, (yaw, pitch, distance) = picture(), page.evaluate("[film.yaw, film.pitch, film.distance]")
         assert picture() == before, "a film that is paused stands still"
         page.mouse.move(400, 300)
         page.mouse.down()
         page.mouse.move(500, 350, steps=4)
         page.mouse.up()
         page.mouse.move(420, 300)
-        assert page.evaluate("film.yaw") == pytest.approx(yaw - 0.8)
-        assert page.evaluate("film.pitch") == pytest.approx(min(1.55, pitch + 0.4))
+        assert page.evaluate("[film.yaw, film.pitch]") == pytest.approx([yaw - 0.8, min(1.55, pitch + 0.4)])
         assert picture() != before
-        distance = page.evaluate("film.distance")
         page.mouse.wheel(0, -200)
         page.wait_for_function(f"film.distance < {distance}")
         page.select_option("#reel", "1")
@@ -221,14 +210,14 @@ def test_in_a_browser(tmp_path):
 
 
 @pytest.mark.parametrize("ending", [".gif", ".html"])
-@pytest.mark.parametrize("number", [1e6, 1e12, 1e100, 1e300])
+@pytest.mark.parametrize("number", [1e6, 1e300])
 @pytest.mark.parametrize("name", ["position", "velocity", "rest_length", "directions", "spheres", "time", "reward"])
 def test_numbers_of_any_size(one, name, number, ending, tmp_path):
     """Numbers that no fish has, in a damaged file or one of a stranger, are drawn, or refused in a sentence."""
-    array = getattr(one, name)[-2:].copy()
-    array.flat[-1] = array.flat[array.size // 2] = number
     shorter = {key: value[-2 if len(value) > one.steps else -1 :] for key, value in arrays_of(one).items()}
-    strange = Recording(about=one.about, **shorter | {"variation": one.variation, name: array[-len(shorter[name]) :]})
+    array = shorter[name].copy()
+    array.flat[-1] = array.flat[array.size // 2] = number
+    strange = replace(one, **shorter | {"variation": one.variation, name: array})
     try:
         write_film(strange, tmp_path / f"film{ending}")
     except ValueError as error:
@@ -238,24 +227,7 @@ def test_numbers_of_any_size(one, name, number, ending, tmp_path):
             assert not re.search(r"NaN|Infinity", json.dumps(data_of((tmp_path / "film.html").read_text())))
 
 
-@pytest.mark.parametrize("interval", [1e-300, 0.021, 5.0])
-def test_a_recording_of_another_interval_is_not_drawn(one, interval, tmp_path):
-    """A film would be too fast or too slow: it is refused."""
-    other = replace(one, about=one.about | {"control_interval": interval})
-    for ending in (".gif", ".html"):
-        with pytest.raises(ValueError, match=rf"holds a state every {interval} s, and its environment makes one every"):
-            write_film(other, tmp_path / f"film{ending}")
-
-
-def test_a_video_that_no_memory_holds(one, tmp_path, monkeypatch):
-    """All pictures of a video are in memory at once: whether they fit is known before the first one is drawn."""
-    monkeypatch.setattr("fish_env.checks.available_memory", lambda: 10 * film.PICTURE)
-    monkeypatch.setattr(film, "_pictures", lambda *given: pytest.fail("it was drawn"))
-    with pytest.raises(ValueError, match="the number of states of the video is 13, which takes"):
-        write_film(one, tmp_path / "film.gif")
-
-
-@pytest.mark.parametrize(("radius", "count"), [(0.15, 1), (3.0, 1), (100.0, 1), (1e200, 1), (1.0, 26), (0.5, 60)])
+@pytest.mark.parametrize(("radius", "count"), [(0.15, 1), (100.0, 1), (1e200, 1), (1.0, 26)])
 def test_videos_of_large_spheres(one, radius, count, tmp_path):
     """Spheres are drawn with little memory, or refused where they are larger or more than any task has."""
     spheres = np.full((one.steps + 1, count, 4), radius)

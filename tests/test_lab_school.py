@@ -31,7 +31,7 @@ def test_nothing_steers_the_gait():
     school.turn(TURN)
     for each in (school, other):
         each.advance(1.0)
-    assert np.array_equal(school.shown(), other.shown())
+    assert np.array_equal(school.shown_positions(), other.shown_positions())
 
 
 def test_left_after_right_is_commanded_before_the_first_turn_is_complete():
@@ -51,7 +51,7 @@ def test_a_school_swims_as_each_fish_alone():
     """A school swims as each fish alone: one call of the policy for all of them is that for one."""
     school, alone = swum(num_fish=5), swum()
     assert np.allclose(school.waters.tank.position[0], alone.waters.tank.position[0], atol=1e-3 * alone.fish.length)
-    apart = school.shown().mean(axis=1) - school.waters.tank.position.mean(axis=1)
+    apart = school.shown_positions().mean(axis=1) - school.waters.tank.position.mean(axis=1)
     assert np.linalg.norm(apart[:, None] - apart[None], axis=2)[np.triu_indices(5, 1)].min() > school.fish.length
 
 
@@ -59,7 +59,7 @@ def test_a_school_swims_as_each_fish_alone():
 def test_a_target_that_is_put_is_reached(driver, count):
     """A target that is put is reached, by every fish where it is shown to that fish."""
     school = swum(driver, count, 0.5)
-    goal = school.shown()[0].mean(axis=0) + school.fish.length * np.array([1.5, 1.0, 0.0])
+    goal = school.shown_positions()[0].mean(axis=0) + school.fish.length * np.array([1.5, 1.0, 0.0])
     goal[2] = 0.0
     before = school.task.reached.copy()
     school.put(goal)
@@ -67,7 +67,7 @@ def test_a_target_that_is_put_is_reached(driver, count):
     nearest = np.full(count, np.inf)
     for _ in range(400):
         school.advance(0.02)
-        nose = school.shown()[:, school.fish.nose]
+        nose = school.shown_positions()[:, school.fish.nose]
         nearest = np.minimum(nearest, np.linalg.norm(nose - goal, axis=1))
     assert (nearest < 1.2 * school.radius).all() and (school.task.reached > before).all()
 
@@ -75,17 +75,17 @@ def test_a_target_that_is_put_is_reached(driver, count):
 def test_an_obstacle_that_is_put_is_passed():
     """An obstacle that is put is passed: one that the fish would else swim into."""
     school, blind = swum("policy avoid", 1, 1.0), swum("policy turn", 1, 1.0)
-    goal = school.shown()[0].mean(axis=0) + school.fish.length * np.array([2.0, 0.05, 0.0])
+    goal = school.shown_positions()[0].mean(axis=0) + school.fish.length * np.array([2.0, 0.05, 0.0])
     school.put(goal)
     room = {}
     for each in (school, blind):
         room[each] = np.inf
         for _ in range(150):
             each.advance(0.02)
-            room[each] = min(room[each], float(np.linalg.norm(each.shown()[0] - goal, axis=1).min()))
+            room[each] = min(room[each], float(np.linalg.norm(each.shown_positions()[0] - goal, axis=1).min()))
     assert room[school] > school.radius > room[blind]
-    assert not school.task.touched[0] and np.ptp(school.shown()[0, :, 0]) > 0.0
-    assert school.shown()[0, :, 0].min() > goal[0]
+    assert not school.task.touched[0] and np.ptp(school.shown_positions()[0, :, 0]) > 0.0
+    assert school.shown_positions()[0, :, 0].min() > goal[0]
     school.clear()
     school.advance(0.02)
     assert not school.task.present.any()
@@ -94,7 +94,7 @@ def test_an_obstacle_that_is_put_is_passed():
 def test_each_fish_sees_the_obstacle_that_is_nearest():
     """Each fish sees the obstacle that is nearest."""
     school = School("policy avoid", 2)
-    centres = school.shown().mean(axis=1)
+    centres = school.shown_positions().mean(axis=1)
     for centre in centres:
         school.put(centre + school.fish.length * np.array([3.0, 0.0, 0.0]))
     school.advance(school.interval)
@@ -105,10 +105,10 @@ def test_pictures_lie_between_two_steps():
     """Pictures lie between two environment steps."""
     school = swum(seconds=0.5)
     place = school.waters.tank.position + school.offset[:, None]
-    before = school.shown()
+    before = school.shown_positions()
     assert before == pytest.approx(school._before + school.offset[:, None])
     school.advance(0.5 * school.interval)
-    assert school.shown() == pytest.approx(0.5 * (before + place))
+    assert school.shown_positions() == pytest.approx(0.5 * (before + place))
 
 
 def test_what_the_page_asks_for_is_checked():
@@ -121,7 +121,7 @@ def test_what_the_page_asks_for_is_checked():
                   lambda: School("policy target").put((1e9, 0.0, 0.0))):  # fmt: skip
         with pytest.raises(ValueError, match=r"choose|give"):
             wrong()
-    assert school.commanded[0] == 0.0 and np.isfinite(school.shown()).all()
+    assert school.commanded[0] == 0.0 and np.isfinite(school.shown_positions()).all()
 
 
 def test_a_fish_that_fails_is_told_of_and_all_begin_again():

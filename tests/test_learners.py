@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from pages import ROOT
-from test_examples import EXAMPLES, run
+from test_examples import EXAMPLES, run, run_here
 
 from fish_env.control import load_policy
 
@@ -47,7 +47,7 @@ def checked_scores(folder, said, *files):
 def test_train_cleanrl(tmp_path):
     """It trains, saves a policy that the package plays, and evaluates."""
     pytest.importorskip("torch")
-    said = run(tmp_path, EXAMPLES / "train_cleanrl.py", *SHORT)
+    said = run_here(tmp_path, EXAMPLES / "train_cleanrl.py", *SHORT)
     checked_scores(tmp_path / "out", said, "policy.npz")
     policy = load_policy(tmp_path / "out" / "policy.npz", "FishEnv/Swim-v0")
     assert policy.about["env_options"] == {"muscle_groups": "pairs"}

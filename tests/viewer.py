@@ -57,7 +57,7 @@ class Viewer:
 
     def __init__(self, laboratory):
         self.controls, self.commands, self.nodes = {}, {}, {}
-        self.notes, self.errors = [], []
+        self.notes, self.session = [], None
         protocol = f"viser-v{viser.__version__}"
         address = f"127.0.0.1:{laboratory.port}"
         self._socket = connect(
@@ -70,7 +70,7 @@ class Viewer:
         self._laboratory, self._before = laboratory, before
 
     def entered(self):
-        """Wait until the page is built; the session that belongs to it."""
+        """This page, once it is built and its session known."""
         laboratory = self._laboratory
         (key,) = until(lambda: set(laboratory.sessions) - self._before)
         self.session = laboratory.sessions[key]
@@ -78,9 +78,16 @@ class Viewer:
         return self
 
     def leave(self):
-        """Close the page."""
+        """Close the page, and wait until its session has ended."""
         self._socket.close()
         self._thread.join(PATIENCE)
+        until(lambda: self.session is None or not self.session.alive)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.leave()
 
     def send(self, kind, **fields):
         """Send a message of viser's."""
@@ -130,7 +137,7 @@ class Viewer:
         return found
 
     def has(self, label):
-        """Whether there is a control with a label."""
+        """Return True if there is a control with a label."""
         return any(each.get("label") == label for each in list(self.controls.values()))
 
     def shows(self, label):

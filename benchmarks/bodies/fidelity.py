@@ -1,6 +1,6 @@
 """Distance of every body to the finest one, and its cost, in a scene of every task.
 
-python -m benchmarks.bodies.fidelity              results/fidelity.csv and docs/images/fidelity.svg (4 minutes)
+python -m benchmarks.bodies.fidelity              results/fidelity.csv and docs/images/fidelity.svg (3 minutes)
 python -m benchmarks.bodies.fidelity --draw       the chart again, from the CSV
 
 A scene is an episode of the task with the motor controllers: the contractions of the default fish's muscles are

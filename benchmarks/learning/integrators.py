@@ -15,7 +15,7 @@ from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import RESULTS, write_csv
 from fish_env import INTEGRATORS
 from fish_env.control import Scores, load_policy, make_policy_env, policy_controller, run_episodes, shipped_policies
-from fish_env.control.evaluation import episode_scores, gathered
+from fish_env.control.evaluation import episode_scores, scores_by_name
 from fish_env.control.files import writable_folder
 from fish_env.envs import FishVectorEnv
 
@@ -55,7 +55,7 @@ def replay(path: Path, how: tuple[str, float, float | None], episodes: int) -> t
         for i in np.flatnonzero(ended).tolist():
             results[i] = episode_scores(infos["final_info"], i)
         track.append(np.where(done[:, None], np.nan, places(env)))
-    return gathered(results), np.array(track)
+    return scores_by_name(results), np.array(track)
 
 
 def places(env: FishVectorEnv) -> np.ndarray:

@@ -161,8 +161,8 @@ def env_rate(num_envs: int = 1, **options) -> float:
 
 
 def in_process(code: str, cache: str | None = None) -> float:
-    """The number a fresh Python process prints."""
-    environment = os.environ | {"FISH_ENV_QUIET": "1"} | ({"NUMBA_CACHE_DIR": cache} if cache else {})
+    """The number that a fresh Python process prints, with its kernels in a folder of its own or in the usual one."""
+    environment = os.environ | {"FISH_ENV_QUIET": "1"} | ({"FISH_ENV_CACHE": cache} if cache else {})
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
     return float(done.stdout.split()[-1])
 

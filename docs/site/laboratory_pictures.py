@@ -96,7 +96,9 @@ class Photographer:
         camera, drawing = self.session.client.camera, self.session.drawing
         place, aside = camera.position, camera.look_at
         objects = enumerate(self.bench.specimens)
-        middle = sum(drawing._scaled(k, each.position).mean(axis=0) for k, each in objects) / len(self.bench.specimens)
+        middle = sum(drawing._to_scene(k, each.position).mean(axis=0) for k, each in objects) / len(
+            self.bench.specimens
+        )
         self.do(lambda: self.session.turn_camera(middle + part * place, middle + part * aside))
 
     def picture(self, seconds: float = 0.0, whole: bool = False, closer: float = 1.0) -> Image.Image:
@@ -170,7 +172,9 @@ def steered(at: Photographer) -> None:
     save("steer", at.picture(0.5, whole=True), 60)
     at.steer("policy avoid", 1, 1.0)
     school = at.session.school
-    at.do(lambda: school.put(school.shown()[0].mean(axis=0) + school.fish.length * np.array([2.0, 0.05, 0.0])))
+    at.do(
+        lambda: school.put(school.shown_positions()[0].mean(axis=0) + school.fish.length * np.array([2.0, 0.05, 0.0]))
+    )
     obstacle = at.picture(0.8)
     at.steer("policy target", 4, 0.8)
     save_side_by_side("tasks", [obstacle, at.picture(0.3)], 2)

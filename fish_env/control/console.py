@@ -11,7 +11,7 @@ WRONG, STOPPED, UNREAD = 2, 130, 141  # the last two as for other programs that 
 LINE = 2000  # characters of an error: a file may hold text of any length
 
 
-def answered(name: str, command: Callable[[], int]) -> int:
+def run_command(name: str, command: Callable[[], int]) -> int:
     """The exit status of a command, 2 after a line on stderr for an error that a user can correct.
 
     Args:

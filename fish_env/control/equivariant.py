@@ -131,10 +131,7 @@ class EquivariantActions(nn.Module):
 class EquivariantPolicy(ActorCriticPolicy):
     """Stable-Baselines3's policy with an equivariant actor and an invariant critic.
 
-    Args:
-        arguments: those of `ActorCriticPolicy`.
-        reflection: of the environment, as `reflection_of` returns it.
-        options: those of `ActorCriticPolicy`.
+    `reflection` is that of the environment (`reflection_of`); other arguments are those of `ActorCriticPolicy`.
     """
 
     mlp_extractor: EquivariantExtractor
@@ -178,15 +175,14 @@ def export_policy(
         about: what the file says of it: env_id, env_options, and whatever else a reader should know.
         combine: matrix (A,A') from the policy's actions to those of the environment, if a wrapper combines them; None
             if they are the same.
-        raw: says of a policy alone, which does not know its environment, that its observations are the environment's.
+        raw: the observations of a policy alone, which does not know its environment, are not normalised.
 
     Raises:
-        ValueError: for a model that does otherwise than such layers on the environment's observations, saying why: of
-            another algorithm, other layers, actions that are squashed, or a wrapper that changes what is observed or
-            done.
+        ValueError: for another algorithm, other layers, actions that are squashed, or a wrapper that changes
+            observations or actions, saying why.
     """
     if isinstance(model, BaseAlgorithm):
-        policy, (offset, scale) = model.policy, _observed(model, combine is not None)
+        policy, (offset, scale) = model.policy, _observation_scaling(model, combine is not None)
     elif raw:
         policy, offset, scale = model, 0.0, 1.0
     else:
@@ -209,7 +205,7 @@ def export_policy(
     return Policy(weights, biases, about)
 
 
-def _observed(model: BaseAlgorithm, combined: bool) -> tuple[Any, Any]:
+def _observation_scaling(model: BaseAlgorithm, combined: bool) -> tuple[Any, Any]:
     """Offset and scale, (D,) or numbers, of a model's observations: (obs - offset) / scale; ValueError for others."""
     env, offset, scale = model.get_env(), np.float64(0.0), np.float64(1.0)
     if env is None:
@@ -234,7 +230,7 @@ def _observed(model: BaseAlgorithm, combined: bool) -> tuple[Any, Any]:
 
 
 def _check_clipping(model: BaseAlgorithm, env: VecNormalize) -> None:
-    """Raise ValueError unless `clip_obs`, which layers cannot do, is beyond all that is, or was lately, observed."""
+    """Raise ValueError if `clip_obs`, which layers cannot do, may be below an observation."""
     space, statistics = env.observation_space, env.obs_rms
     if not isinstance(space, gym.spaces.Box) or not isinstance(statistics, RunningMeanStd):
         raise ValueError(f"observations are a {type(space).__name__}; train on a Box")
@@ -271,10 +267,10 @@ def _check_export(policy: ActorCriticPolicy, combine: np.ndarray | None) -> None
 
 def plain_layers(policy: ActorCriticPolicy) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Weights (inputs, outputs) and biases of the actor as ordinary layers; an equivariant one's are twice as wide."""
-    pairs = [numbers(layer) for layer in policy.mlp_extractor.policy_net if isinstance(layer, nn.Linear)]
+    pairs = [weight_and_bias(layer) for layer in policy.mlp_extractor.policy_net if isinstance(layer, nn.Linear)]
     if not isinstance(policy, EquivariantPolicy):
         assert isinstance(policy.action_net, nn.Linear)  # the mean of a Gaussian
-        pairs.append(numbers(policy.action_net))
+        pairs.append(weight_and_bias(policy.action_net))
         return [weight for weight, _ in pairs], [bias for _, bias in pairs]
     extractor, actions = policy.mlp_extractor, policy.action_net
     place, sign = extractor.place.numpy(), extractor.sign.double().numpy()
@@ -286,13 +282,13 @@ def plain_layers(policy: ActorCriticPolicy) -> tuple[list[np.ndarray], list[np.n
         nothing = np.zeros_like(weight)
         weights.append(np.block([[weight, nothing], [nothing, weight]]))
         biases.append(np.tile(bias, 2))
-    last, bias = numbers(actions.linear)
+    last, bias = weight_and_bias(actions.linear)
     swap = actions.swap.numpy()
     weights.append(0.5 * np.vstack([last, last[:, swap]]))
     biases.append(0.5 * (bias + bias[swap]))
     return weights, biases
 
 
-def numbers(layer: nn.Linear) -> tuple[np.ndarray, np.ndarray]:
+def weight_and_bias(layer: nn.Linear) -> tuple[np.ndarray, np.ndarray]:
     """Weight (inputs, outputs) and bias of a layer, float64."""
     return layer.weight.detach().double().numpy().T, layer.bias.detach().double().numpy()

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from fish_env.checks import is_whole
+from fish_env.control.environments import environment_of, make_checked_batch
 from fish_env.control.gait import Gait
 from fish_env.control.policy import Policy
-from fish_env.control.stated import many_fish, stated
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.vector import make_batch
 from fish_env.physics.tank_options import checked_count
@@ -31,9 +31,8 @@ def gait_controller(gait: Gait, env: FishVectorEnv) -> Controller:
 def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
     """A policy in an environment whose control interval may be shorter than the one it was trained with.
 
-    In between, the commanded rest lengths change linearly towards the policy's last action, as they do within one
-    interval of the environment that it was trained in: the motion is the same, only observed more often. Muscles with
-    first-order activation are told the action itself, and end where one long interval would have ended.
+    In between, commanded rest lengths change linearly towards the policy's last action, as within one long interval.
+    Muscles with first-order activation receive the action itself, and end where one long interval would have ended.
 
     Raises:
         ValueError: if the policy's interval is not a whole multiple of the environment's, or the policy does not fit
@@ -76,20 +75,20 @@ def evaluation_options(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def make_eval_env(env_id: str, num_envs: int, options: dict[str, Any]) -> FishVectorEnv:
-    """A batch in which each fish runs one episode; raises what `make_batch` does."""
+    """Create a batch in which each fish runs one episode; raises what `make_batch` does."""
     return make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
 
 
 def make_policy_env(policy: Policy, num_envs: int = EPISODES, **changes) -> FishVectorEnv:
-    """The batch that a policy is evaluated in; `changes` replace options that it was trained with, None is ignored.
+    """Create the batch a policy is evaluated in; `changes` replace options of its training, None is ignored.
 
     Raises:
         ValueError: for an option that is not allowed, or an environment that is not registered, or is not one of fish.
         gymnasium.error.Error: for an environment without batches.
     """
-    env_id, options = stated(policy.about)
+    env_id, options = environment_of(policy.about)
     changed = {name: value for name, value in changes.items() if value is not None}
-    return many_fish(env_id, evaluation_options(options) | changed, num_envs)
+    return make_checked_batch(env_id, evaluation_options(options) | changed, num_envs)
 
 
 def run_episodes(
@@ -121,11 +120,11 @@ def evaluate(
     for ended, _, infos in run_episodes(controller, env, first_seed, options):
         for i in np.flatnonzero(ended).tolist():
             results[i] = episode_scores(infos["final_info"], i)
-    return gathered(results)
+    return scores_by_name(results)
 
 
-def gathered(results: list[dict[str, float]]) -> Scores:
-    """The scores of all fish by name, (B,) each."""
+def scores_by_name(results: list[dict[str, float]]) -> Scores:
+    """Scores of all fish by name, (B,) each."""
     return {name: np.array([result[name] for result in results]) for name in results[0]}
 
 

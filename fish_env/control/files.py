@@ -56,9 +56,8 @@ def writable_file(path: str | Path, endings: tuple[str, ...]) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """A new file next to `path` to write to, which replaces `path` when the block ends without an error.
 
-    An interruption leaves the old file or the new one, never a part of it; a kill may leave the part, under a name of
-    its own that begins with a point. Nobody can guess that name, and what has it already is not written to: neither
-    another writer of `path` nor the target of a link is.
+    An interruption leaves the old file or the new one; a kill may leave a part under another name, a random one, so
+    that neither another writer of `path` nor the target of a link is written to.
     """
     partial = path.with_name(f".{path.stem[:40]}-partial-{secrets.token_hex(8)}{path.suffix}")  # of 255 bytes
     partial.touch(exist_ok=False)

@@ -71,7 +71,7 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
     else:
         load_writer(path)
         with representable("the film"):
-            cast, reels = _shown(found)
+            cast, reels = _make_scenes(found)
             _check_spheres(reels)
             fits_memory(sum(len(reel.points) for reel in reels), PICTURE, "the number of states of the video")
             pictures = [picture for reel in reels for picture in _pictures(cast, reel)]
@@ -82,7 +82,7 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
 def film_text(recordings: Sequence[Recording]) -> str:
     """The page of `write_film` as text, with the same errors."""
     with representable("the film"):
-        text = page(*_shown(recordings))
+        text = page_text(*_make_scenes(recordings))
     if len(text) > LARGEST:
         raise ValueError(f"the page would have {len(text):,} bytes, more than {LARGEST:,}; give fewer episodes")
     return text
@@ -98,7 +98,7 @@ def _check_spheres(reels: Sequence[Reel]) -> None:
         )
 
 
-def _shown(recordings: Sequence[Recording]) -> tuple[Cast, list[Reel]]:
+def _make_scenes(recordings: Sequence[Recording]) -> tuple[Cast, list[Reel]]:
     """Scenes of recordings; ValueError unless they are of one environment."""
     made_of = [(one.about["env_id"], one.about["env_options"]) for one in recordings]
     if not made_of or any(one != made_of[0] for one in made_of):
@@ -167,8 +167,8 @@ def _pictures(cast: Cast, reel: Reel):
         ))  # fmt: skip
 
 
-def page(cast: Cast, reels: Sequence[Reel]) -> str:
-    """The page as text: the template with the renderer and the data put in."""
+def page_text(cast: Cast, reels: Sequence[Reel]) -> str:
+    """The template with the renderer and the data put in."""
     every = -(-sum(len(reel.points) for reel in reels) // STATES)
     rest = cast.fish.points(cast.fish.body.position)
     data = {
@@ -178,7 +178,7 @@ def page(cast: Cast, reels: Sequence[Reel]) -> str:
         "nose": int(rest[:, 0].argmax()),
         "tail": int(rest[:, 0].argmin()),
         "skin": _skin(cast.fish),
-        "reels": [_packed_reel(reel, every) for reel in reels],
+        "reels": [_pack_reel(reel, every) for reel in reels],
     }
     text = (HERE / "film.html").read_text(encoding="utf-8")
     script = "".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS)
@@ -201,7 +201,7 @@ def _skin(fish: Any) -> dict[str, Any]:
         np.add.at(influence, corner, skin.influence)
     share = 1.0 / np.maximum(count, 1.0)[:, None]
     return {
-        "weights": packed(np.concatenate([skin.weights, skin.eyes])),
+        "weights": pack_numbers(np.concatenate([skin.weights, skin.eyes])),
         "quads": _base64(skin.quads.astype("<u2")),
         "colour": _base64(np.clip(colour * share, 0, 255).astype(np.uint8)),
         "influence": _base64(np.clip(255 * influence * share, 0, 255).round().astype(np.uint8)),
@@ -209,7 +209,7 @@ def _skin(fish: Any) -> dict[str, Any]:
     }
 
 
-def _packed_reel(reel: Reel, every: int) -> dict[str, Any]:
+def _pack_reel(reel: Reel, every: int) -> dict[str, Any]:
     """Every so many-th state of an episode, as JSON."""
     size = np.linalg.norm(reel.command, axis=1, keepdims=True)
     return {
@@ -217,18 +217,18 @@ def _packed_reel(reel: Reel, every: int) -> dict[str, Any]:
         "note": reel.note,
         "interval": every * reel.interval,
         "states": len(reel.points[::every]),
-        "points": packed(reel.points[::every]),
-        "centre": packed(reel.centre[::every]),
-        "speed": packed(reel.speed[::every, None]),
-        "gained": packed(reel.gained[::every, None]),
+        "points": pack_numbers(reel.points[::every]),
+        "centre": pack_numbers(reel.centre[::every]),
+        "speed": pack_numbers(reel.speed[::every, None]),
+        "gained": pack_numbers(reel.gained[::every, None]),
         "contraction": _base64((255 * reel.contraction[::every]).round().astype(np.uint8)),
-        "command": packed((reel.command / np.maximum(size, 1e-300))[::every]),
-        "spheres": packed(reel.spheres[::every]),
+        "command": pack_numbers((reel.command / np.maximum(size, 1e-300))[::every]),
+        "spheres": pack_numbers(reel.spheres[::every]),
         "sphereCount": reel.spheres.shape[1],
     }
 
 
-def packed(array: np.ndarray) -> dict[str, Any]:
+def pack_numbers(array: np.ndarray) -> dict[str, Any]:
     """Numbers (..., K) in 16 bits, from the lowest to the highest of each of the K columns.
 
     The error is at most half of `step`: of 10 m of water it is 0.08 mm.

@@ -31,22 +31,14 @@ class Turn:
     Some of the strokes of swimming continue: a fish that only bends loses its speed, and then no longer turns.
     """
 
-    angle: float
-    """Change of the mean heading that it makes, rad."""
-    front: float
-    """Contraction added to the left muscles of segment 0, 0 to 1, as fast as they can."""
-    middle: float
-    """The same of segment 1."""
-    tail: float
-    """The same of segment 2, -1 to 1; negative: of its right muscles."""
-    strokes: float
-    """Part of swimming's strokes that continues during the turn, 0 to 1."""
-    hold: float
-    """Time from the start until the fish begins to straighten, s: contraction and hold."""
-    straighten: float
-    """Time over which the bend is released and the strokes grow to their full size, s."""
-    phase: float
-    """Phase of the beat at which the strokes continue when the turn begins, beats."""
+    angle: float  # rad: change of the mean heading that it makes
+    front: float  # contraction added to the left muscles of segment 0, 0 to 1, as fast as they can
+    middle: float  # the same of segment 1
+    tail: float  # the same of segment 2, -1 to 1; negative: of its right muscles
+    strokes: float  # part of swimming's strokes that continues during the turn, 0 to 1
+    hold: float  # s, from the start until the fish begins to straighten: contraction and hold
+    straighten: float  # s, over which the bend is released and the strokes grow to their full size
+    phase: float  # beats: phase of the beat at which the strokes continue when the turn begins
 
     def __post_init__(self):
         numbers = [real(getattr(self, field.name)) for field in fields(self)]
@@ -62,23 +54,16 @@ class Turn:
 class Swim:
     """One row of swim-MC's table: amplitude r and frequency s of the anterior and the posterior swimming segment."""
 
-    speed: float
-    """Resulting speed, body lengths per second."""
-    r1: float
-    """Contraction amplitude of segment 1, 0 to 1."""
-    s1: float
-    """Beats a second of segment 1."""
-    r2: float
-    """Amplitude of segment 2."""
-    s2: float
-    """Beats a second of segment 2."""
+    speed: float  # resulting speed, body lengths per second
+    r1: float  # contraction amplitude of segment 1, 0 to 1
+    s1: float  # beats a second of segment 1
+    r2: float  # amplitude of segment 2
+    s2: float  # beats a second of segment 2
 
     def __post_init__(self):
         if not (0 <= self.r1 <= 1 and 0 <= self.r2 <= 1):
             raise ValueError(f"{self}; give amplitudes r1 and r2 from 0 to 1")
-        if not (
-            self.speed >= 0 and self.s1 >= 0 and self.s2 >= 0 and np.isfinite([self.speed, self.s1, self.s2]).all()
-        ):
+        if not all(0 <= number < np.inf for number in (self.speed, self.s1, self.s2)):
             raise ValueError(f"{self}; give a finite speed and frequencies s1 and s2, none negative")
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from fish_env.checks import as_floats
+from fish_env.control.environments import check_environment
 from fish_env.control.files import replacing
 from fish_env.control.npz import Npz, Part, write_about
-from fish_env.control.stated import check_stated
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.data import data
 
@@ -162,7 +162,7 @@ def _check_environment(path: Path, about: Mapping[str, Any], env_id: str | None)
     if "env_id" not in about:
         raise ValueError(f"{path} does not say which environment it is for; give a policy.npz that train.py wrote")
     try:
-        check_stated(about)
+        check_environment(about)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if env_id is not None and about["env_id"] != env_id:

@@ -13,9 +13,9 @@ import gymnasium as gym
 import numpy as np
 
 import fish_env
+from fish_env.control.environments import check_environment, environment_of, make_checked_env
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.npz import LARGEST, Npz, Part, write_about
-from fish_env.control.stated import check_stated, one_fish, stated
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.cache import source_hash
 from fish_env.physics.failures import FAILURES
@@ -107,34 +107,30 @@ SHAPES: dict[str, tuple[Any, ...]] = {
 }
 """Shape of every array; letters stand for numbers that the arrays agree in."""
 
-WHOLE, TRUTHS = ("failure", "counters"), ("terminated",)
+TYPES = {"failure": np.int64, "counters": np.int64, "terminated": np.bool_}
+"""Types of the arrays, where it is not float64."""
 
 
 def versions() -> dict[str, str]:
     """Versions that the bits of a simulation depend on: Python, packages, the layout and the sources."""
-    found = {name: version(name) for name in ("numpy", "numba", "gymnasium")}
     return {
         "fish_env": fish_env.__version__,
         "sources": source_hash(),
         "layout": str(LAYOUT_VERSION),
         "python": platform.python_version(),
-        **found,
+        **{name: version(name) for name in ("numpy", "numba", "gymnasium")},
         "machine": platform.machine(),
     }
 
 
-def plain(value: Any, name: str) -> Any:
-    """`value` as JSON holds it: dicts, lists, text, numbers, truth values and None.
-
-    Raises:
-        ValueError: for anything else, such as a `Fish` or a `World`, naming the keyword.
-    """
+def as_json(value: Any, name: str) -> Any:
+    """`value` as JSON holds it; ValueError for what it cannot hold, such as a `Fish`, naming the keyword."""
     if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
-        return {key: plain(part, f"{name}[{key!r}]") for key, part in value.items()}
+        return {key: as_json(part, f"{name}[{key!r}]") for key, part in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist(), name)
+        return as_json(value.tolist(), name)
     if type(value) in (list, tuple):  # not a World, which is a named tuple
-        return [plain(part, f"{name}[{k}]") for k, part in enumerate(value)]
+        return [as_json(part, f"{name}[{k}]") for k, part in enumerate(value)]
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise ValueError(
@@ -189,7 +185,7 @@ def _check_about(path: Path, about: dict[str, Any]) -> None:
     if bad:
         raise ValueError(f"{path} describes no episode: {bad[0]} is {about[bad[0]]!r}; record the episode again")
     try:
-        check_stated(about)
+        check_environment(about)
     except ValueError as error:
         raise ValueError(f"{path} describes no episode: {error}") from error
 
@@ -200,7 +196,7 @@ def _check_shapes(path: Path, parts: dict[str, Part], terms: int) -> None:
         raise ValueError(f"{path} holds {sorted(parts)}; a recording holds {sorted(SHAPES)}: record the episode again")
     sizes: dict[Any, int] = {"K": terms}
     for name, shape in SHAPES.items():
-        array, kind = parts[name], np.int64 if name in WHOLE else bool if name in TRUTHS else np.float64
+        array, kind = parts[name], TYPES.get(name, np.float64)
         if array.dtype != kind or len(array.shape) != len(shape):
             raise ValueError(
                 f"{path}: {name} is an array {array.shape} of {array.dtype}; a recording has {kind.__name__} ({shape})"
@@ -223,13 +219,9 @@ def _check_numbers(path: Path, held: dict[str, np.ndarray]) -> None:
 
 
 def env_of(about: Mapping[str, Any]) -> gym.Env:
-    """The environment that a recording was made in.
-
-    Raises:
-        ValueError: if it is not registered, rejects the keywords, or is not one of fish.
-    """
+    """Create the environment of a recording; ValueError if it is not registered, or rejects the keywords."""
     try:
-        return one_fish(*stated(about))
+        return make_checked_env(*environment_of(about))
     except (gym.error.Error, ValueError) as error:
         raise ValueError(
             f"the recording was made in {about['env_id']} with {about['env_options']}, which cannot be made here "

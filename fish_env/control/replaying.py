@@ -10,7 +10,7 @@ import numpy as np
 from fish_env.checks import finite_array, is_whole
 from fish_env.control.evaluation import Controller, policy_controller
 from fish_env.control.policy import Policy
-from fish_env.control.recording import Recording, env_of, load_recording, plain, versions
+from fish_env.control.recording import Recording, as_json, env_of, load_recording, versions
 from fish_env.envs import FishEnv
 
 STATES = ("position", "velocity", "rest_length", "time", "failure", "counters", "directions", "spheres")
@@ -56,7 +56,7 @@ def record(
     bare, id, keywords = _described(env)
     if not is_whole(seed) or seed < 0:
         raise ValueError(f"seed is {seed!r}; give a whole number, zero or more: a recording must be repeatable")
-    wanted: dict[str, Any] = {} if options is None else plain(options, "options")
+    wanted: dict[str, Any] = {} if options is None else as_json(options, "options")
     limited = env.has_wrapper_attr("_max_episode_steps")  # may have been set since `gym.make`
     steps = env.get_wrapper_attr("_max_episode_steps") if steps is None and limited else steps
     act, limit = _controller(controller, bare, steps)
@@ -117,7 +117,7 @@ class Episode:
         return len(self.actions) * self._bare.fish.control_interval
 
     def step(self, action: np.ndarray) -> bool:
-        """Take one environment step; whether the episode is over."""
+        """Take one environment step; return True if the episode is over."""
         action = action[0] if action.ndim == 2 and len(action) == 1 else action
         self.observation, reward, terminated, truncated, _ = self._bare.step(action)
         self.actions.append(action.copy())
@@ -144,7 +144,7 @@ class Episode:
         """All of it, as a recording."""
         count = max(len(state["spheres"]) for state in self.states)
         for state in self.states:
-            state["spheres"] = padded(state["spheres"], count)
+            state["spheres"] = pad_spheres(state["spheres"], count)
         states = {name: np.array([state[name] for state in self.states]) for name in STATES}
         fish = self._bare.fish
         action = np.array(self.actions).reshape(-1, *fish.single_action_space.shape)
@@ -156,7 +156,7 @@ class Episode:
                          terminated=terminated, **states)  # fmt: skip
 
 
-def padded(spheres: np.ndarray, count: int) -> np.ndarray:
+def pad_spheres(spheres: np.ndarray, count: int) -> np.ndarray:
     """Spheres (S,4) as (count,4), with radii of zero where there is none."""
     return np.concatenate([spheres, np.zeros((max(0, count - len(spheres)), 4))])
 
@@ -169,7 +169,7 @@ def _described(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
     if env.spec is None or env.spec.additional_wrappers:
         raise ValueError("the environment was not made by gym.make alone; give it without wrappers of your own")
     keywords = {name: value for name, value in bare.spec.kwargs.items() if name != "render_mode"}
-    return bare, env.spec.id, plain(keywords, "the environment's keywords")
+    return bare, env.spec.id, as_json(keywords, "the environment's keywords")
 
 
 def _controller(
@@ -197,23 +197,23 @@ def _first_difference(found: Recording, episode: Episode) -> str | None:
         if step:
             episode.step(found.action[step - 1])
             for name in RESULTS:
-                said = _compared(name, getattr(found, name)[step - 1], episode.results[-1][name])
+                said = _compare_bits(name, getattr(found, name)[step - 1], episode.results[-1][name])
                 if said:
                     return said
         for name in STATES:
             now = episode.states[-1][name]
             recorded = getattr(found, name)[step]
-            now = padded(now, len(recorded)) if name == "spheres" else now
-            said = _compared(name, recorded, now)
+            now = pad_spheres(now, len(recorded)) if name == "spheres" else now
+            said = _compare_bits(name, recorded, now)
             if said:
                 return said
-        if not step and (said := _compared("variation", found.variation, episode._bare.tank.variation[0])):
+        if not step and (said := _compare_bits("variation", found.variation, episode._bare.tank.variation[0])):
             return said
     return None
 
 
-def _compared(name: str, recorded: Any, now: Any) -> str | None:
-    """Description of the first place at which two arrays differ in their bits; None if they do not differ."""
+def _compare_bits(name: str, recorded: Any, now: Any) -> str | None:
+    """First place at which two arrays differ in their bits, in words; None if they do not differ."""
     recorded, now = np.atleast_1d(recorded), np.atleast_1d(now)
     if recorded.shape != now.shape:
         return f"{name}: its shape was {recorded.shape} and is {now.shape}"
@@ -227,7 +227,7 @@ def _compared(name: str, recorded: Any, now: Any) -> str | None:
 
 
 def _other_versions(found: Recording) -> str:
-    """Which versions differ from those that recorded, in words."""
+    """Versions that differ from those that recorded, in words."""
     now, then = versions(), found.about["versions"]
     other = [f"{name} {then.get(name)} then, {now.get(name)} now" for name in now if then.get(name) != now[name]]
     return f"; other versions: {'; '.join(other)}" if other else "; the versions are the same"

@@ -80,7 +80,7 @@ class Sequencer:
         aim = self.aim(obs)
         if time == 0:
             self.begin(aim.error)
-        self.look(aim.error)
+        self.record_error(aim.error)
         self.decide(aim.error)
         return 2.0 * self.contract(aim)[:, self.muscle] - 1.0
 
@@ -94,7 +94,7 @@ class Sequencer:
         self.side, self.since = np.ones(b), np.full(b, np.inf)
         self.beats = np.zeros((b, 2))
 
-    def look(self, error: np.ndarray) -> None:
+    def record_error(self, error: np.ndarray) -> None:
         """Record the error (B,); a jump of it is a new command, by which the errors of the beat are shifted."""
         change = wrapped(error - self.last)
         self.jumped = np.abs(change) > self.habits.jump
@@ -177,7 +177,7 @@ def aim_velocity(obs: np.ndarray, layout: Layout, mass: np.ndarray, gain: float 
 
 
 def aim_target(obs: np.ndarray, layout: Layout, dimensions: int, ahead: float = 0.65) -> Aim:
-    """Aim at the target from a point up to `ahead` body lengths in front of the fish: it swims on while it turns."""
+    """Aim at the target from a point up to `ahead` body lengths in front of the fish, which swims while it turns."""
     way = layout.read(obs, "way to the target").astype(float)
     nearer = way.copy()
     nearer[:, 0] -= ahead * np.clip(np.abs(bearing(way)) / (np.pi / 2), 0.0, 1.0)
@@ -188,14 +188,10 @@ def aim_target(obs: np.ndarray, layout: Layout, dimensions: int, ahead: float = 
 class Caution:
     """Margins with which an obstacle is passed."""
 
-    radius: float
-    """Radius of the obstacle, body lengths."""
-    room: float = 0.35
-    """Least distance between its surface and the line on which the fish's centre will pass, body lengths."""
-    speed: float = 1.8
-    """Speed at which the fish is assumed to swim on, body lengths per second."""
-    horizon: float = 1.2
-    """Time over which the nearest approach is predicted, s."""
+    radius: float  # of the obstacle, body lengths
+    room: float = 0.35  # least distance of its surface from the line on which the fish's centre will pass
+    speed: float = 1.8  # at which the fish is assumed to swim on, body lengths per second
+    horizon: float = 1.2  # s, over which the nearest approach is predicted
 
 
 COURSES = np.radians(np.arange(-105.0, 106.0, 15.0))  # rad off the commanded heading, from which one is chosen

@@ -8,7 +8,6 @@ import numpy as np
 from fish_env.bodies import BODIES
 from fish_env.envs.vector import FishVectorEnv
 from fish_env.kernels import cache as _cache
-from fish_env.physics.tank import Tank
 from fish_env.tasks import TASKS
 
 COUNTS = (1, 64)
@@ -23,7 +22,8 @@ def stored_kernels() -> tuple[Path, set[Path]]:
     """
     if _cache._FOLDER is None:
         raise ValueError("there is no folder for compiled kernels; set FISH_ENV_CACHE to one that can be written to")
-    return Path(_cache._FOLDER), set(Path(_cache._FOLDER).rglob("*.nbc"))
+    folder = Path(_cache._FOLDER)
+    return folder, set(folder.rglob("*.nbc"))
 
 
 def compile_ahead(
@@ -54,19 +54,17 @@ def compile_ahead(
         for task in tasks:
             for dtype in dtypes:
                 for count in COUNTS:
-                    _run(count, task, body, dtype, integrator)
+                    use_kernels(count, task, body, dtype, integrator)
             now = len(stored_kernels()[1])
             yield f"{task} on {body}", now - before, now
             before = now
 
 
-def _run(count: int, task: str, body: str, dtype: str, integrator: str | None) -> None:
+def use_kernels(count: int, task: str, body: str, dtype: str, integrator: str | None) -> None:
     """Use everything once: begin episodes, of all fish and of one, step, and drive a tank."""
     env = FishVectorEnv(count, task=task, body=body, dtype=dtype, integrator=integrator, threads=2)
     env.reset(seed=0)
     env.step(np.zeros((count, *env.single_action_space.shape), dtype=np.float32))
-    mask = np.arange(count) == 0
-    env.reset(options={"reset_mask": mask})
-    tank: Tank = env.tank
-    tank.swim(np.zeros((count, tank.fish.num_muscles)), tank.dt)
+    env.reset(options={"reset_mask": np.arange(count) == 0})
+    env.tank.swim(np.zeros((count, env.tank.fish.num_muscles)), env.tank.dt)
     env.close()

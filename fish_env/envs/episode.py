@@ -13,7 +13,14 @@ from fish_env.bodies import Fish, make_fish
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_water
-from fish_env.envs.step import FAILURE_PENALTY, acceptable, make_arrays, make_look, make_step, observe_all
+from fish_env.envs.step import (
+    FAILURE_PENALTY,
+    compile_measure_and_observe,
+    contract_all,
+    make_arrays,
+    make_step,
+    observe_all,
+)
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.physics.pose import make_pose, packed_pose
@@ -38,7 +45,7 @@ class Episodes(ReadOnly):
     tasks = TASKS
     single_observation_space: gym.spaces.Box
     single_action_space: gym.spaces.Box
-    _see: Callable[..., Any]
+    _measure_and_observe: Callable[..., Any]
     _step: Callable[..., bool] | None
 
     def __init__(
@@ -134,13 +141,13 @@ class Episodes(ReadOnly):
         moved = [{}] if engine is None else [{"queue": engine.queue, "block": block} for block in engine.blocks]
         self._envs = [Pack("env", **fields, **each) for each in moved]  # one a thread
         self._env = self._envs[0]
-        self._see = make_look(self._kernels)
+        self._measure_and_observe = compile_measure_and_observe(self._kernels)
         self._step = None
         if engine is not None:
             self._step = make_step(engine.names, engine.method.make_run, self._kernels, self._env.type)
 
     def __getstate__(self):
-        return self.__dict__ | {"_env": None, "_envs": None, "_see": None, "_step": None}
+        return self.__dict__ | {"_env": None, "_envs": None, "_measure_and_observe": None, "_step": None}
 
     def __setstate__(self, state: dict[str, Any]):
         self.__dict__ |= own(state, state["_vectors"])
@@ -161,7 +168,7 @@ class Episodes(ReadOnly):
         self._arrays["totals"][:, mask] = 0.0
         self._begun[mask] = True
         self._started = self._begun.all()
-        self._look(mask)
+        self._measure(mask)
 
     def checked_reset(self, options: Mapping | None) -> dict[str, float]:
         """The options of a reset as numbers; ValueError for what these fish cannot begin with."""
@@ -180,10 +187,10 @@ class Episodes(ReadOnly):
 
     def advance(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One control interval: reward (B,) float64, terminated (B,), truncated (B,), as copies; then `observe`."""
-        self._take(action)
+        self._take_action(action)
         return self._reward.copy(), self._terminated.copy(), self._truncated.copy()
 
-    def _take(self, action) -> None:
+    def _take_action(self, action) -> None:
         """One control interval, into the arrays of the episode."""
         if not self._started:
             which = np.flatnonzero(~self._begun).tolist()
@@ -198,27 +205,27 @@ class Episodes(ReadOnly):
         """Command, move, measure, reward and observe the fish; False, and nothing has moved, for a bad action."""
         engine, step = self.tank._engine, self._step
         if engine is None or step is None or self.tank.conditioned:  # what is prescribed is imposed by `Tank`
-            if not acceptable(self._env):
+            if not contract_all(self._env):
                 return False
             self.tank.drive(self._contraction, self._substeps)
-            self._see(self._env, 0, self.num_envs, True)
+            self._measure_and_observe(self._env, 0, self.num_envs, True)
         elif self.tank._chunks == 1:
             engine.sort()
             if not self._move_chunk(0, 0, self.num_envs, step):
                 return False
         else:
-            if not acceptable(self._env):
+            if not contract_all(self._env):
                 return False
             self.tank.share_out(self._move_chunk, step)
         if self._kernels is None:
-            self._judge()
+            self._reward_and_observe()
         return True
 
     def _move_chunk(self, chunk: int, first: int, last: int, step: Callable[..., bool]) -> bool:
         """The fish between two places in the order in which they are moved, in the memory of one thread."""
         return step(self._envs[chunk].address, first, last, self._substeps, self.control_interval)
 
-    def _judge(self) -> None:
+    def _reward_and_observe(self) -> None:
         """Reward by a task that is written in Python, and observe."""
         arrays, tank = self._arrays, self.tank
         terms = self.task.reward(tank, self._pose)
@@ -238,14 +245,14 @@ class Episodes(ReadOnly):
         self._vectors[:] = self.task.vectors(self.tank, self._pose)
         observe_all(self._env)
 
-    def _look(self, mask: np.ndarray | None = None) -> None:
-        """Measure and observe the fish of a mask (B,), or all, where they are."""
+    def _measure(self, mask: np.ndarray | None = None) -> None:
+        """Bring poses and observations of the fish of a mask (B,), or of all, up to date with their positions."""
         places = [(0, self.num_envs)]
         if mask is not None and not mask.all():
             places = [(p, p + 1) for p in np.flatnonzero(mask[self._env.order])]
         for first, last in places:
             if self._step is None:
-                self._see(self._env, first, last, False)
+                self._measure_and_observe(self._env, first, last, False)
             else:
                 self._step(self._env.address, first, last, -1, 0.0)
         if self._kernels is None:
@@ -282,7 +289,3 @@ class Episodes(ReadOnly):
             "position": self._pose.centre[i] / self.tank.fish.length,
             "heading": float(np.arctan2(forward[1], forward[0])),
         }
-
-    def _measure(self) -> None:
-        """Bring poses and observations up to date with positions that were changed from outside."""
-        self._look()

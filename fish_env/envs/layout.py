@@ -171,18 +171,16 @@ def observation_layout(id: str, **options) -> Layout:
     Raises:
         gymnasium.error.Error: for an id that is not registered.
         ValueError: for an option that is not allowed, an environment of another package, or an id that is no text or
-            names a module that there is not.
+            names a module that does not exist.
     """
     if not isinstance(id, str):
         raise ValueError(f"id is {id!r}; give the name of an environment, such as 'FishEnv/Swim-v0'")
     try:
         env = gym.make(id, **options)
-    except (AttributeError, ImportError) as error:  # for a module that there is not, or that is none
+    except (AttributeError, ImportError) as error:  # for a module that does not exist, or is none
         raise ValueError(f"id is {id!r}, which names no environment: {error}") from error
-    try:
-        layout = getattr(env.unwrapped, "layout", None)
-    finally:
-        env.close()
+    layout = getattr(env.unwrapped, "layout", None)
+    env.close()
     if not isinstance(layout, Layout):
         raise ValueError(
             f"{id} has no observation layout; give an environment of this package, such as FishEnv/Swim-v0"

@@ -22,7 +22,7 @@ def observe(tank, pose, vectors, starts, limits, b, out):
         write(forward, left, up, scale * tank.velocity[b, n], limits[VELOCITY], b, starts[VELOCITY] + 3 * i, out)
     for m in range(tank.muscles.size):
         contraction = (tank.natural[m] - tank.rest_length[b, INDEX(tank.muscles[m])]) / tank.span[m]
-        out[b, INDEX(starts[REST_LENGTH] + m)] = bounded(2.0 * contraction - 1.0, limits[REST_LENGTH])
+        out[b, INDEX(starts[REST_LENGTH] + m)] = clip(2.0 * contraction - 1.0, limits[REST_LENGTH])
     write(forward, left, up, vec3(0.0, 0.0, 1.0), limits[VERTICAL], b, starts[VERTICAL], out)
     for p in range(DIRECTIONS, starts.size):
         write(forward, left, up, vectors[b, p - DIRECTIONS], limits[p], b, starts[p], out)
@@ -31,12 +31,12 @@ def observe(tank, pose, vectors, starts, limits, b, out):
 @kernel
 def write(forward, left, up, vector, limit, b, place, out):
     """Put a vector into out[b, place:place + 3], by its parts along the axes, no further from zero than limit."""
-    out[b, INDEX(place)] = bounded(dot(forward, vector), limit)
-    out[b, INDEX(place + 1)] = bounded(dot(left, vector), limit)
-    out[b, INDEX(place + 2)] = bounded(dot(up, vector), limit)
+    out[b, INDEX(place)] = clip(dot(forward, vector), limit)
+    out[b, INDEX(place + 1)] = clip(dot(left, vector), limit)
+    out[b, INDEX(place + 2)] = clip(dot(up, vector), limit)
 
 
 @kernel
-def bounded(value, limit):
+def clip(value, limit):
     """value, no further from zero than limit."""
     return min(max(value, -limit), limit)

@@ -19,11 +19,7 @@ OF_ONE = {"observation_space": "single_observation_space", "action_space": "sing
 
 
 class UnknownOptionError(ValueError, TypeError):
-    """A keyword that neither the environment nor its task has.
-
-    A ValueError, as for every option that is not allowed, and a TypeError, as Python raises for an unknown keyword:
-    other libraries try keywords and continue without those that are rejected in this way.
-    """
+    """A keyword that neither the environment nor its task has: a TypeError as well, as other libraries expect."""
 
 
 class SeedError(gym.error.Error, ValueError):
@@ -46,10 +42,7 @@ class OwnSpec:
 
 
 def checked_seed(seed) -> int | None:
-    """`seed` as an int or None; SeedError unless it is a whole number of Python or numpy, zero or more.
-
-    A truth value is 0 or 1, as Gymnasium has it.
-    """
+    """`seed` as an int or None; SeedError unless it is a whole number, zero or more; a truth value is 0 or 1."""
     if seed is not None and not ((is_whole(seed) or isinstance(seed, bool)) and seed >= 0):
         raise SeedError(f"seed is {seed!r}; give a whole number, zero or more, or None")
     return None if seed is None else int(seed)
@@ -96,11 +89,6 @@ def checked_water(keywords) -> World:
         raise ValueError(f"water is {keywords!r}; give keywords of fish_env.make_water, or its result") from error
 
 
-def settable(env) -> tuple[str, ...]:
-    """The options of a batch that may be set while it runs."""
-    return (*env.LIVE, *getattr(env.task, "settable", ()))
-
-
 def set_option(env, name: str, value: Any) -> None:
     """Give an option of a batch another value, which counts from the episodes that begin next.
 
@@ -109,8 +97,8 @@ def set_option(env, name: str, value: Any) -> None:
         ValueError: for a value that is not allowed.
     """
     task = env.task
-    if name not in settable(env):
-        raise AttributeError(f"{name!r} cannot be set while the environment runs; choose from {settable(env)}")
+    if name not in env.settable:
+        raise AttributeError(f"{name!r} cannot be set while the environment runs; choose from {env.settable}")
     if name not in env.LIVE:
         made = type(task)(**{**env._task_options, name: value})
         if made.directions != task.directions:
@@ -128,17 +116,14 @@ def set_option(env, name: str, value: Any) -> None:
 
 
 def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
-    """Value of an attribute, or result of a method, for each of some fish of a batch.
+    """Value of an attribute, or result of a method, for each of some fish of a batch; AttributeError without it.
 
-    `reset`, `render`, `episode_info` and `step_info` are called for these fish alone, any other method for the batch.
-
-    Raises:
-        AttributeError: if there is no such attribute.
-        ValueError: for a method that acts on all fish, unless all are selected.
+    `reset`, `render`, `episode_info` and `step_info` are called for these fish alone. Any other method is called for
+    the batch: ValueError unless all fish are selected.
     """
     which = list(which)
     if name == "reset":
-        return _reset_each(env, which, *args, **kwargs)
+        return reset_each(env, which, *args, **kwargs)
     found: Any = getattr(env.task if name in getattr(env.task, "settable", ()) else env, OF_ONE.get(name, name))
     if name in ("episode_info", "step_info"):
         return [found(i, *args, **kwargs) for i in which]
@@ -151,8 +136,8 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
     return [found[i] for i in which]
 
 
-def _reset_each(env, which: list[int], *, seed: int | None = None, options: dict | None = None) -> list[Any]:
-    """Begin an episode of some env, with the same seed: what each sees, and {}."""
+def reset_each(env, which: list[int], *, seed: int | None = None, options: dict | None = None) -> list[Any]:
+    """Begin an episode of some fish, with the same seed: the observation of each, and {}."""
     mask = np.zeros(env.num_envs, dtype=bool)
     mask[which] = True
     seeds = None if seed is None else [seed] * env.num_envs

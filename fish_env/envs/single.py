@@ -72,7 +72,7 @@ class FishEnv(OwnSpec, gym.Env):
         fish = self.fish
         if type(action) is not np.ndarray:
             action = finite_array(action, self.action_space.shape, "action")
-        fish._take(action[None])
+        fish._take_action(action[None])
         terminated, truncated = fish._terminated.item(), fish._truncated.item()
         info = fish.step_info(0) if fish.info_every_step else {}
         if terminated or truncated or fish._elapsed[0] == self._limit:

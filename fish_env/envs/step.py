@@ -32,8 +32,8 @@ def contract(action, groups, b, out):
 
 
 @cache
-def make_see(kernels):
-    """The kernel `see(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None.
+def make_measure_and_observe(kernels):
+    """The kernel `(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None.
 
     It measures the fish queue.order[first:last], rewards them if they have stepped, and fills their observations.
     Without a task it only measures.
@@ -41,16 +41,16 @@ def make_see(kernels):
     if kernels is None:
 
         @part
-        def see(env, first, last, stepped):
+        def measure_and_observe(env, first, last, stepped):
             for p in range(first, last):
                 measure(env.tank, env.pose, INDEX(env.order[p]))
 
-        return see
+        return measure_and_observe
 
     look, score = kernels
 
     @kernel
-    def judge(env, b):
+    def compute_reward_and_end(env, b):
         tank, episode = env.tank, env.episode
         terms, failed = episode.terms, tank.failure[b] != 0
         score(tank, env.pose, env.task, b, terms)
@@ -67,29 +67,29 @@ def make_see(kernels):
         episode.truncated[b] = not over and episode.elapsed[b] >= episode.limit[b]
 
     @part
-    def see(env, first, last, stepped):
+    def measure_and_observe(env, first, last, stepped):
         episode = env.episode
         for p in range(first, last):
             b = INDEX(env.order[p])
             measure(env.tank, env.pose, b)
             if stepped:
-                judge(env, b)
+                compute_reward_and_end(env, b)
             look(env.tank, env.pose, env.task, b, episode.vectors)
             observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
 
-    return see
+    return measure_and_observe
 
 
 @cache
-def make_look(kernels):
-    """`see`, compiled for Python to call."""
-    see = make_see(kernels)
+def compile_measure_and_observe(kernels):
+    """`make_measure_and_observe`, compiled for Python to call."""
+    measure_and_observe = make_measure_and_observe(kernels)
 
     @njit
-    def look(env, first, last, stepped):
-        see(env, first, last, stepped)
+    def call(env, first, last, stepped):
+        measure_and_observe(env, first, last, stepped)
 
-    return look
+    return call
 
 
 @njit
@@ -101,8 +101,8 @@ def observe_all(env):
 
 
 @njit
-def acceptable(env):
-    """Return True if all actions are finite; contractions are filled in."""
+def contract_all(env):
+    """Fill the contractions of all fish; False, and void, unless all actions are finite."""
     episode = env.episode
     for b in range(episode.reward.size):  # noqa: SIM110 - a kernel
         if not contract(episode.action, episode.groups, b, episode.contraction):
@@ -117,7 +117,8 @@ def make_step(names: tuple[str, ...], make_run, kernels, env_type):
     It returns False, and nothing has moved, for an action that is not finite. With n below zero it only measures and
     observes the fish where they are: one compilation serves resets and steps.
     """
-    advance, see, env_at = make_advance(names, make_run), make_see(kernels), pack_at(env_type)
+    advance, env_at = make_advance(names, make_run), pack_at(env_type)
+    measure_and_observe = make_measure_and_observe(kernels)
 
     @njit
     def step(address, first, last, n, duration):
@@ -130,7 +131,7 @@ def make_step(names: tuple[str, ...], make_run, kernels, env_type):
             for p in range(first, last):
                 command(env.tank, episode.contraction, INDEX(order[p]), duration)
             advance(env.tank, env.queue, env.block, first, last, n)
-        see(env, first, last, n >= 0)
+        measure_and_observe(env, first, last, n >= 0)
         return True
 
     return step

@@ -5,7 +5,7 @@ the end of an episode, is the code of the real environments; their kernels run a
 """
 
 from fish_env.envs.single import FishEnv
-from fish_env.envs.step import acceptable, make_see
+from fish_env.envs.step import contract_all, make_measure_and_observe
 from fish_env.envs.vector import FishVectorEnv
 from fish_env.tasks import SwimTask
 
@@ -17,10 +17,12 @@ class StubVectorEnv(FishVectorEnv):
 
     def _compile(self):
         super()._compile()
-        self._see, self._step = make_see(self._kernels), None  # a kernel, which runs as Python
+        self._measure_and_observe = make_measure_and_observe(self._kernels)  # a kernel, which runs as Python
+        self._step = None
 
     def _move(self):
-        if not as_python(acceptable)(self._env):
+        as_python = getattr(contract_all, "py_func", contract_all)
+        if not as_python(self._env):
             return False
         tank, contraction = self.tank, self._contraction
         tank.rest_length[:, tank.fish.muscles] = tank.natural - contraction * tank.span
@@ -28,13 +30,8 @@ class StubVectorEnv(FishVectorEnv):
         tank.velocity[:] = velocity[:, None]
         tank.position[:] += tank.velocity * self.control_interval
         tank.time[:] += self.control_interval
-        self._see(self._env, 0, self.num_envs, True)
+        self._measure_and_observe(self._env, 0, self.num_envs, True)
         return True
-
-
-def as_python(compiled):
-    """A compiled function as it was written."""
-    return getattr(compiled, "py_func", compiled)
 
 
 class StubEnv(FishEnv):

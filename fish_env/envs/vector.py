@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from fish_env.envs.episode import Episodes
-from fish_env.envs.options import OwnSpec, call_each, checked_seeds, checked_truth, set_option, settable
+from fish_env.envs.options import OwnSpec, call_each, checked_seeds, checked_truth, set_option
 
 
 class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
@@ -100,9 +100,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         mask = options.pop("reset_mask", None)
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)
-        elif not (
-            isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,) and mask.any()
-        ):
+        elif not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != self._over.shape or not mask.any():
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
         self.restart(mask, seeds, options)
         self._show(mask)
@@ -184,7 +182,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
             self.tank.close()
 
     def call(self, name: str, *args, **kwargs) -> tuple[Any, ...]:
-        """Value of an attribute, or result of a method, for each fish: as `SyncVectorEnv.call` (`call_each`)."""
+        """Value of an attribute, or result of a method, for each fish, as `SyncVectorEnv.call`."""
         return tuple(call_each(self, name, range(self.num_envs), *args, **kwargs))
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
@@ -207,7 +205,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
     @property
     def settable(self) -> tuple[str, ...]:
         """The keywords that may be set while it runs."""
-        return settable(self)
+        return (*self.LIVE, *getattr(self.task, "settable", ()))
 
     @property
     def np_random(self) -> tuple[np.random.Generator | None, ...]:
@@ -239,10 +237,7 @@ def make_batch(id: str, num_envs: int, **options) -> FishVectorEnv:
     mode = gym.VectorizeMode.VECTOR_ENTRY_POINT
     try:
         batch = gym.make_vec(id, num_envs, vectorization_mode=mode, **options).unwrapped
-    except (
-        AttributeError,
-        ImportError,
-    ) as error:  # Gymnasium's, for no text and for no such module
+    except (AttributeError, ImportError) as error:  # Gymnasium's, for no text and for no such module
         raise ValueError(f"id is {id!r}, which names no environment: {error}") from error
     if not isinstance(batch, FishVectorEnv):
         batch.close()

@@ -1,11 +1,10 @@
 """The laboratory in the browser, `python -m fish_env lab`: look at soft bodies, pull and change them, compare methods.
 
-- `bench`: what is chosen, objects side by side, the hand that drags, measurements, failures with their reason. It knows
-  nothing of a browser, and validates all requests; `specimen`, `settings`, `hand`, `geometry`, `fields` and
-  `colours` are its parts;
+- `bench`: objects side by side, the hand that drags, measurements, failures with their reason. It knows nothing of a
+  browser, and validates all requests; `specimen`, `settings`, `hand`, `geometry` and `fields` are its parts;
 - `school`: fish that are steered while they swim, many at once; it knows nothing of a browser either;
-- `drawing`, `school_drawing`, `panel`, `comparison`, `plots`, `steering`, `session`, `server`: the page, by viser (the
-  extra [lab]); each browser has a session of its own, `door` decides who may open it, and `incoming` checks points.
+- `drawing`, `school_drawing`, `panel`, `controls`, `comparison`, `steering`, `session`, `server`: the page, by viser
+  (the extra [lab]); each browser has a session of its own, and `door` decides who may open it.
 
 viser is imported only in these, and they are loaded only by `serve`.
 """

@@ -12,8 +12,8 @@ from fish_env.bodies import Fish
 from fish_env.bodies.distorted import DISTORTIONS, distorted, out_of_shape
 from fish_env.checks import is_whole
 from fish_env.lab.hand import Hand
-from fish_env.lab.settings import BODY, SETTINGS, WALLS, checked_point, checked_setting, chosen
-from fish_env.lab.specimen import Entry, Readings, Specimen, checked_entry, cost_of_step, make_thing, room_size
+from fish_env.lab.settings import BODY, SETTINGS, WALLS, checked_choice, checked_point, checked_setting
+from fish_env.lab.specimen import Entry, Readings, Specimen, checked_entry, cost_of_step, down_of, make_thing, room_size
 
 MOST = 3  # objects side by side
 MANY = 600  # nodes of an object that one processor does not move in real time by steps of its own
@@ -26,14 +26,7 @@ FAR = 100.0  # lengths of the object: a point of the page further away is not ac
 
 
 class Bench:
-    """Objects that are looked at and touched, all under the same conditions.
-
-    Args:
-        entries: what stands side by side, one to three.
-
-    Raises:
-        ValueError: for what is not allowed.
-    """
+    """One to three objects that are looked at and touched, all under the same conditions."""
 
     def __init__(self, entries: Sequence[Entry] = (Entry("uniform sphere"),)):
         self.same_cost, self.strength = False, 1.0
@@ -43,11 +36,7 @@ class Bench:
         self.choose(entries)
 
     def choose(self, entries: Sequence[Entry], same_cost: bool | None = None) -> None:
-        """Put other objects on the bench, at rest, with the numbers that they are made with.
-
-        Raises:
-            ValueError: for what is not allowed; the bench is then as before.
-        """
+        """Put other objects on the bench, at rest; ValueError, and the bench is as before, for what is not allowed."""
         if not 1 <= len(entries) <= MOST:
             raise ValueError(f"{len(entries)} objects; give 1 to {MOST}")
         same_cost = self.same_cost if same_cost is None else bool(same_cost)
@@ -95,19 +84,19 @@ class Bench:
     def set(self, name, value) -> None:
         """Change a number while the objects move; ValueError, and nothing has changed, for one that is not allowed."""
         numbers = self.numbers | {name: checked_setting(name, value)}
-        self._all(lambda specimen: specimen.change(numbers=numbers))
+        self._change_all(lambda specimen: specimen.change(numbers=numbers))
         self.numbers = numbers
         if name in BODY or name == "step":
             self._set_steps()
 
     def set_walls(self, walls) -> None:
         """Choose the walls, one of WALLS."""
-        walls = chosen(walls, WALLS, "walls")
-        self._all(lambda specimen: specimen.change(walls=walls))
+        walls = checked_choice(walls, WALLS, "walls")
+        self._change_all(lambda specimen: specimen.change(walls=walls))
         self.walls = walls
 
     def set_strength(self, value) -> None:
-        """Strength of the hand, a factor from 0.1 to 20."""
+        """Set the strength of the hand, a factor from 0.1 to 20."""
         if not (isinstance(value, int | float) and 0.1 <= value <= 20.0):
             raise ValueError(f"strength of the hand is {value!r}; give a number from 0.1 to 20")
         self.strength = float(value)
@@ -126,7 +115,7 @@ class Bench:
         return node
 
     def drag(self, point) -> None:
-        """The pointer that drags is now at a point (3,) m."""
+        """Have the hand follow the pointer, which is now at a point (3,) m."""
         if self.hand is not None:
             self.hand.aim(checked_point(point, self.reach))
 
@@ -142,14 +131,14 @@ class Bench:
         specimen = self._specimen(number)
         node = specimen.tank.nearest(checked_point(point, self.reach))
         self.let_go()
-        for each in self._alike(number):
+        for each in self._matching(number):
             each.toggle(node)
         return node
 
     def release_all(self) -> None:
         """Release every fixed node."""
         self.let_go()
-        self._all(lambda specimen: specimen.change(fixed=[]))
+        self._change_all(lambda specimen: specimen.change(fixed=[]))
 
     def reset(self, velocity=(0.0, 0.0, 0.0)) -> None:
         """Start again at rest, or with a velocity (3,) m/s."""
@@ -163,13 +152,12 @@ class Bench:
     def throw(self) -> None:
         """Start again with a velocity obliquely upward, five lengths of the object a second."""
         thing = self.specimens[0].thing
-        up = -np.asarray(getattr(thing, "down", (0.0, 0.0, -1.0)))
-        along = np.array([1.0, 0.0, 0.0])
+        up, along = -down_of(thing), np.array([1.0, 0.0, 0.0])
         self.reset(thing.length * (5.0 * along + 8.0 * up * (abs(up @ along) < 0.5)))
 
     def distort(self, how: str) -> None:
         """Start again at rest, but twisted or inverted, one of DISTORTIONS; ValueError, and nothing changes, if not."""
-        chosen(how, DISTORTIONS, "pose")
+        checked_choice(how, DISTORTIONS, "pose")
         poses = [distorted(specimen.thing, how) for specimen in self.specimens]
         self.reset()
         for specimen, pose in zip(self.specimens, poses, strict=True):
@@ -181,7 +169,7 @@ class Bench:
         self.clock += seconds
         if self.hand is not None:
             self.hand.advance(seconds)
-            for specimen in self._alike(self.hand.specimen):
+            for specimen in self._matching(self.hand.specimen):
                 specimen.pull(self.hand, self.strength)
         for specimen in self.specimens:
             specimen.advance(self.clock)
@@ -193,7 +181,7 @@ class Bench:
         if self.clock >= self._measured + BETWEEN:
             self.measure()
         if self._distorted and self.clock >= SETTLED:
-            self._judge()
+            self._report_shapes()
 
     def explain(self, specimen: Specimen) -> str:
         """Explanation of the failure of an object, in one sentence."""
@@ -207,15 +195,15 @@ class Bench:
             f"{tank.failure[0]} (step {1e3 * tank.dt:.3g} ms; {about}). All objects start again."
         )
 
-    def _judge(self) -> None:
+    def _report_shapes(self) -> None:
         """Report the objects that have not returned to their shape."""
         for specimen in self.specimens:
             off = out_of_shape(specimen.thing.body, specimen.position)
             if off > BACK:
                 self.messages.append(
                     f"The {specimen.thing.name} was {self._distorted} and has not come back to its shape after "
-                    f"{SETTLED:g} s by {specimen.tank.integrator.name}: a node is {off:.2f} of its size from its "
-                    "place. It may be in another equilibrium; Drop starts again at rest."
+                    f"{SETTLED:g} s by {specimen.method}: a node is {off:.2f} of its size from its place. It may be in "
+                    "another equilibrium; Drop starts again at rest."
                 )
         self._distorted = ""
 
@@ -228,8 +216,7 @@ class Bench:
     def distance(self, number: int) -> float:
         """Distance of an object from the first one, in lengths of the first.
 
-        It is the root mean square over landmarks of two fish, over the nodes of two objects with as many, or else the
-        distance between the centres of mass.
+        Root mean square over landmarks of fish or over as many nodes; of other objects, between the centres of mass.
         """
         first, other = self.specimens[0], self._specimen(number)
         if isinstance(first.thing, Fish) and isinstance(other.thing, Fish):
@@ -241,28 +228,20 @@ class Bench:
             a, b = a / first.tank.fish.body.mass.sum(), b / other.tank.fish.body.mass.sum()
         return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean())) / first.thing.length
 
-    def readings(self) -> list[Readings]:
-        """The newest readings, one for each object."""
-        if not self.history:
-            self.measure()
-        return self.history[-1]
-
     def _specimen(self, number) -> Specimen:
         if not (is_whole(number) and 0 <= number < len(self.specimens)):
             raise ValueError(f"object is {number!r}; give a whole number from 0 to {len(self.specimens) - 1}")
         return self.specimens[number]
 
-    def _alike(self, number: int) -> list[Specimen]:
+    def _matching(self, number: int) -> list[Specimen]:
         """The object and those with as many nodes: what is done to a node of one is done to that of all."""
         nodes = len(self.specimens[number].position)
         return [specimen for specimen in self.specimens if len(specimen.position) == nodes]
 
-    def _all(self, change) -> None:
+    def _change_all(self, change) -> None:
         """Change every object, or none if one of them cannot be changed."""
         self.let_go()
-        before = [
-            (specimen, specimen.numbers, specimen.walls, specimen.step, specimen.fixed) for specimen in self.specimens
-        ]
+        before = [(each, each.numbers, each.walls, each.step, each.fixed) for each in self.specimens]
         try:
             for specimen in self.specimens:
                 change(specimen)
@@ -273,14 +252,13 @@ class Bench:
 
     def _set_steps(self) -> None:
         """Give every object its step: the method's own times the setting, or one that costs as much as the first's."""
-        steps = [self.numbers["step"]] * len(self.specimens)
-        self._all(lambda specimen: specimen.change(step=self.numbers["step"]))
+        self._change_all(lambda specimen: specimen.change(step=self.numbers["step"]))
         if not self.same_cost or len(self.specimens) == 1:
             return
         costs = [cost_of_step(specimen) for specimen in self.specimens]
         budget = costs[0] / self.specimens[0].tank.dt
         steps = [cost / budget / specimen.own_step() for cost, specimen in zip(costs, self.specimens, strict=True)]
-        for specimen, step in list(zip(self.specimens, steps, strict=True))[1:]:
+        for specimen, step in zip(self.specimens[1:], steps[1:], strict=True):
             specimen.change(step=step)
 
     def _clear(self) -> None:

@@ -40,7 +40,7 @@ KINDS = {
 LOGGER = logging.getLogger(__name__)
 
 
-def in_a_line(record: logging.LogRecord) -> bool:
+def shorten_report(record: logging.LogRecord) -> bool:
     """Shorten a report of a connection that failed to one line, and leave out those that never became one."""
     if record.exc_info:
         record.msg, record.args = f"{record.getMessage()}: {record.exc_info[1]!r:.200}", ()
@@ -48,7 +48,7 @@ def in_a_line(record: logging.LogRecord) -> bool:
     return not record.msg.startswith("opening handshake failed")
 
 
-LOGGER.addFilter(in_a_line)
+LOGGER.addFilter(shorten_report)
 
 
 def check_message(raw: str | bytes) -> None:
@@ -88,11 +88,7 @@ class Connection(ServerConnection):
         super().process_event(event)
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """The next message.
-
-        Raises:
-            ConnectionClosed: if there is none, or one that the page never sends.
-        """
+        """The next message; ConnectionClosed if there is none, or one that the page never sends."""
         try:
             raw = await asyncio.wait_for(super().recv(decode), None if self._said else SILENT)
             check_message(raw)
@@ -104,11 +100,7 @@ class Connection(ServerConnection):
 
 
 class Door:
-    """Access control of the page.
-
-    Args:
-        host: address that is listened at.
-    """
+    """Access control of the page at an address."""
 
     def __init__(self, host: str):
         self.names = {"localhost", "127.0.0.1", "[::1]", f"[{host}]" if ":" in host else host.lower()}
@@ -129,8 +121,8 @@ class Door:
     def refusal(self, headers: Headers, port: int) -> str:
         """Reason to reject a request; "" to accept it.
 
-        The request of another page names that page in `Origin`. A foreign name that resolves to this machine stands in
-        `Host`. Browsers send both; a websocket without `Origin` does not come from a page.
+        Another page stands in `Origin`, and a foreign name that resolves to this machine in `Host`. A websocket without
+        `Origin` does not come from a page.
         """
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         name, _, number = "".join(hosts).rpartition(":")

@@ -3,17 +3,22 @@
 Everything is drawn in lengths of the first object, so that a metre of a scene is never visible to the camera.
 """
 
+from __future__ import annotations
+
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fish_env.lab import colours
-from fish_env.lab.fields import ARROWS, SHADES, activation, arrows, part_of, shade_of, shades
-from fish_env.lab.geometry import boundary, octahedron
-from fish_env.lab.incoming import usable, vector
-from fish_env.lab.requests import SessionLike
+from fish_env.bodies.skins import octasphere
+from fish_env.lab import fields
+from fish_env.lab.fields import ARROWS, SHADES, activation, arrows, colours_along, part_of, shade_of, shades
+from fish_env.lab.geometry import boundary
+from fish_env.lab.settings import checked_point, positive_or
 from fish_env.lab.specimen import Specimen, down_of, room_size
+
+if TYPE_CHECKING:
+    from fish_env.lab.session import Session
 
 TRANSLUCENT = 0.7  # opacity of tetrahedra with muscles between them
 FAINT = 0.15  # opacity of what would hide forces
@@ -33,23 +38,40 @@ def flat_points(points: np.ndarray) -> np.ndarray:
 
 def upright(thing) -> bool:
     """Return True if an object falls within the xy plane, which is then shown upright."""
-    return abs(float(getattr(thing, "down", (0, 0, -1))[2])) < 0.5
+    return abs(down_of(thing)[2]) < 0.5
 
 
 def free_part(camera) -> tuple[float, float]:
     """The part of the page that the panel hides, and half the width that all of the page shows at a distance of 1."""
-    wide, high = usable(camera.image_width, SCREEN[0]), usable(camera.image_height, SCREEN[1])
-    return min(PANEL / wide, 0.5), np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0)) * wide / high
+    wide, high = positive_or(camera.image_width, SCREEN[0]), positive_or(camera.image_height, SCREEN[1])
+    return min(PANEL / wide, 0.5), np.tan(0.5 * min(positive_or(camera.fov, SIGHT), 3.0)) * wide / high
+
+
+def add_balls(scene: Any, name: str, count: int, radius: float, colour) -> Any:
+    """Small balls that can be moved; the handle."""
+    ball = octasphere(1)
+    return scene.add_batched_meshes_simple(
+        name, radius * ball.place, ball.faces[:, :3], np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)), np.zeros((count, 3)),
+        batched_colors=np.tile(np.array(colour, np.uint8), (count, 1)), lod="off", flat_shading=False,
+    )  # fmt: skip
+
+
+def add_lines(scene: Any, name: str, count: int, thickness: float) -> Any:
+    """Straight lines without a place or a colour yet; the handle."""
+    ends = np.zeros((count, 2, 3))
+    return scene.add_line_segments(name, ends, np.zeros(ends.shape, np.uint8), thickness=thickness)
+
+
+def move_lines(handle: Any, ends: np.ndarray, scale: np.ndarray, part: np.ndarray) -> None:
+    """Put lines at ends (K,2,3), each in the colour at a part (K,) of a scale."""
+    handle.points = flat_points(ends)
+    handle.colors = np.repeat(colours_along(scale, part)[:, None], 2, axis=1)
 
 
 class Drawing:
-    """Scene of a bench in the browser.
+    """Scene of a bench in the browser."""
 
-    Args:
-        session: the session of the bench.
-    """
-
-    def __init__(self, session: SessionLike):
+    def __init__(self, session: Session):
         self.session, self.scene = session, session.client.scene
         self.shown = dict.fromkeys(VIEWS, True) | {"forces": False}
         self.scale = 1.0
@@ -72,16 +94,12 @@ class Drawing:
         return np.asarray(point, dtype=float) @ self.turn(number) / self.scale - self.offset(number)
 
     def seen_from(self, number: int) -> tuple[float, float]:
-        """Distance of the camera from an object, m, and the focal length of the picture, pixels.
-
-        Raises:
-            ValueError: for a camera whose position is not three finite numbers.
-        """
+        """Distance of the camera, m, and focal length of the picture, pixels; ValueError if the camera is nowhere."""
         camera = self.session.client.camera
-        middle = self._scaled(number, self.session.bench.specimens[number].position.mean(axis=0)[None])[0]
-        away = float(np.linalg.norm(vector(camera.position, "camera") - middle)) / self.scale
-        high = usable(camera.image_height, SCREEN[1])
-        return away, 0.5 * high / np.tan(0.5 * min(usable(camera.fov, SIGHT), 3.0))
+        middle = self._to_scene(number, self.session.bench.specimens[number].position.mean(axis=0)[None])[0]
+        away = float(np.linalg.norm(checked_point(camera.position, what="camera") - middle)) / self.scale
+        high = positive_or(camera.image_height, SCREEN[1])
+        return away, 0.5 * high / np.tan(0.5 * min(positive_or(camera.fov, SIGHT), 3.0))
 
     def build(self, look: bool = True) -> None:
         """Draw the objects that are now on the bench, and look at them unless the camera is to stay."""
@@ -103,10 +121,7 @@ class Drawing:
         self._handles, self._room, self._tets, self._opacity = {}, [], {}, {}
 
     def look(self) -> None:
-        """Turn the camera to the objects: from the front, and those in a plane from above it.
-
-        They stand in the middle of what the panel leaves free of the page, all of them.
-        """
+        """Turn the camera to the objects, all in what the panel leaves free of the page."""
         bench, camera = self.session.bench, self.session.client.camera
         thing = bench.specimens[0].thing
         flat = upright(thing)
@@ -120,29 +135,29 @@ class Drawing:
 
     def _add(self, number: int, specimen: Specimen) -> None:
         """Draw one object for the first time."""
-        thing, x = specimen.thing, self._scaled(number, specimen.position)
-        count = len(x)
-        tint = colours.SPECIMENS[number] if len(self.session.bench.specimens) > 1 else colours.SKY
+        thing, count = specimen.thing, len(specimen.position)
+        tint = fields.SPECIMENS[number] if len(self.session.bench.specimens) > 1 else fields.SKY
         for k, surface in enumerate(specimen.surfaces):
-            points = self._scaled(number, surface.points(specimen.position))
-            inside = k > 0
-            opacity = None if inside else 0.35 if len(specimen.surfaces) > 1 else 0.55
-            self._mesh(number, f"skin {k}", points, surface.triangles, colours.ORANGE if inside else tint, opacity)
+            points = self._to_scene(number, surface.points(specimen.position))
+            opacity = None if k else 0.35 if len(specimen.surfaces) > 1 else 0.55
+            self._mesh(number, f"skin {k}", points, surface.triangles, fields.ORANGE if k else tint, opacity)
         if thing.body.tets is not None:
             self._tets[number] = boundary(thing.body.tets.nodes)
             for k, shade in enumerate(shades()):
                 see_through = TRANSLUCENT if len(thing.fibres) else None  # muscles are inside
                 self._mesh(number, f"element {k}", np.zeros((3, 3)), [(0, 1, 2)], shade, see_through, flat=True)
-        ends = thing.body.springs.nodes
-        muscles = set(thing.fibres.tolist())
-        self._lines(number, "springs", len(ends) - len(muscles), 0.007)
-        self._lines(number, "muscles", len(muscles), 0.022)
+        springs = len(thing.body.springs.nodes) - len(thing.fibres)
+        for name, lines, thickness in (
+            ("springs", springs, 0.007), ("muscles", len(thing.fibres), 0.022), ("hand", 1, 0.012),
+        ):  # fmt: skip
+            if lines:
+                self._handles[number, name] = add_lines(self.scene, f"/{number}/{name}", lines, thickness)
+        self._handles[number, "hand"].colors = np.tile(np.array(fields.VERMILLION, np.uint8), (1, 2, 1))
         radius = NODES * (1.0 if count <= FEW else 0.5)
-        self._balls(number, "nodes", count, radius, tint)
-        self._lines(number, "hand", 1, 0.012)
-        self._handles[number, "hand"].colors = np.tile(np.array(colours.VERMILLION, np.uint8), (1, 2, 1))
+        self._handles[number, "nodes"] = add_balls(self.scene, f"/{number}/nodes", count, radius, tint)
+        self._draggable(number, self._handles[number, "nodes"])
         self._handles[number, "forces"] = self.scene.add_arrows(
-            f"/{number}/forces", np.zeros((min(ARROWS, count), 2, 3)), colours.BLACK,
+            f"/{number}/forces", np.zeros((min(ARROWS, count), 2, 3)), fields.BLACK,
             shaft_radius=0.005, head_radius=0.014, head_length=0.03,
         )  # fmt: skip
 
@@ -154,22 +169,6 @@ class Drawing:
         )  # fmt: skip
         self._draggable(number, handle)
         self._handles[number, name], self._opacity[number, name] = handle, opacity
-
-    def _lines(self, number, name, count, thickness) -> None:
-        if count:
-            self._handles[number, name] = self.scene.add_line_segments(
-                f"/{number}/{name}", np.zeros((count, 2, 3)), np.zeros((count, 2, 3), np.uint8), thickness=thickness
-            )
-
-    def _balls(self, number, name, count, radius, colour) -> None:
-        """Small spheres, one a node, that can be dragged."""
-        points, triangles = octahedron(radius)
-        handle = self.scene.add_batched_meshes_simple(
-            f"/{number}/{name}", points, triangles, np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)), np.zeros((count, 3)),
-            batched_colors=np.tile(np.array(colour, np.uint8), (count, 1)), lod="off", flat_shading=False,
-        )  # fmt: skip
-        self._draggable(number, handle)
-        self._handles[number, name] = handle
 
     def _draggable(self, number: int, handle: Any) -> None:
         """Let the mouse drag, or in another mode click, this part of an object."""
@@ -198,18 +197,12 @@ class Drawing:
             for k, plane in enumerate([] if planes is None else planes):
                 half = np.where(np.abs(plane[:3]) > 0.5, 0.01, (size, size, depth))
                 ground = np.dot(plane[:3], down_of(specimen.thing)) < -0.5
-                self._room.append(
-                    self.scene.add_box(
-                        f"/{number}/wall {k}",
-                        dimensions=tuple(np.abs(2.0 * half @ turn.T)),
-                        color=colours.GREY,
-                        opacity=0.5 if ground else 0.12,
-                        cast_shadow=False,
-                        position=tuple(
-                            (self.scale * (plane[3] * plane[:3] + self.offset(number)) - half * plane[:3]) @ turn.T
-                        ),
-                    )
-                )
+                place = self.scale * (plane[3] * plane[:3] + self.offset(number)) - half * plane[:3]
+                box = self.scene.add_box(
+                    f"/{number}/wall {k}", dimensions=tuple(np.abs(2.0 * half @ turn.T)), color=fields.GREY,
+                    opacity=0.5 if ground else 0.12, cast_shadow=False, position=tuple(place @ turn.T),
+                )  # fmt: skip
+                self._room.append(box)
 
     def show(self, view: str, visible: bool) -> None:
         """Show or hide one of VIEWS."""
@@ -218,7 +211,6 @@ class Drawing:
 
     def _show_all(self) -> None:
         """Show what is to be shown, and make faint what would hide forces."""
-        views = {"muscles": "springs"}
         for (number, name), handle in self._handles.items():
             kind = name.split()[0]
             if kind == "skin":
@@ -226,11 +218,11 @@ class Drawing:
             elif kind == "element":
                 handle.visible = self.shown["tetrahedra"]
             elif name != "hand":
-                handle.visible = self.shown[views.get(name, name)]
+                handle.visible = self.shown["springs" if name == "muscles" else name]
             if kind in ("skin", "element"):
                 handle.opacity = FAINT if self.shown["forces"] else self._opacity[number, name]
 
-    def _scaled(self, number, points) -> np.ndarray:
+    def _to_scene(self, number, points) -> np.ndarray:
         return flat_points((points + self.offset(number)) @ self.turn(number).T * self.scale)
 
     def update(self) -> None:
@@ -239,12 +231,12 @@ class Drawing:
             self._update(number, specimen)
 
     def _update(self, number: int, specimen: Specimen) -> None:
-        handles, x = self._handles, self._scaled(number, specimen.position)
+        handles, x = self._handles, self._to_scene(number, specimen.position)
         if number in self._tets and self.shown["tetrahedra"]:
             self._update_elements(number, x, specimen.tet_strain())
         elif self.shown["skin"]:
             for k, surface in enumerate(specimen.surfaces):
-                handles[number, f"skin {k}"].vertices = self._scaled(number, surface.points(specimen.position))
+                handles[number, f"skin {k}"].vertices = self._to_scene(number, surface.points(specimen.position))
         if self.shown["springs"]:
             self._update_springs(number, specimen, x, specimen.spring_strain())
         if self.shown["nodes"]:
@@ -267,18 +259,13 @@ class Drawing:
 
     def _update_springs(self, number, specimen, x, strain) -> None:
         thing, ends = specimen.thing, specimen.thing.body.springs.nodes
-        driven = np.unique(thing.fibres)
-        others = np.setdiff1d(np.arange(len(ends)), driven)
-        if (number, "springs") in self._handles:
-            handle = self._handles[number, "springs"]
-            handle.points = x[ends[others]]
-            colour = colours.along(colours.DIVERGING, part_of(strain[others]))
-            handle.colors = np.repeat(colour[:, None], 2, axis=1)
-        if (number, "muscles") in self._handles:
-            handle = self._handles[number, "muscles"]
-            handle.points = x[ends[driven]]
-            colour = colours.along(colours.MUSCLE, activation(specimen, driven))
-            handle.colors = np.repeat(colour[:, None], 2, axis=1)
+        others = np.setdiff1d(np.arange(len(ends)), thing.fibres)
+        for name, which, scale, part in (
+            ("springs", others, fields.DIVERGING, part_of(strain[others])),
+            ("muscles", thing.fibres, fields.MUSCLE, activation(specimen.tank)[0]),
+        ):
+            if (number, name) in self._handles:
+                move_lines(self._handles[number, name], x[ends[which]], scale, part)
 
     def _update_forces(self, number, specimen, x) -> None:
         nodes, arrow = arrows(specimen.forces(), specimen.tank.fish.body.mass)
@@ -287,9 +274,7 @@ class Drawing:
 
     def _update_hand(self, number, specimen, x) -> None:
         hand, handle = self.session.bench.hand, self._handles[number, "hand"]
-        held = hand is not None and len(specimen.position) > hand.node
-        if hand is not None:
-            held = held and len(specimen.position) == len(self.session.bench.specimens[hand.specimen].position)
-        handle.visible = bool(held)
-        if hand is not None and held:
-            handle.points = np.stack([x[hand.node], self._scaled(number, hand.point[None])[0]])[None]
+        nodes = 0 if hand is None else len(self.session.bench.specimens[hand.specimen].position)
+        handle.visible = nodes == len(x)
+        if hand is not None and nodes == len(x):
+            handle.points = np.stack([x[hand.node], self._to_scene(number, hand.point[None])[0]])[None]

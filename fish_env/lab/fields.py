@@ -1,10 +1,20 @@
-"""Strain, activation and forces of an object as they are drawn: colours, shades and arrows. numpy only."""
+"""Strain, activation and forces of an object as they are drawn: colours, shades and arrows. numpy only.
+
+Colours are ones that colour-blind people can tell apart: Okabe & Ito 2008 for categories, blue to orange for strain.
+"""
 
 import numpy as np
 
 from fish_env.bodies.room import GRAVITY
-from fish_env.lab import colours
-from fish_env.lab.specimen import Specimen
+from fish_env.physics.tank import Tank
+
+BLACK, GREY = (0, 0, 0), (120, 126, 132)
+ORANGE, SKY, GREEN, BLUE, VERMILLION = (230, 159, 0), (86, 180, 233), (0, 158, 115), (0, 114, 178), (213, 94, 0)
+SPECIMENS = (BLUE, VERMILLION, GREEN)  # of the objects side by side
+DIVERGING = np.array([(0, 90, 160), (86, 160, 215), (225, 225, 225), (236, 150, 60), (200, 80, 0)], dtype=float)
+"""From blue, shortened, over grey, at rest, to orange, stretched."""
+MUSCLE = np.array([(205, 205, 205), (230, 159, 0), (200, 60, 0)], dtype=float)
+"""From a relaxed to a fully contracted muscle."""
 
 STRAIN = 0.3  # strain at the ends of the colour scale
 SHADES = 11  # of tetrahedra, odd: the middle one is that of rest
@@ -12,6 +22,14 @@ ARROWS = 150  # forces that are drawn: the largest
 USUAL, LONGEST = 0.2, 0.35  # lengths of the object: the arrow of the quantile, and of the largest force
 QUANTILE = 0.9
 LEAST = 0.02  # weights of a node on Earth: forces are not blown up beyond the scale on which this is the quantile
+
+
+def colours_along(scale: np.ndarray, part) -> np.ndarray:
+    """The colours (K,3) uint8 at parts (K,) in [0, 1] of a scale (C,3); what lies outside takes the end's colour."""
+    place = np.clip(np.nan_to_num(np.asarray(part, dtype=float)), 0.0, 1.0) * (len(scale) - 1)
+    low = np.minimum(place.astype(int), len(scale) - 2)
+    rest = (place - low)[:, None]
+    return np.rint(scale[low] * (1.0 - rest) + scale[low + 1] * rest).astype(np.uint8)
 
 
 def part_of(strain: np.ndarray) -> np.ndarray:
@@ -31,7 +49,7 @@ def shade_of(strain: np.ndarray) -> np.ndarray:
 
 def shades() -> np.ndarray:
     """The colours of the SHADES, (SHADES,3)."""
-    return colours.along(colours.DIVERGING, np.linspace(0.0, 1.0, SHADES))
+    return colours_along(DIVERGING, np.linspace(0.0, 1.0, SHADES))
 
 
 def arrows(force: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -47,9 +65,7 @@ def arrows(force: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return nodes, force[nodes] * (length / np.maximum(size[nodes], 1e-300))[:, None]
 
 
-def activation(specimen: Specimen, fibres: np.ndarray) -> np.ndarray:
-    """Contraction (K,) of the muscles' fibres (K,): 0 natural, 1 full."""
-    tank = specimen.tank
-    natural, span = np.zeros(tank.rest_length.shape[1]), np.ones(tank.rest_length.shape[1])
-    natural[tank._fibres[0]], span[tank._fibres[0]] = tank._fibres[2], tank._fibres[3]
-    return (natural - tank.rest_length[0])[fibres] / span[fibres]
+def activation(tank: Tank) -> np.ndarray:
+    """Contraction (B,K) of the fibres of a tank's fish, in their order: 0 natural, 1 full."""
+    fibres, _, natural, span = tank._fibres
+    return (natural - tank.rest_length[:, fibres]) / span

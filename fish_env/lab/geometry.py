@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.physics.fish import ElasticObject
 
 SIDES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])
 """The four sides of a tetrahedron, outward."""
@@ -27,7 +26,7 @@ class Surface(NamedTuple):
         return x[self.nodes] + self.height[:, None] * (0.0, 0.0, 1.0)
 
 
-def triangulated(faces: np.ndarray) -> np.ndarray:
+def triangulate(faces: np.ndarray) -> np.ndarray:
     """Two triangles for each quadrilateral (F,4), one for each triangle: (K,3)."""
     halves = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
     proper = (halves[:, 0] != halves[:, 1]) & (halves[:, 1] != halves[:, 2]) & (halves[:, 0] != halves[:, 2])
@@ -42,34 +41,32 @@ def boundary(tets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return sides[outside], outside // 4
 
 
-def surfaces(thing: ElasticObject) -> list[Surface]:
+def surfaces(thing: Any) -> list[Surface]:
     """The outer surface of an object and, if there is one, an inner one; empty for a string."""
-    every = np.arange(thing.body.mass.size)
-    nothing = np.zeros(every.size)
+    nodes = np.arange(thing.body.mass.size)
     if isinstance(thing, Fish):
         marks = thing.landmarks
-        return [Surface(triangulated(marks.faces), marks.node, marks.height, True)]
+        return [Surface(triangulate(marks.faces), marks.node, marks.height, True)]
+    closed = True
     if thing.body.tets is not None:
-        return [Surface(boundary(thing.body.tets.nodes)[0], every, nothing, True)]
-    layered: Any = thing
-    skin = getattr(layered, "skin", np.zeros((0, 4), np.int64))
-    if not len(skin):
-        return []
-    if skin.shape[1] == 4:
-        outer = triangulated(skin)
-        inner = [layered.inner[outer]] if len(layered.inner) else []
-        return [Surface(each, every, nothing, True) for each in (outer, *inner)]
-    return flat_surfaces(layered, skin, every, nothing)
+        triangles = [boundary(thing.body.tets.nodes)[0]]
+    elif not len(thing.skin):
+        triangles = []
+    elif thing.skin.shape[1] == 4:
+        outer = triangulate(thing.skin)
+        triangles = [outer, thing.inner[outer]] if len(thing.inner) else [outer]
+    else:
+        closed, triangles = False, ring_triangles(thing.skin, thing.inner)
+    return [Surface(each, nodes, np.zeros(nodes.size), closed) for each in triangles]
 
 
-def flat_surfaces(thing, edges, every, nothing) -> list[Surface]:
-    """The band between the two rings of a flat object, and the disc within the inner one, as a fan."""
+def ring_triangles(edges: np.ndarray, inner: np.ndarray) -> list[np.ndarray]:
+    """Triangles of the band from edges (F,2) to an inner ring, and of the disc within that, as a fan."""
     a, b = edges[:, 0], edges[:, 1]
-    if not len(thing.inner):
-        return [Surface(fan(a), every, nothing, False)]
-    i, j = thing.inner[a], thing.inner[b]
-    band = np.concatenate([np.stack([a, b, j], axis=1), np.stack([a, j, i], axis=1)])
-    return [Surface(band, every, nothing, False), Surface(fan(i), every, nothing, False)]
+    if not len(inner):
+        return [fan(a)]
+    i, j = inner[a], inner[b]
+    return [np.concatenate([np.stack([a, b, j], axis=1), np.stack([a, j, i], axis=1)]), fan(i)]
 
 
 def fan(ring: np.ndarray) -> np.ndarray:
@@ -83,13 +80,7 @@ def signed_volume(triangles: np.ndarray, points: np.ndarray) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def ring_area(edges: np.ndarray, x: np.ndarray) -> float:
-    """Area inside the closed ring of edges (F,2) in the xy plane, m2."""
-    p, q = x[edges[:, 0]], x[edges[:, 1]]
-    return 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
-
-
-def enclosed(thing: ElasticObject, outside: list[Surface], x: np.ndarray) -> float:
+def enclosed_volume(thing: Any, outside: list[Surface], x: np.ndarray) -> float:
     """Volume of the tetrahedra or inside the outer surface, m3; of a ring its area, m2; NaN for a string."""
     if thing.body.tets is not None:
         a, b, c, d = (x[thing.body.tets.nodes[:, k]] for k in range(4))
@@ -97,7 +88,8 @@ def enclosed(thing: ElasticObject, outside: list[Surface], x: np.ndarray) -> flo
     if not outside:
         return np.nan
     if not outside[0].closed:
-        return ring_area(thing.skin, x)  # type: ignore[attr-defined]
+        p, q = x[thing.skin[:, 0]], x[thing.skin[:, 1]]
+        return 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
     return signed_volume(outside[0].triangles, outside[0].points(x))
 
 
@@ -125,20 +117,3 @@ def tet_strain(tets, x) -> np.ndarray:
     high = np.sqrt(np.maximum(mean + 2.0 * spread * np.cos(angle), 0.0)) - 1.0
     low = np.sqrt(np.maximum(mean + 2.0 * spread * np.cos(angle + 2.0 * np.pi / 3.0), 0.0)) - 1.0
     return np.where(np.abs(high) >= np.abs(low), high, low)
-
-
-def octahedron(radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """A ball of few triangles: an octahedron, each side divided in four and blown up."""
-    points = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
-    corners = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
-    places, triangles = [np.array(point, float) for point in points], []
-    for a, b, c in corners:
-        first = len(places)
-        places += [
-            0.5**0.5 * (places[a] + places[b]),
-            0.5**0.5 * (places[b] + places[c]),
-            0.5**0.5 * (places[c] + places[a]),
-        ]
-        p, q, r = first, first + 1, first + 2
-        triangles += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
-    return radius * np.array(places, np.float32), np.array(triangles, np.uint32)

@@ -7,13 +7,7 @@ LONGEST = 0.1  # s, over which the hand covers the way to where the pointer is
 
 
 class Hand:
-    """A point that follows a pointer at an even speed.
-
-    Args:
-        specimen: number of the object whose node it drags.
-        node: number of the node.
-        point: where it begins, (3,) m.
-    """
+    """A point that begins at `point` (3,) m, follows a pointer at an even speed, and drags a node of an object."""
 
     def __init__(self, specimen: int, node: int, point):
         self.specimen, self.node = specimen, node
@@ -24,7 +18,7 @@ class Hand:
         self._goal, self._left, self._waited = self.point.copy(), 0.0, LONGEST
 
     def aim(self, point) -> None:
-        """The pointer is now at a point (3,) m: be there after as much time as lay between its last two events."""
+        """Go to where the pointer is now, (3,) m, in as much time as lay between its last two events."""
         self._goal = np.array(point, dtype=float)
         self._left = min(max(self._waited, LEAST), LONGEST)
         self._waited = 0.0

@@ -16,7 +16,7 @@ from fish_env.control.gait import best_gait
 from fish_env.control.policy import load_policy, shipped_policy
 from fish_env.control.sequencer import scripted
 from fish_env.envs import FishVectorEnv
-from fish_env.lab.settings import checked_point, chosen
+from fish_env.lab.settings import checked_choice, checked_point
 from fish_env.tasks.avoid import AvoidTask
 from fish_env.tasks.rewards import wrapped
 from fish_env.tasks.start import POSE_OPTIONS, level
@@ -45,7 +45,7 @@ class HeadingTask(CommandedTurns):
         self.course.count[i] = 0
 
     def command(self, heading: np.ndarray) -> None:
-        """The fish are to swim along headings (B,), rad, from the next step on."""
+        """Command headings (B,), rad, from the next step on."""
         self.course.heading[:] = wrapped(heading)
         for i, angle in enumerate(heading):
             self._heading[i] = level(angle)
@@ -63,7 +63,7 @@ class ObstacleTask(AvoidTask):
         self._appears[i] = np.inf
 
     def put(self, i: int, point) -> None:
-        """The obstacle of fish i is at a point (3,) m, at rest; None for no obstacle."""
+        """Put the obstacle of fish i, at rest, at a point (3,) m; None for no obstacle."""
         self.present[i] = point is not None
         self.obstacle[i] = 0.0 if point is None else point
 
@@ -108,18 +108,10 @@ def make_driver(name: str, num_fish: int) -> tuple[Waters, Controller]:
 
 
 class School:
-    """Fish that are steered.
-
-    Args:
-        driver: a key of DRIVERS.
-        num_fish: B, 1 to MOST_FISH.
-
-    Raises:
-        ValueError: for what is not allowed.
-    """
+    """B fish, 1 to MOST_FISH, that a driver, a key of DRIVERS, steers."""
 
     def __init__(self, driver: str = "policy turn", num_fish: int = 1):
-        chosen(driver, DRIVERS, "driver")
+        checked_choice(driver, DRIVERS, "driver")
         if isinstance(num_fish, bool) or not (isinstance(num_fish, int) and 1 <= num_fish <= MOST_FISH):
             raise ValueError(f"number of fish is {num_fish!r}; give a whole number from 1 to {MOST_FISH}")
         self.driver, self.goal, self.num_fish = driver, DRIVERS[driver][0], num_fish
@@ -154,7 +146,7 @@ class School:
         self.history: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
         """Time, s, mean heading of the first fish over a beat and its command, rad, both counted on beyond pi."""
         self._before = self.waters.tank.position.copy()
-        self._tell()
+        self._send_commands()
 
     @property
     def heading(self) -> np.ndarray:
@@ -167,7 +159,7 @@ class School:
             raise ValueError(f"angle is {angle!r}; give a number from -pi to pi, rad")
         self._planned = []
         self.commanded = self.commanded + float(angle)
-        self._tell()
+        self._send_commands()
 
     def left_after_right(self) -> None:
         """Command a turn to the right, and before it is complete one to the left of where each fish then points."""
@@ -175,17 +167,13 @@ class School:
 
         def left() -> None:
             self.commanded = self.facing + SWERVE
-            self._tell()
+            self._send_commands()
 
         self._planned = [(self.time + BETWEEN, left)]
 
     def put(self, point) -> None:
-        """Put the target, or one more obstacle, where a point (3,) m of the picture is.
-
-        Raises:
-            ValueError: for a point that is not finite or far away, or if nothing can be put there.
-        """
-        near = np.abs(self.shown().mean(axis=1)).max()
+        """Put the target, or one more obstacle, at a point (3,) m of the picture; ValueError if it cannot be."""
+        near = np.abs(self.shown_positions().mean(axis=1)).max()
         point = checked_point(point, REACH * self.fish.length + float(near))
         if isinstance(self.task, PlacedTask):
             self.task.target[:] = point - self.offset
@@ -209,7 +197,7 @@ class School:
             if self.time >= due - 1e-9:
                 self._planned = []
                 act()
-        self._see_obstacles()
+        self._assign_obstacles()
         self._before = self.waters.tank.position.copy()
         action = self.controller(self.waters.observe(), self.time)
         self.waters.advance(np.broadcast_to(action, (self.num_fish, *np.shape(action)[-1:])))
@@ -232,8 +220,8 @@ class School:
         way = self.task.target - self.waters.tank.position.mean(axis=1)
         return self.facing + wrapped(np.arctan2(way[:, 1], way[:, 0]) - self.facing)
 
-    def _see_obstacles(self) -> None:
-        """Every fish sees the obstacle that is nearest to it."""
+    def _assign_obstacles(self) -> None:
+        """Give every fish the obstacle that is nearest to it."""
         if not isinstance(self.task, ObstacleTask):
             return
         centre = self.waters.tank.position.mean(axis=1) + self.offset
@@ -241,11 +229,11 @@ class School:
             away = [float(np.linalg.norm(point - centre[i])) for point in self.obstacles]
             self.task.put(i, self.obstacles[int(np.argmin(away))] - self.offset[i] if away else None)
 
-    def _tell(self) -> None:
+    def _send_commands(self) -> None:
         if isinstance(self.task, HeadingTask | ObstacleTask):
             self.task.command(self.commanded)
 
-    def shown(self) -> np.ndarray:
+    def shown_positions(self) -> np.ndarray:
         """Positions at which the nodes are shown, (B,N,3) m: interpolated between the last two environment steps."""
         part = np.clip((self.clock - self.time) / self.interval, 0.0, 1.0)
         now = self.waters.tank.position

@@ -4,6 +4,7 @@ import asyncio
 import socket
 import sys
 import threading
+import warnings
 
 import viser
 
@@ -16,13 +17,11 @@ READING = 5.0  # s to read that there are too many
 SHADE, BRIGHTNESS = (110, 110, 120), 3.5  # of the light from below, and of that from above
 UPRIGHT = (0.5**0.5, 0.5**0.5, 0.0, 0.0)  # turns the direction of y to that of z
 
+warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # of a session whose page has just been closed
+
 
 class PrivateServer(viser.ViserServer):
     """viser's server behind a door, and without its public tunnel, which any page could otherwise ask for.
-
-    Args:
-        host: address to listen at.
-        port: TCP port.
 
     Raises:
         RuntimeError: if viser opens its port in a way that the door does not know.
@@ -72,9 +71,7 @@ def check_address(host: str) -> None:
 class Laboratory:
     """A server that gives every browser a session of its own, and ends it when the browser leaves.
 
-    Args:
-        host: address to listen at.
-        port: TCP port; the next free one is taken if it is in use.
+    The next free port is taken if the one given is in use.
 
     Raises:
         ValueError: if the address cannot be listened at.
@@ -92,13 +89,9 @@ class Laboratory:
         self.server.on_client_disconnect(self._leave)
 
     def _light(self) -> None:
-        """Light from above and below, for what the lamps do not reach.
-
-        The environment that the page is lit by otherwise is computed when the page opens, for seconds without a
-        graphics card.
-        """
+        """Light the scene from above and below; viser's environment takes seconds without a graphics card."""
         self.server.scene.configure_environment_map(hdri=None)
-        # its sky is in the direction of y: turn that up
+        # the sky of the light is in the direction of y: turn that up
         self.server.scene.add_light_hemisphere("/light", ground_color=SHADE, intensity=BRIGHTNESS, wxyz=UPRIGHT)
 
     @property

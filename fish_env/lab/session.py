@@ -10,15 +10,16 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 
 import viser
 
 from fish_env.lab.bench import Bench
 from fish_env.lab.drawing import Drawing
-from fish_env.lab.incoming import vector
 from fish_env.lab.panel import Panel
 from fish_env.lab.school import School
 from fish_env.lab.school_drawing import SchoolDrawing
+from fish_env.lab.settings import checked_point
 
 FAST, SLOW = 1 / 60, 1 / 30  # s between two pictures of few nodes, and of many
 MANY = 100  # nodes from which pictures come less often
@@ -29,11 +30,7 @@ NOTES, RECENT = 50, 10.0  # messages shown at most in so many seconds: a page th
 
 
 class Session:
-    """State and requests of one browser.
-
-    Args:
-        client: the browser.
-    """
+    """State and requests of one browser."""
 
     def __init__(self, client: viser.ClientHandle):
         self.client = client
@@ -64,11 +61,8 @@ class Session:
         self._requests.append(request)
 
     def ask_at(self, request: Callable[..., None], **vectors) -> None:
-        """Have `request(*vectors)` done with points or directions of a message, (3,) each, by what they are.
-
-        The user is told of one that is not three finite numbers, and nothing is done.
-        """
-        self.ask(lambda: request(*(vector(value, what) for what, value in vectors.items())))
+        """Have `request(*vectors)` done with the points or directions (3,) of a message, named by keyword, if valid."""
+        self.ask(lambda: request(*(checked_point(value, what=what) for what, value in vectors.items())))
 
     def tell(self, text: str, title: str = "Not possible") -> None:
         """Show a message on the page, unless there have been NOTES in the last RECENT seconds."""
@@ -94,15 +88,10 @@ class Session:
         (self.school_drawing or self.drawing).look()
 
     def turn_camera(self, position, look_at) -> None:
-        """Put the camera at a point of the scene, and look at another one, unless the page reports an invalid camera.
-
-        viser continues from the camera that the page reported last.
-        """
+        """Put the camera at a point and look at another one, unless the page reports an invalid camera."""
         camera = self.client.camera
-        try:
+        with suppress(TypeError, ValueError):  # viser continues from the camera that the page reported last
             camera.position, camera.look_at = position, look_at
-        except (TypeError, ValueError):
-            return
 
     def show_school(self, school: School) -> None:
         """Show fish that are steered, in place of the bench."""

@@ -1,9 +1,16 @@
 """The numbers that may be changed while a simulation runs: ranges, units and what they mean. All are checked here."""
 
-from numbers import Real
+import math
 from typing import NamedTuple
 
 import numpy as np
+
+from fish_env.checks import real
+
+
+def is_finite(value) -> bool:
+    """Return True for a finite number that is not a bool."""
+    return not isinstance(value, bool) and math.isfinite(real(value))
 
 
 class Setting(NamedTuple):
@@ -16,15 +23,10 @@ class Setting(NamedTuple):
     meaning: str
 
     def checked(self, value) -> float:
-        """The value as a float.
-
-        Raises:
-            ValueError: unless it is a finite number in the range.
-        """
-        number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else np.nan
-        if not self.low <= number <= self.high:
+        """The value as a float; ValueError unless it is a number in the range."""
+        if not (is_finite(value) and self.low <= value <= self.high):
             raise ValueError(f"{self.label} is {value!r}; give a number from {self.low:g} to {self.high:g}")
-        return number
+        return float(value)
 
 
 def factor(label: str, high: float, meaning: str, low: float = 0.05) -> Setting:
@@ -50,36 +52,37 @@ WORLD: dict[str, Setting] = {
 }
 """Settings of the world around the body."""
 
-METHOD: dict[str, Setting] = {
-    "step": Setting("step", 0.1, 50.0, 1.0, "over the method's own step"),
-}
-
-SETTINGS: dict[str, Setting] = BODY | WORLD | METHOD
+SETTINGS: dict[str, Setting] = BODY | WORLD | {"step": Setting("step", 0.1, 50.0, 1.0, "over the method's own step")}
 
 WALLS = ("own", "none", "closed room")
 """The walls that the object comes with, none, or walls on all sides."""
 
 
 def checked_setting(name, value) -> float:
-    """The value of a setting, or ValueError for a name that is not in SETTINGS or a value out of its range."""
-    if name not in SETTINGS:
-        raise ValueError(f"unknown setting {name!r}; choose from {', '.join(SETTINGS)}")
-    return SETTINGS[name].checked(value)
+    """The value of a setting; ValueError for a name that is not in SETTINGS or a value out of its range."""
+    return SETTINGS[checked_choice(name, SETTINGS, "setting")].checked(value)
 
 
-def checked_point(value, reach: float) -> np.ndarray:
-    """A point of the page, (3,) m, or ValueError unless it is finite and at most `reach` from the origin."""
-    try:
-        point = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"point is {value!r}; give three finite numbers") from error
-    if point.shape != (3,) or not np.isfinite(point).all() or np.abs(point).max() > reach:
-        raise ValueError(f"point is {value!r}; give three numbers from {-reach:g} to {reach:g} m")
-    return point
+def checked_point(value, reach: float = math.inf, what: str = "point") -> np.ndarray:
+    """A point or a direction that a page sends, (3,).
+
+    Raises:
+        ValueError: naming it, unless it is three finite numbers from -reach to reach.
+    """
+    if not (isinstance(value, list | tuple | np.ndarray) and len(value) == 3 and all(map(is_finite, value))):
+        raise ValueError(f"{what} is {value!r}; give three finite numbers")
+    if np.abs(value).max() > reach:
+        raise ValueError(f"{what} is {value!r}; give three numbers from {-reach:g} to {reach:g} m")
+    return np.array(value, dtype=float)
 
 
-def chosen(value, options, what: str):
+def checked_choice(value, options, what: str) -> str:
     """The value if it is one of the options, or ValueError naming them."""
     if not isinstance(value, str) or value not in options:
         raise ValueError(f"unknown {what} {value!r}; choose from {', '.join(map(repr, options))}")
     return value
+
+
+def positive_or(value, default: float) -> float:
+    """Return `value`, which the page reports of its camera, if it is positive and finite, else `default`."""
+    return float(value) if is_finite(value) and value > 0.0 else default

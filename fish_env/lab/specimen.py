@@ -3,6 +3,7 @@
 import inspect
 import time
 from dataclasses import replace
+from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -13,9 +14,9 @@ from fish_env.bodies.detail import carried_over
 from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.checks import is_whole
 from fish_env.control.gait import best_gait
-from fish_env.lab.geometry import Surface, enclosed, spring_strain, surfaces, tet_strain
+from fish_env.lab.geometry import Surface, enclosed_volume, spring_strain, surfaces, tet_strain
 from fish_env.lab.hand import Hand
-from fish_env.lab.settings import chosen
+from fish_env.lab.settings import checked_choice
 from fish_env.physics.body import scale_body, with_rates
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.evaluate import Evaluator
@@ -55,26 +56,31 @@ TABLE: dict[str, Any] = {**BODIES, **OBJECTS}
 
 
 def level_of(name: str) -> dict[str, int]:
-    """The whole numbers that an object is made with, and their defaults."""
+    """Whole numbers that an object is made with, and their defaults."""
     parameters = inspect.signature(TABLE[name].make).parameters.values()
     return {each.name: each.default for each in parameters if type(each.default) is int}
 
 
 def make_thing(entry: Entry) -> ElasticObject:
     """The object of an entry; ValueError for a name or a number that is not allowed."""
-    if entry.thing not in TABLE:
-        raise ValueError(f"unknown object {entry.thing!r}; choose from {', '.join(map(repr, TABLE))}")
+    checked_choice(entry.thing, TABLE, "object")
     unknown = [name for name, _ in entry.level if name not in level_of(entry.thing)]
     if unknown:
         known = ", ".join(level_of(entry.thing)) or "no number"
         raise ValueError(f"{entry.thing!r} is made with {known}, and not with {unknown[0]!r}; give one of these")
-    return TABLE[entry.thing].make(**dict(entry.level))
+    return make_once(entry.thing, entry.level)
+
+
+@lru_cache(maxsize=8)
+def make_once(name: str, level: tuple[tuple[str, int], ...]) -> ElasticObject:
+    """An object that all who choose it share: it is not changed."""
+    return TABLE[name].make(**dict(level))
 
 
 def checked_entry(entry: Entry) -> Entry:
     """An entry whose names exist and whose numbers are in their range, or ValueError."""
     if entry.integrator:
-        chosen(entry.integrator, INTEGRATORS, "integrator")
+        checked_choice(entry.integrator, INTEGRATORS, "integrator")
     for name, value in entry.level:
         if not is_whole(value) or not 0 <= value <= FINEST:
             raise ValueError(f"{name} is {value!r}; give a whole number from 0 to {FINEST}")
@@ -87,8 +93,8 @@ def checked_entry(entry: Entry) -> Entry:
     return entry
 
 
-def changed_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
-    """The body of an object with the numbers of the settings."""
+def change_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
+    """Apply the numbers of the settings to the body of an object, and return the new body."""
     body = scale_body(thing.body, numbers["stiffness"], numbers["damping"], numbers["density"])
     gas, inner = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64))
     if gas is not None and numbers["pressure"] != 1.0:
@@ -114,8 +120,8 @@ def room_size(thing: ElasticObject) -> float:
     return ROOM * thing.length if planes is None else float(-planes[:, 3].min())
 
 
-def changed_world(thing: ElasticObject, numbers: dict[str, float], walls: str) -> World:
-    """The world of an object with the numbers of the settings and the walls that are chosen."""
+def change_world(thing: ElasticObject, numbers: dict[str, float], walls: str) -> World:
+    """Apply the numbers of the settings and the walls that are chosen to the world of an object; the new world."""
     own, size = thing.water, room_size(thing)
     planes = [] if own.planes is None else [(row[:3], row[3], numbers["restitution"]) for row in own.planes]
     if walls == "none":
@@ -140,13 +146,13 @@ class Specimen:
         step: the integrator's step over its own.
 
     Raises:
-        ValueError: for a name or a number that is not allowed, or a method that cannot move the object there.
+        ValueError: for what is not allowed, or a method that cannot move the object there.
     """
 
     def __init__(self, entry: Entry, numbers: dict[str, float], walls: str, step: float):
         self.entry, self.thing, self.fixed = entry, make_thing(entry), []
         self.surfaces: list[Surface] = surfaces(self.thing)
-        self.rest_volume = enclosed(self.thing, self.surfaces, self.thing.body.position)
+        self.rest_volume = enclosed_volume(self.thing, self.surfaces, self.thing.body.position)
         self.swimming, self._gait = False, best_gait()
         self.numbers, self.walls, self.step = numbers, walls, step
         self._make(numbers, walls, step, [])
@@ -154,6 +160,11 @@ class Specimen:
     @property
     def is_fish(self) -> bool:
         return isinstance(self.thing, Fish)
+
+    @property
+    def method(self) -> str:
+        """Name of its integrator."""
+        return self.tank.integrator.name
 
     @property
     def position(self) -> np.ndarray:
@@ -167,9 +178,9 @@ class Specimen:
 
     def _make(self, numbers, walls, step, fixed) -> None:
         """Make the tank; nothing is changed if that cannot be done."""
-        body = changed_body(self.thing, numbers)
+        body = change_body(self.thing, numbers)
         thing = replace(self.thing, body=body)
-        world = changed_world(self.thing, numbers, walls)
+        world = change_world(self.thing, numbers, walls)
         name = self.entry.integrator or None
         own = step == 1.0 and name in (None, thing.integrator)
         tank = Tank(thing, integrator=name, dt=None if own else step * self.own_step(thing), water=world, threads=1)
@@ -196,10 +207,7 @@ class Specimen:
             self.tank.fix(self.fixed)
 
     def at_level(self, level: int) -> "Specimen":
-        """This object, made with another level of detail, in the same motion; nothing is fixed.
-
-        ValueError unless it is one of layers.
-        """
+        """This object with another level of detail, in the same motion, nothing fixed; ValueError without layers."""
         numbers = dict(self.entry.level) | {"level": level}
         entry = checked_entry(self.entry._replace(level=tuple(numbers.items())))
         other = Specimen(entry, self.numbers, self.walls, self.step)
@@ -271,7 +279,7 @@ class Specimen:
         """Current measurements."""
         state = (self.tank.rest_length[0], self.position, self.tank.velocity[0])
         energy = sum(self._evaluate().energies(*state).values())
-        volume = enclosed(self.thing, self.surfaces, self.position) / self.rest_volume
+        volume = enclosed_volume(self.thing, self.surfaces, self.position) / self.rest_volume
         strains = (self.spring_strain(), self.tet_strain())
         strain = max((float(np.abs(each).max()) for each in strains if each.size), default=np.nan)
         return Readings(self.time, energy, volume, strain)

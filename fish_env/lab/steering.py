@@ -1,14 +1,18 @@
 """The tab of the page from which fish are steered, and its keys."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from viser._messages import RunJavascriptMessage
 
-from fish_env.lab import colours
-from fish_env.lab.plots import add_plot
-from fish_env.lab.requests import PanelLike
+from fish_env.lab.controls import Plot
+from fish_env.lab.fields import BLUE, VERMILLION
 from fish_env.lab.school import DRIVERS, MOST_FISH, TURN, School
+
+if TYPE_CHECKING:
+    from fish_env.lab.panel import Panel
 
 NOBODY = "nobody: the objects above"
 
@@ -28,36 +32,36 @@ UNFOCUS = "if (document.activeElement) document.activeElement.blur();"
 
 
 class Steering:
-    """The controls of a school.
+    """The tab of a school."""
 
-    Args:
-        panel: whose tab they fill.
-    """
-
-    def __init__(self, panel: PanelLike):
-        self.panel, self.session, self.gui = panel, panel.session, panel.gui
-        self.driver = panel.when(
-            self.gui.add_dropdown("steered by", [NOBODY, *DRIVERS], initial_value=NOBODY),
-            lambda value: self.choose(value, self.count.value),
+    def __init__(self, panel: Panel, tab: Any):
+        self.session, self.controls = panel.session, panel.controls
+        add, self.gui = self.controls.add, self.controls.gui
+        self.driver = add(
+            "dropdown", "steered by", [NOBODY, *DRIVERS], initial_value=NOBODY,
+            action=lambda value: self.choose(value, self.count.value),
+        )  # fmt: skip
+        self.count = add(
+            "slider", "fish", 1, MOST_FISH, 1, 1, hint="all by one call of the policy", action=self.choose_count
         )
-        self.count = panel.when(
-            self.gui.add_slider("fish", 1, MOST_FISH, 1, 1, hint="all by one call of the policy"), self.choose_count
-        )
-        panel.button("Left by 30 degrees (arrow key)", lambda: self.school.turn(TURN))
-        panel.button("Right by 30 degrees (arrow key)", lambda: self.school.turn(-TURN))
-        panel.button("Left after right (L)", lambda: self.school.left_after_right())
-        panel.button("Take obstacles away", lambda: self.school.clear())
+        for label, hotkey, name, action in (
+            ("Left by 30 degrees (arrow key)", "arrowleft", "Turn left", lambda: self.school.turn(TURN)),
+            ("Right by 30 degrees (arrow key)", "arrowright", "Turn right", lambda: self.school.turn(-TURN)),
+            ("Left after right (L)", "L", "Left after right", lambda: self.school.left_after_right()),
+        ):
+            self.controls.add_button(label, action)
+            self.controls.add_key(hotkey, name, action)
+        self.controls.add_button("Take obstacles away", lambda: self.school.clear())
         self.gui.add_markdown(
             "A click on the water puts a target or an obstacle there, for a driver that sees them. Arrows: where each "
             "fish is to go. Each fish is alone in its own water."
         )
-        lines = {"heading": colours.BLUE, "command": colours.VERMILLION}
-        self.plot = add_plot(self.gui, "heading, blue, and command, red (degrees)", lines, 170)
-        panel.key("arrowleft", "Turn left", lambda: self.school.turn(TURN))
-        panel.key("arrowright", "Turn right", lambda: self.school.turn(-TURN))
-        panel.key("L", "Left after right", lambda: self.school.left_after_right())
+        lines = {"heading": BLUE, "command": VERMILLION}
+        self.plot = Plot(self.gui, tab, "heading, blue, and command, red (degrees)", lines, 170)
         self._run(ARROWS)
-        self._listen()
+        # viser takes coroutines too, and others would wait for a thread, as many as come
+        register: Any = self.session.client.scene.on_click()
+        register(self._take_click)
 
     @property
     def school(self) -> School:
@@ -84,18 +88,12 @@ class Steering:
         """Run one of the two scripts above in the browser."""
         self.gui._websock_interface.queue_message(RunJavascriptMessage(source=script))
 
-    def _listen(self) -> None:
-        """Have clicks on the water put targets and obstacles."""
-
-        async def clicked(event) -> None:
-            self.session.ask_at(self.put, origin=event.ray_origin, direction=event.ray_direction)
-
-        # viser takes coroutines too, and others would wait for a thread, as many as come
-        register: Any = self.session.client.scene.on_click()
-        register(clicked)
+    async def _take_click(self, event) -> None:
+        """Have a click on the water put a target or an obstacle."""
+        self.session.ask_at(self.put, origin=event.ray_origin, direction=event.ray_direction)
 
     def put(self, origin, direction) -> None:
-        """The mouse clicked along a ray of the scene."""
+        """Put a target or an obstacle where a ray of the scene, along which the mouse clicked, hits the water."""
         school, drawing = self.session.school, self.session.school_drawing
         if school is not None and drawing is not None and school.goal != "heading":
             school.put(drawing.place(origin, direction))
@@ -103,15 +101,15 @@ class Steering:
     def refresh(self) -> None:
         """Show who steers now."""
         school = self.session.school
-        self.panel.show(self.driver, NOBODY if school is None else school.driver)
+        self.controls.show(self.driver, NOBODY if school is None else school.driver)
         if school is not None:
-            self.panel.show(self.count, school.num_fish)
+            self.controls.show(self.count, school.num_fish)
 
     def update(self) -> str:
-        """Draw the plot; what the status is to say."""
+        """Draw the plot; the text of the status."""
         school = self.school
         rows = np.array(school.history)
         if len(rows) > 1:
-            self.plot.data = (rows[:, 0], np.degrees(rows[:, 1]), np.degrees(rows[:, 2]))
+            self.plot.draw(rows[:, 0], np.degrees(rows[:, 1:].T))
         heading, aim = np.degrees(school.heading[0]), np.degrees(school.aim()[0])
         return f"**{school.num_fish} fish** by {school.driver}: heading {heading:.0f}, command {aim:.0f} degrees"

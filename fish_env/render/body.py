@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import pygame
 
-from fish_env.render.fins import EYE_HEIGHT
 from fish_env.render.frame import Frame
-from fish_env.render.skin import CONTRACTED, Skin, normals, skin_of
+from fish_env.render.skin import CONTRACTED, EYE_HEIGHT, Skin, normals, skin_of
 
 MARGIN, LARGEST = 8, 4096  # pixels
 FAR = 16384  # pixels: pygame visits every row of a polygon, also outside the picture, and counts in 32 bits
@@ -33,19 +32,29 @@ def body_picture(frame: Frame, view: View) -> tuple[pygame.Surface, tuple[int, i
     """The fish on a transparent surface just large enough, and where the surface's upper left corner belongs."""
     skin = skin_of(frame.rest, frame.faces, frame.muscles)
     pixels, depth = view.project(skin.weights @ frame.position)
-    low = np.floor(pixels.min(axis=0)).astype(int) - MARGIN
-    size = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + MARGIN - low, LARGEST)
-    surface = pygame.Surface(size.tolist(), pygame.SRCALPHA, 32)
+    surface, low = surface_over(pixels, MARGIN)
     pixels = pixels - low
     normal = normals(np.column_stack([pixels * (1, -1), view.scale * depth]), skin.quads)
     thin = np.arange(len(normal)) >= skin.num_closed
     order = np.flatnonzero(thin | (normal[:, 2] > 0))
     order = order[np.argsort(depth[skin.quads[order]].mean(axis=1), kind="stable")]
     colours = shade(normal[order], thin[order], muscle_colour(frame, skin)[order], view.light)
-    for colour, corners in zip(groups(colours, 3), groups(pixels[skin.quads[order]], 2, 4), strict=True):
-        pygame.draw.polygon(surface, colour, corners)
-    draw_eyes(surface, frame, skin, view._replace(origin=tuple(view.origin - low)))
-    return surface, tuple(low.tolist())
+    draw_quads(surface, colours, pixels[skin.quads[order]])
+    draw_eyes(surface, frame, skin, view._replace(origin=(view.origin[0] - low[0], view.origin[1] - low[1])))
+    return surface, low
+
+
+def surface_over(pixels: np.ndarray, margin: int) -> tuple[pygame.Surface, tuple[int, int]]:
+    """A clear surface just over points (N,2) and a margin, and where its upper left corner belongs."""
+    low = np.floor(pixels.min(axis=0)).astype(int) - margin
+    size = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + margin - low, LARGEST)
+    return pygame.Surface(size.tolist(), pygame.SRCALPHA, 32), tuple(low.tolist())
+
+
+def draw_quads(surface: pygame.Surface, colours: np.ndarray, corners: np.ndarray) -> None:
+    """Draw quadrilaterals with corners (Q,4,2), in pixels, in colours (Q,3) or (Q,4), the first one first."""
+    for colour, places in zip(groups(colours, colours.shape[1]), groups(corners, 2, 4), strict=True):
+        pygame.draw.polygon(surface, colour, places)
 
 
 def groups(array: np.ndarray, *sizes: int):

@@ -6,11 +6,12 @@ import numpy as np
 import pygame
 
 from fish_env.bodies.room import InRoom
-from fish_env.render.body import View, groups
+from fish_env.render.body import View, draw_quads, surface_over
 from fish_env.render.flat import pixels_of
-from fish_env.render.layout import HEIGHT, OVER, WIDTH
+from fish_env.render.labels import HEIGHT, OVER, WIDTH
 from fish_env.render.mesh import smooth
-from fish_env.render.spheres import from_layers
+from fish_env.render.skin import normals
+from fish_env.render.water import from_pixels
 
 SKY, HORIZON, FLOOR, EDGE = (246, 249, 251), (206, 221, 232), (173, 191, 204), (128, 150, 168)
 OUTER, INNER, SPRING, NODE, GRIP = (228, 62, 104), (255, 178, 44), (120, 20, 60), (110, 12, 48), (24, 92, 140)
@@ -19,7 +20,6 @@ ANGLE = (0.3, 0.28)  # rad: how far from the side, and how far from above, a sol
 DEPTH = 0.7  # of the room that is drawn, over its width
 CURVE = 6  # points of the drawn line for an edge of a ring
 VEIL = (0.34, 0.62)  # opacity of the outer skin: seen along its normal, and how much more along its rim
-LARGEST = 4096  # pixels of such a layer
 SHADOW = 8  # the shadow is made so many times smaller
 
 
@@ -46,7 +46,7 @@ class Painter:
             nodes, skin = np.arange(len(thing.outer)), np.searchsorted(thing.outer, thing.skin)
             self.fine, self.coarse = (smooth(skin, len(nodes), levels, nodes) for levels in (2, 1))
         self.backdrop = sky(self.canvas).copy()
-        self._room()
+        self._draw_room()
 
     def picture(self, x, hand=None) -> np.ndarray:
         """The picture (H,W,3) uint8 of nodes at x (N,3) m; hand is (node, point (3,) m) if one drags it."""
@@ -73,41 +73,40 @@ class Painter:
         right, down = (OVER * np.asarray(pixel, dtype=float) - self.view.origin) / self.view.scale
         return right * self.view.axes[0] - down * self.view.axes[1] + depth * self.view.axes[2]
 
-    def _room(self) -> None:
+    def _draw_room(self) -> None:
         """Draw floor and walls on the backdrop."""
         r, canvas = self.reach, self.backdrop
         if self.solid:
             d = DEPTH * r
-            self._panel([(-r, -d, -r), (r, -d, -r), (r, d, -r), (-r, d, -r)], FLOOR, 255)
+            self._draw_panel([(-r, -d, -r), (r, -d, -r), (r, d, -r), (-r, d, -r)], FLOOR, 255)
             for g in np.linspace(-1.0, 1.0, 9):
                 for line in (((g * r, -d, -r), (g * r, d, -r)), ((-r, g * d, -r), (r, g * d, -r))):
                     begin, end = self.view.project(np.array(line))[0]
                     pygame.draw.line(canvas, HORIZON, begin, end, 3)
             for side in (-r, r):
-                self._panel([(side, -d, -r), (side, d, -r), (side, d, 0.5 * r), (side, -d, 0.5 * r)], FLOOR, 90)
+                self._draw_panel([(side, -d, -r), (side, d, -r), (side, d, 0.5 * r), (side, -d, 0.5 * r)], FLOOR, 90)
             return
-        (left, _), (right, bottom) = self.view.project(np.array([(-r, r, 0), (r, -r, 0)]))[0]
+        (left, _), (right, low) = self.view.project(np.array([(-r, r, 0), (r, -r, 0)]))[0]
         width, height = self.canvas
-        if len(self.thing.inner):
+        floor = len(self.thing.inner) > 0  # of a ring; a string ends at its fixed node
+        left, bottom = (left, low) if floor else (self.view.origin[0], height)
+        if floor:
             pygame.draw.rect(canvas, FLOOR, (0, bottom, width, height))
             pygame.draw.line(canvas, EDGE, (0, bottom), (width, bottom), 5)
-            pygame.draw.rect(canvas, FLOOR, (0, 0, left, height))
-            pygame.draw.line(canvas, EDGE, (left, 0), (left, bottom), 5)
-        else:
-            pygame.draw.rect(canvas, FLOOR, (0, 0, self.view.origin[0], height))
-            pygame.draw.line(canvas, EDGE, (self.view.origin[0], 0), (self.view.origin[0], height), 5)
+        pygame.draw.rect(canvas, FLOOR, (0, 0, left, height))
+        pygame.draw.line(canvas, EDGE, (left, 0), (left, bottom), 5)
         pygame.draw.rect(canvas, FLOOR, (right, 0, width, height))
-        pygame.draw.line(canvas, EDGE, (right, 0), (right, bottom if len(self.thing.inner) else height), 5)
+        pygame.draw.line(canvas, EDGE, (right, 0), (right, bottom), 5)
 
-    def _panel(self, corners, colour, opacity) -> None:
+    def _draw_panel(self, corners, colour, opacity) -> None:
         """A flat part of the room between corners (4,3)."""
         layer = pygame.Surface(self.canvas, pygame.SRCALPHA, 32)
         pygame.draw.polygon(layer, (*colour, opacity), self.view.project(np.array(corners))[0].tolist())
         self.backdrop.blit(layer, (0, 0))
 
-    def _lines(self, canvas, pixels, pairs, opacity) -> None:
+    def _draw_lines(self, canvas, pixels, pairs, opacity) -> None:
         """Faint lines between pairs (K,2) of points (N,2) pixels."""
-        layer, low = veil_over(pixels)
+        layer, low = surface_over(pixels, 2)
         places = (pixels - low).tolist()
         for a, b in pairs.tolist():
             pygame.draw.line(layer, (*SPRING, opacity), places[a], places[b], 2)
@@ -115,20 +114,20 @@ class Painter:
 
     def _draw_ring(self, canvas, x) -> None:
         pixels, n = self.view.project(x)[0], len(self.thing.outer)
-        outer, inner = rounded(pixels[:n]), rounded(pixels[n:])
-        layer, low = veil_over(outer)
+        outer, inner = round_curve(pixels[:n]), round_curve(pixels[n:])
+        layer, low = surface_over(outer, 2)
         pygame.draw.polygon(layer, (*OUTER, 150), outer - low)
         middle = inner.mean(axis=0)
         for k in range(6):  # lighter towards the upper left
             part = 1.0 - 0.14 * k
-            colour = mixed(INNER, (255, 246, 206), k / 7)
+            colour = mix_colours(INNER, (255, 246, 206), k / 7)
             spot = middle + (-4.0 * k, -5.0 * k) + part * (inner - middle)
             pygame.draw.polygon(layer, (*colour, 240), spot - low)
         canvas.blit(layer, low)
         between = np.concatenate([self.springs[kind] for kind in ("radius", "shear left", "shear right")])
-        self._lines(canvas, pixels, between, 110)
-        pygame.draw.polygon(canvas, mixed(OUTER, NODE, 0.35), outer, 7)
-        pygame.draw.polygon(canvas, mixed(INNER, NODE, 0.35), inner, 5)
+        self._draw_lines(canvas, pixels, between, 110)
+        pygame.draw.polygon(canvas, mix_colours(OUTER, NODE, 0.35), outer, 7)
+        pygame.draw.polygon(canvas, mix_colours(INNER, NODE, 0.35), inner, 5)
         for pixel in pixels.tolist():
             pygame.draw.circle(canvas, NODE, pixel, 6)
 
@@ -138,48 +137,42 @@ class Painter:
             turns = np.arange(25)
             across = np.where((turns < 2) | (turns > 22), 0.0, 22.0 * (-1.0) ** turns)
             line = pixels[a] + (pixels[b] - pixels[a]) * (turns / 24)[:, None] + across[:, None] * (0.0, 1.0)
-            pygame.draw.lines(canvas, mixed(OUTER, NODE, 0.35), False, line.tolist(), 6)
+            pygame.draw.lines(canvas, mix_colours(OUTER, NODE, 0.35), False, line.tolist(), 6)
         for pixel in pixels[1:].tolist():
             pygame.draw.circle(canvas, NODE, pixel, 30)
             pygame.draw.circle(canvas, OUTER, pixel, 25)
 
     def _draw_solid(self, canvas, x) -> None:
         outside = x[self.thing.outer]
-        self._shadow(canvas, outside)
+        self._draw_shadow(canvas, outside)
         if not len(self.thing.inner):
-            self._layer(canvas, outside, self.fine, OUTER, (1.0, 0.0))
+            self._draw_layer(canvas, outside, self.fine, OUTER, (1.0, 0.0))
             return
-        self._layer(canvas, x[self.thing.inner], self.coarse, INNER, (1.0, 0.0))
+        self._draw_layer(canvas, x[self.thing.inner], self.coarse, INNER, (1.0, 0.0))
         pixels, depth = self.view.project(x)
-        self._lines(canvas, pixels, self.springs["radius"], 70)
-        self._layer(canvas, outside, self.fine, OUTER, VEIL)
+        self._draw_lines(canvas, pixels, self.springs["radius"], 70)
+        self._draw_layer(canvas, outside, self.fine, OUTER, VEIL)
         ends = self.springs["outer"]
-        self._lines(canvas, pixels, ends[depth[ends].mean(axis=1) > depth[self.thing.outer].mean()], 45)
+        self._draw_lines(canvas, pixels, ends[depth[ends].mean(axis=1) > depth[self.thing.outer].mean()], 45)
 
-    def _layer(self, canvas, x, mesh, colour, veil) -> None:
+    def _draw_layer(self, canvas, x, mesh, colour, veil) -> None:
         """A smooth skin of nodes at x (n,3): the faces that point to the viewer, the nearest last."""
         weights, quads = mesh
-        points = weights @ x
-        pixels, depth = self.view.project(points)
-        seen = np.column_stack([pixels * (1, -1), self.view.scale * depth])[quads]
-        normal = np.cross(seen[:, 2] - seen[:, 0], seen[:, 3] - seen[:, 1])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
+        pixels, depth = self.view.project(weights @ x)
+        normal = normals(np.column_stack([pixels * (1, -1), self.view.scale * depth]), quads)
         order = np.flatnonzero(normal[:, 2] > 0)
-        order = order[np.argsort(seen[order, :, 2].mean(axis=1), kind="stable")]
+        order = order[np.argsort(depth[quads[order]].mean(axis=1), kind="stable")]
         facing, rim = normal[order] @ LIGHT, 1.0 - normal[order, 2]
         shine = np.clip(normal[order] @ np.array((-0.26, 0.37, 0.89)), 0.0, 1.0) ** 40
-        bright = 0.62 + 0.42 * facing
-        shaded = (
-            np.array(colour) * bright[:, None] + (255.0 - np.array(colour) * bright[:, None]) * 0.75 * shine[:, None]
-        )
+        bright = np.array(colour) * (0.62 + 0.42 * facing)[:, None]
+        shaded = bright + (255.0 - bright) * 0.75 * shine[:, None]
         opacity = np.clip(veil[0] + veil[1] * rim**1.5 + 0.4 * shine, 0.0, 1.0)
         painted = np.clip(np.column_stack([shaded, 255 * opacity]), 0, 255).astype(int)
-        layer, low = veil_over(pixels)
-        for one, corners in zip(groups(painted, 4), groups((pixels - low)[quads[order]], 2, 4), strict=True):
-            pygame.draw.polygon(layer, one, corners)
+        layer, low = surface_over(pixels, 2)
+        draw_quads(layer, painted, (pixels - low)[quads[order]])
         canvas.blit(layer, low)
 
-    def _shadow(self, canvas, x) -> None:
+    def _draw_shadow(self, canvas, x) -> None:
         """Draw the soft shadow of the outer skin at x (n,3) on the floor; it fades with height."""
         flat = x * (1.0, 1.0, 0.0) - (0.0, 0.0, self.reach)
         pixels = self.view.project(flat)[0]
@@ -200,14 +193,7 @@ def axes(aside: float, above: float) -> np.ndarray:
     return np.array((right, np.cross(toward, right), toward))
 
 
-def veil_over(pixels) -> tuple[pygame.Surface, tuple[int, int]]:
-    """A clear surface just over points (N,2), and where its upper left corner is."""
-    low = np.floor(pixels.min(axis=0)).astype(int) - 2
-    size = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2 - low, LARGEST)
-    return pygame.Surface(size.tolist(), pygame.SRCALPHA, 32), tuple(low.tolist())
-
-
-def rounded(points) -> np.ndarray:
+def round_curve(points) -> np.ndarray:
     """A closed Catmull-Rom curve through points (n,2): (n CURVE, 2)."""
     t = (np.arange(CURVE) / CURVE)[None, :, None]
     before, here, after, beyond = (np.roll(points, shift, axis=0)[:, None] for shift in (1, 0, -1, -2))
@@ -216,7 +202,7 @@ def rounded(points) -> np.ndarray:
     return (curve + t**3 * (2 * (here - after) + slope + ahead)).reshape(-1, 2)
 
 
-def mixed(one, other, part) -> tuple[int, ...]:
+def mix_colours(one, other, part) -> tuple[int, ...]:
     """A colour between two."""
     return tuple(int(a + (b - a) * part) for a, b in zip(one, other, strict=True))
 
@@ -225,6 +211,4 @@ def mixed(one, other, part) -> tuple[int, ...]:
 def sky(size: tuple[int, int]) -> pygame.Surface:
     """The empty background; copy it."""
     colour = np.linspace(SKY, HORIZON, size[1])[:, None, :].repeat(size[0], axis=1)
-    picture = pygame.Surface(size, 0, 32)
-    picture.blit(from_layers(colour, np.ones(size[::-1])), (0, 0))
-    return picture
+    return from_pixels(colour)

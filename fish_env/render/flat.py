@@ -3,11 +3,10 @@
 import numpy as np
 import pygame
 
-from fish_env.render import water
+from fish_env.render import labels, water
 from fish_env.render.body import View, body_picture, rotation
-from fish_env.render.frame import Frame, place_of, within_reach
-from fish_env.render.labels import write
-from fish_env.render.layout import CENTRE, FOAM, HEIGHT, INK, OVER, PANEL, SIDE_UNIT, TRAIL, UNIT, WIDTH, enlarged
+from fish_env.render.frame import Frame, clip_positions, place_of
+from fish_env.render.labels import CENTRE, FOAM, HEIGHT, INK, OVER, PANEL, SIDE_UNIT, TRAIL, UNIT, WIDTH
 from fish_env.render.spheres import sphere_pictures
 
 SOFT = 8  # the shadow is made so many times smaller
@@ -29,21 +28,21 @@ def pixels_of(surface: pygame.Surface) -> np.ndarray:
 
 def draw_surface(frame: Frame) -> pygame.Surface:
     """The picture of a frame, a new surface."""
-    frame = within_reach(frame)
+    frame = clip_positions(frame)
     canvas = pygame.Surface((OVER * WIDTH, OVER * HEIGHT), 0, 32)
-    from_above(canvas, frame)
-    from_the_side(canvas, frame)
+    draw_from_above(canvas, frame)
+    draw_from_the_side(canvas, frame)
     picture = pygame.transform.smoothscale(canvas, (WIDTH, HEIGHT))
     picture.blit(water.vignette(WIDTH, HEIGHT), (0, 0), special_flags=pygame.BLEND_MULT)
-    write(picture, frame)
+    labels.draw_labels(picture, frame)
     return picture
 
 
-def from_above(canvas, frame: Frame) -> None:
+def draw_from_above(canvas, frame: Frame) -> None:
     """Water, shadows, path, spheres, command and fish."""
     place, origin = place_of(frame), (OVER * CENTRE[0], OVER * CENTRE[1])
     view = View(np.eye(3), place, origin, OVER * UNIT / frame.length, ABOVE_LIGHT)
-    water.scroll(canvas, OVER * UNIT, place[:2] / frame.length, origin)
+    water.draw_bed(canvas, OVER * UNIT, place[:2] / frame.length, origin)
     body, corner = body_picture(frame, view)
     behind, front = sphere_pictures(frame, view, canvas.get_size())
     if not frame.touchable:  # a bubble lets the light through
@@ -97,10 +96,10 @@ def draw_commands(canvas, frame: Frame, view: View) -> None:
         if size > 0:
             along = unit * (view.axes[:2] @ (command / size)) * (1, -1)
             tail, tip = (np.array(view.origin) + reach * along for reach in ARROW)
-            arrow(canvas, tail, tip, unit)
+            draw_arrow(canvas, tail, tip, unit)
 
 
-def arrow(canvas, tail, tip, unit) -> None:
+def draw_arrow(canvas, tail, tip, unit) -> None:
     """An arrow with a dark rim."""
     along = tip - tail
     size = np.linalg.norm(along)
@@ -119,12 +118,12 @@ def arrow(canvas, tail, tip, unit) -> None:
     pygame.draw.polygon(canvas, INK, corners)
 
 
-def from_the_side(canvas, frame: Frame) -> None:
+def draw_from_the_side(canvas, frame: Frame) -> None:
     """The inset: the fish seen from its right, level, with lines of equal depth."""
-    box = enlarged(PANEL)
+    box = labels.enlarged(PANEL)
     inset = pygame.Surface(box.size, 0, 32)
     place, middle = place_of(frame), (box.width / 2, box.height / 2)
-    water.layers(inset, OVER * SIDE_UNIT, place[2] / frame.length, middle[1])
+    water.draw_depths(inset, OVER * SIDE_UNIT, place[2] / frame.length, middle[1])
     forward = rotation(frame)[0] * (1.0, 1.0, 0.0)
     size = np.linalg.norm(forward)
     forward = forward / size if size > 1e-6 else np.array((1.0, 0.0, 0.0))

@@ -57,7 +57,7 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
     )
 
 
-def within_reach(frame: Frame) -> Frame:
+def clip_positions(frame: Frame) -> Frame:
     """The frame with places far off drawn nearer, and zero for what is no number: painters work in whole pixels.
 
     A node further than FAR from the fish is off the picture there, too; a fish is at most FURTHEST away.

@@ -1,24 +1,37 @@
-"""Labels of a picture: speed and time, the scale, and the meaning of the muscles' colours."""
+"""Layout of a picture, in pixels, and its labels: speed and time, the scale, the meaning of the muscles' colours."""
 
 from functools import lru_cache
 
 import pygame
 
 from fish_env.render.frame import Frame
-from fish_env.render.layout import FOAM, HEIGHT, INK, NUMBERS, OVER, PANEL, SCALE, UNIT, WIDTH, enlarged
 from fish_env.render.skin import CONTRACTED, FLANK
 
+WIDTH, HEIGHT = 640, 480
+OVER = 2  # drawn so many times larger, then scaled down: smooth edges
+UNIT = 240  # a body length, from above
+CENTRE = (320, 220)  # the fish, from above
+PANEL = pygame.Rect(428, 350, 200, 118)  # the view from the side
+SIDE_UNIT = 165  # a body length, from the side
+NUMBERS = pygame.Rect(12, 12, 132, 76)  # the card with speed and time
+SCALE = pygame.Rect(12, HEIGHT - 92, UNIT + 24, 80)  # the card with the scale and the colours of the muscles
+INK, FOAM, TRAIL = (16, 56, 72), (255, 255, 255), (18, 104, 134)
 FINE = 4  # letters are drawn so many times larger, for even spacing
 
 
-def write(picture: pygame.Surface, frame: Frame) -> None:
-    """All of it, on the finished picture."""
+def enlarged(rect: pygame.Rect) -> pygame.Rect:
+    """The same place on the larger canvas."""
+    return pygame.Rect(*(OVER * number for number in rect))
+
+
+def draw_labels(picture: pygame.Surface, frame: Frame) -> None:
+    """Draw all labels on the finished picture."""
     picture.blit(legend(), (0, 0))
     left, top = NUMBERS.topleft
     for words, size, x, y in (
-        (number(frame.speed), 38, 10, 8),
+        (format_number(frame.speed), 38, 10, 8),
         ("BL/s", 19, 68, 19),
-        (number(frame.time), 26, 10, 46),
+        (format_number(frame.time), 26, 10, 46),
         ("s", 19, 68, 50),
     ):
         picture.blit(text(words, size), (left + x, top + y))
@@ -29,7 +42,7 @@ def write(picture: pygame.Surface, frame: Frame) -> None:
         picture.blit(text(frame.caption, 26), (NUMBERS.right + 12, top + 8))
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """A number with two decimals, or a few letters for a large one."""
     return f"{value:.2f}" if abs(value) < 1e5 else f"{value:.0e}"
 

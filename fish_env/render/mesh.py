@@ -40,7 +40,7 @@ def subdivide(polygons: list[tuple], n: int) -> tuple[np.ndarray, list[tuple]]:
         middle[e, list(edge)] = 0.5
         if len(around) == 2:
             middle[e] = 0.5 * middle[e] + 0.25 * (centre[around[0]] + centre[around[1]])
-    weights = np.concatenate([moved(polygons, touching, centre, n), middle, centre])
+    weights = np.concatenate([move_nodes(polygons, touching, centre, n), middle, centre])
     quads = []
     for f, polygon in enumerate(polygons):
         for k, node in enumerate(polygon):
@@ -50,7 +50,7 @@ def subdivide(polygons: list[tuple], n: int) -> tuple[np.ndarray, list[tuple]]:
     return weights, quads
 
 
-def moved(polygons, touching, centre, n) -> np.ndarray:
+def move_nodes(polygons, touching, centre, n) -> np.ndarray:
     """Weights (n,n) by which one step moves the old nodes towards the means of their faces and neighbours."""
     weights = np.zeros((n, n))
     around: list[list[int]] = [[] for _ in range(n)]

@@ -12,6 +12,7 @@ from fish_env.bodies.objects import OBJECTS
 from fish_env.bodies.room import InRoom
 from fish_env.physics.tank import Tank
 from fish_env.render.elastic_object import Painter
+from fish_env.render.renderer import open_window
 
 FRAME = 1 / 60  # s
 PULL = 0.4  # of the mouse's spring over the object's weight an object's length away
@@ -75,7 +76,7 @@ class Viewer:
         self.dragged = None
 
     def advance(self) -> None:
-        """A sixtieth of a second of physics; an object that fails starts again."""
+        """Move on by a sixtieth of a second; an object that fails starts again."""
         self.tank.advance(self.steps)
         if not self.tank.alive[0]:
             print(f"started again: {self.tank.failure[0]}")
@@ -93,12 +94,7 @@ def run(viewer: Viewer, frames: int | None = None) -> None:
     Raises:
         RuntimeError: if no window can be opened.
     """
-    try:
-        pygame.display.init()
-        window = pygame.display.set_mode(viewer.painter.size)
-    except pygame.error as error:
-        raise RuntimeError(f"no window could be opened ({error}): run with a display") from error
-    pygame.display.set_caption(f"fish_env: {viewer.thing.name}, drag it with the mouse")
+    window = open_window(viewer.painter.size, f"fish_env: {viewer.thing.name}, drag it with the mouse")
     clock = pygame.time.Clock()
     while viewer.open and frames != 0:
         for event in pygame.event.get():

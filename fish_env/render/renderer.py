@@ -8,7 +8,7 @@ import pygame
 
 from fish_env.render.flat import draw_surface, pixels_of
 from fish_env.render.frame import make_frame
-from fish_env.render.layout import HEIGHT, WIDTH
+from fish_env.render.labels import HEIGHT, WIDTH
 
 PATH_POINTS = 1000  # older points of a path are dropped: they have faded by then
 WINDOW_FISH = 4  # a window shows the first ones of a batch; more could not be drawn in real time
@@ -87,14 +87,20 @@ class Renderer:
         return self._window is not None and pygame.display.get_init() and pygame.display.get_surface() is self._window
 
     def _open(self, size: tuple[int, int]) -> pygame.Surface:
-        try:
-            pygame.display.init()
-            self._window = window = pygame.display.set_mode(size)
-        except pygame.error as error:
-            raise RuntimeError(
-                f"no window could be opened ({error}): use render_mode='rgb_array', or run with a display"
-            ) from error
         count = self.env.num_envs
         title = "fish_env" if count <= WINDOW_FISH else f"fish_env: the first {WINDOW_FISH} of {count} fish"
-        pygame.display.set_caption(title)
-        return window
+        self._window = open_window(size, title)
+        return self._window
+
+
+def open_window(size: tuple[int, int], title: str) -> pygame.Surface:
+    """Open pygame's window; RuntimeError if there is no display to open it on."""
+    try:
+        pygame.display.init()
+        window = pygame.display.set_mode(size)
+    except pygame.error as error:
+        raise RuntimeError(
+            f"no window could be opened ({error}): use render_mode='rgb_array', or run with a display"
+        ) from error
+    pygame.display.set_caption(title)
+    return window

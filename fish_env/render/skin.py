@@ -1,7 +1,7 @@
 """Skin: what a fish looks like, worked out once from its shape at rest.
 
 Everything on it, fins and eyes too, is a weighted sum of node positions, so it bends as the body bends. The physics
-knows none of it: the fins on back, belly and flanks are paint.
+knows none of it.
 """
 
 from functools import lru_cache
@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.render.fins import eyes, fins
 from fish_env.render.mesh import smooth
 
 LEVELS = 3  # of subdivision: 24 faces become some 1400, small enough not to be told apart
@@ -18,6 +17,9 @@ BACK, FLANK, BELLY, TAIL_FIN, OTHER_FINS, CONTRACTED = np.array(
 )
 MUSCLE_REACH = 0.055  # body lengths: how far from a muscle the skin still takes on its colour
 FORK = 0.45  # how far the notch of the tail fin reaches towards its root
+UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
+LEFT, RIGHT = np.array([0.0, 1.0, -0.35]), np.array([0.0, -1.0, -0.35])
+EYE_STATION, EYE_HEIGHT = 0.085, 0.35  # body lengths behind the nose; slope of the line of sight above the horizontal
 
 
 class Skin(NamedTuple):
@@ -44,9 +46,9 @@ def _skin(rest: bytes, faces: bytes, muscles: bytes) -> Skin:
     x, length = nodes[:, 0], np.ptp(nodes[:, 0])
     nose, tail = (np.flatnonzero(abs(x - end) < 0.01 * length) for end in (x.max(), x.min()))
     weights, quads = smooth(corners, len(nodes), LEVELS, np.concatenate([nose, tail]))
-    quads = facing_out(weights @ nodes, quads)
-    weights = fork(weights, nodes, corners, tail, length)
-    colour = paint(weights @ nodes, quads, length)
+    quads = turn_outward(weights @ nodes, quads)
+    weights = fork_tail(weights, nodes, corners, tail, length)
+    colour = countershading(weights @ nodes, quads, length)
     influence = muscle_influence((weights @ nodes)[quads].mean(axis=1), nodes[pairs], length)
     extra, fin_quads = fins(weights, weights @ nodes, length)
     return Skin(
@@ -59,7 +61,7 @@ def _skin(rest: bytes, faces: bytes, muscles: bytes) -> Skin:
     )
 
 
-def fork(weights, nodes, corners, tail, length) -> np.ndarray:
+def fork_tail(weights, nodes, corners, tail, length) -> np.ndarray:
     """Draw the middle of the tail fin's rear edge towards its root, so that the fin is forked; weights (V,N)."""
     if len(tail) < 2:
         return weights
@@ -74,7 +76,7 @@ def fork(weights, nodes, corners, tail, length) -> np.ndarray:
     return weights + (FORK * behind**1.5 * (1.0 - height))[:, None] * pull
 
 
-def facing_out(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+def turn_outward(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     """The quadrilaterals (Q,4) counter-clockwise seen from outside, whichever way round all of them are given."""
     a, b, c, d = points[quads].transpose(1, 0, 2)
     volume = (a * (np.cross(b, c) + np.cross(c, d))).sum()  # enclosed, times six
@@ -88,7 +90,7 @@ def normals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
 
 
-def paint(points, quads, length) -> np.ndarray:
+def countershading(points, quads, length) -> np.ndarray:
     """Countershading, (Q,3): dark above and light below, as in the open sea, and a golden tail fin."""
     middle = points[quads].mean(axis=1)
     up = normals(points, quads)[:, 2]
@@ -114,3 +116,49 @@ def muscle_influence(middle, ends, length) -> np.ndarray:
     reach *= middle[:, None, 1] * ends[:, :, 1].mean(axis=1) > 0  # only of its own side
     total = reach.sum(axis=1, keepdims=True)
     return np.minimum(total, 1.0) * reach / np.maximum(total, 1e-9)
+
+
+def fins(weights: np.ndarray, points: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Fins on back, belly and flanks of a skin at rest, points (V,3) = weights (V,N) @ nodes, m.
+
+    Returns:
+        weights of their points (P,N), and quadrilaterals (R,4) that number them from V on.
+    """
+    shapes = (  # side, opposite side, stations of the root, height and sweep of each ray; all in body lengths
+        (UP, DOWN, (0.27, 0.58), (0.0, 0.085, 0.075, 0.05, 0.035, 0.03, 0.022, 0.0), (0.03, 0.075)),
+        (DOWN, UP, (0.58, 0.72), (0.0, 0.055, 0.04, 0.025, 0.0), (0.03, 0.05)),
+        (DOWN, UP, (0.36, 0.41), (0.0, 0.05, 0.02), (0.05, 0.06)),
+        (LEFT, RIGHT, (0.215, 0.255), (0.02, 0.095, 0.06, 0.02), (0.05, 0.09)),
+        (RIGHT, LEFT, (0.215, 0.255), (0.02, 0.095, 0.06, 0.02), (0.05, 0.09)),
+    )
+    rows, quads = [], []
+    for side, opposite, (start, stop), heights, (sweep, sweep_end) in shapes:
+        base = len(weights) + sum(map(len, rows))
+        stations = np.linspace(start, stop, len(heights))
+        rows.append(fin_rays(weights, points, length, side, opposite, stations, heights, (sweep, sweep_end)))
+        quads += [(base + 2 * k, base + 2 * k + 1, base + 2 * k + 3, base + 2 * k + 2) for k in range(len(heights) - 1)]
+    return np.concatenate(rows), np.array(quads)
+
+
+def fin_rays(weights, points, length, side, opposite, stations, heights, sweep) -> np.ndarray:
+    """Weights (2K,N) of a fin of K rays: root and tip of each in turn."""
+    backwards = weights[points[:, 0].argmin()] - weights[points[:, 0].argmax()]
+    rows = []
+    for station, height, back in zip(stations, heights, np.linspace(sweep[0], sweep[1], len(heights)), strict=True):
+        root, far = outermost(points, length, station, side), outermost(points, length, station, opposite)
+        thickness = np.linalg.norm(points[root] - points[far]) / length
+        out = (weights[root] - weights[far]) / max(thickness, 0.01)
+        rows += [weights[root], weights[root] + height * out + back * backwards]
+    return np.array(rows)
+
+
+def eyes(weights: np.ndarray, points: np.ndarray, length: float) -> np.ndarray:
+    """Weights (2,N) of the left and the right eye."""
+    sight = [np.array([0.0, side, EYE_HEIGHT]) for side in (1.0, -1.0)]
+    return weights[[outermost(points, length, EYE_STATION, direction) for direction in sight]]
+
+
+def outermost(points, length, station, direction) -> int:
+    """The point furthest out in a direction among those about `station` body lengths behind the nose."""
+    behind = (points[:, 0].max() - points[:, 0]) / length
+    return int((points @ direction / length - 4.0 * np.abs(behind - station)).argmax())

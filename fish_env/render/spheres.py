@@ -22,7 +22,7 @@ Sprite = tuple[pygame.Surface, tuple[int, int]]
 
 
 def sphere_pictures(frame: Frame, view: View, canvas: tuple[int, int]) -> tuple[list[Sprite], list[Sprite]]:
-    """Those that belong behind the fish and those in front of it, the furthest first; none that is far off the canvas.
+    """Pictures of spheres behind the fish and of those in front of it, the furthest first; none far off the canvas.
 
     canvas is its width and height, pixels. A bubble is always behind: a fish that reaches it should be seen whole.
     """
@@ -36,16 +36,16 @@ def sphere_pictures(frame: Frame, view: View, canvas: tuple[int, int]) -> tuple[
             continue  # half a radius to spare, for a shadow
         low = tuple(np.round(pixels[k] - radius).astype(int).tolist())
         if frame.touchable:
-            behind.append((scaled(bubble, radius), low))
+            behind.append((make_scaled(bubble, radius), low))
         elif depth[k] > IN_FRONT * size:
-            front.append((scaled(stone, radius, light, VEIL), low))
+            front.append((make_scaled(stone, radius, light, VEIL), low))
         else:
-            behind.append((scaled(stone, radius, light, 1.0), low))
+            behind.append((make_scaled(stone, radius, light, 1.0), low))
     return behind, front
 
 
 @lru_cache(maxsize=8)
-def scaled(make, radius: int, *look) -> pygame.Surface:
+def make_scaled(make, radius: int, *look) -> pygame.Surface:
     """A picture by `make`; a large one is a smaller one scaled up: to make one takes twenty times its memory."""
     if radius <= MADE:
         return make(radius, *look)
@@ -59,8 +59,8 @@ def bubble(radius: int) -> pygame.Surface:
     inside = 0.4 + 0.3 * r**3
     rim = np.clip(1.0 - np.abs((1.0 - r) * radius - 0.5 * RIM_WIDTH) / (0.5 * RIM_WIDTH), 0.0, 1.0) ** 0.5
     glint = np.exp(-(((x + 0.42) / 0.2) ** 2 + ((y - 0.46) / 0.13) ** 2))
-    colour = mixed(mixed(BUBBLE, RIM, rim), GLINT, glint)
-    return from_layers(colour, np.maximum(np.maximum(inside, 0.95 * rim), 0.9 * glint) * edge(r, radius))
+    colour = mix_colours(mix_colours(BUBBLE, RIM, rim), GLINT, glint)
+    return with_opacity(colour, np.maximum(np.maximum(inside, 0.95 * rim), 0.9 * glint) * coverage(r, radius))
 
 
 @lru_cache(maxsize=8)
@@ -70,9 +70,9 @@ def stone(radius: int, light: tuple[float, float, float], opacity: float) -> pyg
     z = np.sqrt(np.clip(1.0 - r**2, 0.0, 1.0))
     facing = x * light[0] + y * light[1] + z * light[2]
     bright = np.clip(0.5 + 0.5 * facing, 0.0, 1.0) * (0.72 + 0.28 * np.clip(z / 0.5, 0.0, 1.0))
-    colour = mixed(STONE_SHADE, mixed(STONE, STONE_PATCH, patches(2 * radius)), bright)
+    colour = mix_colours(STONE_SHADE, mix_colours(STONE, STONE_PATCH, patches(2 * radius)), bright)
     colour = colour + (44.0 * np.clip(facing, 0.0, 1.0) ** 9)[..., None]
-    return from_layers(colour, opacity * edge(r, radius))
+    return with_opacity(colour, opacity * coverage(r, radius))
 
 
 @lru_cache(maxsize=4)
@@ -93,21 +93,16 @@ def disc(radius: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, y, np.hypot(x, y)
 
 
-def edge(r: np.ndarray, radius: int) -> np.ndarray:
+def coverage(r: np.ndarray, radius: int) -> np.ndarray:
     """Part of each pixel that the disc covers, 0 to 1."""
     return np.clip((1.0 - r) * radius + 0.5, 0.0, 1.0)
 
 
-def mixed(one: np.ndarray, other: np.ndarray, part: np.ndarray) -> np.ndarray:
+def mix_colours(one: np.ndarray, other: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Colours (H,W,3) between two, by the part (H,W) of the other."""
     return one + part[..., None] * (other - one)
 
 
-def from_layers(colour: np.ndarray, opacity: np.ndarray) -> pygame.Surface:
+def with_opacity(colour: np.ndarray, opacity: np.ndarray) -> pygame.Surface:
     """A transparent surface from colours (H,W,3) of 0..255 and opacity (H,W) of 0..1."""
-    pixels = np.concatenate([colour, 255 * opacity[..., None]], axis=2)
-    pixels = np.clip(np.round(pixels), 0, 255).astype(np.uint8)
-    picture = pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGBA")
-    surface = pygame.Surface(picture.get_size(), pygame.SRCALPHA, 32)
-    surface.blit(picture, (0, 0))
-    return surface
+    return from_pixels(np.concatenate([colour, 255 * opacity[..., None]], axis=2))

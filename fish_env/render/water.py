@@ -14,10 +14,11 @@ REPEAT = 2  # body lengths after which the ripples come back
 
 
 def from_pixels(pixels: np.ndarray) -> pygame.Surface:
-    """An opaque surface from an array (H,W,3) of 0..255."""
+    """A surface from an array of 0..255: (H,W,3), opaque, or (H,W,4), the last the opacity."""
     pixels = np.clip(np.round(pixels), 0, 255).astype(np.uint8)
-    picture = pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGB")
-    surface = pygame.Surface(picture.get_size(), 0, 32)
+    opaque = pixels.shape[2] == 3
+    picture = pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGB" if opaque else "RGBA")
+    surface = pygame.Surface(picture.get_size(), 0 if opaque else pygame.SRCALPHA, 32)
     surface.blit(picture, (0, 0))
     return surface
 
@@ -33,7 +34,7 @@ def ripples(size: int) -> pygame.Surface:
     for wave, bend in ((2, 0.022), (5, 0.007)):
         x, y = x + bend * np.sin(2 * np.pi * wave * y), y + bend * np.sin(2 * np.pi * wave * x + 1)
     nearest, second = np.full(x.shape, 9.0), np.full(x.shape, 9.0)
-    for px, py in scattered(7):
+    for px, py in scatter_points(7):
         dx, dy = np.abs(x - px) % 1, np.abs(y - py) % 1
         distance = np.hypot(np.minimum(dx, 1 - dx), np.minimum(dy, 1 - dy))
         second = np.minimum(second, np.maximum(nearest, distance))
@@ -43,7 +44,7 @@ def ripples(size: int) -> pygame.Surface:
     return pygame.transform.smoothscale(from_pixels(DEEP + bright * (SHALLOW - DEEP)), (size, size))
 
 
-def scattered(rows: int) -> np.ndarray:
+def scatter_points(rows: int) -> np.ndarray:
     """Points (rows * rows, 2) in the unit square, one somewhere in each cell of a grid; always the same."""
     cells = np.stack(np.meshgrid(np.arange(rows), np.arange(rows)), axis=-1).reshape(-1, 2)
     return (cells + np.random.default_rng(4).uniform(0.05, 0.95, cells.shape)) / rows
@@ -57,7 +58,7 @@ def vignette(width: int, height: int) -> pygame.Surface:
     return from_pixels(255 * shade ** np.array((1.25, 1.0, 0.9)))
 
 
-def scroll(canvas: pygame.Surface, unit: float, centre, origin) -> None:
+def draw_bed(canvas: pygame.Surface, unit: float, centre, origin) -> None:
     """Fill the canvas with rippling water and the grid; unit is pixels a body length.
 
     The place `centre` (2,), in body lengths, comes to the pixel `origin`; y points up.
@@ -81,7 +82,7 @@ def panel(width: int, height: int) -> pygame.Surface:
     return from_pixels(np.broadcast_to(SIDE_TOP + t * (SIDE_BOTTOM - SIDE_TOP), (height, width, 3)))
 
 
-def layers(canvas: pygame.Surface, unit: float, height: float, origin: float) -> None:
+def draw_depths(canvas: pygame.Surface, unit: float, height: float, origin: float) -> None:
     """Fill the canvas with water seen from the side; `height`, in body lengths, comes to the row `origin`."""
     width, rows = canvas.get_size()
     canvas.blit(panel(width, rows), (0, 0))

@@ -1,4 +1,4 @@
-"""The environment that a policy or a recording states, checked before it is made: anybody may have written the file.
+"""The environment that a policy or a recording names, checked before it is made: anybody may have written the file.
 
 Gymnasium imports the module of an id such as "module:Name-v0". That is for ids that a user types; a file can only name
 what a package, imported by the user, has registered.
@@ -25,7 +25,7 @@ MOST_STEPS = 100_000
 """Steps of the integrator in one environment step: about a second. Those of the bodies are at most 24."""
 
 
-def check_stated(about: Mapping[str, Any]) -> None:
+def check_environment(about: Mapping[str, Any]) -> None:
     """ValueError unless `env_id` is a plain id and `env_options`, if there are any, are keywords of an environment."""
     env_id, options = about.get("env_id"), about.get("env_options", {})
     if not isinstance(env_id, str) or not ID.fullmatch(env_id):
@@ -43,33 +43,29 @@ def check_stated(about: Mapping[str, Any]) -> None:
         raise ValueError(f"control_interval is {interval!r}; give a number of seconds from {SHORTEST:g} to {LONGEST:g}")
 
 
-def stated(about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """The id and the keywords of an environment of fish that is registered; nothing is made.
-
-    Raises:
-        ValueError: for another id or keywords, or an environment that is not registered, or is not one of fish.
-    """
-    check_stated(about)
+def environment_of(about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The id and the keywords of a registered environment of fish, or ValueError; nothing is made."""
+    check_environment(about)
     env_id = about["env_id"]
     spec = gym.registry.get(env_id)
     if spec is None:  # `gym.spec` would import
         raise ValueError(f"the environment {env_id} is not registered; import the package that registers it first")
     for entry in (spec.entry_point, spec.vector_entry_point):
-        with making(env_id):
+        with constructor_errors(env_id):
             maker = load_env_creator(entry) if isinstance(entry, str) else entry
         if isinstance(maker, type) and not issubclass(maker, FishEnv | FishVectorEnv):  # other makers are functions
             raise ValueError(f"{env_id} is not an environment of fish; give one of a fish")
     return env_id, dict(about.get("env_options", {}))
 
 
-def one_fish(env_id: str, options: Mapping[str, Any], render_mode: str | None = None) -> gym.Env:
-    """The environment that `stated` has checked, of one fish.
+def make_checked_env(env_id: str, options: Mapping[str, Any], render_mode: str | None = None) -> gym.Env:
+    """Create the environment that `environment_of` has checked, of one fish.
 
     Raises:
         gymnasium.error.Error: where Gymnasium has a name for what is wrong.
         ValueError: for a keyword that is not allowed, or an environment that is not one of fish.
     """
-    with making(env_id):
+    with constructor_errors(env_id):
         env = gym.make(env_id, disable_env_checker=True, render_mode=render_mode, **options)
     bare = env.unwrapped
     if not isinstance(bare, FishEnv):
@@ -79,9 +75,9 @@ def one_fish(env_id: str, options: Mapping[str, Any], render_mode: str | None = 
     return env
 
 
-def many_fish(env_id: str, options: Mapping[str, Any], num_envs: int) -> FishVectorEnv:
-    """Create a batch in which each fish runs one episode; otherwise as `one_fish`."""
-    with making(env_id):
+def make_checked_batch(env_id: str, options: Mapping[str, Any], num_envs: int) -> FishVectorEnv:
+    """Create a batch in which each fish runs one episode; otherwise as `make_checked_env`."""
+    with constructor_errors(env_id):
         env = make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
     _check_work(env)
     return env
@@ -98,8 +94,8 @@ def _check_work(fish: FishVectorEnv) -> None:
 
 
 @contextmanager
-def making(env_id: str) -> Iterator[None]:
-    """A ValueError for what constructors raise for keywords that they do not have, and for missing modules."""
+def constructor_errors(env_id: str) -> Iterator[None]:
+    """Raise ValueError for what constructors raise for keywords that they do not have, and for missing modules."""
     try:
         yield
     except (ValueError, gym.error.Error):
