@@ -131,17 +131,17 @@ def available_memory(root: Path = Path("/")) -> int | None:
     return min(sizes, default=None)
 
 
-class Settled:
-    """Base class whose attributes in `SETTLED` are read-only after construction."""
+class ReadOnly:
+    """Base class whose attributes in `READ_ONLY` are read-only after construction."""
 
-    SETTLED: tuple[str, ...] = ()
+    READ_ONLY: tuple[str, ...] = ()
 
     def __setattr__(self, name, value):
-        if name in self.SETTLED and hasattr(self, name):
+        if name in self.READ_ONLY and hasattr(self, name):
             raise AttributeError(f"{type(self).__name__}.{name} is read-only; create a new {type(self).__name__}")
         super().__setattr__(name, value)
 
-    def _settle_anew(self, **values) -> None:
+    def _set_read_only(self, **values) -> None:
         """Replace the values of read-only attributes."""
         for name, value in values.items():  # reading `__dict__` would slow down later attribute access
             object.__setattr__(self, name, value)

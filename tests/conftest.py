@@ -5,7 +5,6 @@ import math
 import os
 import shutil
 import signal
-import sys
 from pathlib import Path
 
 # before numpy is loaded: small matrices gain nothing from its threads, which on a busy machine take far longer
@@ -45,12 +44,6 @@ def pytest_collection_finish():
     """What has been loaded stays: the garbage collector need not look through it again while kernels are compiled."""
     gc.collect()
     gc.freeze()
-
-
-def pytest_sessionfinish():
-    """The fuzz tests write down what they have called: a worker does not live long after this."""
-    if "fuzzing" in sys.modules:
-        sys.modules["fuzzing"].write_ledger()
 
 
 @pytest.fixture(scope="session")

@@ -1,17 +1,13 @@
-"""What the fuzz tests share: odd values, arrays in odd memory, a ledger of the calls, and how many examples they try.
+"""What the fuzz tests share: odd values, arrays in odd memory, and how many examples they try.
 
 FISH_ENV_FUZZ=20 tries twenty times as many examples as a usual run does, and others in every run.
-FISH_ENV_FUZZ_LEDGER=FOLDER writes there how many calls were accepted and how many refused.
 """
 
 import dataclasses
-import json
 import os
 import warnings
-from collections import Counter
 from decimal import Decimal
 from fractions import Fraction
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -19,9 +15,6 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 FACTOR = int(os.environ.get("FISH_ENV_FUZZ", "1"))
-CALLS: Counter = Counter()
-"""(entry point, what became of it) and how often."""
-
 REFUSED = (ValueError, TypeError, gym.error.Error)
 """What a call may raise: a value that is not allowed, a keyword that there is not, what Gymnasium has a name for."""
 
@@ -34,28 +27,17 @@ def examples(count: int, **options):
     )  # fmt: skip
 
 
-def call(entry: str, function, *args, **keywords):
+def call(function, *args, refused=REFUSED, **keywords):
     """The result of a call, or None if it was refused by an exception that is documented; others are the test's."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, of numbers that overflow: outcomes are looked at
         warnings.filterwarnings("ignore", message=".*(converting a masked element to nan|Using the latest versioned)")
         try:
-            result = function(*args, **keywords)
-        except REFUSED as error:
-            assert str(error), f"{entry} raised {type(error).__name__} without a word"
-            CALLS[entry, type(error).__name__] += 1
+            return function(*args, **keywords)
+        except refused as error:
+            assert str(error), f"{function} raised {type(error).__name__} without a word"
             return None
-    CALLS[entry, "accepted"] += 1
-    return result
-
-
-def write_ledger() -> None:
-    """Write the calls of this process down, if a ledger is asked for; at the end of a session (`conftest.py`)."""
-    folder = os.environ.get("FISH_ENV_FUZZ_LEDGER")
-    if folder and CALLS:
-        rows = [[*key, count] for key, count in CALLS.items()]
-        Path(folder, f"{os.getpid()}.json").write_text(json.dumps(rows))
 
 
 # Odd values

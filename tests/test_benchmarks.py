@@ -16,7 +16,7 @@ from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
 from benchmarks.freshness import CURRENT, MISSING, NO_TABLE, ROOT, STALE, UNKNOWN, Status, status_of
 from benchmarks.registry import REGISTRY, RESULTS, Result
 from fish_env import make_fish
-from fish_env.physics.body import scaled
+from fish_env.physics.body import scale_body
 
 each_result = pytest.mark.parametrize("result", REGISTRY.values(), ids=REGISTRY)
 
@@ -106,7 +106,7 @@ def test_trajectories_see_the_physics(monkeypatch):
     first, task = reference.swim("mass_spring"), reference.perform("swim")
     assert (reference.swim("mass_spring"), reference.perform("swim")) == (first, task)
     fish = make_fish("mass_spring")
-    stiffer = replace(fish, body=scaled(fish.body, stiffness=1.0 + 1e-6))
+    stiffer = replace(fish, body=scale_body(fish.body, stiffness=1.0 + 1e-6))
     monkeypatch.setattr(reference, "make_fish", lambda name: stiffer)
     assert abs(reference.swim("mass_spring") / first - 1.0) > 1e-8
     numbers = {"body a": 1.25e-7, "task b c": -3.0}

@@ -1,21 +1,18 @@
-"""Fish in company, continued: start methods, other libraries' processes, threads, one cache for all of them."""
+"""Environments in processes and threads: start methods, forks, other libraries' processes, one cache for all."""
 
 import hashlib
 import multiprocessing
 import os
-import pickle
 import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import gymnasium as gym
 import numba
 import numpy as np
 import pytest
 from moving import tiered
-from test_jit import edit, package, stored  # noqa: F401 - a fixture
 
 from fish_env import Tank, make_fish
 from fish_env.envs import FishVectorEnv
@@ -200,61 +197,6 @@ def test_sixteen_processes_compile_at_once(tmp_path):
     assert len(bits) == 1 and not any(done.stderr for done in found)
     again = run(COMPILING, tmp_path)
     assert again.stdout.split() == [*bits, "1"] and not list(tmp_path.rglob("*.tmp*"))
-
-
-def spoiled(data: bytes, way: int) -> bytes:
-    """The bytes of a file of the cache, damaged in one of several ways."""
-    half, middle = len(data) // 2, bytes([data[len(data) // 2] ^ 64])
-    return [b"", data[:half], data[:half] + middle + data[half + 1 :], bytes(len(data)), data + data,
-            pickle.dumps("something else"), data[:40]][way % 7]  # fmt: skip
-
-
-@pytest.mark.slow
-def test_a_cache_of_damaged_files(tmp_path):
-    """A cache all of whose files are damaged, each in another way, is compiled again, with the same bits."""
-    first = run(COMPILING, tmp_path).stdout.split()
-    files = sorted(tmp_path.rglob("*.nbc"))
-    assert first[1] == "0" and files
-    for way in range(0, 7, len(files)):
-        for k, path in enumerate(files):
-            path.write_bytes(spoiled(path.read_bytes(), way + k))
-        again = run(COMPILING, tmp_path)
-        assert again.stdout.split() == first and not again.stderr
-    assert run(COMPILING, tmp_path).stdout.split() == [first[0], "1"]
-
-
-def test_folders_in_place_of_files(tmp_path, monkeypatch):
-    """Folders that have the names of the cache's files cost time only."""
-    monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
-    _cache.warn_unstored.cache_clear()
-
-    def made():
-        return _jit.njit(lambda a: 7.0 * a)
-
-    assert made()(2.0) == 14.0
-    (file,) = tmp_path.rglob("*.nbc")
-    file.unlink()
-    file.mkdir()
-    again = made()
-    with pytest.warns(RuntimeWarning, match="cannot store compiled kernels"):
-        assert again(2.0) == 14.0 and not sum(again.stats.cache_hits.values())
-
-
-@pytest.mark.slow
-def test_two_versions_with_one_cache(package, tmp_path):  # noqa: F811 - the fixture
-    """Two versions of the sources that run at the same time with one cache find their own kernels, and no other."""
-    import shutil
-
-    other = shutil.copytree(package, tmp_path / "newer" / "fish_env")
-    edit(
-        other / "physics" / "forces" / "springs.py", "total = fma(0.5 * stiffness[e]", "total = fma(1.0 * stiffness[e]"
-    )
-    cache = tmp_path / "cache"
-    for hits in (0, 1):
-        with ThreadPoolExecutor(2) as pool:
-            found = list(pool.map(lambda each: stored(each, cache), (package, other)))
-        assert found == [(1.0, hits), (2.0, hits)]
-    assert len(list(Path(cache, "fish_env").iterdir())) == 2
 
 
 def test_checks_of_bounds_have_a_cache_of_their_own(tmp_path, monkeypatch):

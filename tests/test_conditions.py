@@ -1,43 +1,277 @@
-"""Nodes of a tank that are fixed, moved and released while it runs, against what can be worked out by hand."""
+"""Nodes fixed, moved and released, by elimination and by penalty: against dense systems and results by hand."""
 
+import naive
 import numpy as np
 import pytest
-from moving import tiered
+import small_bodies
+from moving import ADAPTIVE, each_method, tiered, without_walls
+from small_bodies import Task, bar_task
 
-from fish_env import Tank, make_fish, make_world
+from fish_env import INTEGRATORS, Tank, make_fish, make_world
 from fish_env.bodies.objects import make_ring
 from fish_env.bodies.solids import make_beam
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.conditions import make_penalty
+from fish_env.physics.conditions import PENALTY, largest_entry, make_penalty
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.statics import equilibrium
+from fish_env.physics.integrators import limits
+from fish_env.physics.records import World
+from fish_env.physics.statics import equilibrium, prescribed_displacement
+from fish_env.physics.tank_options import own_step
+from fish_env.physics.world import VACUUM, make_anchors
 
+FISH = make_fish()
 STIFFNESS, DAMPING, MASS, LENGTH, STEP = 50.0, 3.0, 0.1, 0.25, 1e-3
+METHODS = ("elimination", "penalty")
+AXES = {"elimination": "x", "penalty": "xyz"}
+each_way = pytest.mark.parametrize("method", METHODS)
+
+
+def fish_task():
+    """The fish, its head fixed, the two nodes of its tail, and how far they go, (2,3) m: a twentieth of its length."""
+    head = FISH.body.position[:, 0] >= np.sort(FISH.body.position[:, 0])[-5]
+    return Task(fix(FISH.body, head), FISH.tail, np.tile([0.0, 0.05 * FISH.length, 0.0], (2, 1)))
+
+
+each_task = pytest.mark.parametrize("make", [fish_task, bar_task])
+
+
+def displaced(task, **options):
+    """Displacements (N,3) m of a task, and the reactions, if the springs of its body have no tension at rest."""
+    ends = task.body.position[task.body.springs.nodes]
+    springs = task.body.springs._replace(rest_length=np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    return prescribed_displacement(task.body._replace(springs=springs), task.nodes, task.displacement, **options)
+
+
+def penalty_of(task):
+    """Anchors without length for the nodes to be moved: the penalty of the textbook."""
+    point = task.body.position[task.nodes] + task.displacement
+    return make_anchors(task.nodes, point, PENALTY * largest_entry(task.body))
+
+
+def thing(body, name="fixed"):
+    """An object with the length and the steps of the fish."""
+    return ElasticObject(name=name, body=body, length=FISH.length, time_step=FISH.time_step, control_interval=0.02)
 
 
 def bar(nodes=5, method="leapfrog_chebyshev"):
     """A bar of damped springs along x that moves along x only, one metre at most."""
     position = np.zeros((nodes, 3))
     position[:, 0] = LENGTH * np.arange(nodes)
-    pairs, count = np.stack([np.arange(nodes - 1), np.arange(1, nodes)], axis=1), nodes - 1
-    body = make_body(position, np.full(nodes, MASS), pairs, np.full(count, STIFFNESS), np.full(count, DAMPING),
-                     np.full(count, LENGTH), np.zeros((0, 4), int))  # fmt: skip
+    pairs, ones = np.stack([np.arange(nodes - 1), np.arange(1, nodes)], axis=1), np.ones(nodes - 1)
+    body = make_body(position, np.full(nodes, MASS), pairs, STIFFNESS * ones, DAMPING * ones, LENGTH * ones, [])
     body = fix(body, range(nodes), "yz")
     return ElasticObject(name="bar", body=body, length=1.0, time_step=STEP, control_interval=0.02, integrator=method)
 
 
-def settled(tank, seconds=20.0):
+def settle(tank, seconds=20.0):
     """Let the damping end all motion."""
     tank.advance(round(seconds / STEP))
     assert tank.alive.all(), tank.failure
     assert np.abs(tank.velocity).max() < 1e-10
 
 
+# Elimination
+
+
+def fixed_two_layers(whole):
+    """The small body of all kinds of elements with two nodes fixed, and two more along some axes unless `whole`."""
+    body = fix(small_bodies.two_layers(), [0, 12])
+    return body if whole else fix(fix(body, [17, 5], "z"), [3], "xy")
+
+
+QUICK = {
+    "leapfrog_chebyshev": "two layers", "rk4": "fish", "semi_implicit": "fish in a plane", "rosenbrock": "fish",
+    "dop853": "fish in a plane",
+}  # fmt: skip
+"""The body of each representative method in every run; the other pairs are slow."""
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        pytest.param(name, what, marks=() if QUICK.get(name) == what else pytest.mark.slow)
+        for name in INTEGRATORS
+        for what in ("two layers", "fish", "fish in a plane")
+    ],
+)
+def test_motion_equals_the_reduced_system(name, what):
+    """Steps with fixed nodes, some of them moving, are those of the dense system without them, to 1e-12."""
+    rng, slanted = np.random.default_rng(1), name != "semi_implicit"
+    if what == "two layers":
+        free_body, body = small_bodies.two_layers(), fixed_two_layers(whole=not slanted)
+        world = without_walls(name, small_bodies.world_with_all(body))
+        x, v = small_bodies.shaken(body, rng)
+    else:
+        free_body = FISH.body
+        body = fix(FISH.body, range(23), "z") if what == "fish in a plane" else fix(FISH.body, [0, 7, 20])
+        body = fix(body, [3], "y") if slanted else body
+        world = World(*naive.dense_water(FISH, current=(0.3, -0.2, 0.1)))
+        x, v = naive.random_state(FISH, rng, speed=0.2)
+    free, rest, h = body.inverse_mass > 0, body.springs.rest_length, 0.3 / np.sqrt(body.max_stiffness_eigenvalue)
+    n, tolerance = (1, 1e-7) if name in ADAPTIVE else (4, 1e-12)
+    tank = Tank(thing(body), 1, name, h, water=world, threads=1)
+    tank.position[0], tank.velocity[0] = x, v
+    tank.advance(n)
+    assert tank.alive[0], tank.failure[0]
+    near_x, near_v = tank.position[0], tank.velocity[0]
+    far_x, far_v = naive.advance(name, body, world, rest, 0 * rest, x, v, h, n)
+    np.testing.assert_array_equal(near_v[~free], v[~free])
+    np.testing.assert_allclose(near_x[~free], (x + n * h * v)[~free], rtol=0, atol=1e-15 * np.ptp(body.position))
+    np.testing.assert_allclose(near_x - x, far_x - x, rtol=0, atol=tolerance * np.abs(far_x - x).max())
+    np.testing.assert_allclose(near_v, far_v, rtol=0, atol=tolerance * np.abs(far_v).max())
+    loose_x, _ = naive.advance(name, free_body, world, rest, 0 * rest, x, v, h, n)
+    assert np.abs(loose_x - far_x).max() > 1e-3 * np.abs(far_x - x).max()  # the condition makes a difference
+
+
+@each_method
+def test_fixed_nodes_keep_their_velocity(name):
+    """A fixed node moves at a given velocity, changed from call to call; the other nodes follow."""
+    h, n, body = own_step(FISH, INTEGRATORS[name]), 10, fix(FISH.body, [0, 1])
+    tank, path = Tank(thing(body), 1, name, h, threads=1), body.position[:2].copy()
+    for k in range(20 if name not in ADAPTIVE else 5):
+        velocity = 0.2 * FISH.length * np.array([np.cos(k), np.sin(k), 0.5])
+        tank.velocity[0, :2] = velocity
+        tank.advance(n)
+        path += n * h * velocity
+    assert tank.alive[0], tank.failure[0]
+    np.testing.assert_allclose(tank.position[0, :2], path, rtol=0, atol=1e-14 * FISH.length)
+    assert np.abs(tank.position[0] - body.position)[2:].max() > 1e-4 * FISH.length
+
+
+def test_rates_of_free_degrees():
+    """The highest rates of a fixed body are those of its reduced matrices, no higher than those of the free body."""
+    for body in (fixed_two_layers(whole=False), fix(FISH.body, [0, 4, 5]), fix(FISH.body, range(23), "z")):
+        free = body.inverse_mass.ravel() > 0
+        weight = np.sqrt(body.inverse_mass.ravel()[free])
+        for kind, found in (("stiffness", body.max_stiffness_eigenvalue), ("damping", body.max_damping_eigenvalue)):
+            matrix = naive.stiffness_matrix(body, kind)[np.ix_(free, free)]
+            assert found == pytest.approx(np.linalg.eigvalsh(matrix * np.outer(weight, weight))[-1], rel=1e-12)
+    assert fix(FISH.body, [0, 4, 5]).max_stiffness_eigenvalue < FISH.body.max_stiffness_eigenvalue
+    np.testing.assert_array_equal(fix(FISH.body, [5, 0]).fixed, [[0, 0], [0, 1], [0, 2], [5, 0], [5, 1], [5, 2]])
+    np.testing.assert_array_equal(fix(FISH.body, np.arange(23) == 5).fixed, fix(FISH.body, [5]).fixed)
+    assert not FISH.body.fixed.size
+
+
+# The static problem, by both methods
+
+
+def solve_dense(body, load, displacement, penalties=None):
+    """Displacements (N,3) by numpy's dense solver: fixed degrees of freedom are displaced as given."""
+    matrix = naive.stiffness_matrix(body)
+    load = load.ravel() - matrix @ displacement.ravel()
+    if penalties is not None:
+        for i, point, _, stiffness, _, _ in zip(*penalties, strict=True):
+            places = np.arange(3 * i, 3 * i + 3)
+            matrix[places, places] += stiffness
+            load[places] += stiffness * (point - body.position[i])
+    free, found = body.inverse_mass.ravel() > 0, displacement.ravel().copy()
+    found[free] = np.linalg.solve(matrix[np.ix_(free, free)], load[free])
+    return found.reshape(displacement.shape)
+
+
+@each_task
+def test_static_problem(make):
+    """Elimination is the reduced dense system, and the penalty the textbook's: 1e4 largest entries on the diagonal."""
+    body, nodes, displacement = task = make()
+    rng, still = np.random.default_rng(2), np.zeros_like(body.position)
+    load, given = rng.normal(size=still.shape), still.copy()
+    found, bearing = displaced(task, load=load)
+    given[nodes] = displacement
+    wanted = solve_dense(fix(body, np.union1d(body.fixed[:, 0], nodes)), load, given)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    np.testing.assert_array_equal(found[nodes], displacement)
+    force = (naive.stiffness_matrix(body) @ wanted.ravel()).reshape(still.shape) - load
+    free = np.setdiff1d(np.arange(len(body.mass)), np.union1d(body.fixed[:, 0], nodes))
+    np.testing.assert_allclose(force[free], 0.0, atol=1e-9 * np.abs(force).max())
+    force[free] = 0.0
+    np.testing.assert_allclose(bearing, force, rtol=0, atol=1e-11 * np.abs(force).max())
+    penalties, size = penalty_of(task), np.abs(displacement).max()
+    np.testing.assert_allclose(penalties.stiffness, 1e4 * np.abs(naive.stiffness_matrix(body)).max(), rtol=1e-14)
+    wanted, found = solve_dense(body, still, still, penalties), displaced(task, method="penalty")[0]
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+    assert 0 < np.abs(found[nodes] - displacement).max() < 1e-4 * size
+    assert np.abs(found - displaced(task)[0]).max() < 1e-4 * size
+
+
+@each_task
+def test_penalty_error(make):
+    """The penalty's error falls as one over the penalty, from ten largest entries up to where rounding takes over."""
+    task = make()
+    truth, multiples = displaced(task)[0], 10.0 ** np.arange(1, 9)
+    for which in (task.nodes, slice(None)):
+        found = [displaced(task, method="penalty", multiple=multiple)[0] for multiple in multiples]
+        errors = [np.abs(each - truth)[which].max() for each in found]
+        slope = np.polyfit(np.log(multiples), np.log(errors), 1)[0]
+        assert abs(slope + 1) <= 0.05, f"slope {slope:.4f}, errors {errors}"
+
+
+# The penalty in motion
+
+
+@pytest.fixture(scope="module")
+def bent_fish():
+    """The fish's task with the 1e4 penalty: task, anchors, and the world they make."""
+    task = fish_task()
+    pulling = penalty_of(task)
+    return task, pulling, VACUUM._replace(anchors=pulling)
+
+
+def test_penalty_in_time(bent_fish):
+    """With linearly implicit Euler, nodes pulled by the 1e4 penalty follow a moving point at the fish's own step.
+
+    They lag by the fish's pull over the penalty, and by the change of the point's velocity within a step.
+    """
+    task, pulling, world = bent_fish
+    body, n = task.body, 200
+    tank = Tank(thing(body), 1, "linearly_implicit", FISH.time_step, water=world, threads=1)
+    start, worst, size = body.position[task.nodes], 0.0, np.abs(task.displacement).max()
+    for k in range(n):
+        point = start + task.displacement * 0.5 * (1 - np.cos(np.pi * (k + 1) / n))
+        tank._set_anchors(pulling._replace(point=point))
+        tank.advance(1)
+        worst = max(worst, np.abs(tank.position[0, task.nodes] - point).max())
+    assert tank.alive[0], tank.failure[0]
+    assert worst < 1e-3 * size
+    force = naive.spring_force(body.springs, body.springs.rest_length, tank.position[0], tank.velocity[0])[task.nodes]
+    lag = np.abs(tank.position[0, task.nodes] - point).max()
+    assert 0 < lag < 2 * np.abs(force).max() / pulling.stiffness[0] + 1e-4 * size
+
+
+def test_explicit_methods_and_the_penalty(bent_fish):
+    """The leapfrog is stable at the fish's own step with the 1e4 penalty: it takes more stages for the anchors.
+
+    Symplectic Euler fails at its own step, and holds at a hundredth of it. The nodes are sent a four-hundredth of the
+    fish's length: released, they swing twice as far, and no spring must tear.
+    """
+    task, pulling, world = bent_fish
+    body, displacement = task.body, 0.05 * task.displacement
+    pulling = pulling._replace(point=body.position[task.nodes] + displacement)
+    world = world._replace(anchors=pulling)
+    assert FISH.integrator == "leapfrog_chebyshev"
+    tank, free = (Tank(thing(body), 1, water=around, threads=1) for around in (world, VACUUM))
+    for part in (tank, free):
+        part.advance(1000)
+        assert part.alive.all()
+    assert 20 < tank.counters["force_evaluations"][0] / free.counters["force_evaluations"][0] < 200
+    off = np.abs(tank.position[0, task.nodes] - pulling.point).max()
+    assert off <= 1.01 * np.abs(displacement).max()  # undamped, it may swing about its point for ever
+    elastic = pulling.stiffness[0] * body.inverse_mass[task.nodes].max()
+    stiffer = body._replace(max_stiffness_eigenvalue=body.max_stiffness_eigenvalue + elastic)
+    longest, own = limits.leapfrog(stiffer), limits.leapfrog(body)
+    assert longest < own / 20
+    for h, valid in ((0.9 * longest, True), (0.9 * own, False)):
+        tank = Tank(thing(body), 1, "symplectic_euler", h, water=world, threads=1)
+        tank.advance(2000)
+        assert tank.alive.all() == valid
+
+
+# Conditions of a running tank
+
+
 @pytest.mark.parametrize("name", ["leapfrog_chebyshev", "linearly_implicit", "dop853"])
 def test_fixed_stays_to_the_bit(name):
-    """A node that is fixed in the middle of a motion stays where it is, others go on, and a release lets it go."""
-    fish = make_fish()
-    tank = Tank(fish, 2, name, 0.002, threads=1)
+    """A node that is fixed during a motion stays where it is, the others move on, and a release frees it."""
+    tank = Tank(FISH, 2, name, 0.002, threads=1)
     tank.velocity[:] = np.random.default_rng(1).normal(size=tank.velocity.shape) * 0.1
     tank.advance(5)
     before, clock = tank.position.copy(), tank.time.copy()
@@ -47,81 +281,43 @@ def test_fixed_stays_to_the_bit(name):
     np.testing.assert_array_equal(tank.position[:, [3, 7]], before[:, [3, 7]])
     assert (tank.time > clock).all() and np.abs(tank.position - before)[:, 10].min() > 0
     tank.release([3, 7])
-    assert tank.fish is not None and not tank.fixed.any()
-    free = Tank(fish, 2, name, 0.002, threads=1)
+    assert not tank.fixed.any()
+    free = Tank(FISH, 2, name, 0.002, threads=1)
     free.set_state(tank.get_state())
     for one in (tank, free):
         one.advance(10)
     np.testing.assert_array_equal(tank.position, free.position)
 
 
-@pytest.mark.parametrize("method", ["elimination", "penalty"])
-def test_prescribed_displacement_of_a_bar(method):
-    """Pulled by d at its end, a bar stretches evenly, and both ends bear k d / n, but for the penalty's error."""
-    tank, d, n = Tank(bar()), 0.1, 4
+@each_way
+def test_bar_by_hand(method):
+    """A bar that is pulled stretches evenly, one that hangs bears its weight, one moved steadily bears nothing."""
+    d, n, tolerance = 0.1, 4, 1e-9 if method == "elimination" else 1e-3
+    tank, force = Tank(bar()), STIFFNESS / n * d
     tank.fix([0])
-    tank.move([n], (d, 0, 0), "x" if method == "elimination" else "xyz", method)
+    tank.move([n], (d, 0, 0), AXES[method], method)
     tank.advance(1000)
     tank.fix([n], method=method)
-    settled(tank)
-    force, tolerance = STIFFNESS / n * d, 1e-9 if method == "elimination" else 1e-3
+    settle(tank)
     np.testing.assert_allclose(tank.position[0, :, 0], (LENGTH + d / n) * np.arange(5), rtol=0, atol=tolerance * d)
     found = tank.reactions()[0]
     np.testing.assert_allclose(found[[0, 4], 0], [-force, force], rtol=tolerance)
     np.testing.assert_allclose(found.sum(axis=0), 0.0, atol=1e-8 * force)
-
-
-def test_reactions_bear_the_weight():
-    """At rest under gravity the reactions add up to the weight, by elimination and by penalty."""
-    world = make_world((-9.81, 0.0, 0.0))
-    for method in ("elimination", "penalty"):
-        tank = Tank(bar(), water=world)
-        tank.fix([0], method=method)
-        settled(tank, 40.0)
-        np.testing.assert_allclose(tank.reactions().sum(axis=(0, 1)), [5 * MASS * 9.81, 0, 0], rtol=1e-8, atol=1e-12)
-
-
-def test_motion_at_constant_velocity():
-    """Moved at one end for long, the whole bar moves at that velocity and nothing is left to bear; to rounding."""
-    for method in ("elimination", "penalty"):
-        tank = Tank(bar())
-        tank.move([0], (0.3, 0, 0), method=method)
-        tank.advance(20_000)
-        np.testing.assert_allclose(tank.velocity[0, :, 0], 0.3, rtol=1e-9)
-        np.testing.assert_allclose(tank.position[0, 0, 0], 0.3 * 20.0, rtol=1e-9)
-        np.testing.assert_allclose(tank.reactions(), 0.0, atol=1e-7)
-
-
-@pytest.mark.parametrize("bad", [
-    ({"nodes": [99]}, "contain node 99"), ({"nodes": [0], "axes": "w"}, "axes"),
-    ({"nodes": [0], "method": "glue"}, "method"),
-    ({"nodes": [0], "axes": "x", "method": "penalty"}, "all axes"), ({"nodes": range(5)}, "leave one"),
-])  # fmt: skip
-def test_refused(bad):
-    """What cannot be is refused, and nothing has changed."""
     tank = Tank(bar())
-    before = tank.fixed
-    with pytest.raises(ValueError, match=bad[1]):
-        tank.fix(**bad[0])
-    np.testing.assert_array_equal(tank.fixed, before)
-
-
-def test_methods_that_cannot():
-    """Tu's method refuses some axes, an explicit one the penalty, and says why; a tank of unlike bodies refuses too."""
-    fish = make_fish()
-    with pytest.raises(ValueError, match="along some axes only"):
-        Tank(fish, integrator="semi_implicit").fix([3], "x")
-    with pytest.raises(ValueError, match="stable steps are shorter"):
-        Tank(fish, integrator="symplectic_euler").fix([3], method="penalty")
-    tank = Tank(fish, 2)
-    tank.position[1] += 0.1
-    with pytest.raises(ValueError, match="different places"):
-        tank.fix([3], method="penalty")
+    tank.move([0], (0.3, 0, 0), method=method)
+    tank.advance(20_000)
+    np.testing.assert_allclose(tank.velocity[0, :, 0], 0.3, rtol=1e-9)
+    np.testing.assert_allclose(tank.position[0, 0, 0], 0.3 * 20.0, rtol=1e-9)
+    np.testing.assert_allclose(tank.reactions(), 0.0, atol=1e-7)
+    tank = Tank(bar(), water=make_world((-9.81, 0.0, 0.0)))
+    tank.fix([0], method=method)
+    settle(tank, 40.0)
+    np.testing.assert_allclose(tank.reactions().sum(axis=(0, 1)), [5 * MASS * 9.81, 0, 0], rtol=1e-8, atol=1e-12)
 
 
 def test_reset_and_states():
     """Conditions stay through `reset` and `set_state`; a state replays bit for bit under the same ones."""
-    tank = Tank(make_fish())
+    tank = Tank(FISH)
     tank.move([0], (0.1, 0, 0))
     tank.advance(5)
     state = tank.get_state()
@@ -135,21 +331,24 @@ def test_reset_and_states():
     assert tank.fixed[0].all() and make_penalty(tank.fish.body, [0], np.zeros(3)).stiffness[0] > 0
 
 
-@pytest.mark.parametrize("method", ["elimination", "penalty"])
-@pytest.mark.parametrize("name", tiered(["ring", "linear", "corotational", "green_lagrange"], ("ring", "linear")))
-def test_held_objects_come_to_rest_where_statics_has_them(name, method):
-    """A ring, and beams of every measure of strain, hang from nodes that were moved apart: by their weight."""
+@pytest.mark.parametrize(("name", "method"), [
+    pytest.param(name, method, marks=() if (name, method) == ("linear", "elimination") else pytest.mark.slow)
+    for name in ("ring", "linear", "corotational", "green_lagrange") for method in METHODS
+])  # fmt: skip
+def test_held_objects_come_to_rest_in_their_equilibrium(name, method):
+    """A ring, and beams of every measure of strain, hang by their weight from nodes that were moved apart."""
     if name == "ring":
         thing, held = make_ring(relaxation_time=0.05), [0, 6]
     else:
         thing = make_beam(4, strain=name, young=1e5, relaxation_time=0.05)
         held = np.flatnonzero(np.abs(np.abs(thing.body.position[:, 0]) - 0.2) < 1e-9)
     world = make_world(gravity=9.81 * thing.down)
+    axes = "xy" if name == "ring" and method == "elimination" else "xyz"
     tank = Tank(thing, integrator="linearly_implicit", dt=1 / 240, water=world, threads=1)
     way = 0.04 * np.sign(thing.body.position[held]) * [1.0, 0.0, 0.0]
-    tank.move(held, way, "xy" if name == "ring" and method == "elimination" else "xyz", method)
+    tank.move(held, way, axes, method)
     tank.advance(120)
-    tank.fix(held, "xy" if name == "ring" and method == "elimination" else "xyz", method)
+    tank.fix(held, axes, method)
     tank.advance(2400)
     assert tank.alive.all() and np.abs(tank.velocity).max() < 1e-6
     start = thing.body.position.copy()
@@ -162,56 +361,56 @@ def test_held_objects_come_to_rest_where_statics_has_them(name, method):
     np.testing.assert_allclose(tank.reactions()[0].sum(axis=0), weight, rtol=0, atol=1e-5 * np.abs(weight).max())
 
 
-@pytest.mark.parametrize("method", ["elimination", "penalty"])
-@pytest.mark.parametrize("name", ["leapfrog_chebyshev", "linearly_implicit", "rosenbrock"])
+@each_way
+@pytest.mark.parametrize(
+    "name", tiered(["leapfrog_chebyshev", "linearly_implicit", "rosenbrock"], ("leapfrog_chebyshev",))
+)
 def test_driven_bar(name, method):
     """Driven at its end by a cos(w t) - a, a bar ends in the harmonic motion of its equations, by complex numbers.
 
-    The end is on its way at every step: to rounding by elimination, but for 1 / PENALTY by penalty.
+    The end is on its path at every step: to rounding by elimination, to 1 / PENALTY by penalty.
     """
     size, rate, tank = 0.02, 12.0, Tank(bar(method=name), threads=1)
-    tank.move([0], lambda t: [size * (np.cos(rate * t) - 1.0), 0, 0], "x" if method == "elimination" else "xyz", method)
+    tank.move([0], lambda t: [size * (np.cos(rate * t) - 1.0), 0, 0], AXES[method], method)
     springs = np.zeros((5, 5))
     for i in range(4):
         springs[np.ix_([i, i + 1], [i, i + 1])] += [[1, -1], [-1, 1]]
     dynamic = (STIFFNESS + 1j * rate * DAMPING) * springs - rate**2 * MASS * np.eye(5)
     amplitude = np.concatenate([[size], np.linalg.solve(dynamic[1:, 1:], -size * dynamic[1:, 0])])
     tank.advance(8000)
-    first_order, stiff = name == "linearly_implicit", 1e-12 if method == "elimination" else 1e-3 * size
-    for _ in range(5):
+    part, stiff = 0.05 if name == "linearly_implicit" else 2e-3, 1e-12 if method == "elimination" else 1e-3 * size
+    for _ in range(3):
         tank.advance(137)
         wanted = (amplitude * np.exp(1j * rate * tank.time[0])).real - size
-        moved = tank.position[0, :, 0] - LENGTH * np.arange(5)
-        np.testing.assert_allclose(moved[0], wanted[0], rtol=0, atol=stiff)
-        np.testing.assert_allclose(
-            moved, wanted, rtol=0, atol=(0.05 if first_order else 2e-3) * np.abs(amplitude).max()
-        )
+        found = tank.position[0, :, 0] - LENGTH * np.arange(5)
+        np.testing.assert_allclose(found[0], wanted[0], rtol=0, atol=stiff)
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=part * np.abs(amplitude).max())
 
 
-def test_ways_and_muscles():
-    """Muscles contract alike while a node stays by `fix`, by a velocity of zero, or by a way that leads nowhere."""
-    fish, found = make_fish(), []
+def test_muscles_and_prescribed_motions():
+    """Muscles contract alike while a node stays by `fix`, by a velocity of zero, or by a displacement of zero."""
+    found = []
     for hold in (lambda tank: tank.fix([3]), lambda tank: tank.move([3], (0, 0, 0)),
                  lambda tank: tank.move([3], lambda t: (0, 0, 0))):  # fmt: skip
-        tank = Tank(fish, 2, threads=1)
+        tank = Tank(FISH, 2, threads=1)
         hold(tank)
         for k in range(4):
-            tank.swim(np.sin(np.arange(fish.num_muscles) + k), fish.control_interval)
+            tank.swim(np.sin(np.arange(FISH.num_muscles) + k), FISH.control_interval)
         found.append([tank.position.copy(), tank.rest_length.copy()])
     for other in found[1:]:
-        for one, two in zip(found[0], other, strict=True):
-            np.testing.assert_allclose(one, two, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found[0][0], other[0], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found[0][1], other[1], rtol=0, atol=1e-12)
 
 
-def test_ways_end_and_are_shared():
-    """Each node has a way of its own; a way ends with `release`, `fix` or another `move`, axis by axis."""
-    tank = Tank(make_fish(), 2, threads=1)
+def test_prescribed_motions_end():
+    """Each node has a motion of its own; it ends with `release`, `fix` or another `move`, axis by axis."""
+    tank = Tank(FISH, 2, threads=1)
     start = tank.position.copy()
     tank.move([2, 5], lambda t: np.outer([1.0, -2.0], [0.1 * t**2, 0, 0.2 * t]), "xz")
     tank.advance(10)
     time = tank.time[0]
-    moved = (tank.position - start)[:, 2, [0, 2]]
-    np.testing.assert_allclose(moved, [[0.1 * time**2, 0.2 * time]] * 2, rtol=1e-12)
+    displacement = (tank.position - start)[:, 2, [0, 2]]
+    np.testing.assert_allclose(displacement, [[0.1 * time**2, 0.2 * time]] * 2, rtol=1e-12)
     np.testing.assert_allclose(tank.position[:, 5, 2] - start[:, 5, 2], -0.4 * time, rtol=1e-12)
     tank.fix([2], "x")
     tank.release([5])
@@ -227,19 +426,116 @@ def test_ways_end_and_are_shared():
     assert not tank._conditions.motions
 
 
-def test_refused_ways():
-    """A way that does not begin at zero, leaves its axes, or has another shape is refused, also later."""
-    tank = Tank(make_fish(), threads=1)
-    for along, axes, says in ((lambda t: (1.0, 0, 0), "xyz", "begins where the nodes are"),
-                              (lambda t: (0.0, 0), "xyz", "shape"),
-                              (lambda t: (np.nan, 0, 0), "xyz", "finite")):  # fmt: skip
-        with pytest.raises(ValueError, match=says):
+# The drag spring
+
+
+def test_moving_drag_spring():
+    """A drag spring that moves at a steady velocity acts the same in one call and in many; one that jumps does not."""
+    velocity, tanks = np.array([0.3, 0.1, 0.0]), [Tank(FISH, threads=1) for _ in range(3)]
+    point = tanks[0].position[0, 4].copy()
+    for tank in tanks[:2]:
+        tank.grab(4, point, 5.0, 0.05, velocity=velocity)
+    tanks[0].advance(60)
+    for k in range(60):
+        tanks[1].advance(1)
+        tanks[2].grab(4, point + velocity * k * tanks[2].dt, 5.0, 0.05)
+        tanks[2].advance(1)
+    np.testing.assert_allclose(tanks[1].position, tanks[0].position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(tanks[1].world.anchors.point[0], point + velocity * 60 * tanks[0].dt, rtol=1e-12)
+    assert np.abs(tanks[2].position - tanks[0].position).max() > 1e-6
+    with pytest.raises(ValueError, match="velocity"):
+        tanks[0].grab(4, point, 5.0, velocity=(0.0, np.inf, 0.0))
+
+
+def test_dragged_mass():
+    """Drawn from rest by a spring whose far end moves at v, a mass is at v t - (v / w) sin(w t).
+
+    The energy of the mass and the spring is the work of the moving end: its force times its path.
+    """
+    mass, stiffness, v, h, n = 0.1, 10.0, 0.3, 1e-3, 400
+    w, times = np.sqrt(stiffness / mass), h * np.arange(1, n + 1)
+    body = make_body(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.full(2, mass), *[[]] * 5)
+    tank = Tank(ElasticObject(name="beads", body=body, length=1.0, time_step=h, control_interval=0.02), 1, None, h)
+    tank.grab(0, np.zeros(3), stiffness, velocity=(v, 0.0, 0.0))
+    place, speed = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        tank.advance(1)
+        place[k], speed[k] = tank.position[0, 0, 0], tank.velocity[0, 0, 0]
+    near = (w * h) ** 2  # the method is of second order
+    np.testing.assert_allclose(place, v * times - v / w * np.sin(w * times), rtol=0, atol=near * v * times[-1])
+    np.testing.assert_allclose(speed, v - v * np.cos(w * times), rtol=0, atol=near * 2 * v)
+    stretch = v * times - place
+    force = stiffness * np.concatenate([[0.0], stretch])
+    work = np.cumsum(0.5 * (force[1:] + force[:-1]) * v * h)
+    energy = 0.5 * mass * speed**2 + 0.5 * stiffness * stretch**2
+    np.testing.assert_allclose(energy, work, rtol=0, atol=2 * near * energy.max())
+
+
+# Input validation
+
+
+@pytest.mark.parametrize(
+    ("nodes", "axes", "text"),
+    [
+        (range(23), "xyz", "all 23 nodes would be fixed along every axis; leave one of them free"),
+        ([23], "xyz", "fixed nodes contain node 23; valid numbers are 0 to 22"),
+        ([0, -1], "x", "fixed nodes contain node -1; valid"),
+        ([0.5], "x", "fixed nodes have shape"),
+        (np.zeros(22, bool), "x", r"the mask of nodes has shape \(22,\); give \(23,\)"),
+        ([0], "w", "axes are 'w'; give some of 'xyz'"),
+        ([0], "", "axes are ''; give some of 'xyz'"),
+        ([0], 1, "axes are 1; give some of 'xyz'"),
+    ],
+)
+def test_fix_refuses(nodes, axes, text):
+    """`fix` and `Tank.fix` refuse missing nodes, other axes, and a body without a free degree of freedom."""
+    tank = Tank(FISH)
+    for call in (lambda: fix(FISH.body, nodes, axes), lambda: tank.fix(nodes, axes)):
+        with pytest.raises(ValueError, match=text):
+            call()
+    assert not tank.fixed.any()
+    flat = fix(fix(FISH.body, range(23), "x"), range(23), "y")  # the last free axis counts too
+    with pytest.raises(ValueError, match="all 23 nodes would be fixed along every axis"):
+        fix(flat, range(23), "z")
+
+
+def test_methods_refuse():
+    """Methods refuse conditions that they cannot serve, with the reason; penalties need equal places and all axes."""
+    slanted = fix(FISH.body, [7], "yz")
+    with pytest.raises(
+        ValueError, match=r"'semi_implicit' cannot move 'fixed' .*: node 7 is fixed along some axes only"
+    ):
+        Tank(thing(slanted), integrator="semi_implicit")
+    for body in (fix(FISH.body, [7]), fix(FISH.body, range(23), "z"), fix(fix(FISH.body, range(23), "z"), [4])):
+        assert Tank(thing(body), integrator="semi_implicit").alive.all()
+    walls = make_world(planes=[((0, 0, 1), -1.0, 0.0)])
+    for name in ADAPTIVE:
+        with pytest.raises(ValueError, match=f"'{name}' cannot move .* here: .*walls; choose another integrator"):
+            Tank(FISH, integrator=name, water=walls)
+        assert Tank(FISH, integrator=name, water=make_world()).alive.all()
+    for name, options, text in (("semi_implicit", {"axes": "x"}, "along some axes only"),
+                                ("symplectic_euler", {"method": "penalty"}, "stable steps are shorter"),
+                                (None, {"method": "glue"}, "method is 'glue'; choose from 'elimination'"),
+                                (None, {"axes": "x", "method": "penalty"}, "all axes")):  # fmt: skip
+        with pytest.raises(ValueError, match=text):
+            Tank(FISH, integrator=name).fix([3], **options)
+    tank = Tank(FISH, 2)
+    tank.position[1] += 0.1
+    with pytest.raises(ValueError, match="different places"):
+        tank.fix([3], method="penalty")
+
+
+def test_refused_motions():
+    """A motion that does not begin at zero, leaves its axes, or has another shape is refused, also later."""
+    tank = Tank(FISH, threads=1)
+    for along, axes, text in ((lambda t: (1.0, 0, 0), "xyz", "begins where the nodes are"),
+                              (lambda t: (0.0, 0), "xyz", "shape"), (lambda t: (np.nan, 0, 0), "xyz", "finite"),
+                              ((0.1, 0.1, 0.0), "x", "not along the axes 'x' alone")):  # fmt: skip
+        with pytest.raises(ValueError, match=text):
             tank.move([3], along, axes)
         assert not tank.fixed.any()
-    with pytest.raises(ValueError, match="not along the axes 'x' alone"):
-        tank.move([3], (0.1, 0.1, 0.0), "x")
     tank.move([3], lambda t: (t, 0.0 if t < 3.5 * tank.dt else t, 0), "x")
     with pytest.raises(ValueError, match="not along the axes 'x' alone"):
         tank.advance(10)
     np.testing.assert_allclose(tank.time, 3 * tank.dt)
-    np.testing.assert_allclose(tank.position[0, 3, 0] - tank.fish.body.position[3, 0], 3 * tank.dt, rtol=1e-9)
+    np.testing.assert_allclose(tank.position[0, 3, 0] - FISH.body.position[3, 0], 3 * tank.dt, rtol=1e-9)

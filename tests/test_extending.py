@@ -1,6 +1,7 @@
-"""docs/extending.md: its blocks run, in a program of one's own and in the package, and what they add is correct.
+"""Extensions: the blocks of docs/extending.md run, and a force or a method of one's own acts like those of the package.
 
-A block whose title is the name of a file is that file; one that shows a difference is the line that a table needs.
+A block of the page whose title is the name of a file is that file; one that shows a difference is the line that a
+table needs.
 """
 
 import importlib
@@ -10,22 +11,38 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+import soft_floor
+from moving import tiered
 from pages import ROOT, blocks
+from scipy.sparse import issparse
+from soft_floor import Floor
 
 from fish_env import INTEGRATORS, Tank, make_world
+from fish_env.kernels.compile import part
+from fish_env.physics import forces, statics
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.integrators import Integrator
-from fish_env.physics.integrators.runge_kutta import RungeKutta
+from fish_env.physics.forces import sparse
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.integrators import Integrator, leapfrog_chebyshev
+from fish_env.physics.linalg import rates
+from fish_env.physics.world import VACUUM, make_anchors
 
 BLOCKS = blocks(ROOT / "docs/extending.md", "python")
 FILES = {block.title: block.text for block in BLOCKS if re.fullmatch(r"\w+\.py", block.title)}
 LINES = blocks(ROOT / "docs/extending.md", "diff")
 KINDS = {"bodies": "minnow", "tasks": "dash", "physics/integrators": "heun", "physics/forces": "soft_floor"}
 FISH = 8
+SPEEDS = -np.linspace(0.5, 1.0, FISH)
+FLOOR = Floor(height=0.0, stiffness=50.0)
+MASS = 0.02
+
+# The page
 
 
 def run(script, folder, package, **variables):
@@ -47,12 +64,13 @@ def test_every_block_has_its_place():
     assert "The blocks of this page run in order, as one program." in (ROOT / "docs/extending.md").read_text()
 
 
-def test_in_a_program_of_ones_own(tmp_path):
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_in_a_program_of_ones_own(tmp_path, compiled):
     """The files beside a program, and the other blocks in their order, with the assertions they hold."""
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
     own = [block.text for block in BLOCKS if block.title not in FILES]
-    run("\n\n".join(own), tmp_path, ROOT)
+    run("\n\n".join(own), tmp_path, ROOT, NUMBA_DISABLE_JIT="0" if compiled else "1")
 
 
 ADDED = """
@@ -114,61 +132,198 @@ def with_line(text, table, line, imported):
     return re.sub(r"^(from fish_env)", rf"{imported}\n\1", text, count=1, flags=re.MULTILINE)
 
 
-# The method of the page, against the tableau that it says is the same
+def swing_chain(lanes, dt=0.0005, floor=-0.02):
+    """Positions (FISH,5,3) of a chain after 0.2 s under the method of the page, and the lowest ever.
 
-
-@pytest.fixture
-def methods(tmp_path, monkeypatch):
-    """The table with the method of the page, "heun", and its tableau, "tableau"."""
-    (tmp_path / "heun.py").write_text(FILES["heun.py"])
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "heun", raising=False)
-    own = importlib.import_module("heun").Heun()
-    for name, method in (("heun", own), ("tableau", RungeKutta((0.0, 1.0), (0.5, 0.5)))):
-        monkeypatch.setitem(INTEGRATORS, name, Integrator(name, 2, "explicit", 2, 0, 0, "Heun 1900", method))
-
-
-def chain():
-    """Five points on a string that hangs from the first, which is fixed; the second moves along x at a set speed."""
+    The chain hangs from its first node, which is fixed; the second moves along x at a set speed, an anchor draws the
+    last one, and the others fall onto a floor.
+    """
     position = np.array([[0.05 * k, 0.0, 0.0] for k in range(5)])
-    pairs = [[k, k + 1] for k in range(4)]
-    body = make_body(position, np.full(5, 0.01), pairs, [40.0] * 4, [0.02] * 4, [0.05] * 4, [])
+    body = make_body(position, np.full(5, 0.01), [[k, k + 1] for k in range(4)], [40.0] * 4, [0.02] * 4, [0.05] * 4, [])
     body = fix(fix(body, [0]), [1], "x")
-    return ElasticObject(name="chain", body=body, length=0.2, time_step=0.0005, control_interval=0.01)
-
-
-def swung(name, lanes):
-    """Positions after the chain has fallen onto a floor, its end drawn by an anchor, (FISH,5,3); the lowest ever."""
-    world = make_world(gravity=(0.0, 0.0, -9.8), planes=[((0, 0, 1), -0.02, 0.4), ((1, 0, 0), -0.01, 0.0)])
-    tank = Tank(chain(), FISH, name, 0.0005, water=world, threads=1, lanes=lanes)
+    chain = ElasticObject(name="chain", body=body, length=0.2, time_step=dt, control_interval=0.01)
+    world = make_world(gravity=(0.0, 0.0, -9.8), planes=[((0, 0, 1), floor, 0.4)])
+    tank, lowest = Tank(chain, FISH, "heun", dt, water=world, threads=1, lanes=lanes), np.inf
     tank.grab(4, (0.1, 0.1, 0.05), stiffness=1.0, damping=0.01)
     tank.velocity[:, 1, 0] = 0.05
     tank.velocity[:, 2:, 2] = -np.linspace(0.1, 1.0, FISH)[:, None]
-    lowest = np.inf
     for _ in range(20):
-        tank.advance(20)
+        tank.advance(round(0.01 / dt))
         lowest = min(lowest, tank.position[:, :, 2].min())
     assert tank.alive.all()
     return tank.position.copy(), lowest
 
 
-def test_method_against_walls_anchors_and_fixed_nodes(methods):
-    """It is its tableau: nothing falls through a wall, what is fixed keeps its velocity; the same bits in lanes."""
-    found, lowest = swung("heun", "xyz")
-    np.testing.assert_array_equal(swung("heun", FISH)[0], found)
-    np.testing.assert_allclose(swung("tableau", "xyz")[0], found, rtol=0, atol=1e-12)
+def test_method_of_the_page(tmp_path, monkeypatch):
+    """It is of second order; no node falls through a wall, fixed nodes keep their velocity; the same bits in lanes."""
+    (tmp_path / "heun.py").write_text(FILES["heun.py"])
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "heun", raising=False)
+    method = importlib.import_module("heun").Heun()
+    monkeypatch.setitem(INTEGRATORS, "heun", Integrator("heun", 2, "explicit", 2, 0, 0, "Heun 1900", method))
+    found, lowest = swing_chain("xyz")
+    np.testing.assert_array_equal(swing_chain(FISH)[0], found)
     assert -0.021 < lowest < -0.02  # on the floor, and at most a step's motion into it
     assert (found[:, 0] == 0.0).all()
     np.testing.assert_allclose(found[:, 1, 0], 0.05 + 0.05 * 0.2, rtol=1e-12)
+    ends = [swing_chain("xyz", dt, floor=-9.0)[0] for dt in (0.0004, 0.0002, 0.0001)]
+    assert 1.9 < np.log2(np.abs(ends[0] - ends[1]).max() / np.abs(ends[1] - ends[2]).max()) < 2.1
 
 
-def test_method_has_its_order(methods):
-    """Second order on a fixed swinging chain, without walls."""
-    ends = {}
-    for name, dt in (("rk4", 0.00005), ("heun", 0.0004), ("heun", 0.0002)):
-        tank = Tank(replace(chain(), time_step=dt), 1, name, dt, water=make_world((0.0, 0.0, -9.8)))
-        tank.advance(round(0.04 / dt))
-        ends[name, dt] = tank.position.copy()
-    exact = ends.pop(("rk4", 0.00005))
-    coarse, fine = (np.abs(end - exact).max() for end in ends.values())
-    assert 1.9 < np.log2(coarse / fine) < 2.1
+# A force of one's own: one module in the list
+
+
+@pytest.fixture(autouse=True)
+def registered():
+    """Put the floor at the end of the list, and take it out again."""
+    forces.FORCES["floor"] = soft_floor
+    yield
+    del forces.FORCES["floor"]
+
+
+def pair():
+    """Two points that a level spring joins."""
+    body = make_body([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [MASS, MASS], [[0, 1]], [5.0], [0.1], [1.0], [])
+    return ElasticObject(name="pair", body=body, length=1.0, time_step=1e-5, control_interval=0.01)
+
+
+def thrown(name, lanes, steps):
+    """A pair thrown onto the floor at different speeds, after some steps of 1e-5 s: heights and speeds (FISH,)."""
+    world = VACUUM._replace(extra={"floor": FLOOR})
+    options = {} if INTEGRATORS[name].kind == "adaptive" else {"lanes": lanes}
+    tank = Tank(pair(), FISH, name, 1e-5, water=world, threads=1, **options)
+    tank.velocity[:, :, 2] = SPEEDS[:, None]
+    tank.vary(3, mass=2.0)
+    tank.advance(steps)
+    assert tank.alive.all(), tank.failure
+    return tank.position[:, 1, 2].copy(), tank.velocity[:, 1, 2].copy()
+
+
+@pytest.mark.parametrize("name", tiered(INTEGRATORS, ("leapfrog_chebyshev",)))
+def test_every_method(name):
+    """A pair on the floor swings back as on a spring, whatever moves it; the same bits one by one and in lanes."""
+    time, steps = 0.02, 2000
+    rate = np.sqrt(FLOOR.stiffness / (MASS * np.where(np.arange(FISH) == 3, 2.0, 1.0)))
+    assert np.all(rate * time < np.pi)  # it is still in the floor
+    heights, speeds = thrown(name, "xyz", steps)
+    np.testing.assert_allclose(heights, SPEEDS / rate * np.sin(rate * time), rtol=2e-3)
+    np.testing.assert_allclose(speeds, SPEEDS * np.cos(rate * time), rtol=2e-3, atol=2e-3)
+    if INTEGRATORS[name].kind != "adaptive":
+        np.testing.assert_array_equal(thrown(name, FISH, steps), (heights, speeds))
+
+
+def test_evaluated():
+    """Its force is in the sum, and the derivatives of the sum have its own, which it does not state."""
+    body = pair().body
+    x, still, rest = body.position, np.zeros((2, 3)), body.springs.rest_length
+    world = VACUUM._replace(extra={"floor": Floor(0.1, 3.0)})
+    evaluator = Evaluator(body, world)
+    assert evaluator.names == ("springs", "floor")
+    np.testing.assert_allclose(evaluator.force(rest, x, still), [[0.0, 0.0, 0.3]] * 2, rtol=1e-15)
+    assert evaluator.energies(rest, x, still) == {"kinetic": 0.0, "springs": 0.0} and not evaluator.failures(rest, x)
+    stiffness, damping = evaluator.jacobian(rest, x, still)
+    alone = Evaluator(body, world, ("springs",)).jacobian(rest, x, still)
+    np.testing.assert_allclose(stiffness - alone[0], np.diag([0.0, 0.0, 3.0] * 2), rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(damping, alone[1])
+
+
+def test_sparse():
+    """The stiffness of a large body, assembled sparse, has the floor's once, not once for each piece or strip."""
+    count = rates.DENSE // 3 + 50
+    position = np.stack([0.1 * np.arange(count), 0.02 * np.sin(np.arange(count)), np.full(count, -0.01)], axis=1)
+    position[::7, 2] = 0.01  # these are above the floor
+    pairs = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+    body = make_body(position, np.full(count, MASS), pairs, np.full(count - 1, 5.0), np.zeros(count - 1),
+                     np.full(count - 1, 0.09), [])  # fmt: skip
+    world = make_world((0.0, 0.0, -9.8), [((0, 0, 1), -1.0, 0.5)])._replace(extra={"floor": FLOOR})
+    world = world._replace(anchors=make_anchors([3, 3, count - 1], np.zeros((3, 3)), 7.0))
+    found = sparse.tangent(body, world, body.springs.rest_length, position)
+    assert issparse(found) and len(forces.present(body, world)) == 5
+    wanted, _ = Evaluator(body, world).jacobian(body.springs.rest_length, position, np.zeros_like(position))
+    np.testing.assert_allclose(found.toarray(), wanted, rtol=0, atol=1e-12)
+    without = sparse.tangent(body, world._replace(extra=None), body.springs.rest_length, position)
+    floor = (found - without).toarray()
+    np.testing.assert_allclose(floor, np.diag(np.diag(floor)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.diag(floor)[2::3], np.where(position[:, 2] < 0.0, FLOOR.stiffness, 0.0), atol=1e-12)
+
+
+def test_beside_other_forces():
+    """A free body comes to rest on the floor, walls take from the floor's force, and without a floor it is absent."""
+    body, still = pair().body, np.zeros((2, 3))
+    world = make_world((0.0, 0.0, -9.8))._replace(extra={"floor": FLOOR})
+    x = statics.equilibrium(body, world, start=body.position - [0.0, 0.0, 0.02])  # its shifts are resisted
+    np.testing.assert_allclose(x[:, 2], -9.8 * MASS / FLOOR.stiffness, rtol=1e-9)
+    for normal, wanted in (((0, 0, 1), 0.3), ((0, 0, -1), 0.0)):  # walls jump, and so act last
+        planes = np.array([[*normal, 1.0 if normal[2] > 0 else 0.0, 0.5]])
+        world = VACUUM._replace(extra={"floor": Floor(0.1, 3.0)}, planes=planes)
+        found = Evaluator(body, world).force(body.springs.rest_length, body.position, still)
+        np.testing.assert_allclose(found[:, 2], wanted, rtol=1e-15)
+    assert forces.present(body, VACUUM) == ("springs",)
+
+
+EDITED = Path(soft_floor.__file__).read_text().replace("(world.floor.stiffness", "(3.0 * world.floor.stiffness")
+
+
+def replaced():
+    """A cell of a notebook that is run again: another force under the same name."""
+    forces.FORCES["floor"] = module = ModuleType("soft_floor")
+    exec(EDITED, module.__dict__)
+
+
+def reloaded():
+    """`importlib.reload` after an edit: the same module with other functions."""
+    exec(EDITED, forces.FORCES["floor"].__dict__)
+
+
+@pytest.mark.parametrize("change", tiered([replaced, reloaded], (replaced,)))
+def test_defined_again(change, monkeypatch):
+    """New tanks and new evaluators have the force as it is defined now, and those of before go on as they were."""
+    first = ModuleType("soft_floor")
+    first.__dict__.update(soft_floor.__dict__)
+    monkeypatch.setitem(forces.FORCES, "floor", first)
+    world, still = VACUUM._replace(extra={"floor": FLOOR}), np.zeros((2, 3))
+    body, sunk = pair().body, pair().body.position - [0.0, 0.0, 0.01]
+
+    def made():
+        tank, evaluator = Tank(pair(), 1, "leapfrog_chebyshev", 1e-5, water=world, threads=1), Evaluator(body, world)
+        tank.position[...] = sunk
+        return tank, evaluator
+
+    def pushed(tank, evaluator):
+        before = tank.velocity[0, 0, 2]
+        tank.position[...] = sunk
+        tank.advance(1)
+        force = evaluator.force(body.springs.rest_length, sunk, still)[0, 2]
+        return (tank.velocity[0, 0, 2] - before) * MASS / 1e-5, force
+
+    old = made()
+    np.testing.assert_allclose(pushed(*old), 0.01 * FLOOR.stiffness, rtol=1e-4)
+    change()
+    np.testing.assert_allclose(pushed(*made()), 3 * 0.01 * FLOOR.stiffness, rtol=1e-4)
+    np.testing.assert_allclose(pushed(*old), 0.01 * FLOOR.stiffness, rtol=1e-4)
+
+
+def test_a_method_defined_again(monkeypatch):
+    """So it is with a user's method: its kernels are those that it has now."""
+    method = ModuleType("own_method")
+    method.__dict__.update({name: getattr(leapfrog_chebyshev, name) for name in ("plan", "costs", "make_work")})
+    method.make_run = leapfrog_chebyshev.make_run
+    record = replace(INTEGRATORS["leapfrog_chebyshev"], name="own", method=method)
+    monkeypatch.setitem(INTEGRATORS, "own", record)
+
+    def fallen():
+        tank = Tank(pair(), 1, "own", 1e-3, water=make_world((0.0, 0.0, -9.8)), threads=1)
+        tank.advance(10)
+        return tank.velocity[0, 0, 2]
+
+    np.testing.assert_allclose(fallen(), -0.098, rtol=1e-9)
+
+    def stands(names):
+        @part
+        def run(body, world, control, x, v, work, cache, n):
+            pass
+
+        return run
+
+    method.make_run = stands
+    assert fallen() == 0.0

@@ -51,7 +51,7 @@ def test_areas_of_sections(body):
     """A section at rest has its area, whatever the heading and the roll; one whose sides cross has a negative one."""
     fish = make_fish(body)
     points = fish.points(fish.body.position[None])
-    p = tu.checked_parameters("mass_spring", {})
+    p = tu.check_parameters("mass_spring", {})
     width, along = np.array(p.half_width), np.diff(p.layer_position)
     wanted = fish.length**2 * along * (width[1:] + width[:-1])
     np.testing.assert_allclose(areas(points)[0], wanted, rtol=1e-9)

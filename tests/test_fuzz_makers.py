@@ -7,6 +7,7 @@ import pytest
 from fuzzing import EDGES, FACTOR, WHOLE, call, examples, numbers, odd, scaled, unsound
 from hypothesis import given
 from hypothesis import strategies as st
+from moving import tiered
 
 from fish_env import BODIES, INTEGRATORS, Tank, make_body, make_fish, make_water, make_world
 from fish_env.bodies.mass_spring import calibrated
@@ -92,7 +93,7 @@ def keywords(draw, needed, others, most=2):
 
 def simulated(thing):
     """A few steps of what was made: it moves to finite places, or is said to have failed."""
-    tank = call("Tank(made)", Tank, thing, 1, water=thing.water)
+    tank = call(Tank, thing, 1, water=thing.water)
     if tank is None:
         return
     tank.advance(2)
@@ -106,7 +107,7 @@ def simulated(thing):
 def test_makers(name, data):
     """Parts of bodies, worlds, anchors, gaits and kinds."""
     make, needed, others = MAKERS[name]
-    made = call(name, make, **data.draw(keywords(needed, others)))
+    made = call(make, **data.draw(keywords(needed, others)))
     assert made is None or not unsound(made, infinite=("phase",)), unsound(made)
 
 
@@ -117,7 +118,7 @@ def test_fish(body, data):
     """Every body, with every parameter that it has."""
     own = {"drag": np.ones(6)} if body in ("planar", "two_layer") else {}
     others = OF_BODY.get(body, {}) | own | (PARAMETERS if body != "published" else {})
-    made = call(f"make_fish({body})", make_fish, body, **data.draw(keywords({}, others)))
+    made = call(make_fish, body, **data.draw(keywords({}, others)))
     if made is not None:
         assert not unsound(made, infinite=("refine",)), unsound(made, infinite=("refine",))
         simulated(made)
@@ -128,7 +129,7 @@ def test_fish(body, data):
 @given(data=st.data())
 def test_objects(name, data):
     """Every elastic object, with every material."""
-    made = call(f"make {name}", OBJECTS[name].make, **FRESH[name] | data.draw(keywords({}, FORMS[name])))
+    made = call(OBJECTS[name].make, **FRESH[name] | data.draw(keywords({}, FORMS[name])))
     if made is not None:
         assert not unsound(made, infinite=("refine",)), unsound(made, infinite=("refine",))
         simulated(made)
@@ -140,20 +141,20 @@ def test_tanks(data):
     """Every option of a tank, and two of them together."""
     options = {"num_fish": 2, "integrator": "rk4", "dt": 0.001, "threads": 2, "dtype": "float32", "lanes": 4,
                "refine": 0.1, "water": FISH.water}  # fmt: skip
-    tank = call("Tank", Tank, **{"fish": FISH} | data.draw(keywords({}, options)))
+    tank = call(Tank, **{"fish": FISH} | data.draw(keywords({}, options)))
     if tank is not None and (FACTOR > 1 or tank.kind == Kind()):  # another kind is compiled for
         tank.advance(2)
         assert np.isfinite(tank.position).all() and np.isfinite(tank.velocity).all()
         tank.close()
 
 
-@pytest.mark.parametrize("name", INTEGRATORS)
+@pytest.mark.parametrize("name", tiered(INTEGRATORS))
 @examples(2)
 @given(stiffness=st.sampled_from(EDGES[2:]), mass=st.sampled_from(EDGES[2:]), drag=numbers, dt=st.sampled_from(EDGES))
 def test_plans_of_extreme_fish(name, stiffness, mass, drag, dt):
     """Every method plans its steps for fish of any stiffness and mass that is accepted, with any step."""
-    tank = call("Tank(integrator, dt)", Tank, FISH, 1, integrator=name, dt=dt) or Tank(FISH, 1, integrator=name)
-    call("Tank.vary", tank.vary, 0, stiffness, mass, drag)
+    tank = call(Tank, FISH, 1, name, dt, FISH.water) or Tank(FISH, 1, name, water=FISH.water)
+    call(tank.vary, 0, stiffness, mass, drag)
     if INTEGRATORS[name].kind != "adaptive":
         tank.advance(1)
         assert np.isfinite(tank.position).all() and np.isfinite(tank.velocity).all()
@@ -166,7 +167,7 @@ def test_tasks(task, data):
     """Every keyword of every task."""
     defaults = TASKS[task].__init__.__defaults__ or ()
     names = TASKS[task].__init__.__code__.co_varnames[1 : 1 + len(defaults)]
-    call(f"task {task}", TASKS[task], **data.draw(keywords({}, dict(zip(names, defaults, strict=True)))))
+    call(TASKS[task], **data.draw(keywords({}, dict(zip(names, defaults, strict=True)))))
 
 
 @examples(6)
@@ -174,9 +175,9 @@ def test_tasks(task, data):
 def test_statics(data):
     """An equilibrium is found or refused, for any gravity and any start."""
     gravity, start = data.draw(scaled([0.0, 0.0, -0.01])), data.draw(near(B.position))
-    world = call("make_world", make_world, gravity)
+    world = call(make_world, gravity)
     if world is not None:
         held = world._replace(anchors=make_anchors([0, 1, 2, 22], B.position[[0, 1, 2, 22]], 50.0))
         with contextlib.suppress(NoEquilibrium):
-            found = call("equilibrium", equilibrium, B, held, start=start)
+            found = call(equilibrium, B, held, start=start)
             assert found is None or np.isfinite(found).all()

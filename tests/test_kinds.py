@@ -72,7 +72,7 @@ def results(name, function, kind) -> dict[str, np.ndarray]:
             if hasattr(forces.FORCES[name], after):
                 made[f"{function}, {after}"] = one.add(after, v=y_part)
         if name == "tets" and function == "add_force_cached":  # which keeps something else for many stages
-            many = block(p, stages=forces.tets.MANY)
+            many = block(p, stages=forces.tets.MANY_STAGES)
             many.add(function)
             made["add_tangent of many stages"] = many.add("add_tangent", v=y_part)
         for key, value in made.items():

@@ -22,38 +22,43 @@ ROOT = Path(__file__).parent.parent
 PARTS = ("fish_env", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "tests")
 BUILD = "import setuptools.build_meta as backend, sys; print(getattr(backend, 'build_' + sys.argv[1])(sys.argv[2]))"
 
-INSTALLED = """
-import importlib.util, sys
-from pathlib import Path
+ALONE = """
+import sys
 import gymnasium as gym
 import fish_env
-from fish_env.control import evaluate, load_policy, make_policy_env, policy_controller, shipped_policies
-where = Path(sys.argv[1]).resolve()
-assert Path(fish_env.__file__).resolve().is_relative_to(where), fish_env.__file__
-assert importlib.util.find_spec("agents") is None
+from fish_env.bodies import BODIES, make_fish
+from fish_env.control import best_gait, load_policy, record, shipped_policies, write_film
+from fish_env.control.motor import load_tables
+where, film = sys.argv[1:]
+assert fish_env.__file__.startswith(where), fish_env.__file__
+for name in BODIES:
+    make_fish(name)
+best_gait(), load_tables()
 ids = [id for id in gym.registry if id.startswith("FishEnv/")]
 assert len(ids) == 6
 for id in ids:
-    env = gym.make(id)
-    assert env.observation_space.shape == (fish_env.observation_layout(id).size,)
-for task, path in shipped_policies().items():
-    assert path.resolve().is_relative_to(where) and load_policy(path).about["task"] == task
-policy = load_policy(shipped_policies()["swim"])
-env = make_policy_env(policy, 1)
-scores = evaluate(policy_controller(policy, env), env)
-assert len(shipped_policies()) == 6 and scores["speed"][0] > 2.0, scores
+    assert gym.make(id).observation_space.shape == (fish_env.observation_layout(id).size,)
+policies = {task: load_policy(path) for task, path in shipped_policies().items()}
+assert len(policies) == 6 and all(policy.about["task"] == task for task, policy in policies.items())
 assert not {"torch", "stable_baselines3", "pygame"} & set(sys.modules)
-print("all is there")
+kept = record(gym.make("FishEnv/Stub-v0"), policies["swim"], 0, steps=3)
+assert write_film(kept, film).stat().st_size > 100_000
 """
+"""What must work wherever the package lies, without the checkout."""
+
+
+def run(*arguments, cwd=None, **variables):
+    """What Python prints with these arguments, which must end well."""
+    done = subprocess.run([sys.executable, *map(str, arguments)], cwd=cwd, env=os.environ | variables,
+                          capture_output=True, text=True, check=False)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
 
 
 def build(what, source, target):
     """Build "sdist" or "wheel" of a source tree, downloading nothing; returns the archive."""
     target.mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", BUILD, what, str(target)], cwd=source, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    run("-c", BUILD, what, target, cwd=source)
     (archive,) = target.iterdir()
     return archive
 
@@ -76,8 +81,7 @@ def test_public_names():
 def test_a_plain_import_warns_of_nothing():
     """A program that makes errors of all warnings can import the package, whose import prints nothing."""
     code = "import fish_env, fish_env.control, fish_env.envs"
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert run("-W", "error", "-c", code) == ""
 
 
 def test_vec_env_after_a_plain_import():
@@ -87,8 +91,7 @@ def test_vec_env_after_a_plain_import():
 before = "stable_baselines3" in sys.modules
 same = fish_env.envs.make_sb3_vec_env is fish_env.make_sb3_vec_env and bool(fish_env.envs.sb3.FishVecEnv)
 print(before, same, type(fish_env.make_sb3_vec_env("FishEnv/Stub-v0", num_envs=2)).__name__)"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "True", "VecMonitor"]
+    assert run("-c", code).split()[-3:] == ["False", "True", "VecMonitor"]
 
 
 def test_what_the_image_is_built_from():
@@ -102,9 +105,8 @@ def test_what_the_image_is_built_from():
     command = json.loads(re.search(r"^CMD (.*)$", text, re.MULTILINE)[1])
     assert command[:3] == ["python", "-m", "fish_env"] and parse(command[3:]).command == "evaluate"
     variable = re.search(r"FISH_ENV_CACHE=(\S+)", text)[1]
-    assert re.search(rf"install -d -o fish {variable}\n", text) and text.index("USER fish") < text.index(
-        "RUN python -m"
-    )
+    assert re.search(rf"install -d -o fish {variable}\n", text)
+    assert text.index("USER fish") < text.index("RUN python -m")
 
 
 @pytest.mark.slow
@@ -132,45 +134,11 @@ def test_wheel_of_the_source_archive(tmp_path):
     }
     assert held <= set(names) and len([name for name in names if name.endswith("policy.npz")]) == 6
 
-    variables = os.environ | {"PYTHONPATH": str(unpacked)}
-
-    def run(*arguments):
-        done = subprocess.run(
-            [sys.executable, *arguments], cwd=empty, env=variables, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    assert "FishEnv/Swim-v0" in run("-m", "fish_env")
-    assert run("-c", INSTALLED, str(unpacked)).strip() == "all is there"
-    assert "speed" in run("-m", "fish_env", "evaluate", "swim", "--episodes", "1")
+    alone = {"cwd": empty, "PYTHONPATH": str(unpacked)}
+    assert "FishEnv/Swim-v0" in run("-m", "fish_env", **alone)
+    run("-c", ALONE, unpacked, tmp_path / "film.html", **alone)
+    assert "speed" in run("-m", "fish_env", "evaluate", "swim", "--episodes", "1", **alone)
     assert not list(empty.iterdir())
-
-
-IN_AN_ARCHIVE = """
-import sys
-import gymnasium as gym
-import numpy as np
-import fish_env
-from fish_env.bodies import BODIES, make_fish
-from fish_env.control import best_gait, load_policy, record, shipped_policies, write_film
-from fish_env.control.motor import load_tables
-assert sys.argv[1] in fish_env.__file__, fish_env.__file__
-for name in BODIES:
-    if name != "tetrahedral" or "--all" in sys.argv:
-        make_fish(name)
-best_gait(), load_tables()
-assert len(shipped_policies()) == 6
-for task, path in shipped_policies().items():
-    policy = load_policy(path)
-    assert policy.about["task"] == task
-env = gym.make("FishEnv/Stub-v0")
-env.reset(seed=0)
-env.step(np.zeros(12))
-kept = record(env, load_policy(shipped_policies()["swim"]), 0, steps=3)
-print(write_film(kept, sys.argv[2]).stat().st_size)
-fish_env.control.shipped_policy("swim")
-"""
 
 
 def test_in_an_archive(tmp_path):
@@ -180,10 +148,5 @@ def test_in_an_archive(tmp_path):
         for path in sorted((ROOT / "fish_env").rglob("*")):
             if path.is_file() and "__pycache__" not in path.parts:
                 file.write(path, path.relative_to(ROOT))
-    done = subprocess.run(
-        [sys.executable, "-c", IN_AN_ARCHIVE, str(archive), str(tmp_path / "film.html")],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": str(archive), "NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) > 100_000
+    place = {"cwd": tmp_path, "PYTHONPATH": str(archive), "NUMBA_DISABLE_JIT": "1"}
+    run("-c", ALONE, archive, tmp_path / "film.html", **place)

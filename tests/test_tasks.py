@@ -10,31 +10,33 @@ import pytest
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv
 from fish_env.envs.variation import vary
-from fish_env.kernels.simd import Kind, Pack, Vectors, vec3
-from fish_env.physics.forces.control import NOMINAL
+from fish_env.kernels.simd import vec3
 from fish_env.physics.pose import Pose, packed_pose
-from fish_env.tasks import avoid, measures, rewards, start, target, turn, turns
+from fish_env.tasks import avoid, rewards, start, target, turn, turns
 
-TURNING = ("turn", "left_after_right", "avoid")
+each_task = pytest.mark.parametrize("task", fish_env.TASKS)
 
 
-def spun(env, yaw, forward=0.0):
-    """Put all fish straight, turned to yaw (B,), and `forward` body lengths further along it; at rest."""
-    fish, tank = env.tank.fish, env.tank
-    rest = fish.body.position - fish.body.mass @ fish.body.position / fish.body.mass.sum()
-    if not hasattr(env, "_places"):
-        env._places = np.zeros((tank.num_fish, 3))
-    for i, angle in enumerate(yaw):
-        env._places[i] += forward * fish.length * start.level(angle)
-        tank.position[i] = rest @ start.rotation(angle, 0.0, 0.0).T + env._places[i]
+def begun(task="swim", num_envs=1, seed=0, options=None, **keywords):
+    """A batch of fish after a reset, moved by the kernels of one fish."""
+    env = FishVectorEnv(num_envs, task=task, lanes="xyz", **keywords)
+    env.reset(seed=seed, options=options)
+    return env
+
+
+def measured(env):
+    """The named terms of what the task does in one environment step."""
+    return {name: term.copy() for name, term in env.task.reward(env.tank, env._pose).items()}
+
+
+def spun(env, yaw, place=0.0):
+    """The terms of an environment step in which all fish are straight, at rest, turned to yaw (B,), at a place (3,)."""
+    body, tank = env.tank.fish.body, env.tank
+    rest = body.position - body.mass @ body.position / body.mass.sum()
+    tank.position[:] = [rest @ start.rotation(angle, 0.0, 0.0).T + place for angle in yaw]
     tank.velocity[:] = 0.0
     env._measure()
-
-
-def decide(env):
-    """What the task does in one environment step."""
-    terms = env.task.reward(env.tank, env._pose)
-    return {name: term.copy() for name, term in terms.items()}
+    return measured(env)
 
 
 # Start
@@ -42,18 +44,17 @@ def decide(env):
 
 def test_start_pose():
     """Yaw, pitch and roll of the options are those of the fish; without them the yaw is spread over the circle."""
-    env = FishVectorEnv(200)
-    env.reset(seed=0)
+    env = begun(num_envs=200)
     headings = np.arctan2(env._pose.axes[:, 0, 1], env._pose.axes[:, 0, 0])
     assert np.abs(np.mean(np.exp(1j * headings))) < 0.2
     env.reset(seed=0, options={"yaw": 1.0, "pitch": 0.3, "roll": 0.2})
     forward, left, up = env._pose.axes[0]
-    np.testing.assert_allclose(forward, np.cos(0.3) * start.level(1.0) + [0, 0, np.sin(0.3)], atol=1e-12)
+    np.testing.assert_allclose(forward, np.cos(0.3) * start.heading_vector(1.0) + [0, 0, np.sin(0.3)], atol=1e-12)
     assert left[2] == pytest.approx(np.sin(0.2) * np.cos(0.3), abs=1e-12)  # its left side is up, its right one down
     np.testing.assert_allclose(np.cross(forward, left), up, atol=1e-12)
 
 
-@pytest.mark.parametrize("task", fish_env.TASKS)
+@each_task
 def test_starts_differ(task):
     """Two seeds start differently, and so do an episode and the next."""
     env = FishVectorEnv(2, task=task)
@@ -66,194 +67,153 @@ def test_starts_differ(task):
 
 def test_turn_is_commanded_when_it_should_be():
     """The heading changes by the angle at the time; the latency is that of 90 % of it; the overshoot is a mean."""
-    env = FishVectorEnv(1, task="turn")
-    env.reset(seed=0, options={"yaw": 0.5, "turn": 1.0, "wait": 0.1})
-    heading = [env.task.vectors(env.tank, env._pose)[0, 0].copy()]
+    env = begun("turn", options={"yaw": 0.5, "turn": 1.0, "wait": 0.1})
+    place, heading = np.zeros(3), [env.task.vectors(env.tank, env._pose)[0, 0].copy()]
     for k in range(60):
-        spun(env, [0.5 + min(max(k - 5, 0) * 0.07, 1.2)], forward=0.02)
-        decide(env)
+        yaw = 0.5 + min(max(k - 5, 0) * 0.07, 1.2)
+        place = place + 0.02 * env.tank.fish.length * start.heading_vector(yaw)
+        spun(env, [yaw], place)
         heading.append(env.task.vectors(env.tank, env._pose)[0, 0].copy())
-    np.testing.assert_allclose(heading[:5], [start.level(0.5)] * 5, atol=1e-12)
-    np.testing.assert_allclose(heading[5:], [start.level(1.5)] * 56, atol=1e-12)
+    np.testing.assert_allclose(heading[:5], [start.heading_vector(0.5)] * 5, atol=1e-12)
+    np.testing.assert_allclose(heading[5:], [start.heading_vector(1.5)] * 56, atol=1e-12)
     found = env.task.metrics(env.tank, 0, 1.2)
     # commanded at step 4 (0.1 s), pointing at 0.5; it turns from step 6 on, 0.91 rad are made at step 18
-    assert found["latency"] == pytest.approx(14 * 0.02)
-    assert found["overshoot"] == pytest.approx(math.degrees(0.2), rel=1e-6)
-    assert found["turning_rate"] == pytest.approx(math.degrees(0.07 / 0.02), rel=1e-6)
-    assert found["radius"] == pytest.approx(14 * 0.02 / 0.91, rel=1e-6)
-    assert found["heading_error"] == pytest.approx(math.degrees(0.2), rel=1e-6)
-    assert found["turn"] == pytest.approx(math.degrees(1.0))
+    wanted = {
+        "latency": 14 * 0.02, "overshoot": math.degrees(0.2), "turning_rate": math.degrees(0.07 / 0.02),
+        "radius": 14 * 0.02 / 0.91, "heading_error": math.degrees(0.2), "turn": math.degrees(1.0),
+    }  # fmt: skip
+    assert {name: found[name] for name in wanted} == pytest.approx(wanted, rel=1e-6)
     assert not found["success"] and not found["settled"]
     for _ in range(30):
         spun(env, [1.55])
-        decide(env)
     assert env.task.metrics(env.tank, 0, 1.6)["success"]
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_reversal_comes_in_the_middle(side):
     """The second turn is commanded after the given part of the first, from where the fish points, to the other side."""
-    env = FishVectorEnv(1, task="left_after_right")
-    env.reset(seed=1, options={"yaw": 3.0, "first": 1.0, "second": 1.4, "side": side, "part": 0.5, "wait": 0.04})
-    course, seen = env.task.course, []
-    for k in range(30):
-        spun(env, [3.0 + side * 0.03 * k])
-        decide(env)
-        seen.append((int(course.stage[0]), float(course.heading[0])))
-    stages = [stage for stage, _ in seen]
-    assert stages[:1] == [0] and stages[-1] == 2
-    second = stages.index(2)
+    options = {"yaw": 3.0, "first": 1.0, "second": 1.4, "side": side, "part": 0.5, "wait": 0.04}
+    env = begun("left_after_right", seed=1, options=options)
+    course, step = env.task.course, -1
+    while course.stage[0] < 2:
+        step += 1
+        spun(env, [3.0 + side * 0.03 * step])
     # commanded at step 1, pointing at 3.03: the first turn is 0.97 from there, and its half 0.485
-    assert second == 1 + math.ceil(0.485 / 0.03)
-    facing = 3.0 + side * 0.03 * second
-    assert rewards.wrapped(seen[second][1] - (facing - side * 1.4)) == pytest.approx(0.0, abs=1e-9)
-    assert rewards.wrapped(seen[1][1] - (3.0 + side)) == pytest.approx(0.0, abs=1e-9)
+    assert step == 1 + math.ceil(0.485 / 0.03)
+    facing = 3.0 + side * 0.03 * step
+    assert rewards.wrap_angle(course.heading[0] - (facing - side * 1.4)) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_reversal_by_time_and_twice():
     """With a dwell the next turn comes by time; two reversals make three turns of alternating sides."""
-    env = FishVectorEnv(1, task="left_after_right", reversals=2)
-    env.reset(seed=1, options={"yaw": 0.0, "side": -1, "dwell": 0.2, "wait": 0.1})
-    when, commanded = [], []
+    env = begun("left_after_right", reversals=2, options={"yaw": 0.0, "side": -1, "dwell": 0.2, "wait": 0.1})
+    course, when, commanded = env.task.course, [], []
     for k in range(60):
-        before = env.task.course.stage[0]
+        before = course.stage[0]
         spun(env, [0.0])
-        decide(env)
-        if env.task.course.stage[0] > before:
+        if course.stage[0] > before:
             when.append(k + 1)
-            commanded.append(env.task.course.heading[0])
+            commanded.append(course.heading[0])
     assert when == [5, 15, 25]
     assert np.sign(commanded).tolist() == [-1, 1, -1]
 
 
 def test_severity_widens_the_turns():
     """Angles grow with the severity, up to half a circle; left and right first are equally frequent."""
-    found = {}
     for severity in (1.0, 2.0):
-        env = FishVectorEnv(400, task="left_after_right", severity=severity)
-        env.reset(seed=0)
-        found[severity] = env.task.course.angle[:, :2]
-    for severity, angles in found.items():
+        course = begun("left_after_right", 400, severity=severity).task.course
+        angles = course.angle[:, :2]
         assert np.abs(angles).min() >= severity * np.pi / 4 and np.abs(angles).max() <= severity * np.pi / 2
         assert (angles[:, 0] * angles[:, 1] < 0).all()
         assert abs(np.sign(angles[:, 0]).mean()) < 0.15
-    env = FishVectorEnv(400, task="left_after_right")
-    env.reset(seed=0)
-    assert 0.4 < np.isfinite(env.task.course.part[:, 1]).mean() < 0.6
+        assert 0.4 < np.isfinite(course.part[:, 1]).mean() < 0.6
 
 
 def test_follow_agrees_with_its_twin():
     """The compiled course is followed as an obvious program follows it, on random motions."""
     rng, interval, window = np.random.default_rng(0), 0.02, 13
     for _ in range(20):
-        env = FishVectorEnv(1, task="left_after_right", reversals=int(rng.integers(1, 3)))
-        env.reset(seed=int(rng.integers(1000)))
+        reversals, seed = int(rng.integers(1, 3)), int(rng.integers(1000))
+        env = begun("left_after_right", seed=seed, reversals=reversals)
         task, angle, wait, part = env.task, *(getattr(env.task.course, n)[0].copy() for n in ("angle", "wait", "part"))
         yaw, heading = float(task.course.yaw[0]), float(task.course.heading[0])
         facing, history, stage, since, origin, latency = yaw, [], 0, 0.0, yaw, None
         drift = rng.normal(0, 6)
         for _ in range(200):
-            target_rate = 4.0 * rewards.wrapped(heading - yaw) + drift * rng.normal()
-            step = target_rate * interval
-            facing += step
-            yaw = facing
+            target_rate = 4.0 * rewards.wrap_angle(heading - yaw) + drift * rng.normal()
+            yaw = facing = facing + target_rate * interval
             history.append(facing)
             since += interval
-            asked = angle[stage - 1] if stage else 0.0
-            left = abs(rewards.wrapped(heading - yaw))
-            if stage and latency is None and ((facing - origin) / asked >= 0.9 or left <= 0.1 * abs(asked)):
+            wanted = angle[stage - 1] if stage else 0.0
+            left = abs(rewards.wrap_angle(heading - yaw))
+            if stage and latency is None and ((facing - origin) / wanted >= 0.9 or left <= 0.1 * abs(wanted)):
                 latency = since
             if stage < task.course.count[0]:
-                reached = stage > 0 and (facing - origin) / asked >= part[stage]
+                reached = stage > 0 and (facing - origin) / wanted >= part[stage]
                 if reached or since >= wait[stage] - 1e-9:
                     base = heading if stage == 0 else yaw
                     heading = base + angle[stage]
-                    angle[stage] += rewards.wrapped(base - yaw)
+                    angle[stage] += rewards.wrap_angle(base - yaw)
                     stage, since, origin, latency = stage + 1, 0.0, facing, None
             spun(env, [yaw])
-            decide(env)
         assert task.course.stage[0] == stage
-        assert rewards.wrapped(task.course.heading[0] - heading) == pytest.approx(0.0, abs=1e-9)
+        assert rewards.wrap_angle(task.course.heading[0] - heading) == pytest.approx(0.0, abs=1e-9)
         assert task.course.since[0] == pytest.approx(since)
         beat = np.ones(window) / window
         mean = np.convolve(np.convolve(history, beat, "valid"), beat, "valid")[-1]
         found = task.metrics(env.tank, 0, 4.0)
-        assert found["heading_error"] == pytest.approx(abs(math.degrees(rewards.wrapped(heading - mean))), abs=1e-6)
-        assert (latency is None) == math.isnan(found["latency"])
-        assert latency is None or found["latency"] == pytest.approx(latency)
+        assert found["heading_error"] == pytest.approx(abs(math.degrees(rewards.wrap_angle(heading - mean))), abs=1e-6)
+        assert found["latency"] == pytest.approx(math.nan if latency is None else latency, nan_ok=True)
 
 
 def test_alignment_is_linear_in_the_angle():
     """0 along the heading, -1 across, -2 away, and a degree costs the same everywhere."""
-    angles = np.linspace(0, np.pi, 7)
     axes = np.zeros((7, 3, 3))
-    axes[:, 0] = [start.level(a) for a in angles]
+    axes[:, 0] = [start.heading_vector(a) for a in np.linspace(0, np.pi, 7)]
     pose = packed_pose(Pose(np.zeros((7, 3)), np.zeros((7, 3)), axes))
-    found = [rewards.alignment(pose, vec3(*start.level(0.0)), b) for b in range(7)]  # as Python
+    found = [rewards.alignment(pose, vec3(*start.heading_vector(0.0)), b) for b in range(7)]  # as Python
     np.testing.assert_allclose(found, np.linspace(0, -2, 7), atol=1e-7)
 
 
 @pytest.mark.parametrize(
-    ("task", "weight"), [("turn", turn.OVERSHOOT_WEIGHT), ("left_after_right", turns.OVERSHOOT_WEIGHT)]
+    ("task", "weight", "options"),
+    [
+        ("turn", turn.OVERSHOOT_WEIGHT, {"turn": -0.8}),
+        ("left_after_right", turns.OVERSHOOT_WEIGHT, {"first": 0.8, "side": -1, "dwell": 2.0}),
+    ],
 )
-def test_turning_too_far_costs(task, weight):
-    """The overshoot term is the mean heading beyond the commanded turn, and nothing before that."""
-    env = FishVectorEnv(2, task=task)
-    asked = {"turn": -0.8} if task == "turn" else {"first": 0.8, "side": -1, "dwell": 2.0}
-    env.reset(seed=0, options={"yaw": 0.5, "wait": 0.02} | asked)
-    paid = []
-    for k in range(40):
-        spun(env, [0.5 - min(0.03 * k, 1.0), 0.5 - min(0.03 * k, 0.7)])
-        paid.append(decide(env)["overshoot"])
-    paid = np.array(paid)
-    assert (paid[:20] == 0).all() and (paid[:, 1] == 0).all()
-    spun(env, [-0.5, -0.2])
-    for _ in range(13):  # a beat, which the mean is over
-        last = decide(env)["overshoot"]
-    assert last[0] == pytest.approx(-weight * 0.02 * 2 / np.pi * 0.2, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("task", "weight"), [("turn", turn.OVERSHOOT_WEIGHT), ("left_after_right", turns.OVERSHOOT_WEIGHT)]
-)
-def test_spinning_costs_no_more_than_half_a_turn(task, weight):
-    """A fish that spins round and round loses a bounded reward in every step."""
-    env = FishVectorEnv(1, task=task)
-    asked = {"turn": -0.8} if task == "turn" else {"first": 0.8, "side": -1, "dwell": 2.0}
-    env.reset(seed=0, options={"yaw": 0.5, "wait": 0.02} | asked)
-    paid = []
-    for k in range(60):
-        spun(env, [0.5 - 0.3 * k])
-        paid.append(decide(env)["overshoot"][0])
-    assert paid[-1] == min(paid) == pytest.approx(-2.0 * weight * 0.02, rel=1e-12)
+def test_turning_too_far_costs(task, weight, options):
+    """The overshoot term is the mean heading beyond the turn, nothing before that, and at most that of half a turn."""
+    env = begun(task, 3, options={"yaw": 0.5, "wait": 0.02} | options)
+    paid = [spun(env, [0.5 - min(0.03 * k, 1.0), 0.5 - min(0.03 * k, 0.7), 0.5 - 0.3 * k]) for k in range(60)]
+    too_far, right, spinning = np.array([terms["overshoot"] for terms in paid]).T
+    assert (too_far[:20] == 0).all() and (right == 0).all()
+    assert too_far[-1] == pytest.approx(-weight * 0.02 * 2 / np.pi * 0.2, rel=1e-6)
+    assert spinning[-1] == spinning.min() == pytest.approx(-2.0 * weight * 0.02, rel=1e-12)
 
 
 def test_a_turn_before_is_no_overshoot():
     """A turn back that ends exactly on its command costs nothing, although the mean is still over the turn before."""
-    env = FishVectorEnv(1, task="left_after_right", severity=0.5)
-    asked = {"first": math.pi / 2, "second": math.pi / 4, "part": 0.8, "side": 1, "wait": 0.1}
-    env.reset(seed=0, options={"yaw": 0.0} | asked)
+    options = {"yaw": 0.0, "first": math.pi / 2, "second": math.pi / 4, "part": 0.8, "side": 1, "wait": 0.1}
+    env = begun("left_after_right", severity=0.5, options=options)
     yaw, course, paid = 0.0, env.task.course, 0.0
     for _ in range(100):
-        yaw += float(np.clip(rewards.wrapped(course.heading[0] - yaw), -0.1, 0.1))
-        spun(env, [yaw])
-        paid += decide(env)["overshoot"][0]
+        yaw += float(np.clip(rewards.wrap_angle(course.heading[0] - yaw), -0.1, 0.1))
+        paid += spun(env, [yaw])["overshoot"][0]
     found = env.task.metrics(env.tank, 0, 2.0)
     assert found["success"] and course.stage[0] == 2
-    assert paid == pytest.approx(0.0, abs=1e-9) and found["overshoot"] == pytest.approx(0.0, abs=1e-6)
+    assert (paid, found["overshoot"]) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-@pytest.mark.parametrize("beat", [3.3, 3.9, 4.6])
-def test_swaying_is_no_overshoot(beat):
+def test_swaying_is_no_overshoot():
     """A fish that sways about the commanded heading holds it, whatever its beat: less than 3 % of the sway is left."""
-    env, sway = FishVectorEnv(1, task="turn"), math.radians(8.0)
-    env.reset(seed=0, options={"yaw": 0.0, "turn": 1.0, "wait": 0.02})
+    beats, sway = np.array([3.3, 3.9, 4.6]), math.radians(8.0)
+    env = begun("turn", 3, options={"yaw": 0.0, "turn": 1.0, "wait": 0.02})
     for k in range(200):
-        spun(env, [min(0.05 * k, 1.0) + sway * np.sin(2 * np.pi * beat * 0.02 * k)])
-        decide(env)
-    found = env.task.metrics(env.tank, 0, 4.0)
-    assert found["overshoot"] < 0.03 * 8.0
-    assert found["heading_error"] < 0.03 * 8.0
+        spun(env, min(0.05 * k, 1.0) + sway * np.sin(2 * np.pi * beats * 0.02 * k))
+    for found in (env.task.metrics(env.tank, i, 4.0) for i in range(3)):
+        assert found["overshoot"] < 0.03 * 8.0
+        assert found["heading_error"] < 0.03 * 8.0
 
 
 # Strain and work
@@ -261,17 +221,15 @@ def test_swaying_is_no_overshoot(beat):
 
 def test_strain_and_work_against_their_definitions():
     """Largest strain over all units, and tension times shortening of the muscles, as numpy sums them."""
-    env = FishVectorEnv(1, task="turn")
-    env.reset(seed=0)
+    env = begun("turn")
     tank, springs, muscles = env.tank, env.tank.fish.body.springs, env.tank.fish.muscles
-    strain, work, before = 0.0, 0.0, None
+    strain, work, before = 0.0, 0.0, (0.0, springs.rest_length[muscles])
     for action in np.random.default_rng(0).uniform(-1, 1, (30, 1, 12)):
         env.step(action)
         x, rest = tank.position[0], tank.rest_length[0, muscles].copy()
         length = np.linalg.norm(x[springs.nodes[:, 0]] - x[springs.nodes[:, 1]], axis=1)
         strain = max(strain, np.abs(length / springs.rest_length - 1).max())
         pull = springs.stiffness[muscles] * (length[muscles] - rest)
-        before = (0.0, springs.rest_length[muscles]) if before is None else before
         work -= 0.5 * ((pull + before[0]) @ (rest - before[1]))
         before = pull, rest
     found = env.task.metrics(tank, 0, 0.6)
@@ -280,62 +238,39 @@ def test_strain_and_work_against_their_definitions():
     assert work > 0
 
 
-def test_work_of_one_muscle():
-    """A muscle that shortens under its own elastic force does the work of a spring: c (dl)^2 / 2 goes in at most."""
-    x, rest = np.array([[[0.0, 0, 0], [1.0, 0, 0]]]), np.array([[1.0]])
-    tank = Pack(
-        "tank", position=Vectors(x, Kind(1)), rest_length=rest, variation=np.array([NOMINAL]), fibres=np.array([0]),
-        spring_nodes=np.array([[0, 1]]), spring_length=np.array([1.0]), spring_stiffness=np.array([10.0]),
-    )  # fmt: skip
-    load = measures.Effort(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.ones((1, 1)))
-    for length in np.linspace(1.0, 0.5, 11):
-        rest[0, 0] = length
-        measures.measure_load(tank, Pack("load", **load._asdict()), 0)  # as Python
-    assert load.work[0] == pytest.approx(0.5 * 10.0 * 0.5**2, rel=1e-12)  # the trapezoidal rule is exact here
-
-
 # Target
 
 
 def test_targets_follow_one_another():
     """A target that the nose reaches pays the bonus and the next appears; one that waits too long is missed."""
-    env = FishVectorEnv(1, task="target", patience=1.0)
-    env.reset(seed=0, options={"yaw": 0.0, "distance": 1.5, "bearing": 0.4})
+    env = begun("target", patience=1.0, options={"yaw": 0.0, "distance": 1.5, "bearing": 0.4})
     task, length = env.task, env.tank.fish.length
     direction, way = task.vectors(env.tank, env._pose)[0]
-    np.testing.assert_allclose(direction, start.level(0.4), atol=1e-9)
-    np.testing.assert_allclose(way, 1.5 * start.level(0.4), atol=1e-9)
-    nose = env.tank.position[0, 0].copy()
-    total = 0.0
-    goal = task._target[0].copy()
+    np.testing.assert_allclose([direction, way / 1.5], [start.heading_vector(0.4)] * 2, atol=1e-9)
+    goal, nose, total = task._target[0].copy(), env.tank.position[0, 0].copy(), 0.0
     first = np.linalg.norm(goal - nose) / length
-    for _step in range(10):
+    while not task.reached[0]:
         env.tank.position[0] += 0.1 * (goal - nose)
         env._measure()
-        terms = decide(env)
+        terms = measured(env)
         total += terms["progress"][0]
-        if terms["reached"][0]:
-            break
-    assert task.reached[0] == 1
     assert total == pytest.approx(first - np.linalg.norm(goal - env.tank.position[0, 0]) / length, rel=1e-9)
     assert terms["reached"][0] == target.REACH_BONUS
     assert (task._target[0] != goal).any()
     for _ in range(50):
-        decide(env)
+        measured(env)
     assert task.missed[0] == 1
     found = task.metrics(env.tank, 0, 2.0)
     assert found["targets"] == 1 and found["success"] == 0.5 and found["time_per_target"] == 2.0
 
 
-def test_targets_in_three_dimensions():
+@pytest.mark.parametrize(("dimensions", "least", "most"), [(2, 0.0, 1e-6), (3, 1.0, 2 * np.sin(0.6) + 1e-6)])
+def test_targets_in_three_dimensions(dimensions, least, most):
     """Planar targets are level; in three dimensions they lie above and below, within the elevation."""
-    for dimensions in (2, 3):
-        env = FishVectorEnv(300, task="target", dimensions=dimensions, elevation=0.6, distance=2.0)
-        env.reset(seed=0)
-        way = env.task.vectors(env.tank, env._pose)[:, 1]
-        np.testing.assert_allclose(np.linalg.norm(way, axis=1), 2.0, rtol=1e-6)
-        height = np.abs(way[:, 2]).max()
-        assert height < 1e-6 if dimensions == 2 else 1.0 < height <= 2 * np.sin(0.6) + 1e-6
+    env = begun("target", 300, dimensions=dimensions, elevation=0.6, distance=2.0)
+    way = env.task.vectors(env.tank, env._pose)[:, 1]
+    np.testing.assert_allclose(np.linalg.norm(way, axis=1), 2.0, rtol=1e-6)
+    assert least <= np.abs(way[:, 2]).max() <= most
 
 
 # Avoid
@@ -343,9 +278,7 @@ def test_targets_in_three_dimensions():
 
 def test_obstacles_are_drawn_from_their_ranges():
     """Times, gaps and drifts of 400 obstacles fill their ranges; turns are commanded 0.1 to 0.4 s before."""
-    env = FishVectorEnv(400, task="avoid")
-    env.reset(seed=0)
-    task = env.task
+    task = begun("avoid", 400).task
     drift, appears, turned = task._drift, task._appears, task.course.wait[:, 0]
     moving = drift[drift != 0.0]
     for found, (low, high) in ((np.abs(moving), task.drift), (appears, task.wait), (task._gap, task.gap)):
@@ -355,44 +288,38 @@ def test_obstacles_are_drawn_from_their_ranges():
     assert avoid.LEAD[0] - 1e-12 <= lead.min() and lead.max() <= avoid.LEAD[1] + 1e-12
 
 
-def test_obstacle_appears_ahead_and_moves():
+@pytest.mark.parametrize("drift", [0.0, 0.8])
+def test_obstacle_appears_ahead_and_moves(drift):
     """The sphere stands the given gap ahead of the nose when it is due; a sweeping one comes from the side."""
-    for drift in (0.0, 0.8):
-        env = FishVectorEnv(1, task="avoid")
-        env.reset(seed=0, options={"yaw": 0.0, "turn": 0.0, "wait": 0.1, "gap": 1.0, "aside": 0.0, "drift": drift})
-        task, length = env.task, env.tank.fish.length
-        assert not task.vectors(env.tank, env._pose)[0, 1:].any()
-        for _ in range(5):
-            spun(env, [0.0])
-            decide(env)
-        nose = env.tank.position[0, 0]
-        ahead = 1.0 + task.radius
-        expected = nose + length * np.array([ahead, -drift * ahead / avoid.CRUISE, 0.0])
-        np.testing.assert_allclose(task.obstacle[0], expected, atol=1e-9)
-        way = (expected - env._pose.centre[0]) / length
-        distance = np.linalg.norm(way)
-        seen = task.vectors(env.tank, env._pose)[0]
-        np.testing.assert_allclose(seen[1], way / distance / (1 + distance - task.radius), atol=1e-9)
-        np.testing.assert_allclose(seen[2], [0.0, drift, 0.0], atol=1e-12)
-        for _ in range(10):
-            decide(env)
-        np.testing.assert_allclose(task.obstacle[0], expected + np.array([0.0, drift * 0.2 * length, 0.0]), atol=1e-9)
+    options = {"yaw": 0.0, "turn": 0.0, "wait": 0.1, "gap": 1.0, "aside": 0.0, "drift": drift}
+    env = begun("avoid", options=options)
+    task, length = env.task, env.tank.fish.length
+    assert not task.vectors(env.tank, env._pose)[0, 1:].any()
+    for _ in range(5):
+        spun(env, [0.0])
+    ahead = 1.0 + task.radius
+    expected = env.tank.position[0, 0] + length * np.array([ahead, -drift * ahead / avoid.CRUISE, 0.0])
+    np.testing.assert_allclose(task.obstacle[0], expected, atol=1e-9)
+    way = (expected - env._pose.centre[0]) / length
+    distance = np.linalg.norm(way)
+    nearness, velocity = task.vectors(env.tank, env._pose)[0, 1:]
+    np.testing.assert_allclose(nearness, way / distance / (1 + distance - task.radius), atol=1e-9)
+    np.testing.assert_allclose(velocity, [0.0, drift, 0.0], atol=1e-12)
+    for _ in range(10):
+        measured(env)
+    np.testing.assert_allclose(task.obstacle[0], expected + np.array([0.0, drift * 0.2 * length, 0.0]), atol=1e-9)
 
 
 def test_touching_ends_the_episode():
     """A fish that swims straight into the sphere pays the penalty and is done; one far away is not."""
-    env = FishVectorEnv(2, task="avoid")
-    env.reset(seed=0, options={"yaw": 0.0, "turn": 0.0, "wait": 0.0, "gap": 0.5, "aside": 0.0, "drift": 0.0})
+    options = {"yaw": 0.0, "turn": 0.0, "wait": 0.0, "gap": 0.5, "aside": 0.0, "drift": 0.0}
+    env = begun("avoid", 2, options=options)
     spun(env, [0.0, 0.0])
-    decide(env)
-    env.tank.position[0, :, 0] += 0.45 * env.tank.fish.length
-    env._measure()
-    assert not decide(env)["touch"].any() and not env.task.done(None, None).any()
-    env.tank.position[0, :, 0] += 0.1 * env.tank.fish.length
-    env._measure()
-    terms = decide(env)
-    assert terms["touch"].tolist() == [-avoid.TOUCH_PENALTY, 0.0]
-    assert env.task.done(None, None).tolist() == [True, False]
+    for way, touched in ((0.45, False), (0.1, True)):
+        env.tank.position[0, :, 0] += way * env.tank.fish.length
+        env._measure()
+        assert measured(env)["touch"].tolist() == [-avoid.TOUCH_PENALTY * touched, 0.0]
+        assert env.task.done(None, None).tolist() == [touched, False]
     one, other = (env.task.metrics(env.tank, i, 1.0) for i in range(2))
     assert not one["avoided"] and one["clearance"] < 0 < other["clearance"] and other["avoided"]
     assert not other["passed"] and not other["success"]
@@ -401,11 +328,10 @@ def test_touching_ends_the_episode():
 # All tasks
 
 
-@pytest.mark.parametrize("task", fish_env.TASKS)
+@each_task
 def test_terms_add_up(task):
     """The rewards of an episode add up to its named terms; the metrics are numbers."""
-    id = f"FishEnv/{task.title().replace('_', '')}-v0"
-    env = gym.make(id)
+    env = gym.make(f"FishEnv/{task.title().replace('_', '')}-v0", max_episode_steps=60)
     env.reset(seed=2)
     env.action_space.seed(0)
     total, over = 0.0, False
@@ -417,7 +343,7 @@ def test_terms_add_up(task):
     assert all(isinstance(value, float | int) for name, value in info.items() if name not in ("terms", "failure"))
 
 
-@pytest.mark.parametrize("task", fish_env.TASKS)
+@each_task
 def test_mirrored_fish_is_paid_the_same(task):
     """A mirrored start, command and action give the mirrored motion and the same reward."""
     env = FishVectorEnv(2, task=task)
@@ -430,27 +356,23 @@ def test_mirrored_fish_is_paid_the_same(task):
         turned = {name: sign * value if name in signed else value for name, value in given.items()}
         env.reset(seed=0, options={**turned, "reset_mask": np.arange(2) == i})
     env.tank.velocity[:] = 0.0
-    i, j = fish.body.springs.nodes[fish.muscles].T
-    pairs = {frozenset(pair): m for m, pair in enumerate(zip(i.tolist(), j.tolist(), strict=True))}
-    mirrored = [pairs[frozenset((fish.mirror[a], fish.mirror[b]))] for a, b in zip(i, j, strict=True)]
     env.tank.position[1] = (env.tank.position[0] * [1, -1, 1])[fish.mirror]
     env._measure()
     for action in np.random.default_rng(0).uniform(-1, 1, (40, 12)):
-        _, reward, *_ = env.step(np.stack([action, action[mirrored]]))
+        _, reward, *_ = env.step(np.stack([action, action[fish.mirrored_muscles]]))
         assert reward[0] == pytest.approx(reward[1], rel=1e-6, abs=1e-9)
     np.testing.assert_allclose(env.tank.position[0], env.tank.position[1][fish.mirror] * [1, -1, 1], atol=1e-9)
 
 
 def test_commanded_speed_pays_for_keeping_it():
     """The reward is greatest at the commanded speed, and the commanded velocity is what the fish sees."""
-    env = FishVectorEnv(1, speed=(0.5, 2.0))
-    env.reset(seed=0, options={"yaw": 0.0, "heading": 0.0, "speed": 1.5})
+    env = begun(speed=(0.5, 2.0), options={"yaw": 0.0, "heading": 0.0, "speed": 1.5})
     np.testing.assert_allclose(env.task.vectors(env.tank, env._pose)[0, 0], [1.5, 0.0, 0.0])
     env.task._before[:] = env._pose.centre
     paid = []
     for speed in (1.0, 1.5, 2.0):
         env._pose.centre[:, 0] += speed * 0.02 * env.tank.fish.length
-        paid.append(decide(env)["progress"][0])
+        paid.append(measured(env)["progress"][0])
     np.testing.assert_allclose(paid, [0.02, 0.03, 0.02], atol=1e-12)
     found = env.task.metrics(env.tank, 0, 0.06)
     assert found["speed_error"] == pytest.approx(0.0, abs=1e-9) and found["commanded_speed"] == 1.5
@@ -462,50 +384,49 @@ def test_commanded_speed_pays_for_keeping_it():
 def test_variation_reaches_the_physics():
     """Drawn or given, stiffness, mass, drag and current are those the fish is moved with; else it is as made."""
     both = {"stiffness": (0.5, 2.0), "mass": (0.5, 2.0)}
-    one, other = (FishVectorEnv(1, variation=v) for v in (both, dict(reversed(both.items()))))
-    for env in (one, other):
-        env.reset(seed=0)
-    np.testing.assert_array_equal(one.tank.variation, other.tank.variation)  # the order of the keys does not matter
-    env = FishVectorEnv(3, variation={"stiffness": (0.5, 2.0), "current": 0.4})
-    env.reset(seed=0)
-    rows = env.tank.variation.copy()
+    one, other = (begun(variation=ranges).tank for ranges in (both, dict(reversed(both.items()))))
+    np.testing.assert_array_equal(one.variation, other.variation)  # the order of the keys does not matter
+    env = begun(num_envs=3, variation={"stiffness": (0.5, 2.0), "current": 0.4})
+    rows, length = env.tank.variation.copy(), env.tank.fish.length
     assert len(set(rows[:, 0])) == 3 and (rows[:, 0] >= 0.5).all() and (rows[:, 0] <= 2.0).all()
-    np.testing.assert_allclose(np.linalg.norm(rows[:, 3:], axis=1), 0.4 * env.tank.fish.length)
-    env.reset(
-        seed=0, options={"stiffness": 1.5, "mass": 2.0, "drag": 0.5, "current": 1.0, "current_heading": np.pi / 2}
-    )
-    np.testing.assert_allclose(env.tank.variation, [[1.5, 2.0, 0.5, 0.0, env.tank.fish.length, 0.0]] * 3, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 3:], axis=1), 0.4 * length)
+    options = {"stiffness": 1.5, "mass": 2.0, "drag": 0.5, "current": 1.0, "current_heading": np.pi / 2}
+    env.reset(seed=0, options=options)
+    np.testing.assert_allclose(env.tank.variation, [[1.5, 2.0, 0.5, 0.0, length, 0.0]] * 3, atol=1e-12)
     for _ in range(10):
         env.step(-np.ones((3, 12)))
-    assert (env._pose.velocity[:, 1] > 0.1 * env.tank.fish.length).all()  # it is carried along
-    plain = FishVectorEnv(1)
-    plain.reset(options={"mass": 2.0})
+    assert (env._pose.velocity[:, 1] > 0.1 * length).all()  # it is carried along
+    plain = begun(options={"mass": 2.0})
     plain.reset(seed=0)
     np.testing.assert_array_equal(plain.tank.variation, [[1, 1, 1, 0, 0, 0]])
 
 
 def test_the_default_method_bears_every_variation():
     """In every corner of what may be varied, random actions break no fish."""
-    corners = list(itertools.product(*(VARIATIONS[name][:2] for name in ("stiffness", "mass", "drag", "current"))))
-    env = FishVectorEnv(4 * len(corners))
-    env.reset(seed=0)
+    names = ("stiffness", "mass", "drag", "current")
+    corners = list(itertools.product(*(VARIATIONS[name][:2] for name in names)))
+    env = begun(num_envs=4 * len(corners))
     for i in range(env.num_envs):
-        vary(env.tank, i, dict(zip(("stiffness", "mass", "drag", "current"), corners[i % len(corners)], strict=True)))
+        vary(env.tank, i, dict(zip(names, corners[i % len(corners)], strict=True)))
     rng = np.random.default_rng(0)
     for _ in range(100):
         env.step(rng.choice([-1.0, 0.0, 1.0], (env.num_envs, 12)))
     assert env.tank.alive.all(), env.tank.failure[~env.tank.alive]
 
 
-@pytest.mark.parametrize("task", TURNING)
-def test_impossible_commands_are_refused(task):
+@pytest.mark.parametrize(
+    ("task", "wrong"),
+    [
+        ("turn", {"turn": 4.0, "stiffness": 0.0, "current": 9.0, "mass": "2"}),
+        ("left_after_right", {"first": 0.0, "part": 1.5}),
+        ("avoid", {"gap": 0.0}),
+    ],
+)
+def test_impossible_commands_are_refused(task, wrong):
     """Commands out of range are refused with the range, and nothing moves."""
-    env = FishVectorEnv(1, task=task)
-    env.reset(seed=0)
+    env = begun(task)
     before = env.tank.get_state()
-    wrong = {"yaw": 7.0, "wait": -1.0, "stiffness": 0.0, "current": 9.0, "mass": "2"}
-    wrong |= {"turn": {"turn": 4.0}, "left_after_right": {"first": 0.0, "part": 1.5}, "avoid": {"gap": 0.0}}[task]
-    for name, value in wrong.items():
+    for name, value in (wrong | {"yaw": 7.0, "wait": -1.0}).items():
         with pytest.raises(ValueError, match=rf"options\['{name}'\] is .*; give a number from"):
             env.reset(options={name: value})
     for name, value in env.tank.get_state().items():

@@ -45,7 +45,7 @@ class Problem:
 
 def scaled(fish: Fish, stiffness=1.0, damping=1.0, mass=1.0) -> Fish:
     """The fish with its springs' stiffness and damping and its nodes' masses multiplied."""
-    return replace(fish, body=body.scaled(fish.body, stiffness, damping, mass))
+    return replace(fish, body=body.scale_body(fish.body, stiffness, damping, mass))
 
 
 def swimming(fish: Fish, intervals: int) -> np.ndarray:

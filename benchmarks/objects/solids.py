@@ -26,7 +26,7 @@ from benchmarks.objects.methods import (
     swing,
 )
 from fish_env import Tank
-from fish_env.bodies.distorted import inverted, twisted
+from fish_env.bodies.distorted import invert, twist
 from fish_env.bodies.room import InRoom
 from fish_env.bodies.solids import make_beam
 from fish_env.physics.forces.evaluate import Evaluator
@@ -48,7 +48,7 @@ def released(thing: InRoom, how: str, name: str, dt: float) -> Tank:
     if how == "swing":
         tank.velocity[0] = swing(thing, 0.5)
     else:
-        tank.position[0] = {"twisted": twisted, "inverted": inverted}[how](thing)
+        tank.position[0] = {"twisted": twist, "inverted": invert}[how](thing)
     return tank
 
 

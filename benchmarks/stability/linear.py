@@ -41,7 +41,7 @@ def oscillators(body: Body) -> Body:
 def growth(tank: Tank, h: float) -> float:
     """Largest factor by which one step of h s makes a small vibration of the oscillators in a tank of four grow."""
     tank.reset()
-    tank._settle_anew(dt=h)
+    tank._set_read_only(dt=h)
     engine = tank._engine
     engine._rows.clear()  # no plans for steps of another length: a new tank for each step would take far longer
     engine._plans.clear()

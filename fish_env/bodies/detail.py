@@ -1,6 +1,6 @@
 """Level of detail of a uniform sphere by its distance to the viewer (Song 2009, ch. 3.5.3).
 
-A sphere that moves can be made again at another level, which goes on in the same motion (`carried_over`).
+A sphere that moves can be made again at another level, which goes on in the same motion (`carry_over`).
 """
 
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ class LevelOfDetail:
         self.gaps = [facet_gap(level) for level in range(FINEST + 1)]
 
     def choose(self, distance: float, focal: float) -> int:
-        """The level, 0 to FINEST, at a `distance`, m, from the viewer, `focal` as in `projected_size`.
+        """Return the level, 0 to FINEST, at a `distance`, m, from the viewer, `focal` as in `projected_size`.
 
         Raises:
             ValueError: for a number that is not finite and positive.
@@ -79,8 +79,8 @@ class LevelOfDetail:
         return enough
 
 
-def carried_over(old: Layered, new: Layered, values) -> np.ndarray:
-    """Positions (N,3) m or velocities (N,3) m/s of nodes, interpolated to the nodes (M,3) of another level.
+def carry_over(old: Layered, new: Layered, values) -> np.ndarray:
+    """Interpolate positions (N,3) m or velocities (N,3) m/s of nodes to the nodes (M,3) of another level.
 
     Each layer's values are an affine map of its places at rest, fitted by least squares, and a remainder, which is
     interpolated between the nearest nodes at rest. So affine motion, rigid motion included, is carried over exactly,

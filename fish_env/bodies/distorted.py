@@ -8,25 +8,25 @@ from fish_env.physics.fish import ElasticObject
 from fish_env.physics.records import Body
 
 
-def twisted(thing: ElasticObject, turns=0.5) -> np.ndarray:
-    """Positions (N,3) m of an object turned about x, the more the larger x is: by so many turns from end to end."""
+def twist(thing: ElasticObject, turns=0.5) -> np.ndarray:
+    """Turn an object about x, by so many turns from end to end; returns positions (N,3) m."""
     x = thing.body.position
     angle = 2.0 * np.pi * turns * (x[:, 0] - x[:, 0].min()) / thing.length
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([x[:, 0], c * x[:, 1] - s * x[:, 2], s * x[:, 1] + c * x[:, 2]], axis=1)
 
 
-def inverted(thing: ElasticObject) -> np.ndarray:
-    """Positions (N,3) m of an object turned inside out, reflected in the plane z = 0, with noise of a hundredth."""
+def invert(thing: ElasticObject) -> np.ndarray:
+    """Turn an object inside out, in the plane z = 0, with noise of a hundredth; returns positions (N,3) m."""
     noise = np.random.default_rng(1).standard_normal(thing.body.position.shape)
     return thing.body.position * [1.0, 1.0, -1.0] + 0.01 * np.ptp(thing.body.position[:, 2]) * noise
 
 
-DISTORTIONS: dict[str, Callable[[ElasticObject], np.ndarray]] = {"twisted": twisted, "inverted": inverted}
+DISTORTIONS: dict[str, Callable[[ElasticObject], np.ndarray]] = {"twisted": twist, "inverted": invert}
 
 
-def distorted(thing: ElasticObject, how: str) -> np.ndarray:
-    """Positions (N,3) m of an object, twisted or inverted.
+def distort(thing: ElasticObject, how: str) -> np.ndarray:
+    """Twist or invert an object; returns positions (N,3) m.
 
     Raises:
         ValueError: for an object in a plane or on a line; or if springs alone make it up, which are at rest in its

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fish_env.bodies.skins import Skin, layered, tensions, watched
+from fish_env.bodies.skins import Skin, barrier_pairs, layer_springs, tensions
 from fish_env.checks import real
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_barriers, make_compartments
@@ -80,8 +80,8 @@ class TwoLayers:
         return tuple(self.relaxation_time if time is None else time for time in own)
 
 
-def chosen_materials(standard: TwoLayers, changes: dict, layers=2) -> TwoLayers:
-    """The standard materials with some changed, for one layer or two.
+def choose_materials(standard: TwoLayers, changes: dict, layers=2) -> TwoLayers:
+    """Change some of the standard materials, for one layer or two.
 
     Raises:
         ValueError: for an unknown name, a value that is not allowed, a mass and a density of the same layer, or a
@@ -118,7 +118,7 @@ def node_masses(skin: Skin, radius: float, mass: float, density: float | None) -
     return found
 
 
-def shortened(length, pull, stiffness) -> np.ndarray:
+def natural_lengths(length, pull, stiffness) -> np.ndarray:
     """Natural lengths (E,) m of springs that pull with `pull` (E,) N at `length`.
 
     Raises:
@@ -140,7 +140,7 @@ def one_layer(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -
     stiffness = chosen.stiffness * factor * np.ones(len(skin.edges))
     length = np.linalg.norm(position[skin.edges[:, 1]] - position[skin.edges[:, 0]], axis=1)
     power = 1 if skin.faces.shape[1] == 2 else 2
-    length = shortened(length, chosen.pressure * chosen.radius**power * tensions(skin), stiffness)
+    length = natural_lengths(length, chosen.pressure * chosen.radius**power * tensions(skin), stiffness)
     gas = make_compartments(position, [skin.faces], chosen.pressure) if chosen.pressure else None
     body = make_body(
         position, node_masses(skin, chosen.radius, chosen.mass, chosen.density), skin.edges, stiffness,
@@ -152,7 +152,7 @@ def one_layer(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -
 def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -> tuple[Body, dict[str, slice], Skin]:
     """A body at rest of an outer skin and its inner copy, joined by springs; factor (E,) on those along the edges."""
     n, count, flat = len(skin.place), len(skin.edges), skin.faces.shape[1] == 2
-    pairs, kinds = layered(skin)
+    pairs, kinds = layer_springs(skin)
     radii = np.repeat([chosen.radius, chosen.inner_radius], n)
     position = radii[:, None] * np.tile(skin.place, (2, 1))
     even = factor * np.ones(count)
@@ -166,7 +166,7 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) 
         chosen.gap_pressure * chosen.radius**power * pull,
         (chosen.pressure - chosen.gap_pressure) * chosen.inner_radius**power * pull,
     ])  # fmt: skip
-    length[: 2 * count] = shortened(length[: 2 * count], inward, stiffness[: 2 * count])
+    length[: 2 * count] = natural_lengths(length[: 2 * count], inward, stiffness[: 2 * count])
     counts = [which.stop - which.start for which in kinds.values()]
     time = np.repeat(chosen.damping_times(), counts)
     outer = node_masses(skin, chosen.radius, chosen.mass, chosen.density)
@@ -176,7 +176,7 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) 
     surfaces = [skin.faces + n, np.concatenate([skin.faces, turned + n])]
     filled = [(surface, p) for surface, p in zip(surfaces, (chosen.pressure, chosen.gap_pressure), strict=True) if p]
     gas = make_compartments(position, [surface for surface, _ in filled], [p for _, p in filled]) if filled else None
-    faces, nodes = watched(skin)
+    faces, nodes = barrier_pairs(skin)
     body = make_body(
         position, np.concatenate([outer, inner]), pairs, stiffness, stiffness * time, length, NO_FACES,
         compartments=gas, barriers=make_barriers(position, faces, nodes, chosen.barrier_energy),

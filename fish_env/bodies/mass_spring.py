@@ -5,14 +5,13 @@ wrote `mass_spring.json`; `make_published` keeps the published masses and
 constants, which barely swim.
 """
 
-import json
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, shared_by_layers
+from fish_env.bodies.fitted import read_calibration
+from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments
 from fish_env.checks import finite_array, positive_array
-from fish_env.kernels.data import data
 from fish_env.physics.body import make_body
 from fish_env.physics.fish import Fish
 from fish_env.physics.records import Body
@@ -27,8 +26,8 @@ RIGHT = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])
 CROSS, MUSCLE, OTHER = 0, 1, 2
 
 
-def mirrored() -> np.ndarray:
-    """(23,) the node that each node becomes when left and right are exchanged."""
+def mirror_nodes() -> np.ndarray:
+    """Node (23,) that each node becomes when left and right are exchanged."""
     mirror = np.arange(23)
     mirror[LEFT], mirror[RIGHT] = RIGHT, LEFT
     return mirror
@@ -153,18 +152,21 @@ class MassSpringParameters:
 
 def calibrated() -> dict:
     """The calibrated parameters, from `mass_spring.json` (which also says how they were found)."""
-    return json.loads(data("fish_env.bodies", "mass_spring.json").read_text())["parameters"]
+    return read_calibration("mass_spring")["parameters"]
 
 
-def shape(parameters: MassSpringParameters) -> np.ndarray:
-    """Rest positions (23,3) m: nose at the origin, body along -x, y to the left, z up."""
+def place_nodes(stations, half_depths, half_widths, end, half_span) -> np.ndarray:
+    """Positions (23,3): nose at the origin, square layers at five stations along -x, tail tips at the end."""
     position = np.zeros((23, 3))
-    for layer, station, depth, width in zip(
-        LAYERS[1:6], parameters.layer_position, parameters.half_depth, parameters.half_width, strict=True
-    ):
-        position[layer] = [(-station, sy * width, sz * depth) for sy, sz in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    position[list(TAIL)] = [(-1.0, 0.0, parameters.tail_half_span), (-1.0, 0.0, -parameters.tail_half_span)]
-    return position * parameters.length
+    for layer, x, depth, width in zip(LAYERS[1:6], stations, half_depths, half_widths, strict=True):
+        position[layer] = [(-x, sy * width, sz * depth) for sy, sz in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    position[list(TAIL)] = [(-end, 0.0, half_span), (-end, 0.0, -half_span)]
+    return position
+
+
+def shape(p: MassSpringParameters) -> np.ndarray:
+    """Rest positions (23,3) m: nose at the origin, body along -x, y to the left, z up."""
+    return place_nodes(p.layer_position, p.half_depth, p.half_width, 1.0, p.tail_half_span) * p.length
 
 
 def masses(parameters: MassSpringParameters) -> np.ndarray:
@@ -173,9 +175,9 @@ def masses(parameters: MassSpringParameters) -> np.ndarray:
     Pitch and roll inertia are larger than the outline's: all 23 nodes lie on it, above and below the axis.
     """
     mass = np.empty(23)
-    for nodes, share in zip(LAYERS, shared_by_layers(parameters) * parameters.mass_factor, strict=True):
+    for nodes, share in zip(LAYERS, layer_masses(parameters) * parameters.mass_factor, strict=True):
         mass[nodes] = share / len(nodes)
-    return matched(mass, shape(parameters), continuum(parameters), solid=False)
+    return match_moments(mass, shape(parameters), continuum(parameters), solid=False)
 
 
 def along(factors, sections) -> np.ndarray:
@@ -183,7 +185,7 @@ def along(factors, sections) -> np.ndarray:
     return np.exp(np.interp(sections, np.arange(6), np.log(factors)))
 
 
-def felt(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
+def drag_points(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
     """Weights (24,4) of the corners in the point of each face of `topology` where its drag acts; drag factors (24,).
 
     A section bends and rotates, and a single point of a face samples neither. Place and factor are therefore fitted.
@@ -198,7 +200,7 @@ def felt(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def shares(faces, behind, place) -> np.ndarray:
-    """The part (F,4) that each corner has in a point of a face, from 0 between its front corners to 1 between the rear.
+    """Part (F,4) that each corner has in a point of a face, from 0 between its front corners to 1 between the rear.
 
     Args:
         faces: (F,4) nodes; a triangle's third is given twice.
@@ -210,8 +212,8 @@ def shares(faces, behind, place) -> np.ndarray:
     return (1.0 - place)[:, None] * ends[0] + place[:, None] * ends[1]
 
 
-def checked_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
-    """The calibrated parameters with some replaced, or ValueError, which names the body, for one there is not.
+def check_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
+    """Replace some of the calibrated parameters; ValueError, which names the body, for one there is not.
 
     Args:
         body: its name.
@@ -231,19 +233,15 @@ def make_mass_spring(**parameters) -> Fish:
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    p = checked_parameters("mass_spring", parameters)
+    p = check_parameters("mass_spring", parameters)
     pairs, classes, sections, faces = topology()
     position = shape(p)
     stiffness = np.array(p.stiffness)[classes] * along(p.taper, sections) * (p.length / REFERENCE_LENGTH) ** 3
     damping = p.relaxation_time * along(p.damping_taper, sections) * stiffness
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
-    share, drag = felt(p)
+    share, drag = drag_points(p)
     body = make_body(position, masses(p), pairs, stiffness, damping, natural, faces, share=share, drag=drag)
-    water = make_water(WATER_DENSITY, p.drag_coefficient)
-    fish = _fish(
-        "mass_spring", body, water, p.length, p.contracted, p.contraction_time, p.time_step, p.control_interval
-    )
-    return replace(fish, refine=REFINE, activation_time=p.activation_time)
+    return _fish("mass_spring", body, p.contracted, time_step=p.time_step, refine=REFINE, **common_fields(p))
 
 
 def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=0.0275) -> Fish:
@@ -253,10 +251,8 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
     (vanish87/UnityFishSimulation, 2020), as is `contraction_time`, its fastest half beat. The water is linear, as the
     published one, and thick enough to survive hard jerks at half the published step of 0.055. See docs/physics.md.
     """
-    position = np.zeros((23, 3))
-    for layer, x, half in zip(LAYERS[1:6], (5, 10, 15, 20, 22), (2, 3, 2, 1, 0.8), strict=True):
-        position[layer] = [(-x, sy * half, sz * half) for sy, sz in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    position[list(TAIL)] = [(-26, 0, 3), (-26, 0, -3)]
+    half = (2, 3, 2, 1, 0.8)
+    position = place_nodes((5, 10, 15, 20, 22), half, half, 26, 3)
     mass = np.full(23, 1.1)
     mass[1:5] = mass[9:13] = 6.6
     mass[5:9] = 11.0
@@ -264,31 +260,28 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
     pairs, classes, _, faces = topology()
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     body = make_body(position, mass, pairs, np.array([38.0, 28.0, 30.0])[classes], np.full(91, 0.1), natural, faces)
-    contracted = finite_array(contracted, (3,), "contracted")
     water = make_water(law="linear", drag_coefficient=3.0)
-    return _fish("published", body, water, 26.0, contracted, contraction_time, time_step, 8 * time_step)
+    return _fish(
+        "published", body, finite_array(contracted, (3,), "contracted"), length=26.0, time_step=float(time_step),
+        contraction_time=float(contraction_time), control_interval=float(8 * time_step), water=water,
+    )  # fmt: skip
 
 
-def _fish(name, body: Body, water, length, contracted, contraction_time, time_step, control_interval) -> Fish:
+def common_fields(p: MassSpringParameters) -> dict:
+    """Fields of `Fish` that every body takes from the parameters as they are, and its own water."""
+    return {
+        "length": p.length, "contraction_time": p.contraction_time, "activation_time": p.activation_time,
+        "control_interval": p.control_interval, "water": make_water(WATER_DENSITY, p.drag_coefficient),
+    }  # fmt: skip
+
+
+def _fish(name: str, body: Body, contracted, **others) -> Fish:
     """Add the muscles, the head and the tail to a body with this topology."""
     pairs, classes, sections, _ = topology()
     muscles = np.flatnonzero(classes == MUSCLE)
     segments = sections[muscles].astype(int) - 1
     return Fish(
-        name=name,
-        body=body,
-        length=float(length),
-        muscles=muscles,
-        sides=np.where(np.isin(pairs[muscles, 0], LEFT), 1, -1),
-        segments=segments,
-        contracted=np.array(contracted, dtype=float)[segments],
-        contraction_time=float(contraction_time),
-        time_step=float(time_step),
-        control_interval=float(control_interval),
-        water=water,
-        nose=NOSE,
-        tail=np.array(TAIL),
-        left=LEFT.copy(),
-        right=RIGHT.copy(),
-        mirror=mirrored(),
-    )
+        name=name, body=body, muscles=muscles, sides=np.where(np.isin(pairs[muscles, 0], LEFT), 1, -1),
+        segments=segments, contracted=np.array(contracted)[segments], nose=NOSE, tail=np.array(TAIL),
+        left=LEFT.copy(), right=RIGHT.copy(), mirror=mirror_nodes(), **others,
+    )  # fmt: skip

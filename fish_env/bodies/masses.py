@@ -3,7 +3,7 @@
 The outline is lofted: between two stations half width and half depth are straight, and a cross-section is a rectangle.
 Its integrals are exact by Gauss' rule, since they are polynomials of low degree between the stations. Masses lumped by
 shape functions have the continuum's mass and centre, but too much inertia, since the nodes lie on the outside of what
-they stand for. `matched` changes them as little as it can.
+they stand for. `match_moments` changes them as little as it can.
 """
 
 from typing import NamedTuple
@@ -67,7 +67,7 @@ def moments(mass, position) -> Moments:
     return Moments(float(total), float(centre[0]), mass @ (position - centre) ** 2)
 
 
-def shared_by_layers(p) -> np.ndarray:
+def layer_masses(p) -> np.ndarray:
     """Masses of the seven layers, (7,) kg: every section's matter, by linear shape functions along the body."""
     mass, *_, share = _points(p)
     layer = np.zeros(7)
@@ -76,8 +76,8 @@ def shared_by_layers(p) -> np.ndarray:
     return layer
 
 
-def matched(mass, position, wanted: Moments, solid: bool) -> np.ndarray:
-    """Masses (N,) kg with the mass, the centre and the inertia of `wanted`.
+def match_moments(mass, position, wanted: Moments, solid: bool) -> np.ndarray:
+    """Change masses (N,) kg to have the mass, the centre and the inertia of `wanted`.
 
     Each mass is multiplied by the exponential of a polynomial of second degree in its position: of all masses with
     these moments they are the nearest to those given, in relative entropy, and they are positive.

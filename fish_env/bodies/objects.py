@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fish_env.bodies import solids
-from fish_env.bodies.layers import NO_FACES, TwoLayers, chosen_materials, one_layer, two_layers
+from fish_env.bodies.layers import NO_FACES, TwoLayers, choose_materials, one_layer, two_layers
 from fish_env.bodies.room import GRAVITY, InRoom, room, whole
-from fish_env.bodies.skins import Skin, circle, evened, globe, octasphere
+from fish_env.bodies.skins import Skin, circle, even_factors, globe, octasphere
 from fish_env.checks import fits_memory, positive_array, representable
 from fish_env.physics.body import fix, make_body
 
@@ -101,7 +101,7 @@ def make_sphere(slices=12, stacks=8, layers=2, **materials) -> Layered:
     Args:
         slices: around, at least 3.
         stacks: from pole to pole, at least 2.
-        layers: 2, or 1 for the outer layer alone, filled with gas at `pressure`.
+        layers: as of `make_ring`.
         materials: fields of `TwoLayers`; those not given are those of GLOBE.
 
     Raises:
@@ -120,8 +120,8 @@ def make_uniform_sphere(level=2, correction=True, layers=2, **materials) -> Laye
 
     Args:
         level: 0 to 3.
-        correction: whether springs around the six nodes with 4 neighbours are stiffer (`skins.evened`), so that the
-            ball stays round.
+        correction: whether springs around the six nodes with 4 neighbours are stiffer, so that the ball stays round
+            (`skins.even_factors`).
         layers: 2, or 1 for the outer layer alone, filled with gas at `pressure`.
         materials: fields of `TwoLayers`; those not given are those of SPHERE.
 
@@ -129,7 +129,7 @@ def make_uniform_sphere(level=2, correction=True, layers=2, **materials) -> Laye
         ValueError: naming the argument, its value, and what is allowed.
     """
     skin = octasphere(whole(level, "level", 0, FINEST))
-    factor = evened(skin.edges) if correction else np.ones(len(skin.edges))
+    factor = even_factors(skin.edges) if correction else np.ones(len(skin.edges))
     return layered_object("uniform sphere", skin, layers, SPHERE, materials, (0.0, 0.0, -1.0), factor)
 
 
@@ -138,7 +138,7 @@ def layered_object(
 ) -> Layered:
     """The object of a skin, of one layer or two, in a room three radii from its middle to the walls."""
     layers = whole(layers, "layers", 1, 2)
-    chosen = chosen_materials(standard, materials, layers)
+    chosen = choose_materials(standard, materials, layers)
     body, kinds, skin = (one_layer if layers == 1 else two_layers)(skin, chosen, factor)
     n = len(skin.place)
     if skin.faces.shape[1] == 2:

@@ -10,13 +10,11 @@ from itertools import pairwise
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.fitted import fitted
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline, shared_by_layers
+from fish_env.bodies.fitted import fitted_parameters
+from fish_env.bodies.masses import continuum, layer_masses, match_moments, outline
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.fish import Fish, Landmarks
-from fish_env.physics.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 NODES = [(0, 0), *((k, k + 1) for k in range(1, 11, 2)), (11, 11)]
 """Left and right node of each layer, nose to tail; of nose and tail the one there is, twice."""
 
@@ -35,10 +33,9 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    p = tu.checked_parameters("planar", parameters)
-    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag, "damping": damping}
-    bending, pull, shear, drag, damping = fitted("planar", SHAPES, **given)
-    chord, diagonal, across, active = projected(p)
+    p = tu.check_parameters("planar", parameters)
+    bending, pull, shear, drag, damping = fitted_parameters("planar", bending, pull, shear, drag, damping)
+    chord, diagonal, across, active = project_stiffness(p)
     chord[1:] *= bending
     diagonal[1:] *= bending
     diagonal *= shear
@@ -56,34 +53,19 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     )  # fmt: skip
     fibres, drives = muscles(section)
     segments, sides = np.repeat(np.arange(3), 4), np.tile([1, -1, -1, 1], 3)
-    left, right_nodes, mirror = reflected()
+    left, right, mirror = mirror_nodes()
     return Fish(
-        name="planar",
-        body=fix(body, np.arange(len(position)), "z"),
-        length=float(p.length),
+        name="planar", body=fix(body, np.arange(len(position)), "z"),
         muscles=np.array([fibres[np.argmax((drives == m).any(axis=1))] for m in range(12)]),
-        fibres=fibres,
-        drives=drives,
-        sides=sides,
-        segments=segments,
+        fibres=fibres, drives=drives, sides=sides, segments=segments,
         contracted=1.0 - ((1.0 - np.array(p.contracted)) * pull * active[1:4])[segments],
-        contraction_time=float(p.contraction_time),
-        activation_time=p.activation_time,
-        time_step=float(p.time_step),
-        refine=tu.REFINE,
-        control_interval=float(p.control_interval),
-        water=make_water(WATER_DENSITY, p.drag_coefficient),
-        nose=0,
-        tail=np.array([len(position) - 1] * 2),
-        left=left,
-        right=right_nodes,
-        mirror=mirror,
-        landmarks=landmarks(p),
-    )
+        time_step=p.time_step, refine=tu.REFINE, nose=0, tail=np.array([len(position) - 1] * 2), left=left,
+        right=right, mirror=mirror, landmarks=landmarks(p), **tu.common_fields(p),
+    )  # fmt: skip
 
 
-def reflected() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The nodes on the left and on the right, (5,) each, and what each node becomes when they are exchanged, (12,)."""
+def mirror_nodes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes on the left and on the right, (5,) each, and the node (12,) that each becomes when they are exchanged."""
     left, right = np.array(NODES[1:-1]).T.copy()
     mirror = np.arange(12)
     mirror[left], mirror[right] = right, left
@@ -109,13 +91,13 @@ def shape(p) -> np.ndarray:
 def masses(p) -> np.ndarray:
     """Node masses (12,) kg: those of the default fish's layers, with the outline's mass, centre and yaw inertia."""
     mass = np.empty(12)
-    for nodes, value in zip(NODES, shared_by_layers(p) * p.mass_factor, strict=True):
+    for nodes, value in zip(NODES, layer_masses(p) * p.mass_factor, strict=True):
         mass[list(nodes)] = value / len(set(nodes))
-    return matched(mass, shape(p), continuum(p), solid=False)
+    return match_moments(mass, shape(p), continuum(p), solid=False)
 
 
-def projected(p):
-    """Stiffness of the default fish's springs, projected onto the plane, N/m.
+def project_stiffness(p):
+    """Project the stiffness of the default fish's springs, N/m, onto the plane.
 
     Returns:
         chord (6,) of each side of a section, diagonal (6,) of each of two, across (7,) a layer, active (6,) the
@@ -195,5 +177,5 @@ def landmarks(p) -> Landmarks:
     level = points * (1.0, 1.0, 0.0)
     node = np.array([np.argmin(np.linalg.norm(flat - point, axis=1)) for point in level])
     pairs, classes, _, faces = tu.topology()
-    mirror = tu.mirrored()
+    mirror = tu.mirror_nodes()
     return Landmarks(node, points[:, 2].copy(), mass, faces, pairs[classes == tu.MUSCLE], mirror)

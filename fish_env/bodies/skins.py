@@ -49,11 +49,11 @@ def octasphere(level: int) -> Skin:
     """An octahedron whose triangles are divided in four `level` times, new nodes moved onto the sphere (ch. 3.5.2)."""
     place = [np.array(p, float) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
     faces = [(a, (a + 1) % 4, 4) for a in range(4)] + [((a + 1) % 4, a, 5) for a in range(4)]
-    return subdivided(place, faces, level)
+    return subdivide(place, faces, level)
 
 
-def subdivided(place: list, faces: list, level: int) -> Skin:
-    """Triangles (a, b, c), outward, divided in four `level` times at the middles of their edges, on the sphere."""
+def subdivide(place: list, faces: list, level: int) -> Skin:
+    """Divide triangles (a, b, c), outward, in four `level` times at the middles of their edges, on the sphere."""
     for _ in range(level):
         middle: dict[tuple[int, int], int] = {}
         finer = []
@@ -83,7 +83,7 @@ def edges_of(faces) -> np.ndarray:
     return np.array(list(found))
 
 
-def layered(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
+def layer_springs(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
     """Springs (4 E + n, 2) of an outer skin, nodes 0 to n - 1, and an inner one, n to 2 n - 1; which are which (KINDS).
 
     Radius springs join a node and its partner; shear springs the two ends of an edge across the layers: left ones the
@@ -97,7 +97,7 @@ def layered(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
     return np.concatenate([np.stack(part, axis=1) for part in parts]), kinds
 
 
-def watched(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
+def barrier_pairs(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
     """Outer triangles (K,3), or edges (K,2), that a barrier keeps an inner node (K,) behind: a face, each partner."""
     n = len(skin.place)
     if skin.faces.shape[1] == 2:
@@ -133,7 +133,7 @@ def tensions(skin: Skin) -> np.ndarray:
     return pull
 
 
-def evened(edges: np.ndarray) -> np.ndarray:
+def even_factors(edges: np.ndarray) -> np.ndarray:
     """Factors (E,) on the stiffness of edges whose sum is 6 at every node, whatever the number of its neighbours.
 
     A node with 4 neighbours is as stiff as one with 6 (ch. 3.5.3), yet both ends of a spring pull equally: the

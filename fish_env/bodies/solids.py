@@ -63,14 +63,14 @@ def make_beam(cells=10, *, across=2, length=0.4, thickness=0.08, clamped=False, 
         ValueError: naming the argument, its value, and what is allowed.
     """
     mesh = bar(cells, across, length, thickness)
-    return solid("beam", mesh, (chosen(SOFT, material),), strain, clamped=clamped)
+    return solid("beam", mesh, (choose_material(SOFT, material),), strain, clamped=clamped)
 
 
 @representable("the block")
 def make_block(cells=4, *, side=0.16, strain="corotational", **material) -> Solid:
     """A cube of so many cells along each edge, an even number; `side` m, `strain` and `material` as of `make_beam`."""
     mesh = bar(cells, cells, side, side)
-    return solid("block", mesh, (chosen(SOFT, material),), strain)
+    return solid("block", mesh, (choose_material(SOFT, material),), strain)
 
 
 @representable("the ball")
@@ -94,7 +94,7 @@ def make_ball(cells=4, *, radius=0.1, strain="corotational", **material) -> Soli
         y * np.sqrt(1 - z**2 / 2 - x**2 / 2 + z**2 * x**2 / 3),
         z * np.sqrt(1 - x**2 / 2 - y**2 / 2 + x**2 * y**2 / 3),
     ], axis=1)  # fmt: skip
-    thing = solid("ball", mesh._replace(position=radius * round_), (chosen(SOFT, material),), strain)
+    thing = solid("ball", mesh._replace(position=radius * round_), (choose_material(SOFT, material),), strain)
     return replace(thing, time_step=0.5 * STEP)  # elements at the cube's edges are flat, and stiff for their mass
 
 
@@ -123,8 +123,8 @@ def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=S
     return solid("two materials", bar(cells, across, length, thickness), (soft, stiff), strain)
 
 
-def chosen(standard: SolidMaterial, given: dict) -> SolidMaterial:
-    """A material with some fields given; ValueError for an unknown one."""
+def choose_material(standard: SolidMaterial, given: dict) -> SolidMaterial:
+    """Change some fields of a material; ValueError for an unknown one."""
     names = [field.name for field in fields(SolidMaterial)]
     for name in given:
         if name not in names:

@@ -7,20 +7,17 @@ level: `softening` takes off what linear elements are too stiff in bending. `ben
 calibrated it to living fish.
 """
 
-import json
-from numbers import Integral
-
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched, outline
+from fish_env.bodies.fitted import read_calibration
+from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments, outline
 from fish_env.bodies.mesh import RULES, grid, lumped_mass
+from fish_env.bodies.room import whole
 from fish_env.checks import positive_array
-from fish_env.kernels.data import data
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_tets
 from fish_env.physics.fish import Fish, Landmarks
-from fish_env.physics.world import make_water
 
 MOST = 4  # pieces a section
 POISSON = 0.4
@@ -43,13 +40,10 @@ def make_tetrahedral(
     Raises:
         ValueError: for another level, an unknown parameter or a value that is not allowed.
     """
-    if not (isinstance(level, Integral) and not isinstance(level, bool) and 1 <= int(level) <= MOST):
-        raise ValueError(f"level is {level!r}; give a whole number from 1 to {MOST}")
-    level = int(level)
-    own = json.loads(data("fish_env.bodies", "tetrahedral.json").read_text())
-    p = tu.checked_parameters("tetrahedral", parameters, own["parameters"])
+    level, own = whole(level, "level", 1, MOST), read_calibration("tetrahedral")
+    p = tu.check_parameters("tetrahedral", parameters, own["parameters"])
     young = positive_array(own["young"] if young is None else young, (6,), "young")
-    mesh, section = meshed(p, level)
+    mesh, section = make_mesh(p, level)
     modulus = (young * softening(mesh, section, poisson))[section] * (p.length / tu.REFERENCE_LENGTH) ** 2
     tets = make_tets(mesh.position, mesh.tets, modulus, poisson, p.relaxation_time, strain)
     marks = landmarks(mesh, level, tu.masses(p))
@@ -64,29 +58,16 @@ def make_tetrahedral(
     lines = corner_lines(mesh)[:, 1:-1]
     mirror = np.array([np.argmin(((mesh.position * (1, -1, 1) - at) ** 2).sum(axis=1)) for at in mesh.position])
     return Fish(
-        name="tetrahedral",
-        body=body,
-        length=float(p.length),
-        muscles=muscles,
-        sides=np.where(np.isin(marks.muscles[:, 0], tu.LEFT), 1, -1),
-        segments=segments,
-        contracted=np.array(p.contracted)[segments],
-        contraction_time=float(p.contraction_time),
-        activation_time=p.activation_time,
-        time_step=float(p.time_step) / (4.0 if level > 2 else 2.0),  # small elements stiffen when muscles contract
-        control_interval=float(p.control_interval),
-        water=make_water(WATER_DENSITY, p.drag_coefficient),
-        nose=int(mesh.number[0, 0, 0]),
-        tail=mesh.number[-1, 0, [-1, 0]],
-        left=lines[[0, 3]].ravel(),
-        right=lines[[1, 2]].ravel(),
-        mirror=mirror,
-        landmarks=marks,
-    )
+        name="tetrahedral", body=body, muscles=muscles, sides=np.where(np.isin(marks.muscles[:, 0], tu.LEFT), 1, -1),
+        segments=segments, contracted=np.array(p.contracted)[segments],
+        time_step=p.time_step / (4.0 if level > 2 else 2.0),  # small elements stiffen when muscles contract
+        nose=int(mesh.number[0, 0, 0]), tail=mesh.number[-1, 0, [-1, 0]], left=lines[[0, 3]].ravel(),
+        right=lines[[1, 2]].ravel(), mirror=mirror, landmarks=marks, **tu.common_fields(p),
+    )  # fmt: skip
 
 
-def meshed(p, level):
-    """The mesh of the default fish's outline, and the section of the body, 0 to 5, in which each tetrahedron is."""
+def make_mesh(p, level):
+    """Make the mesh of the default fish's outline; returns it and the section, 0 to 5, of each tetrahedron."""
     at = np.arange(6 * level + 1) / level
     along, width, depth = (np.interp(at, np.arange(7), row) for row in outline(p))
     mesh = grid(along, width, depth, 2 * level, 2 * level)
@@ -110,7 +91,7 @@ def fibres(p, marks):
 
 
 def softening(mesh, section, poisson) -> np.ndarray:
-    """(6,) factors on the moduli of the sections, with which each is as stiff in lateral bending as the continuum.
+    """Factors (6,) on the moduli of the sections, with which each is as stiff in lateral bending as the continuum.
 
     A linear tetrahedron that is bent is sheared as well, and is too stiff by what that takes: the more, the longer it
     is along the body and the thinner the body. The factor is the energy of pure bending, by the exact integral, over
@@ -134,7 +115,8 @@ def masses(p, mesh, lumping) -> np.ndarray:
     if lumping not in ("matched", *RULES):
         raise ValueError(f"unknown rule {lumping!r}; choose from {', '.join(map(repr, ('matched', *RULES)))}")
     if lumping == "matched":
-        return matched(lumped_mass(mesh.position, mesh.tets, WATER_DENSITY), mesh.position, continuum(p), solid=True)
+        mass = lumped_mass(mesh.position, mesh.tets, WATER_DENSITY)
+        return match_moments(mass, mesh.position, continuum(p), solid=True)
     return lumped_mass(mesh.position, mesh.tets, WATER_DENSITY, lumping)
 
 
@@ -143,4 +125,4 @@ def landmarks(mesh, level, mass) -> Landmarks:
     lines = corner_lines(mesh)[:, ::level]
     node = np.array([mesh.number[0, 0, 0], *lines[:, 1:-1].T.ravel(), *mesh.number[-1, 0, [-1, 0]]])
     pairs, classes, _, faces = tu.topology()
-    return Landmarks(node, np.zeros(23), mass, faces, pairs[classes == tu.MUSCLE], tu.mirrored())
+    return Landmarks(node, np.zeros(23), mass, faces, pairs[classes == tu.MUSCLE], tu.mirror_nodes())

@@ -10,17 +10,15 @@ of the water around while the fish is at rest, so that it resists a change of vo
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.fitted import fitted
-from fish_env.bodies.masses import WATER_DENSITY, continuum, matched
-from fish_env.bodies.skins import Skin, edges_of, layered
+from fish_env.bodies.fitted import fitted_parameters
+from fish_env.bodies.masses import continuum, match_moments
+from fish_env.bodies.skins import Skin, edges_of, layer_springs
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_barriers, make_compartments
 from fish_env.physics.fish import Fish, Landmarks
 from fish_env.physics.records import Body
-from fish_env.physics.world import make_water
 
-SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
 
 
@@ -38,7 +36,7 @@ def make_two_layer(
         damping: factor on the relaxation time of every spring; None: as fitted.
         inner_size: of the inner skin over the outer one, between 0 and 1.
         inner_stiffness: of the inner skin's springs over the outer ones', positive.
-        inner_mass: the inner skin's part of the mass, between 0 and 1, before `matched` gives the masses their inertia.
+        inner_mass: the inner skin's part of the mass, between 0 and 1, before `match_moments` changes the masses.
         pressure: of the gas in the inner skin at rest, and of what surrounds it, for a fish of 0.2 m, Pa.
         gap_pressure: the same between the skins, Pa.
         barrier_energy: scale of the barrier that keeps the inner skin inside the outer one, J.
@@ -47,13 +45,12 @@ def make_two_layer(
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    p = tu.checked_parameters("two_layer", parameters)
+    p = tu.check_parameters("two_layer", parameters)
     for name, value in (("inner_size", inner_size), ("inner_mass", inner_mass)):
         if not 0.0 < float(positive_array(value, (), name)) < 1.0:
             raise ValueError(f"{name} is {value!r}; give a number between 0 and 1")
     inner_stiffness = float(positive_array(inner_stiffness, (), "inner_stiffness"))
-    given = {"bending": bending, "pull": pull, "shear": shear, "drag": drag, "damping": damping}
-    bending, pull, shear, drag, damping = fitted("two_layer", SHAPES, **given)
+    bending, pull, shear, drag, damping = fitted_parameters("two_layer", bending, pull, shear, drag, damping)
     topology, classes, sections, faces = tu.topology()
     skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
     body = two_skins(
@@ -61,28 +58,17 @@ def make_two_layer(
         (pressure, gap_pressure), barrier_energy, drag,
     )  # fmt: skip
     edge = {frozenset(pair): e for e, pair in enumerate(skin.edges.tolist())}
-    ends, mirror = topology[classes == tu.MUSCLE], tu.mirrored()
+    ends, mirror = topology[classes == tu.MUSCLE], tu.mirror_nodes()
     segments = sections[classes == tu.MUSCLE].astype(int) - 1
     return Fish(
-        name="two_layer",
-        body=body,
-        length=float(p.length),
-        muscles=np.array([edge[frozenset(pair)] for pair in ends.tolist()]),
-        sides=np.where(np.isin(ends[:, 0], tu.LEFT), 1, -1),
-        segments=segments,
+        name="two_layer", body=body, muscles=np.array([edge[frozenset(pair)] for pair in ends.tolist()]),
+        sides=np.where(np.isin(ends[:, 0], tu.LEFT), 1, -1), segments=segments,
         contracted=1.0 - (1.0 - np.array(p.contracted)[segments]) * pull[segments],
-        contraction_time=float(p.contraction_time),
-        activation_time=p.activation_time,
-        time_step=float(p.time_step) / 4,  # half of the largest stable step of barriers under oscillating commands
-        control_interval=float(p.control_interval),
-        water=make_water(WATER_DENSITY, p.drag_coefficient),
-        nose=tu.NOSE,
-        tail=np.array(tu.TAIL),
-        left=tu.LEFT.copy(),
-        right=tu.RIGHT.copy(),
+        time_step=p.time_step / 4,  # half of the largest stable step of barriers under oscillating commands
+        nose=tu.NOSE, tail=np.array(tu.TAIL), left=tu.LEFT.copy(), right=tu.RIGHT.copy(),
         mirror=np.concatenate([mirror, mirror + 23]),
-        landmarks=Landmarks(np.arange(23), np.zeros(23), tu.masses(p), faces, ends, mirror),
-    )
+        landmarks=Landmarks(np.arange(23), np.zeros(23), tu.masses(p), faces, ends, mirror), **tu.common_fields(p),
+    )  # fmt: skip
 
 
 def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, drag) -> Body:
@@ -95,18 +81,18 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
     faces, scale = skin.faces, p.length / tu.REFERENCE_LENGTH
     position, mass = np.concatenate([skin.place, inner]), tu.masses(p)
     mass = np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass])
-    mass = matched(mass, position, continuum(p), solid=True)
-    pairs, kinds = layered(skin)
+    mass = match_moments(mass, position, continuum(p), solid=True)
+    pairs, kinds = layer_springs(skin)
     quads = faces[faces[:, 2] != faces[:, 3]]
     braces = np.concatenate([quads[:, [0, 2]], quads[:, [1, 3]]])
     *material, damping = material
     stiffness = springs(p, skin, kinds, braces, *material)
     pairs = np.concatenate([pairs, braces])
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
-    gap = np.concatenate([faces, reversed_faces(faces) + 23])
+    gap = np.concatenate([faces, reverse_faces(faces) + 23])
     pressures = scale**2 * positive_array(pressures, (2,), "pressures (Pa)")
     triangles, nodes = corners_of(faces)
-    share, drag = tu.felt(p, drag)
+    share, drag = tu.drag_points(p, drag)
     return make_body(
         position, mass, pairs, stiffness,
         damping * p.relaxation_time * stiffness, natural, faces, share=share, drag=drag,
@@ -128,7 +114,7 @@ def inner_shape(p, size) -> np.ndarray:
 
 
 def corners_of(faces) -> tuple[np.ndarray, np.ndarray]:
-    """Between what barriers act: every corner of a face with its two neighbours (K,3), and its inner partner (K,).
+    """Corners of faces, each with its two neighbours (K,3), and the inner partner (K,) that a barrier keeps behind it.
 
     A quadrilateral cut along one diagonal would not be its own mirror image.
     """
@@ -141,14 +127,14 @@ def corners_of(faces) -> tuple[np.ndarray, np.ndarray]:
     return np.array(triangles), np.array(partners)
 
 
-def reversed_faces(faces) -> np.ndarray:
-    """The faces (F,4) seen from inside; a triangle's third node stays the one given twice."""
+def reverse_faces(faces) -> np.ndarray:
+    """Turn faces (F,4) to be seen from inside; a triangle's third node stays the one given twice."""
     turned = faces[:, [0, 3, 2, 1]]
     return np.where(faces[:, 2:3] == faces[:, 3:4], faces[:, [1, 0, 2, 3]], turned)
 
 
 def springs(p, skin, kinds, braces, bending, shear, inner) -> np.ndarray:
-    """Stiffness (E,) N/m in the order of `layered`, then of the braces: along the edges as the default fish has it."""
+    """Stiffness (E,) N/m in the order of `layer_springs`, then of the braces: along edges that of the default fish."""
     cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH) ** 3
     layer = np.empty(23)
     for number, nodes in enumerate(tu.LAYERS):

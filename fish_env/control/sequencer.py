@@ -13,7 +13,7 @@ import numpy as np
 from fish_env.control.motor import MotorTables, glide_mc, load_tables, scaled_turns, spread, swim_mc, turn_mc
 from fish_env.envs import FishVectorEnv, Layout
 from fish_env.tasks.avoid import AvoidTask
-from fish_env.tasks.rewards import wrapped
+from fish_env.tasks.rewards import wrap_angle
 from fish_env.tasks.swim import SwimTask
 from fish_env.tasks.target import TargetTask
 from fish_env.tasks.turns import CommandedTurns
@@ -96,7 +96,7 @@ class Sequencer:
 
     def record_error(self, error: np.ndarray) -> None:
         """Record the error (B,); a jump of it is a new command, by which the errors of the beat are shifted."""
-        change = wrapped(error - self.last)
+        change = wrap_angle(error - self.last)
         self.jumped = np.abs(change) > self.habits.jump
         self.rate = np.where(self.jumped, self.rate, change / self.interval)
         self.errors += np.where(self.jumped, change, 0.0)[:, None]
@@ -105,7 +105,7 @@ class Sequencer:
 
     def mean_error(self) -> np.ndarray:
         """Heading error averaged over a beat, (B,) rad."""
-        return wrapped(self.last + wrapped(self.errors - self.last[:, None]).mean(axis=1))
+        return wrap_angle(self.last + wrap_angle(self.errors - self.last[:, None]).mean(axis=1))
 
     def decide(self, error: np.ndarray) -> None:
         """Begin and end turns: when the error is large, when a new command comes, when one is over."""
@@ -114,7 +114,7 @@ class Sequencer:
         self.errors[over] = error[over, None]  # what was seen in the turn no longer counts
         self.turning &= ~over
         broken = self.turning & self.jumped
-        wanted = np.where(broken, wrapped(error + self.habits.lead * self.rate), self.mean_error())
+        wanted = np.where(broken, wrap_angle(error + self.habits.lead * self.rate), self.mean_error())
         self.turning &= ~broken
         self.begin_turns(~self.turning & (np.abs(wanted) > self.habits.threshold), wanted)
 
@@ -217,9 +217,9 @@ def aim_past(obs: np.ndarray, layout: Layout, caution: Caution) -> Aim:
     when = np.clip((way * closing).sum(-1) / np.maximum((closing**2).sum(-1), 1e-9), 0.0, caution.horizon)
     miss = np.linalg.norm(way - closing * when[..., None], axis=-1)
     short = np.maximum(caution.radius + caution.room - miss, 0.0) * seen
-    cost = np.abs(COURSES) + 0.3 * np.abs(wrapped(course)) + 20.0 * short
+    cost = np.abs(COURSES) + 0.3 * np.abs(wrap_angle(course)) + 20.0 * short
     best = course[np.arange(len(obs)), np.where(seen[:, 0], cost.argmin(axis=1), COURSES.size // 2)]
-    return Aim(wrapped(best), climb(commanded), np.full(len(obs), np.inf))
+    return Aim(wrap_angle(best), climb(commanded), np.full(len(obs), np.inf))
 
 
 HABITS = {

@@ -10,7 +10,7 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.checks import Settled, finite_array, fits_memory, frozen, own
+from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_water
 from fish_env.envs.step import (
@@ -29,17 +29,17 @@ from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import checked_options
+from fish_env.tasks.options import check_options
 from fish_env.tasks.start import check_pose
 
 
-class Episodes(Settled):
+class Episodes(ReadOnly):
     """B fish, each in water of its own and in an episode of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a batch of one seeded s + i.
     """
 
-    SETTLED = ("tank", "task", "num_envs", "control_interval", "groups", "variation")
+    READ_ONLY = ("tank", "task", "num_envs", "control_interval", "groups", "variation")
     LIVE: tuple[str, ...] = ("max_episode_steps", "variation")
     """Keywords that may be set while it runs, besides those of the task; a subclass may add attributes of its own."""
     tasks = TASKS
@@ -172,7 +172,7 @@ class Episodes(Settled):
 
     def checked_reset(self, options: Mapping | None) -> dict[str, float]:
         """The options of a reset as numbers; ValueError for what these fish cannot begin with."""
-        checked = checked_options({} if options is None else options, self.reset_options)
+        checked = check_options({} if options is None else options, self.reset_options)
         check_pose(self.tank.fish, checked)
         return checked
 

@@ -108,7 +108,7 @@ def set_option(env, name: str, value: Any) -> None:
     elif name == "variation":
         variation = checked_variation({} if value is None else value)
         check_pose(env.tank.fish, variation)
-        env._settle_anew(variation=variation)
+        env._set_read_only(variation=variation)
     else:
         setattr(env, name, checked_truth(value, name) if name == "info_every_step" else value)
     if env.spec is not None:

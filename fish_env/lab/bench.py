@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.bodies.distorted import DISTORTIONS, distorted, out_of_shape
+from fish_env.bodies.distorted import DISTORTIONS, distort, out_of_shape
 from fish_env.checks import is_whole
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import BODY, SETTINGS, WALLS, checked_choice, checked_point, checked_setting
@@ -158,7 +158,7 @@ class Bench:
     def distort(self, how: str) -> None:
         """Start again at rest, but twisted or inverted, one of DISTORTIONS; ValueError, and nothing changes, if not."""
         checked_choice(how, DISTORTIONS, "pose")
-        poses = [distorted(specimen.thing, how) for specimen in self.specimens]
+        poses = [distort(specimen.thing, how) for specimen in self.specimens]
         self.reset()
         for specimen, pose in zip(self.specimens, poses, strict=True):
             specimen.place(pose)

@@ -18,8 +18,8 @@ from fish_env.control.sequencer import scripted
 from fish_env.envs import FishVectorEnv
 from fish_env.lab.settings import checked_choice, checked_point
 from fish_env.tasks.avoid import AvoidTask
-from fish_env.tasks.rewards import wrapped
-from fish_env.tasks.start import POSE_OPTIONS, level
+from fish_env.tasks.rewards import wrap_angle
+from fish_env.tasks.start import POSE_OPTIONS, heading_vector
 from fish_env.tasks.target import TargetTask
 from fish_env.tasks.turns import CommandedTurns
 
@@ -40,15 +40,15 @@ class HeadingTask(CommandedTurns):
 
     reset_options = POSE_OPTIONS
 
-    def plan(self, i, generator, options):
+    def draw_turns(self, i, generator, options):
         """No turn is planned."""
         self.course.count[i] = 0
 
     def command(self, heading: np.ndarray) -> None:
         """Command headings (B,), rad, from the next step on."""
-        self.course.heading[:] = wrapped(heading)
+        self.course.heading[:] = wrap_angle(heading)
         for i, angle in enumerate(heading):
-            self._heading[i] = level(angle)
+            self._heading[i] = heading_vector(angle)
 
 
 class ObstacleTask(AvoidTask):
@@ -56,9 +56,9 @@ class ObstacleTask(AvoidTask):
 
     command = HeadingTask.command
 
-    def plan(self, i, generator, options):
+    def draw_turns(self, i, generator, options):
         """No turn is scheduled, and no obstacle appears without a command."""
-        super().plan(i, generator, options)
+        super().draw_turns(i, generator, options)
         self.course.count[i] = 0
         self._appears[i] = np.inf
 
@@ -203,7 +203,7 @@ class School:
         self.waters.advance(np.broadcast_to(action, (self.num_fish, *np.shape(action)[-1:])))
         self.time += self.interval
         yaw = np.array([self.waters.step_info(i)["heading"] for i in range(self.num_fish)])
-        self.facing = self.facing + wrapped(yaw - self.facing)
+        self.facing = self.facing + wrap_angle(yaw - self.facing)
         self._past.append(self.facing)
         self.history.append((self.time, float(self.heading[0]), float(self.aim()[0])))
         failed = ~self.waters.tank.alive
@@ -218,7 +218,7 @@ class School:
         if not isinstance(self.task, PlacedTask):
             return self.commanded
         way = self.task.target - self.waters.tank.position.mean(axis=1)
-        return self.facing + wrapped(np.arctan2(way[:, 1], way[:, 0]) - self.facing)
+        return self.facing + wrap_angle(np.arctan2(way[:, 1], way[:, 0]) - self.facing)
 
     def _assign_obstacles(self) -> None:
         """Give every fish the obstacle that is nearest to it."""

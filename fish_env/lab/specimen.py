@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies import BODIES, Fish
-from fish_env.bodies.detail import carried_over
+from fish_env.bodies.detail import carry_over
 from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.checks import is_whole
 from fish_env.control.gait import best_gait
 from fish_env.lab.geometry import Surface, enclosed_volume, spring_strain, surfaces, tet_strain
 from fish_env.lab.hand import Hand
 from fish_env.lab.settings import checked_choice
-from fish_env.physics.body import scaled, with_rates
+from fish_env.physics.body import scale_body, with_rates
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrators import INTEGRATORS
@@ -95,7 +95,7 @@ def checked_entry(entry: Entry) -> Entry:
 
 def change_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
     """Apply the numbers of the settings to the body of an object, and return the new body."""
-    body = scaled(thing.body, numbers["stiffness"], numbers["damping"], numbers["density"])
+    body = scale_body(thing.body, numbers["stiffness"], numbers["damping"], numbers["density"])
     gas, inner = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64))
     if gas is not None and numbers["pressure"] != 1.0:
         factor = numbers["pressure"]
@@ -216,8 +216,8 @@ class Specimen:
             raise ValueError(
                 f"{self.entry.thing!r} has no layers, whose motion could be carried over; give one that has"
             )
-        other.tank.position[0] = carried_over(before, after, self.position)
-        other.tank.velocity[0] = carried_over(before, after, self.tank.velocity[0])
+        other.tank.position[0] = carry_over(before, after, self.position)
+        other.tank.velocity[0] = carry_over(before, after, self.tank.velocity[0])
         other.tank.time[0] = self.tank.time[0]
         return other
 

@@ -13,14 +13,7 @@ from fish_env.physics import forces
 from fish_env.physics.elements import check_outward
 from fish_env.physics.failures import FAILURES  # noqa: F401 - also importable from here
 from fish_env.physics.linalg import ldlt, rates
-from fish_env.physics.records import (
-    Barriers,
-    Body,
-    Compartments,
-    Faces,
-    Springs,
-    Tets,
-)
+from fish_env.physics.records import Barriers, Body, Compartments, Faces, Springs, Tets
 
 
 @representable("the body")
@@ -140,7 +133,7 @@ def fix_where(body: Body, held: np.ndarray) -> Body:
     return with_rates(body._replace(inverse_mass=inverse, fixed=np.ascontiguousarray(np.argwhere(inverse == 0.0))))
 
 
-def scaled(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
+def scale_body(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
     """Multiply the stiffness and damping of a body's elements and the masses of its nodes by positive factors."""
     tets, compartments, barriers = body.tets, body.compartments, body.barriers
     return body._replace(

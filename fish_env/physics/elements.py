@@ -3,17 +3,14 @@
 Each maker checks its input; its errors name the invalid element.
 """
 
+from collections import Counter
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from fish_env.checks import finite_array, node_array, positive_array, representable
-from fish_env.physics.records import (
-    Barriers,
-    Compartments,
-    Tets,
-)
+from fish_env.physics.records import Barriers, Compartments, Tets
 from fish_env.physics.volume import volume_of
 
 STRAINS = ("corotational", "linear", "green_lagrange")
@@ -154,18 +151,14 @@ def _check_closed(surface, c) -> None:
     if not len(surface):
         raise ValueError(f"compartment {c} has no faces; give a closed surface")
     if surface.shape[1] == 2:
-        starts, ends = np.bincount(surface[:, 0]), np.bincount(surface[:, 1])
-        odd = np.flatnonzero(np.pad(starts, (0, max(0, ends.size - starts.size)))
-                             != np.pad(ends, (0, max(0, starts.size - ends.size))))  # fmt: skip
-        if odd.size:
-            raise ValueError(f"compartment {c} is open at node {odd[0]}; give a closed ring")
+        starts, ends = (np.bincount(column, minlength=surface.max() + 1) for column in surface.T)
+        for node in np.flatnonzero(starts != ends):
+            raise ValueError(f"compartment {c} is open at node {node}; give a closed ring")
         return
-    balance: dict[tuple[int, int], int] = {}
+    balance: Counter[tuple[int, int]] = Counter()
     for face in surface.tolist():
         for a, b in zip(face, face[1:] + face[:1], strict=True):
-            if a != b:
-                key, sign = ((a, b), 1) if a < b else ((b, a), -1)
-                balance[key] = balance.get(key, 0) + sign
+            balance[min(a, b), max(a, b)] += (a < b) - (a > b)
     for edge, count in balance.items():
         if count:
             raise ValueError(f"compartment {c} is open at the edge from node {edge[0]} to {edge[1]}; close its surface")

@@ -100,7 +100,7 @@ def make_failure_codes(names: tuple[str, ...]):
 
     It returns one number per lane: 0, or an index into FAILURES.
     """
-    failed, placed = forces.total(names, "failed"), forces.placed(names)
+    failed, placed = forces.total(names, "failed"), forces.depend_on_position(names)
 
     @part
     def failure_codes(block):
@@ -268,7 +268,7 @@ class Engine:
     def new_block(self, fish_count: int, kind: Kind) -> Pack:
         """Memory with which one thread moves blocks of this number of fish: lanes, caches and scratch memory."""
         fish, world, single = self.tank.fish, self.tank.world, kind.dtype == "float32"
-        body, n, placed = fish.body, len(fish.body.mass), forces.placed(self.names)
+        body, n, placed = fish.body, len(fish.body.mass), forces.depend_on_position(self.names)
         constant = forces.constant_system(body, world)
         return Pack(
             "block", body=packed(body, kind), world=packed(world, kind),

@@ -73,9 +73,7 @@ def check_elements(body: Body) -> None:
         check_numbers("compartments.first", gas.first, (len(gas.gas) + 1,), len(gas.faces) + 1)
         _check_floats("compartments", gas, len(gas.gas), {"gas": (), "ambient": ()})
         if gas.first[0] or gas.first[-1] != len(gas.faces) or (np.diff(gas.first) < 0).any():
-            raise ValueError(
-                f"compartments.first is {gas.first}; give where the faces of each begin, and where all end"
-            )
+            raise ValueError(f"compartments.first is {gas.first}; give where each one's faces begin, and where all end")
 
 
 def check_world(world: World, nodes: int) -> None:
@@ -110,20 +108,14 @@ def check_fish(fish: ElasticObject) -> None:
     check_numbers("drives", fish.drives, (len(fish.fibres), 2), m)
     if not isinstance(fish, Fish):
         return
-    for name, array, shape, below, lowest in (
-        ("sides", fish.sides, (None,), 2, -1),
-        ("segments", fish.segments, (None,), springs, 0),
-        ("nose", fish.nose, (), nodes, 0),
-        ("tail", fish.tail, (None,), nodes, 0),
-        ("left", fish.left, (None,), nodes, 0),
-        ("right", fish.right, np.shape(fish.left), nodes, 0),
-        ("mirror", fish.mirror, (nodes,), nodes, 0),
-    ):
-        check_numbers(name, array, shape, below, lowest)
-    marks = fish.landmarks
-    count = len(marks.node)
-    check_numbers("landmarks.node", marks.node, (count,), nodes)
-    check_numbers("landmarks.faces", marks.faces, (None, 4), count)
-    check_numbers("landmarks.muscles", marks.muscles, (None, 2), count)
-    check_numbers("landmarks.mirror", marks.mirror, (count,), count)
+    marks, count = fish.landmarks, len(fish.landmarks.node)
+    check_numbers("sides", fish.sides, (None,), 2, -1)
+    for name, array, shape, below in (
+        ("segments", fish.segments, (None,), springs), ("nose", fish.nose, (), nodes),
+        ("tail", fish.tail, (None,), nodes), ("left", fish.left, (None,), nodes),
+        ("right", fish.right, np.shape(fish.left), nodes), ("mirror", fish.mirror, (nodes,), nodes),
+        ("landmarks.node", marks.node, (count,), nodes), ("landmarks.faces", marks.faces, (None, 4), count),
+        ("landmarks.muscles", marks.muscles, (None, 2), count), ("landmarks.mirror", marks.mirror, (count,), count),
+    ):  # fmt: skip
+        check_numbers(name, array, shape, below)
     _check_floats("landmarks", marks, count, {"height": (), "mass": ()})

@@ -1,4 +1,4 @@
-"""Bodies at rest: equilibrium under load, small deflections, natural frequencies.
+"""Bodies at rest: equilibrium under load, small deflections, prescribed displacements, natural frequencies.
 
 Equilibrium is found by Newton's method with the exact derivatives of the forces. A step that is too long is halved
 until the simplified step that would follow it, with the same matrix, is shorter: Deuflhard's natural monotonicity test
@@ -7,18 +7,32 @@ iterations, and its axial stiffness is far larger.
 
 A free body keeps its position: steps and deflections contain no free rigid motion. These are translations, and
 rotations if all forces are internal.
+
+Prescribed displacements solve the linear problem about rest, K u = load, with u given on the degrees of freedom c and
+unknown on the others f:
+
+- elimination: K_ff u_f = load_f - K_fc u_c, and the reactions are r_c = K_cf u_f + K_cc u_c - load_c;
+- penalty: P = multiple * largest entry of K is added to the diagonal of c and P u_c to the load. The reactions are
+  r_c = P (u_c - u) = K u - load, with the solution u. The error is proportional to 1 / multiple (Bathe, Finite Element
+  Procedures, ch. 3.4).
+
+For large displacements, fix the nodes (`fish_env.physics.body.fix`), start `equilibrium` with them at their new
+positions, and compute the `reactions` there.
 """
 
 import warnings
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space, orth
-from scipy.sparse import block_array, csr_array, diags_array, eye_array
+from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from fish_env.checks import finite_array, is_whole
+from fish_env.checks import finite_array, is_whole, positive_array
+from fish_env.physics.body import node_numbers
+from fish_env.physics.conditions import METHODS, PENALTY, vectors_along
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.forces.sparse import tangent
@@ -34,8 +48,8 @@ SINGULAR = 1e-14  # smallest pivot over the largest
 UNSTABLE = 1e-10  # times the highest rate: less is rounding
 SHIFT = 1e-7  # times the highest rate: at a hundredth of it, rounding errors of a solve mix neighbouring modes
 SLACK = 1e-12  # times the largest stiffness, for motions without stiffness and without force
-SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
-LOOSE = "the stiffness does not resist every motion; fix or anchor more nodes, or start from another place"
+SYMMETRIC: dict[str, Any] = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
+UNRESISTED = "the stiffness does not resist every motion; fix or anchor more nodes, or start from another place"
 ADVICE = "apply the load in smaller steps, each started from the last; fix or anchor a body that its load would move"
 
 
@@ -66,15 +80,11 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         raise ValueError("the world has walls, which stop motion; fix the nodes that rest on them instead (body.fix)")
     if not tolerance > 0:
         raise ValueError(f"tolerance is {tolerance!r}; give a positive number")
-    n = len(body.mass)
-    rest = body.springs.rest_length if rest_length is None else rest_length
-    rest = finite_array(rest, body.springs.rest_length.shape, "rest_length (m)")
-    x = finite_array(body.position if start is None else start, (n, 3), "start (m)")
+    rest = _given(rest_length, body.springs.rest_length, "rest_length (m)")
+    x = _given(start, body.position, "start (m)")
     internal = load is None and _still(world) and (world.gravity is None or not world.gravity.any())
-    load = np.zeros((n, 3)) if load is None else finite_array(load, (n, 3), "load (N)")
-    free = _free(body)
-
-    evaluator, still = Evaluator(body, world), np.zeros((n, 3))
+    free, still, evaluator = _free(body), np.zeros_like(x), Evaluator(body, world)
+    load = _given(load, still, "load (N)")
 
     def force(x):
         if ESCAPED in evaluator.failures(rest, x):  # beyond a barrier nothing pushes back
@@ -131,6 +141,90 @@ def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
     return displacement.reshape(x.shape)
 
 
+def prescribed_displacement(
+    body: Body, nodes, displacement, load=None, world: World = VACUUM, method="elimination", multiple=PENALTY
+) -> tuple[np.ndarray, np.ndarray]:
+    """Small displacements (N,3) m of a body at rest with some nodes displaced, and the reactions (N,3) N.
+
+    The reactions are the forces on the displaced nodes and on the fixed degrees of freedom; zero on all other nodes.
+
+    Args:
+        body: any body; its fixed degrees of freedom are not displaced.
+        nodes: the displaced nodes, as numbers (K,) or a boolean mask (N,).
+        displacement: m, (3,) for all of them, or (K,3), one each.
+        load: further forces, (N,3) N.
+        world: its anchors and current add to the stiffness.
+        method: "elimination" or "penalty".
+        multiple: ratio of the penalty to the largest entry of the stiffness matrix.
+
+    Raises:
+        ValueError: for a missing node, an array of another shape or not finite, another method, a multiple that is not
+            positive, or a node that the body fixes and the displacement moves.
+        NoEquilibrium: if the stiffness does not resist every motion.
+    """
+    check_problem(body, world)
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
+    multiple = float(positive_array(multiple, (), "multiple"))
+    nodes, shape, own = node_numbers(body, nodes), body.position.shape, body.inverse_mass == 0.0
+    wanted, displaced, every = np.zeros(shape), np.zeros(shape, dtype=bool), np.ones(3, dtype=bool)
+    wanted[nodes], displaced[nodes] = vectors_along(displacement, nodes, every, "displacement", "it", "m"), True
+    load = _given(load, np.zeros(shape), "load (N)")
+    if (clash := abs(wanted[own])).any():
+        raise ValueError(f"the body fixes degrees of freedom that are to move by up to {clash.max():g} m; free them")
+    matrix = csc_array(tangent(body, world, body.springs.rest_length, body.position))
+    if method == "elimination":
+        return _eliminate(matrix, wanted, load, own | displaced)
+    penalty = multiple * abs(matrix).max() * (displaced & ~own)
+    stiffer = csc_array(matrix + diags_array(penalty.ravel()))
+    found, _ = _eliminate(stiffer, np.zeros(shape), load + penalty * wanted, own)
+    bearing = (matrix @ found.ravel()).reshape(shape) - load  # P (u_c - u) is the same, with more rounding
+    return found, np.where(own | displaced, bearing, 0.0)
+
+
+def _eliminate(matrix: csc_array, given, load, held) -> tuple[np.ndarray, np.ndarray]:
+    """Solve for displacements (N,3), given those of the mask `held` (N,3); return them and the reactions on `held`."""
+    found, free, fixed = given.copy().ravel(), np.flatnonzero(~held.ravel()), np.flatnonzero(held.ravel())
+    rows = matrix.tocsr()
+    force = load.ravel() - rows @ found
+    inner = rows[free][:, free]
+    size = np.sqrt(np.abs(inner.diagonal()))  # scaling that makes penalties no larger than other entries
+    if not size.all():
+        raise NoEquilibrium(UNRESISTED)
+    scale = diags_array(1.0 / size)
+    try:
+        factors = splu(csc_array(scale @ inner @ scale), **SYMMETRIC)
+    except RuntimeError as error:
+        raise NoEquilibrium(UNRESISTED) from error
+    pivots = np.abs(factors.U.diagonal())
+    if not pivots.min() > SINGULAR * pivots.max():
+        raise NoEquilibrium(UNRESISTED)
+    found[free] = factors.solve(force[free] / size) / size
+    bearing = np.zeros(found.size)
+    bearing[fixed] = (rows @ found - load.ravel())[fixed]
+    return found.reshape(given.shape), bearing.reshape(given.shape)
+
+
+def reactions(body: Body, position, world: World = VACUUM, rest_length=None, load=None) -> np.ndarray:
+    """Reactions (N,3) N on the fixed degrees of freedom of a body at rest at positions (N,3) m; zero on free ones.
+
+    Args:
+        body: any body.
+        position: for example the result of `equilibrium`.
+        world: gravity, current and anchors act; walls do not.
+        rest_length: of the springs, (E,) m; None takes the body's.
+        load: further forces, (N,3) N.
+
+    Raises:
+        ValueError: for an array of another shape, or not finite.
+    """
+    check_problem(body, world)
+    still, rest = np.zeros(body.position.shape), _given(rest_length, body.springs.rest_length, "rest_length (m)")
+    x, load = finite_array(position, still.shape, "position (m)"), _given(load, still, "load (N)")
+    force = Evaluator(body, world._replace(planes=None)).force(rest, x, still) + load
+    return np.where(body.inverse_mass == 0.0, -force, 0.0)
+
+
 def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, position=None):
     """Lowest natural frequencies (count,) Hz and mode shapes (count,N,3), 1/sqrt(kg); rigid motions come first.
 
@@ -152,9 +246,8 @@ def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, posit
     free = _free(body)
     if not (is_whole(count) and 1 <= count <= free.size):
         raise ValueError(f"count is {count!r}; give a whole number from 1 to {free.size}")
-    x = body.position if position is None else finite_array(position, body.position.shape, "position (m)")
-    rest = body.springs.rest_length if rest_length is None else rest_length
-    matrix = tangent(body, world, finite_array(rest, body.springs.rest_length.shape, "rest_length (m)"), x)
+    x, rest = _given(position, body.position, "position (m)"), body.springs.rest_length
+    matrix = tangent(body, world, _given(rest_length, rest, "rest_length (m)"), x)
     root = np.sqrt(body.inverse_mass).ravel()[free]
     squares, shapes = _lowest(matrix, free, root, count)
     if squares[0] < -UNSTABLE * body.max_stiffness_eigenvalue:
@@ -225,12 +318,17 @@ def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
         try:
             factors = splu(system.tocsc(), **SYMMETRIC)
         except RuntimeError as error:
-            raise NoEquilibrium(LOOSE) from error
+            raise NoEquilibrium(UNRESISTED) from error
         pivots, solve = factors.U.diagonal(), factors.solve
     if not np.abs(pivots).min() > SINGULAR * np.abs(pivots).max():
-        raise NoEquilibrium(LOOSE)
+        raise NoEquilibrium(UNRESISTED)
     padding = np.zeros(border)
     return lambda f: solve(np.concatenate([f, padding]))[:size]
+
+
+def _given(value, default: np.ndarray, name: str) -> np.ndarray:
+    """Array of the shape of the default, which None stands for; ValueError for another shape, or not finite."""
+    return finite_array(default if value is None else value, default.shape, name)
 
 
 def _still(world: World) -> bool:

@@ -8,23 +8,13 @@ from typing import Any, Generic
 
 import numpy as np
 
-from fish_env.checks import Settled, finite_array, fits_memory, frozen, is_whole, own
+from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, is_whole, own
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.kernels.threads import Threads
 from fish_env.physics import forces
+from fish_env.physics import tank_options as options
 from fish_env.physics.body import chosen_axes, fix_where, node_numbers
-from fish_env.physics.conditions import (
-    METHODS,
-    Conditions,
-    alike,
-    carried,
-    make_penalty,
-    moved,
-    no_conditions,
-    released,
-    set_out,
-    too_stiff,
-)
+from fish_env.physics.conditions import METHODS, Conditions, make_penalty, same_springs, too_stiff
 from fish_env.physics.engine import Engine
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import Elastic, Fish
@@ -33,29 +23,12 @@ from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrity import check_numbers
 from fish_env.physics.muscles import command_all
 from fish_env.physics.records import COUNTERS, Anchors, Control, State, World
-from fish_env.physics.tank_options import (
-    available_processors,
-    bytes_of,
-    check_scene,
-    checked_action,
-    checked_command,
-    checked_count,
-    checked_state,
-    checked_steps,
-    checked_variation,
-    chosen_nodes,
-    kind_for,
-    method_for,
-    refused,
-    varied,
-    whole_steps,
-)
-from fish_env.physics.world import VACUUM, joined, make_anchors
+from fish_env.physics.world import VACUUM, make_anchors
 
 FISH_PER_THREAD = 16  # with fewer, a thread costs more than it saves
 
 
-class Tank(Settled, Generic[Elastic]):
+class Tank(ReadOnly, Generic[Elastic]):
     """B fish of one kind, without interaction, in the same water, advanced by one integrator.
 
     `fish` and `world` of a tank are its own, read-only copies, because kernels read them without checks.
@@ -81,30 +54,26 @@ class Tank(Settled, Generic[Elastic]):
             unsupported dtype, lanes or refine.
     """
 
-    SETTLED = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
-               "natural", "span", "effort", "variation", "pack")  # fmt: skip
+    READ_ONLY = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
+                 "natural", "span", "effort", "variation", "pack")  # fmt: skip
     pack: Pack
 
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
                  water: World | None = None, threads: int | None = None, dtype: str = "float64",
                  lanes: str | int | None = None, refine: float | None = None):  # fmt: skip
-        self.integrator, self.dt, self.refine = method_for(fish, integrator, dt, refine)
-        self.num_fish = checked_count(num_fish, "num_fish")
-        self.threads = available_processors() if threads is None else checked_count(threads, "threads")
-        check_scene(fish, water, self.integrator)
-        fits_memory(self.num_fish, bytes_of(fish.body), "num_fish")
+        self.integrator, self.dt, self.refine = options.method_for(fish, integrator, dt, refine)
+        self.num_fish = options.checked_count(num_fish, "num_fish")
+        self.threads = options.available_processors() if threads is None else options.checked_count(threads, "threads")
+        options.check_scene(fish, water, self.integrator)
+        fits_memory(self.num_fish, options.bytes_of(fish.body), "num_fish")
         fish, self.world = frozen(copy.deepcopy((fish, VACUUM if water is None else water)))
-        self.fish, self._own, self._conditions = fish, fish.body, no_conditions(fish.body, self.world)
-        body, b = fish.body, self.num_fish
-        self.kind = kind_for(b, dtype, lanes)
+        self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
+        free, still = np.zeros(body.position.shape, dtype=bool), np.zeros(body.position.shape)
+        self._conditions = Conditions(free, still, None, self.world.anchors)
+        self.kind = options.kind_for(b, dtype, lanes)
         """Number of fish that the kernels process at once, and their precision."""
-        self.state = State(
-            np.repeat(body.position[None], b, axis=0),
-            np.zeros((b, body.mass.size, 3)),
-            np.zeros(b),
-            np.zeros(b, dtype=np.int64),
-            np.zeros((b, len(COUNTERS)), dtype=np.int64),
-        )
+        position, counts = np.repeat(body.position[None], b, axis=0), np.zeros((b, len(COUNTERS)), dtype=np.int64)
+        self.state = State(position, np.zeros_like(position), np.zeros(b), np.zeros(b, dtype=np.int64), counts)
         springs = body.springs.rest_length
         self.control = Control(np.repeat(springs[None], b, axis=0), np.zeros((b, springs.size)))
         self.natural = springs[fish.muscles]
@@ -123,7 +92,7 @@ class Tank(Settled, Generic[Elastic]):
 
     def _compile(self) -> None:
         """Make the pack of arrays for kernels, and the engine if the method has one."""
-        self._settle_anew(pack=self._describe())
+        self._set_read_only(pack=self._describe())
         self._engine = None if self.integrator.method is None else Engine(self)
 
     def _describe(self) -> Pack:
@@ -138,9 +107,7 @@ class Tank(Settled, Generic[Elastic]):
             }  # fmt: skip
         fibres, drives, natural, span = self._fibres
         fields |= {"muscles": fish.muscles, "fibres": fibres, "drives": drives, "spring_nodes": springs.nodes}
-        named = {
-            name: frozen(np.array(each)) if isinstance(each, np.ndarray) else each for name, each in fields.items()
-        }
+        own = {key: frozen(np.array(each)) if isinstance(each, np.ndarray) else each for key, each in fields.items()}
         return Pack(  # kernels do not check the indices in these arrays
             "tank",
             x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
@@ -149,7 +116,7 @@ class Tank(Settled, Generic[Elastic]):
             rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
             contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
             natural=self.natural, span=self.span, fibre_natural=natural, fibre_span=span,
-            spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **named,
+            spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **own,
         )  # fmt: skip
 
     def __getstate__(self):
@@ -202,11 +169,11 @@ class Tank(Settled, Generic[Elastic]):
         return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
 
     def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0)) -> None:
-        """Set the factors and the current of fish i; without arguments, restore their defaults.
+        """Set the factors and the current of fish i, 0 to B - 1; without arguments, restore their defaults.
 
         Args:
-            i: number of the fish, 0 to B - 1.
-            stiffness: factor on the stiffness and the damping of its springs, 1e-9 to 1e9.
+            i: number of the fish.
+            stiffness: factor on the stiffness and the damping of its elements, 1e-9 to 1e9.
             mass: factor on its mass, 1e-9 to 1e9.
             drag: factor on the force of the water, 0 to 1e9.
             current: velocity of its water relative to that of the tank's, (3,) m/s.
@@ -216,7 +183,7 @@ class Tank(Settled, Generic[Elastic]):
         """
         if not (is_whole(i) and 0 <= i < self.num_fish):
             raise ValueError(f"fish is {i!r}; give a whole number from 0 to {self.num_fish - 1}")
-        self._set_variation(int(i), checked_variation(stiffness, mass, drag, current))
+        self._set_variation(int(i), options.checked_variation(stiffness, mass, drag, current))
 
     def _set_variation(self, i: int, row: np.ndarray) -> None:
         self.variation[i] = row
@@ -225,13 +192,12 @@ class Tank(Settled, Generic[Elastic]):
 
     def advance(self, steps: int) -> None:
         """Advance by `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
-        self._run(checked_steps(steps))
+        self._run(options.checked_steps(steps))
 
     def swim(self, action, duration: float) -> None:
-        """Move the muscles' rest lengths towards a command at a limited rate, and advance.
+        """Move the muscles' rest lengths linearly towards a command within a duration, s, and advance by it.
 
-        A rest length moves linearly over the whole duration and reaches its target at the end, or moves as far as
-        `fish.contraction_time` allows. It never jumps.
+        They reach their targets at the end, or move as far as `fish.contraction_time` allows.
 
         Args:
             action: (B,M), or (M,) for all fish, in [-1, 1]: -1 natural length, 1 full contraction.
@@ -240,26 +206,23 @@ class Tank(Settled, Generic[Elastic]):
         Raises:
             ValueError: for an action of another shape, not finite or outside [-1, 1], or an invalid duration.
         """
-        steps = whole_steps(duration, self.dt, "duration")
+        steps = options.whole_steps(duration, self.dt, "duration")
         if not self.fish.num_muscles:
             raise ValueError(f"{self.fish.name!r} has no muscles to command; use advance")
-        action = checked_action(action, (self.num_fish, self.fish.num_muscles))
+        action = options.checked_action(action, (self.num_fish, self.fish.num_muscles))
         self.drive(0.5 * (action + 1.0), steps)
 
     def drive(self, contraction: np.ndarray, steps: int) -> None:
         """Swim for contractions (B,M) in [0, 1], for at least one step of dt; ValueError as in `swim`."""
-        self.command(contraction, checked_steps(steps) * self.dt)
+        self.command(contraction, options.checked_steps(steps) * self.dt)
         self._run(steps)
 
     def command(self, contraction: np.ndarray, duration: float) -> None:
-        """Set the rates of the muscles' rest lengths for a contraction (B,M) in [0, 1] within `duration` s.
+        """Set the rates of the muscles' rest lengths for contractions (B,M) in [0, 1] within `duration` s.
 
-        The bodies do not move yet.
-
-        Raises:
-            ValueError: for contractions of another shape or outside [0, 1], or a duration that is not positive.
+        The bodies do not move yet. Invalid contractions or durations raise ValueError.
         """
-        command_all(self.pack, *checked_command(contraction, duration, (self.num_fish, self.fish.num_muscles)))
+        command_all(self.pack, *options.checked_command(contraction, duration, (self.num_fish, self.fish.num_muscles)))
 
     def _run(self, steps: int) -> None:
         if not self._conditions.motions:
@@ -267,9 +230,8 @@ class Tank(Settled, Generic[Elastic]):
             return
         rate = self.control.rate.copy()
         for _ in range(steps):
-            self._conditions = set_out(self._conditions, self.dt)
-            if self._conditions.penalties is not None:
-                self._place(joined(self._conditions.drag, self._conditions.penalties))
+            self._conditions = self._conditions.begin_step(self.dt)
+            self._update_anchors()
             alive = self.alive
             self.control.rate[alive] = rate[alive]  # a run sets these rates to zero
             self._run_evenly(1)
@@ -280,11 +242,13 @@ class Tank(Settled, Generic[Elastic]):
         if self._engine is None:
             assert self.integrator.advance is not None  # a method without an engine has `advance`
             for i in range(self.num_fish):
-                body, world = varied(self.fish.body, self.world, self.variation[i])
+                body, world = options.apply_variation(self.fish.body, self.world, self.variation[i])
                 self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
         else:
             self.share_out(self._engine.advance, steps)
-        self._carry(steps * self.dt)
+        if self.world.anchors is not None and self.world.anchors.velocity.any():
+            self._conditions = self._conditions.move_anchors(steps * self.dt)
+            self._update_anchors()
 
     def share_out(self, work: Callable, *args) -> None:
         """Call `work(chunk, first, last, *args)` for every chunk of the fish, in threads if there are several."""
@@ -302,7 +266,7 @@ class Tank(Settled, Generic[Elastic]):
     def reset(self, mask=None) -> None:
         """Reset the fish (those of the boolean mask (B,), or all) to rest, relaxed, at time zero.
 
-        Settings of `vary`, `grab`, `fix` and `move` remain, also the target points of penalties and of the drag spring.
+        Settings of `vary`, `grab`, `fix` and `move` remain, also the points of penalties and of the drag spring.
         """
         which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
         if which.dtype != bool or which.shape != (self.num_fish,):
@@ -328,15 +292,13 @@ class Tank(Settled, Generic[Elastic]):
         return {name: array.copy() for name, array in named.items()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Restore a state that `get_state` returned. Boundary conditions (`grab`, `fix`, `move`) are unchanged.
-
-        Nodes that are fixed by elimination get the present prescribed velocity; penalties keep their present points.
+        """Restore a state that `get_state` returned, under the present boundary conditions (`grab`, `fix`, `move`).
 
         Raises:
             ValueError: if a part is missing, unknown, of another shape or not finite; the tank is then unchanged.
         """
         target = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
-        checked = checked_state(state, target)
+        checked = options.checked_state(state, target)
         for name, array in target.items():
             array[...] = checked[name]
         for i, row in enumerate(checked["variation"]):
@@ -345,48 +307,44 @@ class Tank(Settled, Generic[Elastic]):
 
     def nearest(self, point, nodes=None, i=0) -> int:
         """Node of body i nearest to a point (3,) m, among `nodes` (numbers) or all; ValueError for a missing one."""
-        which = chosen_nodes(nodes, i, self.state.x.shape)
+        bodies, count, _ = self.state.x.shape
+        check_numbers("i", i, (), bodies)
+        which = np.arange(count) if nodes is None else np.asarray(nodes)
+        if not which.size:
+            raise ValueError("nodes is empty; give the numbers of some nodes, or None for all")
+        check_numbers("nodes", which, (None,), count)
         away = self.state.x[i, which] - finite_array(point, (3,), "point (m)")
         return int(which[np.argmin((away**2).sum(axis=1))])
 
     def grab(self, node: int, point, stiffness: float, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> None:
         """Pull a node of every body by a drag spring to a point (3,) m; it replaces any previous one (`make_anchors`).
 
-        The point moves at `velocity` (3,) m/s, and the damping of the spring acts on the difference between the node's
-        velocity and it. With a velocity, the point does its work continuously. A point that is set to a new position
-        before every call jumps, and stretches the spring at once.
-
-        Raises:
-            ValueError: for a missing node or an invalid number.
+        The point moves at `velocity` (3,) m/s, and the damping acts on the node's velocity relative to it. A point that
+        is set to a new position before every call jumps instead, and stretches the spring at once. A missing node or an
+        invalid number raises ValueError.
         """
         if not (is_whole(node) and 0 <= node < self.state.x.shape[1]):
             raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
         self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length, velocity))
 
+    def _set_anchors(self, anchors: Anchors | None) -> None:
+        self._apply(self._conditions._replace(drag=anchors))
+
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
-        """Fix nodes of every body at their present positions until `release`; the rest of the state is unchanged.
+        """Fix nodes of every body at their present positions until `release`: `move` with zero velocity.
 
-        It replaces previous conditions of these nodes, and sets their velocity along these axes to zero. By
-        elimination, the positions are constant exactly. By penalty, a stiff, damped spring (`make_penalty`) draws each
-        node back: it deviates a little, and explicit methods need short steps.
-
-        Args:
-            nodes: node numbers, or a boolean mask (N,).
-            axes: any of "x", "y" and "z"; by penalty all three.
-            method: "elimination" or "penalty".
-
-        Raises:
-            ValueError: for a missing node, another axis or method, if no degree of freedom would remain, or if the
-                tank's integrator does not support the condition, with the reason; the tank is then unchanged.
+        By elimination, the positions are constant exactly. By penalty, a stiff, damped spring (`make_penalty`) draws
+        each node back: it deviates a little, and explicit methods need short steps.
         """
         self.move(nodes, np.zeros(3), axes, method)
 
     def move(self, nodes, along, axes: str = "xyz", method: str = "elimination") -> None:
-        """Prescribe the motion of nodes of every body, until `fix`, `release` or another `move`; otherwise like `fix`.
+        """Prescribe the motion of nodes of every body, until `fix`, `release` or another `move`.
 
-        A node gets its velocity at once, whatever its inertia. A function is called before every step of dt for the
-        displacement at its end, and the node moves there at constant velocity. So it is on its path at the end of every
-        step. A body that is reset continues from its rest position, by the rest of the displacement.
+        It replaces previous conditions of these nodes; the rest of the state is unchanged. A node gets its velocity at
+        once, whatever its inertia. A function is called before every step of dt for the displacement at its end, and
+        the node moves there at constant velocity. So it is on its path at the end of every step. A body that is reset
+        continues from its rest position, by the rest of the displacement.
 
         Args:
             nodes: node numbers (K,), or a boolean mask (N,).
@@ -397,40 +355,43 @@ class Tank(Settled, Generic[Elastic]):
             method: "elimination" or "penalty".
 
         Raises:
-            ValueError: as `fix`, and for velocities or displacements of another shape, not finite, or along a free
-                axis. `advance` raises it for a displacement that a function returns later; the bodies have then moved
-                up to that time.
+            ValueError: for a missing node, another axis or method, an invalid velocity or displacement, if no degree of
+                freedom would remain, or if the tank's integrator does not support the condition; the tank is then
+                unchanged. `advance` raises it for a displacement that a function returns later; the bodies have then
+                moved up to that time.
         """
         if method not in METHODS:
             raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
         nodes, chosen = node_numbers(self._own, nodes), chosen_axes(axes)
-        if method == "penalty" and not chosen.all():
-            raise ValueError(f"a penalty holds a node along all axes, not along {axes!r} only; use elimination")
-        penalty = make_penalty(self._own, nodes, self._common_place(nodes)) if method == "penalty" else None
-        self._apply(moved(self._conditions, nodes, chosen, along, penalty))
+        penalty, places = None, self.state.x[:, nodes]
+        if method == "penalty":
+            if not chosen.all():
+                raise ValueError(f"a penalty holds a node along all axes, not along {axes!r} only; use elimination")
+            if (places != places[0]).any():
+                raise ValueError(
+                    "the nodes of the bodies of this tank are in different places, and a penalty draws all to the "
+                    "same; use elimination, or a tank of one body"
+                )
+            penalty = make_penalty(self._own, nodes, places[0])
+        self._apply(self._conditions.with_motion(nodes, chosen, along, penalty))
 
     def release(self, nodes=None) -> None:
-        """Release the drag spring of `grab`; or release nodes from `grab`, `fix` and `move`.
+        """Release the drag spring of `grab` (None); or nodes, numbers or a mask (N,), from `grab`, `fix` and `move`.
 
-        They keep their present velocity. Degrees of freedom that `fish_env.physics.body.fix` fixes remain fixed.
-
-        Args:
-            nodes: node numbers, or a boolean mask (N,); None for the drag spring only.
-
-        Raises:
-            ValueError: for a missing node.
+        They keep their present velocity. Degrees of freedom that `fish_env.physics.body.fix` fixes remain fixed. A
+        missing node raises ValueError.
         """
         if nodes is None:
             self._set_anchors(None)
         else:
-            self._apply(released(self._conditions, node_numbers(self._own, nodes)))
+            self._apply(self._conditions.without(node_numbers(self._own, nodes)))
 
     @property
     def conditioned(self) -> bool:
         """True if a node is fixed by elimination or an anchor moves; `advance` updates both."""
         anchors, conditions = self.world.anchors, self._conditions
-        moving = bool(conditions.motions) or (anchors is not None and bool(anchors.velocity.any()))
-        return moving or bool(conditions.held.any())
+        moving = anchors is not None and anchors.velocity.any()
+        return bool(conditions.motions or moving or conditions.held.any())
 
     @property
     def fixed(self) -> np.ndarray:
@@ -452,7 +413,9 @@ class Tank(Settled, Generic[Elastic]):
         bearing, rest = body.inverse_mass == 0.0, self.control.rest_length
         if bearing.any():
             for i, row in enumerate(self.variation):
-                force = Evaluator(*varied(body, world, row), names).force(rest[i], self.state.x[i], self.state.v[i])
+                force = Evaluator(*options.apply_variation(body, world, row), names).force(
+                    rest[i], self.state.x[i], self.state.v[i]
+                )
                 found[i][bearing] = -force[bearing]
         pulling = self._conditions.penalties
         if pulling is not None:
@@ -460,33 +423,20 @@ class Tank(Settled, Generic[Elastic]):
             found[:, i] += c * (pulling.point - self.state.x[:, i]) + k * (pulling.velocity - self.state.v[:, i])
         return found
 
-    def _common_place(self, nodes) -> np.ndarray:
-        """Positions (K,3) m of the nodes (K,), which must be the same in all bodies; ValueError otherwise."""
-        places = self.state.x[:, nodes]
-        if (places != places[0]).any():
-            raise ValueError(
-                "the nodes of the bodies of this tank are in different places, and a penalty draws all to the same; "
-                "use elimination, or a tank of one body"
-            )
-        return places[0]
-
-    def _set_anchors(self, anchors: Anchors | None) -> None:
-        self._apply(self._conditions._replace(drag=anchors))
-
     def _apply(self, new: Conditions) -> None:
         """Apply these conditions from now on; raise ValueError if the method does not support them."""
-        was, before = self._conditions, self.fish.body
-        same = np.array_equal(new.held, was.held)
-        body = before if same else fix_where(self._own, new.held) if new.held.any() else self._own
-        world = self.world._replace(anchors=joined(new.drag, new.penalties))
+        same, body = np.array_equal(new.held, self._conditions.held), self.fish.body
+        if not same:
+            body = fix_where(self._own, new.held) if new.held.any() else self._own
+        world = self.world._replace(anchors=new.anchors)
         reason = self.integrator.refuses(body, world) or (
             new.penalties and too_stiff(body, world, self.integrator, self.dt)
         )
         if reason:
-            raise refused(self.fish, self.integrator, reason)
-        follows = same and alike(self.world.anchors, world.anchors)
+            raise options.integrator_error(self.fish, self.integrator, reason)
+        follows = same and same_springs(self.world.anchors, world.anchors)
         fish = self.fish if same else frozen(replace(self.fish, body=body))
-        self._settle_anew(fish=fish, world=frozen(world))
+        self._set_read_only(fish=fish, world=frozen(world))
         self._conditions = new
         if self._engine is not None and not follows:
             self._engine = Engine(self)
@@ -501,15 +451,10 @@ class Tank(Settled, Generic[Elastic]):
             alive = self.state.failure == 0
             self.state.v[:] = np.where(held & alive[:, None, None], self._conditions.velocity, self.state.v)
 
-    def _carry(self, duration: float) -> None:
-        """Move the points of moving anchors on by the elapsed time."""
-        if self.world.anchors is not None and self.world.anchors.velocity.any():
-            drag, penalties = (carried(part, duration) for part in (self._conditions.drag, self._conditions.penalties))
-            self._conditions = self._conditions._replace(drag=drag, penalties=penalties)
-            self._place(joined(drag, penalties))
-
-    def _place(self, anchors: Anchors | None) -> None:
-        """Update the positions and velocities of the anchors, which stay the same otherwise."""
-        self._settle_anew(world=frozen(self.world._replace(anchors=anchors)))
-        if self._engine is not None and anchors is not None:
-            self._engine.update_anchors(anchors)
+    def _update_anchors(self) -> None:
+        """Copy the points and velocities of the anchors, which stay the same otherwise, to the world and the engine."""
+        anchors = self._conditions.anchors
+        if anchors is not None:
+            self._set_read_only(world=frozen(self.world._replace(anchors=anchors)))
+            if self._engine is not None:
+                self._engine.update_anchors(anchors)

@@ -8,11 +8,11 @@ import numpy as np
 
 from fish_env.checks import as_floats, finite_array, is_whole, positive_array, real
 from fish_env.kernels.simd import LANES, SUPPORTED, Kind
-from fish_env.physics.body import scaled
+from fish_env.physics.body import scale_body
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.integrators import INTEGRATORS, Integrator
-from fish_env.physics.integrity import check_fish, check_numbers, check_world
+from fish_env.physics.integrity import check_fish, check_world
 from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
 
@@ -26,11 +26,7 @@ NOT_FOR_TANKS = {"dual": "moves nothing", "thread": "is for the threads of a GPU
 
 
 def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple[Integrator, float, float]:
-    """Integrator of a fish, its step in seconds, and the strain in a step above which it is refined.
-
-    Raises:
-        ValueError: for another type than a fish, an unknown method, or an invalid or unsupported step or `refine`.
-    """
+    """Integrator of a fish, its step, s, and the strain in a step above which it is refined; ValueError if invalid."""
     if not isinstance(fish, ElasticObject):
         raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
     integrator = fish.integrator if integrator is None else integrator
@@ -65,10 +61,10 @@ def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator
     check_world(world, fish.body.mass.size)
     reason = integrator.refuses(fish.body, world)
     if reason:
-        raise refused(fish, integrator, reason)
+        raise integrator_error(fish, integrator, reason)
 
 
-def refused(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
+def integrator_error(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
     """Error to raise if a method cannot move a fish in its world."""
     return ValueError(f"{integrator.name!r} cannot move {fish.name!r} here: {reason}; choose another integrator")
 
@@ -106,49 +102,31 @@ def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.n
     return found, real(duration)
 
 
-def chosen_nodes(nodes, i, shape: tuple[int, ...]) -> np.ndarray:
-    """Node numbers of body i, all of them for None; ValueError if they are empty or a node or body is missing."""
-    bodies, count, _ = shape
-    check_numbers("i", i, (), bodies)
-    which = np.arange(count) if nodes is None else np.asarray(nodes)
-    if not which.size:
-        raise ValueError("nodes is empty; give the numbers of some nodes, or None for all")
-    check_numbers("nodes", which, (None,), count)
-    return which
-
-
 def bytes_of(body: Body) -> int:
     """Approximate memory of one fish of a tank, in bytes, including one copy of its state."""
     return 8 * (12 * body.mass.size + 3 * body.springs.stiffness.size + 40)
 
 
 def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
-    """Kind of kernel for a number of fish: the coordinates of one in a register, or a cache line of fish.
-
-    Raises:
-        ValueError: for an unsupported precision or number of lanes.
-    """
+    """Kind of kernel for a number of fish; ValueError for an unsupported precision or number of lanes."""
     if isinstance(lanes, np.integer):
         lanes = int(lanes)
+    choice = ", ".join(map(repr, LANES))
     if not isinstance(lanes, str | int | None) or not isinstance(dtype, str):
-        raise ValueError(
-            f"lanes is {lanes!r} and dtype {dtype!r}; choose from {', '.join(map(repr, LANES))} and from 'float64', "
-            "'float32'"
-        )
+        raise ValueError(f"lanes is {lanes!r} and dtype {dtype!r}; choose from {choice} and from 'float64', 'float32'")
     if lanes is None:
         many = 16 if dtype == "float32" else 8
         lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
     kind = Kind(lanes, dtype)
     if lanes in NOT_FOR_TANKS:
-        reason = NOT_FOR_TANKS[str(lanes)]
-        raise ValueError(f"lanes is {lanes!r}, which {reason}; choose from {', '.join(map(repr, LANES))}")
+        raise ValueError(f"lanes is {lanes!r}, which {NOT_FOR_TANKS[str(lanes)]}; choose from {choice}")
     return kind
 
 
-def varied(body: Body, world: World, row) -> tuple[Body, World]:
+def apply_variation(body: Body, world: World, row) -> tuple[Body, World]:
     """Apply the factors and the current of a row of `Tank.variation` to a body and its world."""
     stiffness, mass, drag = (float(factor) for factor in row[:3])
-    return scaled(body, stiffness, stiffness, mass), world._replace(
+    return scale_body(body, stiffness, stiffness, mass), world._replace(
         linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
     )
 
@@ -157,20 +135,14 @@ PART = 0.5  # ratio of the default step to the largest stable step
 
 
 def own_step(fish: ElasticObject, integrator: Integrator) -> float:
-    """Default step of a fish, s.
-
-    Raises:
-        ValueError: for a method that has no stable step on this body.
-    """
+    """Default step of a fish, s; ValueError for a method that has no stable step on this body."""
     if integrator.name == fish.integrator:
         return fish.time_step
     limit = integrator.limit(fish.body)
     if not limit > 0:
         others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.limit(fish.body) > 0)
-        raise ValueError(
-            f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped; "
-            f"choose from {others}"
-        )
+        what = f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped"
+        raise ValueError(f"{what}; choose from {others}")
     return fish.control_interval / max(1, math.ceil(fish.control_interval / (PART * limit)))
 
 
@@ -193,11 +165,7 @@ def whole_steps(duration: float, dt: float, name: str) -> int:
 
 
 def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Check the arrays of a state that replaces those of `target`, and return them.
-
-    Raises:
-        ValueError: if a part is missing, unknown, of another shape, not finite or out of range.
-    """
+    """Return the arrays of a state that replace those of `target`; ValueError if one is missing or invalid."""
     if not isinstance(state, Mapping) or set(state) != set(target):
         held = sorted(map(str, state)) if isinstance(state, Mapping) else repr(state)
         raise ValueError(f"state holds {held}; give {sorted(target)}, as get_state returns them")
@@ -215,11 +183,9 @@ def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.nd
 
 def checked_variation(stiffness, mass, drag, current) -> np.ndarray:
     """Row (6,) of `Tank.variation`; ValueError for invalid values."""
-    row = np.concatenate([
-        positive_array([stiffness, mass], (2,), "factors on stiffness and mass"),
-        positive_array([drag], (1,), "factor on drag", zero=True),
-        finite_array(current, (3,), "current (m/s)"),
-    ])  # fmt: skip
+    factors = positive_array([stiffness, mass], (2,), "factors on stiffness and mass")
+    drag = positive_array([drag], (1,), "factor on drag", zero=True)
+    row = np.concatenate([factors, drag, finite_array(current, (3,), "current (m/s)")])
     low, high = FACTORS
     if not (row[:2].min() >= low and row[:3].max() <= high):
         raise ValueError(f"factors on stiffness, mass and drag are {row[:3]}; give numbers from {low:g} to {high:g}")

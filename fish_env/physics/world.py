@@ -6,10 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fish_env.checks import finite_array, frozen, node_array, positive_array, real, representable
-from fish_env.physics.records import (
-    Anchors,
-    World,
-)
+from fish_env.physics.records import Anchors, World
 
 VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
 
@@ -107,7 +104,7 @@ def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=
     )
 
 
-def joined(one: Anchors | None, other: Anchors | None) -> Anchors | None:
+def join_anchors(one: Anchors | None, other: Anchors | None) -> Anchors | None:
     """Concatenate two sets of anchors, either of which may be None."""
     if one is None or other is None:
         return other if one is None else one

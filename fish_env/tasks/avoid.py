@@ -28,8 +28,8 @@ CRUISE = 2.0  # body lengths a second: the speed of the fish for which a sweepin
 
 
 @kernel
-def look(tank, pose, task, b, out):
-    """Commanded heading; towards the obstacle, the longer the nearer; its velocity. Zero while there is none."""
+def write_vectors(tank, pose, task, b, out):
+    """Write the commanded heading; the way to the obstacle, the longer the nearer; its velocity. Zero without one."""
     out[b, 0] = task.heading[b]
     out[b, 1] = out[b, 2] = vec3(0.0, 0.0, 0.0)
     if task.present[b]:
@@ -41,9 +41,9 @@ def look(tank, pose, task, b, out):
 
 
 @kernel
-def score(tank, pose, task, b, terms):
-    """Reward as for commanded turns, less the cost of touching the obstacle; then move the obstacle."""
-    turns.score(tank, pose, task, b, terms)
+def write_terms(tank, pose, task, b, terms):
+    """Write the reward as for commanded turns and the cost of touching the obstacle; move the obstacle."""
+    turns.write_terms(tank, pose, task, b, terms)
     update_obstacle(tank, pose, task, b)
     terms[3, b] = -TOUCH_PENALTY if task.over[b] else 0.0
 
@@ -106,32 +106,17 @@ class AvoidTask(CommandedTurns):
     term_names = ("progress", "alignment", "effort", "touch")
     episode_steps = 300
     settable = ("gap", "aside", "drift", "sweeping", "turning", "angle", "wait")
-    look, score = look, score
+    write_vectors, write_terms = write_vectors, write_terms
     directions = (
         *CommandedTurns.directions,
         Direction("obstacle's nearness", "1 / (1 + gap in body lengths), towards it, in the body frame", 1.0, 0.3),
         Direction("obstacle's velocity", "body lengths/s, in the body frame", DRIFT.high, 1.0),
     )
-    reset_options = {
-        **POSE_OPTIONS,
-        "turn": ANGLE_SIGNED,
-        "wait": WAIT,
-        "gap": GAP,
-        "aside": ASIDE_SIGNED,
-        "drift": DRIFT_SIGNED,
-    }
+    reset_options = {**POSE_OPTIONS, "turn": ANGLE_SIGNED, "wait": WAIT, "gap": GAP, "aside": ASIDE_SIGNED,
+                     "drift": DRIFT_SIGNED}  # fmt: skip
 
-    def __init__(
-        self,
-        radius: float = 0.3,
-        gap=(0.6, 1.5),
-        aside: float = 0.5,
-        drift=(0.3, 1.0),
-        sweeping: float = 0.5,
-        turning: float = 0.5,
-        angle=(np.pi / 6, np.pi / 2),
-        wait=(1.0, 2.0),
-    ):
+    def __init__(self, radius: float = 0.3, gap=(0.6, 1.5), aside: float = 0.5, drift=(0.3, 1.0), sweeping: float = 0.5,
+                 turning: float = 0.5, angle=(np.pi / 6, np.pi / 2), wait=(1.0, 2.0)):  # fmt: skip
         self.radius = RADIUS.checked("radius", radius)
         self.gap = GAP.checked_range("gap", gap)
         self.aside = ASIDE.checked("aside", aside)
@@ -155,8 +140,8 @@ class AvoidTask(CommandedTurns):
             "radius": float(self.radius),
         }  # fmt: skip
 
-    def plan(self, i, generator, options):
-        """When the sphere appears, where, how fast it drifts, and whether a turn is under way then."""
+    def draw_turns(self, i, generator, options):
+        """Draw when the sphere appears, where, how fast it drifts, and whether a turn is under way then."""
         self._appears[i] = options.get("wait", generator.uniform(*self.wait))
         self._gap[i] = options.get("gap", generator.uniform(*self.gap))
         self._aside[i] = options.get("aside", generator.uniform(-self.aside, self.aside))

@@ -13,20 +13,20 @@ from fish_env.tasks.options import Direction
 
 
 @cache
-def make_calls(look, reward):
-    """Compiled loops over all fish of a task's kernels, for Python: `look` and `reward`."""
+def make_calls(write_vectors, write_terms):
+    """Compiled loops over all fish of the kernels of a task, for Python."""
 
     @njit
-    def look_all(tank, pose, task, out):
+    def write_all_vectors(tank, pose, task, out):
         for b in range(pose.centre.size):
-            look(tank, pose, task, b, out.vectors)
+            write_vectors(tank, pose, task, b, out.vectors)
 
     @njit
-    def reward_all(tank, pose, task, terms):
+    def write_all_terms(tank, pose, task, terms):
         for b in range(pose.centre.size):
-            reward(tank, pose, task, b, terms)
+            write_terms(tank, pose, task, b, terms)
 
-    return look_all, reward_all
+    return write_all_vectors, write_all_terms
 
 
 class CompiledTask:
@@ -34,39 +34,39 @@ class CompiledTask:
 
     A subclass defines
 
-    - `look(tank, pose, task, b, out)`: writes the world vectors that fish b is told to out[b, k], of `vectors`;
-    - `score(tank, pose, task, b, terms)`: writes the terms of its reward to terms[t, b], in the order of `term_names`,
-      sets task.over[b] where it ends the episode, and advances to the next environment step;
+    - `write_vectors(tank, pose, task, b, out)`: writes the world vectors of fish b to out[b, k];
+    - `write_terms(tank, pose, task, b, terms)`: writes the terms of its reward to terms[t, b], in the order of
+      `term_names`, sets task.over[b] where it ends the episode, and advances to the next environment step;
     - in `prepare`, `self.pack`, a `Pack` of what they read and write, `over` (B,) among it.
 
     The environments put both into their one compiled call, unless a subclass overrides `reward` or `vectors` in Python.
     """
 
-    look: Any = None
-    score: Any = None
+    write_vectors: Any = None
+    write_terms: Any = None
     directions: tuple[Direction, ...]
     term_names: tuple[str, ...]
     pack: Any
 
     @property
     def kernels(self):
-        """(look, score), or None where a subclass has written `vectors`, `reward` or `done` in Python."""
+        """Both kernels, or None where a subclass has written `vectors`, `reward` or `done` in Python."""
         cls = type(self)
         ours = all(getattr(cls, name) is getattr(CompiledTask, name) for name in ("vectors", "reward", "done"))
-        return (cls.look, cls.score) if ours else None
+        return (cls.write_vectors, cls.write_terms) if ours else None
 
     def vectors(self, tank: Tank, pose: Pose) -> np.ndarray:
         """World vectors (B, directions, 3) of the task."""
         out = np.zeros((tank.num_fish, len(self.directions), 3))
-        look, _ = make_calls(type(self).look, type(self).score)
-        look(tank.pack, packed_pose(pose), self.pack, Pack("out", vectors=Vectors(out, Kind(1))))
+        write, _ = make_calls(type(self).write_vectors, type(self).write_terms)
+        write(tank.pack, packed_pose(pose), self.pack, Pack("out", vectors=Vectors(out, Kind(1))))
         return out
 
     def reward(self, tank: Tank, pose: Pose) -> dict[str, np.ndarray]:
         """Named terms (B,) of the reward for the last control interval."""
         terms = np.zeros((len(self.term_names), tank.num_fish))
-        _, score = make_calls(type(self).look, type(self).score)
-        score(tank.pack, packed_pose(pose), self.pack, terms)
+        _, write = make_calls(type(self).write_vectors, type(self).write_terms)
+        write(tank.pack, packed_pose(pose), self.pack, terms)
         return dict(zip(self.term_names, terms, strict=True))
 
     def done(self, tank: Tank, pose: Pose) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fish_env.tasks.options import Option, checked_choice
+from fish_env.tasks.options import Option, check_choice
 from fish_env.tasks.start import POSE_OPTIONS
 from fish_env.tasks.turns import ANGLE, PATIENCE, WAIT, CommandedTurns
 
@@ -32,34 +32,20 @@ class LeftAfterRightTask(CommandedTurns):
 
     most_turns = 3
     settable = ("angle", "severity", "part", "dwell", "wait", "reversals")
-    reset_options = {
-        **POSE_OPTIONS,
-        "first": ANGLE,
-        "second": ANGLE,
-        "side": SIDE,
-        "part": PART,
-        "dwell": DWELL,
-        "wait": WAIT,
-    }
+    reset_options = {**POSE_OPTIONS, "first": ANGLE, "second": ANGLE, "side": SIDE, "part": PART, "dwell": DWELL,
+                     "wait": WAIT}  # fmt: skip
 
-    def __init__(
-        self,
-        angle=(np.pi / 4, np.pi / 2),
-        severity: float = 1.0,
-        part=(0.2, 0.8),
-        dwell=(0.06, 0.3),
-        wait=(0.6, 1.2),
-        reversals: int = 1,
-    ):
+    def __init__(self, angle=(np.pi / 4, np.pi / 2), severity: float = 1.0, part=(0.2, 0.8), dwell=(0.06, 0.3),
+                 wait=(0.6, 1.2), reversals: int = 1):  # fmt: skip
         self.angle = ANGLE.checked_range("angle", angle)
         self.severity = SEVERITY.checked("severity", severity)
         self.part = PART.checked_range("part", part)
         self.dwell = DWELL.checked_range("dwell", dwell)
         self.wait = WAIT.checked_range("wait", wait)
-        self.reversals = checked_choice("reversals", reversals, (1, 2))
+        self.reversals = check_choice("reversals", reversals, (1, 2))
 
-    def plan(self, i, generator, options):
-        """The turns, to one side and the other in turn, each before the one before it is complete."""
+    def draw_turns(self, i, generator, options):
+        """Draw turns to one side and the other, each commanded before the one before it is complete."""
         course = self.course
         side = generator.choice([-1.0, 1.0])
         if "side" in options:

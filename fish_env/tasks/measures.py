@@ -20,7 +20,7 @@ class Effort(NamedTuple):
 
 
 def make_effort(tank: Tank) -> Effort:
-    """Nothing yet, for relaxed fish of a tank."""
+    """No strain and no work yet, of relaxed fish of a tank."""
     b, k = tank.num_fish, tank.fish.fibres.size
     return Effort(np.zeros(b), np.zeros(b), np.zeros((b, k)), np.tile(tank.fibre_length, (b, 1)))
 

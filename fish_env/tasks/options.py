@@ -47,15 +47,15 @@ class Direction(NamedTuple):
     """A typical change of a component: what a learner should scale it by."""
 
 
-def checked_choice(name: str, value: Any, choices: tuple[int, ...]) -> int:
-    """`value` as an int; ValueError unless it is one of the choices."""
+def check_choice(name: str, value: Any, choices: tuple[int, ...]) -> int:
+    """Return `value` as an int; ValueError unless it is one of the choices."""
     if not is_whole(value) or value not in choices:
         raise ValueError(f"{name} is {value!r}; give {' or '.join(map(str, choices))}")
     return int(value)
 
 
-def checked_options(given: Mapping[str, Any], allowed: Mapping[str, Option]) -> dict[str, float]:
-    """The options of a reset as numbers, or ValueError naming what is allowed."""
+def check_options(given: Mapping[str, Any], allowed: Mapping[str, Option]) -> dict[str, float]:
+    """Return the options of a reset as numbers, or raise ValueError naming what is allowed."""
     if not isinstance(given, Mapping):
         raise ValueError(f"options is {given!r}; give a dict with keys among {', '.join(allowed)}")
     for name in given:

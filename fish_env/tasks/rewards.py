@@ -33,6 +33,6 @@ def effort(tank, interval, b):
 
 
 @kernel
-def wrapped(angle):
-    """An angle, rad, brought to [-pi, pi)."""
+def wrap_angle(angle):
+    """Bring an angle, rad, to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

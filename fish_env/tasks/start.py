@@ -45,6 +45,6 @@ def rotation(yaw, pitch, roll) -> np.ndarray:
     return about_z @ about_y @ about_x
 
 
-def level(angle) -> np.ndarray:
+def heading_vector(angle) -> np.ndarray:
     """The horizontal unit vector (3,) in a direction, rad."""
     return np.array([np.cos(angle), np.sin(angle), 0.0])

@@ -8,21 +8,21 @@ from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import Direction, Option
-from fish_env.tasks.start import POSE_OPTIONS, level, place
+from fish_env.tasks.start import POSE_OPTIONS, heading_vector, place
 
 HEADING_ERROR = Option(0.0, np.pi, "largest angle between the commanded heading and the fish's own at the start, rad")
 SPEED = Option(0.1, 3.0, "commanded speed, body lengths per second")
 
 
 @kernel
-def look(tank, pose, task, b, out):
-    """The commanded heading, a unit vector, or the commanded velocity, body lengths per second."""
+def write_vectors(tank, pose, task, b, out):
+    """Write the commanded heading, a unit vector, or the commanded velocity, body lengths per second."""
     out[b, 0] = task.speed[b] * task.heading[b]
 
 
 @kernel
-def score(tank, pose, task, b, terms):
-    """Progress along the heading, body lengths, less the effort of moving the muscles."""
+def write_terms(tank, pose, task, b, terms):
+    """Write the progress along the heading, body lengths, and the cost of moving the muscles."""
     progress = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
     if task.commanded:
         wanted = task.speed[b] * task.interval
@@ -47,7 +47,7 @@ class SwimTask(CompiledTask):
 
     term_names = ("progress", "effort")
     episode_steps = 250
-    look, score = look, score
+    write_vectors, write_terms = write_vectors, write_terms
     settable = ("heading_error", "speed")
 
     def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None):
@@ -76,7 +76,7 @@ class SwimTask(CompiledTask):
         """Place the fish at the origin with a random yaw, almost at rest, and draw its commanded heading."""
         yaw, error = generator.uniform(-1.0, 1.0, 2) * (np.pi, self.heading_error)
         self._before[i] = self._start[i] = place(tank, i, generator, yaw, options)
-        self._heading[i] = level(options.get("heading", options.get("yaw", yaw) + error))
+        self._heading[i] = heading_vector(options.get("heading", options.get("yaw", yaw) + error))
         if self.speed is not None:
             self._speed[i] = options.get("speed", generator.uniform(*self.speed))
 

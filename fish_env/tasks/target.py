@@ -10,7 +10,7 @@ from fish_env.physics.pose import FORWARD
 from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import Direction, Option, checked_choice
+from fish_env.tasks.options import Direction, Option, check_choice
 from fish_env.tasks.start import POSE_OPTIONS, place
 
 ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the price of pointing across the way to the target
@@ -27,16 +27,16 @@ PATIENCE = Option(0.5, 60.0, "time after which a target is given up, s")
 
 
 @kernel
-def look(tank, pose, task, b, out):
-    """From the fish's centre to its target: a unit vector, and the whole way in body lengths."""
+def write_vectors(tank, pose, task, b, out):
+    """Write the way from the fish's centre to its target: as a unit vector, and in body lengths."""
     way = (task.target[b] - pose.centre[b]) / tank.length
     out[b, 0] = pointing(way)
     out[b, 1] = way
 
 
 @kernel
-def score(tank, pose, task, b, terms):
-    """Reward for approaching, pointing at and reaching the target, less effort; then set the next target."""
+def write_terms(tank, pose, task, b, terms):
+    """Write the reward for approaching, pointing at and reaching the target, and effort; set the next target."""
     way = pointing(task.target[b] - pose.centre[b])
     now = gap(tank, task, b)
     hit = now <= task.radius
@@ -55,7 +55,7 @@ def score(tank, pose, task, b, terms):
         yaw = math.atan2(forward.y, forward.x)
         number = (task.reached[b] + task.missed[b]) % task.offers.shape[1]
         distance, bearing, elevation = task.offers[b, number, 0], task.offers[b, number, 1], task.offers[b, number, 2]
-        task.target[b] = pose.centre[b] + offered(distance, bearing, elevation, yaw, tank.length)
+        task.target[b] = pose.centre[b] + target_offset(distance, bearing, elevation, yaw, tank.length)
         now = gap(tank, task, b)
     task.gap[b] = now
 
@@ -74,7 +74,7 @@ def gap(tank, task, b):
 
 
 @kernel
-def offered(distance, bearing, elevation, yaw, length):
+def target_offset(distance, bearing, elevation, yaw, length):
     """The way, m, to a target at a distance (body lengths), a bearing from the yaw and an elevation (rad)."""
     level = length * distance * math.cos(elevation)
     height = length * distance * math.sin(elevation)
@@ -103,11 +103,11 @@ class TargetTask(CompiledTask):
         Direction("way to the target", "body lengths, in the body frame", 10.0, 1.0),
     )
     touchable = True  # pictures show its spheres as targets
-    look, score = look, score
+    write_vectors, write_terms = write_vectors, write_terms
     settable: tuple[str, ...] = ("distance", "bearing")
 
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0):
-        self.dimensions = checked_choice("dimensions", dimensions, (2, 3))
+        self.dimensions = check_choice("dimensions", dimensions, (2, 3))
         self.distance = DISTANCE.checked_range("distance", distance)
         self.bearing = BEARING.checked("bearing", bearing)
         self.elevation = ELEVATION.checked("elevation", elevation) * (self.dimensions == 3)
@@ -147,7 +147,7 @@ class TargetTask(CompiledTask):
             offers[0, k] = options.get(name, offers[0, k])
         self.reached[i] = self.missed[i] = self._waited[i] = 0
         away, bearing, elevation = offers[0]
-        self._target[i] = centre + tuple(offered(away, bearing, elevation, yaw, tank.fish.length))
+        self._target[i] = centre + tuple(target_offset(away, bearing, elevation, yaw, tank.fish.length))
         self._gap[i] = np.linalg.norm(self._target[i] - tank.position[i, tank.fish.nose]) / tank.fish.length
 
     def spheres(self, i) -> np.ndarray:

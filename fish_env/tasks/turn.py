@@ -27,8 +27,8 @@ class TurnTask(CommandedTurns):
         self.angle = ANGLE.checked_range("angle", angle)
         self.wait = WAIT.checked_range("wait", wait)
 
-    def plan(self, i, generator, options):
-        """One turn, by time."""
+    def draw_turns(self, i, generator, options):
+        """Draw one turn, commanded by time."""
         angle, side = generator.uniform(*self.angle), generator.choice([-1.0, 1.0])
         wait = generator.uniform(*self.wait)
         self.course.count[i] = 1

@@ -17,8 +17,8 @@ from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.measures import make_effort, measure_load
 from fish_env.tasks.options import Direction, Option
-from fish_env.tasks.rewards import wrapped
-from fish_env.tasks.start import level, place
+from fish_env.tasks.rewards import wrap_angle
+from fish_env.tasks.start import heading_vector, place
 
 ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the price of pointing across the commanded heading
 OVERSHOOT_WEIGHT = 10.0  # body lengths a second, the price of having turned a right angle too far
@@ -74,7 +74,7 @@ def track_commands(pose, task, b):
     window = course.history.shape[1]
     forward, velocity = pose.axes[b, FORWARD], pose.velocity[b]
     yaw = math.atan2(forward.y, forward.x)
-    turn = wrapped(yaw - course.yaw[b])
+    turn = wrap_angle(yaw - course.yaw[b])
     course.yaw[b] = yaw
     course.facing[b] += turn
     course.history[b, course.steps[b] % window] = course.facing[b]
@@ -89,7 +89,7 @@ def track_commands(pose, task, b):
         if math.isnan(record.latency[b]):
             way = pose.centre[b] - task.before[b]
             record.path[b] += math.hypot(way.x, way.y)
-            left = abs(wrapped(course.heading[b] - yaw))  # to turn, whichever way round it came
+            left = abs(wrap_angle(course.heading[b] - yaw))  # to turn, whichever way round it came
             if side * turned >= COMPLETE * abs(wanted) or left <= (1.0 - COMPLETE) * abs(wanted):
                 record.latency[b] = course.since[b]
                 record.radius[b] = record.path[b] / abs(turned) if abs(turned) > LEAST_TURN else math.nan  # (43)
@@ -103,11 +103,11 @@ def track_commands(pose, task, b):
         if due or course.since[b] >= course.wait[b, stage] - 1e-9:
             if stage == 0:
                 record.before[b] = math.hypot(velocity.x, velocity.y)
-                asked = course.angle[b, 0]
-                course.angle[b, 0] = asked + wrapped(course.heading[b] - yaw)
-                course.heading[b] = wrapped(course.heading[b] + asked)
+                commanded = course.angle[b, 0]
+                course.angle[b, 0] = commanded + wrap_angle(course.heading[b] - yaw)
+                course.heading[b] = wrap_angle(course.heading[b] + commanded)
             else:
-                course.heading[b] = wrapped(yaw + course.angle[b, stage])
+                course.heading[b] = wrap_angle(yaw + course.angle[b, stage])
             course.stage[b] += 1
             course.since[b] = 0.0
             course.origin[b] = course.facing[b]
@@ -143,7 +143,7 @@ def steady_facing(course, b):
 
 
 @kernel
-def too_far(task, b):
+def overshoot_angle(task, b):
     """Angle by which fish b has turned beyond its last command, on average over a beat, rad, at most half a turn.
 
     The bound limits the penalty of a fish that spins. The term is 0 before the turn is made, and for a beat after the
@@ -159,20 +159,20 @@ def too_far(task, b):
 
 
 @kernel
-def look(tank, pose, task, b, out):
-    """The commanded heading, a unit vector."""
+def write_vectors(tank, pose, task, b, out):
+    """Write the commanded heading, a unit vector."""
     out[b, 0] = task.heading[b]
 
 
 @kernel
-def score(tank, pose, task, b, terms):
-    """Progress along the commanded heading, less what pointing elsewhere and effort cost; on with the course."""
+def write_terms(tank, pose, task, b, terms):
+    """Write progress along the commanded heading, alignment, effort and overshoot; go on with the course."""
     heading = task.heading[b]
     terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
     terms[1, b] = rewards.alignment(pose, heading, b) * (task.alignment_weight * task.interval)  # (40)
     terms[2, b] = rewards.effort(tank, task.interval, b)  # (20)
     if task.overshoot_weight > 0.0:
-        terms[3, b] = too_far(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (45)
+        terms[3, b] = overshoot_angle(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (45)
     measure_load(tank, task.load, b)
     track_commands(pose, task, b)
     task.before[b] = pose.centre[b]
@@ -183,7 +183,7 @@ def score(tank, pose, task, b, terms):
 class CommandedTurns(CompiledTask, ABC):
     """Swim along a commanded heading that changes: the part that tasks with commanded turns share.
 
-    A task says in `plan` which turns it commands.
+    A task says in `draw_turns` which turns it commands.
     """
 
     most_turns = 1
@@ -192,7 +192,7 @@ class CommandedTurns(CompiledTask, ABC):
     term_names = ("progress", "alignment", "effort", "overshoot")
     episode_steps = 250
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
-    look, score = look, score
+    write_vectors, write_terms = write_vectors, write_terms
 
     def prepare(self, tank: Tank, interval):
         """Make the arrays for the fish of a tank."""
@@ -234,17 +234,17 @@ class CommandedTurns(CompiledTask, ABC):
         self.record.latency[i] = self.record.overshoot[i] = self.record.radius[i] = self.record.after[i] = np.nan
         course.yaw[i] = course.facing[i] = course.origin[i] = course.heading[i] = yaw
         course.part[i] = np.inf
-        self.plan(i, generator, options)
-        self._heading[i] = level(yaw)
+        self.draw_turns(i, generator, options)
+        self._heading[i] = heading_vector(yaw)
 
     @abstractmethod
-    def plan(self, i, generator, options) -> None:
+    def draw_turns(self, i, generator, options) -> None:
         """Set the course of fish i: count, angle, wait and part."""
 
     def metrics(self, tank: Tank, i, seconds):
         """Metrics of the last commanded turn; angles in degrees, lengths in body lengths."""
         course, record, load, length = self.course, self.record, self.load, tank.fish.length
-        error = abs(wrapped(course.heading[i] - steady_facing(course, i)))
+        error = abs(wrap_angle(course.heading[i] - steady_facing(course, i)))
         made = bool(course.stage[i] == course.count[i] and np.isfinite(record.latency[i]))
         settled = bool(error <= SETTLED)
         speed = np.linalg.norm(self._before[i] - self._start[i]) / length / seconds

@@ -5,7 +5,7 @@ import numpy as np
 from naive.elements import triangles
 
 TU = ("mass_spring", "published")
-"""The bodies of Tu's topology, 23 nodes and 91 units; tests/test_four_bodies.py has the others."""
+"""The bodies of Tu's topology, 23 nodes and 91 units; tests/test_bodies.py has the others."""
 
 
 def momentum(mass, v):

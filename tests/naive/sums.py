@@ -29,12 +29,15 @@ def total_force(body, world, rest_length, x, v, more=0.0):
     return with_reaction(world.planes, x, v, force)
 
 
-def derivatives(force, x, v, displacement, speed):
-    """-df/dx and -df/dv (3N,3N) of force(x, v) (N,3), by central differences of fourth order of these widths."""
+def derivatives(force, x, v, displacement, speed, columns=None):
+    """-df/dx and -df/dv (3N,3N) of force(x, v) (N,3), by central differences of fourth order of these widths.
+
+    Only some columns are computed if they are given.
+    """
     found = []
     for which, width in ((0, displacement), (1, speed)):
         matrix = np.zeros((x.size, x.size))
-        for column in range(x.size):
+        for column in range(x.size) if columns is None else columns:
             for shift, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
                 state = [x.copy(), v.copy()]
                 state[which].flat[column] += shift * width

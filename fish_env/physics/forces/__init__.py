@@ -44,9 +44,9 @@ from functools import cache, wraps
 from types import ModuleType
 from typing import Any
 
+from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import Kind, Pack, select, zero
 from fish_env.physics.forces import anchors, barriers, contact, gravity, green_lagrange, pressure, springs, tets, water
-from fish_env.physics.forces.compose import in_turn
 from fish_env.physics.records import Body, World
 
 FORCES: dict[str, ModuleType] = {
@@ -117,17 +117,34 @@ def total(names: tuple[str, ...], function: str, *others: str):
     for name in names:
         chosen = next((option for option in (function, *others) if hasattr(FORCES[name], option)), None)
         if chosen is not None:
-            found[name] = (getattr(FORCES[name], chosen), has_cache(name))
+            found[name] = getattr(FORCES[name], chosen)
     if function == "energy":
-        return in_turn(found, "found += {call}", "found = zero(control.stiffness)", "return found", zero=zero)
+        return call_in_turn(found, "found += {call}", "found = zero(control.stiffness)", "return found", zero=zero)
     if function == "failed":  # the first in the list takes precedence
         codes = {f"CODE_{name}": float(FORCES[name].FAILURE) for name in found}
-        return in_turn(dict(reversed(found.items())), "code = select({call}, CODE_{name}, code)",
-                       "code = zero(control.stiffness)", "return code", zero=zero, select=select, **codes)  # fmt: skip
-    return in_turn(found)
+        line, found = "code = select({call}, CODE_{name}, code)", dict(reversed(found.items()))
+        before = "code = zero(control.stiffness)"
+        return call_in_turn(found, line, before, "return code", zero=zero, select=select, **codes)
+    return call_in_turn(found)
 
 
-def placed(names: tuple[str, ...]) -> bool:
+def call_in_turn(functions: dict[str, Any], line="{call}", before="pass", after="pass", **space):
+    """Make a kernel that calls a function of each force, by its name, with its part of the cache.
+
+    Its source has a `line` for each `{call}`, in which `{name}` is the force's name, between the lines `before` and
+    `after`; `space` holds the names that these lines use.
+    """
+    text = ["def sum_of_forces(body, world, control, x, v, f, cache):", f"    {before}"]
+    for name, function in functions.items():
+        space[f"call_{name}"] = function
+        own = f"cache.{name}" if has_cache(name) else "cache"
+        text.append("    " + line.format(call=f"call_{name}(body, world, control, x, v, f, {own})", name=name))
+    exec(compile("\n".join([*text, f"    {after}"]), __file__, "exec"), space)
+    space["sum_of_forces"].__module__ = __name__
+    return kernel(space["sum_of_forces"])
+
+
+def depend_on_position(names: tuple[str, ...]) -> bool:
     """Return True if any of the forces may depend on the absolute position of the body."""
     return not all(hasattr(FORCES[name], "ANYWHERE") for name in names)
 

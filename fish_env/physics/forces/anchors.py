@@ -43,7 +43,7 @@ def bounds(body: Body, world: World) -> tuple[float, float]:
 
 
 @kernel
-def stretched(anchors, m, elapsed, x, v):
+def measure_anchor(anchors, m, elapsed, x, v):
     """Values i, r, 1 / |r| (0 for null r), strain over present length, and its rate, 1/s, of anchor m."""
     i = INDEX(anchors.node[m])
     r, u = fma(elapsed, anchors.velocity[m], anchors.point[m]) - x[i], anchors.velocity[m] - v[i]
@@ -58,7 +58,7 @@ def stretched(anchors, m, elapsed, x, v):
 def add_one(anchors, m, control, light, x, v, f):
     """Add the force of one anchor; return its r, 1 / |r| and strain."""
     c, k = anchors.stiffness[m], anchors.damping[m]
-    i, r, inverse, strain, fast = stretched(anchors, m, control.elapsed[0], x, v)
+    i, r, inverse, strain, fast = measure_anchor(anchors, m, control.elapsed[0], x, v)
     if anchors.rest_length[m] == 0.0:
         f[i] = fma(light, fma(k, anchors.velocity[m] - v[i], c * r), f[i])  # (58)
     else:
@@ -114,7 +114,7 @@ def add_system(body, world, control, x, v, a, cache):
     """Add h D + h^2 K to the matrix a, as `springs.add_system`, and store K for `add_tangent`."""
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):
-        i, r, inverse, _, _ = stretched(anchors, m, control.elapsed[0], x, v)
+        i, r, inverse, _, _ = measure_anchor(anchors, m, control.elapsed[0], x, v)
         c, k, place = light * anchors.stiffness[m], light * anchors.damping[m], 3 * body.profile.diagonal[i]
         both, none = h * fma(h, c, k), 0.0 * light
         if anchors.rest_length[m] == 0.0:
@@ -133,7 +133,7 @@ def add_lagged(body, world, control, x, v, system, cache):
     """
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):
-        i, r, _, strain, fast = stretched(anchors, m, control.elapsed[0], x, v)
+        i, r, _, strain, fast = measure_anchor(anchors, m, control.elapsed[0], x, v)
         place, c, k = INDEX(body.profile.diagonal[i]), light * anchors.stiffness[m], light * anchors.damping[m]
         if anchors.rest_length[m] == 0.0:
             system.load[i] += fma(k, anchors.velocity[m], c * r)

@@ -21,8 +21,6 @@ from fish_env.physics.records import Body, World
 
 NEAR, STEEP = 0.6, 0.3  # relative volumes below which a barrier acts, and below which its energy is a parabola
 FAILURE = ESCAPED
-
-
 ANYWHERE = True
 
 

@@ -61,9 +61,9 @@ def make_jacobian(names: tuple[str, ...]):
     @kernel
     def jacobian(body, world, dual, stiffness, damping, begin):
         x, v, f, count = floats(dual.x), floats(dual.v), floats(dual.f), stiffness.shape[1]
-        columns, together = count + damping.shape[1], directions(dual.f)
-        for first in range(0, columns, together):
-            last = min(first + together, columns)
+        columns, width = count + damping.shape[1], directions(dual.f)
+        for first in range(0, columns, width):
+            last = min(first + width, columns)
             for m in range(first, last):
                 moving, place, which = (x, begin + m, m - first + 1) if m < count else (v, m - count, m - first + 1)
                 moving[place // 3, place % 3, which] = 1.0

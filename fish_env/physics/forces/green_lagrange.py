@@ -14,13 +14,11 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Pack, dot, fma, select, vec3, zero
 from fish_env.physics.forces import tets
 from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, H
-from fish_env.physics.forces.tetrahedron import constants, edges, gradient
+from fish_env.physics.forces.tets import constants, edges, gradient
 from fish_env.physics.records import Body, World
 
 FAILURE = tets.FAILURE
 failed = tets.failed
-
-
 ANYWHERE = True
 
 
@@ -38,7 +36,7 @@ def make_cache(body: Body, world: World, kind) -> Pack:
 
 
 @kernel
-def paired(m, n):
+def double_symmetric_part(m, n):
     """Diagonal and off-diagonal of F^T G + G^T F, for the columns m of F and n of G."""
     p, q, r = m
     a, b, c = n
@@ -57,10 +55,10 @@ def stress(double, shear, dilation):
 
 
 @kernel
-def strained(m, n, relaxation):
+def double_strain(m, n, relaxation):
     """Twice the strain plus `relaxation` times its rate, from F and the velocity gradient."""
     p, q, r = m
-    diagonal, off = paired(m, n)
+    diagonal, off = double_symmetric_part(m, n)
     unit = vec3(dot(p, p) - 1.0, dot(q, q) - 1.0, dot(r, r) - 1.0)
     return fma(relaxation, diagonal, unit), fma(relaxation, off, vec3(dot(q, r), dot(p, r), dot(p, q)))  # (69)
 
@@ -99,9 +97,9 @@ def add_element(elements, t, factor, x, v, f):
     """Add the elastic and viscous force of element t; return F, and S of the elastic force times the volume."""
     m, n = gradient(elements, t, edges(elements, t, x)), gradient(elements, t, edges(elements, t, v))
     shear, dilation = constants(elements, t, factor)
-    s = stress(strained(m, n, elements.relaxation_time[t]), shear, dilation)
+    s = stress(double_strain(m, n, elements.relaxation_time[t]), shear, dilation)
     scatter(elements, t, product(m, s), f)  # (70)
-    return m, stress(strained(m, n, 0.0), shear, dilation)
+    return m, stress(double_strain(m, n, 0.0), shear, dilation)
 
 
 @kernel
@@ -113,7 +111,7 @@ def add_force(body, world, control, x, v, f, cache):
 
 
 @kernel
-def pulling(s):
+def tensile_part(s):
     """Positive semi-definite matrix that equals s if s is tensile along every axis (Gershgorin's bound)."""
     d, o = s
     x, y, z = abs(o.x), abs(o.y), abs(o.z)
@@ -137,7 +135,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
     for t in range(elements.volume.size):
         m, s = add_element(elements, t, factor, x, v, f)
         viscous = h * elements.relaxation_time[t]
-        d, o = pulling(s)
+        d, o = tensile_part(s)
         weight = share * h * h
         keep(elements, t, m, (weight * d, weight * o),
              max(share * (h * h + 2.0 * viscous), least * viscous), cache)  # fmt: skip
@@ -159,7 +157,7 @@ def add_tangent(body, world, control, x, y, f, cache):
     for t in range(elements.volume.size):
         m, s = (kept[5 * t], kept[5 * t + 1], kept[5 * t + 2]), (kept[5 * t + 3], kept[5 * t + 4])
         n = gradient(elements, t, edges(elements, t, y))
-        change = stress(paired(m, n), factor * cache.shear[t], factor * cache.dilation[t])
+        change = stress(double_symmetric_part(m, n), factor * cache.shear[t], factor * cache.dilation[t])
         a, b, c = product(m, change)
         p, q, r = product(n, s)
         scatter(elements, t, (a + p, b + q, c + r), f)
@@ -179,9 +177,9 @@ def add_system(body, world, control, x, v, a, cache):
     for t in range(elements.volume.size):
         m, n = gradient(elements, t, edges(elements, t, x)), gradient(elements, t, edges(elements, t, v))
         shear, dilation = constants(elements, t, factor)
-        s = stress(strained(m, n, elements.relaxation_time[t]), shear, dilation)
+        s = stress(double_strain(m, n, elements.relaxation_time[t]), shear, dilation)
         if lowest >= 0.0:
-            s = pulling(s)
+            s = tensile_part(s)
         keep(elements, t, m, s, 1.0, cache)
         d, o = s
         mu, la = constants(elements, t, factor * (step * (step + elements.relaxation_time[t])))
@@ -203,15 +201,10 @@ def add_system(body, world, control, x, v, a, cache):
                 both = mu * (gx * hx + gy * hy + gz * hz)
                 turn = (gx * hx) * d.x + (gy * hy) * d.y + (gz * hz) * d.z + (gy * hz + gz * hy) * o.x
                 turn = (step * step) * (turn + (gx * hz + gz * hx) * o.y + (gx * hy + gy * hx) * o.z)
-                a[place] += column_of(here, there, mu, la, square[0], both, here.x, there.x) + turn * vec3(
-                    1.0, 0.0, 0.0
-                )
-                a[place + 1] += column_of(here, there, mu, la, square[1], both, here.y, there.y) + turn * vec3(
-                    0.0, 1.0, 0.0
-                )
-                a[place + 2] += column_of(here, there, mu, la, square[2], both, here.z, there.z) + turn * vec3(
-                    0.0, 0.0, 1.0
-                )
+                even = turn * vec3(1.0, 0.0, 0.0), turn * vec3(0.0, 1.0, 0.0), turn * vec3(0.0, 0.0, 1.0)
+                a[place] += column_of(here, there, mu, la, square[0], both, here.x, there.x) + even[0]
+                a[place + 1] += column_of(here, there, mu, la, square[1], both, here.y, there.y) + even[1]
+                a[place + 2] += column_of(here, there, mu, la, square[2], both, here.z, there.z) + even[2]
 
 
 @kernel

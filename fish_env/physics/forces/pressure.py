@@ -17,8 +17,6 @@ from fish_env.physics.records import Body, World
 from fish_env.physics.volume import add_volume, volume_of
 
 FAILURE = ESCAPED
-
-
 ANYWHERE = True
 
 

@@ -25,31 +25,26 @@ def tangent(body: Body, world: World, rest_length, x):
     Dense up to `linalg.rates.DENSE` rows, then sparse (scipy, compressed rows), computed for a few elements at a time.
     Walls are excluded.
     """
-    names = forces.present(body, world)
+    names, still = forces.present(body, world), np.zeros_like(x)
     if x.size <= rates.DENSE:
-        return Evaluator(body, world, names).stiffness(rest_length, x, np.zeros_like(x))
+        return Evaluator(body, world, names).stiffness(rest_length, x, still)
     known, others = (tuple(name for name in names if (name in SHARED) is shared) for shared in (True, False))
-    parts = [*_shared_out(known, body, world, rest_length, x), *_in_strips(others, body, world, rest_length, x)]
-    rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
-    return coo_array((values, (rows, columns)), shape=(x.size, x.size)).tocsr()
+    rows, columns, values = [], [], []
 
+    def add(block, row, column):
+        i, j = np.nonzero(block)
+        for found, new in ((rows, row[i]), (columns, column[j]), (values, block[i, j])):
+            found.append(new)
 
-def _shared_out(names, body: Body, world: World, rest_length, x):
-    """Rows, columns and values of these forces' stiffness, computed for a few elements at a time."""
     for nodes, piece, around, rest in _pieces(body, world, rest_length):
-        block = Evaluator(piece, around, names).stiffness(rest, x[nodes], np.zeros((len(nodes), 3)))
         places = (3 * nodes[:, None] + np.arange(3)).ravel()
-        i, j = np.nonzero(block)
-        yield places[i], places[j], block[i, j]
-
-
-def _in_strips(names, body: Body, world: World, rest_length, x):
-    """Rows, columns and values of these forces' stiffness, computed for a strip of columns at a time."""
-    evaluator, still = Evaluator(body, world, names), np.zeros_like(x)
-    for begin in range(0, x.size if names else 0, STRIP):
-        block = evaluator.stiffness(rest_length, x, still, range(begin, min(begin + STRIP, x.size)))
-        i, j = np.nonzero(block)
-        yield i, begin + j, block[i, j]
+        add(Evaluator(piece, around, known).stiffness(rest, x[nodes], still[nodes]), places, places)
+    evaluator, every = Evaluator(body, world, others), np.arange(x.size)
+    for begin in range(0, x.size if others else 0, STRIP):
+        some = every[begin : begin + STRIP]
+        add(evaluator.stiffness(rest_length, x, still, range(begin, begin + some.size)), every, some)
+    places = np.concatenate(rows), np.concatenate(columns)
+    return coo_array((np.concatenate(values), places), shape=(x.size, x.size)).tocsr()
 
 
 def _pieces(body: Body, world: World, rest_length):

@@ -14,8 +14,6 @@ from fish_env.physics.records import Body, World
 
 MOST_COMPRESSED = -0.1  # strain below which a spring's negative transverse stiffness is constant in `add_tangent`
 FAILURE = TORN
-
-
 ANYWHERE = True
 
 
@@ -40,7 +38,7 @@ def rest_matrices(body: Body, elastic):
 
 
 @kernel
-def stretched(springs, rest, x, v, e):
+def measure_spring(springs, rest, x, v, e):
     """Values i, j, r, 1 / |r|, strain over present length, and relative rate of change of |r|, 1/s, of spring e."""
     i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
     r, u = x[j] - x[i], v[j] - v[i]
@@ -53,7 +51,7 @@ def add_force(body, world, control, x, v, f, cache):
     """Add the elastic and viscous force of every spring."""
     springs, rest, factor = body.springs, control.rest_length, control.stiffness[0]
     for e in range(springs.stiffness.size):
-        i, j, r, _, strain, fast = stretched(springs, rest, x, v, e)
+        i, j, r, _, strain, fast = measure_spring(springs, rest, x, v, e)
         pull = (factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)) * r  # (3), (4)
         f[i] += pull
         f[j] -= pull
@@ -72,7 +70,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
     h, least = plans[row, H], plans[row, LEAST]
     elastic_part, viscous_part = plans[row, FACTOR] * h * h, 2.0 * plans[row, FACTOR] * h
     for e in range(springs.stiffness.size):
-        i, j, r, inverse, strain, fast = stretched(springs, rest, x, v, e)
+        i, j, r, inverse, strain, fast = measure_spring(springs, rest, x, v, e)
         c, k = springs.stiffness[e], springs.damping[e]
         elastic = elastic_part * c
         along = max(elastic + viscous_part * k, least * h * k)
@@ -111,7 +109,7 @@ def add_system(body, world, control, x, v, a, cache):
     springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
     h, lowest = control.plans[control.row[0], INNER], control.plans[control.row[0], LOWEST]
     for e in range(springs.stiffness.size):
-        i, j, r, inverse, strain, fast = stretched(springs, rest, x, v, e)
+        i, j, r, inverse, strain, fast = measure_spring(springs, rest, x, v, e)
         c, k = factor * springs.stiffness[e], factor * springs.damping[e]
         eta = fma(k, fast, c * strain)
         eta = select(eta > lowest, eta, lowest)
@@ -142,7 +140,7 @@ def add_lagged(body, world, control, x, v, system, cache):
     matrix, load, h = system.matrix, system.load, control.plans[control.row[0], INNER]
     springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
     for e in range(springs.stiffness.size):
-        i, j, r, _, strain, fast = stretched(springs, rest, x, v, e)
+        i, j, r, _, strain, fast = measure_spring(springs, rest, x, v, e)
         eta = factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)
         weight, pull = (h * h) * eta, eta * r
         matrix[INDEX(diagonal[i])] += weight  # (7)
@@ -155,7 +153,7 @@ def add_lagged(body, world, control, x, v, system, cache):
 @kernel
 def energy(body, world, control, x, v, f, cache):
     """Elastic energy of all springs, J."""
-    nodes, stiffness, total = body.springs.nodes, body.springs.stiffness, zero(control.rest_length)
+    nodes, stiffness, total = body.springs.nodes, body.springs.stiffness, zero(control.stiffness)
     for e in range(stiffness.size):
         r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
         stretch = sqrt(dot(r, r)) - control.rest_length[e]

@@ -3,11 +3,15 @@
 With the nearest rotation R of the deformation gradient F, the energy is V (mu |F - R|^2 + lambda/2 tr(R^T F - 1)^2),
 and the force its gradient: rigid rotation costs no energy. Damping acts on the rate of the same strain.
 
+Strain and stress are expressed in world axes: with R the frame, R (R^T F) R^T = F R^T is the sum of x_a (R g_a)^T. The
+material is isotropic, so only the rotated gradients R g_a are needed.
+
 A filter of many stages uses the assembled stiffness, one matrix for each side of the mesh, because several elements
 share a side. A translation costs no energy, so the force on a node depends on displacements relative to its neighbours.
 
-Legend: t element; a, b its corners; e its edges; h rotated gradients of the shape functions, of corners 1 to 3; s
-factor on the strain's rate, a time; p, q, r columns of a matrix; k stiffness between the ends of a side.
+Legend: t element; a, b its corners; e its edges; g gradients of the shape functions; h = R g the rotated ones, of
+corners 1 to 3; F the sum of x_a g_a^T; a matrix m is a tuple of its columns, also p, q, r; s factor on the strain's
+rate, a time; k stiffness between the ends of a side.
 """
 
 import numpy as np
@@ -17,23 +21,11 @@ from fish_env.kernels.simd import Pack, dot, fma, nowhere, vec3, zero
 from fish_env.physics.failures import STRETCH_LIMIT, TORN
 from fish_env.physics.forces import polar
 from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, STAGES, H
-from fish_env.physics.forces.tetrahedron import (
-    constants,
-    edges,
-    gradient,
-    less_one,
-    scatter,
-    stress,
-    turned,
-    world_gradient,
-)
 from fish_env.physics.records import Body, World
 
 FAILURE = TORN
 CORNERS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
-MANY = 8  # number of stages from which the assembly of the sides' stiffness saves time
-
-
+MANY_STAGES = 8  # number of stages from which the assembly of the sides' stiffness saves time
 ANYWHERE = True
 
 
@@ -87,6 +79,94 @@ def rest_matrices(body: Body, elastic):
 
 
 @kernel
+def edges(tets, t, x):
+    """Differences of a field x between corners 1, 2 and 3 of element t and corner 0."""
+    nodes = tets.nodes
+    base = x[INDEX(nodes[t, 0])]
+    return x[INDEX(nodes[t, 1])] - base, x[INDEX(nodes[t, 2])] - base, x[INDEX(nodes[t, 3])] - base
+
+
+@kernel
+def gradient(tets, t, e):
+    """Gradient, the sum of x_a g_a^T, of the field whose edges are e: F for positions. All four g sum to zero."""
+    g = tets.gradient
+    return (
+        fma(g[t, 3, 0], e[2], fma(g[t, 2, 0], e[1], g[t, 1, 0] * e[0])),
+        fma(g[t, 3, 1], e[2], fma(g[t, 2, 1], e[1], g[t, 1, 1] * e[0])),
+        fma(g[t, 3, 2], e[2], fma(g[t, 2, 2], e[1], g[t, 1, 2] * e[0])),
+    )  # (46)
+
+
+@kernel
+def rotated_gradients(tets, t, e, scratch):
+    """Gradients h of element t with edges e: rotated with it, or those at rest in a fixed frame."""
+    p, q, r = gradient(tets, t, e)
+    if tets.rotating:
+        p, q, r = polar.rotation(p, q, r, scratch)
+    else:
+        nothing = 0.0 * p
+        p, q, r = nothing + vec3(1.0, 0.0, 0.0), nothing + vec3(0.0, 1.0, 0.0), nothing + vec3(0.0, 0.0, 1.0)
+    g = tets.gradient
+    return (
+        fma(g[t, 1, 2], r, fma(g[t, 1, 1], q, g[t, 1, 0] * p)),
+        fma(g[t, 2, 2], r, fma(g[t, 2, 1], q, g[t, 2, 0] * p)),
+        fma(g[t, 3, 2], r, fma(g[t, 3, 1], q, g[t, 3, 0] * p)),
+    )
+
+
+@kernel
+def world_gradient(e, h):
+    """Sum of x_a h_a^T of the field whose edges are e: F R^T for positions."""
+    return (
+        fma(h[2].x, e[2], fma(h[1].x, e[1], h[0].x * e[0])),
+        fma(h[2].y, e[2], fma(h[1].y, e[1], h[0].y * e[0])),
+        fma(h[2].z, e[2], fma(h[1].z, e[1], h[0].z * e[0])),
+    )
+
+
+@kernel
+def less_one(m):
+    """Matrix m minus the unit matrix."""
+    return m[0] - vec3(1.0, 0.0, 0.0), m[1] - vec3(0.0, 1.0, 0.0), m[2] - vec3(0.0, 0.0, 1.0)
+
+
+@kernel
+def stress(m, shear, dilation):
+    """Stress of the symmetric part of a matrix of strains."""
+    p, q, r = m
+    even, double = dilation * (p.x + q.y + r.z), 2.0 * shear
+    xy, xz, yz = shear * (p.y + q.x), shear * (p.z + r.x), shear * (q.z + r.y)
+    return (
+        vec3(fma(double, p.x, even), xy, xz),
+        vec3(xy, fma(double, q.y, even), yz),
+        vec3(xz, yz, fma(double, r.z, even)),
+    )  # (47)
+
+
+@kernel
+def product(m, h):
+    """Product of a matrix and a vector."""
+    return fma(h.z, m[2], fma(h.y, m[1], h.x * m[0]))
+
+
+@kernel
+def scatter(tets, t, m, h, f):
+    """Subtract from f the nodal forces of a stress m times the volume of element t."""
+    nodes = tets.nodes
+    a, b, c = product(m, h[0]), product(m, h[1]), product(m, h[2])
+    f[INDEX(nodes[t, 0])] += a + b + c
+    f[INDEX(nodes[t, 1])] -= a
+    f[INDEX(nodes[t, 2])] -= b
+    f[INDEX(nodes[t, 3])] -= c
+
+
+@kernel
+def constants(tets, t, factor):
+    """Lame's constants times the volume and a factor, Pa m3."""
+    return factor * (tets.volume[t] * tets.shear[t]), factor * (tets.volume[t] * tets.dilation[t])
+
+
+@kernel
 def add_element(tets, t, e, h, factor, v, f):
     """Add the elastic and viscous force of element t with edges e and rotated gradients h."""
     u, s = edges(tets, t, v), tets.relaxation_time[t]
@@ -101,7 +181,7 @@ def add_force(body, world, control, x, v, f, cache):
     tets, factor = body.tets, control.stiffness[0]
     for t in range(tets.volume.size):
         e = edges(tets, t, x)
-        add_element(tets, t, e, turned(tets, t, e, cache.polar), factor, v, f)
+        add_element(tets, t, e, rotated_gradients(tets, t, e, cache.polar), factor, v, f)
 
 
 @kernel
@@ -118,7 +198,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
             cache.k[i] = zero(f)
     for t in range(tets.volume.size):
         e = edges(tets, t, x)
-        g = turned(tets, t, e, cache.polar)
+        g = rotated_gradients(tets, t, e, cache.polar)
         add_element(tets, t, e, g, factor, v, f)
         viscous = h * tets.relaxation_time[t]
         weight = max(share * (h * h + 2.0 * viscous), least * viscous)
@@ -131,7 +211,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 @kernel
 def by_sides(control):
     """Return True if the number of stages makes the assembled stiffness of the sides faster."""
-    return control.plans[control.row[0], STAGES] >= MANY
+    return control.plans[control.row[0], STAGES] >= MANY_STAGES
 
 
 @kernel
@@ -191,7 +271,7 @@ def add_system(body, world, control, x, v, a, cache):
     tets, factor, now = body.tets, control.stiffness[0], cache.corner
     first, start, step = body.profile.first, body.profile.start, control.plans[control.row[0], INNER]
     for t in range(tets.volume.size):
-        h = turned(tets, t, edges(tets, t, x), cache.polar)
+        h = rotated_gradients(tets, t, edges(tets, t, x), cache.polar)
         keep(tets, t, h, 1.0, cache)
         now[0] = -(h[0] + h[1] + h[2])
         now[1], now[2], now[3] = h
@@ -214,7 +294,7 @@ def energy(body, world, control, x, v, f, cache):
     tets, total = body.tets, zero(control.stiffness)
     for t in range(tets.volume.size):
         e = edges(tets, t, x)
-        p, q, r = less_one(world_gradient(e, turned(tets, t, e, cache.polar)))
+        p, q, r = less_one(world_gradient(e, rotated_gradients(tets, t, e, cache.polar)))
         shear, dilation = constants(tets, t, control.stiffness[0])
         xy, xz, yz, trace = p.y + q.x, p.z + r.x, q.z + r.y, p.x + q.y + r.z
         squares = fma(p.x, p.x, fma(q.y, q.y, r.z * r.z)) + 0.5 * fma(xy, xy, fma(xz, xz, yz * yz))
