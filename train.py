@@ -23,7 +23,8 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 MOST_THREADS = 1024
-THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+THREADS = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
+"""Settings of the libraries; threads that wait actively make each other far slower on a busy machine."""
 
 
 def parse() -> argparse.Namespace:
@@ -125,7 +126,7 @@ def run(arguments: argparse.Namespace, came: list[int]) -> None:
 
 
 @contextmanager
-def stopped_once() -> Iterator[list[int]]:
+def hear_first_signal() -> Iterator[list[int]]:
     """A context in which SIGTERM and SIGHUP do what Ctrl-C does; after the first of them, no other interrupts.
 
     A second one would end the saving. It yields the list of those that came. `nohup` works as usual.
@@ -148,20 +149,20 @@ def stopped_once() -> Iterator[list[int]]:
             signal.signal(number, handler or signal.SIG_DFL)
 
 
-def say(text: str) -> None:
+def print_error(text: str) -> None:
     """Print to stderr, unless the terminal is closed."""
     with suppress(OSError):
         print(text, file=sys.stderr)
 
 
-def carry_out(came: list[int]) -> int:
+def run_command_line(came: list[int]) -> int:
     """Run the command of the command line; errors that a user can correct are one line without a traceback."""
     try:
         from fish_env.control.console import run_command
 
         return run_command("train.py", lambda: command(came))
     except ImportError as error:
-        say(f'train.py: {error}; install it, in the checkout: pip install -c constraints.txt -e ".[train]"')
+        print_error(f'train.py: {error}; install it, in the checkout: pip install -c constraints.txt -e ".[train]"')
         return 2
 
 
@@ -171,20 +172,20 @@ def command(came: list[int]) -> int:
         run(parse(), came)
     except KeyboardInterrupt as stop:
         if type(stop) is KeyboardInterrupt:  # else the saved files were printed already
-            say("\nStopped.")
+            print_error("\nStopped.")
         if sys.argv[1:2] == ["all"]:
-            say(f"Resume: python train.py {' '.join(sys.argv[1:])}")
+            print_error(f"Resume: python train.py {' '.join(sys.argv[1:])}")
         return 128 + signal.SIGINT
     return 0
 
 
 def main() -> int:
     """The command line; its exit status is 128 and the number of the signal, if one has stopped it."""
-    for name in THREADS:  # before numpy and torch are loaded
-        os.environ.setdefault(name, "1")
+    for name, value in THREADS.items():  # before numpy and torch are loaded
+        os.environ.setdefault(name, value)
     saves = sys.argv[1:2] not in [["evaluate"], ["compare"], ["report"], ["play"]]
-    with stopped_once() if saves else nullcontext([]) as came:
-        status = carry_out(came)
+    with hear_first_signal() if saves else nullcontext([]) as came:
+        status = run_command_line(came)
     return 128 + came[0] if came else status
 
 

@@ -16,7 +16,14 @@ from agents.saved_run import CURVE, read_curve
 from fish_env.control.files import replacing, write_text
 
 
-class Progress(BaseCallback):
+class Watcher(BaseCallback):
+    """A callback that never ends the training."""
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class Progress(Watcher):
     """A progress bar: environment steps, their rate, and the mean return of recent episodes."""
 
     def _on_training_start(self) -> None:
@@ -30,9 +37,6 @@ class Progress(BaseCallback):
         if episodes:
             self._bar.set_postfix_str(f"return {sum(e['r'] for e in episodes) / len(episodes):.2f}", refresh=False)
         self._bar.update(self.num_timesteps - self._bar.n)
-
-    def _on_step(self) -> bool:
-        return True
 
     def _on_training_end(self) -> None:
         self._bar.update(self.num_timesteps - self._bar.n)
@@ -102,7 +106,7 @@ class LearningCurve(BaseCallback):
         self.failed = write_or_warn(lambda: write_text(self.path, text), self.path, self.failed)
 
 
-class Checkpoint(BaseCallback):
+class Checkpoint(Watcher):
     """Saves the model every so many seconds, replacing the last one only when the new one is complete.
 
     Attributes:
@@ -115,9 +119,6 @@ class Checkpoint(BaseCallback):
 
     def _on_training_start(self) -> None:
         self._last = time.perf_counter()
-
-    def _on_step(self) -> bool:
-        return True
 
     def _on_rollout_start(self) -> None:
         check_finite(self.model)

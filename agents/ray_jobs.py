@@ -28,14 +28,14 @@ NO_CLUSTER = (
 NOT_SENT = ("report.html", "events.*")
 
 
-def files_of(folder: Path) -> dict[str, bytes]:
+def read_files(folder: Path) -> dict[str, bytes]:
     """The files of a run by their paths in its folder, without those that nothing is resumed from."""
     paths = [path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, NOT_SENT))]
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
 def write_files(folder: Path, files: dict[str, bytes]) -> None:
-    """Write what `files_of` read, each file whole or not at all, the results last: a run is finished by them."""
+    """Write what `read_files` read, each file whole or not at all, the results last: a run is finished by them."""
     for name in sorted(files, key=lambda name: name == "results.json"):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -43,7 +43,7 @@ def write_files(folder: Path, files: dict[str, bytes]) -> None:
             partial.write_bytes(files[name])
 
 
-def carry_out(words: list[str], files: dict[str, bytes]) -> tuple[int, dict[str, bytes]]:
+def run_remotely(words: list[str], files: dict[str, bytes]) -> tuple[int, dict[str, bytes]]:
     """On another machine: the exit status of `train.py`, and the files of the run. `words` end before its folder."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"
@@ -54,10 +54,10 @@ def carry_out(words: list[str], files: dict[str, bytes]) -> tuple[int, dict[str,
                 [sys.executable, "train.py", *words, str(folder)], stdout=log, stderr=subprocess.STDOUT, check=False,
                 env=os.environ | {PARENT: str(os.getpid())},
             )  # fmt: skip
-        return done.returncode, files_of(folder)
+        return done.returncode, read_files(folder)
 
 
-def check_ray(address: str) -> Any:
+def join_cluster(address: str) -> Any:
     """Ray, joined to the cluster at an address; "local" begins one on this machine.
 
     Raises:
@@ -86,10 +86,10 @@ def check_ray(address: str) -> Any:
 
 def run_on_ray(waiting: list[Job], work: list[Job], address: str) -> list[Job]:
     """Run those that wait, as many at a time as the cluster has processors; returns those that failed."""
-    ray = check_ray(address)
+    ray = join_cluster(address)
     try:
-        task = ray.remote(num_cpus=1, max_retries=2)(carry_out)
-        under_way = {task.remote(job.command()[2:-1], files_of(job.folder)): job for job in waiting}
+        task = ray.remote(num_cpus=1, max_retries=2)(run_remotely)
+        under_way = {task.remote(job.command()[2:-1], read_files(job.folder)): job for job in waiting}
         failed, processors = [], int(ray.cluster_resources().get("CPU", 0))
         with tqdm(total=len(work), initial=len(work) - len(waiting), unit=" runs", desc=f"on {processors} CPUs") as bar:
             while under_way:

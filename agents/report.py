@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-from agents.build import export_policy, make_env, make_model
 from agents.config import TrainConfig
 from agents.run_report import write_report
 from fish_env.__main__ import print_means
@@ -44,11 +43,9 @@ def measure_policies(env: FishVectorEnv, policies: dict[str, Policy], beside: bo
     return {name: means(evaluate(controller, env)) for name, controller in controllers.items()}
 
 
-def report(folder: Path, config: TrainConfig, seed: int, pictures: bool = True) -> None:
+def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:
     """Evaluate on fixed seeds and write results.json; with pictures, print the table and write report.html too."""
     policies = {"trained policy": load_policy(folder / "policy.npz", config.env_id)}
-    if pictures:
-        policies = {"untrained policy": untrained_policy(config, seed)} | policies
     env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options))
     rows = measure_policies(env, policies, pictures)
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
@@ -59,12 +56,6 @@ def report(folder: Path, config: TrainConfig, seed: int, pictures: bool = True) 
         print(f"\nSaved in {folder}: model.zip, policy.npz, config.json, curve.csv, results.json")
         print(f"Read it:  {page}")
         print(f"Watch it: python train.py play {folder / 'policy.npz'}")
-
-
-def untrained_policy(config: TrainConfig, seed: int) -> Policy:
-    """The policy before any training."""
-    env = make_env(config, 1, seed)
-    return export_policy(make_model(config, env, seed), {"env_id": config.env_id, "env_options": config.env_options})
 
 
 def print_rows(env_id: str, rows: dict[str, dict]) -> None:

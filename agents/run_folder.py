@@ -55,7 +55,7 @@ def check_folder(folder: Path) -> Path:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[Path]:
+def lock_folder(folder: Path) -> Iterator[Path]:
     """Lock the folder for this program, until the context or the program ends; it yields the folder.
 
     Raises:

@@ -1,6 +1,5 @@
 """Data for the report of a training run: its files, episodes on the fixed seeds, and the motion of a few of them."""
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,15 +13,14 @@ from fish_env.control import (
     Policy,
     Recording,
     Scores,
+    evaluate,
     evaluation_options,
     load_policy,
     make_policy_env,
     policy_controller,
     record,
-    run_episodes,
 )
 from fish_env.control.environments import environment_of, make_checked_env
-from fish_env.control.evaluation import episode_scores, scores_by_name
 from fish_env.envs import FishEnv
 
 FILES = ("config.json", "curve.csv", "policy.npz")
@@ -73,25 +71,12 @@ def read_run(folder: str | Path) -> Run:
     return Run(folder, saved, curve, load_policy(folder / "policy.npz", saved["config"]["env_id"]))
 
 
-class Episodes(NamedTuple):
-    """Scores of episodes on the fixed seeds, and how many of them ended for each failure of the physics."""
-
-    scores: Scores
-    failures: Counter[str]
-
-
-def measure_episodes(run: Run, count: int) -> Episodes:
+def measure_episodes(run: Run, count: int) -> Scores:
     """Run so many episodes, with the seeds of every evaluation."""
     env = make_policy_env(run.policy, count)
-    results: list[dict[str, float]] = [{}] * count
-    failures: Counter[str] = Counter()
-    for ended, _, infos in run_episodes(policy_controller(run.policy, env), env):
-        for i in np.flatnonzero(ended).tolist():
-            results[i] = episode_scores(infos["final_info"], i)
-            if results[i]["failed"]:
-                failures[str(infos["final_info"]["failure"][i]).partition(":")[0]] += 1
+    scores = evaluate(policy_controller(run.policy, env), env)
     env.close()
-    return Episodes(scores_by_name(results), failures)
+    return scores
 
 
 class Motion(NamedTuple):

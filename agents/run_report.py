@@ -13,20 +13,11 @@ import numpy as np
 
 from agents import run_charts as charts
 from agents.config import RESULTS
-from agents.run_measures import (
-    FILES,
-    Episodes,
-    Motion,
-    Run,
-    measure_episodes,
-    measure_motion,
-    read_run,
-    record_episodes,
-)
+from agents.run_measures import FILES, Motion, Run, measure_episodes, measure_motion, read_run, record_episodes
 from agents.saved_run import check_name
 from agents.statistics import interval
 from fish_env.bodies import Fish
-from fish_env.control import EPISODES, FIRST_SEED, Recording
+from fish_env.control import EPISODES, FIRST_SEED, Recording, Scores
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.film import film_text
 
@@ -44,7 +35,8 @@ class Group:
 
     label: str
     runs: list[Run]
-    episodes: list[Episodes]
+    episodes: list[Scores]
+    """On the fixed seeds, of every run."""
     recordings: list[Recording]
     """Recordings of the first run."""
     motions: list[Motion]
@@ -101,9 +93,11 @@ def group_runs(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
     if len(found) == 1:
         return [(f"seed {runs[0].seed}" if len(runs) == 1 else "all seeds", list(runs))]
     settings = [flatten(same[0].record["config"] | {"start": same[0].record["start"]}) for same in found.values()]
-    names = dict.fromkeys(name for each in settings for name in each)
-    other = [name for name in names if len({str(each.get(name)) for each in settings}) > 1]
-    labels = [", ".join(f"{n.rpartition('.')[2]} {each[n]}" for n in other if n in each) for each in settings]
+    labels = [
+        ", ".join(f"{name.rpartition('.')[2]} {value}" for name, value in each.items()
+                  if any(str(other.get(name)) != str(value) for other in settings))
+        for each in settings
+    ]  # fmt: skip
     return [(label or "default", same) for label, same in zip(labels, found.values(), strict=True)]
 
 
@@ -130,7 +124,7 @@ def write_section(task: str, groups: list[Group], alone: bool) -> str:
     seeds = "In training, with exploration noise. Bold lines are interquartile means over seeds, thin lines are seeds."
     parts = [
         describe_run(groups[0].runs[0]) if alone else f"<h2>{escape(task)}: the runs</h2>{tabulate_runs(groups)}",
-        f"<h2>{escape(task)}: results</h2>{tabulate_metrics(task, groups)}",
+        f"<h2>{escape(task)}: results</h2>{tabulate_metrics(groups)}",
         f"<h2>Learning curves</h2>{note(seeds)}{charts.draw_learning_curves(curves, RESULTS[task].score)}",
         f"<h2>Failures</h2>{''.join(list_failures(group) for group in groups)}",
         f"<h2>Path</h2>{note(f'From above, the first {len(groups[0].motions)} episodes; a dot is the end.')}{paths}",
@@ -178,15 +172,13 @@ def describe_run(run: Run) -> str:
     )
 
 
-def tabulate_metrics(task: str, groups: Sequence[Group]) -> str:
-    """The task's metrics, a row each, with intervals over seeds and episodes."""
-    rows, measured = [], groups[0].episodes[0].scores.keys() | {"time_per_target"}
-    for name in (*RESULTS[task].metrics, "return", "failed"):
-        if name not in measured:
-            continue
+def tabulate_metrics(groups: Sequence[Group]) -> str:
+    """The metrics, a row each, with intervals over seeds and episodes."""
+    rows, names = [], [*groups[0].episodes[0]]
+    for name in [*names, "time_per_target"] if "targets" in names else names:
         cells = []
         for group in groups:
-            middle, low, high = interval([one.scores for one in group.episodes], name, np.random.default_rng(0))
+            middle, low, high = interval(group.episodes, name, np.random.default_rng(0))
             cells.append(f"{middle:.3f} ({low:.3f} to {high:.3f})" if np.isfinite(middle) else "-")
         rows.append((name, *cells))
     text = "Interquartile means over seeds of the means over episodes; 95 % bootstrap intervals over both."
@@ -195,18 +187,16 @@ def tabulate_metrics(task: str, groups: Sequence[Group]) -> str:
 
 
 def list_failures(group: Group) -> str:
-    """Number and reasons of failures, and the worst episodes with the command that shows them."""
-    count = sum(len(one.scores["return"]) for one in group.episodes)
-    why = sum((one.failures for one in group.episodes), type(group.episodes[0].failures)())
-    reasons = ", ".join(f"{number} {reason}" for reason, number in why.most_common()) or "none"
-    scores, policy = group.episodes[0].scores, group.runs[0].folder / "policy.npz"
+    """Number of failures, and the worst episodes with the command that shows them."""
+    failed = np.concatenate([scores["failed"] for scores in group.episodes])
+    scores, policy = group.episodes[0], group.runs[0].folder / "policy.npz"
     worst = np.argsort(scores["return"], kind="stable")[:WORST].tolist()
     rows = [(FIRST_SEED + i, f"{scores['return'][i]:.2f}", f"{scores['seconds'][i]:.2f}",
              "failed" if scores["failed"][i] else "") for i in worst]  # fmt: skip
     command = f"python train.py play {policy} --seed SEED --save film.html"
     return (
-        f"<p{' class=bad' if why else ''}>{escape(group.label)}: "
-        f"{escape(reasons)} of {count} episodes were ended by a failure of the physics.</p>"
+        f"<p{' class=bad' if failed.any() else ''}>{escape(group.label)}: {int(failed.sum()) or 'none'} of "
+        f"{failed.size} episodes were ended by a failure of the physics.</p>"
         + note(f"Lowest returns of the first run; to see one: <code>{escape(command)}</code>")
         + table(("seed", "return", "seconds", ""), rows, 0)
     )

@@ -6,7 +6,6 @@ used raises a ValueError, which names the file and the reason; nothing has been 
 
 import json
 import os
-import shutil
 import sys
 from importlib.metadata import version
 from io import BytesIO
@@ -20,7 +19,6 @@ from stable_baselines3 import PPO
 
 from agents.config import CONFIGS, settings_of
 from fish_env.checks import is_whole
-from fish_env.control.files import replacing
 
 PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "torch")
 CURVE = "timesteps,seconds,episodes,score,return"
@@ -52,7 +50,7 @@ def check_name(folder: Path) -> None:
         raise ValueError(f"the name of the folder {str(folder)!r} is not UTF-8; give it another name") from error
 
 
-def text_of(path: Path, most: int) -> str:
+def read_text(path: Path, most: int) -> str:
     """The text of a file of at most so many bytes; ValueError with the reason if it cannot be read."""
     if not path.is_file():
         raise ValueError("it is not a file")
@@ -73,7 +71,7 @@ def read_record(path: Path) -> dict[str, Any]:
         ValueError: if it is not such a record, or its settings are not those of this version.
     """
     try:
-        record = json.loads(text_of(path, RECORD))
+        record = json.loads(read_text(path, RECORD))
         if not isinstance(record, dict):
             raise ValueError(f"it holds {record!r:.40}, not an object")
         record = OPTIONAL | record
@@ -106,21 +104,21 @@ def restore(model: PPO, path: Path) -> PPO:
     most = 2**20 + 3 * sum(value.nbytes for value in wanted.values())
     limits = {"data": COUNTS, "policy.pth": most, "policy.optimizer.pth": most}
     try:
-        counts, *saved = _parts(path, limits)
+        counts, *saved = _read_parts(path, limits)
         steps, updates = map(json.loads(counts).get, ("num_timesteps", "_n_updates"))
         if not all(is_whole(count) and 0 <= count < 2**53 for count in (steps, updates)):
             raise ValueError(f"its counts are {steps!r:.40} and {updates!r:.40}")
-        parameters, memory = (_tensors(data) for data in saved)
-        found = _fitting(parameters, wanted)
+        parameters, memory = (_load_tensors(data) for data in saved)
+        found = _check_tensors(parameters, wanted)
         trained = {name for name, _ in policy.named_parameters()}
-        for name in wanted.keys() - trained:  # the kernels rely on them, and they follow from the fish
+        for name in wanted.keys() - trained:  # they follow from the fish
             if not torch.allclose(found[name], wanted[name]):
                 raise ValueError(f"{name} differs from that of the fish")
         state = {}
         for k, parameter in enumerate(p for group in optimizer.param_groups for p in group["params"]):
             kept = {"step": torch.zeros(()), "exp_avg": parameter, "exp_avg_sq": parameter}
             if memory["state"]:  # else there was no update yet
-                state[k] = _fitting(memory["state"][k], kept)
+                state[k] = _check_tensors(memory["state"][k], kept)
         policy.load_state_dict(found)
         optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
     except Exception as error:  # what was damaged may raise anything
@@ -130,7 +128,7 @@ def restore(model: PPO, path: Path) -> PPO:
     return model
 
 
-def _parts(path: Path, limits: dict[str, int]) -> list[bytes]:
+def _read_parts(path: Path, limits: dict[str, int]) -> list[bytes]:
     """Parts of a zip archive, by their names; ValueError for one with more bytes than its limit, unpacked or not."""
     if not path.is_file() or path.stat().st_size > 2**20 + sum(limits.values()):
         raise ValueError("it is not a file, or it is larger than a model of these settings")
@@ -146,7 +144,7 @@ def _parts(path: Path, limits: dict[str, int]) -> list[bytes]:
     return parts
 
 
-def _tensors(data: bytes) -> Any:
+def _load_tensors(data: bytes) -> Any:
     """Object that torch saved, if it is only tensors in dictionaries and takes no more memory than its bytes."""
     with ZipFile(BytesIO(data)) as archive:
         whole = archive.infolist()
@@ -161,7 +159,7 @@ def _tensors(data: bytes) -> Any:
     return torch.load(BytesIO(data), map_location="cpu", weights_only=True)
 
 
-def _fitting(found: dict[str, torch.Tensor], wanted: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+def _check_tensors(found: dict[str, torch.Tensor], wanted: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """The tensors found, if they are finite and have the names, shapes and types of those wanted; else ValueError."""
     if found.keys() != wanted.keys():
         raise ValueError(f"its tensors are not those of these settings; missing: {sorted(wanted.keys() - found)}")
@@ -177,7 +175,7 @@ def _fitting(found: dict[str, torch.Tensor], wanted: dict[str, torch.Tensor]) ->
 def read_curve(path: Path) -> list[str]:
     """The rows of curve.csv of a run, without its head, or none without the file; ValueError for one that is cut."""
     try:
-        head, *rows = text_of(path, ROWS).splitlines() if os.path.lexists(path) else [CURVE]
+        head, *rows = read_text(path, ROWS).splitlines() if os.path.lexists(path) else [CURVE]
     except ValueError as error:
         raise ValueError(f"{path} cannot be read ({error}); delete it, or {ADVICE}") from error
     for number, row in enumerate([head, *rows], start=1):
@@ -193,17 +191,14 @@ def read_curve(path: Path) -> list[str]:
     return rows
 
 
-def keep_of_other_versions(folder: Path, record: dict[str, Any]) -> None:
-    """If a run was trained with other versions than are installed, print them and save a copy of its model."""
+def warn_of_other_versions(record: dict[str, Any]) -> None:
+    """If a run was trained with other versions than are installed, print them."""
     now = versions()
     last = {name: record["versions"].get(name, "unknown").split(", ")[-1] for name in now}
     changed = [f"{name} {last[name]} (now {now[name]})" for name in now if last[name] != now[name]]
     if changed:
-        kept = folder / f"model_before_{record['resumed'] + 1}.zip"
-        with replacing(kept) as partial:
-            shutil.copyfile(folder / "model.zip", partial)
         print(f"Warning: the run was trained with {', '.join(changed)}. Training continues with the installed "
-              f"versions, and its results may differ; the old model is saved in {kept}.")  # fmt: skip
+              "versions, and its results may differ.")  # fmt: skip
 
 
 def append_version(before: str | None, now: str) -> str:

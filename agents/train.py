@@ -18,8 +18,8 @@ from agents.checkout import present_commit
 from agents.config import CONFIGS, FINE_TUNING, RESULTS, TrainConfig, change_simulation, check_settings, settings_of
 from agents.jobs import PARENT
 from agents.report import report
-from agents.run_folder import check_folder, check_installed, locked, new_folder
-from agents.saved_run import append_version, keep_of_other_versions, read_curve, read_record, restore, versions
+from agents.run_folder import check_folder, check_installed, lock_folder, new_folder
+from agents.saved_run import append_version, read_curve, read_record, restore, versions, warn_of_other_versions
 from fish_env.checks import is_whole
 from fish_env.control.files import write_text
 
@@ -81,11 +81,11 @@ def train(request: Request) -> Path:
         resumed = _saved_run(Path(request.resume), task, "resume")
     config, seed = _settings(request, resumed)
     start = None if request.start is None else _start(Path(request.start), task)
-    with closing(make_env(config, config.num_envs, seed)) as env, locked(_folder(request)) as folder:
+    with closing(make_env(config, config.num_envs, seed)) as env, lock_folder(_folder(request)) as folder:
         model = _model(request, config, seed, env, folder, start)
         read_curve(folder / "curve.csv")
         if resumed is not None:
-            keep_of_other_versions(folder, resumed)
+            warn_of_other_versions(resumed)
         _write_config(folder, request, config, seed, resumed)
         finished = learn(model, config, folder, RESULTS[task].score, request.stopped)
         about = {"task": task, "env_id": config.env_id, "env_options": config.env_options}
@@ -100,7 +100,7 @@ def train(request: Request) -> Path:
             print(f"Watch it: python train.py play {folder / 'policy.npz'}")
             raise Stopped
         try:
-            report(folder, config, seed, request.pictures)
+            report(folder, config, request.pictures)
         except KeyboardInterrupt:
             print(f"\nStopped while evaluating. The model is saved; evaluate it with: "
                   f"python train.py {task} --resume {folder}")  # fmt: skip

@@ -130,40 +130,14 @@ def test_mistakes(arguments, message, capsys, monkeypatch):
     assert printed.err.startswith("fish_env: ") and message in printed.err and printed.err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--seed", "-5"], "seed is -5; give a whole number, zero or more"),
-        (["--episodes", "0"], "episodes is 0; give a whole number, at least 1"),
-        (["--episodes", "-3"], "episodes is -3; give a whole number, at least 1"),
-    ],
-)
-def test_episodes_that_cannot_be_played(options, message, tmp_path, monkeypatch, capsys):
-    """No episodes, and seeds below zero, are refused by both command lines and by `play`, and nothing is written."""
-    train = pytest.importorskip("train")
-    asked = [*options, "--save", str(tmp_path / "new" / "x.gif")]
-    monkeypatch.setattr(sys, "argv", ["train.py", "play", str(shipped_policy("swim")), *asked])
-    for main in (lambda: command_line.main(["play", "swim", *asked]), train.main):
-        assert main() == 2
-        printed = capsys.readouterr()
-        assert message in printed.err and printed.err.count("\n") == 1
-    name, value = options[0].removeprefix("--"), int(options[1])
+@pytest.mark.parametrize(("options", "message"), [({"seed": -5}, "seed is -5"), ({"episodes": 0}, "episodes is 0")])
+def test_episodes_that_cannot_be_played(options, message, tmp_path):
+    """No episodes, and seeds below zero, are refused by `play` and its command, and nothing is written."""
     with pytest.raises(ValueError, match=message):
-        play(load_policy(shipped_policy("swim")), **{"video": tmp_path / "new" / "x.html", name: value})
+        play(load_policy(shipped_policy("swim")), video=tmp_path / "new" / "x.html", **options)
+    words = [f"--{name}={value}" for name, value in options.items()]
+    assert command_line.main(["play", "swim", *words, "--save", str(tmp_path / "new" / "x.gif")]) == 2
     assert not list(tmp_path.iterdir())
-
-
-def test_errors_of_gymnasium_have_no_traceback(monkeypatch, capsys):
-    """What Gymnasium refuses is said in one line by train.py as well."""
-    train = pytest.importorskip("train")
-
-    def refuse(*arguments):
-        raise gym.error.UnregisteredEnv("no such environment")
-
-    monkeypatch.setattr(train, "run", refuse)
-    monkeypatch.setattr(sys, "argv", ["train.py", "play", "policy.npz"])
-    assert train.main() == 2
-    assert capsys.readouterr().err == "train.py: no such environment\n"
 
 
 def test_missing_extras(tmp_path):
@@ -209,7 +183,8 @@ def test_names_that_no_file_has(arguments, capsys, monkeypatch, tmp_path):
     ("error", "status", "said"),
     [
         (OSError(28, "No space left on device"), 2, "No space left"), (PermissionError(13, "denied"), 2, "denied"),
-        (MemoryError(), 2, "MemoryError"), (RecursionError("too deep"), 2, "too deep"),
+        (MemoryError(), 2, "MemoryError"), (gym.error.UnregisteredEnv("no such environment"), 2, "no such environment"),
+        (RecursionError("too deep"), 2, "too deep"),
         (ValueError("one\ntwo\n" * 9), 2, "one two one"), (ValueError("x" * 10**6), 2, "xxx ..."),
         (BrokenPipeError(), 141, ""), (KeyboardInterrupt(), 130, "Stopped."),
     ],

@@ -145,7 +145,7 @@ def single(*wrappers):
 
 def scaled_actions(env):
     """Actions from 0 to 1."""
-    return gym.wrappers.RescaleAction(env, 0.0, 1.0)
+    return gym.wrappers.RescaleAction(env, np.float32(0.0), np.float32(1.0))
 
 
 SQUASHED = TANH | {"squash_output": True}

@@ -1,4 +1,4 @@
-"""Training that is killed, that shares a folder, and that runs while the clock jumps."""
+"""Training that is killed, and that shares a folder."""
 
 import json
 import os
@@ -11,26 +11,14 @@ from itertools import count
 import numpy as np
 import pytest
 from pages import ROOT
-
-torch = pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
-
-import tqdm.std
-from stable_baselines3 import PPO
+from trainings import train_short, training
 
 from agents import callbacks
-from agents import train as training
 from benchmarks.common.tables import read_rows
 from fish_env.control import load_policy
 
 KILLED = {"timesteps": 400_000}
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Torch on one thread, as the scripts have it."""
-    torch.set_num_threads(1)
 
 
 def read_run(folder):
@@ -41,7 +29,7 @@ def read_run(folder):
         assert all(float(value) >= 0.0 for row in read_rows(folder / "curve.csv") for value in row.values())
     if (folder / "policy.npz").exists():
         load_policy(folder / "policy.npz")
-    return PPO.load(folder / "model.zip", device="cpu").num_timesteps if (folder / "model.zip").exists() else 0
+    return training.PPO.load(folder / "model.zip", device="cpu").num_timesteps if (folder / "model.zip").exists() else 0
 
 
 def saved_since(path, begun):
@@ -66,7 +54,7 @@ def test_a_run_that_is_killed(tmp_path, monkeypatch):
         if not process:
             status = 1
             try:
-                training.train(training.Request("swim", pictures=False, **request))
+                train_short(**{"changes": {}} | request)
                 status = 0
             finally:
                 os._exit(status)
@@ -88,7 +76,8 @@ def test_a_run_that_is_killed(tmp_path, monkeypatch):
 def test_two_programs_and_one_folder(tmp_path):
     """A second program is refused while the first one trains, from the first moment on, and changes nothing."""
     folder = tmp_path / "run"
-    command = [sys.executable, ROOT / "train.py", "swim", "--timesteps", "10000000", "--num-envs", "8", "--no-pictures"]
+    words = ["swim", "--timesteps", "10000000", "--num-envs", "8", "--torch-threads", "1", "--no-pictures"]
+    command = [sys.executable, ROOT / "train.py", *words]
     first = subprocess.Popen([*command, "--folder", folder], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     try:
         while not (folder / "config.json").exists():
@@ -102,25 +91,4 @@ def test_two_programs_and_one_folder(tmp_path):
     finally:
         first.kill()
         first.wait()
-    training.train(training.Request("swim", folder=folder, changes={"timesteps": 512, "num_envs": 8}, pictures=False))
-
-
-def test_a_clock_that_jumps(tmp_path, monkeypatch):
-    """Days forward and back with every look at the clock: checkpoints, curve and names of folders are as without."""
-    begun, looks = time.time(), count()
-    monkeypatch.setattr(training, "report", lambda *args: None)
-
-    def jumping() -> float:
-        return begun + 1e5 * (-1) ** next(looks)
-
-    monkeypatch.setattr(time, "time", jumping)
-    monkeypatch.setattr(time, "time_ns", lambda: int(1e9 * jumping()))
-    monkeypatch.setattr(tqdm.std, "time", jumping)
-    monkeypatch.setattr(time, "strftime", lambda form: "2020-01-01_00-00-00")
-    changes = {"timesteps": 2048, "num_envs": 8}
-    runs = [training.train(training.Request("swim", 0, root=tmp_path, changes=changes)) for _ in range(2)]
-    assert [run.name for run in runs] == ["2020-01-01_00-00-00", "2020-01-01_00-00-00_2"] and next(looks) > 10
-    one, same = (np.load(run / "policy.npz")["weight0"] for run in runs)
-    np.testing.assert_array_equal(one, same)
-    seconds = [float(row["seconds"]) for run in runs for row in read_rows(run / "curve.csv")]
-    assert seconds and all(0.0 <= value < 1000.0 for value in seconds)
+    train_short(folder=folder)

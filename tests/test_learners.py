@@ -115,12 +115,17 @@ def test_cleanrl_policy(cleanrl, fish):
 
 
 @pytest.mark.slow
-def test_train_torchrl(tmp_path):
-    """It trains, saves the network and evaluates."""
-    pytest.importorskip("torchrl", reason="needs TorchRL: pip install torchrl")
-    said = run(tmp_path, EXAMPLES / "train_torchrl.py", *SHORT)
-    checked_scores(tmp_path / "out", said, "actor.pt")
-    assert re.search(r"512 steps, \d+ steps/s, reward -?\d", said)
+@pytest.mark.parametrize(("example", "package", "options", "left"), [
+    ("torchrl", "torchrl", (), ["actor.pt"]),
+    ("sbx", "sbx", ("--algorithm", "ppo"), ["model.zip", "scaling.pkl"]),
+    ("sbx", "sbx", ("--algorithm", "crossq"), ["model.zip", "scaling.pkl"]),
+])  # fmt: skip
+def test_train_by_another_library(example, package, options, left, tmp_path):
+    """It trains, saves what a user needs to go on, and evaluates."""
+    pytest.importorskip(package, reason=f"needs {package}")
+    said = run(tmp_path, EXAMPLES / f"train_{example}.py", *SHORT, *options)
+    checked_scores(tmp_path / "out", said, *left)
+    assert example != "torchrl" or re.search(r"512 steps, \d+ steps/s, reward -?\d", said)
 
 
 @pytest.mark.slow
@@ -148,15 +153,6 @@ def test_torchrl_gets_what_the_fish_did(fish):
     assert FISH < rollout["next", "truncated"].sum() < 3 * FISH
     other.close()
     envs.check_env_specs(envs.GymEnv("FishEnv/Turn-v0"))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["ppo", "crossq"])
-def test_train_sbx(tmp_path, algorithm):
-    """It trains, saves what a user needs to resume, and evaluates."""
-    pytest.importorskip("sbx", reason="needs SBX: pip install sbx-rl")
-    said = run(tmp_path, EXAMPLES / "train_sbx.py", *SHORT, "--algorithm", algorithm)
-    checked_scores(tmp_path / "out", said, "model.zip", "scaling.pkl")
 
 
 @pytest.mark.slow

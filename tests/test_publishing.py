@@ -64,10 +64,10 @@ def test_publishing_fills_in_page_and_files(quick, trained, monkeypatch):
     assert "| PPO, 2 seeds |" in text and "old" not in text and text.endswith("after")
     assert "[`Swim-v0`](docs/envs/swim.md)" in readme.read_text() and "old" not in readme.read_text()
     assert load_policy(quick / "pretrained/swim/policy.npz")
-    assert [row["seed"] for row in publish.stored("seeds")] == ["0", "1"]
+    assert [row["seed"] for row in publish.read_stored("seeds")] == ["0", "1"]
     publish.replace_rows("seeds", "turn", [{"seed": 5, "latency": 0.5}])
     publish.replace_rows("seeds", "swim", [{"seed": 7, "speed": 2.0}])
-    found = [(row["task"], row["seed"], row["latency"], row["speed"]) for row in publish.stored("seeds")]
+    found = [(row["task"], row["seed"], row["latency"], row["speed"]) for row in publish.read_stored("seeds")]
     assert found == [("swim", "7", "", "2.0"), ("turn", "5", "0.5", "")]
     with pytest.raises(FileNotFoundError, match=r"no run of swim in .* is finished"):
         publish.publish(quick / "nowhere", ["swim"])
@@ -92,9 +92,9 @@ def test_another_integrator_is_published(quick, capsys):
 def test_the_pages_hold_what_the_tables_hold():
     """The tables of the page of results and of the README are those of the CSV file; no trained policy has failed."""
     page = publish.PAGE.read_text()
-    assert publish.filled(page) == page and all(f"<!-- {task} -->" in page for task in CONFIGS)
+    assert publish.fill_in_tables(page) == page and all(f"<!-- {task} -->" in page for task in CONFIGS)
     assert f"<!-- summary -->\n{publish.summary()}<!-- end -->" in publish.README.read_text()
-    assert {float(row["value"]) for row in publish.stored("methods") if row["metric"] == "failed"} == {0.0}
+    assert {float(row["value"]) for row in publish.read_stored("methods") if row["metric"] == "failed"} == {0.0}
 
 
 def test_integrator_check_sees_a_difference():

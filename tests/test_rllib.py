@@ -199,7 +199,7 @@ def test_no_cluster():
     """An address without a cluster is refused, with what may be given."""
     ray.shutdown()
     with pytest.raises(ValueError, match="there is no Ray cluster"):
-        ray_jobs.check_ray("127.0.0.1:1")
+        ray_jobs.join_cluster("127.0.0.1:1")
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "auto", "nowhere"])

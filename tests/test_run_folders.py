@@ -23,54 +23,34 @@ from gymnasium.error import Error
 from hypothesis import given
 from hypothesis import strategies as st
 from pages import ROOT
+from trainings import SHORT, torch, train_short, training
 
-torch = pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
-pytest.importorskip("tensorboard")
-
-from agents import report, run_measures, run_report, statistics, train_all
-from agents import train as training
+from agents import run_measures, run_report, statistics, train_all
 from agents.config import CONFIGS
 from agents.saved_run import not_through_link, read_curve
 from fish_env import __main__ as command_line
 
 DOCUMENTED = (ValueError, FileNotFoundError, RuntimeError, Error)
 COUNTED = ("num_timesteps", "_n_updates", "seed", "_current_progress_remaining")
-SHORT = {"timesteps": 512, "num_envs": 8}
+LONGER = {"timesteps": 2048}
 FILES = ("config.json", "curve.csv", "model.zip", "policy.npz")
 
 
-def train(changes=SHORT, **options):
-    """A run of Swim with these changed settings."""
-    return training.train(training.Request("swim", changes=changes, pictures=False, **options))
-
-
-@pytest.fixture(scope="module")
-def begun(tmp_path_factory):
-    """The folder of a short run that must not be changed."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "report", lambda *args: None)
-        return train(folder=tmp_path_factory.mktemp("begun") / "run")
-
-
 @pytest.fixture
-def place(begun, tmp_path, monkeypatch):
+def place(trained, tmp_path, monkeypatch):
     """A folder with a copy of the run in `run`, a file that is not its own, and a module that must not be imported."""
-    prepare(begun, tmp_path, monkeypatch)
+    prepare(trained, tmp_path, monkeypatch)
     return tmp_path
 
 
-def prepare(begun, tmp_path, monkeypatch):
+def prepare(trained, tmp_path, monkeypatch):
     """Fill the folder of a test, and make reports quick."""
-    torch.set_num_threads(1)
-    monkeypatch.setattr(training, "report", lambda *args: None)
     monkeypatch.setattr(statistics, "RESAMPLES", 5)
     monkeypatch.setattr(run_measures, "SHOWN", 1)
     (tmp_path / "outside.txt").write_text("not of the run\n")
     (tmp_path / "tripwire.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'w')\n")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(report, "EPISODES", 1)
-    shutil.copytree(begun, tmp_path / "run")
+    shutil.copytree(trained, tmp_path / "run")
 
 
 def contents(folder):
@@ -81,6 +61,11 @@ def contents(folder):
             held = os.readlink(path) if path.is_symlink() else path.read_bytes() if path.is_file() else path.is_dir()
             found[path] = held
     return found
+
+
+def evaluate(place):
+    """The exit status of the command that evaluates the policy of the run."""
+    return command_line.main(["evaluate", str(place / "run/policy.npz"), "--episodes", "1"])
 
 
 class Payload:
@@ -113,7 +98,7 @@ def parts_of(path):
         return {name: file.read(name) for name in file.namelist()}
 
 
-def packed(path, parts, kind=zipfile.ZIP_DEFLATED):
+def pack(path, parts, kind=zipfile.ZIP_DEFLATED):
     """Write a zip archive of such parts."""
     with zipfile.ZipFile(path, "w", kind) as file:
         for name, data in parts.items():
@@ -130,7 +115,7 @@ def with_parts(**changed):
         path = place / "run" / "model.zip"
         parts = parts_of(path) | {NAMES.get(name, name): part for name, part in changed.items()}
         kept = {name: part for name, part in parts.items() if part is not None}
-        packed(path, {name: part(place) if callable(part) else part for name, part in kept.items()})
+        pack(path, {name: part(place) if callable(part) else part for name, part in kept.items()})
 
     return change
 
@@ -150,17 +135,6 @@ def tensors(name, change):
     return changed
 
 
-def serialized(place):
-    """Counts with a pickle that writes a file, as `PPO.save` stores what is no JSON."""
-    text = base64.b64encode(pickle.dumps(Payload(place / "executed"))).decode()
-    return counts(policy_class={":type:": "type", ":serialized:": text})(place)
-
-
-def first(held):
-    """The name of the first matrix of weights."""
-    return next(name for name, value in held.items() if value.ndim == 2)
-
-
 def policy(change):
     """A function that changes the tensors of the policy; what `change` returns is saved, if it is something."""
     return with_parts(policy=tensors("policy.pth", change))
@@ -174,6 +148,24 @@ def optimizer(change):
 def as_policy(make):
     """A function that puts other bytes in place of the policy; `make` is given the path of what a payload writes."""
     return with_parts(policy=lambda place: make(place / "executed"))
+
+
+def serialize(place):
+    """Counts with a pickle that writes a file, as `PPO.save` stores what is no JSON."""
+    text = base64.b64encode(pickle.dumps(Payload(place / "executed"))).decode()
+    return counts(policy_class={":type:": "type", ":serialized:": text})(place)
+
+
+def repack(place):
+    """The weights, compressed in their own archive, which torch does not do."""
+    out = BytesIO()
+    pack(out, parts_of(BytesIO(parts_of(place / "run/model.zip")["policy.pth"])))
+    return out.getvalue()
+
+
+def first(held):
+    """The name of the first matrix of weights."""
+    return next(name for name, value in held.items() if value.ndim == 2)
 
 
 MODELS = {
@@ -195,7 +187,6 @@ MODELS = {
     "other places": policy(lambda held: held | {"mlp_extractor.place": held["mlp_extractor.place"] + 10**9}),
     "other scales": policy(lambda held: held | {"features_extractor.scale": 2.0 * held["features_extractor.scale"]}),
     "one more": policy(lambda held: held | {"more": torch.ones(1)}),
-    "renamed": policy(lambda held: held | {"other": held.pop("log_std")}),
     "numbers": policy(lambda held: dict.fromkeys(held, 1.0)),
     "a tensor": policy(lambda held: held["value_net.bias"] + 1.0),
     "optimizer reshaped": optimizer(lambda held: held["state"][0].update(exp_avg=torch.ones(3))),
@@ -207,27 +198,16 @@ MODELS = {
     "pickle for weights": as_policy(lambda path: pickle.dumps(Payload(path))),
     "old format of torch": as_policy(lambda path: pickle.dumps(0x1950A86A20F9469CFC6C) + pickle.dumps(Payload(path))),
     "large": as_policy(lambda path: saved({"log_std": Large()})),
-    "compressed inside": with_parts(policy=lambda place: repacked(place)),
-    "bzip2": lambda place: packed(place / "run/model.zip", parts_of(place / "run/model.zip"), zipfile.ZIP_BZIP2),
-    "empty": lambda place: packed(place / "run/model.zip", {}),
+    "compressed inside": with_parts(policy=repack),
+    "bzip2": lambda place: pack(place / "run/model.zip", parts_of(place / "run/model.zip"), zipfile.ZIP_BZIP2),
+    "empty": lambda place: pack(place / "run/model.zip", {}),
 }
 """Changes of model.zip with which it is refused."""
-
 KEPT = {
-    "as it is": lambda place: None,
-    "payload beside the counts": with_parts(data=serialized),
+    "payload beside the counts": with_parts(data=serialize),
     "payload in a part that is not read": with_parts(variables=lambda place: saved(Payload(place / "executed"))),
-    "another part": with_parts(note=b"text"),
 }
 """Changes of model.zip with which it is read all the same."""
-
-
-def repacked(place):
-    """The weights, compressed in their own archive, which torch does not do."""
-    parts = parts_of(BytesIO(parts_of(place / "run/model.zip")["policy.pth"]))
-    out = BytesIO()
-    packed(out, parts)
-    return out.getvalue()
 
 
 def assert_refused(place, message="."):
@@ -235,7 +215,7 @@ def assert_refused(place, message="."):
     before = contents(place)
     for request in ({"resume": place / "run"}, {"start": place / "run", "folder": place / "new"}):
         with pytest.raises(DOCUMENTED, match=message):
-            train({"timesteps": 1024}, **request)
+            train_short(changes=LONGER, **request)
     assert contents(place) == before
 
 
@@ -250,10 +230,10 @@ def test_a_model_that_cannot_be_used_is_refused(name, place):
 def test_nothing_of_a_model_is_executed(name, place):
     """What else is in the file is not read: the run goes on as before."""
     KEPT[name](place)
-    train({"timesteps": 1024}, resume=place / "run")
-    train(SHORT, start=place / "run", folder=place / "new")
+    train_short(changes=LONGER, resume=place / "run")
+    train_short(start=place / "run", folder=place / "new")
     assert not (place / "executed").exists()
-    assert json.loads(parts_of(place / "run/model.zip")["data"])["num_timesteps"] == 1024
+    assert json.loads(parts_of(place / "run/model.zip")["data"])["num_timesteps"] == 2048
 
 
 def test_the_payloads_would_be_executed(place):
@@ -267,14 +247,14 @@ def test_the_payloads_would_be_executed(place):
 def test_a_run_goes_on_as_with_stable_baselines(place, monkeypatch):
     """Bit for bit: parameters, optimizer, learning rate and counts are those of a learner that `PPO.load` gave."""
     before = shutil.copytree(place / "run", place / "before")
-    train({"timesteps": 2048}, resume=place / "run")
+    train_short(changes=LONGER, resume=place / "run")
     load = lambda config, env, *rest: training.PPO.load(before / "model.zip", env, device="cpu")  # noqa: E731
     monkeypatch.setattr(training, "make_model", load)
     monkeypatch.setattr(training, "restore", lambda model, path: model)
-    train({"timesteps": 2048}, resume=before)
+    train_short(changes=LONGER, resume=before)
     one, other = (parts_of(folder / "model.zip") for folder in (place / "run", before))
     for name in ("policy.pth", "policy.optimizer.pth"):
-        mine, theirs = (flat(torch.load(BytesIO(held[name]), weights_only=True)) for held in (one, other))
+        mine, theirs = (flatten(torch.load(BytesIO(held[name]), weights_only=True)) for held in (one, other))
         assert mine.keys() == theirs.keys() and mine.get("param_groups.0.lr", 0.0) < 1e-3
         for key, value in mine.items():
             assert np.array_equal(value, theirs[key]), key
@@ -283,52 +263,53 @@ def test_a_run_goes_on_as_with_stable_baselines(place, monkeypatch):
     assert [path.name for path in (place / "run" / "tensorboard").iterdir()] == ["ppo_1"]
 
 
-def flat(value, name=""):
+def flatten(value, name=""):
     """The numbers in lists and dictionaries, by their paths."""
-    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else ()
-    found = {f"{name}.{key}".strip("."): each for key, each in inner}
-    return {n: v for key, each in found.items() for n, v in flat(each, key).items()} if inner != () else {name: value}
+    if not isinstance(value, dict | list | tuple):
+        return {name: value}
+    inner = value.items() if isinstance(value, dict) else enumerate(value)
+    return {key: each for part, held in inner for key, each in flatten(held, f"{name}.{part}".strip(".")).items()}
 
 
-def taken(folder):
-    """What is said of a run that is resumed, and how much memory that took beyond what the imports take, bytes."""
-    code = """import resource, sys
+MEMORY = """import resource, sys
 from agents import train
 def most(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-before = most()
-try:
-    train.train(train.Request("swim", resume=sys.argv[1], changes={"timesteps": 1024}, pictures=False))
-except ValueError as error:
-    print(str(error).splitlines()[0])
-print(most() - before)"""
-    command = [sys.executable, "-c", code, str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
-    *_, said, number = done.stdout.splitlines()
-    return said, int(number)
+for folder in sys.argv[1:]:
+    before = most()
+    try:
+        train.train(train.Request("swim", resume=folder, changes={"timesteps": 2048}, pictures=False))
+    except ValueError as error:
+        print(most() - before, str(error).splitlines()[0])"""
 
 
-@pytest.mark.parametrize(("name", "lying"), [("data", False), ("policy.pth", False), ("policy.pth", True)])
-def test_a_bomb_is_not_unpacked(name, lying, place):
-    """An archive that unpacks to a quarter of a gigabyte is refused before it has, also if its head lies."""
+def test_a_bomb_is_not_unpacked(trained, tmp_path):
+    """Archives that unpack to a quarter of a gigabyte, and settings of that size, are refused without their memory."""
     pytest.importorskip("resource")
-    path, size = place / "run" / "model.zip", 2**28 + 1_234_567
-    parts = parts_of(path)
-    packed(path, {other: part for other, part in parts.items() if other != name})
-    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED, compresslevel=1) as file, file.open(name, "w") as part:
-        for _ in range(-(-size // 2**24)):
-            part.write(bytes(2**24))
-        size = part._file_size
-    if lying:
-        path.write_bytes(path.read_bytes().replace(size.to_bytes(4, "little"), (1000).to_bytes(4, "little")))
-    assert path.stat().st_size < 4 * 2**20
-    said, number = taken(place / "run")
-    assert "model.zip cannot be read" in said and number < 200 * 2**20
+    folders = [tmp_path / name for name in ("data", "policy.pth", "lying policy.pth", "fish", "layer")]
+    for folder in folders:
+        shutil.copytree(trained, folder)
+    for folder in folders[:3]:
+        path, size, name = folder / "model.zip", 2**28 + 1_234_567, folder.name.split()[-1]
+        pack(path, {other: part for other, part in parts_of(path).items() if other != name})
+        with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED, compresslevel=1) as file, file.open(name, "w") as part:
+            for _ in range(-(-size // 2**24)):
+                part.write(bytes(2**24))
+            size = part._file_size
+        if "lying" in folder.name:
+            path.write_bytes(path.read_bytes().replace(size.to_bytes(4, "little"), (1000).to_bytes(4, "little")))
+        assert path.stat().st_size < 4 * 2**20
+    change_record(folders[3], num_envs=10**9)
+    change_record(folders[4], hidden=[10**9])
+    command = [sys.executable, "-c", MEMORY, *map(str, folders)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    said = done.stdout.splitlines()
+    assert len(said) == len(folders) and all("model.zip cannot be read" in line for line in said[:3])
+    assert max(int(line.split()[0]) for line in said) < 200 * 2**20
 
 
 HUGE = {
     "fish": {"num_envs": 10**9},
     "steps of a rollout": {"rollout": 10**12},
-    "a layer": {"hidden": [10**9]},
     "two layers": {"hidden": [10**6, 10**6]},
     "many layers": {"hidden": [1] * 10**5},
     "timesteps": {"timesteps": 10**30},
@@ -341,11 +322,7 @@ HUGE = {
 @pytest.mark.parametrize("name", HUGE)
 def test_huge_settings_are_refused(name, place):
     """Sizes that no machine has are refused before anything is made of them."""
-    pytest.importorskip("resource")
     change_record(place / "run", **HUGE[name])
-    if name in ("fish", "a layer"):
-        said, number = taken(place / "run")
-        assert said and number < 200 * 2**20
     assert_refused(place)
 
 
@@ -356,61 +333,62 @@ def change_record(folder, task="swim", **config):
     (folder / "config.json").write_text(json.dumps(record | {"task": task}))
 
 
-@pytest.mark.parametrize("env_id", ["tripwire:Swim-v0", "tripwire:FishEnv/Swim-v0", "CartPole-v1", "", ":"])
+@pytest.mark.parametrize("env_id", ["tripwire:Swim-v0", "tripwire:FishEnv/Swim-v0", "CartPole-v1", ""])
 def test_no_module_is_imported_for_a_run(env_id, place):
     """The environment of a run is that of its task: another name imports nothing, in whichever file it stands."""
     change_record(place / "run", env_id=env_id)
     assert_refused(place, r"config\.json cannot be used")
     with pytest.raises(ValueError, match=r"config\.json cannot be used"):
         run_report.write_report([place / "run"], episodes=1)
-    about = {"env_id": env_id, "task": "swim", "env_options": {}}
-    policy = place / "run" / "policy.npz"
-    with np.load(policy) as file:
-        np.savez(policy, **(dict(file) | {"about": json.dumps(about)}))
-    assert command_line.main(["evaluate", str(policy), "--episodes", "1"]) == 2
+    about, file = {"env_id": env_id, "task": "swim", "env_options": {}}, place / "run" / "policy.npz"
+    np.savez(file, **(dict(np.load(file)) | {"about": json.dumps(about)}))
+    assert evaluate(place) == 2
     assert not (place / "imported").exists() and "tripwire" not in sys.modules
+
+
+def put(kind, path, place, target, held=b""):
+    """Put a link, a folder, a pipe or other bytes in place of a file."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+    if kind == "bytes":
+        path.write_bytes(held)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        if not hasattr(os, "mkfifo"):
+            pytest.skip("this system has no named pipes")
+        os.mkfifo(path)
+    else:
+        path.symlink_to(target if kind == "link" else Path("/dev/zero") if kind == "device" else place / "nothing")
 
 
 @pytest.mark.parametrize("name", ["lock", "tensorboard", "tensorboard/ppo_1", "config.json", "curve.csv", "model.zip"])
 @pytest.mark.parametrize("kind", ["link", "folder", "pipe", "dangling link"])
-def test_no_other_file_is_written_through_a_run(kind, name, place, begun):
+def test_no_other_file_is_written_through_a_run(kind, name, place, trained):
     """Links, folders and pipes in place of files: what lies elsewhere stays, and nothing waits for them."""
-    if kind == "pipe" and not hasattr(os, "mkfifo"):
-        pytest.skip("this system has no named pipes")
     path = place / "run" / name
-    if path.is_dir():
-        shutil.rmtree(path)
-    elif path.exists():
-        path.unlink()
-    if kind == "link":
-        path.symlink_to(begun / name if name != "lock" else place / "outside.txt")
-    elif kind == "folder":
-        path.mkdir()
-    elif kind == "pipe":
-        os.mkfifo(path)
-    else:
-        path.symlink_to(place / "nothing")
-    outside = contents(begun), (place / "outside.txt").read_text()
+    put(kind, path, place, trained / name if name != "lock" else place / "outside.txt")
+    outside = contents(trained), (place / "outside.txt").read_text()
     with suppress(*DOCUMENTED):
-        train({"timesteps": 1024}, resume=place / "run")
-    assert (contents(begun), (place / "outside.txt").read_text()) == outside and not (place / "nothing").exists()
+        train_short(changes=LONGER, resume=place / "run")
+    assert (contents(trained), (place / "outside.txt").read_text()) == outside and not (place / "nothing").exists()
     assert not path.is_symlink() or path.name in ("lock", "ppo_1", "tensorboard") or kind == "dangling link"
 
 
 @pytest.mark.parametrize("name", ["policy.npz", "results.json", "report.html"])
 def test_what_would_stand_in_the_way_at_the_end_is_refused_at_the_beginning(name, place):
     """A folder in place of a file that is written when the training is over."""
-    (place / "run" / name).unlink(missing_ok=True)
-    (place / "run" / name).mkdir()
+    put("folder", place / "run" / name, place, None)
     with pytest.raises(ValueError, match=f"{name} is not a file"):
-        train({"timesteps": 1024}, resume=place / "run")
+        train_short(changes=LONGER, resume=place / "run")
 
 
 def test_a_lock_is_not_truncated(place):
     """A file of another name for the same bytes is not emptied, and the log of `train.py all` follows no link."""
     (place / "run" / "lock").unlink()
     os.link(place / "outside.txt", place / "run" / "lock")
-    train({"timesteps": 1024}, resume=place / "run")
+    train_short(changes=LONGER, resume=place / "run")
     (place / "run" / "log.txt").symlink_to(place / "outside.txt")
     with pytest.raises(OSError):
         train_all.Job("swim", 0, place / "run", CONFIGS["swim"]).start(None)
@@ -427,30 +405,28 @@ CURVES = [b"\xff\xfe", *(HEAD + row for row in (b"1,2,3,4", b"-1,2,3,4,5", b"9" 
 def test_a_curve_that_cannot_be_read(held, place):
     """Bytes that are no text and rows that are no numbers are refused by the file's name, everywhere it is read."""
     (place / "run" / "curve.csv").write_bytes(held)
-    with pytest.raises(ValueError, match=r"curve\.csv"):
-        read_curve(place / "run" / "curve.csv")
-    with pytest.raises(ValueError, match=r"curve\.csv"):
-        run_report.write_report([place / "run"], episodes=1)
-    with pytest.raises(ValueError, match=r"curve\.csv"):
-        train({"timesteps": 1024}, resume=place / "run")
+    for use in (lambda: read_curve(place / "run" / "curve.csv"), lambda: run_report.write_report([place / "run"]),
+                lambda: train_short(changes=LONGER, resume=place / "run")):  # fmt: skip
+        with pytest.raises(ValueError, match=r"curve\.csv"):
+            use()
     assert train_all.Job("swim", 0, place / "run", CONFIGS["swim"]).steps == 0
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are any bytes on Linux only")
-def test_a_name_that_is_not_utf_8(place, begun):
+def test_a_name_that_is_not_utf_8(place, trained):
     """A folder whose name cannot be printed is refused before anything is measured or trained."""
     folder = Path(os.fsdecode(os.fsencode(place) + b"/\xff"))
-    shutil.copytree(begun, folder)
+    shutil.copytree(trained, folder)
     for call in (
         lambda: run_report.write_report([folder]),
         lambda: run_report.write_report([place / "run"], folder / "page.html"),
-        lambda: train({"timesteps": 1024}, resume=folder),
-        lambda: train(folder=folder / "new"),
-        lambda: train(root=folder / "runs"),
+        lambda: train_short(changes=LONGER, resume=folder),
+        lambda: train_short(folder=folder / "new"),
+        lambda: train_short(root=folder / "runs"),
     ):
         with pytest.raises(ValueError, match="is not UTF-8"):
             call()
-    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in begun.iterdir())
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in trained.iterdir())
 
 
 # Anything
@@ -458,126 +434,71 @@ def test_a_name_that_is_not_utf_8(place, begun):
 ODD = [10**400, -1, 0, 1e308, -1e308, "1", "tripwire:Swim-v0", "mass_spring", {"a": {"b": {}}}, ["x"] * 300,
        [[[[[[[[[[[[]]]]]]]]]]]], "\udcff", float("nan"), float("inf")]  # fmt: skip
 VALUES = st.one_of(JSON, st.sampled_from(ODD))
-OPTIONS = [
-    "body",
-    "integrator",
-    "control_interval",
-    "water",
-    "variation",
-    "muscle_groups",
-    "threads",
-    "lanes",
-    "x",
-    "refine",
-    "max_episode_steps",
-    "task",
-    "num_envs",
-    "autoreset_mode",
-    "render_mode",
-    "id",
-    "self",
-    "dtype",
-]
-LINKS = ["link", "dangling", "folder", "pipe", "device"]
+OPTIONS = ["body", "integrator", "control_interval", "water", "variation", "muscle_groups", "threads", "lanes", "x",
+           "refine", "max_episode_steps", "task", "num_envs", "autoreset_mode", "render_mode", "id", "self",
+           "dtype"]  # fmt: skip
 WHOLE = [b"", b"{}", b"[]", b"null", b"NaN", b"[" * 100_000, b"\xff\xfe\0", b'{"a":' * 5000]
 BYTES = st.one_of(st.binary(max_size=50), st.sampled_from(WHOLE))
 
 
-@st.composite
-def changed_folder(draw):
-    """A function that changes a folder of a run in one or two ways."""
-    changes = draw(st.lists(st.one_of(settings_changed(), files_replaced(), parts_changed()), min_size=1, max_size=2))
+def change_setting(place, at, option, value):
+    """Put another value anywhere in config.json."""
+    path = place / "run" / "config.json"
+    record = json.loads(path.read_text() if path.is_file() else "{}")
+    config = record["config"]
+    places = [(record, name) for name in (*record, "start")] + 2 * [(config, name) for name in (*config, "more")]
+    places += [(config["env_options"], option)] * 30
+    inner, name = places[at % len(places)]
+    inner[name] = value
+    path.write_text(json.dumps(record))
 
-    def change(place):
-        for each in changes:
-            with suppress(Exception):  # what it changes may have been changed already
-                each(place)
 
-    return change
-
-
-@st.composite
-def settings_changed(draw):
-    """A value anywhere in config.json is another one."""
-    at, value = draw(st.integers(0, 99)), draw(VALUES)
-    option = draw(st.sampled_from(OPTIONS))
-
-    def change(place):
-        path = place / "run" / "config.json"
-        record = json.loads(path.read_text()) if path.is_file() and not path.is_symlink() else {}
-        if not isinstance(record, dict) or not isinstance(record.get("config"), dict):
-            return
-        config = record["config"]
-        places = [(record, n) for n in (*record, "start")] + 2 * [(config, n) for n in (*config, "more")]
-        options = config.get("env_options")
-        places += [(options, option)] * 30 if isinstance(options, dict) else []
-        inner, name = places[at % len(places)]
-        inner[name] = value
-        path.write_text(json.dumps(record))
-
-    return change
+def change_part(place, at, known, held):
+    """Change a part of model.zip in one of the ways above, or put other bytes or a pickle in its place."""
+    path = place / "run" / "model.zip"
+    if path.is_file() and known is not None:
+        known(place)
+    elif path.is_file():
+        parts = parts_of(path)
+        which = [*parts, "more.pth"][at % (len(parts) + 1)]
+        pack(path, parts | {which: pickle.dumps(Payload(place / "executed")) if held is None else held})
 
 
 @st.composite
-def files_replaced(draw):
-    """A file is other bytes, or something else."""
-    name, kind = draw(st.sampled_from([*FILES, "lock", "tensorboard"])), draw(st.sampled_from(["bytes", *LINKS]))
-    held = draw(BYTES)
-
-    def change(place):
-        path = place / "run" / name
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        path.unlink(missing_ok=True)
-        if kind == "bytes":
-            path.write_bytes(held)
-        elif kind == "folder":
-            path.mkdir()
-        elif kind == "pipe" and hasattr(os, "mkfifo"):
-            os.mkfifo(path)
-        else:
-            path.symlink_to({"link": place / "outside.txt", "device": Path("/dev/zero")}.get(kind, place / "nothing"))
-
-    return change
-
-
-@st.composite
-def parts_changed(draw):
-    """A part of model.zip is changed in one of the ways above, is other bytes, or a pickle."""
-    known = draw(st.sampled_from([*MODELS.values(), *KEPT.values(), None, None]))
-    at, held, pickled = draw(st.integers(0, 20)), draw(BYTES), draw(st.booleans())
-
-    def change(place):
-        path = place / "run" / "model.zip"
-        if not path.is_file() or not zipfile.is_zipfile(path):
-            return
-        if known is not None:
-            known(place)
-        else:
-            parts = parts_of(path)
-            which = [*parts, "more.pth"][at % (len(parts) + 1)]
-            packed(path, parts | {which: pickle.dumps(Payload(place / "executed")) if pickled else held})
-
-    return change
+def changes(draw):
+    """A function that changes a folder of a run."""
+    at, kind = draw(st.integers(0, 99)), draw(st.sampled_from(["setting", "file", "part"]))
+    if kind == "setting":
+        option, value = draw(st.sampled_from(OPTIONS)), draw(VALUES)
+        return lambda place: change_setting(place, at, option, value)
+    if kind == "part":
+        known = draw(st.sampled_from([*MODELS.values(), *KEPT.values(), None, None]))
+        held = draw(st.one_of(BYTES, st.none()))
+        return lambda place: change_part(place, at, known, held)
+    name, other = draw(st.sampled_from([*FILES, "lock", "tensorboard"])), draw(BYTES)
+    put_kind = draw(st.sampled_from(["bytes", "link", "dangling", "folder", "pipe", "device"]))
+    return lambda place: put(put_kind, place / "run" / name, place, place / "outside.txt", other)
 
 
 CALLS = {
-    "resume": lambda place: train({"timesteps": 1024}, resume=place / "run"),
-    "resume as it says": lambda place: train({}, resume=place / "run"),
-    "start": lambda place: train(SHORT, start=place / "run", folder=place / "new"),
+    "resume": lambda place: train_short(changes=LONGER, resume=place / "run"),
+    "resume as it says": lambda place: train_short(changes={}, resume=place / "run"),
+    "start": lambda place: train_short(changes=SHORT, start=place / "run", folder=place / "new"),
     "report": lambda place: run_report.write_report([place / "run"], place / "page.html", episodes=1),
-    "evaluate": lambda place: command_line.main(["evaluate", str(place / "run" / "policy.npz"), "--episodes", "1"]),
+    "evaluate": evaluate,
 }
 
 
-@examples(120)
-@given(change=changed_folder(), name=st.sampled_from(list(CALLS)))
-def test_changed_folders(begun, tmp_path_factory, change, name):
+@examples(100)
+@given(changed=st.lists(changes(), min_size=1, max_size=2), name=st.sampled_from(list(CALLS)))
+def test_changed_folders(trained, tmp_path_factory, changed, name):
     """Any change of a run: what is documented comes of it, and nothing is executed, imported or written elsewhere."""
     place = tmp_path_factory.mktemp("any")
     with pytest.MonkeyPatch.context() as patch:
-        prepare(begun, place, patch)
-        change(place)
+        prepare(trained, place, patch)
+        for change in changed:
+            with suppress(Exception):  # what it changes may have been changed already
+                change(place)
         before = {path: held for path, held in contents(place).items() if place / "run" not in path.parents}
         modules = set(sys.modules)
         try:

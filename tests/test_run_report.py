@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from collections import Counter
 from dataclasses import asdict, replace
 
 import gymnasium as gym
@@ -124,12 +123,13 @@ def test_too_many_groups(runs, monkeypatch):
 
 
 def test_failures_are_counted_and_listed(runs):
-    """Episodes that the physics ended are counted by their reason, and the worst ones are listed with their seeds."""
-    (group,) = [run_report.measure_group("a", [run_measures.read_run(runs / "seed0")], 3)]
-    episodes = group.episodes[0]
-    assert not episodes.failures and len(episodes.scores["return"]) == 3
-    text = run_report.list_failures(replace(group, episodes=[episodes._replace(failures=Counter(torn=2))] * 2))
-    assert "a: 4 torn of 6 episodes" in text and "class=bad" in text
+    """Episodes that the physics ended are counted, and the worst ones are listed with their seeds."""
+    group = run_report.measure_group("a", [run_measures.read_run(runs / "seed0")], 3)
+    scores = group.episodes[0]
+    assert not scores["failed"].any()
+    failing = scores | {"failed": np.array([1.0, 0.0, 1.0])}
+    text = run_report.list_failures(replace(group, episodes=[failing, failing]))
+    assert "a: 4 of 6 episodes were ended by a failure" in text and "class=bad" in text
     assert all(f">{1_000_000 + k}<" in text for k in range(3))
 
 

@@ -1,33 +1,19 @@
-"""Training on one body, resuming on another; and the table of policies on other bodies."""
+"""Training on another body, with another integrator, or from another run's policy."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from trainings import SHORT, torch, train_short
 
-torch = pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
-
-from agents import train as training
 from agents.build import export_policy, make_env, make_model, start_from
 from agents.config import CONFIGS, FINE_TUNING, change_simulation
-from benchmarks.learning import transfer
-from fish_env import make_fish
+from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.control import evaluate, load_policy, make_policy_env, policy_controller
+from fish_env.physics.tank_options import own_step
 
-SHORT = {"timesteps": 1024, "num_envs": 8}
-
-
-def train(task, changes=SHORT, **options):
-    """A run with these changed settings."""
-    return training.train(training.Request(task, changes=changes, **options))
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Torch on one thread, as the scripts have it."""
-    torch.set_num_threads(1)
+FISH = make_fish()
 
 
 def learner(body: str, seed: int, shaken: float = 0.0, task: str = "swim", **settings):
@@ -50,7 +36,7 @@ def test_start_from_another_body(symmetric):
     start_from(again, solid)
     obs = np.random.default_rng(0).normal(size=(20, flat.observation_space.shape[0])).astype(np.float32)
     pairs, muscles, back = (export_policy(model, {})(obs) for model in (flat, solid, again))
-    np.testing.assert_allclose(muscles, pairs[:, make_fish().grouping("pairs")], atol=1e-5)
+    np.testing.assert_allclose(muscles, pairs[:, FISH.grouping("pairs")], atol=1e-5)
     np.testing.assert_allclose(back, pairs, atol=1e-5)
     assert pairs.shape == (20, 6) and np.abs(pairs).max() > 0.1
     both = np.isin(solid.policy.log_std.detach().numpy(), flat.policy.log_std.detach().numpy())
@@ -71,39 +57,51 @@ def test_a_start_that_does_not_fit_is_refused():
     assert all(torch.equal(value, after[name]) for name, value in before.items())
 
 
-def test_train_on_another_body(tmp_path, monkeypatch):
-    """A run on a body says so, is measured there, another goes on from it; what cannot be is refused at the door."""
-    monkeypatch.setattr(training, "report", lambda *args: None)
-    first = train("swim", folder=tmp_path / "flat", body="planar")
-    second = train("swim", folder=tmp_path / "solid", body="mass_spring", start=first)
-    record = json.loads((second / "config.json").read_text())
-    assert record["command"].endswith(f"--body mass_spring --start-from {first}") and record["start"] == str(first)
-    assert {name: record["config"][name] for name in FINE_TUNING} == FINE_TUNING | SHORT
-    policy = load_policy(first / "policy.npz")
-    assert policy.about["env_options"] == {"body": "planar", "muscle_groups": "pairs"}
+def test_train_with_another_simulation(tmp_path):
+    """Body, method and step are in the settings, the command and the policy; a run resumes so, and another goes on."""
+    chosen = {"body": "planar", "integrator": "symplectic_euler", "dt": 0.0005}
+    first = train_short(folder=tmp_path / "flat", **chosen)
+    record, policy = json.loads((first / "config.json").read_text()), load_policy(first / "policy.npz")
+    options = chosen | {"muscle_groups": "pairs"}
+    assert record["config"]["env_options"] == policy.about["env_options"] == options
+    assert record["command"].endswith("--body planar --integrator symplectic_euler --dt 0.0005")
+    env = make_policy_env(policy, 2)
+    assert env.tank.fish.flat and env.tank.integrator.name == "symplectic_euler" and env.tank.dt == 0.0005
     env = make_policy_env(policy, 2, body="mass_spring")
     assert not env.tank.fish.flat and env.single_action_space.shape == (6,)
     assert np.isfinite(evaluate(policy_controller(policy, env), env)["speed"]).all()
-    train("swim", resume=second, changes={"timesteps": 2048})
+    train_short(resume=first, changes={"timesteps": 2048})
+    again = json.loads((first / "config.json").read_text())
+    assert again["config"]["env_options"] == options and again["resumed"] == 1
+    second = train_short(folder=tmp_path / "solid", body="mass_spring", start=first)
+    record = json.loads((second / "config.json").read_text())
+    assert record["command"].endswith(f"--body mass_spring --start-from {first}") and record["start"] == str(first)
+    assert {name: record["config"][name] for name in FINE_TUNING} == FINE_TUNING | SHORT
+    train_short(resume=second, changes={"timesteps": 2048})
     assert json.loads((second / "config.json").read_text())["start"] == str(first)
-    with pytest.raises(ValueError, match="unknown body 'eel'; choose from"):
-        train("swim", root=tmp_path, body="eel")
-    with pytest.raises(ValueError, match="has its body"):
-        train("swim", resume=second, body="planar")
+
+
+def test_what_does_not_go_together_is_refused(trained, tmp_path):
+    """A run that is resumed keeps its body and method, and another task or an empty folder is no start."""
+    for asked in ({"body": "planar"}, {"integrator": "rk4"}, {"dt": 0.001}, {"start": trained}):
+        with pytest.raises(ValueError, match="has its body, its integrator"):
+            train_short(resume=trained, **asked)
     with pytest.raises(FileNotFoundError, match="to start from"):
-        train("swim", root=tmp_path, start=tmp_path)
+        train_short(root=tmp_path, start=tmp_path)
     with pytest.raises(ValueError, match="is a run of task 'swim', not 'turn'"):
-        train("turn", root=tmp_path, start=first)
+        train_short("turn", root=tmp_path, start=trained)
 
 
-def test_policies_on_other_bodies(monkeypatch):
-    """The shipped policy and the motor controllers are measured on each body, with intervals."""
-    monkeypatch.setattr(transfer, "SHIPPED", ("swim",))
-    monkeypatch.setattr(transfer, "BODIES", {"planar": 2, "mass_spring": 3})
-    rows = transfer.shipped_rows()
-    found = [(row["body"], row["who"], row["metric"], row["episodes"]) for row in rows]
-    assert found == [(body, who, metric, count) for body, count in (("planar", 2), ("mass_spring", 3))
-                     for who in ("policy", "motor controllers") for metric in ("speed", "failed")]  # fmt: skip
-    for row in rows:
-        assert float(row["low"]) <= float(row["mean"]) <= float(row["high"])
-        assert row["mean"] == "0" if row["metric"] == "failed" else float(row["mean"]) > 1.0
+def test_a_method_takes_its_own_step():
+    """Without a step it is the method's own; with a step alone it is that of the default method."""
+    assert change_simulation(CONFIGS["swim"]) is CONFIGS["swim"]
+    assert change_simulation(CONFIGS["swim"], integrator="rk4").env_options == {"integrator": "rk4"}
+    assert change_simulation(CONFIGS["turn"], dt=0.002).env_options["dt"] == 0.002
+
+
+@pytest.mark.parametrize("name", ["semi_implicit", "rk4"])
+def test_own_step(name):
+    """A method that is given no step takes half of its largest stable one, or a little less."""
+    limit = INTEGRATORS[name].limit(FISH.body)
+    step = own_step(FISH, INTEGRATORS[name])
+    assert limit / 3 < step <= limit / 2 and Tank(FISH, integrator=name).dt == step

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.checkout import present_commit
-from agents.config import CONFIGS, RESULTS, TARGETS
+from agents.config import CONFIGS, RESULTS
 from agents.report import baselines
 from agents.saved_run import read_record
 from agents.statistics import interquartile_mean, interval, seed_mean
@@ -70,21 +70,28 @@ class Publication(NamedTuple):
     """Summary of the task, in a few words."""
     headline: tuple[str, ...]
     """The metrics of the summary in the README."""
+    metrics: tuple[str, ...]
+    """The metrics of the table methods.csv, beside return and failures."""
     shown: tuple[str, ...]
     """The metrics of its table on the page."""
     conditions: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
     """Other conditions it is evaluated under: keywords of the environment and reset options, by name."""
 
 
+TURNING = ("success", "latency", "overshoot", "radius", "turning_rate", "speed_lost", "work", "peak_strain")
+TARGETS = ("targets", "success", "time_per_target")
+AVOIDING = ("avoided", "avoided_possible", "passed", "success", "clearance", "work", "peak_strain")
 TURNS = ("success", "latency", "overshoot", "radius", "speed_lost", "work")
 PUBLICATIONS = {
-    "swim": Publication("swim along a commanded heading", ("speed",), ("speed", "sideways", "return")),
+    "swim": Publication(
+        "swim along a commanded heading", ("speed",), ("speed", "sideways"), ("speed", "sideways", "return")
+    ),
     "turn": Publication(
-        "turn by 30 to 180 degrees to either side", ("success", "latency"), TURNS,
+        "turn by 30 to 180 degrees to either side", ("success", "latency"), TURNING, TURNS,
         {"90 left": ({}, {"turn": math.pi / 2}), "90 right": ({}, {"turn": -math.pi / 2})},
     ),
     "left_after_right": Publication(
-        "turn left before a right turn is over, and mirrored", ("success", "latency"), TURNS,
+        "turn left before a right turn is over, and mirrored", ("success", "latency"), TURNING, TURNS,
         {
             "left after right": ({}, {"side": -1}),
             "right after left": ({}, {"side": 1}),
@@ -92,10 +99,10 @@ PUBLICATIONS = {
             "double reversal": ({"reversals": 2}, {}),
         },
     ),
-    "target": Publication("reach targets one after another", ("time_per_target",), TARGETS),
-    "target_3d": Publication("the same in three dimensions", ("success",), TARGETS),
+    "target": Publication("reach targets one after another", ("time_per_target",), TARGETS, TARGETS),
+    "target_3d": Publication("the same in three dimensions", ("success",), TARGETS, TARGETS),
     "avoid": Publication(
-        "pass a sudden obstacle, perhaps in a turn, and come back to the heading", ("avoided", "success"),
+        "pass a sudden obstacle, perhaps in a turn, and come back to the heading", ("avoided", "success"), AVOIDING,
         ("avoided", "passed", "success", "clearance", "return"),
         {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
     ),
@@ -126,14 +133,14 @@ def publish(root: Path, tasks=None) -> None:
         if len(commits) > 1:
             print(f"runs of {task} are of the commits {'; '.join(commits)}: check if the task changed between them")
         publish_task(task, runs)
-    if {row["task"] for row in stored("curves")} == set(CONFIGS):
+    if {row["task"] for row in read_stored("curves")} == set(CONFIGS):
         draw_curves(IMAGES / "curves.svg")
-    write_text(PAGE, filled(PAGE.read_text()))
+    write_text(PAGE, fill_in_tables(PAGE.read_text()))
     pattern = r"(?<=<!-- summary -->\n).*?(?=<!-- end -->)"
     write_text(README, re.sub(pattern, lambda _: summary(), README.read_text(), flags=re.DOTALL))
 
 
-def stored(table: str) -> list[dict]:
+def read_stored(table: str) -> list[dict]:
     """The rows of a table that are there already, of all tasks."""
     path = LEARNING / f"{table}.csv"
     return read_rows(path) if path.exists() else []
@@ -146,7 +153,7 @@ def key_of(row: dict) -> tuple[str, str, str, str]:
 
 def replace_rows(table: str, task: str, rows: list[dict]) -> None:
     """Write the rows of a task into a table in place of those that were there; other tasks keep theirs."""
-    rows = [row for row in stored(table) if row["task"] != task] + [{"task": task} | row for row in rows]
+    rows = [row for row in read_stored(table) if row["task"] != task] + [{"task": task} | row for row in rows]
     rows.sort(key=lambda row: list(CONFIGS).index(row["task"]))
     columns = dict.fromkeys(name for row in rows for name in row)
     write_csv(f"learning/{table}.csv", [{name: row.get(name, "") for name in columns} for row in rows], COMMAND)
@@ -168,7 +175,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
                 scores["avoided_possible"] = np.where(where, scores["avoided"], np.nan)
         seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]
         for method, found in methods.items():
-            for metric in dict.fromkeys((*result.metrics, "return", "failed")):
+            for metric in dict.fromkeys((*PUBLICATIONS[task].metrics, "return", "failed")):
                 value, low, high = interval(found, metric, generator)
                 method_rows.append({"condition": condition, "method": method, "metric": metric, "value": rounded(value),
                                     "low": rounded(low), "high": rounded(high), "seeds": len(found),
@@ -219,7 +226,7 @@ def method_table(rows: list[dict], integrator: str) -> str:
     heads = ("Task", "Metric", "trained with the default", f"with `{integrator}`", "the same, moved by the default")
     lines = [f"| {' | '.join(heads)} |", "|---|---|---|---|---|"]
     for task, metric in dict.fromkeys((row["task"], row["metric"]) for row in rows):
-        cells = [row for row in stored("methods") if key_of(row) == (task, "", "PPO", metric)]
+        cells = [row for row in read_stored("methods") if key_of(row) == (task, "", "PPO", metric)]
         cells += [row for row in rows if (row["task"], row["metric"]) == (task, metric)]
         lines.append(f"| {task} | {UNITS[metric][0]} | {' | '.join(cell(row) for row in cells)} |")
     return "\n".join(lines) + "\n"
@@ -260,7 +267,7 @@ def draw_curves(path: Path) -> None:
     figure, grid = plt.subplots(2, 3, figsize=(10, 5.4), layout="constrained")
     for axes, task in zip(grid.flat, CONFIGS, strict=True):
         lines = {}
-        for row in (row for row in stored("curves") if row["task"] == task):
+        for row in (row for row in read_stored("curves") if row["task"] == task):
             lines.setdefault(row["seed"], []).append((float(row["timesteps"]) / 1e6, float(row["score"])))
         lines = [np.array(line).T for line in lines.values()]
         points = np.linspace(max(line[0, 0] for line in lines), min(line[0, -1] for line in lines), CURVE_POINTS)
@@ -269,17 +276,17 @@ def draw_curves(path: Path) -> None:
             axes.plot(*line, color="#0b7a99", alpha=0.3, lw=0.8)
         axes.plot(points, [interquartile_mean(column) for column in levels.T], color="#0b7a99", lw=2)
         score = RESULTS[task].score
-        levels_of = {key_of(row): row["value"] for row in stored("methods")}
+        levels_of = {key_of(row): row["value"] for row in read_stored("methods")}
         axes.axhline(float(levels_of[task, "", "motor controllers", score]), color="#c0562f", ls="--", lw=1)
         axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=score, ylim=(0, None))
     save(figure, path)
 
 
-def filled(page: str) -> str:
+def fill_in_tables(page: str) -> str:
     """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, filled in from the CSV file."""
 
     def table(match: re.Match) -> str:
-        rows = [row for row in stored("methods") if row["task"] == match[1] and shown(row)]
+        rows = [row for row in read_stored("methods") if row["task"] == match[1] and is_shown(row)]
         if not rows:
             return match[0]
         return f"<!-- {match[1]} -->\n\n{table_of(rows, PUBLICATIONS[match[1]].shown)}\n<!-- end -->"
@@ -287,7 +294,7 @@ def filled(page: str) -> str:
     return re.sub(r"<!-- (\w+) -->.*?<!-- end -->", table, page, flags=re.DOTALL)
 
 
-def shown(row: dict) -> bool:
+def is_shown(row: dict) -> bool:
     """True for the rows of methods.csv that the page shows."""
     allowed = not row["condition"] or (row["method"] in EVERYWHERE and row["condition"] not in MIRRORED)
     return allowed and row["metric"] in PUBLICATIONS[row["task"]].shown
@@ -299,7 +306,7 @@ def summary() -> str:
         name: name.removeprefix("best ") for name in ("random", "best open-loop gait", "motor controllers", "PPO")
     }
     lines = [f"| Task | Goal | Metric | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
-    found = {key_of(row): row for row in stored("methods")}
+    found = {key_of(row): row for row in read_stored("methods")}
     for task, publication in PUBLICATIONS.items():
         for metric in publication.headline if (task, "", "PPO", "return") in found else ():
             rows = [found.get((task, "", method, metric)) for method in methods]
