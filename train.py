@@ -23,8 +23,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 MOST_THREADS = 1024
-THREADS = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
-"""Settings of the libraries; threads that wait actively make each other far slower on a busy machine."""
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def parse() -> argparse.Namespace:
@@ -50,9 +49,7 @@ def parse() -> argparse.Namespace:
         command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are saved (default runs)")
         command.add_argument("--folder", type=Path, help="save the run in this folder")
         command.add_argument("--no-pictures", action="store_true", help="only evaluate the policy at the end")
-        command.add_argument(
-            "--torch-threads", type=int, help="threads of the updates (default 2, or 1 on one processor)"
-        )
+        command.add_argument("--torch-threads", type=int, default=1, help="threads of the updates (default 1)")
     command = commands.add_parser("all", help="train every task with all its seeds, and publish the results")
     command.add_argument("--runs", type=Path, help="where runs are saved (default runs/all)")
     command.add_argument("--tasks", nargs="+", help="only these")
@@ -106,14 +103,10 @@ def run(arguments: argparse.Namespace, came: list[int]) -> None:
         import torch
 
         from agents.train import Request, train
-        from fish_env.physics.tank_options import available_processors
 
-        threads = arguments.torch_threads
-        if threads is None:
-            threads = min(2, available_processors())
-        if not 1 <= threads <= MOST_THREADS:
-            raise ValueError(f"--torch-threads is {threads}; give 1 to {MOST_THREADS}")
-        torch.set_num_threads(threads)
+        if not 1 <= arguments.torch_threads <= MOST_THREADS:
+            raise ValueError(f"--torch-threads is {arguments.torch_threads}; give 1 to {MOST_THREADS}")
+        torch.set_num_threads(arguments.torch_threads)
 
         train(
             Request(
@@ -181,8 +174,8 @@ def command(came: list[int]) -> int:
 
 def main() -> int:
     """The command line; its exit status is 128 and the number of the signal, if one has stopped it."""
-    for name, value in THREADS.items():  # before numpy and torch are loaded
-        os.environ.setdefault(name, value)
+    for name in THREADS:  # before numpy and torch are loaded
+        os.environ.setdefault(name, "1")
     saves = sys.argv[1:2] not in [["evaluate"], ["compare"], ["report"], ["play"]]
     with hear_first_signal() if saves else nullcontext([]) as came:
         status = run_command_line(came)

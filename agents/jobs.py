@@ -54,7 +54,6 @@ class Job:
     def command(self) -> list[str]:
         """The command that begins the run, or resumes it from its last checkpoint; its last word is the folder."""
         words = [sys.executable, str(SCRIPT), self.task, "--seed", str(self.seed), "--no-pictures"]
-        words += ["--torch-threads", "1"]  # each run has one processor
         if (self.folder / "model.zip").exists():
             return [*words, "--resume", str(self.folder)]
         for name in ("integrator", "dt"):

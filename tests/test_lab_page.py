@@ -229,7 +229,7 @@ def test_objects_side_by_side_are_compared(page):
     until(lambda: made() == [36])
     page.choose("second object", "uniform sphere")  # begins with the numbers of the first
     until(lambda: made() == [36, 36] and page.has("second level"))
-    assert page.shows("second level") == 1 and page.shows("second layers") == 2
+    until(lambda: page.shows("second level") == 1 and page.shows("second layers") == 2)
     page.choose("second level", 2)
     until(lambda: made() == [36, 132])
     page.choose("level", 2)
