@@ -73,6 +73,7 @@ def test_a_run_that_is_killed(tmp_path, monkeypatch):
     assert saved >= KILLED["timesteps"] and json.loads((folder / "config.json").read_text())["resumed"] >= 1
 
 
+@pytest.mark.slow
 def test_two_programs_and_one_folder(tmp_path):
     """A second program is refused while the first one trains, from the first moment on, and changes nothing."""
     folder = tmp_path / "run"

@@ -10,6 +10,7 @@ import zipfile
 from itertools import count
 
 import pytest
+from moving import tiered
 from pages import ROOT
 from trainings import train_short, training
 
@@ -44,7 +45,7 @@ def counted(folder):
 
 
 @on_unix
-@pytest.mark.parametrize("name", SIGNALS)
+@pytest.mark.parametrize("name", tiered(SIGNALS, ("SIGTERM",)))
 def test_a_signal_saves_the_run(name, tmp_path):
     """Ctrl-C, SIGTERM and SIGHUP save the model and say how to resume; so does a hail of them."""
     number = getattr(signal, name)
@@ -59,6 +60,7 @@ def test_a_signal_saves_the_run(name, tmp_path):
 
 
 @on_unix
+@pytest.mark.slow
 def test_nohup_works_as_usual(tmp_path):
     """A run that was begun to ignore SIGHUP goes on; SIGTERM ends it."""
     process = begun(*LONG, "--folder", "run", folder=tmp_path, before=lambda: hear(signal.SIG_IGN))
@@ -216,7 +218,9 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 """
 
 
-@pytest.mark.parametrize("missing", ["fish_env", "stable_baselines3", "tensorboard", "matplotlib", "numba"])
+@pytest.mark.parametrize("missing", tiered(
+    ("fish_env", "stable_baselines3", "tensorboard", "matplotlib", "numba"), ("fish_env", "numba")
+))  # fmt: skip
 def test_a_checkout_that_is_not_installed(missing, tmp_path):
     """Without a package, or without having been installed, training says in one line what to do, and makes nothing."""
     command = [sys.executable, "-c", MISSING.format(root=str(ROOT)), missing, "swim", "--folder", "run"]

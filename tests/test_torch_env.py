@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from moving import tiered
 from pages import ROOT
 from test_gpu import needs_compiler
 
@@ -190,7 +191,7 @@ def test_benchmark_without_a_gpu(capsys):
 
 
 @needs_compiler
-@pytest.mark.parametrize("dtype", gpu.AGREEMENT)
+@pytest.mark.parametrize("dtype", tiered(gpu.AGREEMENT, ("float64",)))
 def test_agreement_of_an_emulated_gpu(emulated, dtype):
     """What `test_on_a_gpu` asks of a GPU, asked of the emulated one: float64 has the processor's bits."""
     found = gpu.largest_difference("cpu", dtype, num_envs=3, seconds=0.2)
