@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import pkgutil
 import shutil
 import subprocess
 from dataclasses import replace
@@ -424,3 +425,12 @@ def test_zoo_file_agrees_with_the_settings():
         assert given["learning_rate"] == f"lin_{config.learning_rate:.0e}".replace("e-0", "e-")
         assert given["policy_kwargs"] == {"net_arch": list(config.hidden), "log_std_init": config.initial_log_std}
         assert given.get("env_kwargs", {}) == config.env_options
+
+
+@pytest.mark.parametrize("name", [
+    "agents.build.falling", "agents.layers.Tanh", "fish_env.control.equivariant.Reflection",
+    "fish_env.control.equivariant.EquivariantPolicy",
+])  # fmt: skip
+def test_names_in_saved_models(name):
+    """What `model.zip` files refer to is there under its old name, so that `PPO.load` of Stable-Baselines3 reads them."""
+    assert isinstance(pkgutil.resolve_name(name), type)
