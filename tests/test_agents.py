@@ -432,5 +432,5 @@ def test_zoo_file_agrees_with_the_settings():
     "fish_env.control.equivariant.EquivariantPolicy",
 ])  # fmt: skip
 def test_names_in_saved_models(name):
-    """What `model.zip` files refer to is there under its old name, so that `PPO.load` of Stable-Baselines3 reads them."""
+    """What `model.zip` files refer to has its old name, so that `PPO.load` of Stable-Baselines3 reads them."""
     assert isinstance(pkgutil.resolve_name(name), type)
