@@ -32,7 +32,7 @@ def place(tank: Tank, i, generator, yaw, options) -> np.ndarray:
 
 def check_pose(fish: Fish, options) -> None:
     """Raise ValueError if a flat fish is to pitch or roll: a number in `options`, or a pair (lowest, highest)."""
-    if fish.flat and np.any([options.get(name, 0.0) for name in ("pitch", "roll") if name in options]):
+    if fish.flat and np.any([options[name] for name in ("pitch", "roll") if name in options]):
         raise ValueError(f"the flat {fish.name!r} fish can neither pitch nor roll; take another body")
 
 
