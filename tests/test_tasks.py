@@ -262,6 +262,8 @@ def test_targets_follow_one_another():
     assert task.missed[0] == 1
     found = task.metrics(env.tank, 0, 2.0)
     assert found["targets"] == 1 and found["success"] == 0.5 and found["time_per_target"] == 2.0
+    task.reached[0] = 3
+    assert task.metrics(env.tank, 0, 6.0) == {"targets": 3, "missed": 1, "success": 0.75, "time_per_target": 2.0}
 
 
 @pytest.mark.parametrize(("dimensions", "least", "most"), [(2, 0.0, 1e-6), (3, 1.0, 2 * np.sin(0.6) + 1e-6)])
