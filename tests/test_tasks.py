@@ -72,8 +72,9 @@ def test_turn_is_commanded_when_it_should_be():
     for k in range(60):
         yaw = 0.5 + min(max(k - 5, 0) * 0.07, 1.2)
         place = place + 0.02 * env.tank.fish.length * start.heading_vector(yaw)
-        spun(env, [yaw], place)
+        terms = spun(env, [yaw], place)
         heading.append(env.task.vectors(env.tank, env._pose)[0, 0].copy())
+    assert terms["alignment"][0] == pytest.approx(-0.2 * 2 / np.pi * turns.ALIGNMENT_WEIGHT * 0.02, rel=1e-9)
     np.testing.assert_allclose(heading[:5], [start.heading_vector(0.5)] * 5, atol=1e-12)
     np.testing.assert_allclose(heading[5:], [start.heading_vector(1.5)] * 56, atol=1e-12)
     found = env.task.metrics(env.tank, 0, 1.2)
@@ -81,6 +82,7 @@ def test_turn_is_commanded_when_it_should_be():
     wanted = {
         "latency": 14 * 0.02, "overshoot": math.degrees(0.2), "turning_rate": math.degrees(0.07 / 0.02),
         "radius": 14 * 0.02 / 0.91, "heading_error": math.degrees(0.2), "turn": math.degrees(1.0),
+        "speed": np.linalg.norm(place) / env.tank.fish.length / 1.2,
     }  # fmt: skip
     assert {name: found[name] for name in wanted} == pytest.approx(wanted, rel=1e-6)
     assert not found["success"] and not found["settled"]
