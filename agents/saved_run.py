@@ -27,7 +27,7 @@ RECORD, ROWS, COUNTS = 2**20, 2**26, 2**25  # bytes that config.json, curve.csv 
 FIELDS = {"task": str, "seed": int, "config": dict, "commit": str, "resumed": int, "versions": dict,
           "start": str | None, "command": str}  # fmt: skip
 OPTIONAL = {"resumed": 0, "versions": {}, "start": None, "command": ""}
-"""What config.json holds, and the values of fields that may be missing."""
+"""Fields of config.json that may be missing, with their values then."""
 TENSORS = {"collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch FloatStorage", "torch LongStorage"}
 """All that a policy and its optimizer are saved with. Torch knows more, with which a small file takes any memory."""
 

@@ -291,7 +291,7 @@ def test_fixed_stays_to_the_bit(name):
 
 @each_way
 def test_bar_by_hand(method):
-    """A bar that is pulled stretches evenly, one that hangs bears its weight, one moved steadily bears nothing."""
+    """A bar that is pulled stretches evenly, one that hangs carries its weight, one moved steadily carries nothing."""
     d, n, tolerance = 0.1, 4, 1e-9 if method == "elimination" else 1e-3
     tank, force = Tank(bar()), STIFFNESS / n * d
     tank.fix([0])

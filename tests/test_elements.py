@@ -1,4 +1,4 @@
-"""Details of the elements: nearest rotations, volumes of gas, barriers, and what counts as a failure."""
+"""Details of the elements: nearest rotations, volumes of gas, barriers, and failures."""
 
 import naive
 import numpy as np

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 from kernels import Block, force
 from moving import tiered
 from naive.leapfrog import filtered_matrix
-from naive.surroundings import borne
+from naive.surroundings import constrain
 from small_bodies import ALL, close, completed, world_with_all
 
 from fish_env import Tank, make_fish, make_water
@@ -419,7 +419,7 @@ def test_walls_and_air(seed):
     v[0, 2], f[0] = -0.1, [0.0, 0.0, -1.0]  # onto the walls, behind which it is
     walls = Block(("contact",), FIXED, world, h=h).set(x, v)
     for function, wanted in (("add_force", naive.with_reaction(world.planes, x, v, f)),
-                             ("constrain", borne(world.planes, x, v, h, f))):  # fmt: skip
+                             ("constrain", constrain(world.planes, x, v, h, f))):  # fmt: skip
         assert np.abs(wanted - f).max() > 0
         close(walls.add(function, f=f), wanted)
     v[[1, 3, 18], 2], v[[1, 3], 0] = -0.2, 0.05  # fixed nodes keep the velocity they are given

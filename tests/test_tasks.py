@@ -405,7 +405,7 @@ def test_variation_reaches_the_physics():
     np.testing.assert_array_equal(plain.tank.variation, [[1, 1, 1, 0, 0, 0]])
 
 
-def test_the_default_method_bears_every_variation():
+def test_the_default_method_survives_every_variation():
     """In every corner of what may be varied, random actions break no fish."""
     names = ("stiffness", "mass", "drag", "current")
     corners = list(itertools.product(*(VARIATIONS[name][:2] for name in names)))

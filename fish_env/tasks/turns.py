@@ -166,7 +166,7 @@ def write_vectors(tank, pose, task, b, out):
 
 @kernel
 def write_terms(tank, pose, task, b, terms):
-    """Write progress along the commanded heading, alignment, effort and overshoot; go on with the course."""
+    """Write progress along the commanded heading, alignment, effort and overshoot; advance the course."""
     heading = task.heading[b]
     terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
     terms[1, b] = rewards.alignment(pose, heading, b) * (task.alignment_weight * task.interval)  # (40)

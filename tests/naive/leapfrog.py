@@ -5,7 +5,7 @@ import numpy as np
 from naive.elements import barrier_stiffness, gas_volume, tet_blocks
 from naive.springs_and_water import area_vector, face_force
 from naive.sums import highest_rate, stiffness_matrix, total_force
-from naive.surroundings import anchor_rates, anchors_of, at, borne
+from naive.surroundings import anchor_rates, anchors_of, at, constrain
 
 
 def face_mobility(body, duration, corners, share):
@@ -114,7 +114,7 @@ def leapfrog_chebyshev(body, world, rest, t, h, x, v):
     pushed, _ = water_pushes(body, world, 0.5 * h, middle, v, v)
     dry = world._replace(linear=0.0, quadratic=0.0)
     acceleration = total_force(body, dry, lengths, middle, v, pushed).ravel() * inverse
-    kick = borne(world.planes, middle, v, h, (filtering @ acceleration).reshape(x.shape))
+    kick = constrain(world.planes, middle, v, h, (filtering @ acceleration).reshape(x.shape))
     _, change = water_pushes(body, world, 0.5 * h, middle, v, v + 0.5 * h * kick)
     kick = kick + change * body.inverse_mass
     v = v + h * kick

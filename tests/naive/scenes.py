@@ -53,7 +53,7 @@ def random_state(fish, rng, displacement=0.02, speed=1.0):
 
 
 SHORTER = {"explicit_euler": 1 / 32, "midpoint": 1 / 4}
-"""The part of an ordinary step that a method bears: light damping, all that holds explicit Euler, holds little."""
+"""Part of an ordinary step at which a method is stable; light damping is all that stabilises explicit Euler."""
 
 
 def dense_water(fish, law="quadratic", current=(0.0, 0.0, 0.0)):

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from naive.leapfrog import leapfrog_chebyshev
 from naive.sums import highest_frequency, implicit_matrices, other_force, total_force
-from naive.surroundings import at, borne, bounce, with_reaction
+from naive.surroundings import at, bounce, constrain, with_reaction
 
 
 def symplectic_euler(body, world, rest, t, h, x, v):
@@ -71,7 +71,7 @@ def semi_implicit(body, world, rest, t, h, x, v):
         free = body.inverse_mass[:, axis] > 0
         known = load[free, axis] - matrix[np.ix_(free, ~free)] @ v[~free, axis]
         v[free, axis] = np.linalg.solve(matrix[np.ix_(free, free)], known)
-    v = before + borne(world.planes, x, before, 1.0, v - before)
+    v = before + constrain(world.planes, x, before, 1.0, v - before)
     return x + h * v, v
 
 
@@ -93,7 +93,7 @@ def linearly_implicit(body, world, rest, t, h, x, v, **which):
     load = h * (total_force(body, at(world, t + h), rest(t + h), x, v).ravel() - h * stiffness @ v.ravel())
     free, change = body.inverse_mass.ravel() > 0, np.zeros(x.size)
     change[free] = np.linalg.solve(matrix[np.ix_(free, free)], load[free])
-    v = v + h * borne(world.planes, x, v, h, change.reshape(x.shape) / h)
+    v = v + h * constrain(world.planes, x, v, h, change.reshape(x.shape) / h)
     return x + h * v, v
 
 
@@ -121,11 +121,11 @@ def rosenbrock(body, world, rest, t, h, x, v):
 
     y = np.concatenate([x.ravel(), v.ravel()])
     k1 = solve(slope(t, y))
-    p = borne(world.planes, x, v, h, k1[size:].reshape(x.shape)).ravel()
+    p = constrain(world.planes, x, v, h, k1[size:].reshape(x.shape)).ravel()
     k1 = np.concatenate([v.ravel() + gamma * h * p, p])
     k2 = solve(slope(t + h, y + h * k1) - 2 * k1)
     change = (1.5 * p + 0.5 * k2[size:]).reshape(x.shape)
-    q = 2 * borne(world.planes, x, v, h, change).ravel() - 3 * p
+    q = 2 * constrain(world.planes, x, v, h, change).ravel() - 3 * p
     k2 = np.concatenate([v.ravel() + h * p - 2 * k1[:size] + gamma * h * q, q])
     return (y + 1.5 * h * k1 + 0.5 * h * k2).reshape(2, -1, 3)
 

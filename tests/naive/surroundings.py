@@ -42,7 +42,7 @@ def with_reaction(planes, x, v, force):
     return force
 
 
-def borne(planes, x, v, h, acceleration):
+def constrain(planes, x, v, h, acceleration):
     """Accelerations (N,3) that in h send no node further behind a plane that it is behind: it stops at most."""
     acceleration = acceleration.copy()
     for plane in () if planes is None else planes:
