@@ -19,6 +19,9 @@ EPISODES = 100
 Controller = Callable[[np.ndarray, float], np.ndarray]
 """(observations (B,D), seconds since the start) -> actions (B,A) or (A,)"""
 
+NOT_SCORES = ("terms", "failure", "is_success", "variation", "privileged")
+"""What an `info` has besides scores: sums, words, a copy of "success", and what the fish was."""
+
 Scores = dict[str, np.ndarray]
 """One number for each episode, (B,): `return`, `failed` (ended by the physics), `seconds`, and the task's metrics."""
 
@@ -133,7 +136,7 @@ def episode_scores(infos: dict[str, Any], i: int) -> dict[str, float]:
     scores = {"return": sum(v[i] for k, v in infos["terms"].items() if not k.startswith("_"))}
     scores["failed"] = bool(infos["failure"][i])
     for name, values in infos.items():
-        if not name.startswith("_") and name not in ("terms", "failure", "is_success"):  # a copy of "success"
+        if not name.startswith("_") and name not in NOT_SCORES:
             scores[name] = values[i]
     return {name: float(value) for name, value in scores.items()}
 

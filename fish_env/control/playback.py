@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fish_env.control.environments import environment_of, make_checked_env
-from fish_env.control.evaluation import checked_episodes, evaluation_options
+from fish_env.control.evaluation import NOT_SCORES, checked_episodes, evaluation_options
 from fish_env.control.files import writable_file
 from fish_env.control.film import PAGE, write_film
 from fish_env.control.policy import Policy
@@ -78,6 +78,6 @@ def has_display() -> bool:
 
 def summary(info: dict[str, Any]) -> str:
     """The metrics of an episode in one line, from its `episode_info`."""
-    numbers = {name: float(value) for name, value in info.items() if name not in ("terms", "failure", "is_success")}
+    numbers = {name: float(value) for name, value in info.items() if name not in NOT_SCORES}
     said = ", ".join(f"{name} {value:.2f}" for name, value in numbers.items() if np.isfinite(value))
     return said + (f"; ended by {info['failure']}" if info["failure"] else "")

@@ -125,7 +125,9 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
     if name == "reset":
         return reset_each(env, which, *args, **kwargs)
     found: Any = getattr(env.task if name in getattr(env.task, "settable", ()) else env, OF_ONE.get(name, name))
-    if name in ("episode_info", "step_info"):
+    if name == "compute_reward":  # for each of them the same, as of `SyncVectorEnv`
+        return [found(*args, **kwargs) for _ in which]
+    if name in ("episode_info", "step_info", "state_info"):
         return [found(i, *args, **kwargs) for i in which]
     if callable(found):
         if name != "render" and set(which) != set(range(env.num_envs)):

@@ -10,6 +10,7 @@ try:
 except ImportError as error:
     raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
 
+from fish_env.envs.episode import row_of
 from fish_env.envs.options import call_each, checked_seed
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 
@@ -25,7 +26,7 @@ class FishVecEnv(VecEnv):
         super().__init__(fish.num_envs, fish.single_observation_space, fish.single_action_space)
         self.metadata = fish.metadata
 
-    def reset(self) -> np.ndarray:
+    def reset(self) -> Any:
         """Restart all episodes with the seeds and options set before, and return the observations."""
         options = self._options[0] or {}
         if any((other or {}) != options for other in self._options):
@@ -33,7 +34,7 @@ class FishVecEnv(VecEnv):
         self.fish.restart(np.ones(self.num_envs, dtype=bool), self._seeds, options)
         if self.staggered:
             self.fish.stagger()
-        self.reset_infos = [{} for _ in range(self.num_envs)]
+        self.reset_infos = [self.fish.state_info(i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         return self.fish.observe()
@@ -53,12 +54,17 @@ class FishVecEnv(VecEnv):
         done = terminated | truncated
         every = self.fish.info_every_step
         infos: list[dict[str, Any]] = [self.fish.step_info(i) if every else {} for i in range(self.num_envs)]
+        if self.fish.privileged:
+            for i, info in enumerate(infos):
+                info |= self.fish.state_info(i)
         if done.any():
             for i in np.flatnonzero(done).tolist():
                 infos[i] |= self.fish.episode_info(i)
-                infos[i]["terminal_observation"] = obs[i].copy()
+                infos[i]["terminal_observation"] = row_of(obs, i)
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i])
             self.fish.restart(done)
+            for i in np.flatnonzero(done).tolist():
+                self.reset_infos[i] = self.fish.state_info(i)
             obs = self.fish.observe()
         return obs, reward.astype(np.float32), done, infos
 

@@ -10,6 +10,7 @@ from gymnasium.wrappers import TimeLimit
 
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array
+from fish_env.envs.episode import row_of
 from fish_env.envs.layout import Layout
 from fish_env.envs.options import OwnSpec, checked_seed
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
@@ -65,7 +66,7 @@ class FishEnv(OwnSpec, gym.Env):
         self.fish.restart(np.ones(1, dtype=bool), None, options)
         if self.render_mode == "human":
             self.render()
-        return self.fish.observe()[0], {}
+        return row_of(self.fish.observe(), 0), self.fish.state_info(0)
 
     def step(self, action: np.ndarray):
         """One control interval: observation, reward, terminated, truncated, info."""
@@ -79,7 +80,14 @@ class FishEnv(OwnSpec, gym.Env):
             info |= self.episode_info()
         if self.render_mode == "human":
             self.render()
-        return fish._observation[0].copy(), fish._reward.item(), terminated, truncated, info
+        if fish.privileged:
+            info |= fish.state_info(0)
+        obs = fish._observation[0].copy() if fish._goals is None else row_of(fish.observe(), 0)
+        return obs, fish._reward.item(), terminated, truncated, info
+
+    def compute_reward(self, achieved_goal, desired_goal, info=None) -> np.ndarray:
+        """Reward of achieved for desired goals, both (...,3), of a task with goals (`goal_env=True`)."""
+        return self.fish.compute_reward(achieved_goal, desired_goal, info)
 
     def episode_info(self) -> dict[str, Any]:
         """Summary of the episode so far: reward terms, the task's metrics, seconds, the failure if any.

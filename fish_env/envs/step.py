@@ -1,5 +1,8 @@
 """One environment step as one compiled call: command, integrate, measure, reward, observe.
 
+What a fish observes and remembers is a tuple `senses`, by which kernels are kept: the kernel that observes; whether
+actions and observations pass through a memory; whether all nodes are observed besides, for a privileged critic.
+
 Legend: b fish; t terms of the reward; p place of a fish in the order in which its thread moves it.
 """
 
@@ -8,8 +11,8 @@ from functools import cache
 
 import numpy as np
 
-from fish_env.envs.layout import Layout
-from fish_env.envs.observation import observe
+from fish_env.envs.observation import observe_nodes
+from fish_env.envs.senses import recall_action, recall_observation
 from fish_env.kernels.compile import INDEX, kernel, njit, part
 from fish_env.kernels.simd import pack_at
 from fish_env.physics.engine import make_advance
@@ -32,7 +35,23 @@ def contract(action, groups, b, out):
 
 
 @cache
-def make_measure_and_observe(kernels):
+def make_observe(senses):
+    """The kernel `(env, b)` that fills what fish b observes, from its pose and the vectors of its task."""
+    observe, remember, privileged = senses
+
+    @kernel
+    def observe_all_of(env, b):
+        observe(env, env.told, b)
+        if remember:
+            recall_observation(env, b)
+        if privileged:
+            observe_nodes(env, env.privileged, b)
+
+    return observe_all_of
+
+
+@cache
+def make_measure_and_observe(kernels, senses):
     """The kernel `(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None.
 
     It measures the fish queue.order[first:last], rewards them if they have stepped, and fills their observations.
@@ -47,6 +66,7 @@ def make_measure_and_observe(kernels):
 
         return measure_and_observe
 
+    observe = make_observe(senses)
     look, score = kernels
 
     @kernel
@@ -68,22 +88,21 @@ def make_measure_and_observe(kernels):
 
     @part
     def measure_and_observe(env, first, last, stepped):
-        episode = env.episode
         for p in range(first, last):
             b = INDEX(env.order[p])
             measure(env.tank, env.pose, b)
             if stepped:
                 compute_reward_and_end(env, b)
-            look(env.tank, env.pose, env.task, b, episode.vectors)
-            observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
+            look(env.tank, env.pose, env.task, b, env.episode.vectors)
+            observe(env, b)
 
     return measure_and_observe
 
 
 @cache
-def compile_measure_and_observe(kernels):
+def compile_measure_and_observe(kernels, senses):
     """`make_measure_and_observe`, compiled for Python to call."""
-    measure_and_observe = make_measure_and_observe(kernels)
+    measure_and_observe = make_measure_and_observe(kernels, senses)
 
     @njit
     def call(env, first, last, stepped):
@@ -92,12 +111,24 @@ def compile_measure_and_observe(kernels):
     return call
 
 
+@cache
+def compile_observe(senses):
+    """`make_observe` for all fish, compiled for Python to call."""
+    observe = make_observe(senses)
+
+    @njit
+    def observe_all(env):
+        for b in range(env.episode.reward.size):
+            observe(env, b)
+
+    return observe_all
+
+
 @njit
-def observe_all(env):
-    """Fill the observations of all fish, from poses and vectors as they are."""
-    episode = env.episode
-    for b in range(episode.reward.size):
-        observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
+def recall_all(env):
+    """Replace the contractions of all fish by those of the actions that arrive."""
+    for b in range(env.episode.reward.size):
+        recall_action(env, b)
 
 
 @njit
@@ -111,14 +142,14 @@ def contract_all(env):
 
 
 @cached
-def make_step(names: tuple[str, ...], make_run, kernels, env_type):
+def make_step(names: tuple[str, ...], make_run, kernels, senses, env_type):
     """The compiled `step(address, first, last, n, duration)` for an environment's pack of this type, by its address.
 
     It returns False, and nothing has moved, for an action that is not finite. With n below zero it only measures and
     observes the fish where they are: one compilation serves resets and steps.
     """
     advance, env_at = make_advance(names, make_run), pack_at(env_type)
-    measure_and_observe = make_measure_and_observe(kernels)
+    measure_and_observe, remember = make_measure_and_observe(kernels, senses), senses[1]
 
     @njit
     def step(address, first, last, n, duration):
@@ -128,6 +159,9 @@ def make_step(names: tuple[str, ...], make_run, kernels, env_type):
             for p in range(first, last):
                 if not contract(episode.action, episode.groups, INDEX(order[p]), episode.contraction):
                     return False
+            if remember:
+                for p in range(first, last):
+                    recall_action(env, INDEX(order[p]))
             for p in range(first, last):
                 command(env.tank, episode.contraction, INDEX(order[p]), duration)
             advance(env.tank, env.queue, env.block, first, last, n)
@@ -137,16 +171,14 @@ def make_step(names: tuple[str, ...], make_run, kernels, env_type):
     return step
 
 
-def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
+def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, numbers: int) -> dict[str, np.ndarray]:
     """Arrays of the state of the episodes, by name, with a row or a column for each fish."""
     b = num_envs
     return {
         "action": np.zeros((b, int(groups.max()) + 1)),
         "groups": np.array(groups),  # the kernels' own: they do not check that a muscle exists
         "contraction": np.zeros((b, groups.size)),
-        "starts": np.array([part.start for part in layout]),
-        "limits": np.array([part.limit for part in layout]),
-        "observation": np.zeros((b, layout.size), dtype=np.float32),
+        "observation": np.zeros((b, numbers), dtype=np.float32),
         "terms": np.zeros((num_terms + 1, b)),
         "totals": np.zeros((num_terms + 1, b)),
         "reward": np.zeros(b),

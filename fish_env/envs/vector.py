@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from fish_env.envs.episode import Episodes
+from fish_env.envs.episode import Episodes, row_of
 from fish_env.envs.options import OwnSpec, call_each, checked_seeds, checked_truth, set_option
 
 
@@ -27,7 +27,8 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         muscle_groups: "muscles", an action for each muscle, or "pairs", one for the left and one for the right side
             of each segment (the upper and lower muscle contract together: for planar scenes).
         variation: what differs from fish to fish, drawn at every reset: a number or a pair (lowest, highest) for keys
-            of `fish_env.envs.VARIATIONS`, such as `{"stiffness": (0.8, 1.25), "current": (0, 0.5)}`.
+            of `fish_env.envs.VARIATIONS`, such as `{"stiffness": (0.8, 1.25), "current": (0, 0.5)}`; what was drawn is
+            in `info["variation"]` of a reset and of the end of an episode.
         max_episode_steps: environment steps after which an episode is truncated; None or -1 for no limit.
         autoreset_mode: an `AutoresetMode` or its value, "NextStep", "SameStep" or "Disabled".
         render_mode: None, "rgb_array", "rgb_array_list" (`render` returns all since it was last called) or "human".
@@ -37,6 +38,16 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         dtype: "float64" or "float32", what the physics calculates in (`Tank`).
         lanes: how many fish a kernel works on at once; None chooses.
         refine: relative change of a spring's length in a step above which shorter steps are taken; None is the fish's.
+        observation: "nodes", positions and velocities of all nodes, or "sensors", what a robot could measure
+            (`Layout`).
+        privileged: put all nodes as they are, without noise and delay, and the factors of the fish into
+            `info["privileged"]` of every step, for the critic of a learner.
+        history: how many actions and observations before the present one an observation ends with.
+        observation_noise: standard deviation of normal noise by part of the layout, such as `{"velocity": 0.05}`.
+        action_noise: standard deviation of normal noise on the actions.
+        observation_delay: environment steps after which an observation arrives: a number, or a pair (lowest, highest)
+            to draw it from at every reset.
+        action_delay: environment steps after which an action arrives, likewise; until then the muscles relax.
         task_options: keywords of the task.
 
     Raises:
@@ -104,7 +115,16 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
         self.restart(mask, seeds, options)
         self._show(mask)
-        return self.observe(), {}
+        return self.observe(), self._add_state_info({}, mask)
+
+    def _add_state_info(self, infos: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+        """Add what was drawn for the fish of the mask (B,), whose episodes begin, and what is privileged of all."""
+        if mask.any() and not np.isnan(self._drawn[mask]).all():
+            for i in np.flatnonzero(mask).tolist():
+                infos = self._add_info(infos, {"variation": self.drawn(i)}, i)
+        if self.privileged:
+            infos |= {"privileged": self._privileged.copy(), "_privileged": np.ones(self.num_envs, dtype=bool)}
+        return infos
 
     def step(self, actions: np.ndarray):
         """One control interval for every fish; episodes that have ended restart as `autoreset_mode` says."""
@@ -125,12 +145,14 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
             same = self.autoreset_mode is AutoresetMode.SAME_STEP  # the last step is told of in `final_info`
             for i in np.flatnonzero(~(self._over if same else restarting)).tolist():
                 infos = self._add_info(infos, self.step_info(i), i)
-        obs = self.observe()
+        obs, begun = self.observe(), restarting
         if self._over.any():
             infos = self._end_episodes(infos, obs)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                self.restart(self._over.copy())
+                begun = self._over.copy()
+                self.restart(begun)
                 obs = self.observe()
+        infos = self._add_state_info(infos, begun)
         if self.render_mode is not None:
             self._show()
         return obs, reward, terminated, truncated, infos
@@ -140,7 +162,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
             info = self.episode_info(i)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 info = (self.step_info(i) if self.info_every_step else {}) | info
-                info = {"final_obs": obs[i].copy(), "final_info": info}
+                info = {"final_obs": row_of(obs, i), "final_info": info}
             infos = self._add_info(infos, info, i)
         return infos
 

@@ -55,7 +55,7 @@ class Tank(ReadOnly, Generic[Elastic]):
     """
 
     READ_ONLY = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
-                 "natural", "span", "effort", "variation", "pack")  # fmt: skip
+                 "natural", "span", "effort", "variation", "muscle_variation", "pack")  # fmt: skip
     pack: Pack
 
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
@@ -86,6 +86,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
         self.variation = np.tile(NOMINAL, (b, 1))
         """(B,6) factors and current of each fish (`vary`); read-only."""
+        self.muscle_variation = np.ones((b, 2))
+        """(B,2) factors on strength and contraction time of each fish (`vary`); read-only."""
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
         self._threads = Threads(self.threads)
         self._compile()
@@ -113,6 +115,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
             clock=state.t, failure=state.failure, counters=state.counters,
             rest_length=control.rest_length, rate=control.rate, variation=self.variation, effort=self.effort,
+            muscle_variation=self.muscle_variation,
             rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
             contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
             natural=self.natural, span=self.span, fibre_natural=natural, fibre_span=span,
@@ -168,7 +171,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         """Contraction of each muscle's rest length, (B,M): 0 natural, 1 full."""
         return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
 
-    def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0)) -> None:
+    def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0), strength=1.0,
+             contraction_time=1.0) -> None:  # fmt: skip
         """Set the factors and the current of fish i, 0 to B - 1; without arguments, restore their defaults.
 
         Args:
@@ -177,13 +181,17 @@ class Tank(ReadOnly, Generic[Elastic]):
             mass: factor on its mass, 1e-9 to 1e9.
             drag: factor on the force of the water, 0 to 1e9.
             current: velocity of its water relative to that of the tank's, (3,) m/s.
+            strength: factor on how far its muscles contract, 0.01 to 1.5.
+            contraction_time: factor on the time that a contraction takes, or on its activation times, 0.01 to 100.
 
         Raises:
             ValueError: for a missing fish, a factor out of range, or a current that is not finite.
         """
         if not (is_whole(i) and 0 <= i < self.num_fish):
             raise ValueError(f"fish is {i!r}; give a whole number from 0 to {self.num_fish - 1}")
+        muscles = options.checked_muscle_variation(strength, contraction_time)
         self._set_variation(int(i), options.checked_variation(stiffness, mass, drag, current))
+        self.muscle_variation[i] = muscles
 
     def _set_variation(self, i: int, row: np.ndarray) -> None:
         self.variation[i] = row
@@ -287,9 +295,15 @@ class Tank(ReadOnly, Generic[Elastic]):
         return self._fibres[2]
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Copies of all that determines the further motion: x, v, t, failure, counters, rest_length, variation."""
-        named = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
-        return {name: array.copy() for name, array in named.items()}
+        """Copies of all that determines the further motion: the state, rest_length, and both variations."""
+        return {name: array.copy() for name, array in self._named().items()}
+
+    def _named(self) -> dict[str, np.ndarray]:
+        """Arrays of the state, by name."""
+        return self.state._asdict() | {
+            "rest_length": self.control.rest_length, "variation": self.variation,
+            "muscle_variation": self.muscle_variation,
+        }  # fmt: skip
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore a state that `get_state` returned, under the present boundary conditions (`grab`, `fix`, `move`).
@@ -297,7 +311,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         Raises:
             ValueError: if a part is missing, unknown, of another shape or not finite; the tank is then unchanged.
         """
-        target = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
+        target = self._named()
         checked = options.checked_state(state, target)
         for name, array in target.items():
             array[...] = checked[name]

@@ -61,6 +61,16 @@ def write_terms(tank, pose, task, b, terms):
 
 
 @kernel
+def write_goal_terms(tank, pose, task, b, terms):
+    """Write -1 while the nose is not at the only target of the episode, else 0."""
+    hit = gap(tank, task, b) <= task.radius
+    terms[0, b] = 0.0 if hit else -1.0
+    if task.reached[b] == 0:
+        task.waited[b] += task.interval
+        task.reached[b] = 1 if hit else 0
+
+
+@kernel
 def pointing(way):
     """A vector scaled to length 1, unless it is shorter than a nanometre."""
     return way / max(sqrt(dot(way, way)), 1e-9)
@@ -91,6 +101,8 @@ class TargetTask(CompiledTask):
         elevation: largest angle up or down to a new target, rad; only in three dimensions.
         radius: how near the nose must come, body lengths.
         patience: time after which a target counts as missed and the next one appears, s.
+        goal_env: one target an episode, observations as a dict with goals, and the reward of their distance alone
+            (`GoalTask`).
 
     Raises:
         ValueError: for a number out of range, saying what is allowed.
@@ -106,7 +118,14 @@ class TargetTask(CompiledTask):
     write_vectors, write_terms = write_vectors, write_terms
     settable: tuple[str, ...] = ("distance", "bearing")
 
-    def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0):
+    def __new__(cls, *args, goal_env: bool = False, **options):
+        """A task with targets one after another, or one with a single goal."""
+        return super().__new__(GoalTask if goal_env is True and cls is TargetTask else cls)
+
+    def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0,
+                 goal_env: bool = False):  # fmt: skip
+        if not isinstance(goal_env, bool):
+            raise ValueError(f"goal_env is {goal_env!r}; give True or False")
         self.dimensions = check_choice("dimensions", dimensions, (2, 3))
         self.distance = DISTANCE.checked_range("distance", distance)
         self.bearing = BEARING.checked("bearing", bearing)
@@ -163,3 +182,35 @@ class TargetTask(CompiledTask):
             "success": reached / (reached + missed) if reached + missed else 0.0,
             "time_per_target": seconds / reached if reached else np.nan,
         }
+
+
+class GoalTask(TargetTask):
+    """Bring the nose to the target of the episode, and keep it there: goals for hindsight experience replay.
+
+    An observation is a dict: "observation", "achieved_goal", the place of the nose (3,), and "desired_goal", that of
+    the target (3,), both in body lengths from the start. The reward is -1 as long as they are further apart than
+    `radius`, else 0 (Andrychowicz et al. 2017).
+    """
+
+    term_names = ("goal",)
+    write_vectors, write_terms = write_vectors, write_goal_terms
+    farthest = 1000.0  # body lengths: the bound of a goal
+
+    def goals(self, tank: Tank) -> dict[str, np.ndarray]:
+        """What is achieved and what is desired, both (B,3) float32."""
+        found = {"achieved_goal": tank.position[:, tank.fish.nose], "desired_goal": self._target}
+        return {
+            name: np.clip(place / tank.fish.length, -self.farthest, self.farthest).astype(np.float32)
+            for name, place in found.items()
+        }
+
+    def compute_reward(self, achieved: np.ndarray, desired: np.ndarray) -> np.ndarray:
+        """Reward (...) of achieved for desired goals, both (...,3)."""
+        apart = np.linalg.norm(np.asarray(achieved, float) - np.asarray(desired, float), axis=-1)
+        return np.where(apart <= self.radius, 0.0, -1.0)
+
+    def metrics(self, tank: Tank, i, seconds):
+        """Whether the nose is at the target at the end, whether it was there, and when it first was, s."""
+        reached = bool(self.reached[i])
+        at_goal = bool(self.compute_reward(*(place[i] for place in self.goals(tank).values())) == 0.0)
+        return {"success": at_goal, "reached": reached, "time_to_target": float(self._waited[i]) if reached else np.nan}
