@@ -135,14 +135,14 @@ def recall_action(env, b):
     """Remember the action of fish b, and set its contractions from the one that arrives now, with noise."""
     episode, memory = env.episode, env.memory
     past, now, groups = memory.past_action, episode.elapsed[b], episode.groups
-    kept = past.shape[1]
+    kept, then = past.shape[1], now - memory.delay[b, ACTED]
+    slot, source = INDEX(now % kept), INDEX(then % kept)
     for a in range(past.shape[2]):
-        past[b, INDEX(now % kept), INDEX(a)] = min(max(episode.action[b, INDEX(a)], -1.0), 1.0)
-    then = now - memory.delay[b, ACTED]
+        past[b, slot, INDEX(a)] = min(max(episode.action[b, INDEX(a)], -1.0), 1.0)
     place = noise_place(memory.key[b], now, ACTED)
     for m in range(groups.size):
         a = groups[m]
-        arriving = past[b, INDEX(then % kept), INDEX(a)] if then >= 0 else -1.0
+        arriving = past[b, source, INDEX(a)] if then >= 0 else -1.0
         arriving += memory.action_noise * memory.deviates[INDEX(place + a)]
         episode.contraction[b, m] = 0.5 * (min(max(arriving, -1.0), 1.0) + 1.0)
 
