@@ -204,6 +204,16 @@ def test_observation_table(task, keywords):
     assert env.layout["vertical"].slice.stop == FIRST
 
 
+def test_table_of_sensors():
+    """The table of sensors is the layout's."""
+    parts = FishVectorEnv(1, observation="sensors").layout
+    wanted = [
+        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
+        for part in parts
+    ]
+    assert [row[:5] for row in rows("envs/sensing.md", "Sensors")] == wanted
+
+
 def test_action_tables():
     """The tables of actions name each muscle's segment, side, height and nodes, and each pair's muscles."""
     fish = fish_env.make_fish()
@@ -305,7 +315,7 @@ def test_arguments(task):
     assert set(stated) == set(wanted)
     for name, default in wanted.items():
         assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name
-    for name in set(own) - {"dimensions", "reversals"}:  # whose meaning lists what is allowed
+    for name in set(own) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
         option = vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
         assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
 

@@ -118,14 +118,12 @@ class TargetTask(CompiledTask):
     write_vectors, write_terms = write_vectors, write_terms
     settable: tuple[str, ...] = ("distance", "bearing")
 
-    def __new__(cls, *args, goal_env: bool = False, **options):
-        """A task with targets one after another, or one with a single goal."""
-        return super().__new__(GoalTask if goal_env is True and cls is TargetTask else cls)
-
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0,
                  goal_env: bool = False):  # fmt: skip
         if not isinstance(goal_env, bool):
             raise ValueError(f"goal_env is {goal_env!r}; give True or False")
+        if goal_env:
+            self.__class__ = GoalTask  # another reward and other metrics, with the same keywords
         self.dimensions = check_choice("dimensions", dimensions, (2, 3))
         self.distance = DISTANCE.checked_range("distance", distance)
         self.bearing = BEARING.checked("bearing", bearing)
