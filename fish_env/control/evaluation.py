@@ -19,6 +19,9 @@ EPISODES = 100
 Controller = Callable[[np.ndarray, float], np.ndarray]
 """(observations (B,D), seconds since the start) -> actions (B,A) or (A,)"""
 
+COUNTED = ("history", "observation_delay", "action_delay")
+"""Options that count environment steps."""
+
 NOT_SCORES = ("terms", "failure", "is_success", "variation", "privileged")
 """What an `info` has besides scores: sums, words, a copy of "success", and what the fish was."""
 
@@ -49,7 +52,6 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             f"the policy acts every {interval:g} s, the environment every {env.control_interval:g} s; "
             f"give a control_interval of which {interval:g} s is a whole multiple"
         )
-    muscles = env.layout["rest length"].start + env.first_muscle_of_group
     goal, first_order = np.zeros(0), env.tank.fish.activation_time[0] > 0.0
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:
@@ -59,7 +61,7 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             goal = policy(obs)
         if first_order:
             return goal
-        present = obs[:, muscles]  # rest lengths are observed on the scale of actions
+        present = (2.0 * env.tank.contraction - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
         return present + (goal - present) / (every - since)
 
     return act
@@ -73,7 +75,12 @@ def checked_episodes(episodes: int, seed: int) -> tuple[int, int]:
 
 
 def evaluation_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options of an environment less those of its clock: all controllers are evaluated with the fish's own interval."""
+    """Options of an environment less those of its clock: all controllers are evaluated with the fish's own interval.
+
+    Where delays or a history count environment steps, these remain as long as they were.
+    """
+    if any(np.any(options.get(name, 0)) for name in COUNTED):
+        return dict(options)
     return {name: value for name, value in options.items() if name not in ("control_interval", "max_episode_steps")}
 
 
