@@ -19,7 +19,6 @@ from fish_env.control import (
     make_eval_env,
     make_policy_env,
     means,
-    policy_controller,
     random_actions,
     scripted,
     shipped_policies,
@@ -39,8 +38,8 @@ def baselines(env: FishVectorEnv) -> dict[str, Controller]:
 
 def measure_policies(env: FishVectorEnv, policies: dict[str, Policy], beside: bool) -> dict[str, dict]:
     """Means over the evaluation episodes of policies, after those of the baselines if `beside` is True."""
-    controllers = (baselines(env) if beside else {}) | {n: policy_controller(p, env) for n, p in policies.items()}
-    return {name: means(evaluate(controller, env)) for name, controller in controllers.items()}
+    every = (baselines(env) if beside else {}) | policies
+    return {name: means(evaluate(env, policy)) for name, policy in every.items()}
 
 
 def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:

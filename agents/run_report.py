@@ -15,11 +15,11 @@ from agents import run_charts as charts
 from agents.config import RESULTS
 from agents.run_measures import FILES, Motion, Run, measure_episodes, measure_motion, read_run, record_episodes
 from agents.saved_run import check_name
-from agents.statistics import interval
 from fish_env.bodies import Fish
 from fish_env.control import EPISODES, FIRST_SEED, Recording, Scores
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.film import film_text
+from fish_env.control.statistics import interval
 
 TEMPLATE = Path(__file__).with_name("run_report.html")
 WORST = 5  # episodes that are listed

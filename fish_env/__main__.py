@@ -28,7 +28,6 @@ from fish_env.control.evaluation import (
     evaluate,
     make_policy_env,
     means,
-    policy_controller,
 )
 from fish_env.control.files import writable_file, write_text
 from fish_env.control.film import write_film
@@ -151,7 +150,7 @@ def evaluate_policies(arguments: argparse.Namespace, changes: dict[str, str | fl
     records = []
     for name, policy in load_policies(arguments).items():
         env = make_policy_env(policy, arguments.episodes, **changes)
-        found = means(evaluate(policy_controller(policy, env), env, arguments.seed))
+        found = means(evaluate(env, policy, arguments.seed))
         env.close()
         about = {"env_id": policy.about["env_id"], "policy": name}
         records.append(

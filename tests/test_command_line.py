@@ -15,7 +15,7 @@ import fish_env
 from fish_env import __main__ as command_line
 from fish_env.control import load_policy, make_policy_env, play, shipped_policies, shipped_policy
 from fish_env.control.console import run_command
-from fish_env.control.evaluation import evaluate, means, policy_controller
+from fish_env.control.evaluation import evaluate, means
 
 ROOT = Path(__file__).parent.parent
 
@@ -58,7 +58,7 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert command_line.main(["evaluate", "swim", "--episodes", "2", "--to", str(file)]) == 0
     policy = load_policy(shipped_policy("swim"))
     env = make_policy_env(policy, 2)
-    wanted = means(evaluate(policy_controller(policy, env), env))
+    wanted = means(evaluate(env, policy))
     record = json.loads(file.read_text())
     assert record["means"] == wanted and record["episodes"] == 2 and record["env_id"] == "FishEnv/Swim-v0"
     printed = dict(line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("  "))

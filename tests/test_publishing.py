@@ -6,12 +6,11 @@ from scipy import stats
 from trainings import train_short
 
 import fish_env
-from agents import statistics
 from agents.config import CONFIGS, RESULTS
 from benchmarks.common import tables
 from benchmarks.common.tables import read_rows
 from benchmarks.learning import integrators, publish, transfer
-from fish_env.control import load_policy, shipped_policy
+from fish_env.control import load_policy, shipped_policy, statistics
 
 
 @pytest.fixture

@@ -25,10 +25,11 @@ from hypothesis import strategies as st
 from pages import ROOT
 from trainings import SHORT, torch, train_short, training
 
-from agents import run_measures, run_report, statistics, train_all
+from agents import run_measures, run_report, train_all
 from agents.config import CONFIGS
 from agents.saved_run import not_through_link, read_curve
 from fish_env import __main__ as command_line
+from fish_env.control import statistics
 
 DOCUMENTED = (ValueError, FileNotFoundError, RuntimeError, Error)
 COUNTED = ("num_timesteps", "_n_updates", "seed", "_current_progress_remaining")
