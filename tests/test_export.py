@@ -402,7 +402,7 @@ UNFIT = {
     "no environment": (lambda: without_env(learner(fish())), "the model has no environment"),
     "other actions": (
         lambda: learner(fish(muscle_groups="pairs")),
-        "156 numbers into 6 actions; the environment",
+        "trained for Box.*, and the environment has Box",
     ),
     "stacked": (lambda: learner(VecFrameStack(fish(), 2)), "has a VecFrameStack"),
 }
