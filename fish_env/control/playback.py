@@ -15,7 +15,7 @@ from fish_env.control.film import PAGE, write_film
 from fish_env.control.policy import Policy
 from fish_env.control.recording import ENDING, Recording
 from fish_env.control.replaying import record
-from fish_env.control.video import VIDEOS, load_writer
+from fish_env.control.video import SPEED, VIDEOS, load_writer
 
 
 def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | None = None, **changes) -> None:
@@ -57,7 +57,7 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
             print("stopped")
     if path is not None and found:
         written = found[0].save(path) if path.suffix.lower() == ENDING else write_film(found, path)
-        print(f"written to {written}" + (", at half speed" if path.suffix.lower() in VIDEOS else ""))
+        print(f"written to {written}" + (f", at {SPEED}" if path.suffix.lower() in VIDEOS else ""))
 
 
 def _checked_path(video: str | Path, episodes: int) -> Path:
