@@ -63,10 +63,10 @@ def clip_positions(frame: Frame) -> Frame:
     A node further than FAR from the fish is off the picture there, too; a fish is at most FURTHEST away.
     """
     reach = FURTHEST * frame.length
-    frame = frame._replace(**{
-        name: np.clip(np.nan_to_num(getattr(frame, name)), -reach, reach)
-        for name in ("position", "path", "commands")
-    } | {"contraction": np.nan_to_num(frame.contraction)})  # fmt: skip
+    for name in ("position", "path", "commands", "contraction"):
+        numbers = getattr(frame, name)
+        if not np.abs(numbers).max(initial=0.0) <= reach:  # nor where one is no number
+            frame = frame._replace(**{name: np.clip(np.nan_to_num(numbers), -reach, reach)})
     reach, place = FAR * frame.length, place_of(frame)
 
     def near(points: np.ndarray) -> np.ndarray:

@@ -62,10 +62,16 @@ def draw_turned_bed(canvas: pygame.Surface, unit: float, centre, origin, pen: fl
     """Fill the canvas as `draw_bed` does, seen by a camera turned by an angle, counter-clockwise, rad."""
     farthest = np.hypot(*np.maximum(origin, np.array(canvas.get_size()) - origin))
     side = 2 * int(farthest + 2)
-    level = pygame.Surface((side, side), 0, 32)
+    level = sheet(side)
     draw_bed(level, unit, centre, (side / 2, side / 2), pen)
     turned = pygame.transform.rotate(level, -np.degrees(angle))
     canvas.blit(turned, turned.get_rect(center=origin))
+
+
+@lru_cache(maxsize=2)
+def sheet(side: int) -> pygame.Surface:
+    """A square surface to draw on: it is kept, because the system takes long to hand out its memory."""
+    return pygame.Surface((side, side), 0, 32)
 
 
 def draw_bed(canvas: pygame.Surface, unit: float, centre, origin, pen: float) -> None:
