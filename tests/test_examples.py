@@ -25,7 +25,11 @@ CODE = [cell for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
 QUICKSTART = "\n\n".join("".join(cell["source"]) for cell in CODE)
 SOURCES = {path.relative_to(EXAMPLES).as_posix(): path.read_text() for path in SCRIPTS} | {"quickstart": QUICKSTART}
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
-QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"} | LEARNERS | {"train_gpu.py"}
+QUICK = (
+    {"train_ppo.py", "train_rllib.py", "play.py", "pixels.py", "custom_task.py", "custom_body.py"}
+    | LEARNERS
+    | {"train_gpu.py"}
+)
 """The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_torch_env.py`."""
 
 
@@ -94,6 +98,13 @@ def test_train_ppo(tmp_path):
     }  # fmt: skip
     assert json.loads((tmp_path / "out" / "args.json").read_text())["num_envs"] == 16
     assert json.loads((tmp_path / "out" / "scores.json").read_text())["seconds"] == 5.0
+
+
+def test_pixels(tmp_path):
+    """It trains from pictures alone, and saves."""
+    pytest.importorskip("stable_baselines3")
+    run_here(tmp_path, EXAMPLES / "pixels.py", "--timesteps", 16, "--rollout", 16)
+    assert (tmp_path / "pixels.zip").exists()
 
 
 def test_train_gpu_without_a_gpu(tmp_path):

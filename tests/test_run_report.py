@@ -54,6 +54,7 @@ def test_page_of_a_run(runs):
     assert list(found) == ["swim: results", "Learning curves", "Failures", "Path", "Gait", "Film"]
     for name in ("Learning curves", "Path", "Gait"):
         assert "<svg" in found[name], name
+    assert "speed, body lengths/s, in training" in found["Learning curves"]
     assert "python train.py swim --seed 0 --timesteps 5000" in text and "<td>learning_rate</td>" in text
     assert "seed 0: none of 3 episodes" in found["Failures"]
     assert "srcdoc=" in found["Film"] and "film_player" not in found["Film"]

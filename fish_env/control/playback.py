@@ -15,7 +15,7 @@ from fish_env.control.film import PAGE, write_film
 from fish_env.control.policy import Policy, load_policy
 from fish_env.control.recording import ENDING, Recording
 from fish_env.control.replaying import record
-from fish_env.control.video import VIDEOS, load_writer
+from fish_env.control.video import SPEED, VIDEOS, load_writer
 
 
 def play(
@@ -61,7 +61,7 @@ def play(
             print("stopped")
     if path is not None and found:
         written = found[0].save(path) if path.suffix.lower() == ENDING else write_film(found, path)
-        print(f"written to {written}" + (", at half speed" if path.suffix.lower() in VIDEOS else ""))
+        print(f"written to {written}" + (f", at {SPEED}" if path.suffix.lower() in VIDEOS else ""))
 
 
 def _checked_path(video: str | Path, episodes: int) -> Path:

@@ -81,6 +81,27 @@ def checked_truth(value, name: str) -> bool:
     return bool(value)
 
 
+CAMERAS = ("above", "side", "follow")
+"""What a picture is seen by: from above, from the fish's right, or from above and turning with the fish."""
+SMALLEST, SMALLEST_PANEL, LARGEST = 32, (320, 240), 4096  # pixels
+
+
+def checked_picture(width, height, camera, panel) -> dict[str, Any]:
+    """The look of a picture; ValueError for a size or a camera that is not allowed."""
+    if not all(is_whole(side) and SMALLEST <= side <= LARGEST for side in (width, height)):
+        raise ValueError(
+            f"width, height are {width!r}, {height!r}; give whole numbers of pixels from {SMALLEST} to {LARGEST}"
+        )
+    if not isinstance(camera, str) or camera not in CAMERAS:
+        raise ValueError(f"unknown camera {camera!r}; choose from {', '.join(map(repr, CAMERAS))}")
+    if checked_truth(panel, "panel") and (width < SMALLEST_PANEL[0] or height < SMALLEST_PANEL[1]):
+        raise ValueError(
+            f"a picture of {width} x {height} is too small for the panel of numbers; give panel=False, or a width and "
+            f"height of at least {SMALLEST_PANEL[0]} and {SMALLEST_PANEL[1]}"
+        )
+    return {"width": int(width), "height": int(height), "camera": camera, "panel": bool(panel)}
+
+
 def checked_water(keywords) -> World:
     """Water from keywords of `make_water`, or ValueError."""
     try:

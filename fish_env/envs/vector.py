@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from fish_env.envs.episode import Episodes, row_of
-from fish_env.envs.options import OwnSpec, call_each, checked_seeds, checked_truth, set_option
+from fish_env.envs.options import OwnSpec, call_each, checked_picture, checked_seeds, checked_truth, set_option
 
 
 class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
@@ -32,6 +32,11 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         max_episode_steps: environment steps after which an episode is truncated; None or -1 for no limit.
         autoreset_mode: an `AutoresetMode` or its value, "NextStep", "SameStep" or "Disabled".
         render_mode: None, "rgb_array", "rgb_array_list" (`render` returns all since it was last called) or "human".
+        width, height: size of a picture, pixels, 32 to 4096.
+        camera: "above", from above; "side", from the fish's right, turning with it about the vertical; "follow", from
+            above, turning with it so that its nose points up. All move with the fish; the shorter side of the picture
+            is two body lengths.
+        panel: whether a picture has numbers, a scale and a small second view; it is then at least 320 x 240.
         info_every_step: put the reward terms, position and heading of every step into `info`; else `info` is empty
             until the end of an episode.
         threads: over how many threads the fish are shared out; None for all processors.
@@ -68,10 +73,15 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        camera: str = "above",
+        panel: bool = True,
         info_every_step: bool = False,
         **options,
     ):
         check_render_mode(render_mode, self.metadata["render_modes"])
+        self.picture = checked_picture(width, height, camera, panel)
         self.info_every_step = checked_truth(info_every_step, "info_every_step")
         super().__init__(num_envs, **options)
         try:
