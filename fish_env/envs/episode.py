@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -13,6 +14,7 @@ from fish_env.bodies import Fish, make_fish
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_water
+from fish_env.envs.state import Stateful
 from fish_env.envs.step import (
     FAILURE_PENALTY,
     compile_measure_and_observe,
@@ -33,7 +35,7 @@ from fish_env.tasks.options import check_options
 from fish_env.tasks.start import check_pose
 
 
-class Episodes(ReadOnly):
+class Episodes(Stateful, ReadOnly):
     """B fish, each in water of its own and in an episode of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a batch of one seeded s + i.
@@ -96,8 +98,10 @@ class Episodes(ReadOnly):
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int | None] = [None] * self.num_envs
         self._names = (*self.task.term_names, "failure")
-        arrays = make_arrays(self.num_envs, len(self.task.term_names), self.groups, self.layout)
-        self._arrays = arrays
+        self._make_arrays = partial(
+            make_arrays, num_terms=len(self.task.term_names), groups=self.groups, layout=self.layout
+        )
+        self._arrays = arrays = self._make_arrays(self.num_envs)
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
         self._reward = arrays["reward"]
@@ -147,7 +151,7 @@ class Episodes(ReadOnly):
             self._step = make_step(engine.names, engine.method.make_run, self._kernels, self._env.type)
 
     def __getstate__(self):
-        return self.__dict__ | {"_env": None, "_envs": None, "_measure_and_observe": None, "_step": None}
+        return self.__dict__ | {"_env": None, "_envs": None, "_rows": None, "_measure_and_observe": None, "_step": None}
 
     def __setstate__(self, state: dict[str, Any]):
         self.__dict__ |= own(state, state["_vectors"])
@@ -166,6 +170,7 @@ class Episodes(ReadOnly):
         self._elapsed[mask] = 0
         self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
         self._arrays["totals"][:, mask] = 0.0
+        self._terminated[mask] = self._truncated[mask] = False
         self._begun[mask] = True
         self._started = self._begun.all()
         self._measure(mask)

@@ -118,8 +118,8 @@ def set_option(env, name: str, value: Any) -> None:
 def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
     """Value of an attribute, or result of a method, for each of some fish of a batch; AttributeError without it.
 
-    `reset`, `render`, `episode_info` and `step_info` are called for these fish alone. Any other method is called for
-    the batch: ValueError unless all fish are selected.
+    `reset`, `render`, `episode_info`, `step_info`, `get_state` and `set_state` are called for these fish alone. Any
+    other method is called for the batch: ValueError unless all fish are selected.
     """
     which = list(which)
     if name == "reset":
@@ -127,6 +127,10 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
     found: Any = getattr(env.task if name in getattr(env.task, "settable", ()) else env, OF_ONE.get(name, name))
     if name in ("episode_info", "step_info"):
         return [found(i, *args, **kwargs) for i in which]
+    if name == "get_state":
+        return [found([i], *args, **kwargs) for i in which]
+    if name == "set_state":
+        return list(found(*args, **kwargs, indices=which)[which])
     if callable(found):
         if name != "render" and set(which) != set(range(env.num_envs)):
             raise ValueError(f"{name} acts on all fish of a batch; call it for all of them")

@@ -12,6 +12,7 @@ from fish_env.bodies import Fish
 from fish_env.checks import finite_array
 from fish_env.envs.layout import Layout
 from fish_env.envs.options import OwnSpec, checked_seed
+from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import checked_count
@@ -59,7 +60,8 @@ class FishEnv(OwnSpec, gym.Env):
             gymnasium.error.Error: and ValueError: for a seed that is no whole number, or negative; as before.
         """
         self.fish.checked_reset(options)  # before the generator is another
-        self._limit = time_limit(self)
+        self._wrappers = wrappers_of(self)
+        self._limit = self._time_limit()
         super().reset(seed=checked_seed(seed))
         self.fish._generators[0] = self.np_random
         self.fish.restart(np.ones(1, dtype=bool), None, options)
@@ -80,6 +82,40 @@ class FishEnv(OwnSpec, gym.Env):
         if self.render_mode == "human":
             self.render()
         return fish._observation[0].copy(), fish._reward.item(), terminated, truncated, info
+
+    def _time_limit(self) -> int | None:
+        """Steps after which a `TimeLimit` truncates, None without one; ValueError for what is no whole number."""
+        limits = [each._max_episode_steps for each in self._wrappers if isinstance(each, TimeLimit)]
+        return min((checked_count(limit, "max_episode_steps") for limit in limits), default=None)
+
+    def get_state(self) -> FishState:
+        """All that decides what happens next, as `FishVectorEnv.get_state`, the limit of a `TimeLimit` included."""
+        state, limit = self.fish.get_state(), self._time_limit()
+        if limit is not None:
+            arrays = state.arrays
+            least = np.minimum(arrays["episode.limit"], limit, out=arrays["episode.limit"])
+            arrays["episode.truncated"] |= ~arrays["episode.terminated"] & (arrays["episode.elapsed"] >= least)
+        return state
+
+    def set_state(self, state: FishState) -> np.ndarray:
+        """Go on from a state of one fish, as `FishVectorEnv.set_state`; every `TimeLimit` counts its steps from there.
+
+        The episode is truncated at the limit of the state, or of the `TimeLimit` if that is shorter.
+
+        Returns:
+            The observation, (D,) float32.
+
+        Raises:
+            ValueError: for a state of another task, body, layout or format, or of several fish; nothing has changed.
+            gymnasium.error.ResetNeeded: before the first `reset`.
+        """
+        if not self.fish._started:
+            raise gym.error.ResetNeeded("set_state was called before reset; call env.reset() first")
+        obs = self.fish.set_state(state)[0]
+        for wrapper in self._wrappers:
+            if isinstance(wrapper, TimeLimit):
+                wrapper._elapsed_steps = int(self.fish._elapsed[0])
+        return obs
 
     def episode_info(self) -> dict[str, Any]:
         """Summary of the episode so far: reward terms, the task's metrics, seconds, the failure if any.
@@ -114,17 +150,16 @@ class FishEnv(OwnSpec, gym.Env):
         self.fish.close()
 
 
-def time_limit(env: gym.Env) -> int | None:
-    """After how many steps a `TimeLimit` truncates the episode that is being begun; None if there is none.
+def wrappers_of(env: gym.Env) -> list[gym.Wrapper]:
+    """The wrappers round an environment through which its `reset` is called, which is being called.
 
-    Gymnasium does not tell an environment what is wrapped round it, so the wrapper is looked for among the callers of
-    its `reset`; of several, the shortest counts. ValueError for a limit that is no whole number, at least 1.
+    Gymnasium does not tell an environment what is wrapped round it, so they are looked for among the callers.
     """
-    limits, frame = [], sys._getframe(1)
+    found, frame = [], sys._getframe(1)
     while frame is not None:
         if frame.f_code.co_name == "reset" and frame.f_code.co_varnames[:1] == ("self",):
             caller = frame.f_locals["self"]
-            if isinstance(caller, TimeLimit) and caller.unwrapped is env:
-                limits.append(checked_count(caller._max_episode_steps, "max_episode_steps"))
+            if isinstance(caller, gym.Wrapper) and caller.unwrapped is env:
+                found.append(caller)
         frame = frame.f_back
-    return min(limits, default=None)
+    return found

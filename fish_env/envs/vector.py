@@ -72,12 +72,10 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         fps = 1.0 / self.control_interval
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self._pictures: list[list[np.ndarray]] = [[] for _ in range(self.num_envs)]  # not yet handed out
-        self._over = np.zeros(self.num_envs, dtype=bool)
 
     def restart(self, mask, seeds=None, options=None) -> None:
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
         super().restart(mask, seeds, options)
-        self._over[mask] = False
         if self._renderer is not None:
             self._renderer.restart(mask)
             for i in np.flatnonzero(mask):
@@ -100,7 +98,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         mask = options.pop("reset_mask", None)
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)
-        elif not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != self._over.shape or not mask.any():
+        elif not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
         self.restart(mask, seeds, options)
         self._show(mask)
@@ -108,7 +106,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
 
     def step(self, actions: np.ndarray):
         """One control interval for every fish; episodes that have ended restart as `autoreset_mode` says."""
-        restarting = self._over.copy()
+        restarting = self._over
         if self.autoreset_mode is AutoresetMode.DISABLED and restarting.any():
             raise gym.error.ResetNeeded(
                 f"fish {np.flatnonzero(restarting).tolist()} are at the end of an episode and autoreset is disabled; "
@@ -120,23 +118,39 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
             self.restart(restarting)
             reward[restarting] = 0.0
             terminated[restarting] = truncated[restarting] = False
-        self._over = terminated | truncated
+        over = terminated | truncated
         if self.info_every_step:
             same = self.autoreset_mode is AutoresetMode.SAME_STEP  # the last step is told of in `final_info`
-            for i in np.flatnonzero(~(self._over if same else restarting)).tolist():
+            for i in np.flatnonzero(~(over if same else restarting)).tolist():
                 infos = self._add_info(infos, self.step_info(i), i)
         obs = self.observe()
-        if self._over.any():
-            infos = self._end_episodes(infos, obs)
+        if over.any():
+            infos = self._end_episodes(infos, obs, over)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                self.restart(self._over.copy())
+                self.restart(over)
                 obs = self.observe()
         if self.render_mode is not None:
             self._show()
         return obs, reward, terminated, truncated, infos
 
-    def _end_episodes(self, infos, obs):
-        for i in np.flatnonzero(self._over).tolist():
+    @property
+    def _over(self) -> np.ndarray:
+        """(B,) the fish whose episodes have ended and not begun again."""
+        return self._terminated | self._truncated
+
+    def set_state(self, state, indices=None) -> np.ndarray:
+        """As `Stateful.set_state`; what is shown follows."""
+        obs = super().set_state(state, indices)
+        mask = np.zeros(self.num_envs, dtype=bool)
+        mask[slice(None) if indices is None else indices] = True
+        if self._renderer is not None:
+            self._renderer.restart(mask)
+        if self.render_mode is not None and self._started:
+            self._show(mask)
+        return obs
+
+    def _end_episodes(self, infos, obs, over):
+        for i in np.flatnonzero(over).tolist():
             info = self.episode_info(i)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 info = (self.step_info(i) if self.info_every_step else {}) | info
