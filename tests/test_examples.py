@@ -25,7 +25,11 @@ CODE = [cell for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
 QUICKSTART = "\n\n".join("".join(cell["source"]) for cell in CODE)
 SOURCES = {path.relative_to(EXAMPLES).as_posix(): path.read_text() for path in SCRIPTS} | {"quickstart": QUICKSTART}
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
-QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"} | LEARNERS | {"train_gpu.py"}
+QUICK = (
+    {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py", "plan_random_shooting.py"}
+    | LEARNERS
+    | {"train_gpu.py"}
+)
 """The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_torch_env.py`."""
 
 
@@ -126,6 +130,13 @@ def test_custom_body(tmp_path):
     forward = float(re.search(r"16 muscles: (\S+) body lengths forward", said)[1])
     assert 0.05 < forward < 3.0
     assert "actions (16,)" in said
+
+
+def test_plan_random_shooting(tmp_path):
+    """The planner is faster than the gait in every episode."""
+    said = run_here(tmp_path, EXAMPLES / "plan_random_shooting.py", "--episodes", 2)
+    found = re.findall(r"gait (\S+), planned (\S+) body lengths", said)
+    assert len(found) == 2 and all(1.9 < float(gait) < float(planned) < 3.0 for gait, planned in found)
 
 
 def test_register_elsewhere(tmp_path):

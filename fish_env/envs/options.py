@@ -1,6 +1,7 @@
 """Arguments of an environment: keywords and seeds that are checked, and options that are set while it runs."""
 
 import copy
+import inspect
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -39,6 +40,32 @@ class OwnSpec:
     @spec.setter
     def spec(self, spec):
         self._spec = copy.deepcopy(spec)
+
+
+class TaskKeywords:
+    """An environment on which keywords of its task are set, or refused, where they are assigned as attributes."""
+
+    _keywords: frozenset[str] = frozenset()
+
+    def _set_option(self, name: str, value: Any) -> None:
+        set_option(self, name, value)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self._keywords:
+            self._set_option(name, value)
+        else:
+            super().__setattr__(name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self._keywords and name != "max_episode_steps":  # of one fish, the wrapper's
+            fish = getattr(self, "fish", self)
+            return getattr(fish if name in fish.LIVE else fish.task, name)
+        raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
+
+
+def keywords_of(env, task) -> frozenset[str]:
+    """Keywords of a task that an environment has no attributes for."""
+    return frozenset(name for name in inspect.signature(type(task)).parameters if not hasattr(env, name))
 
 
 def checked_seed(seed) -> int | None:

@@ -11,14 +11,14 @@ from gymnasium.wrappers import TimeLimit
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array
 from fish_env.envs.layout import Layout
-from fish_env.envs.options import OwnSpec, checked_seed
+from fish_env.envs.options import OwnSpec, TaskKeywords, checked_seed, keywords_of
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import checked_count
 
 
-class FishEnv(OwnSpec, gym.Env):
+class FishEnv(OwnSpec, TaskKeywords, gym.Env):
     """One fish in water. Keywords are those of `FishVectorEnv`; the time limit is `gym.make`'s `TimeLimit`.
 
     The page of each task, with its tables of actions, observations and rewards, is in docs/envs/.
@@ -40,6 +40,7 @@ class FishEnv(OwnSpec, gym.Env):
         self.observation_space = self.fish.single_observation_space
         self.action_space = self.fish.single_action_space
         self._own = frozenset(vars(self))  # attributes that are no subclass's
+        self._keywords = keywords_of(self, self.fish.task) | set(self.fish.LIVE)
 
     @property
     def tank(self) -> Tank[Fish]:
@@ -59,8 +60,10 @@ class FishEnv(OwnSpec, gym.Env):
                 allowed; nothing has changed then.
             gymnasium.error.Error: and ValueError: for a seed that is no whole number, or negative; as before.
         """
+        wrappers = wrappers_of(self)
+        self._limits = [each for each in wrappers if isinstance(each, TimeLimit)]
+        self._take_assigned(wrappers)
         self.fish.checked_reset(options)  # before the generator is another
-        self._wrappers = wrappers_of(self)
         self._limit = self._time_limit()
         super().reset(seed=checked_seed(seed))
         self.fish._generators[0] = self.np_random
@@ -85,8 +88,8 @@ class FishEnv(OwnSpec, gym.Env):
 
     def _time_limit(self) -> int | None:
         """Steps after which a `TimeLimit` truncates, None without one; ValueError for what is no whole number."""
-        limits = [each._max_episode_steps for each in self._wrappers if isinstance(each, TimeLimit)]
-        return min((checked_count(limit, "max_episode_steps") for limit in limits), default=None)
+        limits = [checked_count(each._max_episode_steps, "max_episode_steps") for each in self._limits]
+        return min(limits, default=None)
 
     def get_state(self) -> FishState:
         """All that decides what happens next, as `FishVectorEnv.get_state`, the limit of a `TimeLimit` included."""
@@ -112,9 +115,8 @@ class FishEnv(OwnSpec, gym.Env):
         if not self.fish._started:
             raise gym.error.ResetNeeded("set_state was called before reset; call env.reset() first")
         obs = self.fish.set_state(state)[0]
-        for wrapper in self._wrappers:
-            if isinstance(wrapper, TimeLimit):
-                wrapper._elapsed_steps = int(self.fish._elapsed[0])
+        for wrapper in self._limits:
+            wrapper._elapsed_steps = int(self.fish._elapsed[0])
         return obs
 
     def episode_info(self) -> dict[str, Any]:
@@ -133,12 +135,29 @@ class FishEnv(OwnSpec, gym.Env):
         """
         if name in vars(self).keys() - self._own and not name.startswith("_"):
             return super().set_wrapper_attr(name, value, force=force)
+        self._set_option(name, value)
+        return True
+
+    def _set_option(self, name: str, value: Any) -> None:
         if name == "max_episode_steps":
             raise AttributeError("the time limit of one fish is its wrapper's: give '_max_episode_steps' instead")
         self.fish.set_attr(name, [value])
         if self.spec is not None:
             self.spec.kwargs[name] = copy.deepcopy(value)  # what a recording says
-        return True
+
+    def _take_assigned(self, wrappers: list[gym.Wrapper]) -> None:
+        """Set the options that were assigned to a wrapper, as `DummyVecEnv.set_attr` of Stable-Baselines3 does.
+
+        Wrappers of users may have attributes of these names that mean something else.
+        """
+        for wrapper in wrappers:
+            if type(wrapper).__module__.split(".")[0] in ("gymnasium", "stable_baselines3"):
+                for name in sorted(self._keywords & vars(wrapper).keys()):
+                    self._set_option(name, vars(wrapper).pop(name))
+                if wrapper not in self._limits and "_max_episode_steps" in vars(wrapper):
+                    steps = vars(wrapper).pop("_max_episode_steps")
+                    for each in self._limits:
+                        each._max_episode_steps = steps
 
     def render(self):
         """A picture (H,W,3) uint8, or None after drawing to the window ("human")."""

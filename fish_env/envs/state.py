@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.seeding import np_random
 
 from fish_env.envs.layout import LAYOUT_VERSION
@@ -53,7 +54,8 @@ class Stateful:
             indices: numbers of K fish, which may repeat, or a boolean mask (B,); None for all.
 
         Raises:
-            ValueError: for fish that do not exist, or whose first episode has not begun.
+            ValueError: for fish that do not exist.
+            gymnasium.error.ResetNeeded: for fish whose first episode has not begun.
         """
         return self._found_rows().take(indices)
 
@@ -117,7 +119,7 @@ class Rows:
         episodes, rows = self.episodes, self.numbers(indices)
         if not episodes._started and not episodes._begun[rows].all():
             late = rows[~episodes._begun[rows]].tolist()
-            raise ValueError(f"get_state was called before reset of the fish {late}; call env.reset() first")
+            raise ResetNeeded(f"get_state was called before reset of the fish {late}; call env.reset() first")
         pairs = (*self.views.items(), *self.replaceable()) if self.loose else self.views.items()
         if indices is None:
             arrays = {name: view.copy() for name, view in pairs}
@@ -224,7 +226,7 @@ def arrays_in(value, path: str = "") -> dict[str, np.ndarray]:
     if isinstance(value, Pack):
         value = value._kept
     elif isinstance(value, tuple | list):
-        value = value._asdict() if hasattr(value, "_asdict") else dict(enumerate(value))
+        value = dict(zip(getattr(value, "_fields", range(len(value))), value, strict=True))
     if not isinstance(value, dict):
         return {}
     within = f"{path}." if path else ""

@@ -8,10 +8,18 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from fish_env.envs.episode import Episodes
-from fish_env.envs.options import OwnSpec, call_each, checked_seeds, checked_truth, set_option
+from fish_env.envs.options import (
+    OwnSpec,
+    TaskKeywords,
+    call_each,
+    checked_seeds,
+    checked_truth,
+    keywords_of,
+    set_option,
+)
 
 
-class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
+class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
     """A batch of fish, each in water of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a single environment seeded s + i.
@@ -72,6 +80,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         fps = 1.0 / self.control_interval
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self._pictures: list[list[np.ndarray]] = [[] for _ in range(self.num_envs)]  # not yet handed out
+        self._keywords = keywords_of(self, self.task)
 
     def restart(self, mask, seeds=None, options=None) -> None:
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
@@ -213,7 +222,10 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         """
         given = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(given) != self.num_envs or not all(np.all(other == given[0]) for other in given):
-            raise ValueError(f"{name} would be {values!r}; give one value, or {self.num_envs} that are the same")
+            same = f"{self.num_envs} that are the same"
+            raise ValueError(
+                f"{name} would be {values!r}; give one value, or {same}: a pair as [pair] * {self.num_envs}"
+            )
         set_option(self, name, given[0])
 
     @property
