@@ -27,6 +27,7 @@ SOURCES = {path.relative_to(EXAMPLES).as_posix(): path.read_text() for path in S
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
 QUICK = (
     {"train_ppo.py", "train_rllib.py", "play.py", "pixels.py", "custom_task.py", "custom_body.py"}
+    | {"plan_random_shooting.py"}
     | LEARNERS
     | {"train_gpu.py"}
 )
@@ -137,6 +138,13 @@ def test_custom_body(tmp_path):
     forward = float(re.search(r"16 muscles: (\S+) body lengths forward", said)[1])
     assert 0.05 < forward < 3.0
     assert "actions (16,)" in said
+
+
+def test_plan_random_shooting(tmp_path):
+    """The planner is faster than the gait in every episode."""
+    said = run_here(tmp_path, EXAMPLES / "plan_random_shooting.py", "--episodes", 2)
+    found = re.findall(r"gait (\S+), planned (\S+) body lengths", said)
+    assert len(found) == 2 and all(1.9 < float(gait) < float(planned) < 3.0 for gait, planned in found)
 
 
 def test_register_elsewhere(tmp_path):

@@ -117,6 +117,47 @@ def test_attributes_of_subclasses():
             each.set_attr("weigth", 2.0)
 
 
+def test_options_that_are_assigned():
+    """Keywords of the task count, or are refused, that are assigned to the environment or to Gymnasium's wrappers.
+
+    `DummyVecEnv.set_attr` of Stable-Baselines3 assigns to the outermost wrapper.
+    """
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    own = DummyVecEnv([lambda: Monitor(gym.make(ID))])
+    for name, value, wanted in (("severity", 0.2, 0.2), ("variation", {"mass": 1.2}, {"mass": (1.2, 1.2)}),
+                                ("_max_episode_steps", 2, 2)):  # fmt: skip
+        own.set_attr(name, value)
+        own.reset()
+        assert own.get_attr(name) == [wanted]
+    assert own.envs[0].unwrapped.spec.kwargs["severity"] == own.envs[0].unwrapped.fish.task.severity == 0.2
+    assert [own.step(np.zeros((1, 12)))[2][0] for _ in range(4)] == [False, True] * 2
+    for name, value, error in (("severity", 9.0, "severity is 9"), ("max_episode_steps", 2, "'_max_episode_steps'")):
+        own.set_attr(name, value)
+        with pytest.raises((ValueError, AttributeError), match=error):
+            own.reset()
+        own.reset()  # with what counted before
+    single, batch = gym.make("FishEnv/Target-v0"), gym.make_vec("FishEnv/Target-v0", 2)
+    for env in (single.unwrapped, batch.unwrapped):
+        env.bearing = 0.3
+        assert env.bearing == env.spec.kwargs["bearing"] == getattr(env, "fish", env).task.bearing == 0.3
+        with pytest.raises(AttributeError, match="'radius' cannot be set while the environment runs; choose from"):
+            env.radius = 0.1
+        with pytest.raises(ValueError, match="bearing is 9"):
+            env.bearing = 9.0
+
+    class Faster(gym.Wrapper):
+        bearing = None
+
+    wrapped = Faster(single)
+    wrapped.bearing = "a word of its own"
+    wrapped.reset(seed=0)
+    assert wrapped.bearing == "a word of its own" and single.unwrapped.bearing == 0.3
+    assert SyncVectorEnv([lambda: single]).get_attr("bearing") == (0.3,)
+
+
 @pytest.mark.parametrize(("name", "value"), [
     ("severity", 9.0), ("severity", "hard"), ("angle", (2.0, 1.0)), ("variation", {"depth": 1.0}), ("variation", 3),
     ("info_every_step", 1), ("reversals", 3),

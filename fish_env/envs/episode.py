@@ -15,6 +15,7 @@ from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.observation import make_sensors, make_told, observe_nodes, observe_sensors
 from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_truth, checked_water
 from fish_env.envs.senses import begin, checked_senses, make_memory, pack_memory
+from fish_env.envs.state import Stateful
 from fish_env.envs.step import (
     FAILURE_PENALTY,
     compile_measure_and_observe,
@@ -41,7 +42,7 @@ def row_of(obs: Any, i: int) -> Any:
     return {name: array[i].copy() for name, array in obs.items()} if isinstance(obs, dict) else obs[i].copy()
 
 
-class Episodes(ReadOnly):
+class Episodes(Stateful, ReadOnly):
     """B fish, each in water of its own and in an episode of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a batch of one seeded s + i.
@@ -121,12 +122,10 @@ class Episodes(ReadOnly):
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int | None] = [None] * self.num_envs
         self._names = (*self.task.term_names, "failure")
-        arrays = make_arrays(self.num_envs, len(self.task.term_names), self.groups, self.layout.size)
-        self._arrays = arrays
-        actions, nodes = self._action_shape[1], Layout(fish, self.task.directions)
-        self._memory = make_memory(self._senses, self.layout, num_envs, actions) if self._senses.remember else {}
-        self._privileged = np.zeros((num_envs if privileged else 0, nodes.size + len(FACTORS)), dtype=np.float32)
-        self._drawn = np.full((num_envs, len(VARIATIONS)), np.nan)  # of every variation, NaN for the original
+        self._nodes = Layout(fish, self.task.directions)
+        made = self._make_arrays(self.num_envs)
+        self._arrays, self._memory, self._beside = made["episode"], made["memory"], made["beside"]
+        self._privileged, self._drawn, arrays = self._beside["privileged"], self._beside["drawn"], self._arrays
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
         self._reward = arrays["reward"]
@@ -136,6 +135,18 @@ class Episodes(ReadOnly):
         self._pose = make_pose(self.num_envs)
         self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
         self._compile()
+
+    def _make_arrays(self, count: int) -> dict[str, dict[str, np.ndarray]]:
+        """Arrays of the episodes of so many fish."""
+        actions, width = int(self.groups.max()) + 1, self._nodes.size + len(FACTORS)
+        return {
+            "episode": make_arrays(count, len(self.task.term_names), self.groups, self.layout.size),
+            "memory": make_memory(self._senses, self.layout, count, actions) if self._senses.remember else {},
+            "beside": {
+                "privileged": np.zeros((count if self.privileged else 0, width), dtype=np.float32),
+                "drawn": np.full((count, len(VARIATIONS)), np.nan),  # of every variation, NaN for the original
+            },
+        }
 
     @property
     def max_episode_steps(self) -> int | None:
@@ -174,7 +185,7 @@ class Episodes(ReadOnly):
         if self._memory:
             fields["memory"] = pack_memory(self._senses, self._memory)
         if self.privileged:
-            fields["privileged"] = make_told(Layout(tank.fish, self.task.directions), self._privileged)
+            fields["privileged"] = make_told(self._nodes, self._privileged)
         self._sensing = (observe_sensors if sensors else observe_nodes, bool(self._memory), self.privileged)
         moved = [{}] if engine is None else [{"queue": engine.queue, "block": block} for block in engine.blocks]
         self._envs = [Pack("env", **fields, **each) for each in moved]  # one a thread
@@ -185,7 +196,7 @@ class Episodes(ReadOnly):
             self._step = make_step(engine.names, engine.method.make_run, self._kernels, self._sensing, self._env.type)
 
     def __getstate__(self):
-        return self.__dict__ | {"_env": None, "_envs": None, "_measure_and_observe": None, "_step": None}
+        return self.__dict__ | {"_env": None, "_envs": None, "_rows": None, "_measure_and_observe": None, "_step": None}
 
     def __setstate__(self, state: dict[str, Any]):
         self.__dict__ |= own(state, state["_vectors"])
@@ -209,6 +220,7 @@ class Episodes(ReadOnly):
         self._elapsed[mask] = 0
         self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
         self._arrays["totals"][:, mask] = 0.0
+        self._terminated[mask] = self._truncated[mask] = False
         self._begun[mask] = True
         self._started = self._begun.all()
         self._measure(mask)

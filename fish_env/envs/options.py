@@ -1,6 +1,7 @@
 """Arguments of an environment: keywords and seeds that are checked, and options that are set while it runs."""
 
 import copy
+import inspect
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -39,6 +40,32 @@ class OwnSpec:
     @spec.setter
     def spec(self, spec):
         self._spec = copy.deepcopy(spec)
+
+
+class TaskKeywords:
+    """An environment on which keywords of its task are set, or refused, where they are assigned as attributes."""
+
+    _keywords: frozenset[str] = frozenset()
+
+    def _set_option(self, name: str, value: Any) -> None:
+        set_option(self, name, value)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self._keywords:
+            self._set_option(name, value)
+        else:
+            super().__setattr__(name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self._keywords and name != "max_episode_steps":  # of one fish, the wrapper's
+            fish = getattr(self, "fish", self)
+            return getattr(fish if name in fish.LIVE else fish.task, name)
+        raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
+
+
+def keywords_of(env, task) -> frozenset[str]:
+    """Keywords of a task that an environment has no attributes for."""
+    return frozenset(name for name in inspect.signature(type(task)).parameters if not hasattr(env, name))
 
 
 def checked_seed(seed) -> int | None:
@@ -139,8 +166,8 @@ def set_option(env, name: str, value: Any) -> None:
 def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
     """Value of an attribute, or result of a method, for each of some fish of a batch; AttributeError without it.
 
-    `reset`, `render`, `episode_info` and `step_info` are called for these fish alone. Any other method is called for
-    the batch: ValueError unless all fish are selected.
+    `reset`, `render`, `episode_info`, `step_info`, `get_state` and `set_state` are called for these fish alone. Any
+    other method is called for the batch: ValueError unless all fish are selected.
     """
     which = list(which)
     if name == "reset":
@@ -150,6 +177,10 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
         return [found(*args, **kwargs) for _ in which]
     if name in ("episode_info", "step_info", "state_info"):
         return [found(i, *args, **kwargs) for i in which]
+    if name == "get_state":
+        return [found([i], *args, **kwargs) for i in which]
+    if name == "set_state":
+        return list(found(*args, **kwargs, indices=which)[which])
     if callable(found):
         if name != "render" and set(which) != set(range(env.num_envs)):
             raise ValueError(f"{name} acts on all fish of a batch; call it for all of them")

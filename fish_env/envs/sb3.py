@@ -12,6 +12,7 @@ except ImportError as error:
 
 from fish_env.envs.episode import row_of
 from fish_env.envs.options import call_each, checked_seed
+from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 
 __all__ = ["FishVecEnv", "VecEnv", "VecMonitor"]
@@ -68,6 +69,14 @@ class FishVecEnv(VecEnv):
             obs = self.fish.observe()
         return obs, reward.astype(np.float32), done, infos
 
+    def get_state(self, indices=None) -> FishState:
+        """As `FishVectorEnv.get_state`; monitors and other wrappers have sums of their own, which are no part of it."""
+        return self.fish.get_state(indices)
+
+    def set_state(self, state: FishState | Sequence[FishState], indices=None) -> np.ndarray:
+        """As `FishVectorEnv.set_state`: the observations of all fish."""
+        return self.fish.set_state(state, indices)
+
     def close(self) -> None:
         """Close the window and the threads."""
         self.fish.close()
@@ -94,7 +103,7 @@ class FishVecEnv(VecEnv):
     def env_method(self, method_name: str, *method_args, indices=None, **method_kwargs) -> list[Any]:
         """Result of a method for each selected fish; ValueError for a method that acts on all, unless all are selected.
 
-        `reset`, `render`, `episode_info` and `step_info` act on the selected fish only.
+        `reset`, `render`, `episode_info`, `step_info`, `get_state` and `set_state` act on the selected fish only.
         """
         return call_each(self.fish, method_name, self._get_indices(indices), *method_args, **method_kwargs)
 

@@ -12,13 +12,14 @@ from fish_env.bodies import Fish
 from fish_env.checks import finite_array
 from fish_env.envs.episode import row_of
 from fish_env.envs.layout import Layout
-from fish_env.envs.options import OwnSpec, checked_seed
+from fish_env.envs.options import OwnSpec, TaskKeywords, checked_seed, keywords_of
+from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import checked_count
 
 
-class FishEnv(OwnSpec, gym.Env):
+class FishEnv(OwnSpec, TaskKeywords, gym.Env):
     """One fish in water. Keywords are those of `FishVectorEnv`; the time limit is `gym.make`'s `TimeLimit`.
 
     The page of each task, with its tables of actions, observations and rewards, is in docs/envs/.
@@ -40,6 +41,7 @@ class FishEnv(OwnSpec, gym.Env):
         self.observation_space = self.fish.single_observation_space
         self.action_space = self.fish.single_action_space
         self._own = frozenset(vars(self))  # attributes that are no subclass's
+        self._keywords = keywords_of(self, self.fish.task) | set(self.fish.LIVE)
 
     @property
     def tank(self) -> Tank[Fish]:
@@ -59,8 +61,11 @@ class FishEnv(OwnSpec, gym.Env):
                 allowed; nothing has changed then.
             gymnasium.error.Error: and ValueError: for a seed that is no whole number, or negative; as before.
         """
+        wrappers = wrappers_of(self)
+        self._limits = [each for each in wrappers if isinstance(each, TimeLimit)]
+        self._take_assigned(wrappers)
         self.fish.checked_reset(options)  # before the generator is another
-        self._limit = time_limit(self)
+        self._limit = self._time_limit()
         super().reset(seed=checked_seed(seed))
         self.fish._generators[0] = self.np_random
         self.fish.restart(np.ones(1, dtype=bool), None, options)
@@ -89,6 +94,39 @@ class FishEnv(OwnSpec, gym.Env):
         """Reward of achieved for desired goals, both (...,3), of a task with goals (`goal_env=True`)."""
         return self.fish.compute_reward(achieved_goal, desired_goal, info)
 
+    def _time_limit(self) -> int | None:
+        """Steps after which a `TimeLimit` truncates, None without one; ValueError for what is no whole number."""
+        limits = [checked_count(each._max_episode_steps, "max_episode_steps") for each in self._limits]
+        return min(limits, default=None)
+
+    def get_state(self) -> FishState:
+        """All that decides what happens next, as `FishVectorEnv.get_state`, the limit of a `TimeLimit` included."""
+        state, limit = self.fish.get_state(), self._time_limit()
+        if limit is not None:
+            arrays = state.arrays
+            least = np.minimum(arrays["episode.limit"], limit, out=arrays["episode.limit"])
+            arrays["episode.truncated"] |= ~arrays["episode.terminated"] & (arrays["episode.elapsed"] >= least)
+        return state
+
+    def set_state(self, state: FishState) -> np.ndarray:
+        """Go on from a state of one fish, as `FishVectorEnv.set_state`; every `TimeLimit` counts its steps from there.
+
+        The episode is truncated at the limit of the state, or of the `TimeLimit` if that is shorter.
+
+        Returns:
+            The observation, (D,) float32.
+
+        Raises:
+            ValueError: for a state of another task, body, layout or format, or of several fish; nothing has changed.
+            gymnasium.error.ResetNeeded: before the first `reset`.
+        """
+        if not self.fish._started:
+            raise gym.error.ResetNeeded("set_state was called before reset; call env.reset() first")
+        obs = self.fish.set_state(state)[0]
+        for wrapper in self._limits:
+            wrapper._elapsed_steps = int(self.fish._elapsed[0])
+        return obs
+
     def episode_info(self) -> dict[str, Any]:
         """Summary of the episode so far: reward terms, the task's metrics, seconds, the failure if any.
 
@@ -105,12 +143,29 @@ class FishEnv(OwnSpec, gym.Env):
         """
         if name in vars(self).keys() - self._own and not name.startswith("_"):
             return super().set_wrapper_attr(name, value, force=force)
+        self._set_option(name, value)
+        return True
+
+    def _set_option(self, name: str, value: Any) -> None:
         if name == "max_episode_steps":
             raise AttributeError("the time limit of one fish is its wrapper's: give '_max_episode_steps' instead")
         self.fish.set_attr(name, [value])
         if self.spec is not None:
             self.spec.kwargs[name] = copy.deepcopy(value)  # what a recording says
-        return True
+
+    def _take_assigned(self, wrappers: list[gym.Wrapper]) -> None:
+        """Set the options that were assigned to a wrapper, as `DummyVecEnv.set_attr` of Stable-Baselines3 does.
+
+        Wrappers of users may have attributes of these names that mean something else.
+        """
+        for wrapper in wrappers:
+            if type(wrapper).__module__.split(".")[0] in ("gymnasium", "stable_baselines3"):
+                for name in sorted(self._keywords & vars(wrapper).keys()):
+                    self._set_option(name, vars(wrapper).pop(name))
+                if wrapper not in self._limits and "_max_episode_steps" in vars(wrapper):
+                    steps = vars(wrapper).pop("_max_episode_steps")
+                    for each in self._limits:
+                        each._max_episode_steps = steps
 
     def render(self):
         """A picture (H,W,3) uint8, or None after drawing to the window ("human")."""
@@ -122,17 +177,16 @@ class FishEnv(OwnSpec, gym.Env):
         self.fish.close()
 
 
-def time_limit(env: gym.Env) -> int | None:
-    """After how many steps a `TimeLimit` truncates the episode that is being begun; None if there is none.
+def wrappers_of(env: gym.Env) -> list[gym.Wrapper]:
+    """The wrappers round an environment through which its `reset` is called, which is being called.
 
-    Gymnasium does not tell an environment what is wrapped round it, so the wrapper is looked for among the callers of
-    its `reset`; of several, the shortest counts. ValueError for a limit that is no whole number, at least 1.
+    Gymnasium does not tell an environment what is wrapped round it, so they are looked for among the callers.
     """
-    limits, frame = [], sys._getframe(1)
+    found, frame = [], sys._getframe(1)
     while frame is not None:
         if frame.f_code.co_name == "reset" and frame.f_code.co_varnames[:1] == ("self",):
             caller = frame.f_locals["self"]
-            if isinstance(caller, TimeLimit) and caller.unwrapped is env:
-                limits.append(checked_count(caller._max_episode_steps, "max_episode_steps"))
+            if isinstance(caller, gym.Wrapper) and caller.unwrapped is env:
+                found.append(caller)
         frame = frame.f_back
-    return min(limits, default=None)
+    return found

@@ -8,10 +8,19 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from fish_env.envs.episode import Episodes, row_of
-from fish_env.envs.options import OwnSpec, call_each, checked_picture, checked_seeds, checked_truth, set_option
+from fish_env.envs.options import (
+    OwnSpec,
+    TaskKeywords,
+    call_each,
+    checked_picture,
+    checked_seeds,
+    checked_truth,
+    keywords_of,
+    set_option,
+)
 
 
-class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
+class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
     """A batch of fish, each in water of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a single environment seeded s + i.
@@ -93,12 +102,11 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         fps = 1.0 / self.control_interval
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self._pictures: list[list[np.ndarray]] = [[] for _ in range(self.num_envs)]  # not yet handed out
-        self._over = np.zeros(self.num_envs, dtype=bool)
+        self._keywords = keywords_of(self, self.task)
 
     def restart(self, mask, seeds=None, options=None) -> None:
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
         super().restart(mask, seeds, options)
-        self._over[mask] = False
         if self._renderer is not None:
             self._renderer.restart(mask)
             for i in np.flatnonzero(mask):
@@ -121,7 +129,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         mask = options.pop("reset_mask", None)
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)
-        elif not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != self._over.shape or not mask.any():
+        elif not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
         self.restart(mask, seeds, options)
         self._show(mask)
@@ -138,7 +146,7 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
 
     def step(self, actions: np.ndarray):
         """One control interval for every fish; episodes that have ended restart as `autoreset_mode` says."""
-        restarting = self._over.copy()
+        restarting = self._over
         if self.autoreset_mode is AutoresetMode.DISABLED and restarting.any():
             raise gym.error.ResetNeeded(
                 f"fish {np.flatnonzero(restarting).tolist()} are at the end of an episode and autoreset is disabled; "
@@ -150,25 +158,41 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
             self.restart(restarting)
             reward[restarting] = 0.0
             terminated[restarting] = truncated[restarting] = False
-        self._over = terminated | truncated
+        over = terminated | truncated
         if self.info_every_step:
             same = self.autoreset_mode is AutoresetMode.SAME_STEP  # the last step is told of in `final_info`
-            for i in np.flatnonzero(~(self._over if same else restarting)).tolist():
+            for i in np.flatnonzero(~(over if same else restarting)).tolist():
                 infos = self._add_info(infos, self.step_info(i), i)
         obs, begun = self.observe(), restarting
-        if self._over.any():
-            infos = self._end_episodes(infos, obs)
+        if over.any():
+            infos = self._end_episodes(infos, obs, over)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                begun = self._over.copy()
-                self.restart(begun)
+                begun = over
+                self.restart(over)
                 obs = self.observe()
         infos = self._add_state_info(infos, begun)
         if self.render_mode is not None:
             self._show()
         return obs, reward, terminated, truncated, infos
 
-    def _end_episodes(self, infos, obs):
-        for i in np.flatnonzero(self._over).tolist():
+    @property
+    def _over(self) -> np.ndarray:
+        """(B,) the fish whose episodes have ended and not begun again."""
+        return self._terminated | self._truncated
+
+    def set_state(self, state, indices=None) -> np.ndarray:
+        """As `Stateful.set_state`; what is shown follows."""
+        obs = super().set_state(state, indices)
+        mask = np.zeros(self.num_envs, dtype=bool)
+        mask[slice(None) if indices is None else indices] = True
+        if self._renderer is not None:
+            self._renderer.restart(mask)
+        if self.render_mode is not None and self._started:
+            self._show(mask)
+        return obs
+
+    def _end_episodes(self, infos, obs, over):
+        for i in np.flatnonzero(over).tolist():
             info = self.episode_info(i)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 info = (self.step_info(i) if self.info_every_step else {}) | info
@@ -231,7 +255,10 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         """
         given = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(given) != self.num_envs or not all(np.all(other == given[0]) for other in given):
-            raise ValueError(f"{name} would be {values!r}; give one value, or {self.num_envs} that are the same")
+            same = f"{self.num_envs} that are the same"
+            raise ValueError(
+                f"{name} would be {values!r}; give one value, or {same}: a pair as [pair] * {self.num_envs}"
+            )
         set_option(self, name, given[0])
 
     @property
