@@ -88,7 +88,10 @@ def evaluate_held_out(
         FileNotFoundError: if there is no such policy.
         ValueError: for a policy of another environment than the package's, or a number of episodes that is not allowed.
     """
-    loaded, episodes = policy if isinstance(policy, Policy) else load_policy(policy), checked_count(episodes, "episodes")
+    loaded, episodes = (
+        policy if isinstance(policy, Policy) else load_policy(policy),
+        checked_count(episodes, "episodes"),
+    )
     options, rows = dict(loaded.about.get("env_options", {})), []
     for condition in conditions:
         with closing(make_policy_env(loaded, episodes, **condition_options(loaded, options, condition))) as env:

@@ -95,6 +95,9 @@ def future_of_one(env, actions):
 def test_the_future_is_the_same(task):
     """From 200 moments: in the same batch, in another order in another batch, in one fish, and in the `VecEnv`."""
     options = {"task": task, "variation": {"stiffness": (0.8, 1.25), "current": (0.0, 0.3)}}
+    if task in ("turn", "rhythm"):
+        options |= {"observation_noise": {"vertical": 0.1}, "action_noise": 0.1, "history": 1}
+        options |= {"observation_delay": (0, 2), "action_delay": (0, 2)}
     batch, other = (FishVectorEnv(FISH, autoreset_mode="SameStep", max_episode_steps=LIMIT, **options) for _ in "12")
     single = gym.wrappers.TimeLimit(FishEnv(**options), LIMIT)
     rng = np.random.default_rng(3)

@@ -101,7 +101,9 @@ def measure(jobs: int) -> None:
         for name, policies in (("shipped", [load_policy(task)]), *((each, trained[each]) for each in (ROBUST,))):
             tables = [protocols.evaluate_held_out(policy) for policy in policies]
             for same in zip(*tables, strict=True):
-                mean = {key: round(float(np.mean([row[key] for row in same])), 4) for key in ("value", "share", "failed")}
+                mean = {
+                    key: round(float(np.mean([row[key] for row in same])), 4) for key in ("value", "share", "failed")
+                }
                 held_out.append({"task": task, "policy": name, "condition": same[0]["condition"]} | mean)
         for row in rows[-len(SENSING) :]:
             row["of nodes"] = round(row["score"] / rows[-len(SENSING)]["score"], 3)
