@@ -19,10 +19,10 @@ from stable_baselines3.common.vec_env import (
 )
 
 import fish_env
-from agents.build import make_env, make_model
-from agents.config import CONFIGS
 from fish_env.control import equivariant
 from fish_env.control.equivariant import EquivariantPolicy, ScaledObservation, equivariant_options, export_policy
+from fish_env.training.build import make_env, make_model
+from fish_env.training.config import CONFIGS
 
 TANH = {"activation_fn": torch.nn.Tanh}
 

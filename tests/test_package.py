@@ -16,7 +16,7 @@ import pytest
 
 import fish_env
 from fish_env import control
-from fish_env.__main__ import parse
+from fish_env.__main__ import make_parser
 
 ROOT = Path(__file__).parent.parent
 PARTS = ("fish_env", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "tests")
@@ -103,7 +103,8 @@ def test_what_the_image_is_built_from():
         assert re.search(rf"^{extra} = ", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
     assert re.findall(r"RUN python -m fish_env (\w+)", text) == ["compile"]
     command = json.loads(re.search(r"^CMD (.*)$", text, re.MULTILINE)[1])
-    assert command[:3] == ["python", "-m", "fish_env"] and parse(command[3:]).command == "evaluate"
+    assert command[:3] == ["python", "-m", "fish_env"]
+    assert make_parser()[0].parse_args(command[3:]).command == "evaluate"
     variable = re.search(r"FISH_ENV_CACHE=(\S+)", text)[1]
     assert re.search(rf"install -d -o fish {variable}\n", text)
     assert text.index("USER fish") < text.index("RUN python -m")
