@@ -20,11 +20,12 @@ for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # 
 
 def make_parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     """The parser of `fish_env` with the commands of the checkout, and the names of all commands."""
-    from fish_env.__main__ import add_command, make_parser
+    from fish_env.__main__ import make_parser
 
     parser, commands = make_parser("train.py")
     parser.description = __doc__
-    command = add_command(commands, "all", train_everything, "train every task with all its seeds, and publish them")
+    command = commands.add_parser("all", help="train every task with all its seeds, and publish the results")
+    command.set_defaults(run=train_everything)
     command.add_argument("--runs", type=Path, help="where runs are saved (default runs/all)")
     command.add_argument("--tasks", nargs="+", help="only these")
     command.add_argument("--jobs", type=int, help="runs side by side (default one on each processor)")

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.config import CONFIGS, SEEDS
 from agents.jobs import Job
+from agents.published import CONFIGS, SEEDS
 from agents.ray_jobs import run_on_ray
 from fish_env.control.files import writable_folder
 from fish_env.training.config import change_simulation

@@ -54,124 +54,80 @@ PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch"
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 FILES = "an .html page that turns in 3-D, an .mp4, .webp or .gif video, or an .npz recording"
 
-Commands = Any
-"""What `add_subparsers` returns."""
 
+def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any]:
+    """The parser of the command line, and its commands (what `add_subparsers` returns), to which others can be added.
 
-def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Commands]:
-    """The parser of the command line, and its commands, to which others can be added.
-
-    A command has `run`, a function of the parsed arguments that returns the exit status, or None for 0.
+    A command sets `run`, a function of the parsed arguments that returns the exit status, or None for 0.
     """
     parser = argparse.ArgumentParser(
         prog=program, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.set_defaults(run=list_all, task_module=None)
     commands = parser.add_subparsers(dest="command")
-    commands.add_parser("list", help="list environments, bodies, integrators and shipped policies")
-    add_training(commands)
-    for add in (add_play, add_evaluate, add_compare):
-        add(commands)
-    command = add_command(commands, "report", run_report, "write an HTML page of one run or more")
+    module, simulation, policies = (argparse.ArgumentParser(add_help=False) for _ in range(3))
+    module.add_argument("--task-module", metavar="MODULE", help="a module that registers environments, imported first")
+    simulation.add_argument("--body", help=f"on another body: {', '.join(fish_env.BODIES)}")
+    simulation.add_argument("--integrator", help="with another integrator than the body's own, or that of the training")
+    simulation.add_argument("--dt", type=float, help="and with another step, s")
+    known = f"a shipped policy ({', '.join(shipped_policies())}), a policy file, or the folder of a run"
+    policies.add_argument("policies", nargs="*", metavar="policy", help=known)
+    policies.add_argument("--policy", type=Path, help="a policy file, whatever its name")
+
+    def add(name: str, run: Callable, text: str, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=text, parents=parents)
+        command.set_defaults(run=run)
+        return command
+
+    add("list", list_all, "list environments, bodies, integrators and shipped policies")
+    add_training_options(add("train", run_training, "train a policy by PPO, then report", module, simulation))
+    play_it = add("play", play_policy, "watch a trained policy", policies, simulation, module)
+    play_it.add_argument("--save", "--to", "--video", type=Path, dest="to", help=f"write a file: {FILES}")
+    score = add("evaluate", evaluate_policies, "evaluate policies on fixed seeds", policies, simulation, module)
+    score.add_argument("--save", "--to", type=Path, dest="to", help="write the means to a .json file too")
+    for command, seed, count in ((play_it, 0, 1), (score, FIRST_SEED, EPISODES)):
+        command.add_argument("--seed", type=int, default=seed, help=f"of the first episode (default {seed})")
+        command.add_argument("--episodes", type=int, default=count, help=f"how many (default {count})")
+    text = "evaluate policies beside the controllers without learning"
+    add("compare", compare_policies, text, policies, simulation, module)
+    command = add("report", run_report, "write an HTML page of one run or more", module)
     command.add_argument("folders", type=Path, nargs="+", help="of runs; seeds are put together")
     command.add_argument("--save", type=Path, help="the page (default report.html in the folder of all)")
-    command.add_argument("--episodes", type=int, default=EPISODES, help=f"to measure policies in (default {EPISODES})")
-    add_module(command)
-    command = add_command(commands, "replay", replay_file, "simulate a recorded episode again, compare bit for bit")
+    command.add_argument("--episodes", type=int, default=EPISODES, help=f"of each policy (default {EPISODES})")
+    command = add("replay", replay_file, "simulate a recorded episode again, compare bit for bit", module)
     command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
     command.add_argument("--save", type=Path, help="show it too: a page or a video")
-    add_module(command)
-    laboratory = add_command(commands, "lab", open_laboratory, "open the laboratory, for this machine only")
-    laboratory.add_argument(
-        "--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK}, which only this machine can open; "
-        "0.0.0.0 can be opened by every machine that reaches this one, without a password)",
-    )  # fmt: skip
-    laboratory.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
-    command = add_command(commands, "compile", compile_kernels, "compile kernels ahead of use, into FISH_ENV_CACHE")
+    command = add("lab", lambda given: serve(given.host, given.port), "open the laboratory, for this machine only")
+    command.add_argument("--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK}, which only "
+                         "this machine can open; at 0.0.0.0, all that reach it can, without a password)")  # fmt: skip
+    command.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
+    command = add("compile", compile_kernels, "compile kernels ahead of use, into FISH_ENV_CACHE")
     command.add_argument("task", nargs="*", metavar="task", help=f"which (default all): {', '.join(fish_env.TASKS)}")
     command.add_argument("--body", nargs="+", default=["mass_spring"], help="on which bodies (default mass_spring)")
     command.add_argument("--dtype", nargs="+", default=["float64"], help="float64, float32 or both (default float64)")
     command.add_argument("--integrator", help="with this integrator instead of the body's own")
-    add_command(commands, "versions", print_versions, "name the versions of Python and of the packages it runs with")
+    add("versions", print_versions, "name the versions of Python and of the packages it runs with")
     return parser, commands
 
 
-def add_command(
-    commands: Commands, name: str, run: Callable[[argparse.Namespace], int | None], text: str
-) -> argparse.ArgumentParser:
-    """A new command, which calls `run` with the parsed arguments."""
-    command = commands.add_parser(name, help=text)
-    command.set_defaults(run=run)
-    return command
-
-
-def add_module(command: argparse.ArgumentParser) -> None:
-    """Let a command import a module of the user's first."""
-    command.add_argument("--task-module", metavar="MODULE", help="a module that registers environments, imported first")
-
-
-def add_simulation(command: argparse.ArgumentParser, than: str) -> None:
-    """Let a command choose body, integrator and step."""
-    command.add_argument("--body", help=f"on another body than {than} (planar, mass_spring, two_layer, tetrahedral)")
-    command.add_argument("--integrator", help=f"with another integrator than {than}")
-    command.add_argument("--dt", type=float, help="and with another step, s")
-
-
-def add_training(commands: Commands) -> None:
-    """Add `train`."""
-    command = add_command(commands, "train", run_training, "train a policy by PPO, then report")
+def add_training_options(command: argparse.ArgumentParser) -> None:
+    """Add what `train` takes beside body, integrator, step and module."""
     command.add_argument("task", help=f"{', '.join(CONFIGS)}, the id of an environment, or module:Id")
-    add_module(command)
-    command.add_argument("--env-kwargs", nargs="+", default=[], metavar="NAME=VALUE", help="keywords of the "
-                         "environment: speed=1.0 'variation={\"mass\": [0.8, 1.2]}' (JSON, or text)")  # fmt: skip
-    command.add_argument("--hyperparameters", nargs="+", default=[], metavar="NAME=VALUE", help="settings of the "
-                         "training, such as learning_rate=3e-4 rollout=64 hidden=[32,32]")  # fmt: skip
+    pairs: dict[str, Any] = {"nargs": "+", "default": [], "metavar": "NAME=VALUE"}
+    text = "keywords of the environment: speed=1.0 'variation={\"mass\": [0.8, 1.2]}' (JSON, or text)"
+    command.add_argument("--env-kwargs", **pairs, help=text)
+    text = "settings of the training: learning_rate=3e-4 rollout=64 hidden=[32,32]"
+    command.add_argument("--hyperparameters", **pairs, help=text)
     command.add_argument("--seed", type=int, help="of the learner (default 0)")
     command.add_argument("--timesteps", type=int, help="environment steps to train for (default that of the task)")
     command.add_argument("--num-envs", type=int, help="fish trained side by side (default 256)")
     command.add_argument("--resume", type=Path, help="folder of a run to resume")
     command.add_argument("--start-from", type=Path, help="fine-tune the policy of this run, by default for "
                          f"{FINE_TUNING['timesteps']:,} steps of {FINE_TUNING['num_envs']} fish")  # fmt: skip
-    add_simulation(command, "the task's")
     command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are saved (default runs)")
     command.add_argument("--folder", type=Path, help="save the run in this folder")
     command.add_argument("--no-pictures", action="store_true", help="only evaluate the policy at the end")
     command.add_argument("--torch-threads", type=int, default=1, help="threads of the updates (default 1)")
-
-
-def add_policies(command: argparse.ArgumentParser, count: str) -> None:
-    """Let a command take policies."""
-    known = f"a shipped policy ({', '.join(shipped_policies())}), a policy file, or the folder of a run"
-    command.add_argument("policies", nargs=count, metavar="policy", help=known)
-    command.add_argument("--policy", type=Path, help="a policy file, whatever its name")
-    add_simulation(command, "the one it was trained with")
-    add_module(command)
-
-
-def add_play(commands: Commands) -> None:
-    """Add `play`."""
-    command = add_command(commands, "play", play_policy, "watch a trained policy")
-    add_policies(command, "?")
-    command.add_argument("--seed", type=int, default=0, help="of the first episode (default 0)")
-    command.add_argument("--episodes", type=int, default=1, help="how many (default 1)")
-    command.add_argument("--save", "--to", "--video", type=Path, dest="to", help=f"write a file: {FILES}")
-
-
-def add_evaluate(commands: Commands) -> None:
-    """Add `evaluate`."""
-    command = add_command(commands, "evaluate", evaluate_policies, "evaluate trained policies on fixed seeds")
-    add_policies(command, "*")
-    command.add_argument("--seed", type=int, default=FIRST_SEED, help=f"of the first episode (default {FIRST_SEED})")
-    command.add_argument("--episodes", type=int, default=EPISODES, help=f"how many (default {EPISODES})")
-    command.add_argument("--to", "--save", type=Path, dest="to", help="write the means to a .json file too")
-
-
-def add_compare(commands: Commands) -> None:
-    """Add `compare`."""
-    command = add_command(
-        commands, "compare", compare_policies, "evaluate policies beside the controllers without learning"
-    )
-    add_policies(command, "*")
 
 
 def list_all(arguments: argparse.Namespace) -> None:
@@ -224,7 +180,8 @@ def run_training(arguments: argparse.Namespace) -> None:
     """Train; a signal saves the run."""
     task, keywords = arguments.task, settings_from("--env-kwargs", arguments.env_kwargs)
     changes = settings_from("--hyperparameters", arguments.hyperparameters)
-    changes |= {"timesteps": arguments.timesteps, "num_envs": arguments.num_envs}
+    counts = {"timesteps": arguments.timesteps, "num_envs": arguments.num_envs}
+    changes |= {name: count for name, count in counts.items() if count is not None}
     module, colon, name = task.rpartition(":")
     if colon:
         import_task_module(module)
@@ -252,8 +209,7 @@ def find_policy(name: str) -> Path:
 
 def load_policies(arguments: argparse.Namespace) -> dict[str, Policy]:
     """Load the policies that the command line names; ValueError if there are none."""
-    given = arguments.policies if isinstance(arguments.policies, list) else [arguments.policies]
-    found = {name: load_policy(find_policy(name)) for name in given if name is not None}
+    found = {name: load_policy(find_policy(name)) for name in arguments.policies}
     if arguments.policy is not None:
         found[str(arguments.policy)] = load_policy(arguments.policy)
     if not found:
@@ -309,11 +265,6 @@ def run_report(arguments: argparse.Namespace) -> None:
     from fish_env.training.run_report import write_report
 
     print(f"written to {write_report(arguments.folders, arguments.save, arguments.episodes)}")
-
-
-def open_laboratory(arguments: argparse.Namespace) -> None:
-    """Serve the laboratory until it is interrupted."""
-    serve(arguments.host, arguments.port)
 
 
 def replay_file(arguments: argparse.Namespace) -> int:

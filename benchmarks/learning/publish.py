@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.config import CONFIGS, SEEDS
+from agents.published import CONFIGS, SEEDS
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import IMAGES, ROOT, read_rows, write_csv

@@ -150,8 +150,8 @@ def usual_settings(task: str) -> TrainConfig:
         return CONFIGS[task]
     if task not in gym.registry:
         raise ValueError(
-            f"unknown task {task!r}; choose from {', '.join(CONFIGS)}, or give the id of an environment of yours, as "
-            "module:Id if importing the module registers it"
+            f"unknown task {task!r}; choose from {', '.join(CONFIGS)}, or give the id of an environment of yours, with "
+            "--task-module and the module that registers it"
         )
     env_id, _ = environment_of({"env_id": task})
     return TrainConfig(env_id)

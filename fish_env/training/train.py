@@ -151,11 +151,10 @@ def _save(model: PPO, folder: Path, about: dict) -> None:
 def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]:
     """Settings and seed of the requested run, after a check; `resumed` is the config.json of a saved run."""
     task, changes = request.task, {name: value for name, value in request.changes.items() if value is not None}
-    unknown = changes.keys() - vars(TrainConfig(""))
-    if unknown:
-        raise ValueError(
-            f"unknown settings {', '.join(sorted(unknown))}; choose from {', '.join(vars(TrainConfig('')))}"
-        )
+    known = [name for name in vars(TrainConfig("")) if name != "env_id"]
+    for name in changes:
+        if name not in known:
+            raise ValueError(f"unknown setting {name!r}; choose from {', '.join(known)}")
     if resumed is None:
         usual = usual_settings(task)
         given = {} if request.start is None else FINE_TUNING
