@@ -158,7 +158,7 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
     if resumed is None:
         usual = usual_settings(task)
         given = {} if request.start is None else FINE_TUNING
-        options = usual.env_options | request.env_options
+        options = {**usual.env_options, **request.env_options}
         denser = {name: value for name, value in usual.training_options.items() if name not in request.env_options}
         config = replace(usual, **{"env_options": options, "training_options": denser} | given | changes)
         config = change_simulation(config, request.body, request.integrator, request.dt)
