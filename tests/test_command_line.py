@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -120,6 +122,17 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
         (["evaluate", "swim", "--seed", "-5"], "seed is -5; give a whole number, zero or more"),
         (["play", "swim", "--to", "swim.avi"], "give a name that ends in .mp4 or .webp or .gif"),
         (["evaluate", "swim", "--to", "pyproject.toml/x.json"], "no file can be written in the folder"),
+        (["play", "swim", "turn"], "cannot be played at once; give one policy"),
+        (["evaluate", "docs"], "there is no policy file docs/policy.npz"),
+        (["compare", "swim", "--task-module", "no.such"], "the module 'no.such' cannot be imported: No module"),
+        (["train", "no_such:Own-v0"], "the module 'no_such' cannot be imported: No module named 'no_such'"),
+        (["train", "fly"], "unknown task 'fly'; choose from swim, "),
+        (["train", "CartPole-v1"], "CartPole-v1 is not an environment of fish"),
+        (["train", "swim", "--env-kwargs", "speed"], "--env-kwargs has 'speed'; give NAME=VALUE"),
+        (["train", "swim", "--env-kwargs", "fins=3"], "unexpected keyword argument 'fins'"),
+        (["train", "swim", "--env-kwargs", "seed=3"], "seed cannot be options of the environment here"),
+        (["train", "swim", "--hyperparameters", "lr=3"], "unknown setting 'lr'; choose from env_options, "),
+        (["train", "swim", "--hyperparameters", "learning_rate=fast"], "learning_rate is 'fast'; give a finite number"),
     ],
 )
 def test_mistakes(arguments, message, capsys, monkeypatch):
@@ -151,6 +164,53 @@ def test_missing_extras(tmp_path):
     if sys.platform.startswith("linux"):
         done = run("-m", "fish_env", "play", "swim")
         assert done.returncode == 2 and "no display" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_an_environment_of_the_user(tmp_path, monkeypatch, capsys):
+    """A module of the present folder is trained in; its run is used by its folder, once the module is imported."""
+    pytest.importorskip("tensorboard")
+    id, folder = "Elsewhere/AnyHeading-v0", tmp_path / "run"
+    monkeypatch.chdir(ROOT / "examples" / "register_elsewhere" / "src")
+    monkeypatch.setitem(fish_env.TASKS, "any_heading", None)  # undone at the end, as are the lines below
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    keywords = ["speed=1.0", 'variation={"mass": [0.8, 1.2]}']
+    words = ["--num-envs", "8", "--env-kwargs", *keywords, "--hyperparameters", "timesteps=1024", "hidden=[8,4]"]
+    assert command_line.main(["train", f"swim_elsewhere:{id}", *words, "--folder", str(folder), "--no-pictures"]) == 0
+    record = json.loads((folder / "config.json").read_text())
+    assert record["config"]["hidden"] == [8, 4] and record["config"]["timesteps"] == 1024
+    options = {"speed": 1.0, "variation": {"mass": [0.8, 1.2]}}
+    assert record["config"]["env_options"] == load_policy(folder / "policy.npz").about["env_options"] == options
+    again = command_line.make_parser()[0].parse_args(shlex.split(record["command"])[1:])
+    assert (again.task, again.num_envs, again.timesteps) == (id, 8, 1024)
+    assert again.env_kwargs == keywords and again.hyperparameters == ["hidden=[8, 4]"]
+    capsys.readouterr()
+    assert command_line.main(["evaluate", str(folder), "--episodes", "1"]) == 0
+    assert f"{id}: mean over 1 episodes" in capsys.readouterr().out
+    del gym.registry[id], sys.modules["swim_elsewhere"]
+    for words in (["evaluate", str(folder)], ["report", str(folder)]):
+        assert command_line.main(words) == 2
+        assert id in capsys.readouterr().err
+    assert command_line.main(["evaluate", str(folder), "--episodes", "1", "--task-module", "swim_elsewhere"]) == 0
+    del gym.registry[id]
+
+
+def test_commands_of_the_pages():
+    """Every command of README and documentation is one that the command line knows, with its options."""
+    train, count = pytest.importorskip("train"), 0
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")):
+        blocks = re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)
+        for line in "".join(blocks).splitlines():
+            words = shlex.split(line.split("&& ")[-1], comments=True)
+            if words[:2] == ["python", "train.py"]:
+                parser, commands = train.make_parser()
+                words = words[2:] if words[2] in commands else ["train", *words[2:]]
+            elif words[:1] == ["fish_env"] or words[:3] == ["python", "-m", "fish_env"]:
+                parser, words = command_line.make_parser()[0], words[1 if words[0] == "fish_env" else 3 :]
+            else:
+                continue
+            parser.parse_args(words)
+            count += 1
+    assert count > 20
 
 
 def test_train_py(tmp_path):

@@ -21,11 +21,11 @@ from stable_baselines3.common.vec_env import (
 )
 
 import fish_env
-from agents.build import make_env, make_model
-from agents.config import CONFIGS
 from fish_env.control import Normalisation, Policy, compare, equivariant, evaluate, load_policy, make_eval_env, record
 from fish_env.control.equivariant import EquivariantPolicy, ScaledObservation, equivariant_options, export_policy
 from fish_env.control.policy import HIDDEN, OUTPUT
+from fish_env.training.build import make_env, make_model
+from fish_env.training.config import CONFIGS
 
 TANH = {"activation_fn": torch.nn.Tanh}
 SMALL = {"net_arch": [32, 32]}

@@ -339,8 +339,9 @@ def test_command_lines(tmp_path_factory, arguments):
     assert status in (0, 2) and (status == 0) == (not err.getvalue()), (arguments, status, err.getvalue())
 
 
-TRAINING = ["swim", "all", "evaluate", "compare", "report", "play", "--seed", "--timesteps", "--num-envs", "--dt", "1",
-            "nan", "inf", "1e400", "-1", "x", "--tasks", "--integrators", "--help", "", "--", "é"]  # fmt: skip
+TRAINING = ["train", "swim", "all", "evaluate", "compare", "report", "play", "--seed", "--timesteps", "--num-envs",
+            "--dt", "1", "nan", "inf", "1e400", "-1", "x", "--tasks", "--integrators", "--help", "", "--",
+            "é"]  # fmt: skip
 
 
 @examples(60)
@@ -349,9 +350,8 @@ def test_training_command_lines(arguments):
     """The command line of `train.py`, of any words, is understood or refused by argparse with status 2."""
     train = pytest.importorskip("train")
     pytest.importorskip("torch")
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        patch.setattr(sys, "argv", ["train.py", *arguments])
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         try:
-            train.parse()
+            train.make_parser()[0].parse_args(arguments)
         except SystemExit as end:
             assert end.code in (0, 2), arguments

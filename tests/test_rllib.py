@@ -13,9 +13,9 @@ from pages import ROOT
 
 import fish_env
 from agents import ray_jobs
-from agents.config import CONFIGS
 from agents.train_all import Job
 from fish_env.envs.vector import make_batch
+from fish_env.training.config import CONFIGS
 
 pytestmark = [
     pytest.mark.slow,

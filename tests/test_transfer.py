@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from trainings import SHORT, torch, train_short
 
-from agents.build import export_policy, make_env, make_model, start_from
-from agents.config import CONFIGS, FINE_TUNING, change_simulation
 from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.control import evaluate, load_policy, make_policy_env
 from fish_env.physics.tank_options import own_step
+from fish_env.training.build import export_policy, make_env, make_model, start_from
+from fish_env.training.config import CONFIGS, FINE_TUNING, change_simulation
 
 FISH = make_fish()
 
@@ -84,7 +84,7 @@ def test_train_with_another_simulation(tmp_path):
 def test_what_does_not_go_together_is_refused(trained, tmp_path):
     """A run that is resumed keeps its body and method, and another task or an empty folder is no start."""
     for asked in ({"body": "planar"}, {"integrator": "rk4"}, {"dt": 0.001}, {"start": trained}):
-        with pytest.raises(ValueError, match="has its body, its integrator"):
+        with pytest.raises(ValueError, match="has its environment and its starting point"):
             train_short(resume=trained, **asked)
     with pytest.raises(FileNotFoundError, match="to start from"):
         train_short(root=tmp_path, start=tmp_path)

@@ -14,10 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.checkout import present_commit
-from agents.config import CONFIGS, RESULTS
-from agents.report import baselines
-from agents.saved_run import read_record
+from agents.published import CONFIGS, SEEDS
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import IMAGES, ROOT, read_rows, write_csv
@@ -33,6 +30,10 @@ from fish_env.control import (
 )
 from fish_env.control.files import replacing, writable_folder, write_text
 from fish_env.control.policy import PRETRAINED
+from fish_env.training.checkout import present_commit
+from fish_env.training.config import SCORES
+from fish_env.training.report import baselines
+from fish_env.training.saved_run import read_record
 from fish_env.control.statistics import interquartile_mean, interval, seed_mean
 
 COMMAND = "python train.py all"
@@ -122,7 +123,7 @@ def publish(root: Path, tasks=None) -> None:
     for folder in (PRETRAINED, LEARNING, IMAGES, PAGE.parent, README.parent):
         writable_folder(folder)
     for task in CONFIGS if tasks is None else tasks:
-        seeds = [root / task / f"seed_{seed}" for seed in range(RESULTS[task].seeds)]
+        seeds = [root / task / f"seed_{seed}" for seed in range(SEEDS[task])]
         runs = [run for run in seeds if (run / "results.json").exists()]
         if not runs:
             raise FileNotFoundError(
@@ -160,7 +161,7 @@ def replace_rows(table: str, task: str, rows: list[dict]) -> None:
 
 def publish_task(task: str, runs: list[Path]) -> None:
     """Evaluate the seeds of a task and the controllers without learning under every condition, and write the tables."""
-    config, result = CONFIGS[task], RESULTS[task]
+    config = CONFIGS[task]
     policies = [load_policy(run / "policy.npz", config.env_id) for run in runs]
     seed_rows, method_rows, generator = [], [], np.random.default_rng(0)
     for condition, (keywords, options) in {"": ({}, {}), **PUBLICATIONS[task].conditions}.items():
@@ -180,7 +181,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
                                     "low": rounded(low), "high": rounded(high), "seeds": len(found),
                                     "episodes": EPISODES})  # fmt: skip
         if not condition:
-            ship(runs, methods["PPO"], result.score, PRETRAINED / task)
+            ship(runs, methods["PPO"], SCORES[task], PRETRAINED / task)
     measured = {"measured": present_commit()}
     replace_rows("seeds", task, [row | measured for row in seed_rows])
     replace_rows("methods", task, [row | measured for row in method_rows])
@@ -274,7 +275,7 @@ def draw_curves(path: Path) -> None:
         for line in lines:
             axes.plot(*line, color="#0b7a99", alpha=0.3, lw=0.8)
         axes.plot(points, [interquartile_mean(column) for column in levels.T], color="#0b7a99", lw=2)
-        score = RESULTS[task].score
+        score = SCORES[task]
         levels_of = {key_of(row): row["value"] for row in read_stored("methods")}
         axes.axhline(float(levels_of[task, "", "motor controllers", score]), color="#c0562f", ls="--", lw=1)
         axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=score, ylim=(0, None))

@@ -8,7 +8,6 @@ import argparse
 import numpy as np
 from tqdm import tqdm
 
-from agents.config import CONFIGS
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import write_csv
 from benchmarks.learning.publish import PUBLICATIONS
@@ -21,6 +20,7 @@ from fish_env.control import (
     scripted,
 )
 from fish_env.control.policy import PRETRAINED
+from fish_env.training.config import CONFIGS
 
 COMMAND = "python -m benchmarks.learning.transfer"
 BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 50, "tetrahedral": 25}

@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 from PIL import Image
 
-from agents.config import CONFIGS
 from fish_env.control import (
     evaluation_options,
     load_policy,
@@ -20,6 +19,7 @@ from fish_env.control import (
     write_video,
 )
 from fish_env.control.policy import PRETRAINED
+from fish_env.training.config import CONFIGS
 
 ROOT = Path(__file__).parents[2]
 MOMENTS = (0.08, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed

@@ -12,8 +12,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from tqdm import tqdm
 
-from agents.saved_run import CURVE, read_curve
 from fish_env.control.files import replacing, write_text
+from fish_env.training.saved_run import CURVE, read_curve
 
 
 class Watcher(BaseCallback):
@@ -62,7 +62,7 @@ class LearningCurve(BaseCallback):
 
     Args:
         path: the file.
-        score: the metric that is the score.
+        score: the metric that is the score, or "return".
         min_episodes: a row is written as soon as so many have ended.
     """
 
@@ -99,7 +99,7 @@ class LearningCurve(BaseCallback):
             finite = [value for value in values if np.isfinite(value)]
             if finite:
                 self.logger.record(f"episode/{name}", float(np.mean(finite)))
-        score = np.mean([info[self.score] for info in self._infos])
+        score = total if self.score == "return" else np.mean([info[self.score] for info in self._infos])
         self._rows.append(f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}")
         self._infos = []
         text = "\n".join([CURVE, *self._rows, ""])
