@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -42,7 +42,7 @@ def gait_controller(gait: Gait, env: FishVectorEnv) -> Controller:
     return lambda obs, time: gait.action(env.tank.fish, time + env.control_interval)[env.first_muscle_of_group]
 
 
-def as_controller(policy: PolicyLike, env: FishVectorEnv) -> Controller:
+def as_controller(policy: Any, env: FishVectorEnv) -> Controller:
     """A policy of any kind as a controller in an environment.
 
     Args:
@@ -66,7 +66,7 @@ def as_controller(policy: PolicyLike, env: FishVectorEnv) -> Controller:
             f"a {type(policy).__name__} does not know whether its observations are normalised; give the model"
         )
     if callable(policy):
-        return policy
+        return cast(Controller, policy)
     raise ValueError(
         f"the policy is a {type(policy).__name__}; give the name of a shipped policy, a policy file, a Policy, a model "
         "of Stable-Baselines3, or a function of observations and time"
@@ -244,13 +244,13 @@ def evaluate(
         ValueError: for an environment, seed, options or a number of episodes that are not allowed, and for a policy
             that does not fit the environment.
     """
-    if isinstance(getattr(env, "unwrapped", None), gym.Env):
+    if isinstance(env, gym.Env):
         _, id, keywords = one_fish(env)
         limit = env.get_wrapper_attr("_max_episode_steps") if env.has_wrapper_attr("_max_episode_steps") else None
         count, _ = checked_episodes(EPISODES if episodes is None else episodes, seed)
         with closing(make_checked_batch(id, keywords | {"max_episode_steps": limit}, count)) as batch:
             return evaluate(batch, policy, seed, options)
-    if episodes is not None and episodes != getattr(env, "num_envs", episodes):
+    if episodes is not None and isinstance(env, FishVectorEnv) and episodes != env.num_envs:
         raise ValueError(f"episodes is {episodes!r}, and the batch has {env.num_envs} fish: each runs one episode")
     results: list[dict[str, float]] = []
     for ended, _, infos in run_episodes(env, policy, seed, options):

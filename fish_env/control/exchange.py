@@ -3,6 +3,7 @@
 onnx is loaded only here, and torch only here and in `equivariant`, when a file is written or read.
 """
 
+import importlib
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,10 +23,9 @@ LAYERS = {"tanh": "Tanh", "relu": "Relu"}
 def load_onnx() -> Any:
     """The library, or ImportError that says how to install it."""
     try:
-        import onnx
+        return importlib.import_module("onnx")
     except ImportError as error:
         raise ImportError('ONNX files need onnx: pip install "fish_env[onnx]"') from error
-    return onnx
 
 
 def arrays_of(parts: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -169,6 +169,6 @@ def write_torchscript(parts: Mapping[str, Any], path: Path) -> None:
     modules[-1] = nn.Hardtanh() if parts["output"] == "clip" else nn.Tanh()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # torch advises its newer formats, which need torch to run
-        made = torch.jit.trace(nn.Sequential(*modules).eval(), torch.zeros(1, len(arrays["weight0"])))
+        made: Any = torch.jit.trace(nn.Sequential(*modules).eval(), torch.zeros(1, len(arrays["weight0"])))
     with replacing(path) as partial:
         made.save(str(partial))

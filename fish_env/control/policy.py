@@ -217,11 +217,12 @@ def _read_policy(file: Npz | OnnxFile, path: Path, env_id: str | None) -> Policy
                 f"{path}: {name} is of shape {file.parts[name].shape}; give floating-point numbers {shape}"
             )
     weights, biases = (tuple(file.read(name) for name in each) for each in names)
-    mean, deviation, limit = map(file.read, scales) if scales else (None, None, None)
-    normalisation = None if mean is None else Normalisation(mean, deviation, float(limit))
+    read = [file.read(name) for name in scales]
+    normalisation = Normalisation(read[0], read[1], float(read[2])) if scales else None
     _check_numbers(path, weights, biases, normalisation)
+    texts: dict[str, Any] = {name: file.text(name) for name in words}
     try:
-        return Policy(weights, biases, about, normalisation=normalisation, **{name: file.text(name) for name in words})
+        return Policy(weights, biases, about, normalisation=normalisation, **texts)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

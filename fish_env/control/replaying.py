@@ -108,8 +108,9 @@ class Episode:
     """An episode of one fish, with all of its states so far."""
 
     def __init__(self, env: gym.Env, seed: int, options: Mapping[str, float]):
-        self._env, self._bare = env, env.unwrapped
-        assert isinstance(self._bare, FishEnv)  # as `one_fish` and `env_of` return
+        bare = env.unwrapped
+        assert isinstance(bare, FishEnv)  # as `one_fish` and `env_of` return
+        self._env, self._bare = env, bare
         self.observation, _ = env.reset(seed=seed, options=dict(options))
         self.actions: list[np.ndarray] = []
         self.states = [self._state()]

@@ -9,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
+import gymnasium as gym
 import numpy as np
 
 from fish_env.control.evaluation import FIRST_SEED, PolicyLike, Scores, evaluate, make_policy_env
@@ -97,7 +98,7 @@ def resampled_means(groups: list[list[Scores]], metric: str, generator: np.rando
 def compare(
     policy: PolicyLike | Sequence[PolicyLike],
     other: PolicyLike | Sequence[PolicyLike],
-    env: FishVectorEnv | None = None,
+    env: FishVectorEnv | gym.Env | None = None,
     seed: int = FIRST_SEED,
     options: dict[str, float] | None = None,
 ) -> dict[str, Comparison]:
@@ -106,8 +107,8 @@ def compare(
     Args:
         policy: what `evaluate` takes, or a list of them.
         other: likewise.
-        env: a batch, in which every fish runs one episode; None for 100 episodes in the environment that the first
-            policy was trained in, or the second if the first is no policy file.
+        env: as for `evaluate`; None for 100 episodes in the environment that the first policy was trained in, or the
+            second if the first is no policy file.
         seed: of the first episode.
         options: of the resets.
 
@@ -119,20 +120,23 @@ def compare(
         FileNotFoundError: if there is no such policy.
         ValueError: without an environment; and what `evaluate` raises.
     """
-    groups = [_loaded(given) for given in (policy, other)]
+    groups = [_loaded(policy), _loaded(other)]
     if env is None:
         named = next((one for group in groups for one in group if isinstance(one, Policy)), None)
         if named is None:
             raise ValueError("neither policy is a file that names its environment; give env, a batch of fish")
         with closing(make_policy_env(named)) as made:
-            return compare(*groups, made, seed, options)
+            return compare(groups[0], groups[1], made, seed, options)
     scores = [[evaluate(env, one, seed, options) for one in group] for group in groups]
     found = {}
     for metric in scores[0][0]:
         draws = resampled_means(scores, metric, np.random.default_rng(0))
         first, second = (mean_over_seeds(group, metric) for group in scores)
-        pairs = ((first, draws[:, 0]), (second, draws[:, 1]), (first - second, draws[:, 0] - draws[:, 1]))
-        found[metric] = Comparison(*(_interval(*pair) for pair in pairs))
+        found[metric] = Comparison(
+            _interval(first, draws[:, 0]),
+            _interval(second, draws[:, 1]),
+            _interval(first - second, draws[:, 0] - draws[:, 1]),
+        )
     return found
 
 
