@@ -99,7 +99,7 @@ def evaluate_held_out(
             if task not in SCORES:
                 raise ValueError(f"the task is {type(env.task).__name__}; give a policy for one of {', '.join(SCORES)}")
             found = means(evaluate(env, loaded, FIRST_SEED))
-        value = found[SCORES[task]]
+        value = found[SCORES[task]] or 0.0
         first = rows[0]["value"] if rows else value
         rows.append({"condition": condition.name, "metric": SCORES[task], "value": value,
                      "share": value / first if first else None, "failed": found["failed"]})  # fmt: skip

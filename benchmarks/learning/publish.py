@@ -30,11 +30,11 @@ from fish_env.control import (
 )
 from fish_env.control.files import replacing, writable_folder, write_text
 from fish_env.control.policy import PRETRAINED
+from fish_env.control.statistics import interquartile_mean, interval, seed_mean
 from fish_env.training.checkout import present_commit
 from fish_env.training.config import SCORES
 from fish_env.training.report import baselines
 from fish_env.training.saved_run import read_record
-from fish_env.control.statistics import interquartile_mean, interval, seed_mean
 
 COMMAND = "python train.py all"
 CURVE_POINTS = 60

@@ -15,8 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from fish_env.training.build import export_policy, make_env, make_model
-from fish_env.training.config import CONFIGS
 
 from benchmarks.common.charts import BLUE, ORANGE, panels, save
 from benchmarks.common.tables import RESULTS, read_table, write_csv
@@ -24,6 +22,8 @@ from fish_env import protocols
 from fish_env.control.evaluation import evaluate, make_policy_env, means
 from fish_env.control.policy import Policy, load_policy
 from fish_env.physics.tank_options import available_processors
+from fish_env.training.build import export_policy, make_env, make_model
+from fish_env.training.config import CONFIGS
 
 COMMAND = "python -m benchmarks.learning.sensing"
 TASKS, SEEDS, RUNS = ("swim", "turn", "left_after_right"), (0, 1), Path("runs", "sensing")

@@ -111,7 +111,8 @@ class Episodes(Stateful, ReadOnly):
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
         self._goals = getattr(self.task, "goals", None)
         if self._goals is not None:
-            goal = gym.spaces.Box(-self.task.farthest, self.task.farthest, (3,), dtype=np.float32)
+            farthest = self.task.farthest  # pyright: ignore[reportAttributeAccessIssue] - a task with goals has both
+            goal = gym.spaces.Box(-farthest, farthest, (3,), dtype=np.float32)
             self.single_observation_space = gym.spaces.Dict(
                 {"observation": self.single_observation_space, "achieved_goal": goal, "desired_goal": goal}
             )
@@ -335,7 +336,7 @@ class Episodes(Stateful, ReadOnly):
         """Reward (...) of achieved for desired goals, both (...,3); AttributeError for a task without goals."""
         if self._goals is None:
             raise AttributeError("this task has no goals; create it with goal_env=True, as FishEnv/Target-v0 can be")
-        return self.task.compute_reward(achieved_goal, desired_goal)
+        return self.task.compute_reward(achieved_goal, desired_goal)  # pyright: ignore[reportAttributeAccessIssue]
 
     def episode_info(self, i: int) -> dict[str, Any]:
         """Summary of the episode of fish i: reward terms, the task's metrics, and its failure, "" for none."""

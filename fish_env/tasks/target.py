@@ -123,7 +123,7 @@ class TargetTask(CompiledTask):
         if not isinstance(goal_env, bool):
             raise ValueError(f"goal_env is {goal_env!r}; give True or False")
         if goal_env:
-            self.__class__ = GoalTask  # another reward and other metrics, with the same keywords
+            object.__setattr__(self, "__class__", GoalTask)  # another reward and other metrics, with the same keywords
         self.dimensions = check_choice("dimensions", dimensions, (2, 3))
         self.distance = DISTANCE.checked_range("distance", distance)
         self.bearing = BEARING.checked("bearing", bearing)
