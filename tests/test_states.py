@@ -87,6 +87,7 @@ def future_of_one(env, actions):
         if terminated or truncated:
             final, last = obs.tobytes(), told(info, 0)
             obs, _ = env.reset()
+        truncated = truncated and not terminated  # `TimeLimit` also sets it in a step that terminates
         seen.append((obs.tobytes(), reward, terminated, truncated, final, last))
     return tuple(seen)
 

@@ -2,9 +2,9 @@
 
     python -m benchmarks.learning.sensing [--jobs N]
 
-It trains Swim, Turn and LeftAfterRight with each kind of sensing, two seeds each, on all processors, and evaluates them
-and the shipped policies on the usual seeds and on the held-out protocol (`fish_env.protocols`). Finished trainings are
-kept in runs/sensing.
+It trains Swim, Turn and LeftAfterRight with sensors, two seeds each, on all processors, and evaluates them and the
+shipped policies, which observe nodes, on the usual seeds and on the held-out protocol (`fish_env.protocols`). Finished
+trainings are kept in runs/sensing.
 """
 
 import argparse
@@ -28,7 +28,6 @@ from fish_env.training.config import CONFIGS
 COMMAND = "python -m benchmarks.learning.sensing"
 TASKS, SEEDS, RUNS = ("swim", "turn", "left_after_right"), (0, 1), Path("runs", "sensing")
 SENSING = {
-    "nodes": {},
     "sensors": {"observation": "sensors"},
     "sensors and history": {"observation": "sensors", "history": 1},
     "the same, robust": {"observation": "sensors", "history": 1},
@@ -91,22 +90,20 @@ def measure(jobs: int) -> None:
     train_all(jobs)
     rows, held_out = [], []
     for task in TASKS:
+        shipped = load_policy(task)
         trained = {sensing: [load_policy(policy_file(task, sensing, seed)) for seed in SEEDS] for sensing in SENSING}
-        for sensing, policies in trained.items():
+        nodes = score(shipped, task)
+        for sensing, policies in {"nodes, shipped": [shipped], **trained}.items():
             scores = [score(policy, task) for policy in policies]
-            rows.append(
-                {"task": task, "sensing": sensing, "metric": protocols.SCORES[task], "score": round(np.mean(scores), 4)}
-                | {f"seed {seed}": round(value, 4) for seed, value in zip(SEEDS, scores, strict=True)}
-            )
-        for name, policies in (("shipped", [load_policy(task)]), *((each, trained[each]) for each in (ROBUST,))):
+            mean = float(np.mean(scores))
+            rows.append({"task": task, "sensing": sensing, "metric": protocols.SCORES[task], "seeds": len(policies),
+                         "score": round(mean, 4), "lowest": round(min(scores), 4), "of nodes": round(mean / nodes, 3)})  # fmt: skip
+        for name, policies in (("shipped", [shipped]), (ROBUST, trained[ROBUST])):
             tables = [protocols.evaluate_held_out(policy) for policy in policies]
             for same in zip(*tables, strict=True):
-                mean = {
-                    key: round(float(np.mean([row[key] for row in same])), 4) for key in ("value", "share", "failed")
-                }
-                held_out.append({"task": task, "policy": name, "condition": same[0]["condition"]} | mean)
-        for row in rows[-len(SENSING) :]:
-            row["of nodes"] = round(row["score"] / rows[-len(SENSING)]["score"], 3)
+                numbers = {key: [row[key] for row in same] for key in ("value", "share", "failed")}
+                means_of = {key: round(float(np.mean(values)), 4) for key, values in numbers.items()}
+                held_out.append({"task": task, "policy": name, "condition": same[0]["condition"]} | means_of)
     write_csv("learning/sensing.csv", rows, COMMAND)
     write_csv("learning/held_out.csv", held_out, COMMAND)
 

@@ -112,7 +112,10 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             the environment.
     """
     _check_parts(policy, env)
-    policy.check(env.single_observation_space, env.single_action_space)
+    observations = env.single_observation_space
+    if isinstance(observations, gym.spaces.Dict):
+        raise ValueError("the environment observes goals, which policy files do not know; give it without goal_env")
+    policy.check(observations, env.single_action_space)
     interval = policy.about.get("env_options", {}).get("control_interval") or env.tank.fish.control_interval
     every = round(interval / env.control_interval)
     if every < 1 or abs(every * env.control_interval - interval) > 1e-9:
