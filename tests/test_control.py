@@ -189,9 +189,9 @@ def test_a_policy_of_a_longer_interval(times):
 def test_videos(ending, tmp_path, monkeypatch):
     """A video replaces the one before only when it is complete; moving pictures are small, of half the frames' size."""
     moviepy, pictures = pytest.importorskip("moviepy"), pytest.importorskip("PIL.Image")
-    frames = [np.full((120, 200, 3), 200, dtype=np.uint8) for _ in range(40)]
+    frames = [np.full((240, 400, 3), 200, dtype=np.uint8) for _ in range(40)]
     for k, frame in enumerate(frames):
-        frame[40:80, 4 * k : 4 * k + 40] = (20, 90, 180)
+        frame[80:160, 8 * k : 8 * k + 80] = (20, 90, 180)
     path = tmp_path / f"video{ending}"
     path.write_bytes(b"before")
     with monkeypatch.context() as patch:
@@ -204,8 +204,8 @@ def test_videos(ending, tmp_path, monkeypatch):
     assert 500 < path.stat().st_size < 20_000 and list(tmp_path.iterdir()) == [path]
     if ending != ".mp4":
         with pictures.open(path) as found:
-            assert (found.size, found.n_frames, found.info["loop"]) == ((100, 60), 40, 0)  # without end
+            assert (found.size, found.n_frames, found.info["loop"]) == ((200, 120), 40, 0)  # without end
             found.seek(3)
             found.load()
             assert found.info["duration"] == 40
-            assert np.abs(np.asarray(found.convert("RGB"))[30, 10].astype(int) - (20, 90, 180)).max() < 30
+            assert np.abs(np.asarray(found.convert("RGB"))[60, 20].astype(int) - (20, 90, 180)).max() < 30
