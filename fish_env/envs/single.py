@@ -126,6 +126,12 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         """
         return self.fish.episode_info(0)
 
+    def get_wrapper_attr(self, name: str) -> Any:
+        """The value of an option of `env.unwrapped.fish.settable` or a keyword of the task, or an attribute."""
+        if name in self._keywords and name != "max_episode_steps":  # the wrapper's
+            return self.fish.get_attr(name)[0]
+        return super().get_wrapper_attr(name)
+
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
         """Set an option of `env.unwrapped.fish.settable` for the episodes that begin next, or a subclass's attribute.
 
