@@ -43,24 +43,16 @@ class OwnSpec:
 
 
 class TaskKeywords:
-    """An environment on which keywords of its task are set, or refused, where they are assigned as attributes."""
+    """An environment that refuses the assignment of an attribute that is a keyword of its task: it would do nothing."""
 
     _keywords: frozenset[str] = frozenset()
 
-    def _set_option(self, name: str, value: Any) -> None:
-        set_option(self, name, value)
-
     def __setattr__(self, name: str, value: Any) -> None:
         if name in self._keywords:
-            self._set_option(name, value)
-        else:
-            super().__setattr__(name, value)
-
-    def __getattr__(self, name: str) -> Any:
-        if name in self._keywords and name != "max_episode_steps":  # of one fish, the wrapper's
-            fish = getattr(self, "fish", self)
-            return getattr(fish if name in fish.LIVE else fish.task, name)
-        raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
+            raise AttributeError(
+                f"{name!r} cannot be assigned; call set_wrapper_attr({name!r}, value) of one fish, set_attr of a batch"
+            )
+        super().__setattr__(name, value)
 
 
 def keywords_of(env, task) -> frozenset[str]:

@@ -101,6 +101,7 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
 
     def get_state(self) -> FishState:
         """All that decides what happens next, as `FishVectorEnv.get_state`, the limit of a `TimeLimit` included."""
+        self.fish._generators[0] = self.np_random  # which may be another by now
         state, limit = self.fish.get_state(), self._time_limit()
         if limit is not None:
             arrays = state.arrays
@@ -122,6 +123,7 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         """
         if not self.fish._started:
             raise gym.error.ResetNeeded("set_state was called before reset; call env.reset() first")
+        self.fish._generators[0] = self.np_random
         obs = self.fish.set_state(state)[0]
         for wrapper in self._limits:
             wrapper._elapsed_steps = int(self.fish._elapsed[0])
@@ -134,6 +136,12 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         """
         return self.fish.episode_info(0)
 
+    def get_wrapper_attr(self, name: str) -> Any:
+        """The value of an option of `env.unwrapped.fish.settable`, or of an attribute; AttributeError for others."""
+        if name in self._keywords.intersection(self.fish.settable) - {"max_episode_steps"}:  # that is the wrapper's
+            return self.fish.get_attr(name)[0]
+        return super().get_wrapper_attr(name)
+
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
         """Set an option of `env.unwrapped.fish.settable` for the episodes that begin next, or a subclass's attribute.
 
@@ -143,15 +151,12 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         """
         if name in vars(self).keys() - self._own and not name.startswith("_"):
             return super().set_wrapper_attr(name, value, force=force)
-        self._set_option(name, value)
-        return True
-
-    def _set_option(self, name: str, value: Any) -> None:
         if name == "max_episode_steps":
             raise AttributeError("the time limit of one fish is its wrapper's: give '_max_episode_steps' instead")
         self.fish.set_attr(name, [value])
         if self.spec is not None:
             self.spec.kwargs[name] = copy.deepcopy(value)  # what a recording says
+        return True
 
     def _take_assigned(self, wrappers: list[gym.Wrapper]) -> None:
         """Set the options that were assigned to a wrapper, as `DummyVecEnv.set_attr` of Stable-Baselines3 does.
@@ -161,7 +166,7 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         for wrapper in wrappers:
             if type(wrapper).__module__.split(".")[0] in ("gymnasium", "stable_baselines3"):
                 for name in sorted(self._keywords & vars(wrapper).keys()):
-                    self._set_option(name, vars(wrapper).pop(name))
+                    self.set_wrapper_attr(name, vars(wrapper).pop(name))
                 if wrapper not in self._limits and "_max_episode_steps" in vars(wrapper):
                     steps = vars(wrapper).pop("_max_episode_steps")
                     for each in self._limits:
