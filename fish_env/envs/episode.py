@@ -23,13 +23,14 @@ from fish_env.envs.step import (
 )
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
 from fish_env.kernels.simd import Kind, Pack, Vectors
+from fish_env.physics.forces.control import MASS
 from fish_env.physics.pose import make_pose, packed_pose
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import check_options
+from fish_env.tasks.options import check_options, keywords_of, weight
 from fish_env.tasks.start import check_pose
 
 
@@ -40,7 +41,7 @@ class Episodes(ReadOnly):
     """
 
     READ_ONLY = ("tank", "task", "num_envs", "control_interval", "groups", "variation")
-    LIVE: tuple[str, ...] = ("max_episode_steps", "variation")
+    LIVE: tuple[str, ...] = ("max_episode_steps", "variation", "failure_penalty")
     """Keywords that may be set while it runs, besides those of the task; a subclass may add attributes of its own."""
     tasks = TASKS
     single_observation_space: gym.spaces.Box
@@ -65,6 +66,7 @@ class Episodes(ReadOnly):
         dtype: str = "float64",
         lanes: str | int | None = None,
         refine: float | None = None,
+        failure_penalty: float = FAILURE_PENALTY,
         **task_options,
     ):
         self.task, self._task_options = self._make_task(task, task_options), copy.deepcopy(task_options)
@@ -98,6 +100,7 @@ class Episodes(ReadOnly):
         self._names = (*self.task.term_names, "failure")
         arrays = make_arrays(self.num_envs, len(self.task.term_names), self.groups, self.layout)
         self._arrays = arrays
+        self.failure_penalty = failure_penalty
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
         self._reward = arrays["reward"]
@@ -117,6 +120,16 @@ class Episodes(ReadOnly):
     def max_episode_steps(self, steps: int | None) -> None:
         self._max_episode_steps = checked_limit(steps)
 
+    @property
+    def failure_penalty(self) -> float:
+        """What a failure of the physics costs, body lengths; another number counts from the next step."""
+        return float(self._arrays["failure_penalty"][0])
+
+    @failure_penalty.setter
+    def failure_penalty(self, penalty: float) -> None:
+        option = weight(FAILURE_PENALTY, "price of a failure of the physics, body lengths")
+        self._arrays["failure_penalty"][0] = option.checked("failure_penalty", penalty)
+
     def _make_task(self, task, options) -> Task:
         """The task of a name with its options, or ValueError."""
         if not isinstance(task, str) or task not in self.tasks:
@@ -124,7 +137,9 @@ class Episodes(ReadOnly):
         try:
             return self.tasks[task](**options)
         except TypeError as error:
-            raise UnknownOptionError(f"unknown option of the environment or of task {task!r}: {error}") from error
+            allowed = ", ".join(keywords_of(self.tasks[task]))
+            message = f"unknown option of the environment or of task {task!r}: {error}; the task has {allowed}"
+            raise UnknownOptionError(message) from error
 
     def _compile(self) -> None:
         """Describe the arrays to kernels, and choose the compiled calls."""
@@ -165,7 +180,7 @@ class Episodes(ReadOnly):
             self.task.start(self.tank, i, generator, drawn)
         self._elapsed[mask] = 0
         self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
-        self._arrays["totals"][:, mask] = 0.0
+        self._arrays["totals"][:, mask] = self._arrays["path"][mask] = 0.0
         self._begun[mask] = True
         self._started = self._begun.all()
         self._measure(mask)
@@ -232,7 +247,7 @@ class Episodes(ReadOnly):
         failed = tank.state.failure != 0
         for t, name in enumerate(self._names[:-1]):
             arrays["terms"][t] = terms[name]
-        arrays["terms"][-1] = failed * -FAILURE_PENALTY
+        arrays["terms"][-1] = failed * -self.failure_penalty
         arrays["totals"] += arrays["terms"]
         arrays["reward"][:] = arrays["terms"].sum(axis=0)
         self._elapsed += 1
@@ -273,19 +288,30 @@ class Episodes(ReadOnly):
     def episode_info(self, i: int) -> dict[str, Any]:
         """Summary of the episode of fish i: reward terms, the task's metrics, and its failure, "" for none."""
         failed = self.tank.state.failure[i] != 0
+        seconds = float(max(1, self._elapsed[i]) * self.control_interval)
         info = {
             "terms": {name: float(total[i]) for name, total in zip(self._names, self._arrays["totals"], strict=True)},
             "seconds": float(self._elapsed[i] * self.control_interval),
-            **self.task.metrics(self.tank, i, float(max(1, self._elapsed[i]) * self.control_interval)),
+            **self._energy(i, seconds),
+            **self.task.metrics(self.tank, i, seconds),
             "failure": self.tank.failure[i] if failed else "",
         }
         return info | ({"is_success": info["success"]} if "success" in info else {})  # as Stable-Baselines3 reads it
 
+    def _energy(self, i: int, seconds: float) -> dict[str, float]:
+        """Work of the muscles of fish i over its mass, J/kg, over the time, W/kg, and over its path, J/(kg m)."""
+        tank, path = self.tank, float(self._arrays["path"][i])
+        work = float(tank.work[i] / (tank.fish.body.mass.sum() * tank.variation[i, MASS]))
+        return {"work": work, "power": work / seconds, "cost_of_transport": work / path if path > 0.0 else np.nan}
+
     def step_info(self, i: int) -> dict[str, Any]:
-        """The last step of fish i: reward terms, position (3,) in body lengths, heading in radians."""
+        """The last step of fish i: reward terms (NaN before one), position (3,) in body lengths, heading in radians."""
         forward = self._pose.axes[i, 0]
+        found = self._arrays["terms"][:, i].tolist() if self._elapsed[i] > 0 else [np.nan] * len(self._names)
+        terms = dict(zip(self._names, found, strict=True))
         return {
-            "step_terms": {name: float(term[i]) for name, term in zip(self._names, self._arrays["terms"], strict=True)},
+            **{f"term_{name}": term for name, term in terms.items()},
+            "step_terms": terms,
             "position": self._pose.centre[i] / self.tank.fish.length,
             "heading": float(np.arctan2(forward[1], forward[0])),
         }

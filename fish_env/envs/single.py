@@ -65,7 +65,7 @@ class FishEnv(OwnSpec, gym.Env):
         self.fish.restart(np.ones(1, dtype=bool), None, options)
         if self.render_mode == "human":
             self.render()
-        return self.fish.observe()[0], {}
+        return self.fish.observe()[0], self.fish._info(0)
 
     def step(self, action: np.ndarray):
         """One control interval: observation, reward, terminated, truncated, info."""
@@ -74,7 +74,7 @@ class FishEnv(OwnSpec, gym.Env):
             action = finite_array(action, self.action_space.shape, "action")
         fish._take_action(action[None])
         terminated, truncated = fish._terminated.item(), fish._truncated.item()
-        info = fish.step_info(0) if fish.info_every_step else {}
+        info = fish._info(0)
         if terminated or truncated or fish._elapsed[0] == self._limit:
             info |= self.episode_info()
         if self.render_mode == "human":

@@ -31,13 +31,14 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         max_episode_steps: environment steps after which an episode is truncated; None or -1 for no limit.
         autoreset_mode: an `AutoresetMode` or its value, "NextStep", "SameStep" or "Disabled".
         render_mode: None, "rgb_array", "rgb_array_list" (`render` returns all since it was last called) or "human".
-        info_every_step: put the reward terms, position and heading of every step into `info`; else `info` is empty
-            until the end of an episode.
+        info_every_step: put the same keys into `info` after every reset and step: the reward terms, position and
+            heading of the step, and the summary of the episode so far; else `info` is empty until its end.
         threads: over how many threads the fish are shared out; None for all processors.
         dtype: "float64" or "float32", what the physics calculates in (`Tank`).
         lanes: how many fish a kernel works on at once; None chooses.
         refine: relative change of a spring's length in a step above which shorter steps are taken; None is the fish's.
-        task_options: keywords of the task.
+        failure_penalty: what a failure of the physics costs, body lengths.
+        task_options: keywords of the task, weights of its reward included.
 
     Raises:
         ValueError: for anything unknown or not allowed, saying what is.
@@ -104,7 +105,15 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
         self.restart(mask, seeds, options)
         self._show(mask)
-        return self.observe(), {}
+        infos: dict[str, Any] = {}
+        if self.info_every_step:
+            for i in np.flatnonzero(mask).tolist():
+                infos = self._add_info(infos, self._info(i), i)
+        return self.observe(), infos
+
+    def _info(self, i: int) -> dict[str, Any]:
+        """What `info` says of fish i in any step and after a reset: the step and the episode so far, or nothing."""
+        return self.step_info(i) | self.episode_info(i) if self.info_every_step else {}
 
     def step(self, actions: np.ndarray):
         """One control interval for every fish; episodes that have ended restart as `autoreset_mode` says."""
@@ -115,34 +124,24 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
                 "call env.reset(options={'reset_mask': terminated | truncated})"
             )
         reward, terminated, truncated = self.advance(actions)
-        infos: dict[str, Any] = {}
         if restarting.any():  # NEXT_STEP: their action is ignored
             self.restart(restarting)
             reward[restarting] = 0.0
             terminated[restarting] = truncated[restarting] = False
         self._over = terminated | truncated
-        if self.info_every_step:
-            same = self.autoreset_mode is AutoresetMode.SAME_STEP  # the last step is told of in `final_info`
-            for i in np.flatnonzero(~(self._over if same else restarting)).tolist():
-                infos = self._add_info(infos, self.step_info(i), i)
+        infos: dict[str, Any] = {}
         obs = self.observe()
-        if self._over.any():
-            infos = self._end_episodes(infos, obs)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                self.restart(self._over.copy())
-                obs = self.observe()
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
+            for i in np.flatnonzero(self._over).tolist():
+                final = {"final_obs": obs[i].copy(), "final_info": self._info(i) or self.episode_info(i)}
+                infos = self._add_info(infos, final, i)
+            self.restart(self._over.copy())  # after it, no episode is over
+            obs = self.observe()
+        for i in range(self.num_envs) if self.info_every_step else np.flatnonzero(self._over).tolist():
+            infos = self._add_info(infos, self._info(i) or self.episode_info(i), i)
         if self.render_mode is not None:
             self._show()
         return obs, reward, terminated, truncated, infos
-
-    def _end_episodes(self, infos, obs):
-        for i in np.flatnonzero(self._over).tolist():
-            info = self.episode_info(i)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                info = (self.step_info(i) if self.info_every_step else {}) | info
-                info = {"final_obs": obs[i].copy(), "final_info": info}
-            infos = self._add_info(infos, info, i)
-        return infos
 
     def _show(self, mask: np.ndarray | None = None) -> None:
         """Show all fish in the window, or keep the pictures of those of the mask (B,), as the render mode wants."""
@@ -191,6 +190,8 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set an option of `settable` for the episodes that begin next: one value, or a list or tuple of one a fish.
+
+        Weights of the reward count from the next step.
 
         Raises:
             AttributeError: for any other option, naming those that can be set.

@@ -59,6 +59,7 @@ def gather(tank, block, todo, p, q):
         for k in range(3):
             current[0, k, m] = tank.variation[b, CURRENT + k]
     control.fastest[0] = zero(control.fastest)
+    control.work[0] = zero(control.work)
     control.pivots[0] = zero(control.pivots)
     control.untrusted[0] = zero(control.untrusted)
     control.reused[0] = 0
@@ -153,7 +154,7 @@ def make_finish(names: tuple[str, ...]):
         control, todo = block.control, block.todo
         whole = control.plans[queue.row[todo[p]], H] * (steps >> level)
         strain = control.plans[control.row[0], H] * control.fastest[0]
-        code, pivots, bad = failure_codes(block), control.pivots[0], 0
+        code, pivots, work, bad = failure_codes(block), control.pivots[0], control.work[0], 0
         for m in range(q - p):
             b = INDEX(todo[p + m])
             for k in range(COUNTED):
@@ -175,6 +176,7 @@ def make_finish(names: tuple[str, ...]):
             else:
                 scatter(tank, block, b, m)
                 tank.clock[b] += whole
+                tank.work[b] += tank.variation[b, STIFFNESS] * lane(work, m)
             stop(tank, block, b, whole)
         if bad > 0:
             restore_rest_state(tank, block, p, q)
