@@ -67,13 +67,14 @@ def gather(tank, block, todo, p, q):
 
 @kernel
 def scatter(tank, block, b, m):
-    """Copy lane m of a block back to fish b."""
+    """Copy lane m of a block back to fish b, and add the work of its muscles."""
     x, v = floats(block.x), floats(block.v)
     for k in range(3):
         origin = tank.x[b, 0, k]
         for i in range(x.shape[0]):
             tank.x[b, i, k] = origin + x[i, k, m] if block.relative else x[i, k, m]
             tank.v[b, i, k] = v[i, k, m]
+    tank.work[b] += tank.variation[b, STIFFNESS] * floats(block.control.work)[0, m]
 
 
 @kernel
@@ -154,7 +155,7 @@ def make_finish(names: tuple[str, ...]):
         control, todo = block.control, block.todo
         whole = control.plans[queue.row[todo[p]], H] * (steps >> level)
         strain = control.plans[control.row[0], H] * control.fastest[0]
-        code, pivots, work, bad = failure_codes(block), control.pivots[0], control.work[0], 0
+        code, pivots, bad = failure_codes(block), control.pivots[0], 0
         for m in range(q - p):
             b = INDEX(todo[p + m])
             for k in range(COUNTED):
@@ -176,7 +177,6 @@ def make_finish(names: tuple[str, ...]):
             else:
                 scatter(tank, block, b, m)
                 tank.clock[b] += whole
-                tank.work[b] += tank.variation[b, STIFFNESS] * lane(work, m)
             stop(tank, block, b, whole)
         if bad > 0:
             restore_rest_state(tank, block, p, q)
