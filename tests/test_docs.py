@@ -17,7 +17,8 @@ from pages import ROOT, blocks
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode
 from fish_env.physics.failures import FAILURES
-from fish_env.tasks import TASKS, avoid, rewards, start, target, turns
+from fish_env.tasks import TASKS, avoid, start, target, turns
+from fish_env.tasks.options import keywords_of
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
@@ -249,27 +250,12 @@ def test_times(task):
 
 @every_task
 def test_rewards(task):
-    """The terms of the reward in their order, and every weight, bonus and penalty that the code has for one of them."""
-    found = re.findall(r"^- \*(\w+)\*:((?:.*\n)(?:  .*\n)*)", section(task, "Rewards"), re.MULTILINE)
-    stated = dict(found)
-    terms = (*TASKS[task].term_names, "failure")
-    assert tuple(name for name, _ in found) == terms
-    constants = {
-        name: value
-        for module in [episode, rewards, *reversed(modules(task))]  # a task may have a weight of its own
-        for name, value in vars(module).items()
-        if re.search("_(WEIGHT|BONUS|PENALTY)$", name)
-    }
-    assert constants
-    for name, value in constants.items():
-        found = [term for term in terms if term.startswith(name.split("_")[0].lower())]
-        if not found and task == "avoid":
-            continue  # it has no term for the overshoot of the turns it is made of
-        (term,) = found
-        cost = name in ("EFFORT_WEIGHT", "OVERSHOOT_WEIGHT") or name.endswith("_PENALTY")
-        wanted = -value if cost else value
-        first = re.search(r"-?\d+(?:\.\d+)?", stated[term])
-        assert first and float(first[0]) == wanted, f"{task}.md: *{term}* has {first and first[0]}; {name} is {value}"
+    """The terms of the reward in their order, and the weight of each: every keyword that weights one, or 1."""
+    stated = [(term.strip("`"), weight.strip("`")) for term, weight, _ in rows(task, "Rewards")]
+    assert [term for term, _ in stated] == [*TASKS[task].term_names, "failure"]
+    assert {weight for _, weight in stated} == {"1", *TASKS[task].weights, "failure_penalty"}
+    for term, weight in stated:
+        assert weight == "1" if term == "progress" else term.startswith(weight.split("_")[0])
 
 
 FACTS = [
@@ -306,8 +292,8 @@ def test_arguments(task):
     stated = {name.strip("`"): (default.strip("`"), meaning) for name, default, meaning in rows(task, "Arguments")}
     shared = dict(list(inspect.signature(FishVectorEnv).parameters.items())[:-1])
     shared |= dict(list(inspect.signature(episode.Episodes).parameters.items())[:-1])
-    own = dict(inspect.signature(TASKS[task]).parameters)
-    wanted = {name: parameter.default for name, parameter in (shared | own).items()}
+    own = keywords_of(TASKS[task])
+    wanted = {name: parameter.default for name, parameter in shared.items()} | own
     wanted |= {"task": task, "max_episode_steps": gym.spec(env_id(task)).max_episode_steps}
     if task != "swim":
         assert "Those of [Swim](swim.md#arguments) without `heading_error` and `speed`, and:" in page(task)
@@ -316,7 +302,7 @@ def test_arguments(task):
     for name, default in wanted.items():
         assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name
     for name in set(own) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
-        option = vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
+        option = TASKS[task].weights.get(name) or vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
         assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
 
 
@@ -368,21 +354,19 @@ def test_failures(task):
 @every_form
 @pytest.mark.parametrize("single", [False, True])
 def test_info_keys(task, keywords, single):
-    """`info` has the keys the page lists: those of the step, and at the end of an episode those of the episode."""
+    """With `info_every_step`, every `info` has the keys the page lists: those of the step and those of the episode."""
     stated = [row for row in rows(task, "Info") if applies(row[1], keywords)]
     more = rows("turn", "Info") if "The other keys are those of [Turn](turn.md#info)" in page(task) else []
     of_episode = {key.strip("`") for key, _ in [*stated, *more]}
-    of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)}
+    keys_of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)} - {"term_<name>"}
     make = gym.make if single else partial(gym.make_vec, num_envs=2)
     env = make(env_id(task), info_every_step=True, **keywords)
-    env.reset(seed=0)
-    over, infos = False, []
+    over, infos = False, [env.reset(seed=0)[1]]
     while not over:
         _, _, terminated, truncated, info = env.step(env.action_space.sample())
         infos.append(info)
         over = np.any(terminated) or np.any(truncated)
-    keys = [{key for key in info if not key.startswith("_")} for info in infos]
-    assert all(key == of_step for key in keys[:-1])
-    assert keys[-1] == of_step | of_episode
-    terms = {key for key in infos[-1]["terms"] if not key.startswith("_")}
-    assert terms == set(re.findall(r"`(\w+)`", stated[0][1]))
+    terms = set(re.findall(r"`(\w+)`", stated[0][1]))
+    wanted = keys_of_step | of_episode | {f"term_{name}" for name in terms}
+    assert all({key for key in info if not key.startswith("_")} == wanted for info in infos)
+    assert {key for key in infos[-1]["terms"] if not key.startswith("_")} == terms

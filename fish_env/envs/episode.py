@@ -27,13 +27,14 @@ from fish_env.envs.step import (
 )
 from fish_env.envs.variation import FACTORS, VARIATIONS, checked_variation, draw, factors_of, vary
 from fish_env.kernels.simd import Kind, Pack, Vectors
+from fish_env.physics.forces.control import MASS
 from fish_env.physics.pose import make_pose, packed_pose
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import check_options
+from fish_env.tasks.options import check_options, keywords_of, weight
 from fish_env.tasks.start import check_pose
 
 
@@ -49,7 +50,7 @@ class Episodes(Stateful, ReadOnly):
     """
 
     READ_ONLY = ("tank", "task", "num_envs", "control_interval", "groups", "variation")
-    LIVE: tuple[str, ...] = ("max_episode_steps", "variation")
+    LIVE: tuple[str, ...] = ("max_episode_steps", "variation", "failure_penalty")
     """Keywords that may be set while it runs, besides those of the task; a subclass may add attributes of its own."""
     tasks = TASKS
     single_observation_space: gym.spaces.Box | gym.spaces.Dict
@@ -81,6 +82,7 @@ class Episodes(Stateful, ReadOnly):
         action_noise: float = 0.0,
         observation_delay: int | tuple[int, int] = 0,
         action_delay: int | tuple[int, int] = 0,
+        failure_penalty: float = FAILURE_PENALTY,
         **task_options,
     ):
         self.task, self._task_options = self._make_task(task, task_options), copy.deepcopy(task_options)
@@ -127,6 +129,7 @@ class Episodes(Stateful, ReadOnly):
         made = self._make_arrays(self.num_envs)
         self._arrays, self._memory, self._beside = made["episode"], made["memory"], made["beside"]
         self._privileged, self._drawn, arrays = self._beside["privileged"], self._beside["drawn"], self._arrays
+        self.failure_penalty = failure_penalty
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
         self._reward = arrays["reward"]
@@ -158,6 +161,16 @@ class Episodes(Stateful, ReadOnly):
     def max_episode_steps(self, steps: int | None) -> None:
         self._max_episode_steps = checked_limit(steps)
 
+    @property
+    def failure_penalty(self) -> float:
+        """What a failure of the physics costs, body lengths; another number counts from the next step."""
+        return float(self._arrays["failure_penalty"][0])
+
+    @failure_penalty.setter
+    def failure_penalty(self, penalty: float) -> None:
+        option = weight(FAILURE_PENALTY, "price of a failure of the physics, body lengths")
+        self._arrays["failure_penalty"][0] = option.checked("failure_penalty", penalty)
+
     def _make_task(self, task, options) -> Task:
         """The task of a name with its options, or ValueError."""
         if not isinstance(task, str) or task not in self.tasks:
@@ -165,7 +178,9 @@ class Episodes(Stateful, ReadOnly):
         try:
             return self.tasks[task](**options)
         except TypeError as error:
-            raise UnknownOptionError(f"unknown option of the environment or of task {task!r}: {error}") from error
+            allowed = ", ".join(keywords_of(self.tasks[task]))
+            message = f"unknown option of the environment or of task {task!r}: {error}; the task has {allowed}"
+            raise UnknownOptionError(message) from error
 
     def _compile(self) -> None:
         """Describe the arrays to kernels, and choose the compiled calls."""
@@ -220,7 +235,7 @@ class Episodes(Stateful, ReadOnly):
                 self._privileged[i, -len(FACTORS) :] = factors_of(self.tank, i)
         self._elapsed[mask] = 0
         self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
-        self._arrays["totals"][:, mask] = 0.0
+        self._arrays["totals"][:, mask] = self._arrays["path"][mask] = 0.0
         self._terminated[mask] = self._truncated[mask] = False
         self._begun[mask] = True
         self._started = self._begun.all()
@@ -290,7 +305,7 @@ class Episodes(Stateful, ReadOnly):
         failed = tank.state.failure != 0
         for t, name in enumerate(self._names[:-1]):
             arrays["terms"][t] = terms[name]
-        arrays["terms"][-1] = failed * -FAILURE_PENALTY
+        arrays["terms"][-1] = failed * -self.failure_penalty
         arrays["totals"] += arrays["terms"]
         arrays["reward"][:] = arrays["terms"].sum(axis=0)
         self._elapsed += 1
@@ -341,14 +356,22 @@ class Episodes(Stateful, ReadOnly):
     def episode_info(self, i: int) -> dict[str, Any]:
         """Summary of the episode of fish i: reward terms, the task's metrics, and its failure, "" for none."""
         failed = self.tank.state.failure[i] != 0
+        seconds = float(max(1, self._elapsed[i]) * self.control_interval)
         info = {
             "terms": {name: float(total[i]) for name, total in zip(self._names, self._arrays["totals"], strict=True)},
             "seconds": float(self._elapsed[i] * self.control_interval),
-            **self.task.metrics(self.tank, i, float(max(1, self._elapsed[i]) * self.control_interval)),
+            **self._energy(i, seconds),
+            **self.task.metrics(self.tank, i, seconds),
             "failure": self.tank.failure[i] if failed else "",
             **self.state_info(i),
         }
         return info | ({"is_success": info["success"]} if "success" in info else {})  # as Stable-Baselines3 reads it
+
+    def _energy(self, i: int, seconds: float) -> dict[str, float]:
+        """Work of the muscles of fish i over its mass, J/kg, over the time, W/kg, and over its path, J/(kg m)."""
+        tank, path = self.tank, float(self._arrays["path"][i])
+        work = float(tank.work[i] / (tank.fish.body.mass.sum() * tank.variation[i, MASS]))
+        return {"work": work, "power": work / seconds, "cost_of_transport": work / path if path > 0.0 else np.nan}
 
     def state_info(self, i: int) -> dict[str, Any]:
         """Info of fish i beside its observation: what was drawn of `variation`, and the privileged observation (P,).
@@ -364,10 +387,13 @@ class Episodes(Stateful, ReadOnly):
         return {name: float(value) for name, value in zip(VARIATIONS, self._drawn[i], strict=True) if value == value}
 
     def step_info(self, i: int) -> dict[str, Any]:
-        """The last step of fish i: reward terms, position (3,) in body lengths, heading in radians."""
+        """The last step of fish i: reward terms (NaN before one), position (3,) in body lengths, heading in radians."""
         forward = self._pose.axes[i, 0]
+        found = self._arrays["terms"][:, i].tolist() if self._elapsed[i] > 0 else [np.nan] * len(self._names)
+        terms = dict(zip(self._names, found, strict=True))
         return {
-            "step_terms": {name: float(term[i]) for name, term in zip(self._names, self._arrays["terms"], strict=True)},
+            **{f"term_{name}": term for name, term in terms.items()},
+            "step_terms": terms,
             "position": self._pose.centre[i] / self.tank.fish.length,
             "heading": float(np.arctan2(forward[1], forward[0])),
         }

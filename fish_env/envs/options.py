@@ -13,6 +13,7 @@ from fish_env.envs.variation import checked_variation
 from fish_env.physics.records import World
 from fish_env.physics.tank_options import MOST_STEPS
 from fish_env.physics.world import make_water
+from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.start import check_pose
 
 OF_ONE = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
@@ -132,6 +133,8 @@ def checked_water(keywords) -> World:
 def set_option(env, name: str, value: Any) -> None:
     """Give an option of a batch another value, which counts from the episodes that begin next.
 
+    Weights of the reward, `failure_penalty` and `info_every_step` count from the next step.
+
     Raises:
         AttributeError: for an option that cannot be set while it runs, naming those that can.
         ValueError: for a value that is not allowed.
@@ -145,6 +148,8 @@ def set_option(env, name: str, value: Any) -> None:
             raise ValueError(f"{name} = {value!r} would change the observation; create a new environment")
         env._task_options[name] = getattr(made, name)
         setattr(task, name, getattr(made, name))
+        if isinstance(task, CompiledTask) and name in task.weights:
+            task.pack.set(**{name: getattr(task, name)})
     elif name == "variation":
         variation = checked_variation({} if value is None else value)
         check_pose(env.tank.fish, variation)
@@ -183,9 +188,9 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
 
 
 def reset_each(env, which: list[int], *, seed: int | None = None, options: dict | None = None) -> list[Any]:
-    """Begin an episode of some fish, with the same seed: the observation of each, and {}."""
+    """Begin an episode of some fish, with the same seed: the observation of each, and its `info`."""
     mask = np.zeros(env.num_envs, dtype=bool)
     mask[which] = True
     seeds = None if seed is None else [seed] * env.num_envs
     obs, _ = env.reset(seed=seeds, options={**(options or {}), "reset_mask": mask})
-    return [(obs[i], {}) for i in which]
+    return [(obs[i], env._info(i)) for i in which]

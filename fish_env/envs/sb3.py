@@ -35,7 +35,7 @@ class FishVecEnv(VecEnv):
         self.fish.restart(np.ones(self.num_envs, dtype=bool), self._seeds, options)
         if self.staggered:
             self.fish.stagger()
-        self.reset_infos = [self.fish.state_info(i) for i in range(self.num_envs)]
+        self.reset_infos = [self.fish._info(i, True) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         return self.fish.observe()
@@ -53,19 +53,16 @@ class FishVecEnv(VecEnv):
         reward, terminated, truncated = self.fish.advance(self._actions)
         obs = self.fish.observe()
         done = terminated | truncated
-        every = self.fish.info_every_step
-        infos: list[dict[str, Any]] = [self.fish.step_info(i) if every else {} for i in range(self.num_envs)]
-        if self.fish.privileged:
-            for i, info in enumerate(infos):
-                info |= self.fish.state_info(i)
+        infos: list[dict[str, Any]] = [self.fish._info(i) for i in range(self.num_envs)]
         if done.any():
-            for i in np.flatnonzero(done).tolist():
+            ended = np.flatnonzero(done).tolist()
+            for i in ended:
                 infos[i] |= self.fish.episode_info(i)
                 infos[i]["terminal_observation"] = row_of(obs, i)
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i])
             self.fish.restart(done)
-            for i in np.flatnonzero(done).tolist():
-                self.reset_infos[i] = self.fish.state_info(i)
+            for i in ended:
+                self.reset_infos[i] = self.fish._info(i, True)
             obs = self.fish.observe()
         return obs, reward.astype(np.float32), done, infos
 

@@ -71,7 +71,7 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         self.fish.restart(np.ones(1, dtype=bool), None, options)
         if self.render_mode == "human":
             self.render()
-        return row_of(self.fish.observe(), 0), self.fish.state_info(0)
+        return row_of(self.fish.observe(), 0), self.fish._info(0, True)
 
     def step(self, action: np.ndarray):
         """One control interval: observation, reward, terminated, truncated, info."""
@@ -80,13 +80,11 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
             action = finite_array(action, self.action_space.shape, "action")
         fish._take_action(action[None])
         terminated, truncated = fish._terminated.item(), fish._truncated.item()
-        info = fish.step_info(0) if fish.info_every_step else {}
+        info = fish._info(0)
         if terminated or truncated or fish._elapsed[0] == self._limit:
             info |= self.episode_info()
         if self.render_mode == "human":
             self.render()
-        if fish.privileged:
-            info |= fish.state_info(0)
         obs = fish._observation[0].copy() if fish._goals is None else row_of(fish.observe(), 0)
         return obs, fish._reward.item(), terminated, truncated, info
 

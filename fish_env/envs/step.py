@@ -14,7 +14,7 @@ import numpy as np
 from fish_env.envs.observation import observe_nodes
 from fish_env.envs.senses import recall_action, recall_observation
 from fish_env.kernels.compile import INDEX, kernel, njit, part
-from fish_env.kernels.simd import pack_at
+from fish_env.kernels.simd import dot, pack_at, sqrt
 from fish_env.physics.engine import make_advance
 from fish_env.physics.forces import cached
 from fish_env.physics.muscles import command
@@ -32,6 +32,17 @@ def contract(action, groups, b, out):
             return False
         out[b, m] = 0.5 * (min(max(wanted, -1.0), 1.0) + 1.0)
     return True
+
+
+@kernel
+def measure_motion(env, b, stepped):
+    """Measure the pose of fish b; after a step, add the way of its centre of mass to its path."""
+    tank, pose = env.tank, env.pose
+    before = pose.centre[b]
+    measure(tank, pose, b)
+    if stepped and tank.failure[b] == 0:
+        way = pose.centre[b] - before
+        env.episode.path[b] += sqrt(dot(way, way))
 
 
 @cache
@@ -62,7 +73,7 @@ def make_measure_and_observe(kernels, senses):
         @part
         def measure_and_observe(env, first, last, stepped):
             for p in range(first, last):
-                measure(env.tank, env.pose, INDEX(env.order[p]))
+                measure_motion(env, INDEX(env.order[p]), stepped)
 
         return measure_and_observe
 
@@ -75,7 +86,7 @@ def make_measure_and_observe(kernels, senses):
         terms, failed = episode.terms, tank.failure[b] != 0
         score(tank, env.pose, env.task, b, terms)
         last = terms.shape[0] - 1
-        terms[last, b] = -FAILURE_PENALTY if failed else 0.0
+        terms[last, b] = -episode.failure_penalty[0] if failed else 0.0
         total = 0.0
         for t in range(last + 1):
             total += terms[t, b]
@@ -90,7 +101,7 @@ def make_measure_and_observe(kernels, senses):
     def measure_and_observe(env, first, last, stepped):
         for p in range(first, last):
             b = INDEX(env.order[p])
-            measure(env.tank, env.pose, b)
+            measure_motion(env, b, stepped)
             if stepped:
                 compute_reward_and_end(env, b)
             look(env.tank, env.pose, env.task, b, env.episode.vectors)
@@ -181,6 +192,8 @@ def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, numbers: int)
         "observation": np.zeros((b, numbers), dtype=np.float32),
         "terms": np.zeros((num_terms + 1, b)),
         "totals": np.zeros((num_terms + 1, b)),
+        "failure_penalty": np.array([FAILURE_PENALTY]),
+        "path": np.zeros(b),
         "reward": np.zeros(b),
         "terminated": np.zeros(b, dtype=bool),
         "truncated": np.zeros(b, dtype=bool),

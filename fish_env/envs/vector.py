@@ -46,8 +46,8 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
             above, turning with it so that its nose points up. All move with the fish; the shorter side of the picture
             is two body lengths.
         panel: whether a picture has numbers, a scale and a small second view; it is then at least 320 x 240.
-        info_every_step: put the reward terms, position and heading of every step into `info`; else `info` is empty
-            until the end of an episode.
+        info_every_step: put the same keys into `info` after every reset and step: the reward terms, position and
+            heading of the step, and the summary of the episode so far; else `info` is empty until its end.
         threads: over how many threads the fish are shared out; None for all processors.
         dtype: "float64" or "float32", what the physics calculates in (`Tank`).
         lanes: how many fish a kernel works on at once; None chooses.
@@ -62,7 +62,8 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
         observation_delay: environment steps after which an observation arrives: a number, or a pair (lowest, highest)
             to draw it from at every reset.
         action_delay: environment steps after which an action arrives, likewise; until then the muscles relax.
-        task_options: keywords of the task.
+        failure_penalty: what a failure of the physics costs, body lengths.
+        task_options: keywords of the task, weights of its reward included.
 
     Raises:
         ValueError: for anything unknown or not allowed, saying what is.
@@ -133,11 +134,23 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
         self.restart(mask, seeds, options)
         self._show(mask)
-        return self.observe(), self._add_state_info({}, mask)
+        infos: dict[str, Any] = {}
+        if self.info_every_step:
+            for i in np.flatnonzero(mask).tolist():
+                infos = self._add_info(infos, self._info(i, True), i)
+        return self.observe(), self._add_state_info(infos, mask)
+
+    def _info(self, i: int, begins: bool = False) -> dict[str, Any]:
+        """What `info` says of fish i in any step and after a reset: the step and the episode so far, or little."""
+        if self.info_every_step:
+            return self.step_info(i) | self.episode_info(i)
+        if begins:
+            return self.state_info(i)
+        return {"privileged": self._privileged[i].copy()} if self.privileged else {}
 
     def _add_state_info(self, infos: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
         """Add what was drawn for the fish of the mask (B,), whose episodes begin, and what is privileged of all."""
-        if mask.any() and not np.isnan(self._drawn[mask]).all():
+        if mask.any() and not self.info_every_step and not np.isnan(self._drawn[mask]).all():
             for i in np.flatnonzero(mask).tolist():
                 infos = self._add_info(infos, {"variation": self.drawn(i)}, i)
         if self.privileged:
@@ -153,23 +166,21 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
                 "call env.reset(options={'reset_mask': terminated | truncated})"
             )
         reward, terminated, truncated = self.advance(actions)
-        infos: dict[str, Any] = {}
         if restarting.any():  # NEXT_STEP: their action is ignored
             self.restart(restarting)
             reward[restarting] = 0.0
             terminated[restarting] = truncated[restarting] = False
-        over = terminated | truncated
-        if self.info_every_step:
-            same = self.autoreset_mode is AutoresetMode.SAME_STEP  # the last step is told of in `final_info`
-            for i in np.flatnonzero(~(over if same else restarting)).tolist():
-                infos = self._add_info(infos, self.step_info(i), i)
-        obs, begun = self.observe(), restarting
-        if over.any():
-            infos = self._end_episodes(infos, obs, over)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                begun = over
-                self.restart(over)
-                obs = self.observe()
+        over, begun = terminated | truncated, restarting
+        infos: dict[str, Any] = {}
+        obs = self.observe()
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
+            for i in np.flatnonzero(over).tolist():
+                info = self.episode_info(i) | (self.step_info(i) if self.info_every_step else {})
+                infos = self._add_info(infos, {"final_obs": row_of(obs, i), "final_info": info}, i)
+            self.restart(over)  # after it, no episode is over
+            obs, begun = self.observe(), over
+        for i in range(self.num_envs) if self.info_every_step else np.flatnonzero(self._over).tolist():
+            infos = self._add_info(infos, self.episode_info(i) | self._info(i), i)
         infos = self._add_state_info(infos, begun)
         if self.render_mode is not None:
             self._show()
@@ -190,15 +201,6 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
         if self.render_mode is not None and self._started:
             self._show(mask)
         return obs
-
-    def _end_episodes(self, infos, obs, over):
-        for i in np.flatnonzero(over).tolist():
-            info = self.episode_info(i)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                info = (self.step_info(i) if self.info_every_step else {}) | info
-                info = {"final_obs": row_of(obs, i), "final_info": info}
-            infos = self._add_info(infos, info, i)
-        return infos
 
     def _show(self, mask: np.ndarray | None = None) -> None:
         """Show all fish in the window, or keep the pictures of those of the mask (B,), as the render mode wants."""
@@ -247,6 +249,8 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set an option of `settable` for the episodes that begin next: one value, or a list or tuple of one a fish.
+
+        Weights of the reward count from the next step.
 
         Raises:
             AttributeError: for any other option, naming those that can be set.

@@ -73,7 +73,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         self.kind = options.kind_for(b, dtype, lanes)
         """Number of fish that the kernels process at once, and their precision."""
         position, counts = np.repeat(body.position[None], b, axis=0), np.zeros((b, len(COUNTERS)), dtype=np.int64)
-        self.state = State(position, np.zeros_like(position), np.zeros(b), np.zeros(b, dtype=np.int64), counts)
+        time, failure, work = np.zeros(b), np.zeros(b, dtype=np.int64), np.zeros(b)
+        self.state = State(position, np.zeros_like(position), time, failure, counts, work)
         springs = body.springs.rest_length
         self.control = Control(np.repeat(springs[None], b, axis=0), np.zeros((b, springs.size)))
         self.natural = springs[fish.muscles]
@@ -113,13 +114,13 @@ class Tank(ReadOnly, Generic[Elastic]):
         return Pack(  # kernels do not check the indices in these arrays
             "tank",
             x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
-            clock=state.t, failure=state.failure, counters=state.counters,
+            clock=state.t, failure=state.failure, counters=state.counters, work=state.work,
             rest_length=control.rest_length, rate=control.rate, variation=self.variation, effort=self.effort,
             muscle_variation=self.muscle_variation,
             rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
             contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
             natural=self.natural, span=self.span, fibre_natural=natural, fibre_span=span,
-            spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **own,
+            spring_length=springs.rest_length, **own,
         )  # fmt: skip
 
     def __getstate__(self):
@@ -165,6 +166,15 @@ class Tank(ReadOnly, Generic[Elastic]):
     def counters(self) -> dict[str, np.ndarray]:
         """Work done for each fish since its reset, an array (B,) for each name of COUNTERS: live."""
         return dict(zip(COUNTERS, self.state.counters.T, strict=True))
+
+    @property
+    def work(self) -> np.ndarray:
+        """Work that the muscles of each fish have done on it since its reset, (B,) J: live (docs/physics.md, eq. 41).
+
+        It is integrated at every step of dt. It counts the motion of rest lengths that commands set, not those that a
+        program writes into `rest_length`.
+        """
+        return self.state.work
 
     @property
     def contraction(self) -> np.ndarray:
@@ -279,7 +289,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
         if which.dtype != bool or which.shape != (self.num_fish,):
             raise ValueError(f"mask is {mask!r}; give a boolean array ({self.num_fish},), or None for all fish")
-        for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0), strict=True):
+        for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0, 0.0), strict=True):
             array[which] = value
         self.control.rest_length[which] = self.fish.body.springs.rest_length
         self.effort[which] = 0.0
@@ -295,7 +305,10 @@ class Tank(ReadOnly, Generic[Elastic]):
         return self._fibres[2]
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Copies of all that determines the further motion: the state, rest_length, and both variations."""
+        """Copies of all that determines the further motion, and of what was counted.
+
+        Their names are x, v, t, failure, counters, work, rest_length, variation and muscle_variation.
+        """
         return {name: array.copy() for name, array in self._named().items()}
 
     def _named(self) -> dict[str, np.ndarray]:

@@ -10,11 +10,11 @@ from fish_env.physics.pose import FORWARD
 from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import Direction, Option, check_choice
+from fish_env.tasks.options import Direction, Option, check_choice, weight
 from fish_env.tasks.start import POSE_OPTIONS, place
 
-ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the price of pointing across the way to the target
-REACH_BONUS = 1.0  # body lengths: bonus for reaching a target, in addition to the approach
+ALIGNMENT_WEIGHT = weight(1.0, "price of pointing across the way to the target, body lengths/s")
+REACH_BONUS = weight(1.0, "bonus for reaching a target, in addition to the approach, body lengths")
 DRAWN = 50  # targets drawn at the start of an episode, the first again after the last
 
 DISTANCE = Option(0.8, 5.0, "distance of a target from the fish's centre when it appears, body lengths")
@@ -41,9 +41,9 @@ def write_terms(tank, pose, task, b, terms):
     now = gap(tank, task, b)
     hit = now <= task.radius
     terms[0, b] = task.gap[b] - now
-    terms[1, b] = rewards.alignment(pose, way, b) * (ALIGNMENT_WEIGHT * task.interval)  # (40)
-    terms[2, b] = REACH_BONUS if hit else 0.0  # (42)
-    terms[3, b] = rewards.effort(tank, task.interval, b)  # (20)
+    terms[1, b] = rewards.alignment(pose, way, b) * (task.alignment_weight * task.interval)  # (40)
+    terms[2, b] = task.reach_bonus if hit else 0.0  # (42)
+    terms[3, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
     task.waited[b] += task.interval
     if hit or task.waited[b] >= task.patience - 1e-9:
         if hit:
@@ -103,6 +103,7 @@ class TargetTask(CompiledTask):
         patience: time after which a target counts as missed and the next one appears, s.
         goal_env: one target an episode, observations as a dict with goals, and the reward of their distance alone
             (`GoalTask`).
+        weights: of the reward, such as `reach_bonus`: keys of `weights`.
 
     Raises:
         ValueError: for a number out of range, saying what is allowed.
@@ -116,14 +117,20 @@ class TargetTask(CompiledTask):
     )
     touchable = True  # pictures show its spheres as targets
     write_vectors, write_terms = write_vectors, write_terms
-    settable: tuple[str, ...] = ("distance", "bearing")
+    weights = {
+        "alignment_weight": ALIGNMENT_WEIGHT,
+        "reach_bonus": REACH_BONUS,
+        "effort_weight": rewards.EFFORT_WEIGHT,
+    }
+    settable: tuple[str, ...] = ("distance", "bearing", *weights)
 
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0,
-                 goal_env: bool = False):  # fmt: skip
+                 goal_env: bool = False, **weights):  # fmt: skip
         if not isinstance(goal_env, bool):
             raise ValueError(f"goal_env is {goal_env!r}; give True or False")
         if goal_env:
             object.__setattr__(self, "__class__", GoalTask)  # another reward and other metrics, with the same keywords
+        super().__init__(**weights)
         self.dimensions = check_choice("dimensions", dimensions, (2, 3))
         self.distance = DISTANCE.checked_range("distance", distance)
         self.bearing = BEARING.checked("bearing", bearing)
@@ -148,7 +155,7 @@ class TargetTask(CompiledTask):
             "target",
             offers=self._offers, target=Vectors(self._target, Kind(1)), gap=self._gap, waited=self._waited,
             reached=self.reached, missed=self.missed, radius=float(self.radius), patience=float(self.patience),
-            interval=float(interval), over=np.zeros(b, dtype=bool),
+            interval=float(interval), over=np.zeros(b, dtype=bool), **self.weight_values(),
         )  # fmt: skip
 
     def start(self, tank: Tank, i, generator, options):
@@ -191,6 +198,8 @@ class GoalTask(TargetTask):
     """
 
     term_names = ("goal",)
+    weights = {}
+    settable = ("distance", "bearing")
     write_vectors, write_terms = write_vectors, write_goal_terms
     farthest = 1000.0  # body lengths: the bound of a goal
 
