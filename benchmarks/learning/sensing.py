@@ -96,8 +96,9 @@ def measure(jobs: int) -> None:
         for sensing, policies in {"nodes, shipped": [shipped], **trained}.items():
             scores = [score(policy, task) for policy in policies]
             mean = float(np.mean(scores))
-            rows.append({"task": task, "sensing": sensing, "metric": protocols.SCORES[task], "seeds": len(policies),
-                         "score": round(mean, 4), "lowest": round(min(scores), 4), "of nodes": round(mean / nodes, 3)})  # fmt: skip
+            about = {"task": task, "sensing": sensing, "metric": protocols.SCORES[task], "seeds": len(policies)}
+            numbers = {"score": mean, "lowest": min(scores), "of nodes": mean / nodes}
+            rows.append(about | {name: round(value, 4) for name, value in numbers.items()})
         for name, policies in (("shipped", [shipped]), (ROBUST, trained[ROBUST])):
             tables = [protocols.evaluate_held_out(policy) for policy in policies]
             for same in zip(*tables, strict=True):
