@@ -31,7 +31,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.core.rl_module.torch import TorchRLModule
 
 import fish_env
-from fish_env.control import evaluate, make_eval_env, policy_controller
+from fish_env.control import evaluate, make_eval_env
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options, export_policy
 from fish_env.control.policy import Policy
 from fish_env.envs.rllib import FISH, FishEnvRunner
@@ -213,7 +213,7 @@ def main() -> None:
     ray.shutdown()
 
     env = make_eval_env(args.env_id, args.evaluations, dict(policy.about["env_options"]))
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(policy_controller(policy, env), env).items()}
+    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, policy).items()}
     env.close()
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
     print(f"mean of {args.evaluations} episodes: " + ", ".join(f"{name} {value:.2f}" for name, value in scores.items()))

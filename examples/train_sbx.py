@@ -97,7 +97,7 @@ def scores_of(model: BaseAlgorithm, scaling: VecNormalize, args: Args) -> dict[s
     def controller(obs: np.ndarray, time: float) -> np.ndarray:
         return model.predict(np.asarray(scaling.normalize_obs(obs)), deterministic=True)[0]
 
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(controller, env).items()}
+    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, controller).items()}
     env.close()
     return scores
 

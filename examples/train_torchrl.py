@@ -168,7 +168,7 @@ def scores_of(actor: ProbabilisticActor, args: Args) -> dict[str, float]:
     def controller(obs: np.ndarray, time: float) -> np.ndarray:
         return torch.tanh(mean(observation=torch.from_numpy(obs))[0]).numpy()
 
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(controller, env).items()}
+    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, controller).items()}
     env.close()
     return scores
 

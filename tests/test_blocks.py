@@ -92,6 +92,8 @@ def execute(block, scope):
         return
     if re.search(r"stable_baselines3|sb3|\btorch\b", block.text):
         pytest.importorskip("stable_baselines3")
+    if "onnx" in block.text:
+        pytest.importorskip("onnx")
     if re.search(r"\brllib\b", block.text):
         pytest.importorskip("ray")
     if "torch_env" in block.text and not pytest.importorskip("torch").cuda.is_available():

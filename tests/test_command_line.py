@@ -15,9 +15,9 @@ import pytest
 
 import fish_env
 from fish_env import __main__ as command_line
-from fish_env.control import load_policy, make_policy_env, play, shipped_policies, shipped_policy
+from fish_env.control import compare, load_policy, make_policy_env, play, shipped_policies, shipped_policy
 from fish_env.control.console import run_command
-from fish_env.control.evaluation import evaluate, means, policy_controller
+from fish_env.control.evaluation import evaluate, means
 
 ROOT = Path(__file__).parent.parent
 
@@ -60,7 +60,7 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert command_line.main(["evaluate", "swim", "--episodes", "2", "--to", str(file)]) == 0
     policy = load_policy(shipped_policy("swim"))
     env = make_policy_env(policy, 2)
-    wanted = means(evaluate(policy_controller(policy, env), env))
+    wanted = means(evaluate(env, policy))
     record = json.loads(file.read_text())
     assert record["means"] == wanted and record["episodes"] == 2 and record["env_id"] == "FishEnv/Swim-v0"
     printed = dict(line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("  "))
@@ -73,6 +73,18 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert "FishEnv/Swim-v0: mean over 2" in printed and "FishEnv/Turn-v0: mean over 2" in printed
     speed = f"{wanted['speed']:.4g}"
     assert next(line.split() for line in printed.splitlines() if "  speed " in line) == ["speed", speed, speed]
+
+
+def test_compare(capsys):
+    """Two policies are compared in the same episodes, with intervals; one stands beside simple controllers."""
+    assert command_line.main(["compare", "swim", "turn"]) == 0
+    found = compare("swim", "turn")["speed"]
+    cells = [f"{value:.4g} ({low:.4g} to {high:.4g})" for value, low, high in found]
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["swim"].split() == ["swim", "turn", "difference"] and found.difference.low > 0.1
+    assert re.split("  +", lines["speed"].strip()) == ["speed", *cells]
+    assert command_line.main(["compare", "swim", "--integrator", "semi_implicit"]) == 0
+    assert "motor controllers        swim" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("ending", [".gif", ".webp", ".mp4"])
@@ -113,7 +125,7 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["play", "fly"], "no policy is shipped for 'fly'; choose from avoid"),
+        (["play", "fly"], "there is no policy file fly; give a policy.npz"),
         (["play"], "there is no policy; give one of avoid, "),
         (["play", "swim", "--policy", str(shipped_policy("turn"))], "cannot be played at once; give one policy"),
         (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),

@@ -9,8 +9,7 @@ import fish_env
 from benchmarks.common import tables
 from benchmarks.common.tables import read_rows
 from benchmarks.learning import integrators, publish, transfer
-from fish_env.control import load_policy, shipped_policy
-from fish_env.training import statistics
+from fish_env.control import load_policy, shipped_policy, statistics
 from fish_env.training.config import CONFIGS
 
 

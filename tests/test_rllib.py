@@ -170,7 +170,7 @@ def test_learns(example, args, tmp_path):
     algorithm.stop()
     policy = fish_env.control.load_policy(tmp_path / "policy.npz")
     env = fish_env.control.make_eval_env(args.env_id, 5, dict(policy.about["env_options"]))
-    scores = fish_env.control.evaluate(fish_env.control.policy_controller(policy, env), env)
+    scores = fish_env.control.evaluate(env, policy)
     assert np.mean(scores["speed"]) > 1.0
 
 

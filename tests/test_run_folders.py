@@ -27,7 +27,8 @@ from trainings import SHORT, torch, train_short, training
 
 from agents import train_all
 from fish_env import __main__ as command_line
-from fish_env.training import run_measures, run_report, statistics
+from fish_env.control import statistics
+from fish_env.training import run_measures, run_report
 from fish_env.training.config import CONFIGS
 from fish_env.training.saved_run import not_through_link, read_curve
 

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from fish_env.control import evaluate, make_policy_env, policy_controller, record, shipped_policy
+from fish_env.control import evaluate, make_policy_env, record, shipped_policy
 from fish_env.training import run_charts, run_measures, run_report
 from fish_env.training.config import CONFIGS
 
@@ -62,7 +62,7 @@ def test_page_of_a_run(runs):
     assert len(text) < 3_000_000
     policy = run_measures.read_run(runs / "seed0").policy
     env = make_policy_env(policy, 3)
-    speed = evaluate(policy_controller(policy, env), env)["speed"].mean()
+    speed = evaluate(env, policy)["speed"].mean()
     assert f"<td>speed</td><td class=number>{speed:.3f} (" in found["swim: results"]
 
 

@@ -402,11 +402,9 @@ def test_short_training_learns(tmp_path):
     """A short PPO run swims faster than it did before, on the evaluation seeds."""
     config = CONFIGS["swim"]
     env = make_eval_env(config.env_id, 8, config.env_options)
-    before = evaluate(policy_controller(export_policy(make_model(config, make_env(config, 1, 0), 0), {}), env), env)[
-        "speed"
-    ].mean()
+    before = evaluate(env, export_policy(make_model(config, make_env(config, 1, 0), 0), {}))["speed"].mean()
     folder = train_short(root=tmp_path, changes={"timesteps": 65_536, "num_envs": 64})
-    after = evaluate(policy_controller(load_policy(folder / "policy.npz"), env), env)["speed"].mean()
+    after = evaluate(env, load_policy(folder / "policy.npz"))["speed"].mean()
     assert after > before + 0.1
 
 

@@ -8,7 +8,7 @@ import pytest
 from trainings import SHORT, torch, train_short
 
 from fish_env import INTEGRATORS, Tank, make_fish
-from fish_env.control import evaluate, load_policy, make_policy_env, policy_controller
+from fish_env.control import evaluate, load_policy, make_policy_env
 from fish_env.physics.tank_options import own_step
 from fish_env.training.build import export_policy, make_env, make_model, start_from
 from fish_env.training.config import CONFIGS, FINE_TUNING, change_simulation
@@ -69,7 +69,7 @@ def test_train_with_another_simulation(tmp_path):
     assert env.tank.fish.flat and env.tank.integrator.name == "symplectic_euler" and env.tank.dt == 0.0005
     env = make_policy_env(policy, 2, body="mass_spring")
     assert not env.tank.fish.flat and env.single_action_space.shape == (6,)
-    assert np.isfinite(evaluate(policy_controller(policy, env), env)["speed"]).all()
+    assert np.isfinite(evaluate(env, policy)["speed"]).all()
     train_short(resume=first, changes={"timesteps": 2048})
     again = json.loads((first / "config.json").read_text())
     assert again["config"]["env_options"] == options and again["resumed"] == 1

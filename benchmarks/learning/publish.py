@@ -27,15 +27,14 @@ from fish_env.control import (
     evaluation_options,
     load_policy,
     make_eval_env,
-    policy_controller,
 )
 from fish_env.control.files import replacing, writable_folder, write_text
 from fish_env.control.policy import PRETRAINED
+from fish_env.control.statistics import interquartile_mean, interval, seed_mean
 from fish_env.training.checkout import present_commit
 from fish_env.training.config import SCORES
 from fish_env.training.report import baselines
 from fish_env.training.saved_run import read_record
-from fish_env.training.statistics import interquartile_mean, interval, seed_mean
 
 COMMAND = "python train.py all"
 CURVE_POINTS = 60
@@ -167,8 +166,8 @@ def publish_task(task: str, runs: list[Path]) -> None:
     seed_rows, method_rows, generator = [], [], np.random.default_rng(0)
     for condition, (keywords, options) in {"": ({}, {}), **PUBLICATIONS[task].conditions}.items():
         env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | keywords)
-        methods = {name: [evaluate(controller, env, options=options)] for name, controller in baselines(env).items()}
-        methods["PPO"] = [evaluate(policy_controller(policy, env), env, options=options) for policy in policies]
+        methods = {name: [evaluate(env, controller, options=options)] for name, controller in baselines(env).items()}
+        methods["PPO"] = [evaluate(env, policy, options=options) for policy in policies]
         if task == "avoid":
             everyone = [scores for found in methods.values() for scores in found]
             where = avoidable(env, options) | np.any([scores["passed"] > 0 for scores in everyone], axis=0)
@@ -209,7 +208,7 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
         policies = [load_policy(run / "policy.npz", CONFIGS[task].env_id) for run in runs]
         for moved, options in ((integrator, settings), ("the default", CONFIGS[task].env_options)):
             env = make_eval_env(CONFIGS[task].env_id, EPISODES, evaluation_options(options))
-            found = [evaluate(policy_controller(policy, env), env) for policy in policies]
+            found = [evaluate(env, policy) for policy in policies]
             for metric in dict.fromkeys((*PUBLICATIONS[task].headline, "return", "failed")):
                 value, low, high = interval(found, metric, generator)
                 rows.append({"task": task, "moved_by": moved, "dt": settings.get("dt", ""), "metric": metric,

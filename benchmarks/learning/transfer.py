@@ -17,7 +17,6 @@ from fish_env.control import (
     evaluation_options,
     load_policy,
     make_eval_env,
-    policy_controller,
     scripted,
 )
 from fish_env.control.policy import PRETRAINED
@@ -40,7 +39,7 @@ def shipped_rows() -> list[dict]:
                 for who in ("policy", "motor controllers"):
                     bar.set_postfix_str(f"{task}, {body}, {who}")
                     env = make_eval_env(CONFIGS[task].env_id, episodes, options)
-                    scores = evaluate(policy_controller(policy, env) if who == "policy" else scripted(env), env)
+                    scores = evaluate(env, policy if who == "policy" else scripted(env))
                     env.close()
                     for metric in dict.fromkeys((*PUBLICATIONS[task].headline, "failed")):
                         known = scores[metric][np.isfinite(scores[metric])]

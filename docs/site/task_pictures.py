@@ -13,7 +13,6 @@ from fish_env.control import (
     evaluation_options,
     load_policy,
     make_eval_env,
-    policy_controller,
     record,
     run_episodes,
     write_film,
@@ -34,7 +33,7 @@ def play(task: str, seconds: float):
     policy = load_policy(PRETRAINED / task / "policy.npz")
     options = evaluation_options(policy.about["env_options"]) | {"render_mode": "rgb_array"}
     env = make_eval_env(policy.about["env_id"], 1, options)
-    for k, (_, done, _) in enumerate(run_episodes(policy_controller(policy, env), env)):
+    for k, (_, done, _) in enumerate(run_episodes(env, policy)):
         if done.any() or k > round(seconds / env.control_interval):
             break
         if k > 0:

@@ -18,7 +18,6 @@ from fish_env.control import (
     make_eval_env,
     make_policy_env,
     means,
-    policy_controller,
     random_actions,
     scripted,
 )
@@ -41,8 +40,8 @@ def baselines(env: FishVectorEnv) -> dict[str, Controller]:
 
 def measure_policies(env: FishVectorEnv, policies: dict[str, Policy], beside: bool) -> dict[str, dict]:
     """Means over the evaluation episodes of policies, after those of the baselines if `beside` is True."""
-    controllers = (baselines(env) if beside else {}) | {n: policy_controller(p, env) for n, p in policies.items()}
-    return {name: means(evaluate(controller, env)) for name, controller in controllers.items()}
+    every = (baselines(env) if beside else {}) | policies
+    return {name: means(evaluate(env, policy)) for name, policy in every.items()}
 
 
 def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:
@@ -69,7 +68,7 @@ def print_rows(env_id: str, rows: dict[str, dict]) -> None:
     print_means(env_id, [{"policy": name, "means": found} | about for name, found in rows.items()])
 
 
-def compare(policies: Mapping[str, Policy], **changes) -> dict[str, dict]:
+def compare_with_controllers(policies: Mapping[str, Policy], **changes) -> dict[str, dict]:
     """Evaluate policies on the fixed seeds beside the controllers without learning; print and return the means.
 
     Args:

@@ -16,7 +16,6 @@ from fish_env.control import (
     evaluation_options,
     load_policy,
     make_policy_env,
-    policy_controller,
     record,
 )
 from fish_env.control.environments import environment_of, make_checked_env
@@ -74,7 +73,7 @@ def read_run(folder: str | Path) -> Run:
 def measure_episodes(run: Run, count: int) -> Scores:
     """Run so many episodes, with the seeds of every evaluation."""
     env = make_policy_env(run.policy, count)
-    scores = evaluate(policy_controller(run.policy, env), env)
+    scores = evaluate(env, run.policy)
     env.close()
     return scores
 

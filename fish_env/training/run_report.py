@@ -15,6 +15,7 @@ from fish_env.bodies import Fish
 from fish_env.control import EPISODES, FIRST_SEED, Recording, Scores
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.film import film_text
+from fish_env.control.statistics import interval
 from fish_env.kernels.data import data
 from fish_env.training import run_charts as charts
 from fish_env.training.config import SCORES
@@ -28,7 +29,6 @@ from fish_env.training.run_measures import (
     record_episodes,
 )
 from fish_env.training.saved_run import check_name
-from fish_env.training.statistics import interval
 
 TEMPLATE = data("fish_env.training", "run_report.html")
 WORST = 5  # episodes that are listed
