@@ -206,25 +206,6 @@ def test_an_environment_of_the_user(tmp_path, monkeypatch, capsys):
     del gym.registry[id]
 
 
-def test_commands_of_the_pages():
-    """Every command of README and documentation is one that the command line knows, with its options."""
-    train, count = pytest.importorskip("train"), 0
-    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")):
-        blocks = re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)
-        for line in "".join(blocks).splitlines():
-            words = shlex.split(line.split("&& ")[-1], comments=True)
-            if words[:2] == ["python", "train.py"]:
-                parser, commands = train.make_parser()
-                words = words[2:] if words[2] in commands else ["train", *words[2:]]
-            elif words[:1] == ["fish_env"] or words[:3] == ["python", "-m", "fish_env"]:
-                parser, words = command_line.make_parser()[0], words[1 if words[0] == "fish_env" else 3 :]
-            else:
-                continue
-            parser.parse_args(words)
-            count += 1
-    assert count > 20
-
-
 def test_train_py(tmp_path):
     """`train.py` answers mistakes in one line without a traceback."""
     wrong = run("train.py", "play", tmp_path / "none.npz")
