@@ -399,6 +399,7 @@ def test_a_model_acts_as_its_exported_policy(kind):
 
 UNFIT = {
     "policy of a model": (lambda: learner(fish()).policy, "whether its observations are normalised; give the model"),
+    "other parts": (lambda: learner(fish(speed=1.0)), r"only the policy has commanded velocity \(3\)"),
     "no environment": (lambda: without_env(learner(fish())), "the model has no environment"),
     "other actions": (
         lambda: learner(fish(muscle_groups="pairs")),

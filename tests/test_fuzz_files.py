@@ -283,7 +283,8 @@ def wholes(recorded):
     """The parts of a good file of each kind; the policy has two small layers."""
     rng = np.random.default_rng(0)
     about = {"env_id": SHORT, "env_options": {"control_interval": 0.02, "heading_error": 0.4}, "task": "swim"}
-    policy = {"format": 2, "layout": 1, "about": json.dumps(about), "weight0": rng.normal(size=(156, 4)),
+    policy = {"format": 3, "layout": 1, "about": json.dumps(about), "hidden": "relu", "output": "tanh",
+              "mean": np.zeros(156), "deviation": np.ones(156), "limit": 10.0, "weight0": rng.normal(size=(156, 4)),
               "bias0": np.zeros(4), "weight1": rng.normal(size=(4, 12)), "bias1": np.zeros(12)}  # fmt: skip
     policy = {name: array.astype(np.float32) if hasattr(array, "ndim") else array for name, array in policy.items()}
     parts = {"kind": "fish_env recording", "format": 1, "about": json.dumps(dict(recorded.about))}

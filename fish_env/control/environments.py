@@ -92,7 +92,7 @@ def one_fish(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
         ValueError: for another environment, one that `gym.make` has not made, or one with wrappers that may change
             observations, actions or rewards.
     """
-    bare = env.unwrapped
+    bare = getattr(env, "unwrapped", env)
     if not isinstance(bare, FishEnv):
         raise ValueError(f"the environment is a {type(bare).__name__}; give one fish: gym.make('FishEnv/Swim-v0')")
     if env.spec is None or bare.spec is None:

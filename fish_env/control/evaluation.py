@@ -1,7 +1,7 @@
 """Episodes on fixed seeds, measured, for policies and for any function of observations and time."""
 
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,6 +15,7 @@ from fish_env.control.gait import Gait
 from fish_env.control.models import is_model, normalisation_of
 from fish_env.control.policy import Policy, load_policy
 from fish_env.envs import FishVectorEnv
+from fish_env.envs.layout import Layout
 from fish_env.envs.vector import make_batch
 from fish_env.physics.tank_options import checked_count
 
@@ -74,7 +75,10 @@ def model_controller(model: Any, env: FishVectorEnv) -> Controller:
         ValueError: for a model without an environment, or with wrappers that change observations or actions otherwise;
             and if it does not fit the environment.
     """
-    normalisation, memory = normalisation_of(model), None
+    normalisation, memory, trained = normalisation_of(model), None, None
+    with suppress(AttributeError):  # of an environment that is not of this package
+        trained = model.get_env().get_attr("layout")[0]
+    _check_parts(trained, env)
     wanted, given = ((*observations.shape, *actions.shape) for observations, actions in (
         (model.observation_space, model.action_space), (env.single_observation_space, env.single_action_space)
     ))  # fmt: skip
@@ -104,7 +108,7 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
         ValueError: if the policy's interval is not a whole multiple of the environment's, or the policy does not fit
             the environment.
     """
-    _check_parts(policy, env)
+    _check_parts(_layout_of_training(policy), env)
     policy.check(env.single_observation_space, env.single_action_space)
     interval = policy.about.get("env_options", {}).get("control_interval") or env.tank.fish.control_interval
     every = round(interval / env.control_interval)
@@ -129,23 +133,28 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
     return act
 
 
-def _check_parts(policy: Policy, env: FishVectorEnv) -> None:
-    """ValueError if the environment that a policy was trained in, where it can be made, observes other parts."""
+def _layout_of_training(policy: Policy) -> Layout | None:
+    """What the environment that a policy was trained in shows; None if it is not registered, or the file names none."""
     try:
-        own = make_policy_env(policy, 1)
-    except (ValueError, gym.error.Error):  # it is not registered here, or the file does not say
+        with closing(make_policy_env(policy, 1)) as env:
+            return env.layout
+    except (ValueError, gym.error.Error):
+        return None
+
+
+def _check_parts(trained: Layout | None, env: FishVectorEnv) -> None:
+    """ValueError if an environment does not show the parts of an observation that a policy was trained with."""
+    if trained is None:
         return
-    own.close()
-    seen, shown = ([f"{part.name} ({part.size})" for part in layout] for layout in (own.layout, env.layout))
+    seen, shown = ([f"{part.name} ({part.size})" for part in layout] for layout in (trained, env.layout))
     if seen != shown:
         mine, its = (
             ", ".join(name for name in one if name not in other) or "none"
             for one, other in ((seen, shown), (shown, seen))
         )
         raise ValueError(
-            f"the policy was trained for {policy.about['env_id']} and observes other parts than the environment shows: "
-            f"only the policy has {mine}, only the environment has {its}; give the options that it was trained with, "
-            "or train a new policy"
+            "the policy was trained with other parts of the observation than the environment shows: only the policy "
+            f"has {mine}, only the environment has {its}; give the options of its training, or train a new policy"
         )
 
 

@@ -29,10 +29,10 @@ def load_onnx() -> Any:
 
 
 def arrays_of(parts: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """The arrays among the parts of a policy, layers in float32."""
+    """The arrays among the parts of a policy: layers in float32, the normalisation in float64."""
     arrays = {name: np.asarray(part) for name, part in parts.items() if isinstance(part, np.ndarray | float)}
     layered = ("weight", "bias")
-    return {name: array.astype(np.float32) if name.startswith(layered) else array for name, array in arrays.items()}
+    return {n: array.astype(np.float32 if n.startswith(layered) else np.float64) for n, array in arrays.items()}
 
 
 def layers_of(arrays: Mapping[str, np.ndarray]) -> int:

@@ -54,7 +54,7 @@ def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None
     check_spaces(model.observation_space, model.action_space, combined)
     for name, kind in CHANGING.items():
         if any(env.env_is_wrapped(kind)):
-            raise ValueError(f"its environment has a {name}, which a policy file does not have; leave it out")
+            raise ValueError(f"its environment has a {name}, which changes what the policy sees or does; leave it out")
     while hasattr(env, "venv"):
         name, known = type(env).__name__, type(env).__module__.startswith("stable_baselines3.")
         if known and name == "VecNormalize":
@@ -63,7 +63,7 @@ def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None
             if env.norm_obs:
                 found = Normalisation(env.obs_rms.mean, np.sqrt(env.obs_rms.var + env.epsilon), float(env.clip_obs))
         elif not (known and name in HARMLESS) and not combined:
-            raise ValueError(f"its environment has a {name}, which a policy file does not have")
+            raise ValueError(f"its environment has a {name}, which may change what the policy sees or does; leave it out")
         env = env.venv
     wanted, given = model.observation_space.shape, env.observation_space.shape
     if wanted != given:

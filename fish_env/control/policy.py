@@ -175,9 +175,8 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
         ValueError: if it is truncated, pickled, of another format, observation layout or environment, or if its layers
             do not fit together.
     """
-    path = (
-        shipped_policies().get(path, Path(path)) if isinstance(path, str) else path
-    )  # one in a zip archive is no Path
+    if isinstance(path, str):  # one in a zip archive is no Path
+        path = shipped_policies().get(path, Path(path))
     try:
         found = path.is_file()
     except OSError:  # of a name that is too long
