@@ -125,7 +125,7 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["play", "fly"], "there is no policy file fly; give a policy.npz"),
+        (["play", "fly"], "there is no policy file fly; give the policy.npz of"),
         (["play"], "there is no policy; give one of avoid, "),
         (["play", "swim", "--policy", str(shipped_policy("turn"))], "cannot be played at once; give one policy"),
         (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),
