@@ -63,7 +63,7 @@ def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None
             if env.norm_obs:
                 found = Normalisation(env.obs_rms.mean, np.sqrt(env.obs_rms.var + env.epsilon), float(env.clip_obs))
         elif not (known and name in HARMLESS) and not combined:
-            raise ValueError(f"its environment has a {name}, which may change what the policy sees or does; leave it out")
+            raise ValueError(f"its environment has a {name}, which may change what is seen or done; leave it out")
         env = env.venv
     wanted, given = model.observation_space.shape, env.observation_space.shape
     if wanted != given:
