@@ -13,7 +13,7 @@ import sys
 from collections.abc import Collection
 from pathlib import Path
 
-INSTALL = 'in the checkout: pip install -c constraints.txt -e ".[train]"'
+INSTALL = 'pip install -c constraints.txt -e ".[train]"'
 for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy and torch are loaded
     os.environ.setdefault(_name, "1")
 
@@ -81,7 +81,7 @@ def main() -> int:
 
         parser, commands = make_parser()
     except ImportError as error:
-        print(f"train.py: {error}; install what it needs, {INSTALL}", file=sys.stderr)
+        print(f"train.py: {error}; install what it needs: {INSTALL}", file=sys.stderr)
         return 2
     words = sys.argv[1:]
     if words and words[0] not in commands and not words[0].startswith("-"):

@@ -9,7 +9,7 @@ matplotlib is loaded by it.
 - Bodies: `BODIES`, `make_fish`, `Fish`; `make_body` for one of your own.
 - Simulation: `Tank`, `World`, `make_water`, `make_world`, `INTEGRATORS`, `Integrator`.
 
-Controllers and trained policies are in `fish_env.control`; `python -m fish_env` lists what there is.
+Controllers and trained policies are in `fish_env.control`; `fish_env list` lists what there is.
 """
 
 from gymnasium.envs.registration import register

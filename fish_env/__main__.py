@@ -4,7 +4,7 @@ fish_env list                         list environments, bodies, integrators and
 fish_env train swim                   train a policy (extra [train]); also of an environment of yours, my_module:My-v0
 fish_env play turn                    watch a policy in a window (or --save FILE.html, .mp4, .webp or .gif)
 fish_env evaluate turn runs/swim/...  evaluate policies on fixed seeds
-fish_env compare runs/swim/...        evaluate policies beside the controllers without learning
+fish_env compare swim runs/swim/...   compare two policies with intervals, or one with the controllers without learning
 fish_env report runs/swim/...         write one HTML page of a run, or of several beside each other
 fish_env replay FILE.npz              simulate a recorded episode again and compare bit for bit
 fish_env lab                          open the laboratory in the browser: look at soft bodies, pull and change them
@@ -21,6 +21,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -41,10 +42,11 @@ from fish_env.control.evaluation import (
 from fish_env.control.files import writable_file, write_text
 from fish_env.control.film import write_film
 from fish_env.control.playback import play
-from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
-from fish_env.control.printing import print_means
+from fish_env.control.policy import Policy, load_policy, shipped_policies
+from fish_env.control.printing import print_comparison, print_means
 from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
+from fish_env.control.statistics import compare
 from fish_env.envs.ahead import compile_ahead, stored_kernels
 from fish_env.lab import LOOPBACK, serve
 from fish_env.training.config import CONFIGS, FINE_TUNING, as_tuples
@@ -87,7 +89,7 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     for command, seed, count in ((play_it, 0, 1), (score, FIRST_SEED, EPISODES)):
         command.add_argument("--seed", type=int, default=seed, help=f"of the first episode (default {seed})")
         command.add_argument("--episodes", type=int, default=count, help=f"how many (default {count})")
-    text = "evaluate policies beside the controllers without learning"
+    text = "evaluate two policies in the same episodes, or any beside the controllers without learning"
     add("compare", compare_policies, text, policies, simulation, module)
     command = add("report", run_report, "write an HTML page of one run or more", module)
     command.add_argument("folders", type=Path, nargs="+", help="of runs; seeds are put together")
@@ -197,13 +199,9 @@ def run_training(arguments: argparse.Namespace) -> None:
         )  # fmt: skip
 
 
-def find_policy(name: str) -> Path:
-    """The file of a policy: of a shipped one by its task, of a run by its folder, or the file itself."""
-    if name in shipped_policies():
-        return shipped_policy(name)
-    if os.path.isdir(name):
-        return Path(name, "policy.npz")
-    return Path(name) if name.endswith(".npz") else shipped_policy(name)
+def find_policy(name: str) -> str | Path:
+    """What names a policy: the policy file of a folder, and any other word as it is."""
+    return Path(name, "policy.npz") if name not in shipped_policies() and os.path.isdir(name) else name
 
 
 def load_policies(arguments: argparse.Namespace) -> dict[str, Policy]:
@@ -251,12 +249,19 @@ def evaluate_policies(arguments: argparse.Namespace) -> None:
 
 
 def compare_policies(arguments: argparse.Namespace) -> None:
-    """Print the means of policies, or of those that are shipped, beside those of the controllers without learning."""
-    from fish_env.training.report import compare
-
+    """Print the difference of two policies with intervals, or means of others beside those of simple controllers."""
+    changes = simulation(arguments)
     if not arguments.policies and arguments.policy is None:
         arguments.policies = list(shipped_policies())
-    compare(load_policies(arguments), **simulation(arguments))
+    policies = load_policies(arguments)
+    if len(policies) == 2:
+        first, second = policies.values()
+        with closing(make_policy_env(first, EPISODES, **changes)) as env:
+            print_comparison(first.about["env_id"], list(policies), compare(first, second, env))
+    else:
+        from fish_env.training.report import compare_with_controllers
+
+        compare_with_controllers(policies, **changes)
 
 
 def run_report(arguments: argparse.Namespace) -> None:

@@ -15,7 +15,7 @@ import pytest
 
 import fish_env
 from fish_env import __main__ as command_line
-from fish_env.control import load_policy, make_policy_env, play, shipped_policies, shipped_policy
+from fish_env.control import compare, load_policy, make_policy_env, play, shipped_policies, shipped_policy
 from fish_env.control.console import run_command
 from fish_env.control.evaluation import evaluate, means
 
@@ -75,6 +75,18 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert next(line.split() for line in printed.splitlines() if "  speed " in line) == ["speed", speed, speed]
 
 
+def test_compare(capsys):
+    """Two policies are compared in the same episodes, with intervals; one stands beside simple controllers."""
+    assert command_line.main(["compare", "swim", "turn"]) == 0
+    found = compare("swim", "turn")["speed"]
+    cells = [f"{value:.4g} ({low:.4g} to {high:.4g})" for value, low, high in found]
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["swim"].split() == ["swim", "turn", "difference"] and found.difference.low > 0.1
+    assert re.split("  +", lines["speed"].strip()) == ["speed", *cells]
+    assert command_line.main(["compare", "swim", "--integrator", "semi_implicit"]) == 0
+    assert "motor controllers        swim" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("ending", [".gif", ".webp", ".mp4"])
 def test_play(ending, tmp_path, capsys):
     """A shipped policy is played into a file, on another body too, and its metrics are printed."""
@@ -113,7 +125,7 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["play", "fly"], "no policy is shipped for 'fly'; choose from avoid"),
+        (["play", "fly"], "there is no policy file fly; give the policy.npz of"),
         (["play"], "there is no policy; give one of avoid, "),
         (["play", "swim", "--policy", str(shipped_policy("turn"))], "cannot be played at once; give one policy"),
         (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),
@@ -192,25 +204,6 @@ def test_an_environment_of_the_user(tmp_path, monkeypatch, capsys):
         assert id in capsys.readouterr().err
     assert command_line.main(["evaluate", str(folder), "--episodes", "1", "--task-module", "swim_elsewhere"]) == 0
     del gym.registry[id]
-
-
-def test_commands_of_the_pages():
-    """Every command of README and documentation is one that the command line knows, with its options."""
-    train, count = pytest.importorskip("train"), 0
-    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")):
-        blocks = re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)
-        for line in "".join(blocks).splitlines():
-            words = shlex.split(line.split("&& ")[-1], comments=True)
-            if words[:2] == ["python", "train.py"]:
-                parser, commands = train.make_parser()
-                words = words[2:] if words[2] in commands else ["train", *words[2:]]
-            elif words[:1] == ["fish_env"] or words[:3] == ["python", "-m", "fish_env"]:
-                parser, words = command_line.make_parser()[0], words[1 if words[0] == "fish_env" else 3 :]
-            else:
-                continue
-            parser.parse_args(words)
-            count += 1
-    assert count > 20
 
 
 def test_train_py(tmp_path):

@@ -184,11 +184,11 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
     if not found:
         shipped = ", ".join(shipped_policies())
         raise FileNotFoundError(
-            f"there is no policy file {path}; give a policy.npz that train.py wrote, or one of those that are shipped: "
+            f"there is no policy file {path}; give the policy.npz of a training, or one of those that are shipped: "
             f"{shipped}"
         )
     kind = OnnxFile if path.name.lower().endswith(".onnx") else Npz
-    with kind(path, "policy file", "give a policy.npz that train.py wrote") as file:
+    with kind(path, "policy file", "give the policy.npz of a training") as file:
         return _read_policy(file, path, env_id)
 
 
@@ -257,13 +257,13 @@ def _check_layers(path: Path, weights: list[Any], biases: list[Any]) -> int:
             raise ValueError(f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}, which do not fit together")
         width = weight.shape[1]
     if width is None:
-        raise ValueError(f"{path} holds no layers; give a policy.npz that train.py wrote")
+        raise ValueError(f"{path} holds no layers; give the policy.npz of a training")
     return weights[0].shape[0]
 
 
 def _check_environment(path: Path, about: Mapping[str, Any], env_id: str | None) -> None:
     if "env_id" not in about:
-        raise ValueError(f"{path} does not say which environment it is for; give a policy.npz that train.py wrote")
+        raise ValueError(f"{path} does not say which environment it is for; give the policy.npz of a training")
     try:
         check_environment(about)
     except ValueError as error:

@@ -68,7 +68,7 @@ def print_rows(env_id: str, rows: dict[str, dict]) -> None:
     print_means(env_id, [{"policy": name, "means": found} | about for name, found in rows.items()])
 
 
-def compare(policies: Mapping[str, Policy], **changes) -> dict[str, dict]:
+def compare_with_controllers(policies: Mapping[str, Policy], **changes) -> dict[str, dict]:
     """Evaluate policies on the fixed seeds beside the controllers without learning; print and return the means.
 
     Args:
