@@ -3,7 +3,7 @@
     python play.py left_after_right
     python play.py avoid --video avoid.mp4 --seed 3
 
-It needs: pip install "fish_env[render]". `python -m fish_env play` does the same; this is what it takes in a program of
+It needs fish_env with the extra [render]. `fish_env play` does the same; this is what it takes in a program of
 your own. A policy is a function of the observation and needs numpy alone.
 """
 

@@ -4,7 +4,7 @@
     python train_cleanrl.py --timesteps 200000 --seed 1        any field of Args is an option
     python train_cleanrl.py --env-id FishEnv/Turn-v0           another task
 
-It needs: pip install fish_env torch. The folder that it writes holds the policy as a file that `fish_env.control`
+It needs fish_env and torch. The folder that it writes holds the policy as a file that `fish_env.control`
 reads (policy.npz), the hyperparameters (args.json) and the scores (scores.json).
 
 The batch of fish is the package's own vector environment. It restarts an episode in the step in which it ends

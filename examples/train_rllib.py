@@ -5,8 +5,8 @@ r"""Train a fish with the PPO of Ray RLlib, on one machine or on many: one file,
         --env-options '{"muscle_groups": "pairs", "control_interval": 0.04, "max_episode_steps": 125}'
     python train_rllib.py --address auto --runners 64          on a cluster that `ray start` has begun
 
-It needs: pip install "fish_env[cluster]". The folder that it writes holds RLlib's checkpoint, the policy as a file that
-`fish_env.load_policy` reads (policy.npz), the settings (args.json) and the scores (scores.json).
+It needs fish_env with the extra [cluster]. The folder that it writes holds RLlib's checkpoint, the policy as a
+file that `fish_env.control` reads (policy.npz), the settings (args.json) and the scores (scores.json).
 """
 
 import argparse

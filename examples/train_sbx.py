@@ -4,8 +4,8 @@
     python train_sbx.py --algorithm crossq --timesteps 60000 --num-envs 8     a learner that reuses old steps
     python train_sbx.py --timesteps 200000 --seed 1          any field of Args is an option
 
-It needs: pip install "fish_env[train]" sbx-rl. The folder that it writes holds the model (model.zip), the scaling of
-its observations (scaling.pkl), the hyperparameters (args.json) and the scores (scores.json).
+It needs fish_env with the extra [train], and sbx-rl. The folder that it writes holds the model (model.zip), the scaling
+of its observations (scaling.pkl), the hyperparameters (args.json) and the scores (scores.json).
 
 SBX takes the vector environments of Stable-Baselines3, so `make_sb3_vec_env` serves it as well.
 """

@@ -162,7 +162,7 @@ def change_simulation(
 ) -> TrainConfig:
     """The settings of a task with another body, another integrator or another step, s; None leaves them.
 
-    On a flat fish the upper and the lower muscle of a pair contract together.
+    On a flat fish the upper and the lower muscle of a pair contract together, unless `muscle_groups` is set.
 
     Raises:
         ValueError: for an unknown body or integrator, or a step that is not allowed.
@@ -177,4 +177,4 @@ def change_simulation(
     check_scene(fish, fish.water, record)
     whole_steps(options.get("control_interval", fish.control_interval), step, "the control interval")
     flat = {"muscle_groups": "pairs"} if body is not None and fish.flat else {}
-    return replace(config, env_options=options | flat)
+    return replace(config, env_options=flat | options)

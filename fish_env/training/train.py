@@ -161,7 +161,9 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
         options = {**usual.env_options, **request.env_options}
         denser = {name: value for name, value in usual.training_options.items() if name not in request.env_options}
         config = replace(usual, **{"env_options": options, "training_options": denser} | given | changes)
-        config = change_simulation(config, request.body, request.integrator, request.dt)
+        asked = {"body": request.body, "integrator": request.integrator, "dt": request.dt}
+        chosen = {name: config.env_options.get(name) if value is None else value for name, value in asked.items()}
+        config = change_simulation(config, **chosen)
         seed = 0 if request.seed is None else request.seed
     else:
         if request.env_options or any(
