@@ -2,7 +2,7 @@
 
     python pixels.py                            trains for 100,000 environment steps, and saves pixels.zip
 
-It needs: pip install "fish_env[train]". The fish is to swim along the arrow; its nose points up in every picture. How
+It needs fish_env with the extra [train]. The fish is to swim along the arrow; its nose points up in every picture. How
 many steps good swimming takes has not been measured.
 """
 
@@ -31,7 +31,10 @@ def main() -> None:
     parser.add_argument("--rollout", type=int, default=256, help="environment steps between updates (default 256)")
     args = parser.parse_args()
     envs = VecFrameStack(make_vec_env(make_env, n_envs=8, seed=0), n_stack=4)
-    model = PPO("CnnPolicy", envs, n_steps=args.rollout // 8, batch_size=128, gamma=0.96, n_epochs=4, seed=0, verbose=1)
+    size = min(128, args.rollout)
+    model = PPO(
+        "CnnPolicy", envs, n_steps=args.rollout // 8, batch_size=size, gamma=0.96, n_epochs=4, seed=0, verbose=1
+    )
     model.learn(args.timesteps)
     model.save("pixels")
 

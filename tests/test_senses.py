@@ -253,8 +253,7 @@ def test_goals():
     assert batch.unwrapped.compute_reward(*many).tolist() == [
         0.0 if r <= 0.15 else -1.0 for r in np.linalg.norm(many[1], axis=1)
     ]
-    with pytest.raises(AttributeError, match="create it with goal_env=True"):
-        gym.make(SWIM).unwrapped.compute_reward(*many)
+    assert not hasattr(gym.make(SWIM).unwrapped, "compute_reward")
 
 
 @pytest.mark.parametrize(

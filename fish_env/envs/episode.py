@@ -113,8 +113,9 @@ class Episodes(Stateful, ReadOnly):
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
         self._goals = getattr(self.task, "goals", None)
         if self._goals is not None:
-            farthest = self.task.farthest  # pyright: ignore[reportAttributeAccessIssue] - a task with goals has both
-            goal = gym.spaces.Box(-farthest, farthest, (3,), dtype=np.float32)
+            goals: Any = self.task
+            goal = gym.spaces.Box(-goals.farthest, goals.farthest, (3,), dtype=np.float32)
+            self.compute_reward = goals.compute_reward  # others have none, as checkers expect
             self.single_observation_space = gym.spaces.Dict(
                 {"observation": self.single_observation_space, "achieved_goal": goal, "desired_goal": goal}
             )
@@ -346,12 +347,6 @@ class Episodes(Stateful, ReadOnly):
         """
         obs = self._observation.copy()
         return obs if self._goals is None else {"observation": obs, **self._goals(self.tank)}
-
-    def compute_reward(self, achieved_goal, desired_goal, info=None) -> np.ndarray:
-        """Reward (...) of achieved for desired goals, both (...,3); AttributeError for a task without goals."""
-        if self._goals is None:
-            raise AttributeError("this task has no goals; create it with goal_env=True, as FishEnv/Target-v0 can be")
-        return self.task.compute_reward(achieved_goal, desired_goal)  # pyright: ignore[reportAttributeAccessIssue]
 
     def episode_info(self, i: int) -> dict[str, Any]:
         """Summary of the episode of fish i: reward terms, the task's metrics, and its failure, "" for none."""

@@ -40,6 +40,8 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         self.metadata = self.metadata | {"render_fps": self.fish.metadata["render_fps"]}
         self.observation_space = self.fish.single_observation_space
         self.action_space = self.fish.single_action_space
+        if self.fish._goals is not None:
+            self.compute_reward = self.fish.compute_reward
         self._own = frozenset(vars(self))  # attributes that are no subclass's
         self._keywords = keywords_of(self, self.fish.task) | set(self.fish.LIVE)
 
@@ -87,10 +89,6 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
             self.render()
         obs = fish._observation[0].copy() if fish._goals is None else row_of(fish.observe(), 0)
         return obs, fish._reward.item(), terminated, truncated, info
-
-    def compute_reward(self, achieved_goal, desired_goal, info=None) -> np.ndarray:
-        """Reward of achieved for desired goals, both (...,3), of a task with goals (`goal_env=True`)."""
-        return self.fish.compute_reward(achieved_goal, desired_goal, info)
 
     def _time_limit(self) -> int | None:
         """Steps after which a `TimeLimit` truncates, None without one; ValueError for what is no whole number."""

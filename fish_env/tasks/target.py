@@ -1,6 +1,7 @@
 """Target-v0: reach targets one after another, in the plane or in three dimensions."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -211,9 +212,9 @@ class GoalTask(TargetTask):
             for name, place in found.items()
         }
 
-    def compute_reward(self, achieved: np.ndarray, desired: np.ndarray) -> np.ndarray:
-        """Reward (...) of achieved for desired goals, both (...,3)."""
-        apart = np.linalg.norm(np.asarray(achieved, float) - np.asarray(desired, float), axis=-1)
+    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any = None) -> np.ndarray:
+        """Reward (...) of achieved for desired goals, both (...,3); the environment has this method too."""
+        apart = np.linalg.norm(np.asarray(achieved_goal, float) - np.asarray(desired_goal, float), axis=-1)
         return np.where(apart <= self.radius, 0.0, -1.0)
 
     def metrics(self, tank: Tank, i, seconds):
