@@ -212,7 +212,7 @@ def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, 
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Callable[[], bool]) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C, or what `stopped` says, stopped it first."""
     checkpoint = Checkpoint(folder / "model.zip")
-    callbacks = [Progress(), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
+    callbacks = [Progress(score), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
     if os.environ.get(PARENT, "").isdigit():  # `train.py all`, which may be killed
         callbacks.append(EndsIf(lambda: os.getppid() != int(os.environ[PARENT])))
     left = config.timesteps - model.num_timesteps
