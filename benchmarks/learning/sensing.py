@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common.charts import BLUE, ORANGE, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.tables import IMAGES, read_table, write_csv
 from fish_env import protocols
 from fish_env.control.evaluation import evaluate, make_policy_env, means
 from fish_env.control.policy import Policy, load_policy
@@ -113,7 +113,7 @@ def draw() -> None:
     """Draw the held-out scores as shares of the score under no change."""
     figure, axes = panels(len(TASKS), (11.0, 5.0), sharey=True)
     for axis, task in zip(axes, TASKS, strict=True):
-        rows = [row for row in read_table("learning/held_out") if row["task"] == task]
+        rows = [row for row in read_table("learning/held_out.csv") if row["task"] == task]
         for name, colour, shift in (("shipped", BLUE, -0.2), (ROBUST, ORANGE, 0.2)):
             mine = [row for row in rows if row["policy"] == name]
             label = "trained without" if name == "shipped" else "trained with noise, delays and variation"
@@ -123,16 +123,21 @@ def draw() -> None:
         axis.set(title=task.replace("_", " "), xlabel="share of the score as built", xlim=(0.0, 1.15))
     axes[0].invert_yaxis()
     axes[0].legend(loc="lower left", fontsize=8)
-    save(figure, RESULTS / "held_out.svg")
+    save(figure, IMAGES / "held_out.svg")
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Train, measure and draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=available_processors(), help="trainings side by side")
     parser.add_argument("--train", nargs=3, metavar=("TASK", "SENSING", "SEED"), help="train one policy only")
-    given, _ = parser.parse_known_args()
+    given = parser.parse_args()
     if given.train:
         train(given.train[0], given.train[1], int(given.train[2]))
     else:
         measure(given.jobs)
         draw()
+
+
+if __name__ == "__main__":
+    main()
