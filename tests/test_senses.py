@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import fish_env
-from fish_env.control import record, replay
+from fish_env.control import evaluate, record, replay
 from fish_env.envs import Layout
 
 SWIM = "FishEnv/Swim-v0"
@@ -249,6 +249,9 @@ def test_goals():
     for _ in range(2):
         obs, *_, infos = batch.step(batch.action_space.sample())
     assert obs["observation"].shape == (2, 159) and infos["final_obs"][1]["achieved_goal"].shape == (3,)
+    sb3 = pytest.importorskip("stable_baselines3")
+    model = sb3.SAC("MultiInputPolicy", fish_env.make_sb3_vec_env("FishEnv/Target-v0", 2, seed=0, goal_env=True))
+    assert set(evaluate(batch.unwrapped, model)["success"]) <= {0.0, 1.0}
     many = np.zeros((5, 3)), np.linspace(0, 1, 15).reshape(5, 3)
     assert batch.unwrapped.compute_reward(*many).tolist() == [
         0.0 if r <= 0.15 else -1.0 for r in np.linalg.norm(many[1], axis=1)

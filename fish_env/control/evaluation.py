@@ -81,7 +81,11 @@ def model_controller(model: Any, env: FishVectorEnv) -> Controller:
         ValueError: for a model without an environment, or with wrappers that change observations or actions otherwise;
             and if it does not fit the environment.
     """
-    normalisation, memory, trained = normalisation_of(model), None, None
+    goals, memory, trained = isinstance(model.observation_space, gym.spaces.Dict), None, None
+    if goals:  # as of `VecNormalize`, if there is one
+        normalisation = getattr(model.get_env(), "normalize_obs", None)
+    else:
+        normalisation = normalisation_of(model)
     with suppress(AttributeError):  # of an environment that is not of this package
         trained = model.get_env().get_attr("layout")[0]
     _check_parts(trained, env)
@@ -97,7 +101,8 @@ def model_controller(model: Any, env: FishVectorEnv) -> Controller:
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:
         nonlocal memory  # of a recurrent policy
-        seen = obs if normalisation is None else normalisation(obs).astype(np.float32)
+        seen = obs if normalisation is None else normalisation(obs)
+        seen = seen if goals else seen.astype(np.float32)
         begins = np.full(env.num_envs, time == 0.0)
         actions, memory = model.predict(seen, state=memory, episode_start=begins, deterministic=True)
         return actions
