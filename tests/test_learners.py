@@ -159,7 +159,8 @@ def test_torchrl_gets_what_the_fish_did(fish):
 def test_minari_records_infos(tmp_path, monkeypatch):
     """Minari's collector stores the infos of every reset and step, and reads them back."""
     minari = pytest.importorskip("minari", reason='needs Minari: pip install "minari[hdf5,create]"')
-    pytest.importorskip("h5py", reason='needs h5py: pip install "minari[hdf5,create]"')
+    for needed in ("h5py", "jax"):
+        pytest.importorskip(needed, reason='needs h5py: pip install "minari[hdf5,create]"')
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     env = gym.make("FishEnv/Turn-v0", max_episode_steps=LIMIT, info_every_step=True)
     collector, seconds = minari.DataCollector(env, record_infos=True), []
