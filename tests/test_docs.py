@@ -23,6 +23,7 @@ from fish_env.tasks.options import keywords_of
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
 FIRST = 153  # elements of the observation before the task's own, for which all pages refer to swim.md
+SHARED_WEIGHTS = {"effort_weight", "failure_penalty"}  # of the reward of every task, on swim.md too
 
 every_task = pytest.mark.parametrize("task", TASKS)
 every_form = pytest.mark.parametrize(("task", "keywords"), FORMS)
@@ -189,29 +190,32 @@ def env_id(task):
     return found[task]
 
 
+def described(layout):
+    """The rows of a table of an observation."""
+    return [
+        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
+        for part in layout
+    ]
+
+
 @every_form
 def test_observation_table(task, keywords):
     """The table of the observation is the layout: part, place, shape and range; from FIRST on beside swim.md."""
     env = FishVectorEnv(1, task=task, **keywords)
-    whole = task == "swim" and not keywords
-    wanted = [
-        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
-        for part in env.layout
-        if whole or part.start >= FIRST
-    ]
-    assert rows(task, "Observation Space", 1 if "speed" in keywords else 0) == wanted
-    assert whole or "speed" in keywords or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
+    wanted, of_swim = described(env.layout), described(FishVectorEnv(1).layout)
+    if task != "swim" and wanted == of_swim:
+        assert ", as for [Swim](swim.md#observation-space)." in page(task)
+    else:
+        first = 0 if wanted == of_swim else env.layout.parts.index(env.layout["vertical"]) + 1
+        assert rows(task, "Observation Space", 1 if "speed" in keywords else 0) == wanted[first:]
+        assert task == "swim" or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
     assert env.single_observation_space.shape == (number(task, r"`Box\(\((\d+),\), float32\)`"),)
     assert env.layout["vertical"].slice.stop == FIRST
 
 
 def test_table_of_sensors():
     """The table of sensors is the layout's."""
-    parts = FishVectorEnv(1, observation="sensors").layout
-    wanted = [
-        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
-        for part in parts
-    ]
+    wanted = described(FishVectorEnv(1, observation="sensors").layout)
     assert [row[:5] for row in rows("envs/sensing.md", "Sensors")] == wanted
 
 
@@ -250,10 +254,14 @@ def test_times(task):
 
 @every_task
 def test_rewards(task):
-    """The terms of the reward in their order, and the weight of each: every keyword that weights one, or 1."""
+    """The terms of the reward in their order, and the weight of each; what all tasks have, on swim.md."""
     stated = [(term.strip("`"), weight.strip("`")) for term, weight, _ in rows(task, "Rewards")]
-    assert [term for term, _ in stated] == [*TASKS[task].term_names, "failure"]
-    assert {weight for _, weight in stated} == {"1", *TASKS[task].weights, "failure_penalty"}
+    names, weights = [*TASKS[task].term_names, "failure"], {"1", *TASKS[task].weights, "failure_penalty"}
+    if task != "swim":
+        assert "`effort` and `failure` are as for [Swim](swim.md#rewards)" in page(task)
+        names, weights = [name for name in names if name not in ("effort", "failure")], weights - SHARED_WEIGHTS
+    assert [term for term, _ in stated] == names
+    assert {weight for _, weight in stated} == weights
     for term, weight in stated:
         assert weight == "1" if term == "progress" else term.startswith(weight.split("_")[0])
 
@@ -288,7 +296,7 @@ def test_turn_before_the_obstacle():
 
 @every_task
 def test_arguments(task):
-    """Every keyword of the task, with its default and range; on swim.md those of the environment too."""
+    """Every keyword of the task, with its default and range; on swim.md those of the environment and of all tasks."""
     stated = {name.strip("`"): (default.strip("`"), meaning) for name, default, meaning in rows(task, "Arguments")}
     shared = dict(list(inspect.signature(FishVectorEnv).parameters.items())[:-1])
     shared |= dict(list(inspect.signature(episode.Episodes).parameters.items())[:-1])
@@ -297,11 +305,12 @@ def test_arguments(task):
     wanted |= {"task": task, "max_episode_steps": gym.spec(env_id(task)).max_episode_steps}
     if task != "swim":
         assert "Those of [Swim](swim.md#arguments) without `heading_error` and `speed`, and:" in page(task)
-        wanted = {name: wanted[name] for name in own}
+        assert TASKS[task].weights["effort_weight"] == TASKS["swim"].weights["effort_weight"]
+        wanted = {name: wanted[name] for name in own if name not in SHARED_WEIGHTS}
     assert set(stated) == set(wanted)
     for name, default in wanted.items():
         assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name
-    for name in set(own) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
+    for name in set(own) & set(stated) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
         option = TASKS[task].weights.get(name) or vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
         assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
 
@@ -357,7 +366,11 @@ def test_info_keys(task, keywords, single):
     """With `info_every_step`, every `info` has the keys the page lists: those of the step and those of the episode."""
     stated = [row for row in rows(task, "Info") if applies(row[1], keywords)]
     more = rows("turn", "Info") if "The other keys are those of [Turn](turn.md#info)" in page(task) else []
-    of_episode = {key.strip("`") for key, _ in [*stated, *more]}
+    shared = re.search(r"^(.*) are in the `info` of every task", section("swim", "Info"), re.MULTILINE)
+    assert shared and (task == "swim" or more or "beside the keys [of every task](swim.md#info)" in page(task))
+    of_every_task = set(re.findall(r"`(\w+)`", shared[1]))
+    assert of_every_task <= {key.strip("`") for key, _ in rows("swim", "Info")}
+    of_episode = {key.strip("`") for key, _ in [*stated, *more]} | of_every_task
     keys_of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)} - {"term_<name>"}
     make = gym.make if single else partial(gym.make_vec, num_envs=2)
     env = make(env_id(task), info_every_step=True, **keywords)
