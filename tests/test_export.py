@@ -341,6 +341,7 @@ def move_outside(model):
         (damage(lambda model: model.graph.initializer.pop(0)), "not a policy file that Policy.to_onnx wrote"),
         (damage(lambda model: model.graph.initializer.pop()), r"missing or extra parts \['limit'\]"),
         (damage(lambda model: model.metadata_props.pop()), "not a policy file that Policy.to_onnx wrote"),
+        (damage(lambda model: model.metadata_props.add(key="weight3", value="x")), "its metadata are .*, weight3"),
         (damage(move_outside), "its numbers are in other files"),
         (damage(lambda model: setattr(model.metadata_props[0], "value", "9")), "has format 9"),
         (damage(lambda model: setattr(model.metadata_props[2], "value", "[]")), "about"),

@@ -136,7 +136,8 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             goal = policy(obs)
         if first_order:
             return goal
-        present = (2.0 * env.tank.contraction - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
+        contraction = env.tank.contraction / env.tank.muscle_variation[:, :1]  # of what the strength of the fish allows
+        present = (2.0 * contraction - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
         return present + (goal - present) / (every - since)
 
     return act

@@ -112,8 +112,7 @@ def condition_options(policy: Policy, options: dict[str, Any], condition: Condit
     fish = body if isinstance(body, Fish) else make_fish(body)
     interval = evaluation_options(options).get("control_interval") or fish.control_interval
     late = [round(seconds / interval) for seconds in condition.delay]
-    senses = {name: options[name] for name in ("observation", "body", "muscle_groups") if name in options}
-    noise = noise_by_part(policy.about["env_id"], condition.noise, **senses) if condition.noise else {}
+    noise = noise_by_part(policy.about["env_id"], condition.noise, **options) if condition.noise else {}
     return {
         "variation": {}, "observation_noise": noise, "action_noise": 0.0, "observation_delay": late[0],
         "action_delay": late[1], **condition.keywords,
