@@ -125,6 +125,13 @@ def test_noise_of_the_held_out_set():
     assert list(noise) == ["position", "velocity", "rest length", "vertical", "commanded velocity"]
 
 
+def test_held_out_in_three_dimensions():
+    """A flat body is left out; the others have a row each."""
+    built, flat, noisy = (fish_env.protocols.HELD_OUT[k] for k in (0, 1, -3))
+    rows = fish_env.protocols.evaluate_held_out("target_3d", 1, (built, flat, noisy))
+    assert [row["condition"] for row in rows] == ["as built", "noise 0.1"]
+
+
 def test_policies_are_compared():
     """Intervals hold their means; a policy equals itself, and is far from none; a list is the seeds of one training."""
     env = make_policy_env("swim", 6, **SHORT)
