@@ -398,6 +398,18 @@ def test_a_model_acts_as_its_exported_policy(kind):
     assert abs(difference.low) < 1e-3 > abs(difference.high)
 
 
+def test_a_model_with_goals():
+    """Its observations are dicts: it is evaluated and recorded, but not exported, and not with `VecNormalize`."""
+    options = {"goal_env": True, "max_episode_steps": 10}
+    goals = fish_env.make_sb3_vec_env("FishEnv/Target-v0", 2, **options)
+    model, env = learner(goals, sb3.SAC, "MultiInputPolicy"), gym.make("FishEnv/Target-v0", **options)
+    assert evaluate(env, model, episodes=2)["return"].tolist() == [-10.0, -10.0] and record(env, model).steps == 10
+    with pytest.raises(ValueError, match="observations are a Dict"):
+        export_policy(model, {})
+    with pytest.raises(ValueError, match="VecNormalize over a dict"):
+        evaluate(env, learner(VecNormalize(goals), sb3.SAC, "MultiInputPolicy"))
+
+
 UNFIT = {
     "policy of a model": (lambda: learner(fish()).policy, "whether its observations are normalised; give the model"),
     "other parts": (lambda: learner(fish(speed=1.0)), r"only the policy has commanded velocity \(3\)"),
