@@ -142,6 +142,8 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
         (["train", "CartPole-v1"], "CartPole-v1 is not an environment of fish"),
         (["train", "swim", "--env-kwargs", "speed"], "--env-kwargs has 'speed'; give NAME=VALUE"),
         (["train", "swim", "--env-kwargs", "fins=3"], "unexpected keyword argument 'fins'"),
+        (["train", "target", "--env-kwargs", "goal_env=true"], "the environment observes goals, which are for HER"),
+        (["train", "swim", "--hyperparameters", "env_options=3"], "env_options is 3; give a dict"),
         (["train", "swim", "--env-kwargs", "seed=3"], "seed cannot be options of the environment here"),
         (["train", "swim", "--hyperparameters", "lr=3"], "unknown setting 'lr'; choose from env_options, "),
         (["train", "swim", "--hyperparameters", "learning_rate=fast"], "learning_rate is 'fast'; give a finite number"),

@@ -341,6 +341,7 @@ def move_outside(model):
         (damage(lambda model: model.graph.initializer.pop(0)), "not a policy file that Policy.to_onnx wrote"),
         (damage(lambda model: model.graph.initializer.pop()), r"missing or extra parts \['limit'\]"),
         (damage(lambda model: model.metadata_props.pop()), "not a policy file that Policy.to_onnx wrote"),
+        (damage(lambda model: model.metadata_props.add(key="weight3", value="x")), "its metadata are .*, weight3"),
         (damage(move_outside), "its numbers are in other files"),
         (damage(lambda model: setattr(model.metadata_props[0], "value", "9")), "has format 9"),
         (damage(lambda model: setattr(model.metadata_props[2], "value", "[]")), "about"),
@@ -395,6 +396,18 @@ def test_a_model_acts_as_its_exported_policy(kind):
     np.testing.assert_allclose(*kept, rtol=0, atol=1e-4)
     difference = compare(model, policy, env)["return"].difference
     assert abs(difference.low) < 1e-3 > abs(difference.high)
+
+
+def test_a_model_with_goals():
+    """Its observations are dicts: it is evaluated and recorded, but not exported, and not with `VecNormalize`."""
+    options = {"goal_env": True, "max_episode_steps": 10}
+    goals = fish_env.make_sb3_vec_env("FishEnv/Target-v0", 2, **options)
+    model, env = learner(goals, sb3.SAC, "MultiInputPolicy"), gym.make("FishEnv/Target-v0", **options)
+    assert evaluate(env, model, episodes=2)["return"].tolist() == [-10.0, -10.0] and record(env, model).steps == 10
+    with pytest.raises(ValueError, match="observations are a Dict"):
+        export_policy(model, {})
+    with pytest.raises(ValueError, match="VecNormalize over a dict"):
+        evaluate(env, learner(VecNormalize(goals), sb3.SAC, "MultiInputPolicy"))
 
 
 UNFIT = {

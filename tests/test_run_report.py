@@ -116,6 +116,12 @@ def test_no_run(runs, tmp_path):
     assert not (tmp_path / "page.html").exists()
 
 
+def test_score_of_an_environment_of_another_package():
+    """Its score is the return."""
+    curve = {"timesteps": np.array([100.0, 200.0]), "score": np.ones(2), "return": np.ones(2)}
+    assert run_charts.draw_learning_curves([("mine", [curve])], "return").count("return, per episode, in training") == 2
+
+
 def test_too_many_groups(runs, monkeypatch):
     """More groups than colours are refused instead of being left out."""
     monkeypatch.setattr(run_charts, "COLOURS", run_charts.COLOURS[:1])

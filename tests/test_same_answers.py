@@ -127,7 +127,7 @@ def test_options_that_are_assigned():
 
     own = DummyVecEnv([lambda: Monitor(gym.make(ID))])
     for name, value, wanted in (("severity", 0.2, 0.2), ("variation", {"mass": 1.2}, {"mass": (1.2, 1.2)}),
-                                ("_max_episode_steps", 2, 2)):  # fmt: skip
+                                ("effort_weight", 0.3, 0.3), ("_max_episode_steps", 2, 2)):  # fmt: skip
         own.set_attr(name, value)
         own.reset()
         assert own.get_attr(name) == [wanted]
@@ -140,7 +140,7 @@ def test_options_that_are_assigned():
         own.reset()  # with what counted before
     single, batch = gym.make("FishEnv/Target-v0"), gym.make_vec("FishEnv/Target-v0", 2)
     for env in (single.unwrapped, batch.unwrapped):
-        for name in ("bearing", "radius"):
+        for name in ("bearing", "radius", "reach_bonus"):
             with pytest.raises(AttributeError, match=f"'{name}' cannot be assigned; call set_wrapper_attr"):
                 setattr(env, name, 0.1)
     single.set_wrapper_attr("bearing", 0.3)

@@ -241,14 +241,21 @@ def test_goals():
             np.testing.assert_allclose(obs["achieved_goal"], env.unwrapped.tank.position[0, nose] / length, rtol=1e-6)
             rewards.append(reward)
             env.unwrapped.tank.position[:] += target * length - env.unwrapped.tank.position[0, nose]
+        again = env.unwrapped.set_state(env.unwrapped.get_state())
+        np.testing.assert_array_equal(again["achieved_goal"], env.unwrapped.fish.observe()["achieved_goal"][0])
         assert rewards == [-1.0, 0.0, 0.0]
         found = env.unwrapped.episode_info()
         assert found["success"] and found["reached"] and 0 < found["time_to_target"] < 0.1
+        assert replay(record(env, ACTIONS[:3, 0])).same
     batch = gym.make_vec("FishEnv/Target-v0", 2, goal_env=True, max_episode_steps=2, autoreset_mode="SameStep")
     assert batch.reset(seed=0)[0]["desired_goal"].shape == (2, 3)
     for _ in range(2):
         obs, *_, infos = batch.step(batch.action_space.sample())
     assert obs["observation"].shape == (2, 159) and infos["final_obs"][1]["achieved_goal"].shape == (3,)
+    started = batch.call("reset", seed=3)
+    moved = batch.call("set_state", batch.call("get_state")[0])
+    for each in (started[0][0], started[1][0], *moved):
+        np.testing.assert_array_equal(each["desired_goal"], started[0][0]["desired_goal"])
     sb3 = pytest.importorskip("stable_baselines3")
     model = sb3.SAC("MultiInputPolicy", fish_env.make_sb3_vec_env("FishEnv/Target-v0", 2, seed=0, goal_env=True))
     assert set(evaluate(batch.unwrapped, model)["success"]) <= {0.0, 1.0}
@@ -262,6 +269,7 @@ def test_goals():
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [({"observation": "camera"}, "unknown observation 'camera'; choose from 'nodes', 'sensors'"),
+     ({"observation": np.array(["nodes"])}, "unknown observation"),
      ({"observation_noise": 0.1}, "give a dict: a standard deviation for each part"),
      ({"observation_noise": {"speed": 0.1}}, "observation_noise has 'speed'; choose from 'position', 'velocity'"),
      ({"observation_noise": {"velocity": -0.1}}, "velocity'. is -0.1; give a number from 0 to 10"),
@@ -271,6 +279,7 @@ def test_goals():
      ({"action_delay": (3, 1)}, r"action_delay is \(3, 1\); give a whole number of environment steps"),
      ({"action_delay": 1.5}, "action_delay is 1.5; give a whole number"),
      ({"action_delay": True}, "action_delay is True"),
+     ({"action_delay": np.array(3)}, r"action_delay is array\(3\); give a whole number"),
      ({"history": -1}, "history is -1; give a whole number of steps from 0 to 100"),
      ({"privileged": 1}, "privileged is 1; give True or False"),
      ({"variation": {"strength": 2.0}}, r"variation\['strength'\] is 2; give a number from 0.25 to 1.25")],

@@ -187,13 +187,12 @@ def export_policy(
     Raises:
         ValueError: for other policies, layers or spaces, or a wrapper that changes observations or actions, saying why.
     """
-    if isinstance(model, BaseAlgorithm):
-        policy, normalisation = model.policy, normalisation_of(model, combine is not None)
-    elif raw:
-        policy, normalisation = model, None
-    else:
-        raise ValueError("a policy does not know whether its observations are normalised; give the model, or raw=True")
+    policy, normalisation = model.policy if isinstance(model, BaseAlgorithm) else model, None
     check_spaces(policy.observation_space, policy.action_space, combine is not None)
+    if isinstance(model, BaseAlgorithm):
+        normalisation = normalisation_of(model, combine is not None)
+    elif not raw:
+        raise ValueError("a policy does not know whether its observations are normalised; give the model, or raw=True")
     scaler, modules = actor_modules(policy)
     hidden, output = _activation(modules), "tanh" if policy.squash_output else "clip"
     weights, biases = plain_layers(policy, modules)

@@ -81,11 +81,7 @@ def model_controller(model: Any, env: FishVectorEnv) -> Controller:
         ValueError: for a model without an environment, or with wrappers that change observations or actions otherwise;
             and if it does not fit the environment.
     """
-    goals, memory, trained = isinstance(model.observation_space, gym.spaces.Dict), None, None
-    if goals:  # as of `VecNormalize`, if there is one
-        normalisation = getattr(model.get_env(), "normalize_obs", None)
-    else:
-        normalisation = normalisation_of(model)
+    normalisation, memory, trained = normalisation_of(model), None, None
     with suppress(AttributeError):  # of an environment that is not of this package
         trained = model.get_env().get_attr("layout")[0]
     _check_parts(trained, env)
@@ -101,8 +97,7 @@ def model_controller(model: Any, env: FishVectorEnv) -> Controller:
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:
         nonlocal memory  # of a recurrent policy
-        seen = obs if normalisation is None else normalisation(obs)
-        seen = seen if goals else seen.astype(np.float32)
+        seen = obs if normalisation is None else normalisation(obs).astype(np.float32)
         begins = np.full(env.num_envs, time == 0.0)
         actions, memory = model.predict(seen, state=memory, episode_start=begins, deterministic=True)
         return actions
@@ -141,7 +136,8 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             goal = policy(obs)
         if first_order:
             return goal
-        present = (2.0 * env.tank.contraction - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
+        contraction = env.tank.contraction / env.tank.muscle_variation[:, :1]  # of what the strength of the fish allows
+        present = (2.0 * contraction - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
         return present + (goal - present) / (every - since)
 
     return act

@@ -16,6 +16,8 @@ from fish_env.control.npz import read_about
 
 OPSET, IR = 17, 8
 """Versions of ONNX's operators and of its files: those of 2022, which every runtime in use reads."""
+WORDS = {"format", "layout", "about", "hidden", "output"}
+"""Parts of a policy that are the metadata of a model."""
 LAYERS = {"tanh": "Tanh", "relu": "Relu"}
 """Operators of the hidden activations."""
 
@@ -105,6 +107,8 @@ class OnnxFile:
                 raise ValueError("its numbers are in other files")
             arrays = {part.name: onnx.numpy_helper.to_array(part) for part in model.graph.initializer}
             words = {part.key: part.value for part in model.metadata_props}
+            if words.keys() != WORDS:
+                raise ValueError(f"its metadata are {', '.join(words)}")
             self.parts: dict[str, Any] = arrays | words
             numbers = {name: int(words[name]) for name in ("format", "layout")}
             if onnx_model(self.parts).graph != model.graph:

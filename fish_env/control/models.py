@@ -29,6 +29,11 @@ def check_spaces(observations: gym.Space, actions: gym.Space, combined: bool = F
     if not isinstance(observations, gym.spaces.Box) or len(observations.shape) != 1:
         kind, shape = type(observations).__name__, observations.shape
         raise ValueError(f"observations are a {kind} of shape {shape}; train on one vector, (D,)")
+    check_actions(actions, combined)
+
+
+def check_actions(actions: gym.Space, combined: bool = False) -> None:
+    """ValueError unless actions go from -1 to 1, or a wrapper combines them."""
     if not isinstance(actions, gym.spaces.Box):
         raise ValueError(f"actions are a {type(actions).__name__}; train on a Box")
     if not combined and not (np.all(actions.low == -1.0) and np.all(actions.high == 1.0)):
@@ -51,7 +56,7 @@ def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None
     env, found = model.get_env(), None
     if env is None:
         raise ValueError("the model has no environment, which may normalise; give it one: model.set_env(env)")
-    check_spaces(model.observation_space, model.action_space, combined)
+    check_actions(model.action_space, combined)
     for name, kind in CHANGING.items():
         if any(env.env_is_wrapped(kind)):
             raise ValueError(f"its environment has a {name}, which changes what the policy sees or does; leave it out")
@@ -60,6 +65,8 @@ def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None
         if known and name == "VecNormalize":
             if found is not None:
                 raise ValueError("its environment has VecNormalize twice; train with one of them")
+            if env.norm_obs and isinstance(model.observation_space, gym.spaces.Dict):
+                raise ValueError("its environment has VecNormalize over a dict; train with norm_obs=False")
             if env.norm_obs:
                 found = Normalisation(env.obs_rms.mean, np.sqrt(env.obs_rms.var + env.epsilon), float(env.clip_obs))
         elif not (known and name in HARMLESS) and not combined:

@@ -73,7 +73,8 @@ def evaluate_held_out(
 ) -> list[dict[str, Any]]:
     """Scores of a policy under each condition, on seeds from FIRST_SEED.
 
-    The environment is that of its training without the noise, delays, body and variation of it.
+    The environment is that of its training without the noise, delays, body and variation of it. Flat bodies are left
+    out where it is one of three dimensions.
 
     Args:
         policy: the name of a shipped policy, a policy file, or a `Policy`.
@@ -94,6 +95,8 @@ def evaluate_held_out(
     )
     options, rows = dict(loaded.about.get("env_options", {})), []
     for condition in conditions:
+        if options.get("dimensions") == 3 and fish_of(options, condition).flat:
+            continue
         with closing(make_policy_env(loaded, episodes, **condition_options(loaded, options, condition))) as env:
             task = next((name for name, kind in env.tasks.items() if isinstance(env.task, kind)), "")
             if task not in SCORES:
@@ -106,14 +109,17 @@ def evaluate_held_out(
     return rows
 
 
+def fish_of(options: dict[str, Any], condition: Condition) -> Fish:
+    """The fish under a condition, for the options of a policy's training."""
+    body = condition.keywords.get("body", options.get("body", "mass_spring"))
+    return body if isinstance(body, Fish) else make_fish(body)
+
+
 def condition_options(policy: Policy, options: dict[str, Any], condition: Condition) -> dict[str, Any]:
     """What replaces options of a policy's training under a condition."""
-    body = condition.keywords.get("body", options.get("body", "mass_spring"))
-    fish = body if isinstance(body, Fish) else make_fish(body)
-    interval = evaluation_options(options).get("control_interval") or fish.control_interval
+    interval = evaluation_options(options).get("control_interval") or fish_of(options, condition).control_interval
     late = [round(seconds / interval) for seconds in condition.delay]
-    senses = {name: options[name] for name in ("observation", "body", "muscle_groups") if name in options}
-    noise = noise_by_part(policy.about["env_id"], condition.noise, **senses) if condition.noise else {}
+    noise = noise_by_part(policy.about["env_id"], condition.noise, **options) if condition.noise else {}
     return {
         "variation": {}, "observation_noise": noise, "action_noise": 0.0, "observation_delay": late[0],
         "action_delay": late[1], **condition.keywords,

@@ -65,7 +65,9 @@ def record(
     act, limit = _controller(policy, bare, steps)
     episode = Episode(env, int(seed), wanted)
     while limit is None or len(episode.actions) < limit:
-        if episode.step(np.asarray(act(episode.observation[None], episode.seconds), dtype=np.float64)):
+        obs = episode.observation
+        batch = {name: part[None] for name, part in obs.items()} if isinstance(obs, dict) else obs[None]
+        if episode.step(np.asarray(act(batch, episode.seconds), dtype=np.float64)):
             break
     about = {
         "env_id": id,

@@ -1,7 +1,7 @@
 """Policies compared: means over seeds and episodes with bootstrap intervals.
 
 Interquartile means over runs, as Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice"
-(2021), recommend, and as their library rliable calculates them.
+(2021), recommend; of a multiple of four runs they are those of their library rliable.
 """
 
 from collections.abc import Sequence

@@ -38,11 +38,6 @@ from fish_env.tasks.options import check_options, keywords_of, weight
 from fish_env.tasks.start import check_pose
 
 
-def row_of(obs: Any, i: int) -> Any:
-    """A copy of the observation of fish i, from an array or a dict of arrays."""
-    return {name: array[i].copy() for name, array in obs.items()} if isinstance(obs, dict) else obs[i].copy()
-
-
 class Episodes(Stateful, ReadOnly):
     """B fish, each in water of its own and in an episode of its own, stepped by one compiled call.
 

@@ -7,6 +7,7 @@ landmarks, rest lengths of the muscles and the vertical. "sensors": what a robot
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -98,7 +99,7 @@ class Layout:
         Raises:
             ValueError: for an unknown observation, or if two parts would have the same name.
         """
-        if observation not in OBSERVATIONS:
+        if not isinstance(observation, str) or observation not in OBSERVATIONS:
             raise ValueError(f"unknown observation {observation!r}; choose from {', '.join(map(repr, OBSERVATIONS))}")
         make, self.observation = PartMaker(fish), observation
         parts = list((make_parts if observation == "nodes" else make_sensor_parts)(make, fish, directions))
@@ -154,6 +155,11 @@ class Layout:
             place.append(part.start + (width * part.partner[:, None] + np.arange(width)).ravel())
             sign.append(np.tile(part.signs, len(part.partner)))
         return np.concatenate(place), np.concatenate(sign)
+
+
+def row_of(obs: Any, i: int) -> Any:
+    """A copy of the observation of fish i, from an array or a dict of arrays."""
+    return {name: array[i].copy() for name, array in obs.items()} if isinstance(obs, dict) else obs[i].copy()
 
 
 def bytes_of_episode(fish: Fish, remembered: int = 0) -> int:

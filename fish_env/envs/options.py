@@ -1,7 +1,6 @@
 """Arguments of an environment: keywords and seeds that are checked, and options that are set while it runs."""
 
 import copy
-import inspect
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -9,11 +8,13 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.checks import is_whole
+from fish_env.envs.layout import row_of
 from fish_env.envs.variation import checked_variation
 from fish_env.physics.records import World
 from fish_env.physics.tank_options import MOST_STEPS
 from fish_env.physics.world import make_water
 from fish_env.tasks.base import CompiledTask
+from fish_env.tasks.options import keywords_of
 from fish_env.tasks.start import check_pose
 
 OF_ONE = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
@@ -56,9 +57,9 @@ class TaskKeywords:
         super().__setattr__(name, value)
 
 
-def keywords_of(env, task) -> frozenset[str]:
-    """Keywords of a task that an environment has no attributes for."""
-    return frozenset(name for name in inspect.signature(type(task)).parameters if not hasattr(env, name))
+def task_keywords(env, task) -> frozenset[str]:
+    """Keywords of a task, weights of its reward included, that an environment has no attributes for."""
+    return frozenset(name for name in keywords_of(type(task)) if not hasattr(env, name))
 
 
 def checked_seed(seed) -> int | None:
@@ -177,7 +178,8 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
     if name == "get_state":
         return [found([i], *args, **kwargs) for i in which]
     if name == "set_state":
-        return list(found(*args, **kwargs, indices=which)[which])
+        obs = found(*args, **kwargs, indices=which)
+        return [row_of(obs, i) for i in which]
     if callable(found):
         if name != "render" and set(which) != set(range(env.num_envs)):
             raise ValueError(f"{name} acts on all fish of a batch; call it for all of them")
@@ -193,4 +195,4 @@ def reset_each(env, which: list[int], *, seed: int | None = None, options: dict 
     mask[which] = True
     seeds = None if seed is None else [seed] * env.num_envs
     obs, _ = env.reset(seed=seeds, options={**(options or {}), "reset_mask": mask})
-    return [(obs[i], env._info(i)) for i in which]
+    return [(row_of(obs, i), env._info(i, True)) for i in which]

@@ -10,7 +10,7 @@ try:
 except ImportError as error:
     raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
 
-from fish_env.envs.episode import row_of
+from fish_env.envs.layout import row_of
 from fish_env.envs.options import call_each, checked_seed
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode

@@ -66,7 +66,7 @@ def checked_senses(observation_noise, action_noise, observation_delay, action_de
 def checked_delay(name: str, value: Any, limit: int | None) -> tuple[int, int]:
     """A delay as a pair (lowest, highest) of environment steps, shorter than an episode; else ValueError."""
     pair: Any = (value, value)
-    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and getattr(value, "ndim", 1):
         pair = tuple(value)
     most = LONGEST_DELAY if limit is None else min(limit - 1, LONGEST_DELAY)
     if len(pair) != 2 or not all(is_whole(each) for each in pair) or not 0 <= pair[0] <= pair[1] <= most:

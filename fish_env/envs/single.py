@@ -10,9 +10,8 @@ from gymnasium.wrappers import TimeLimit
 
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array
-from fish_env.envs.episode import row_of
-from fish_env.envs.layout import Layout
-from fish_env.envs.options import OwnSpec, TaskKeywords, checked_seed, keywords_of
+from fish_env.envs.layout import Layout, row_of
+from fish_env.envs.options import OwnSpec, TaskKeywords, checked_seed, task_keywords
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 from fish_env.physics.tank import Tank
@@ -43,7 +42,7 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         if self.fish._goals is not None:
             self.compute_reward = self.fish.compute_reward
         self._own = frozenset(vars(self))  # attributes that are no subclass's
-        self._keywords = keywords_of(self, self.fish.task) | set(self.fish.LIVE)
+        self._keywords = task_keywords(self, self.fish.task) | set(self.fish.LIVE)
 
     @property
     def tank(self) -> Tank[Fish]:
@@ -105,13 +104,13 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
             arrays["episode.truncated"] |= ~arrays["episode.terminated"] & (arrays["episode.elapsed"] >= least)
         return state
 
-    def set_state(self, state: FishState) -> np.ndarray:
+    def set_state(self, state: FishState) -> Any:
         """Go on from a state of one fish, as `FishVectorEnv.set_state`; every `TimeLimit` counts its steps from there.
 
         The episode is truncated at the limit of the state, or of the `TimeLimit` if that is shorter.
 
         Returns:
-            The observation, (D,) float32.
+            The observation, (D,) float32, or a dict of the task's `goals`.
 
         Raises:
             ValueError: for a state of another task, body, layout or format, or of several fish; nothing has changed.
@@ -120,7 +119,7 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         if not self.fish._started:
             raise gym.error.ResetNeeded("set_state was called before reset; call env.reset() first")
         self.fish._generators[0] = self.np_random
-        obs = self.fish.set_state(state)[0]
+        obs = row_of(self.fish.set_state(state), 0)
         for wrapper in self._limits:
             wrapper._elapsed_steps = int(self.fish._elapsed[0])
         return obs

@@ -67,7 +67,7 @@ class Stateful:
             indices: numbers of the fish, or a boolean mask (B,); None for all.
 
         Returns:
-            The observations of all fish, (B,D) float32.
+            The observations of all fish, as `observe` returns them.
 
         Raises:
             ValueError: for a state of another task, body, layout or format, or of another number of fish; nothing has

@@ -7,7 +7,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from fish_env.envs.episode import Episodes, row_of
+from fish_env.envs.episode import Episodes
+from fish_env.envs.layout import row_of
 from fish_env.envs.options import (
     OwnSpec,
     TaskKeywords,
@@ -15,8 +16,8 @@ from fish_env.envs.options import (
     checked_picture,
     checked_seeds,
     checked_truth,
-    keywords_of,
     set_option,
+    task_keywords,
 )
 
 
@@ -103,7 +104,7 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
         fps = 1.0 / self.control_interval
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self._pictures: list[list[np.ndarray]] = [[] for _ in range(self.num_envs)]  # not yet handed out
-        self._keywords = keywords_of(self, self.task)
+        self._keywords = task_keywords(self, self.task)
 
     def restart(self, mask, seeds=None, options=None) -> None:
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
@@ -180,7 +181,7 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
             self.restart(over)  # after it, no episode is over
             obs, begun = self.observe(), over
         for i in range(self.num_envs) if self.info_every_step else np.flatnonzero(self._over).tolist():
-            infos = self._add_info(infos, self.episode_info(i) | self._info(i), i)
+            infos = self._add_info(infos, self._info(i) if self.info_every_step else self.episode_info(i), i)
         infos = self._add_state_info(infos, begun)
         if self.render_mode is not None:
             self._show()

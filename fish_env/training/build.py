@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from gymnasium.spaces import flatdim
+from gymnasium.spaces import Dict, flatdim
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
@@ -17,9 +17,13 @@ from fish_env.training.synergy import Synergies, batch_of, both, synergies
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
-    """The batch of fish to train on, its returns logged."""
+    """The batch of fish to train on, its returns logged; ValueError for one that observes goals."""
     options = config.env_options | config.training_options
-    return Synergies(make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options))
+    env = make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options)
+    if isinstance(env.observation_space, Dict):
+        env.close()
+        raise ValueError("the environment observes goals, which are for HER and not for PPO; leave goal_env out")
+    return Synergies(env)
 
 
 def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None) -> PPO:

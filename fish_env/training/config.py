@@ -79,9 +79,11 @@ def check_settings(config: TrainConfig) -> None:
         if isinstance(usual, float):
             fits, wanted = abs(real(value)) < math.inf, "a finite number"
         elif isinstance(usual, tuple) or type(usual) is int:
-            numbers = value if isinstance(value, tuple) and isinstance(usual, tuple) else (value,)
-            fits = 1 <= len(numbers) <= LAYERS and all(is_whole(each) and 1 <= each <= MOST for each in numbers)
-            wanted = f"whole numbers, at least 1 and at most {MOST}"
+            numbers = value if isinstance(usual, tuple) else (value,)
+            counts = isinstance(numbers, tuple) and all(is_whole(each) and 1 <= each <= MOST for each in numbers)
+            fits = counts and 1 <= len(numbers) <= LAYERS
+            several = "a list of whole numbers" if isinstance(usual, tuple) else "a whole number"
+            wanted = f"{several}, at least 1 and at most {MOST}"
         else:
             fits, wanted = isinstance(value, type(usual)), f"a {type(usual).__name__}"
         if not fits:

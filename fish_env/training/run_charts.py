@@ -15,7 +15,12 @@ from fish_env.training.run_measures import Motion
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
-UNITS = {"speed": "body lengths/s", "success": "share of the episodes", "targets": "per episode"}
+UNITS = {
+    "speed": "body lengths/s",
+    "success": "share of the episodes",
+    "targets": "per episode",
+    "return": "per episode",
+}
 """Unit of each score of a training."""
 STYLE: dict[Any, Any] = {"svg.fonttype": "none", "axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
 """Settings of matplotlib for all charts of a page."""
@@ -36,7 +41,7 @@ def svg(figure: Figure) -> str:
 def draw_learning_curves(groups: Sequence[tuple[str, list[dict[str, np.ndarray]]]], metric: str) -> str:
     """Draw score and return against environment steps: seeds as thin lines, their interquartile mean as a bold one."""
     figure = Figure(figsize=(10, 3.6), layout="constrained")
-    names = f"{metric}, {UNITS[metric]}", "return, per episode"
+    names = [f"{name}, {UNITS[name]}" for name in (metric, "return")]
     for axes, column, name in zip(figure.subplots(1, 2), ("score", "return"), names, strict=True):
         for colour, (label, every) in zip(COLOURS, groups, strict=False):
             curves = [curve for curve in every if len(curve["timesteps"])]

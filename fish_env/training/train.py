@@ -161,6 +161,7 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
         options = {**usual.env_options, **request.env_options}
         denser = {name: value for name, value in usual.training_options.items() if name not in request.env_options}
         config = replace(usual, **{"env_options": options, "training_options": denser} | given | changes)
+        check_settings(config)
         asked = {"body": request.body, "integrator": request.integrator, "dt": request.dt}
         chosen = {name: config.env_options.get(name) if value is None else value for name, value in asked.items()}
         config = change_simulation(config, **chosen)
