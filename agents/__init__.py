@@ -1,1 +1,1 @@
-"""Training, evaluation and controllers on top of fish_env."""
+"""Configurations and scripts of the published controllers."""

@@ -8,12 +8,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from agents.checkout import ROOT
-from agents.config import TrainConfig, settings_of
-from agents.saved_run import not_through_link, read_curve, read_record
+from fish_env.training.checkout import ROOT
+from fish_env.training.config import PARENT, TrainConfig, settings_of
+from fish_env.training.saved_run import not_through_link, read_curve, read_record
 
-PARENT = "FISH_ENV_TRAIN_ALL"
-"""The environment variable by which runs know whose they are: they end when this program is gone."""
 SCRIPT = ROOT / "train.py"
 
 

@@ -15,9 +15,10 @@ from typing import Any
 
 from tqdm import tqdm
 
-from agents.checkout import ROOT
-from agents.jobs import PARENT, Job
+from agents.jobs import Job
 from fish_env.control.files import replacing
+from fish_env.training.checkout import ROOT
+from fish_env.training.config import PARENT
 
 NEEDED = ("fish_env", "agents", "train.py", "pyproject.toml")
 """Files of the checkout that the machines receive."""

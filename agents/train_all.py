@@ -12,10 +12,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.config import CONFIGS, RESULTS, change_simulation
 from agents.jobs import Job
+from agents.published import CONFIGS, SEEDS
 from agents.ray_jobs import run_on_ray
 from fish_env.control.files import writable_folder
+from fish_env.training.config import change_simulation
 
 POLL = 2.0  # s between two looks at the runs
 FEWER = 3  # seeds of each task with another integrator than the default one
@@ -55,7 +56,7 @@ def train_all(
         raise ValueError(f"jobs is {jobs}; give a whole number, at least 1")
     if os.name == "nt":
         raise RuntimeError("train.py all is for Linux and macOS; train the tasks one by one here")
-    seeds = {task: min(RESULTS[task].seeds, FEWER) if integrator or dt else RESULTS[task].seeds for task in tasks}
+    seeds = {task: min(SEEDS[task], FEWER) if integrator or dt else SEEDS[task] for task in tasks}
     work = [  # the first seed of every task before the second of any: a run that is stopped has something of each
         Job(task, seed, root / task / f"seed_{seed}", change_simulation(CONFIGS[task], None, integrator, dt))
         for seed, task in itertools.product(range(max(seeds.values())), tasks)

@@ -16,9 +16,9 @@ import sys
 import textwrap
 import time
 
-from agents.checkout import ROOT, present_commit
 from benchmarks.freshness import CURRENT, MISSING, STALE, status_of
 from benchmarks.registry import REGISTRY, Result
+from fish_env.training.checkout import ROOT, present_commit
 
 WHOLE_WORDS = {"break_long_words": False, "break_on_hyphens": False}
 

@@ -176,7 +176,7 @@ CALIBRATION = (
 LEARNING = (
     Result(
         "learning.all", "every task trained with all its seeds; reuses finished runs, replaces the shipped policies",
-        "train.py all", 120,
+        "train.py all", 80,
         csv("learning/seeds.csv", "learning/methods.csv", "learning/curves.csv") + images("curves.svg"), by_name=True,
         follows=TRAINED,
     ),
@@ -190,6 +190,11 @@ LEARNING = (
         "learning.transfer", "the shipped policies and the motor controllers on every body",
         "-m benchmarks.learning.transfer", 1, csv("transfer"),
         follows=(*EVERY_BODY, "task *", "policy *"),
+    ),
+    Result(
+        "learning.sensing", "what sensors cost, and what policies keep under held-out conditions; trains 18 policies",
+        "-m benchmarks.learning.sensing", 35,
+        csv("learning/sensing.csv", "learning/held_out.csv") + images("held_out.svg"), follows=TRAINED,
     ),
     Result(
         "learning.reversal", "one turn begun before another is over: path, heading, strain",

@@ -3,7 +3,7 @@
     python play.py left_after_right
     python play.py avoid --video avoid.mp4 --seed 3
 
-It needs: pip install "fish_env[render]". `python -m fish_env play` does the same; this is what it takes in a program of
+It needs fish_env with the extra [render]. `fish_env play` does the same; this is what it takes in a program of
 your own. A policy is a function of the observation and needs numpy alone.
 """
 
@@ -13,8 +13,6 @@ import gymnasium as gym
 
 import fish_env  # noqa: F401 - registers the environments
 from fish_env.control import load_policy, shipped_policies, shipped_policy, write_video
-
-SLOWER = 2  # times slower than life in a video: a tail beats faster than the eye follows
 
 
 def main() -> None:
@@ -45,8 +43,8 @@ def main() -> None:
         numbers = {name: round(value, 2) for name, value in found.items() if isinstance(value, int | float)}
         print(f"episode {episode}: {numbers}")
     if args.video:
-        write_video(frames, env.metadata["render_fps"] / SLOWER, args.video)
-        print(f"written: {args.video}")
+        write_video(frames, env.metadata["render_fps"], args.video)
+        print(f"written: {args.video}, in real time")
     env.close()
 
 

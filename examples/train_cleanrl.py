@@ -4,7 +4,7 @@
     python train_cleanrl.py --timesteps 200000 --seed 1        any field of Args is an option
     python train_cleanrl.py --env-id FishEnv/Turn-v0           another task
 
-It needs: pip install fish_env torch. The folder that it writes holds the policy as a file that `fish_env.control`
+It needs fish_env and torch. The folder that it writes holds the policy as a file that `fish_env.control`
 reads (policy.npz), the hyperparameters (args.json) and the scores (scores.json).
 
 The batch of fish is the package's own vector environment. It restarts an episode in the step in which it ends
@@ -27,7 +27,7 @@ from torch import nn
 from torch.distributions import Normal
 
 import fish_env
-from fish_env.control import Policy, evaluate, make_eval_env, policy_controller
+from fish_env.control import Policy, evaluate, make_eval_env
 
 
 @dataclass
@@ -225,7 +225,7 @@ def end(policy: Policy, folder: Path, args: Args) -> None:
     """Write the policy and its scores, and print the scores."""
     policy.save(folder / "policy.npz")
     env = make_eval_env(args.env_id, args.evaluations, {"muscle_groups": args.muscle_groups})
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(policy_controller(policy, env), env).items()}
+    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, policy).items()}
     env.close()
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
     print(f"fish_env {fish_env.__version__}, mean of {args.evaluations} episodes: "

@@ -3,7 +3,7 @@
     python train_gpu.py                                            train Swim, save, evaluate
     python train_gpu.py --num-envs 65536 --timesteps 40000000      any field of Args is an option
 
-It needs: pip install "fish_env[gpu]" torch, an NVIDIA GPU, and train_cleanrl.py beside it, which has the network, the
+It needs fish_env with the extra [gpu], torch, an NVIDIA GPU, and train_cleanrl.py beside it, which has the network, the
 advantages and the update. Here is what differs: the environment, and a rollout that is made of the GPU's tensors. The
 folder that it writes is that of train_cleanrl.py.
 """

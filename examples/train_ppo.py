@@ -4,7 +4,7 @@
     python train_ppo.py --timesteps 200000 --seed 1       any field of Args is an option
     python train_ppo.py --env-id FishEnv/Turn-v0          another task
 
-It needs: pip install "fish_env[train]". The folder that it writes holds the policy (model.zip), the scaling of its
+It needs fish_env with the extra [train]. The folder that it writes holds the policy (model.zip), the scaling of its
 observations (scaling.pkl), the hyperparameters (args.json) and the scores (scores.json).
 """
 

@@ -5,8 +5,8 @@ r"""Train a fish with the PPO of Ray RLlib, on one machine or on many: one file,
         --env-options '{"muscle_groups": "pairs", "control_interval": 0.04, "max_episode_steps": 125}'
     python train_rllib.py --address auto --runners 64          on a cluster that `ray start` has begun
 
-It needs: pip install "fish_env[cluster]". The folder that it writes holds RLlib's checkpoint, the policy as a file that
-`fish_env.load_policy` reads (policy.npz), the settings (args.json) and the scores (scores.json).
+It needs fish_env with the extra [cluster]. The folder that it writes holds RLlib's checkpoint, the policy as a
+file that `fish_env.control` reads (policy.npz), the settings (args.json) and the scores (scores.json).
 """
 
 import argparse
@@ -31,7 +31,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.core.rl_module.torch import TorchRLModule
 
 import fish_env
-from fish_env.control import evaluate, make_eval_env, policy_controller
+from fish_env.control import evaluate, make_eval_env
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options, export_policy
 from fish_env.control.policy import Policy
 from fish_env.envs.rllib import FISH, FishEnvRunner
@@ -213,7 +213,7 @@ def main() -> None:
     ray.shutdown()
 
     env = make_eval_env(args.env_id, args.evaluations, dict(policy.about["env_options"]))
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(policy_controller(policy, env), env).items()}
+    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, policy).items()}
     env.close()
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
     print(f"mean of {args.evaluations} episodes: " + ", ".join(f"{name} {value:.2f}" for name, value in scores.items()))

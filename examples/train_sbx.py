@@ -4,8 +4,8 @@
     python train_sbx.py --algorithm crossq --timesteps 60000 --num-envs 8     a learner that reuses old steps
     python train_sbx.py --timesteps 200000 --seed 1          any field of Args is an option
 
-It needs: pip install "fish_env[train]" sbx-rl. The folder that it writes holds the model (model.zip), the scaling of
-its observations (scaling.pkl), the hyperparameters (args.json) and the scores (scores.json).
+It needs fish_env with the extra [train], and sbx-rl. The folder that it writes holds the model (model.zip), the scaling
+of its observations (scaling.pkl), the hyperparameters (args.json) and the scores (scores.json).
 
 SBX takes the vector environments of Stable-Baselines3, so `make_sb3_vec_env` serves it as well.
 """
@@ -97,7 +97,7 @@ def scores_of(model: BaseAlgorithm, scaling: VecNormalize, args: Args) -> dict[s
     def controller(obs: np.ndarray, time: float) -> np.ndarray:
         return model.predict(np.asarray(scaling.normalize_obs(obs)), deterministic=True)[0]
 
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(controller, env).items()}
+    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, controller).items()}
     env.close()
     return scores
 

@@ -3,7 +3,7 @@
     python train_torchrl.py                                    train Swim, save, evaluate; some minutes on two cores
     python train_torchrl.py --timesteps 200000 --seed 1        any field of Args is an option
 
-It needs: pip install fish_env torchrl. The folder that it writes holds the network (actor.pt), the hyperparameters
+It needs fish_env and torchrl. The folder that it writes holds the network (actor.pt), the hyperparameters
 (args.json) and the scores (scores.json).
 
 `GymWrapper` takes the package's own batch of fish, which one compiled call steps: 256 fish in one environment of
@@ -168,7 +168,7 @@ def scores_of(actor: ProbabilisticActor, args: Args) -> dict[str, float]:
     def controller(obs: np.ndarray, time: float) -> np.ndarray:
         return torch.tanh(mean(observation=torch.from_numpy(obs))[0]).numpy()
 
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(controller, env).items()}
+    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, controller).items()}
     env.close()
     return scores
 

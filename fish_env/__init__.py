@@ -9,8 +9,11 @@ matplotlib is loaded by it.
 - Bodies: `BODIES`, `make_fish`, `Fish`; `make_body` for one of your own.
 - Simulation: `Tank`, `World`, `make_water`, `make_world`, `INTEGRATORS`, `Integrator`.
 
-Controllers and trained policies are in `fish_env.control`; `python -m fish_env` lists what there is.
+Controllers and trained policies are in `fish_env.control`, the conditions on which they are compared in
+`fish_env.protocols`; `fish_env list` lists what there is.
 """
+
+import importlib
 
 from gymnasium.envs.registration import register
 
@@ -43,6 +46,14 @@ __all__ = [
     "make_world",
     "observation_layout",
 ]
+
+
+def __getattr__(name: str):
+    """`fish_env.protocols`, the fixed conditions on which controllers are compared, is loaded when it is first used."""
+    if name == "protocols":
+        return importlib.import_module("fish_env.control.protocols")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 for _name, _task in TASKS.items():
     register(

@@ -1,26 +1,36 @@
-"""The command line of the package: what there is, and trained policies to watch and to evaluate.
+"""The command line of the package, `fish_env` or `python -m fish_env`: train policies, watch and measure them.
 
-python -m fish_env                      list environments, bodies, integrators and the policies that are shipped
-python -m fish_env play turn            watch a policy in a window (or --save FILE.html, .mp4, .webp, .gif)
-python -m fish_env evaluate turn swim   evaluate policies on fixed seeds: shipped ones by name, others by their file
-python -m fish_env replay FILE.npz       simulate a recorded episode again and compare bit for bit
-python -m fish_env lab                  open the laboratory in the browser: look at soft bodies, pull and change them
-python -m fish_env compile swim         compile its kernels ahead of their first use, for an image or a shared folder
-python -m fish_env versions             name the versions of what it runs with
+fish_env list                         list environments, bodies, integrators and the policies that are shipped
+fish_env train swim                   train a policy (extra [train]); also of an environment of yours, my_module:My-v0
+fish_env play turn                    watch a policy in a window (or --save FILE.html, .mp4, .webp or .gif)
+fish_env evaluate turn runs/swim/...  evaluate policies on fixed seeds
+fish_env compare swim runs/swim/...   compare two policies with intervals, or one with the controllers without learning
+fish_env report runs/swim/...         write one HTML page of a run, or of several beside each other
+fish_env replay FILE.npz              simulate a recorded episode again and compare bit for bit
+fish_env lab                          open the laboratory in the browser: look at soft bodies, pull and change them
+fish_env compile swim                 compile its kernels ahead of their first use, for an image or a shared folder
+fish_env versions                     name the versions of what it runs with
+
+A policy is named by the task of one that is shipped, by its file, or by the folder of its run.
 """
 
 import argparse
 import inspect
 import json
+import os
 import platform
 import sys
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 
 import fish_env
-from fish_env.control.console import run_command
+from fish_env.control.console import INSTALL, hear_first_signal, run_command
 from fish_env.control.evaluation import (
     EPISODES,
     FIRST_SEED,
@@ -28,69 +38,100 @@ from fish_env.control.evaluation import (
     evaluate,
     make_policy_env,
     means,
-    policy_controller,
 )
 from fish_env.control.files import writable_file, write_text
 from fish_env.control.film import write_film
 from fish_env.control.playback import play
-from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
+from fish_env.control.policy import Policy, load_policy, shipped_policies
+from fish_env.control.printing import print_comparison, print_means
 from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
+from fish_env.control.statistics import compare
 from fish_env.envs.ahead import compile_ahead, stored_kernels
 from fish_env.lab import LOOPBACK, serve
+from fish_env.training.config import CONFIGS, FINE_TUNING, as_tuples
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
-
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 FILES = "an .html page that turns in 3-D, an .mp4, .webp or .gif video, or an .npz recording"
 
 
-def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any]:
+    """The parser of the command line, and its commands (what `add_subparsers` returns), to which others can be added.
+
+    A command sets `run`, a function of the parsed arguments that returns the exit status, or None for 0.
+    """
     parser = argparse.ArgumentParser(
-        prog="python -m fish_env", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=program, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.set_defaults(run=list_all, task_module=None)
     commands = parser.add_subparsers(dest="command")
-    laboratory = commands.add_parser("lab", help="open the laboratory in the browser, for this machine only")
-    laboratory.add_argument(
-        "--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK}, which only this machine can open; "
-        "0.0.0.0 can be opened by every machine that reaches this one, without a password)",
-    )  # fmt: skip
-    laboratory.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
-    command = commands.add_parser("compile", help="compile kernels ahead of their first use, into FISH_ENV_CACHE")
+    module, simulation, policies = (argparse.ArgumentParser(add_help=False) for _ in range(3))
+    module.add_argument("--task-module", metavar="MODULE", help="a module that registers environments, imported first")
+    simulation.add_argument("--body", help=f"on another body: {', '.join(fish_env.BODIES)}")
+    simulation.add_argument("--integrator", help="with another integrator than the body's own, or that of the training")
+    simulation.add_argument("--dt", type=float, help="and with another step, s")
+    known = f"a shipped policy ({', '.join(shipped_policies())}), a policy file, or the folder of a run"
+    policies.add_argument("policies", nargs="*", metavar="policy", help=known)
+    policies.add_argument("--policy", type=Path, help="a policy file, whatever its name")
+
+    def add(name: str, run: Callable, text: str, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=text, parents=parents)
+        command.set_defaults(run=run)
+        return command
+
+    add("list", list_all, "list environments, bodies, integrators and shipped policies")
+    add_training_options(add("train", run_training, "train a policy by PPO, then report", module, simulation))
+    play_it = add("play", play_policy, "watch a trained policy", policies, simulation, module)
+    play_it.add_argument("--save", "--to", "--video", type=Path, dest="to", help=f"write a file: {FILES}")
+    score = add("evaluate", evaluate_policies, "evaluate policies on fixed seeds", policies, simulation, module)
+    score.add_argument("--save", "--to", type=Path, dest="to", help="write the means to a .json file too")
+    for command, seed, count in ((play_it, 0, 1), (score, FIRST_SEED, EPISODES)):
+        command.add_argument("--seed", type=int, default=seed, help=f"of the first episode (default {seed})")
+        command.add_argument("--episodes", type=int, default=count, help=f"how many (default {count})")
+    text = "evaluate two policies in the same episodes, or any beside the controllers without learning"
+    add("compare", compare_policies, text, policies, simulation, module)
+    command = add("report", run_report, "write an HTML page of one run or more", module)
+    command.add_argument("folders", type=Path, nargs="+", help="of runs; seeds are put together")
+    command.add_argument("--save", type=Path, help="the page (default report.html in the folder of all)")
+    command.add_argument("--episodes", type=int, default=EPISODES, help=f"of each policy (default {EPISODES})")
+    command = add("replay", replay_file, "simulate a recorded episode again, compare bit for bit", module)
+    command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
+    command.add_argument("--save", type=Path, help="show it too: a page or a video")
+    command = add("lab", lambda given: serve(given.host, given.port), "open the laboratory, for this machine only")
+    command.add_argument("--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK}, which only "
+                         "this machine can open; at 0.0.0.0, all that reach it can, without a password)")  # fmt: skip
+    command.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
+    command = add("compile", compile_kernels, "compile kernels ahead of use, into FISH_ENV_CACHE")
     command.add_argument("task", nargs="*", metavar="task", help=f"which (default all): {', '.join(fish_env.TASKS)}")
     command.add_argument("--body", nargs="+", default=["mass_spring"], help="on which bodies (default mass_spring)")
     command.add_argument("--dtype", nargs="+", default=["float64"], help="float64, float32 or both (default float64)")
     command.add_argument("--integrator", help="with this integrator instead of the body's own")
-    commands.add_parser("versions", help="name the versions of Python and of the packages it runs with")
-    command = commands.add_parser("replay", help="simulate a recorded episode again and compare bit for bit")
-    command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
-    command.add_argument("--save", type=Path, help="show it too: a page or a video")
-    add_policy_commands(commands)
-    return parser.parse_args(arguments)
+    add("versions", print_versions, "name the versions of Python and of the packages it runs with")
+    return parser, commands
 
 
-def add_policy_commands(commands) -> None:
-    """Add `play` and `evaluate` to the commands of a parser; `run_policy_command` runs them."""
-    known = f"a shipped policy ({', '.join(shipped_policies())}) or a policy file"
-    for name, text, count, episodes, seed in (
-        ("play", "watch a trained policy", "?", 1, 0),
-        ("evaluate", "evaluate trained policies on fixed seeds", "*", EPISODES, FIRST_SEED),
-    ):
-        command = commands.add_parser(name, help=text)
-        command.add_argument("policies", nargs=count, metavar="policy", help=known)
-        command.add_argument("--policy", type=Path, help="a policy file, whatever its name")
-        command.add_argument("--body", help="on another body than the one it was trained with")
-        command.add_argument("--integrator", help="under another integrator than the one it was trained with")
-        command.add_argument("--dt", type=float, help="and with another step, s")
-        command.add_argument("--seed", type=int, default=seed, help=f"of the first episode (default {seed})")
-        command.add_argument("--episodes", type=int, default=episodes, help=f"how many (default {episodes})")
-        if name == "play":
-            command.add_argument("--save", "--to", "--video", type=Path, dest="to", help=f"write a file: {FILES}")
-        else:
-            command.add_argument("--to", type=Path, help="write the means to a .json file too")
+def add_training_options(command: argparse.ArgumentParser) -> None:
+    """Add what `train` takes beside body, integrator, step and module."""
+    command.add_argument("task", help=f"{', '.join(CONFIGS)}, the id of an environment, or module:Id")
+    pairs: dict[str, Any] = {"nargs": "+", "default": [], "metavar": "NAME=VALUE"}
+    text = "keywords of the environment: speed=1.0 'variation={\"mass\": [0.8, 1.2]}' (JSON, or text)"
+    command.add_argument("--env-kwargs", **pairs, help=text)
+    text = "settings of the training: learning_rate=3e-4 rollout=64 hidden=[32,32]"
+    command.add_argument("--hyperparameters", **pairs, help=text)
+    command.add_argument("--seed", type=int, help="of the learner (default 0)")
+    command.add_argument("--timesteps", type=int, help="environment steps to train for (default that of the task)")
+    command.add_argument("--num-envs", type=int, help="fish trained side by side (default 256)")
+    command.add_argument("--resume", type=Path, help="folder of a run to resume")
+    command.add_argument("--start-from", type=Path, help="fine-tune the policy of this run, by default for "
+                         f"{FINE_TUNING['timesteps']:,} steps of {FINE_TUNING['num_envs']} fish")  # fmt: skip
+    command.add_argument("--runs", type=Path, default=Path("runs"), help="where runs are saved (default runs)")
+    command.add_argument("--folder", type=Path, help="save the run in this folder")
+    command.add_argument("--no-pictures", action="store_true", help="only evaluate the policy at the end")
+    command.add_argument("--torch-threads", type=int, default=1, help="threads of the updates (default 1)")
 
 
-def list_all() -> None:
+def list_all(arguments: argparse.Namespace) -> None:
     """Print the environments and what they may be made of."""
     print(f"fish_env {fish_env.__version__}\n\nEnvironments: gymnasium.make(id, body=..., integrator=...)")
     for id, spec in gym.registry.items():
@@ -102,7 +143,7 @@ def list_all() -> None:
     print("\nIntegrators")
     for record in fish_env.INTEGRATORS.values():
         print(f"  {record.name:30}{record.kind}, order {record.order} ({record.source})")
-    print(f"\nShipped policies: {', '.join(shipped_policies())}\nCommands: python -m fish_env --help")
+    print(f"\nShipped policies: {', '.join(shipped_policies())}\nCommands: fish_env --help")
 
 
 def task_summary(spec) -> str:
@@ -113,11 +154,59 @@ def task_summary(spec) -> str:
     return text.split(". ")[0].removesuffix(".") + "."
 
 
+def import_task_module(name: str) -> None:
+    """Import a module that registers environments, from the present folder too; ValueError if it cannot be."""
+    sys.path.insert(0, os.getcwd())  # where `python -m fish_env` looks, and the installed program does not
+    try:
+        import_module(name)
+    except (ImportError, TypeError, ValueError) as error:  # the last two for names that no module has
+        raise ValueError(f"the module {name!r} cannot be imported: {error}") from error
+
+
+def settings_from(option: str, words: Sequence[str]) -> dict[str, Any]:
+    """The settings that words NAME=VALUE give; ValueError for any other word."""
+    found: dict[str, Any] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not equals or not name.isidentifier():
+            raise ValueError(f"{option} has {word!r}; give NAME=VALUE, such as speed=1.0")
+        try:
+            found[name] = as_tuples(json.loads(text))
+        except ValueError:
+            found[name] = text
+    return found
+
+
+def run_training(arguments: argparse.Namespace) -> None:
+    """Train; a signal saves the run."""
+    task, keywords = arguments.task, settings_from("--env-kwargs", arguments.env_kwargs)
+    changes = settings_from("--hyperparameters", arguments.hyperparameters)
+    counts = {"timesteps": arguments.timesteps, "num_envs": arguments.num_envs}
+    changes |= {name: count for name, count in counts.items() if count is not None}
+    module, colon, name = task.rpartition(":")
+    if colon:
+        import_task_module(module)
+    task = next((short for short, config in CONFIGS.items() if config.env_id == name), name)
+    with hear_first_signal(arguments.came):
+        from fish_env.training.train import Request, train
+
+        train(
+            Request(
+                task, arguments.seed, arguments.runs, arguments.folder, arguments.resume, arguments.start_from,
+                arguments.body, arguments.integrator, arguments.dt, keywords, not arguments.no_pictures, changes,
+                arguments.torch_threads, stopped=lambda: bool(arguments.came),
+            )
+        )  # fmt: skip
+
+
+def find_policy(name: str) -> str | Path:
+    """What names a policy: the policy file of a folder, and any other word as it is."""
+    return Path(name, "policy.npz") if name not in shipped_policies() and os.path.isdir(name) else name
+
+
 def load_policies(arguments: argparse.Namespace) -> dict[str, Policy]:
-    """Load the policies that the command line names, by name or file; ValueError if there are none."""
-    given = arguments.policies if isinstance(arguments.policies, list) else [arguments.policies]
-    named = [name for name in given if name is not None]
-    found = {name: load_policy(name if name.endswith(".npz") else shipped_policy(name)) for name in named}
+    """Load the policies that the command line names; ValueError if there are none."""
+    found = {name: load_policy(find_policy(name)) for name in arguments.policies}
     if arguments.policy is not None:
         found[str(arguments.policy)] = load_policy(arguments.policy)
     if not found:
@@ -125,33 +214,29 @@ def load_policies(arguments: argparse.Namespace) -> dict[str, Policy]:
     return found
 
 
-def run_policy_command(arguments: argparse.Namespace) -> None:
-    """Run `play` or `evaluate`.
+def simulation(arguments: argparse.Namespace) -> dict[str, str | float | None]:
+    """What the command line changes in the simulation."""
+    return {name: getattr(arguments, name) for name in ("body", "integrator", "dt")}
 
-    Raises:
-        ValueError: for no policy or one that cannot be read, for `play` with several, and for options, episodes, seeds
-            or files that are not allowed.
-    """
-    changes = {name: getattr(arguments, name) for name in ("body", "integrator", "dt")}
-    if arguments.command == "evaluate":
-        evaluate_policies(arguments, changes)
-        return
+
+def play_policy(arguments: argparse.Namespace) -> None:
+    """Play the policy; ValueError for several."""
     policies = load_policies(arguments)
     if len(policies) > 1:
         raise ValueError(f"{' and '.join(policies)} cannot be played at once; give one policy")
     (policy,) = policies.values()
-    play(policy, arguments.seed, arguments.episodes, arguments.to, **changes)
+    play(policy, arguments.seed, arguments.episodes, arguments.to, **simulation(arguments))
 
 
-def evaluate_policies(arguments: argparse.Namespace, changes: dict[str, str | float | None]) -> None:
+def evaluate_policies(arguments: argparse.Namespace) -> None:
     """Print the means over the episodes, a column for each policy, and write them to a file on request."""
     checked_episodes(arguments.episodes, arguments.seed)
     if arguments.to is not None:
         writable_file(arguments.to, (".json",))
-    records = []
+    records, changes = [], simulation(arguments)
     for name, policy in load_policies(arguments).items():
         env = make_policy_env(policy, arguments.episodes, **changes)
-        found = means(evaluate(policy_controller(policy, env), env, arguments.seed))
+        found = means(evaluate(env, policy, arguments.seed))
         env.close()
         about = {"env_id": policy.about["env_id"], "policy": name}
         records.append(
@@ -163,32 +248,36 @@ def evaluate_policies(arguments: argparse.Namespace, changes: dict[str, str | fl
         write_text(arguments.to, json.dumps(records[0] if len(records) == 1 else records, indent=2) + "\n")
 
 
-def print_means(env_id: str, records: list[dict]) -> None:
-    """Print the metrics of one environment, a row each, and a column for each policy.
+def compare_policies(arguments: argparse.Namespace) -> None:
+    """Print the difference of two policies with intervals, or means of others beside those of simple controllers."""
+    changes = simulation(arguments)
+    if not arguments.policies and arguments.policy is None:
+        arguments.policies = list(shipped_policies())
+    policies = load_policies(arguments)
+    if len(policies) == 2:
+        first, second = policies.values()
+        with closing(make_policy_env(first, EPISODES, **changes)) as env:
+            print_comparison(first.about["env_id"], list(policies), compare(first, second, env))
+    else:
+        from fish_env.training.report import compare_with_controllers
 
-    Args:
-        env_id: of the environment.
-        records: of the policies, each with `policy` (its name), `means`, `episodes` and `first_seed`.
-    """
-    print(f"{env_id}: mean over {records[0]['episodes']} episodes, seeds from {records[0]['first_seed']}")
-    names = [record["policy"] for record in records]
-    names = [Path(name).parent.name if Path(name).name == "policy.npz" else name for name in names]
-    widths = [max(12, len(name) + 2) for name in names]
-    if len(records) > 1:
-        print(" " * 22 + "".join(name.rjust(width) for name, width in zip(names, widths, strict=True)))
-    for metric in dict.fromkeys(metric for record in records for metric in record["means"]):
-        values = [record["means"].get(metric) for record in records]
-        cells = ["-" if value is None else f"{value:.4g}" for value in values]
-        print(f"  {metric:20}" + "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
+        compare_with_controllers(policies, **changes)
 
 
-def replay_file(path: Path, save: Path | None) -> int:
+def run_report(arguments: argparse.Namespace) -> None:
+    """Write the page of runs, and print where."""
+    from fish_env.training.run_report import write_report
+
+    print(f"written to {write_report(arguments.folders, arguments.save, arguments.episodes)}")
+
+
+def replay_file(arguments: argparse.Namespace) -> int:
     """Print the result of a replay, and write a film on request; return 1 for a replay that differs."""
-    recording = load_recording(path)
+    recording = load_recording(arguments.recording)
     found = replay(recording)
     print(found)
-    if save is not None:
-        print(f"written to {write_film(recording, save)}")
+    if arguments.save is not None:
+        print(f"written to {write_film(recording, arguments.save)}")
     return 0 if found.same else 1
 
 
@@ -209,33 +298,39 @@ def installed(package: str) -> str:
         return "not installed"
 
 
-def print_versions() -> None:
+def print_versions(arguments: argparse.Namespace) -> None:
     """Print the version of Python, of this package and of those that it uses."""
     found = {"python": platform.python_version(), "fish_env": fish_env.__version__}
     for name, text in (found | {package: installed(package) for package in PACKAGES}).items():
         print(f"{name:20}{text}")
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Run a command; the exit status, 1 for a replay that differs."""
-    if arguments.command is None:
-        list_all()
-    elif arguments.command == "versions":
-        print_versions()
-    elif arguments.command == "compile":
-        compile_kernels(arguments)
-    elif arguments.command == "lab":
-        serve(arguments.host, arguments.port)
-    elif arguments.command == "replay":
-        return replay_file(arguments.recording, arguments.save)
-    else:
-        run_policy_command(arguments)
-    return 0
+def run(parser: argparse.ArgumentParser, words: Sequence[str] | None, came: list[int]) -> int:
+    """Run a command; the exit status. Signals that are to stop it are added to `came`."""
+    arguments = parser.parse_args(words, argparse.Namespace(came=came))
+    if arguments.task_module is not None:
+        import_task_module(arguments.task_module)
+    return arguments.run(arguments) or 0
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run a command; errors that a user can correct are printed without a traceback."""
-    return run_command("fish_env", lambda: run(parse(arguments)))
+def main(
+    words: Sequence[str] | None = None, parser: argparse.ArgumentParser | None = None, install: str = INSTALL
+) -> int:
+    """Run a command; errors that a user can correct are printed without a traceback.
+
+    Args:
+        words: of the command line; None for those of this program.
+        parser: the parser; None for that of `make_parser`.
+        install: the command that installs what is missing.
+
+    Returns:
+        The exit status: 128 and the number of the signal, if one has stopped a training.
+    """
+    for name in THREADS:  # before torch is loaded
+        os.environ.setdefault(name, "1")
+    parser, came = parser or make_parser()[0], []
+    status = run_command(parser.prog, lambda: run(parser, words, came), install)
+    return 128 + came[0] if came else status
 
 
 if __name__ == "__main__":

@@ -178,7 +178,7 @@ def start(x, v):
     """The state of one body, or of several, at time zero."""
     x, v = (np.array(a, ndmin=3) for a in (x, v))
     b = len(x)
-    return State(x, v, np.zeros(b), np.zeros(b, dtype=int), np.zeros((b, 5), dtype=int))
+    return State(x, v, np.zeros(b), np.zeros(b, dtype=int), np.zeros((b, 5), dtype=int), np.zeros(b))
 
 
 def control(rest, rate=None, copies=1):

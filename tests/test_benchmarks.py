@@ -8,7 +8,6 @@ from importlib import import_module
 
 import pytest
 
-from agents.checkout import present_commit
 from benchmarks import __main__ as entry
 from benchmarks.common import reference, tables
 from benchmarks.common.reference import TRAJECTORIES
@@ -17,6 +16,7 @@ from benchmarks.freshness import CURRENT, MISSING, NO_TABLE, ROOT, STALE, UNKNOW
 from benchmarks.registry import REGISTRY, RESULTS, Result
 from fish_env import make_fish
 from fish_env.physics.body import scale_body
+from fish_env.training.checkout import present_commit
 
 each_result = pytest.mark.parametrize("result", REGISTRY.values(), ids=REGISTRY)
 

@@ -92,6 +92,9 @@ def execute(block, scope):
         return
     if re.search(r"stable_baselines3|sb3|\btorch\b", block.text):
         pytest.importorskip("stable_baselines3")
+    for library in ("onnx", "optuna", "wandb"):
+        if re.search(rf"\b(to_)?{library}\b", block.text):
+            pytest.importorskip(library)
     if re.search(r"\brllib\b", block.text):
         pytest.importorskip("ray")
     if "torch_env" in block.text and not pytest.importorskip("torch").cuda.is_available():
@@ -151,7 +154,7 @@ def check_pip(words):
 @pytest.mark.parametrize(("block", "words"), COMMANDS, ids=lambda part: " ".join(part) if type(part) is list else "")
 def test_command(block, words):
     """The program exists and has every option that is given: its help says so."""
-    program, *rest = words
+    program, *rest = words if words[0] != "fish_env" else ["python", "-m", *words]
     if program == "pip":
         return check_pip(rest)
     if program in OTHER_PROGRAMS:

@@ -49,6 +49,7 @@ def test_every_body_builds(name):
     body, x = fish.body, fish.body.position
     for array in (x, body.mass, *body.springs, *body.faces[:3], *body.profile):
         assert array.dtype in (np.float64, np.int64) and array.flags.c_contiguous and np.isfinite(array).all()
+    assert repr(fish).startswith(f"<Fish {name!r}: {len(x)} nodes, ") and len(repr(fish)) < 120
     assert np.ptp(x[:, 0]) == pytest.approx(fish.length, rel=1e-12)
     assert x[fish.nose, 0] == x[:, 0].max() and (x[fish.tail, 0] == x[:, 0].min()).all()
     assert fish.flat or x[fish.tail[0], 2] > 0 > x[fish.tail[1], 2]

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,9 +15,9 @@ import pytest
 
 import fish_env
 from fish_env import __main__ as command_line
-from fish_env.control import load_policy, make_policy_env, play, shipped_policies, shipped_policy
+from fish_env.control import compare, load_policy, make_policy_env, play, shipped_policies, shipped_policy
 from fish_env.control.console import run_command
-from fish_env.control.evaluation import evaluate, means, policy_controller
+from fish_env.control.evaluation import evaluate, means
 
 ROOT = Path(__file__).parent.parent
 
@@ -58,7 +60,7 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert command_line.main(["evaluate", "swim", "--episodes", "2", "--to", str(file)]) == 0
     policy = load_policy(shipped_policy("swim"))
     env = make_policy_env(policy, 2)
-    wanted = means(evaluate(policy_controller(policy, env), env))
+    wanted = means(evaluate(env, policy))
     record = json.loads(file.read_text())
     assert record["means"] == wanted and record["episodes"] == 2 and record["env_id"] == "FishEnv/Swim-v0"
     printed = dict(line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("  "))
@@ -73,6 +75,18 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert next(line.split() for line in printed.splitlines() if "  speed " in line) == ["speed", speed, speed]
 
 
+def test_compare(capsys):
+    """Two policies are compared in the same episodes, with intervals; one stands beside simple controllers."""
+    assert command_line.main(["compare", "swim", "turn"]) == 0
+    found = compare("swim", "turn")["speed"]
+    cells = [f"{value:.4g} ({low:.4g} to {high:.4g})" for value, low, high in found]
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["swim"].split() == ["swim", "turn", "difference"] and found.difference.low > 0.1
+    assert re.split("  +", lines["speed"].strip()) == ["speed", *cells]
+    assert command_line.main(["compare", "swim", "--integrator", "semi_implicit"]) == 0
+    assert "motor controllers        swim" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("ending", [".gif", ".webp", ".mp4"])
 def test_play(ending, tmp_path, capsys):
     """A shipped policy is played into a file, on another body too, and its metrics are printed."""
@@ -82,7 +96,7 @@ def test_play(ending, tmp_path, capsys):
     play(policy, 3, 2, video, body="planar", integrator=None, max_episode_steps=3)
     assert video.stat().st_size > 3_000
     printed = capsys.readouterr().out
-    assert "episode 0: seconds 0.06, speed" in printed and "episode 1: " in printed
+    assert re.search(r"episode 0: seconds 0.06, work .*, speed ", printed) and "episode 1: " in printed
 
 
 def test_a_policy_of_another_environment_is_not_played(tmp_path):
@@ -111,7 +125,7 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["play", "fly"], "no policy is shipped for 'fly'; choose from avoid"),
+        (["play", "fly"], "there is no policy file fly; give the policy.npz of"),
         (["play"], "there is no policy; give one of avoid, "),
         (["play", "swim", "--policy", str(shipped_policy("turn"))], "cannot be played at once; give one policy"),
         (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),
@@ -120,6 +134,19 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
         (["evaluate", "swim", "--seed", "-5"], "seed is -5; give a whole number, zero or more"),
         (["play", "swim", "--to", "swim.avi"], "give a name that ends in .mp4 or .webp or .gif"),
         (["evaluate", "swim", "--to", "pyproject.toml/x.json"], "no file can be written in the folder"),
+        (["play", "swim", "turn"], "cannot be played at once; give one policy"),
+        (["evaluate", "docs"], "there is no policy file docs/policy.npz"),
+        (["compare", "swim", "--task-module", "no.such"], "the module 'no.such' cannot be imported: No module"),
+        (["train", "no_such:Own-v0"], "the module 'no_such' cannot be imported: No module named 'no_such'"),
+        (["train", "fly"], "unknown task 'fly'; choose from swim, "),
+        (["train", "CartPole-v1"], "CartPole-v1 is not an environment of fish"),
+        (["train", "swim", "--env-kwargs", "speed"], "--env-kwargs has 'speed'; give NAME=VALUE"),
+        (["train", "swim", "--env-kwargs", "fins=3"], "unexpected keyword argument 'fins'"),
+        (["train", "target", "--env-kwargs", "goal_env=true"], "the environment observes goals, which are for HER"),
+        (["train", "swim", "--hyperparameters", "env_options=3"], "env_options is 3; give a dict"),
+        (["train", "swim", "--env-kwargs", "seed=3"], "seed cannot be options of the environment here"),
+        (["train", "swim", "--hyperparameters", "lr=3"], "unknown setting 'lr'; choose from env_options, "),
+        (["train", "swim", "--hyperparameters", "learning_rate=fast"], "learning_rate is 'fast'; give a finite number"),
     ],
 )
 def test_mistakes(arguments, message, capsys, monkeypatch):
@@ -151,6 +178,34 @@ def test_missing_extras(tmp_path):
     if sys.platform.startswith("linux"):
         done = run("-m", "fish_env", "play", "swim")
         assert done.returncode == 2 and "no display" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_an_environment_of_the_user(tmp_path, monkeypatch, capsys):
+    """A module of the present folder is trained in; its run is used by its folder, once the module is imported."""
+    pytest.importorskip("tensorboard")
+    id, folder = "Elsewhere/AnyHeading-v0", tmp_path / "run"
+    monkeypatch.chdir(ROOT / "examples" / "register_elsewhere" / "src")
+    monkeypatch.setitem(fish_env.TASKS, "any_heading", None)  # undone at the end, as are the lines below
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    keywords = ["speed=1.0", 'variation={"mass": [0.8, 1.2]}']
+    words = ["--num-envs", "8", "--env-kwargs", *keywords, "--hyperparameters", "timesteps=1024", "hidden=[8,4]"]
+    assert command_line.main(["train", f"swim_elsewhere:{id}", *words, "--folder", str(folder), "--no-pictures"]) == 0
+    record = json.loads((folder / "config.json").read_text())
+    assert record["config"]["hidden"] == [8, 4] and record["config"]["timesteps"] == 1024
+    options = {"speed": 1.0, "variation": {"mass": [0.8, 1.2]}}
+    assert record["config"]["env_options"] == load_policy(folder / "policy.npz").about["env_options"] == options
+    again = command_line.make_parser()[0].parse_args(shlex.split(record["command"])[1:])
+    assert (again.task, again.num_envs, again.timesteps) == (id, 8, 1024)
+    assert again.env_kwargs == keywords and again.hyperparameters == ["hidden=[8, 4]"]
+    capsys.readouterr()
+    assert command_line.main(["evaluate", str(folder), "--episodes", "1"]) == 0
+    assert f"{id}: mean over 1 episodes" in capsys.readouterr().out
+    del gym.registry[id], sys.modules["swim_elsewhere"]
+    for words in (["evaluate", str(folder)], ["report", str(folder)]):
+        assert command_line.main(words) == 2
+        assert id in capsys.readouterr().err
+    assert command_line.main(["evaluate", str(folder), "--episodes", "1", "--task-module", "swim_elsewhere"]) == 0
+    del gym.registry[id]
 
 
 def test_train_py(tmp_path):

@@ -1,8 +1,11 @@
-"""What every method conserves: momenta, mirror images, and energy, which in water only falls."""
+"""What every method conserves: momenta, mirror images, and energy, which muscles put in and water takes out."""
+
+from dataclasses import replace
 
 import naive
 import numpy as np
-from moving import ADAPTIVE, FINER, FISH, FIXED_STEP, advance, each_body, each_method, slope_of, tank_of, world_of
+import pytest
+from moving import ADAPTIVE, FINER, FISH, FIXED_STEP, THIN, advance, each_body, each_method, slope_of, tank_of, world_of
 
 from fish_env import INTEGRATORS, Tank
 from fish_env.physics.tank_options import own_step
@@ -81,3 +84,57 @@ def test_energy_never_grows_in_water(name, body):
     assert tank.alive[0]
     assert np.all(np.diff(energy) < 0)
     assert energy[-1] < 0.5 * energy[0]
+
+
+@each_method
+def test_work_is_the_energy_put_in(name):
+    """In vacuum, without damping, the muscles' work is the growth of all energy, to the order of the method."""
+    fish, factor = FISH["mass_spring"], 1.4
+    springs = fish.body.springs._replace(damping=np.zeros_like(fish.body.springs.damping))
+    fish = replace(fish, body=fish.body._replace(springs=springs, max_damping_eigenvalue=0.0))
+    rate = -0.3 * springs.rest_length / fish.contraction_time * (np.arange(springs.stiffness.size) % 2)
+    h = 0.1 / naive.highest_frequency(fish.body) / FINER.get(name, 1)
+
+    def error(parts):
+        """Of the work, relative to it."""
+        tank = tank_of(name, fish, VACUUM, fish.body.position, 0.0 * fish.body.position, h / parts, rate=rate)
+        tank.vary(0, stiffness=factor)
+        tank.advance(40 * FINER.get(name, 1) * parts)
+        stored = factor * naive.spring_energy(springs, tank.rest_length[0], tank.position[0])
+        gained = stored + naive.kinetic_energy(fish.body.mass, tank.velocity[0])
+        assert tank.alive[0] and gained > 0
+        return abs(tank.work[0] / gained - 1.0)
+
+    if name in ADAPTIVE:
+        assert error(1) < 1e-4  # Simpson's rule over long steps
+    else:
+        errors = [error(parts) for parts in (1, 2, 4)]
+        order = slope_of(errors, h / np.array([1, 2, 4]))
+        assert order >= INTEGRATORS[name].order - 0.2, f"the error falls with order {order:.3f}: {errors}"
+
+
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("count", [1, 9])
+def test_work_against_a_sum_over_steps(count, moved):
+    """The default method's work is the tension at the middle of each step of dt times the shortening in it."""
+    fish, rng = FISH["mass_spring"], np.random.default_rng(3)
+    tank, single = (Tank(fish, count, water=THIN, threads=1) for _ in range(2))
+    c, (first, second) = fish.body.springs.stiffness, fish.body.springs.nodes.T
+    h, wanted = tank.dt, np.zeros(count)
+    held = [5, 6] if moved else []
+    for each in (tank, single) if moved else ():
+        each.move(held, lambda t: (0.01 * fish.length * np.sin(20.0 * t), 0.0, 0.0))
+    for action in rng.uniform(-1, 1, (5, count, fish.num_muscles)):
+        tank.swim(action, fish.control_interval)
+        single.command(0.5 * (action + 1.0), fish.control_interval)
+        rate = single.control.rate.copy()
+        for _ in range(round(fish.control_interval / h)):
+            x, rest = single.position.copy(), single.rest_length + 0.5 * h * rate
+            middle = x + 0.5 * h * single.velocity
+            single.control.rate[:] = rate
+            single.advance(1)
+            middle[:, held] = 0.5 * (x + single.position)[:, held]
+            tension = c * (np.linalg.norm(middle[:, second] - middle[:, first], axis=2) - rest)
+            wanted -= (tension * rate).sum(axis=1) * h
+    assert (wanted > 0).all()
+    np.testing.assert_allclose(tank.work, wanted, rtol=1e-9)

@@ -83,7 +83,7 @@ def test_every_task_is_played(task, groups):
     """Ten episodes of each task end without a failure of the physics, and most reach what they should."""
     env = make(task, 10, muscle_groups=groups)
     controller = scripted(env)
-    scores, again = (evaluate(controller, env, 11) for _ in range(2))
+    scores, again = (evaluate(env, controller, 11) for _ in range(2))
     np.testing.assert_array_equal(scores["return"], again["return"])  # time zero is a new beginning
     assert not scores["failed"].any()
     if task == "Swim":
@@ -97,9 +97,9 @@ def test_every_task_is_played(task, groups):
 def test_commanded_speed_and_depth():
     """A commanded speed is kept, and targets above and below are reached."""
     env = make("Swim", 10, speed=(0.5, 2.0))
-    assert evaluate(scripted(env), env, 11)["speed_error"].mean() < 0.3
+    assert evaluate(env, scripted(env), 11)["speed_error"].mean() < 0.3
     env = make("Target", 10, dimensions=3)
-    assert evaluate(scripted(env), env, 11)["targets"].sum() > 0
+    assert evaluate(env, scripted(env), 11)["targets"].sum() > 0
 
 
 def test_random_actions_are_seeded():

@@ -17,11 +17,13 @@ from pages import ROOT, blocks
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode
 from fish_env.physics.failures import FAILURES
-from fish_env.tasks import TASKS, avoid, rewards, start, target, turns
+from fish_env.tasks import TASKS, avoid, start, target, turns
+from fish_env.tasks.options import keywords_of
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
 FIRST = 153  # elements of the observation before the task's own, for which all pages refer to swim.md
+SHARED_WEIGHTS = {"effort_weight", "failure_penalty"}  # of the reward of every task, on swim.md too
 
 every_task = pytest.mark.parametrize("task", TASKS)
 every_form = pytest.mark.parametrize(("task", "keywords"), FORMS)
@@ -103,7 +105,7 @@ def test_design_names_what_exists():
     page = (ROOT / "docs/design.md").read_text()
     rooms = re.findall(r"^  (\w+) ", page.split("```")[1], re.MULTILINE)
     contract = re.search(r"layers = \[(\"__main__\".*)\]", (ROOT / "pyproject.toml").read_text())
-    assert contract and rooms == re.findall(r'"(\w+)"', contract[1])
+    assert contract and rooms == re.findall(r"\w+", contract[1])
     names = set(re.findall(r"`([\w/]+\.py)`", page))
     assert len(names) > 30
     for name in names:
@@ -188,20 +190,33 @@ def env_id(task):
     return found[task]
 
 
+def described(layout):
+    """The rows of a table of an observation."""
+    return [
+        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
+        for part in layout
+    ]
+
+
 @every_form
 def test_observation_table(task, keywords):
     """The table of the observation is the layout: part, place, shape and range; from FIRST on beside swim.md."""
     env = FishVectorEnv(1, task=task, **keywords)
-    whole = task == "swim" and not keywords
-    wanted = [
-        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
-        for part in env.layout
-        if whole or part.start >= FIRST
-    ]
-    assert rows(task, "Observation Space", 1 if "speed" in keywords else 0) == wanted
-    assert whole or "speed" in keywords or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
+    wanted, of_swim = described(env.layout), described(FishVectorEnv(1).layout)
+    if task != "swim" and wanted == of_swim:
+        assert ", as for [Swim](swim.md#observation-space)." in page(task)
+    else:
+        first = 0 if wanted == of_swim else env.layout.parts.index(env.layout["vertical"]) + 1
+        assert rows(task, "Observation Space", 1 if "speed" in keywords else 0) == wanted[first:]
+        assert task == "swim" or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
     assert env.single_observation_space.shape == (number(task, r"`Box\(\((\d+),\), float32\)`"),)
     assert env.layout["vertical"].slice.stop == FIRST
+
+
+def test_table_of_sensors():
+    """The table of sensors is the layout's."""
+    wanted = described(FishVectorEnv(1, observation="sensors").layout)
+    assert [row[:5] for row in rows("envs/sensing.md", "Sensors")] == wanted
 
 
 def test_action_tables():
@@ -239,27 +254,16 @@ def test_times(task):
 
 @every_task
 def test_rewards(task):
-    """The terms of the reward in their order, and every weight, bonus and penalty that the code has for one of them."""
-    found = re.findall(r"^- \*(\w+)\*:((?:.*\n)(?:  .*\n)*)", section(task, "Rewards"), re.MULTILINE)
-    stated = dict(found)
-    terms = (*TASKS[task].term_names, "failure")
-    assert tuple(name for name, _ in found) == terms
-    constants = {
-        name: value
-        for module in [episode, rewards, *reversed(modules(task))]  # a task may have a weight of its own
-        for name, value in vars(module).items()
-        if re.search("_(WEIGHT|BONUS|PENALTY)$", name)
-    }
-    assert constants
-    for name, value in constants.items():
-        found = [term for term in terms if term.startswith(name.split("_")[0].lower())]
-        if not found and task == "avoid":
-            continue  # it has no term for the overshoot of the turns it is made of
-        (term,) = found
-        cost = name in ("EFFORT_WEIGHT", "OVERSHOOT_WEIGHT") or name.endswith("_PENALTY")
-        wanted = -value if cost else value
-        first = re.search(r"-?\d+(?:\.\d+)?", stated[term])
-        assert first and float(first[0]) == wanted, f"{task}.md: *{term}* has {first and first[0]}; {name} is {value}"
+    """The terms of the reward in their order, and the weight of each; what all tasks have, on swim.md."""
+    stated = [(term.strip("`"), weight.strip("`")) for term, weight, _ in rows(task, "Rewards")]
+    names, weights = [*TASKS[task].term_names, "failure"], {"1", *TASKS[task].weights, "failure_penalty"}
+    if task != "swim":
+        assert "`effort` and `failure` are as for [Swim](swim.md#rewards)" in page(task)
+        names, weights = [name for name in names if name not in ("effort", "failure")], weights - SHARED_WEIGHTS
+    assert [term for term, _ in stated] == names
+    assert {weight for _, weight in stated} == weights
+    for term, weight in stated:
+        assert weight == "1" if term == "progress" else term.startswith(weight.split("_")[0])
 
 
 FACTS = [
@@ -292,21 +296,22 @@ def test_turn_before_the_obstacle():
 
 @every_task
 def test_arguments(task):
-    """Every keyword of the task, with its default and range; on swim.md those of the environment too."""
+    """Every keyword of the task, with its default and range; on swim.md those of the environment and of all tasks."""
     stated = {name.strip("`"): (default.strip("`"), meaning) for name, default, meaning in rows(task, "Arguments")}
     shared = dict(list(inspect.signature(FishVectorEnv).parameters.items())[:-1])
     shared |= dict(list(inspect.signature(episode.Episodes).parameters.items())[:-1])
-    own = dict(inspect.signature(TASKS[task]).parameters)
-    wanted = {name: parameter.default for name, parameter in (shared | own).items()}
+    own = keywords_of(TASKS[task])
+    wanted = {name: parameter.default for name, parameter in shared.items()} | own
     wanted |= {"task": task, "max_episode_steps": gym.spec(env_id(task)).max_episode_steps}
     if task != "swim":
         assert "Those of [Swim](swim.md#arguments) without `heading_error` and `speed`, and:" in page(task)
-        wanted = {name: wanted[name] for name in own}
+        assert TASKS[task].weights["effort_weight"] == TASKS["swim"].weights["effort_weight"]
+        wanted = {name: wanted[name] for name in own if name not in SHARED_WEIGHTS}
     assert set(stated) == set(wanted)
     for name, default in wanted.items():
         assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name
-    for name in set(own) - {"dimensions", "reversals"}:  # whose meaning lists what is allowed
-        option = vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
+    for name in set(own) & set(stated) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
+        option = TASKS[task].weights.get(name) or vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
         assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
 
 
@@ -358,21 +363,23 @@ def test_failures(task):
 @every_form
 @pytest.mark.parametrize("single", [False, True])
 def test_info_keys(task, keywords, single):
-    """`info` has the keys the page lists: those of the step, and at the end of an episode those of the episode."""
+    """With `info_every_step`, every `info` has the keys the page lists: those of the step and those of the episode."""
     stated = [row for row in rows(task, "Info") if applies(row[1], keywords)]
     more = rows("turn", "Info") if "The other keys are those of [Turn](turn.md#info)" in page(task) else []
-    of_episode = {key.strip("`") for key, _ in [*stated, *more]}
-    of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)}
+    shared = re.search(r"^(.*) are in the `info` of every task", section("swim", "Info"), re.MULTILINE)
+    assert shared and (task == "swim" or more or "beside the keys [of every task](swim.md#info)" in page(task))
+    of_every_task = set(re.findall(r"`(\w+)`", shared[1]))
+    assert of_every_task <= {key.strip("`") for key, _ in rows("swim", "Info")}
+    of_episode = {key.strip("`") for key, _ in [*stated, *more]} | of_every_task
+    keys_of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)} - {"term_<name>"}
     make = gym.make if single else partial(gym.make_vec, num_envs=2)
     env = make(env_id(task), info_every_step=True, **keywords)
-    env.reset(seed=0)
-    over, infos = False, []
+    over, infos = False, [env.reset(seed=0)[1]]
     while not over:
         _, _, terminated, truncated, info = env.step(env.action_space.sample())
         infos.append(info)
         over = np.any(terminated) or np.any(truncated)
-    keys = [{key for key in info if not key.startswith("_")} for info in infos]
-    assert all(key == of_step for key in keys[:-1])
-    assert keys[-1] == of_step | of_episode
-    terms = {key for key in infos[-1]["terms"] if not key.startswith("_")}
-    assert terms == set(re.findall(r"`(\w+)`", stated[0][1]))
+    terms = set(re.findall(r"`(\w+)`", stated[0][1]))
+    wanted = keys_of_step | of_episode | {f"term_{name}" for name in terms}
+    assert all({key for key in info if not key.startswith("_")} == wanted for info in infos)
+    assert {key for key in infos[-1]["terms"] if not key.startswith("_")} == terms

@@ -188,7 +188,7 @@ def test_reward_is_progress_less_effort():
     assert sum(info["terms"].values()) == pytest.approx(total, rel=1e-9)
     assert info["speed"] == pytest.approx(covered / info["seconds"], rel=1e-9)
     env = begun(info_every_step=True)
-    assert {"step_terms", "position", "heading"} <= set(env.step(env.action_space.sample())[4])
+    assert {"step_terms", "term_effort", "position", "heading"} <= set(env.step(env.action_space.sample())[4])
 
 
 def test_still_fish_pays_nothing():
@@ -243,12 +243,12 @@ def test_blown_up_fish_leaves_its_neighbours_alone(mode):
 
 def test_single_failure():
     """The single environment reports a failure of the physics in `info`, with a finite last observation."""
-    env = begun()
+    env = begun(failure_penalty=3.0)
     env.unwrapped.tank.velocity[0, 3, 1] = np.inf
     obs, reward, terminated, truncated, info = env.step(env.action_space.sample())
     assert terminated is True and truncated is False and info["failure"].startswith("non-finite")
     assert np.isfinite(obs).all() and np.isfinite(reward)
-    assert info["terms"]["failure"] == -episode.FAILURE_PENALTY
+    assert info["terms"]["failure"] == -3.0
 
 
 def test_sb3_vec_env():
@@ -324,6 +324,13 @@ def test_clone_goes_on_alike(id, clone):
         ({"task": "target", "dimensions": 2.0}, "dimensions is 2.0; give 2 or 3"),
         ({"task": "target", "distance": 0.3}, "distance is 0.3; give a number from 0.8 to 5"),
         ({"task": "avoid", "gap": (0.0, 1.0)}, "gap is 0; give a number from 0.2 to 5"),
+        ({"effort_weight": -1.0}, "effort_weight is -1; give a number from 0 to 1000"),
+        ({"effort_weight": np.nan}, "effort_weight"),
+        ({"failure_penalty": "ten"}, "failure_penalty is 'ten'; give a number from 0 to 1000"),
+        (
+            {"task": "turn", "touch_penalty": 1.0},
+            "'touch_penalty'; the task has angle, wait, alignment_weight",
+        ),
         ({"variation": {"depth": 1.0}}, "unknown variation 'depth'; choose from stiffness"),
         ({"variation": {"mass": 0.0}}, "give a number from 0.5 to 2"),
         ({"variation": 0}, "variation is 0; give a dict"),

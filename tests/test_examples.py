@@ -25,7 +25,12 @@ CODE = [cell for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
 QUICKSTART = "\n\n".join("".join(cell["source"]) for cell in CODE)
 SOURCES = {path.relative_to(EXAMPLES).as_posix(): path.read_text() for path in SCRIPTS} | {"quickstart": QUICKSTART}
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
-QUICK = {"train_ppo.py", "train_rllib.py", "play.py", "custom_task.py", "custom_body.py"} | LEARNERS | {"train_gpu.py"}
+QUICK = (
+    {"train_ppo.py", "train_rllib.py", "play.py", "pixels.py", "custom_task.py", "custom_body.py"}
+    | {"plan_random_shooting.py"}
+    | LEARNERS
+    | {"train_gpu.py"}
+)
 """The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_torch_env.py`."""
 
 
@@ -96,6 +101,13 @@ def test_train_ppo(tmp_path):
     assert json.loads((tmp_path / "out" / "scores.json").read_text())["seconds"] == 5.0
 
 
+def test_pixels(tmp_path):
+    """It trains from pictures alone, and saves."""
+    pytest.importorskip("stable_baselines3")
+    run_here(tmp_path, EXAMPLES / "pixels.py", "--timesteps", 16, "--rollout", 16)
+    assert (tmp_path / "pixels.zip").exists()
+
+
 def test_train_gpu_without_a_gpu(tmp_path):
     """Without a GPU it says in one line what there is, and leaves no folder behind."""
     torch = pytest.importorskip("torch")
@@ -128,6 +140,13 @@ def test_custom_body(tmp_path):
     assert "actions (16,)" in said
 
 
+def test_plan_random_shooting(tmp_path):
+    """The planner is faster than the gait in every episode."""
+    said = run_here(tmp_path, EXAMPLES / "plan_random_shooting.py", "--episodes", 2)
+    found = re.findall(r"gait (\S+), planned (\S+) body lengths", said)
+    assert len(found) == 2 and all(1.9 < float(gait) < float(planned) < 3.0 for gait, planned in found)
+
+
 def test_register_elsewhere(tmp_path):
     """The package installs by itself; its id is found from a program that imports neither it nor fish_env."""
     pytest.importorskip("setuptools")
@@ -150,11 +169,13 @@ def test_register_elsewhere(tmp_path):
 
 
 def test_quickstart(tmp_path):
-    """The cells of the notebook run in order, as one program; they are stored without outputs."""
+    """The cells of the notebook run in order, as one program; they are stored with their outputs, none an error."""
     for module in ("stable_baselines3", "matplotlib", "pygame"):
         pytest.importorskip(module)
     assert len(CODE) >= 5 and NOTEBOOK["nbformat"] == 4
-    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in CODE)
+    outputs = [output for cell in CODE for output in cell["outputs"]]
+    assert "display_data" in {output["output_type"] for output in outputs}
+    assert {output["output_type"] for output in outputs} <= {"stream", "display_data", "execute_result"}
     (tmp_path / "quickstart.py").write_text(QUICKSTART)
     variables = {"QUICKSTART_TIMESTEPS": "8192", "MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy"}
     said = run_here(tmp_path, tmp_path / "quickstart.py", **variables)

@@ -15,6 +15,7 @@ import pytest
 
 from fish_env import __main__ as command_line
 from fish_env.control import (
+    Normalisation,
     Policy,
     load_policy,
     load_recording,
@@ -274,7 +275,8 @@ def test_a_large_recording_is_read_again(tmp_path, monkeypatch):
 def good(tmp_path_factory):
     """A good file of each kind."""
     folder = tmp_path_factory.mktemp("good")
-    stub_policy().save(folder / "policy file.npz")
+    scaling = Normalisation(np.zeros(156), np.ones(156), 10.0)
+    replace(stub_policy(), normalisation=scaling).save(folder / "policy file.npz")
     stub_recording().save(folder / "recording.npz")
     return folder
 
@@ -310,13 +312,20 @@ def test_wrong_files(kind, good, tmp_path):
         ("policy file", "weight0", lambda array: np.array([{}], dtype=object), "damaged or pickled"),
         ("policy file", "bias0", None, "not a policy file"),
         ("policy file", "format", lambda array: 99, "format 99"),
-        ("policy file", "format", lambda array: 1, "format 1 .* format 2"),
+        ("policy file", "format", lambda array: 1, "format 1 .* format 2 or 3"),
         ("policy file", "layout", lambda array: 7,
          "version 7 of the observation layout; this package has version 1 .*: train the"),
         ("policy file", "weight0", lambda array: array[:, :-1], "do not fit together"),
         ("policy file", "bias0", lambda array: array * np.nan, "not finite"),
         ("policy file", "about", lambda array: json.dumps({"env_id": "FishEnv/Other-v0"}), "trained for FishEnv/Other"),
         ("policy file", "about", lambda array: "{}", "does not say which environment it is for"),
+        ("policy file", "hidden", lambda array: "elu", "hidden is 'elu'; choose from tanh, relu"),
+        ("policy file", "output", lambda array: 3, "its part 'output' is an array"),
+        ("policy file", "mean", None, "missing or extra parts .*deviation"),
+        ("policy file", "mean", lambda array: array[:-1], r"mean is of shape \(155,\); give floating-point numbers"),
+        ("policy file", "deviation", lambda array: 0.0 * array, "or deviations of zero or less"),
+        ("policy file", "limit", lambda array: np.nan, "not finite, or"),
+        ("policy file", "limit", lambda array: 3, r"limit is of shape \(\); give floating-point numbers"),
         ("recording", "reward", lambda array: np.array([{}], dtype=object), "damaged or pickled"),
         ("recording", "format", lambda array: 2, "has format 2; this package reads format 1: record the episode again"),
         ("recording", "format", lambda array: np.zeros(2), r"its part 'format' is an array \(2,\)"),

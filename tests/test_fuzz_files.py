@@ -283,7 +283,8 @@ def wholes(recorded):
     """The parts of a good file of each kind; the policy has two small layers."""
     rng = np.random.default_rng(0)
     about = {"env_id": SHORT, "env_options": {"control_interval": 0.02, "heading_error": 0.4}, "task": "swim"}
-    policy = {"format": 2, "layout": 1, "about": json.dumps(about), "weight0": rng.normal(size=(156, 4)),
+    policy = {"format": 3, "layout": 1, "about": json.dumps(about), "hidden": "relu", "output": "tanh",
+              "mean": np.zeros(156), "deviation": np.ones(156), "limit": 10.0, "weight0": rng.normal(size=(156, 4)),
               "bias0": np.zeros(4), "weight1": rng.normal(size=(4, 12)), "bias1": np.zeros(12)}  # fmt: skip
     policy = {name: array.astype(np.float32) if hasattr(array, "ndim") else array for name, array in policy.items()}
     parts = {"kind": "fish_env recording", "format": 1, "about": json.dumps(dict(recorded.about))}
@@ -339,8 +340,9 @@ def test_command_lines(tmp_path_factory, arguments):
     assert status in (0, 2) and (status == 0) == (not err.getvalue()), (arguments, status, err.getvalue())
 
 
-TRAINING = ["swim", "all", "evaluate", "compare", "report", "play", "--seed", "--timesteps", "--num-envs", "--dt", "1",
-            "nan", "inf", "1e400", "-1", "x", "--tasks", "--integrators", "--help", "", "--", "é"]  # fmt: skip
+TRAINING = ["train", "swim", "all", "evaluate", "compare", "report", "play", "--seed", "--timesteps", "--num-envs",
+            "--dt", "1", "nan", "inf", "1e400", "-1", "x", "--tasks", "--integrators", "--help", "", "--",
+            "é"]  # fmt: skip
 
 
 @examples(60)
@@ -349,9 +351,8 @@ def test_training_command_lines(arguments):
     """The command line of `train.py`, of any words, is understood or refused by argparse with status 2."""
     train = pytest.importorskip("train")
     pytest.importorskip("torch")
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        patch.setattr(sys, "argv", ["train.py", *arguments])
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         try:
-            train.parse()
+            train.make_parser()[0].parse_args(arguments)
         except SystemExit as end:
             assert end.code in (0, 2), arguments

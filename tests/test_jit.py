@@ -15,6 +15,7 @@ import pytest
 
 import fish_env
 from fish_env.kernels import cache as _cache
+from fish_env.kernels import progress
 from fish_env.kernels.compile import njit, part
 
 PACKAGE = Path(fish_env.__file__).parent
@@ -144,7 +145,8 @@ def stored(package, cache, script=SCRIPT, **variables):
     printed, said = run(script, package.parent, XDG_CACHE_HOME=str(cache), **variables)
     file, energy, hits, *more = printed.splitlines()
     assert Path(file) == package / "__init__.py"
-    announced = ("fish_env compiles its kernels" in said,) if more else ()
+    message = r"fish_env compiles its kernels \(once per fish and task\): 1 of about [1-9]\d*, \d+ s \.\.\.\n"
+    announced = (re.match(message, said) is not None,) if more else ()
     return float(energy), int(hits), *more, *announced
 
 
@@ -167,6 +169,20 @@ def test_no_stale_kernel(package, tmp_path):
     assert found == (2.0, 0, "[4.0, 40.0, 6.0, 60.0] [0, 0, 0, 0]", False)
     assert caller.stat().st_mtime == stamp  # all that numba itself looks at
     assert len(list((cache / "fish_env").iterdir())) == 2
+
+
+def test_a_progress_bar_stays_whole(monkeypatch, capsys):
+    """Below a progress bar the message of the compiler is one line, once, and the bar is drawn again."""
+    tqdm = pytest.importorskip("tqdm")
+    monkeypatch.setattr(progress, "PATIENCE", -1.0)
+    with tqdm.tqdm(total=2, file=sys.stderr, ncols=80, nrows=20) as bar:
+        found = progress.Progress(7)
+        found.on_end(None)
+        found.on_end(None)
+        bar.update(2)
+    before, message, after = re.split(r"(?<=\r)(fish_env [^\r]*1 of about 7, 0 s \.\.\.\n)", capsys.readouterr().err)
+    assert "0/2" in before and "0/2" in after and "2/2" in after and "fish_env" not in after
+    assert message.count("fish_env") == 1
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ import pytest
 from pages import ROOT
 from trainings import train_short, training
 
-from agents import callbacks
 from benchmarks.common.tables import read_rows
 from fish_env.control import load_policy
+from fish_env.training import callbacks
 
 KILLED = {"timesteps": 400_000}
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")

@@ -16,10 +16,10 @@ import pytest
 
 import fish_env
 from fish_env import control
-from fish_env.__main__ import parse
+from fish_env.__main__ import make_parser
 
 ROOT = Path(__file__).parent.parent
-PARTS = ("fish_env", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "tests")
+PARTS = ("fish_env", "pyproject.toml", "setup.py", "README.md", "LICENSE", "MANIFEST.in", "tests")
 BUILD = "import setuptools.build_meta as backend, sys; print(getattr(backend, 'build_' + sys.argv[1])(sys.argv[2]))"
 
 ALONE = """
@@ -103,15 +103,28 @@ def test_what_the_image_is_built_from():
         assert re.search(rf"^{extra} = ", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
     assert re.findall(r"RUN python -m fish_env (\w+)", text) == ["compile"]
     command = json.loads(re.search(r"^CMD (.*)$", text, re.MULTILINE)[1])
-    assert command[:3] == ["python", "-m", "fish_env"] and parse(command[3:]).command == "evaluate"
+    assert command[:3] == ["python", "-m", "fish_env"]
+    assert make_parser()[0].parse_args(command[3:]).command == "evaluate"
     variable = re.search(r"FISH_ENV_CACHE=(\S+)", text)[1]
     assert re.search(rf"install -d -o fish {variable}\n", text)
     assert text.index("USER fish") < text.index("RUN python -m")
 
 
+def check_metadata(folder):
+    """The program is installed by its name, and links of the description lead from an index to what is there."""
+    assert "fish_env = fish_env.__main__:main" in (folder / "entry_points.txt").read_text()
+    text = (folder / "METADATA").read_text()
+    (address,) = re.findall(r"^Project-URL: Repository, (.*)$", text, re.MULTILINE)
+    links = re.findall(r"\]\(([^)#]*)", text.split("\n\n", 1)[1])
+    held = [link.removeprefix(address).split("/", 3) for link in links if link.startswith(address)]
+    assert len(held) > 30 and all("://" in link for link in links)
+    for _, kind, branch, path in held:
+        assert kind in ("blob", "raw") and branch == "main" and (ROOT / path).exists(), path
+
+
 @pytest.mark.slow
 def test_wheel_of_the_source_archive(tmp_path):
-    """The wheel that is built of the source archive lists, makes every environment and evaluates a policy by itself."""
+    """The wheel that is built of the source archive lists, trains, plays, evaluates and compares by itself."""
     pytest.importorskip("setuptools", minversion="77")
     source, empty, unpacked = (tmp_path / name for name in ("source", "empty", "unpacked"))
     source.mkdir(), empty.mkdir()
@@ -133,11 +146,17 @@ def test_wheel_of_the_source_archive(tmp_path):
         str(path.relative_to(ROOT)) for path in ROOT.glob("fish_env/**/*") if path.suffix in (".py", ".json", ".npz")
     }
     assert held <= set(names) and len([name for name in names if name.endswith("policy.npz")]) == 6
+    check_metadata(next(unpacked.glob("*.dist-info")))
 
     alone = {"cwd": empty, "PYTHONPATH": str(unpacked)}
     assert "FishEnv/Swim-v0" in run("-m", "fish_env", **alone)
     run("-c", ALONE, unpacked, tmp_path / "film.html", **alone)
-    assert "speed" in run("-m", "fish_env", "evaluate", "swim", "--episodes", "1", **alone)
+    folder = tmp_path / "run"
+    said = run("-m", "fish_env", "train", "swim", "--timesteps", "20000", "--folder", folder, **alone)
+    assert "best open-loop gait" in said and (folder / "report.html").exists()
+    run("-m", "fish_env", "play", folder, "--save", tmp_path / "swim.html", **alone)
+    assert f"  {folder}" in run("-m", "fish_env", "evaluate", "swim", folder, "--episodes", "1", **alone)
+    assert f"  {folder}" in run("-m", "fish_env", "compare", folder, **alone)
     assert not list(empty.iterdir())
 
 

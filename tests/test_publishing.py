@@ -6,12 +6,11 @@ from scipy import stats
 from trainings import train_short
 
 import fish_env
-from agents import statistics
-from agents.config import CONFIGS, RESULTS
 from benchmarks.common import tables
 from benchmarks.common.tables import read_rows
 from benchmarks.learning import integrators, publish, transfer
-from fish_env.control import load_policy, shipped_policy
+from fish_env.control import load_policy, shipped_policy, statistics
+from fish_env.training.config import CONFIGS
 
 
 @pytest.fixture
@@ -49,7 +48,7 @@ def test_publishing_fills_in_page_and_files(quick, trained, monkeypatch):
     """Publishing writes seeds, methods and curves, ships the median seed, and fills in the table of the page."""
     monkeypatch.setattr(publish, "LEARNING", quick / "learning")
     monkeypatch.setattr(publish, "PRETRAINED", quick / "pretrained")
-    monkeypatch.setattr(publish, "RESULTS", {"swim": RESULTS["swim"]._replace(seeds=2)})
+    monkeypatch.setattr(publish, "SEEDS", {"swim": 2})
     page, readme = quick / "results.md", quick / "README.md"
     monkeypatch.setattr(publish, "PAGE", page)
     monkeypatch.setattr(publish, "README", readme)

@@ -128,22 +128,22 @@ def test_changed_action_and_other_versions():
          "body.* is a Fish, which a recording cannot hold; .* a body by its name"),
         (lambda: gym.make("FishEnv/Stub-v0", water=fish_env.make_water()), {},
          r"water.* is a World, which a recording cannot hold; .* keywords of fish_env.make_water"),
-        (lambda: gym.wrappers.ClipAction(gym.make("FishEnv/Stub-v0")), {}, "without wrappers of your own"),
+        (lambda: gym.wrappers.ClipAction(gym.make("FishEnv/Stub-v0")), {}, "a wrapper ClipAction, which may change"),
         (lambda: fish_env.FishEnv(task="swim"), {}, "not made by gym.make alone"),
         (lambda: gym.make("CartPole-v1"), {}, "give one fish"),
         (None, {"seed": -1}, "seed is -1"),
         (None, {"seed": None}, "seed is None"),
         (None, {"options": {"depth": 1.0}}, "unknown reset option"),
-        (None, {"controller": np.zeros((2, 11))}, "actions has shape"),
-        (None, {"controller": np.full((2, 12), np.nan)}, "actions is nan"),
-        (None, {"controller": lambda obs, time: np.zeros(3)}, "action"),
+        (None, {"policy": np.zeros((2, 11))}, "actions has shape"),
+        (None, {"policy": np.full((2, 12), np.nan)}, "actions is nan"),
+        (None, {"policy": lambda obs, time: np.zeros(3)}, "action"),
         (None, {"steps": 0}, "steps is 0"),
     ],
 )  # fmt: skip
 def test_wrong_use(make, arguments, message):
     """An environment, keyword, controller or seed that cannot be recorded is refused with the reason."""
     with pytest.raises(ValueError, match=message):
-        record(gym.make("FishEnv/Stub-v0") if make is None else make(), **{"controller": np.zeros((2, 12))} | arguments)
+        record(gym.make("FishEnv/Stub-v0") if make is None else make(), **{"policy": np.zeros((2, 12))} | arguments)
 
 
 def test_command(tmp_path, capsys):

@@ -13,10 +13,11 @@ import numpy as np
 import pygame
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import RecordVideo
+from gymnasium.wrappers import AddRenderObservation, RecordVideo
 
 import fish_env
-from fish_env.render import Frame, Renderer, WindowClosed, draw, make_frame
+from fish_env.envs.options import CAMERAS
+from fish_env.render import Format, Frame, Renderer, WindowClosed, draw, make_frame
 from fish_env.render.labels import CENTRE, HEIGHT, PANEL, SCALE, SIDE_UNIT, UNIT, WIDTH
 from fish_env.render.skin import normals, skin_of
 
@@ -108,7 +109,7 @@ def test_path_grows_and_is_forgotten(batch):
         batch.render()
     renderer = batch._renderer
     assert [len(path) for path in renderer._paths] == [41, 41]
-    swum = make_frame(batch, 1, np.array(renderer._paths[1]))
+    swum = make_frame(batch, 1, renderer.path(1))
     assert not np.array_equal(draw(swum), draw(swum._replace(path=swum.path[-1:])))
     assert np.array_equal(draw(swum), draw(swum._replace(path=swum.path[:, :2])))
     batch.reset(seed=3, options={"reset_mask": np.array([True, False])})
@@ -206,6 +207,87 @@ def test_draws_any_frame(batch):
     picture = draw(frame)
     assert not np.array_equal(picture, draw(frame._replace(caption="torn")))
     assert not np.array_equal(picture, draw(frame._replace(position=body.position @ np.diag((-1.0, -1.0, 1.0)))))
+
+
+def turned(frame, angle):
+    """The frame with the world turned about the vertical, counter-clockwise from above."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)])
+    spheres = np.column_stack([frame.spheres[:, :3] @ turn, frame.spheres[:, 3]])
+    return frame._replace(position=frame.position @ turn, commands=frame.commands @ turn, spheres=spheres)
+
+
+def place_of_change(before, after, form):
+    """Where two pictures differ: to the right of and above the middle, body lengths; None if nowhere."""
+    rows, columns = np.nonzero((before != after).any(axis=2))
+    if not len(rows):
+        return None
+    return np.array([columns.mean() + 0.5 - form.width / 2, form.height / 2 - rows.mean() - 0.5]) / form.unit
+
+
+SEEN = {  # to the right and upwards in the picture: what is ahead of the fish, to its left, and above it
+    "above": ((1, 0), (0, 1), (0, 0)),
+    "follow": ((0, 1), (-1, 0), (0, 0)),
+    "side": ((1, 0), (0, 0), (0, 1)),
+}
+
+
+@pytest.mark.parametrize("size", [(84, 84), (240, 180)])
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_cameras(batch, camera, size):
+    """A target and a command are where the camera sees them; those of "follow" and "side" turn with the fish."""
+    form, fish = Format(*size, camera, panel=False), batch.tank.fish
+    frame = make_frame(batch, 0)._replace(
+        position=fish.points(fish.body.position), path=np.zeros((0, 3)), commands=np.zeros((0, 3)), touchable=True
+    )
+    middle = frame.position.mean(axis=0)
+    for angle in (0.0, 2.0):
+        bare = draw(turned(frame, angle), form)
+        assert bare.shape == (*size[::-1], 3)
+        assert np.array_equal(bare, draw(turned(frame, angle)._replace(time=9.0, speed=9.0, task="a task"), form))
+        turn = angle if camera == "above" else 0.0
+        back = np.array([(np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn))])
+        for way, seen in zip(np.eye(3), SEEN[camera], strict=True):
+            target = frame._replace(spheres=np.array([[*(middle + 0.7 * fish.length * way), 0.15]]))
+            found = place_of_change(bare, draw(turned(target, angle), form), form)
+            np.testing.assert_allclose(found, 0.7 * back @ seen, atol=0.05)
+            found = place_of_change(bare, draw(turned(frame._replace(commands=way[None]), angle), form), form)
+            if any(seen):
+                np.testing.assert_allclose(found, 0.65 * back @ seen, atol=0.05)
+            else:
+                assert found is None
+
+
+@pytest.mark.parametrize("size", [(320, 240), (1280, 500), (480, 640)])
+def test_panel_of_any_size(batch, size):
+    """Numbers, scale and second view lie in their corners, and the bar of the scale is a body length."""
+    frame, form = make_frame(batch, 0), Format(*size)
+    changed = (draw(frame, form) != draw(frame, form._replace(panel=False))).any(axis=2)
+    rows, columns = size[1] // 4, size[0] // 4
+    assert all(part.any() for part in (changed[:rows, :columns], changed[-rows:, :columns], changed[-rows:, -columns:]))
+    dark = (draw(frame, form)[-rows:, : size[0] * 2 // 3] < 130).all(axis=2)
+    assert abs(dark.sum(axis=1).max() - form.unit) < 0.05 * form.unit
+
+
+def test_pictures_as_observations():
+    """Keywords of the environment choose the picture, which Gymnasium's wrapper makes the observation."""
+    look = {"width": 84, "height": 96, "camera": "follow", "panel": False}
+    env = AddRenderObservation(gym.make("FishEnv/Stub-v0", render_mode="rgb_array", **look))
+    assert env.observation_space.shape == (96, 84, 3) and env.unwrapped.fish.picture == look
+    first, _ = env.reset(seed=0)
+    obs, *_ = env.step(np.ones(env.action_space.shape, dtype=np.float32))
+    assert env.observation_space.contains(obs) and np.array_equal(obs, env.render()) and (obs != first).any()
+
+
+@pytest.mark.parametrize("keywords", [
+    {"width": 31}, {"height": 84.0}, {"width": 4097}, {"camera": "below"}, {"camera": None}, {"panel": 1},
+    {"width": 84, "height": 84},
+])  # fmt: skip
+def test_pictures_that_are_refused(keywords):
+    """Sizes and cameras that are not allowed are refused, in one line that says what is."""
+    said = r"from 32 to 4096|'above', 'side', 'follow'|True or False|give panel=False, or .* at least 320 and 240"
+    with pytest.raises(ValueError, match=rf"^[^\n]*({said})[^\n]*$"):
+        gym.make("FishEnv/Stub-v0", **keywords)
 
 
 DISPLAYS = """

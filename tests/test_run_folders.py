@@ -25,10 +25,12 @@ from hypothesis import strategies as st
 from pages import ROOT
 from trainings import SHORT, torch, train_short, training
 
-from agents import run_measures, run_report, statistics, train_all
-from agents.config import CONFIGS
-from agents.saved_run import not_through_link, read_curve
+from agents import train_all
 from fish_env import __main__ as command_line
+from fish_env.control import statistics
+from fish_env.training import run_measures, run_report
+from fish_env.training.config import CONFIGS
+from fish_env.training.saved_run import not_through_link, read_curve
 
 DOCUMENTED = (ValueError, FileNotFoundError, RuntimeError, Error)
 COUNTED = ("num_timesteps", "_n_updates", "seed", "_current_progress_remaining")
@@ -272,7 +274,7 @@ def flatten(value, name=""):
 
 
 MEMORY = """import resource, sys
-from agents import train
+from fish_env.training import train
 def most(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 for folder in sys.argv[1:]:
     before = most()

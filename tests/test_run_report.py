@@ -11,9 +11,9 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from agents import run_charts, run_measures, run_report
-from agents.config import CONFIGS
-from fish_env.control import evaluate, make_policy_env, policy_controller, record, shipped_policy
+from fish_env.control import evaluate, make_policy_env, record, shipped_policy
+from fish_env.training import run_charts, run_measures, run_report
+from fish_env.training.config import CONFIGS
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def runs(tmp_path_factory):
     for name, seed, rate, gain in (("seed0", 0, 1e-3, 1.0), ("seed1", 1, 1e-3, 1.5), ("other", 1, 5e-4, 3.0)):
         (root / name).mkdir()
         config = replace(CONFIGS["swim"], timesteps=5000, learning_rate=rate)
-        command = f"python train.py swim --seed {seed} --timesteps 5000"
+        command = f"fish_env train swim --seed {seed} --timesteps 5000"
         saved = {
             "task": "swim",
             "seed": seed,
@@ -54,7 +54,8 @@ def test_page_of_a_run(runs):
     assert list(found) == ["swim: results", "Learning curves", "Failures", "Path", "Gait", "Film"]
     for name in ("Learning curves", "Path", "Gait"):
         assert "<svg" in found[name], name
-    assert "python train.py swim --seed 0 --timesteps 5000" in text and "<td>learning_rate</td>" in text
+    assert "speed, body lengths/s, in training" in found["Learning curves"]
+    assert "fish_env train swim --seed 0 --timesteps 5000" in text and "<td>learning_rate</td>" in text
     assert "seed 0: none of 3 episodes" in found["Failures"]
     assert "srcdoc=" in found["Film"] and "film_player" not in found["Film"]
     for loaded in ("http", 'src="', "@import", "<link"):
@@ -62,7 +63,7 @@ def test_page_of_a_run(runs):
     assert len(text) < 3_000_000
     policy = run_measures.read_run(runs / "seed0").policy
     env = make_policy_env(policy, 3)
-    speed = evaluate(policy_controller(policy, env), env)["speed"].mean()
+    speed = evaluate(env, policy)["speed"].mean()
     assert f"<td>speed</td><td class=number>{speed:.3f} (" in found["swim: results"]
 
 
@@ -96,7 +97,7 @@ def test_no_run(runs, tmp_path):
         shutil.copy(runs / "seed0" / name, bad)
     good = (bad / "config.json").read_text()
     for text, message in (("{", "config.json cannot be used"), ("[]", "not an object"),
-                          (good.replace('"task": "swim"', '"task": "fly"'), "not that of a task 'fly'"),
+                          (good.replace('"task": "swim"', '"task": "fly"'), "unknown task 'fly'"),
                           (good.replace("Swim-v0", "Turn-v0"), "'FishEnv/Turn-v0' is not that of a task 'swim'"),
                           (good.replace("FishEnv/Swim-v0", "os:Swim-v0"), "'os:Swim-v0' is not that of"),
                           (good.replace("Swim-v0", "Turn-v0").replace('"swim"', '"turn"'),
@@ -113,6 +114,12 @@ def test_no_run(runs, tmp_path):
     with pytest.raises(ValueError, match=r"give a name that ends in .html"):
         run_report.write_report([bad], tmp_path / "page.pdf", 2)
     assert not (tmp_path / "page.html").exists()
+
+
+def test_score_of_an_environment_of_another_package():
+    """Its score is the return."""
+    curve = {"timesteps": np.array([100.0, 200.0]), "score": np.ones(2), "return": np.ones(2)}
+    assert run_charts.draw_learning_curves([("mine", [curve])], "return").count("return, per episode, in training") == 2
 
 
 def test_too_many_groups(runs, monkeypatch):
@@ -159,7 +166,7 @@ def test_motion_of_a_stiff_fish():
 
 
 def test_command(runs, monkeypatch, capsys, tmp_path):
-    """`train.py report` writes the page and says where; a folder that is no run is answered in one line."""
+    """`fish_env report` writes the page and says where; a folder that is no run is answered in one line."""
     train = pytest.importorskip("train")
     page = tmp_path / "page.html"
     arguments = ["train.py", "report", str(runs / "seed0"), "--episodes", "2", "--save", str(page)]

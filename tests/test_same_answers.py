@@ -12,6 +12,7 @@ import fish_env
 from fish_env import Tank, make_fish, make_sb3_vec_env
 from fish_env.control import load_policy, record, replay, shipped_policy
 from fish_env.envs import FishEnv, FishVectorEnv
+from fish_env.tasks.options import keywords_of
 
 ID = "FishEnv/LeftAfterRight-v0"
 STUB = "FishEnv/Stub-v0"
@@ -70,12 +71,10 @@ def test_options_of_tasks(task, name):
 
 def test_every_keyword_is_settable_or_refused():
     """Each keyword of each task is set with effect, or refused; none is taken in silence."""
-    import inspect
-
     for task, kind in fish_env.TASKS.items():
         env = FishVectorEnv(2, task=task)
-        keywords = set(inspect.signature(kind).parameters)
-        assert set(env.settable) - keywords == {"max_episode_steps", "variation", "info_every_step"}
+        keywords = set(keywords_of(kind))
+        assert set(env.settable) - keywords == {"max_episode_steps", "variation", "failure_penalty", "info_every_step"}
         for name in keywords - set(env.settable):
             with pytest.raises(AttributeError, match=f"{name!r} cannot be set .* choose from .*max_episode_steps"):
                 env.set_attr(name, 1.0)
@@ -117,9 +116,48 @@ def test_attributes_of_subclasses():
             each.set_attr("weigth", 2.0)
 
 
+def test_options_that_are_assigned():
+    """Keywords of the task that are assigned to Gymnasium's wrappers count; to the environment, they are refused.
+
+    `DummyVecEnv.set_attr` of Stable-Baselines3 assigns to the outermost wrapper.
+    """
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    own = DummyVecEnv([lambda: Monitor(gym.make(ID))])
+    for name, value, wanted in (("severity", 0.2, 0.2), ("variation", {"mass": 1.2}, {"mass": (1.2, 1.2)}),
+                                ("effort_weight", 0.3, 0.3), ("_max_episode_steps", 2, 2)):  # fmt: skip
+        own.set_attr(name, value)
+        own.reset()
+        assert own.get_attr(name) == [wanted]
+    assert own.envs[0].unwrapped.spec.kwargs["severity"] == own.envs[0].unwrapped.fish.task.severity == 0.2
+    assert [own.step(np.zeros((1, 12)))[2][0] for _ in range(4)] == [False, True] * 2
+    for name, value, error in (("severity", 9.0, "severity is 9"), ("max_episode_steps", 2, "'_max_episode_steps'")):
+        own.set_attr(name, value)
+        with pytest.raises((ValueError, AttributeError), match=error):
+            own.reset()
+        own.reset()  # with what counted before
+    single, batch = gym.make("FishEnv/Target-v0"), gym.make_vec("FishEnv/Target-v0", 2)
+    for env in (single.unwrapped, batch.unwrapped):
+        for name in ("bearing", "radius", "reach_bonus"):
+            with pytest.raises(AttributeError, match=f"'{name}' cannot be assigned; call set_wrapper_attr"):
+                setattr(env, name, 0.1)
+    single.set_wrapper_attr("bearing", 0.3)
+
+    class Faster(gym.Wrapper):
+        bearing = None
+
+    wrapped = Faster(single)
+    wrapped.bearing = "a word of its own"
+    wrapped.reset(seed=0)
+    assert wrapped.bearing == "a word of its own"
+    assert SyncVectorEnv([lambda: single]).get_attr("bearing") == (0.3,)
+
+
 @pytest.mark.parametrize(("name", "value"), [
     ("severity", 9.0), ("severity", "hard"), ("angle", (2.0, 1.0)), ("variation", {"depth": 1.0}), ("variation", 3),
-    ("info_every_step", 1), ("reversals", 3),
+    ("info_every_step", 1), ("reversals", 3), ("effort_weight", -0.1), ("failure_penalty", np.nan),
 ])  # fmt: skip
 def test_values_that_are_not_allowed(name, value):
     """A value that no environment could be made with is refused, and nothing is changed."""
@@ -267,7 +305,8 @@ def test_infos(id, every, mode):
     for i, (steps, env) in enumerate(zip((3, 5, 4), own.envs, strict=True)):
         env.set_wrapper_attr("_max_episode_steps", steps)
         native.unwrapped._limit[i] = steps
-    obs = [env.reset(seed=1)[0] for env in (native, own)]
+    obs, begun = zip(*(env.reset(seed=1) for env in (native, own)), strict=True)
+    assert plain(begun[0]) == plain(begun[1]) and bool(begun[0]) == every
     native.unwrapped._limit[:] = 3, 5, 4
     ended = 0
     for action in np.random.default_rng(0).uniform(-1, 1, (5, *native.action_space.shape)).astype(np.float32):
@@ -279,6 +318,34 @@ def test_infos(id, every, mode):
         reset_ended((native, own), one[2] | one[3])
         native.unwrapped._limit[:] = 3, 5, 4  # one limit a fish
     assert ended >= 3 and len(obs) == 2
+
+
+@pytest.mark.parametrize("id", TASK_IDS)
+def test_infos_of_one_shape(id):
+    """With `info_every_step`, every reset and step has the same keys, of the same types: of one fish and in a `VecEnv`.
+
+    A `VecEnv` adds what Stable-Baselines3 wants at the end of an episode.
+    """
+
+    def shape(info):
+        own = info.keys() - {"terminal_observation", "TimeLimit.truncated"}
+        return {
+            key: shape(info[key]) if isinstance(info[key], dict) else np.asarray(info[key]).dtype.kind for key in own
+        }
+
+    options = {"max_episode_steps": 3, "info_every_step": True}
+    one, vec, shapes = gym.make(id, **options), sb3(id, 2, **options), []
+    for _ in range(2):
+        shapes.append(shape(one.reset()[1]))
+        shapes += [shape(one.step(one.action_space.sample())[4]) for _ in range(3)]
+    assert np.isnan(one.reset()[1]["term_progress"])
+    vec.reset()
+    for step in range(7):
+        infos = vec.step(np.zeros((2, 12), dtype=np.float32))[3]
+        shapes += [shape(info) for info in (*infos, *vec.reset_infos)]
+        assert infos[0]["seconds"] == pytest.approx(0.02 * (step % 3 + 1)) and vec.reset_infos[0]["seconds"] == 0.0
+        assert infos[0]["term_effort"] == infos[0]["step_terms"]["effort"]
+    assert all(each == shapes[0] for each in shapes) and shapes[0]["failure"] == "U"
 
 
 @pytest.mark.parametrize("id", TASK_IDS)

@@ -14,7 +14,8 @@ from moving import tiered
 from pages import ROOT
 from trainings import train_short, training
 
-import train as program
+from fish_env import __main__ as command_line
+from fish_env.control import console
 
 LONG = ["swim", "--timesteps", "100000000", "--num-envs", "8", "--torch-threads", "1", "--no-pictures"]
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -55,7 +56,7 @@ def test_a_signal_saves_the_run(name, tmp_path):
         process.send_signal(other)
     said, errors = process.communicate()
     assert process.returncode in {128 + each for each in (number, *others)} and "Traceback" not in errors
-    assert "python train.py swim --resume run" in said and counted(tmp_path / "run") >= 0
+    assert "fish_env train swim --resume run" in said and counted(tmp_path / "run") >= 0
     assert (tmp_path / "run" / "policy.npz").exists() and not list((tmp_path / "run").glob(".*"))
 
 
@@ -133,7 +134,8 @@ def test_an_interruption_that_is_lost(tmp_path, capsys):
 def test_only_the_first_signal_is_heard():
     """The handlers of before are there again afterwards."""
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    with program.hear_first_signal() as came:
+    came = []
+    with console.hear_first_signal(came):
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGINT)
@@ -160,10 +162,9 @@ def test_what_is_out_of_range_is_refused_before_a_folder_is_made(option, value, 
     """One line, and nothing at all lies in the folder."""
     monkeypatch.chdir(tmp_path)
     for place in ([], ["--folder", "run"]):
-        monkeypatch.setattr("sys.argv", ["train.py", "swim", f"--{option}", value, "--no-pictures", *place])
-        assert program.main() == 2
+        assert command_line.main(["train", "swim", f"--{option}", value, "--no-pictures", *place]) == 2
         said = capsys.readouterr().err
-        assert said.startswith("train.py: ") and said.count("\n") == 1 and not list(tmp_path.iterdir())
+        assert said.startswith("fish_env: ") and said.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("asked", "message"), [

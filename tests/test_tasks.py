@@ -12,7 +12,7 @@ from fish_env.envs import VARIATIONS, FishVectorEnv
 from fish_env.envs.variation import vary
 from fish_env.kernels.simd import vec3
 from fish_env.physics.pose import Pose, packed_pose
-from fish_env.tasks import avoid, rewards, start, target, turn, turns
+from fish_env.tasks import avoid, rewards, start, turn, turns
 
 each_task = pytest.mark.parametrize("task", fish_env.TASKS)
 
@@ -74,7 +74,7 @@ def test_turn_is_commanded_when_it_should_be():
         place = place + 0.02 * env.tank.fish.length * start.heading_vector(yaw)
         terms = spun(env, [yaw], place)
         heading.append(env.task.vectors(env.tank, env._pose)[0, 0].copy())
-    assert terms["alignment"][0] == pytest.approx(-0.2 * 2 / np.pi * turns.ALIGNMENT_WEIGHT * 0.02, rel=1e-9)
+    assert terms["alignment"][0] == pytest.approx(-0.2 * 2 / np.pi * turns.ALIGNMENT_WEIGHT.default * 0.02, rel=1e-9)
     np.testing.assert_allclose(heading[:5], [start.heading_vector(0.5)] * 5, atol=1e-12)
     np.testing.assert_allclose(heading[5:], [start.heading_vector(1.5)] * 56, atol=1e-12)
     found = env.task.metrics(env.tank, 0, 1.2)
@@ -180,8 +180,8 @@ def test_alignment_is_linear_in_the_angle():
 @pytest.mark.parametrize(
     ("task", "weight", "options"),
     [
-        ("turn", turn.OVERSHOOT_WEIGHT, {"turn": -0.8}),
-        ("left_after_right", turns.OVERSHOOT_WEIGHT, {"first": 0.8, "side": -1, "dwell": 2.0}),
+        ("turn", turn.OVERSHOOT_WEIGHT.default, {"turn": -0.8}),
+        ("left_after_right", turns.OVERSHOOT_WEIGHT.default, {"first": 0.8, "side": -1, "dwell": 2.0}),
     ],
 )
 def test_turning_too_far_costs(task, weight, options):
@@ -218,26 +218,36 @@ def test_swaying_is_no_overshoot():
         assert found["heading_error"] < 0.03 * 8.0
 
 
-# Strain and work
+# Strain and energy
 
 
-def test_strain_and_work_against_their_definitions():
-    """Largest strain over all units, and tension times shortening of the muscles, as numpy sums them."""
+def test_strain_against_its_definition():
+    """Largest strain over all springs at the ends of steps, as numpy finds it."""
     env = begun("turn")
-    tank, springs, muscles = env.tank, env.tank.fish.body.springs, env.tank.fish.muscles
-    strain, work, before = 0.0, 0.0, (0.0, springs.rest_length[muscles])
+    tank, springs, strain = env.tank, env.tank.fish.body.springs, 0.0
     for action in np.random.default_rng(0).uniform(-1, 1, (30, 1, 12)):
         env.step(action)
-        x, rest = tank.position[0], tank.rest_length[0, muscles].copy()
+        x = tank.position[0]
         length = np.linalg.norm(x[springs.nodes[:, 0]] - x[springs.nodes[:, 1]], axis=1)
         strain = max(strain, np.abs(length / springs.rest_length - 1).max())
-        pull = springs.stiffness[muscles] * (length[muscles] - rest)
-        work -= 0.5 * ((pull + before[0]) @ (rest - before[1]))
-        before = pull, rest
-    found = env.task.metrics(tank, 0, 0.6)
-    assert found["peak_strain"] == pytest.approx(strain, rel=1e-12)
-    assert found["work"] == pytest.approx(work / tank.fish.body.mass.sum(), rel=1e-9)
-    assert work > 0
+    assert env.task.metrics(tank, 0, 0.6)["peak_strain"] == pytest.approx(strain, rel=1e-12)
+
+
+@each_task
+def test_energy_of_an_episode(task):
+    """Work, power and cost of transport are those of the tank's work, the fish's own mass, the time and the path."""
+    env = begun(task, 2, options={"mass": 1.5})
+    assert env.episode_info(0)["work"] == 0.0 and math.isnan(env.episode_info(0)["cost_of_transport"])
+    mass, path = 1.5 * env.tank.fish.body.mass.sum(), [env._pose.centre.copy()]
+    for action in np.random.default_rng(0).uniform(-1, 1, (30, 2, 12)):
+        env.step(action)
+        path.append(env._pose.centre.copy())
+    travelled = np.linalg.norm(np.diff(path, axis=0), axis=2).sum(axis=0)
+    for i, work in enumerate(env.tank.work / mass):
+        found = env.episode_info(i)
+        assert work > 0
+        wanted = {"work": work, "power": work / found["seconds"], "cost_of_transport": work / travelled[i]}
+        assert {name: found[name] for name in wanted} == pytest.approx(wanted, rel=1e-9)
 
 
 # Target
@@ -245,7 +255,7 @@ def test_strain_and_work_against_their_definitions():
 
 def test_targets_follow_one_another():
     """A target that the nose reaches pays the bonus and the next appears; one that waits too long is missed."""
-    env = begun("target", patience=1.0, options={"yaw": 0.0, "distance": 1.5, "bearing": 0.4})
+    env = begun("target", patience=1.0, reach_bonus=3.0, options={"yaw": 0.0, "distance": 1.5, "bearing": 0.4})
     task, length = env.task, env.tank.fish.length
     direction, way = task.vectors(env.tank, env._pose)[0]
     np.testing.assert_allclose([direction, way / 1.5], [start.heading_vector(0.4)] * 2, atol=1e-9)
@@ -257,7 +267,7 @@ def test_targets_follow_one_another():
         terms = measured(env)
         total += terms["progress"][0]
     assert total == pytest.approx(first - np.linalg.norm(goal - env.tank.position[0, 0]) / length, rel=1e-9)
-    assert terms["reached"][0] == target.REACH_BONUS
+    assert terms["reached"][0] == 3.0
     assert (task._target[0] != goal).any()
     for _ in range(50):
         measured(env)
@@ -317,12 +327,12 @@ def test_obstacle_appears_ahead_and_moves(drift):
 def test_touching_ends_the_episode():
     """A fish that swims straight into the sphere pays the penalty and is done; one far away is not."""
     options = {"yaw": 0.0, "turn": 0.0, "wait": 0.0, "gap": 0.5, "aside": 0.0, "drift": 0.0}
-    env = begun("avoid", 2, options=options)
+    env = begun("avoid", 2, options=options, touch_penalty=7.0)
     spun(env, [0.0, 0.0])
     for way, touched in ((0.45, False), (0.1, True)):
         env.tank.position[0, :, 0] += way * env.tank.fish.length
         env._measure()
-        assert measured(env)["touch"].tolist() == [-avoid.TOUCH_PENALTY * touched, 0.0]
+        assert measured(env)["touch"].tolist() == [-7.0 * touched, 0.0]
         assert env.task.done(None, None).tolist() == [touched, False]
     one, other = (env.task.metrics(env.tank, i, 1.0) for i in range(2))
     assert not one["avoided"] and one["clearance"] < 0 < other["clearance"] and other["avoided"]
@@ -345,6 +355,29 @@ def test_terms_add_up(task):
     assert sum(info["terms"].values()) == pytest.approx(total, rel=1e-9)
     assert set(info["terms"]) == {*env.unwrapped.fish.task.term_names, "failure"}
     assert all(isinstance(value, float | int) for name, value in info.items() if name not in ("terms", "failure"))
+
+
+@each_task
+def test_weights_scale_their_terms(task):
+    """Twice every weight is exactly twice its term and no other, from the next step if it is set while running."""
+    weights = {name: 2.0 * option.default for name, option in fish_env.TASKS[task].weights.items()}
+    plain, doubled = begun(task, 2), begun(task, 2, **weights)
+    changed = begun(task, 2, **dict.fromkeys(weights, 0.0))
+    scaled = {term for term in plain.task.term_names for name in weights if term.startswith(name.split("_")[0])}
+    assert len(scaled) == len(weights)
+    actions = np.random.default_rng(0).uniform(-1, 1, (6, 2, 12))
+    for step, action in enumerate(actions):
+        if step == 3:
+            for name, value in weights.items():
+                changed.set_attr(name, value)
+                assert changed.get_attr(name) == (value, value)
+        for env in (plain, doubled, changed):
+            env.step(action)
+        found = (env._arrays["terms"] for env in (plain, doubled, changed))
+        for name, one, two, three in zip(plain._names, *found, strict=True):
+            np.testing.assert_array_equal(two, one * (2.0 if name in scaled else 1.0))
+            np.testing.assert_array_equal(three, two * (step >= 3 or name not in scaled))
+    assert (doubled._arrays["totals"] != plain._arrays["totals"]).any()
 
 
 @each_task

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from trainings import SHORT, torch, train_short
 
-from agents.build import export_policy, make_env, make_model, start_from
-from agents.config import CONFIGS, FINE_TUNING, change_simulation
 from fish_env import INTEGRATORS, Tank, make_fish
-from fish_env.control import evaluate, load_policy, make_policy_env, policy_controller
+from fish_env.control import evaluate, load_policy, make_policy_env
 from fish_env.physics.tank_options import own_step
+from fish_env.training.build import export_policy, make_env, make_model, start_from
+from fish_env.training.config import CONFIGS, FINE_TUNING, change_simulation
 
 FISH = make_fish()
 
@@ -60,8 +60,10 @@ def test_a_start_that_does_not_fit_is_refused():
 def test_train_with_another_simulation(tmp_path):
     """Body, method and step are in the settings, the command and the policy; a run resumes so, and another goes on."""
     chosen = {"body": "planar", "integrator": "symplectic_euler", "dt": 0.0005}
+    same = train_short(folder=tmp_path / "keywords", env_options=chosen)
     first = train_short(folder=tmp_path / "flat", **chosen)
     record, policy = json.loads((first / "config.json").read_text()), load_policy(first / "policy.npz")
+    assert json.loads((same / "config.json").read_text()) == record
     options = chosen | {"muscle_groups": "pairs"}
     assert record["config"]["env_options"] == policy.about["env_options"] == options
     assert record["command"].endswith("--body planar --integrator symplectic_euler --dt 0.0005")
@@ -69,7 +71,7 @@ def test_train_with_another_simulation(tmp_path):
     assert env.tank.fish.flat and env.tank.integrator.name == "symplectic_euler" and env.tank.dt == 0.0005
     env = make_policy_env(policy, 2, body="mass_spring")
     assert not env.tank.fish.flat and env.single_action_space.shape == (6,)
-    assert np.isfinite(evaluate(policy_controller(policy, env), env)["speed"]).all()
+    assert np.isfinite(evaluate(env, policy)["speed"]).all()
     train_short(resume=first, changes={"timesteps": 2048})
     again = json.loads((first / "config.json").read_text())
     assert again["config"]["env_options"] == options and again["resumed"] == 1
@@ -84,7 +86,7 @@ def test_train_with_another_simulation(tmp_path):
 def test_what_does_not_go_together_is_refused(trained, tmp_path):
     """A run that is resumed keeps its body and method, and another task or an empty folder is no start."""
     for asked in ({"body": "planar"}, {"integrator": "rk4"}, {"dt": 0.001}, {"start": trained}):
-        with pytest.raises(ValueError, match="has its body, its integrator"):
+        with pytest.raises(ValueError, match="has its environment and its starting point"):
             train_short(resume=trained, **asked)
     with pytest.raises(FileNotFoundError, match="to start from"):
         train_short(root=tmp_path, start=tmp_path)

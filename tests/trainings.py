@@ -6,7 +6,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("tensorboard")
 
-from agents import train as training
+from fish_env.training import train as training
 
 SHORT = {"timesteps": 1024, "num_envs": 8}
 

@@ -39,7 +39,7 @@ def write_gait(starts, command, generations=60) -> None:
 
     def slowness(point):
         found = gait(point)
-        scores = evaluate(gait_controller(found, env), env, GAIT_SEED)
+        scores = evaluate(env, gait_controller(found, env), GAIT_SEED)
         speed = np.hypot(scores["speed"], scores["sideways"]).mean()
         outside = float(np.sum((point[:4] - np.clip(point[:4], 0, 1)) ** 2))
         measured = bars(swim_gait(fish, found))

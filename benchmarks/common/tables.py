@@ -8,9 +8,9 @@ from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 
-from agents.checkout import ROOT, present_commit
 from benchmarks.common.reference import as_text, trajectories
 from fish_env.control.files import write_text
+from fish_env.training.checkout import ROOT, present_commit
 
 RESULTS = ROOT / "benchmarks" / "results"
 IMAGES = ROOT / "docs" / "images"

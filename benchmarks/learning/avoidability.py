@@ -49,5 +49,5 @@ def avoidable(env: FishVectorEnv, options=None) -> np.ndarray:
     manoeuvres += [open_loop(env, side, duration) for side in (-1, 0, 1) for duration in BENDS]
     past = np.zeros(env.num_envs, dtype=bool)
     for manoeuvre in manoeuvres:
-        past |= evaluate(manoeuvre, env, FIRST_SEED, options)["passed"] > 0
+        past |= evaluate(env, manoeuvre, FIRST_SEED, options)["passed"] > 0
     return past

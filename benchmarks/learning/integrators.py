@@ -14,7 +14,7 @@ from benchmarks.common.charts import pyplot, save
 from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import RESULTS, write_csv
 from fish_env import INTEGRATORS
-from fish_env.control import Scores, load_policy, make_policy_env, policy_controller, run_episodes, shipped_policies
+from fish_env.control import Scores, load_policy, make_policy_env, run_episodes, shipped_policies
 from fish_env.control.evaluation import episode_scores, scores_by_name
 from fish_env.control.files import writable_folder
 from fish_env.envs import FishVectorEnv
@@ -51,7 +51,7 @@ def replay(path: Path, how: tuple[str, float, float | None], episodes: int) -> t
     policy = load_policy(path)
     env = make_policy_env(policy, episodes, integrator=integrator, dt=dt, refine=refine)
     results, track = [{}] * env.num_envs, []
-    for ended, done, infos in run_episodes(policy_controller(policy, env), env):
+    for ended, done, infos in run_episodes(env, policy):
         for i in np.flatnonzero(ended).tolist():
             results[i] = episode_scores(infos["final_info"], i)
         track.append(np.where(done[:, None], np.nan, places(env)))

@@ -14,11 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.checkout import present_commit
-from agents.config import CONFIGS, RESULTS
-from agents.report import baselines
-from agents.saved_run import read_record
-from agents.statistics import interquartile_mean, interval, seed_mean
+from agents.published import CONFIGS, SEEDS
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import IMAGES, ROOT, read_rows, write_csv
@@ -31,10 +27,14 @@ from fish_env.control import (
     evaluation_options,
     load_policy,
     make_eval_env,
-    policy_controller,
 )
 from fish_env.control.files import replacing, writable_folder, write_text
 from fish_env.control.policy import PRETRAINED
+from fish_env.control.statistics import interquartile_mean, interval, seed_mean
+from fish_env.training.checkout import present_commit
+from fish_env.training.config import SCORES
+from fish_env.training.report import baselines
+from fish_env.training.saved_run import read_record
 
 COMMAND = "python train.py all"
 CURVE_POINTS = 60
@@ -123,7 +123,7 @@ def publish(root: Path, tasks=None) -> None:
     for folder in (PRETRAINED, LEARNING, IMAGES, PAGE.parent, README.parent):
         writable_folder(folder)
     for task in CONFIGS if tasks is None else tasks:
-        seeds = [root / task / f"seed_{seed}" for seed in range(RESULTS[task].seeds)]
+        seeds = [root / task / f"seed_{seed}" for seed in range(SEEDS[task])]
         runs = [run for run in seeds if (run / "results.json").exists()]
         if not runs:
             raise FileNotFoundError(
@@ -161,13 +161,13 @@ def replace_rows(table: str, task: str, rows: list[dict]) -> None:
 
 def publish_task(task: str, runs: list[Path]) -> None:
     """Evaluate the seeds of a task and the controllers without learning under every condition, and write the tables."""
-    config, result = CONFIGS[task], RESULTS[task]
+    config = CONFIGS[task]
     policies = [load_policy(run / "policy.npz", config.env_id) for run in runs]
     seed_rows, method_rows, generator = [], [], np.random.default_rng(0)
     for condition, (keywords, options) in {"": ({}, {}), **PUBLICATIONS[task].conditions}.items():
         env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | keywords)
-        methods = {name: [evaluate(controller, env, options=options)] for name, controller in baselines(env).items()}
-        methods["PPO"] = [evaluate(policy_controller(policy, env), env, options=options) for policy in policies]
+        methods = {name: [evaluate(env, controller, options=options)] for name, controller in baselines(env).items()}
+        methods["PPO"] = [evaluate(env, policy, options=options) for policy in policies]
         if task == "avoid":
             everyone = [scores for found in methods.values() for scores in found]
             where = avoidable(env, options) | np.any([scores["passed"] > 0 for scores in everyone], axis=0)
@@ -181,7 +181,7 @@ def publish_task(task: str, runs: list[Path]) -> None:
                                     "low": rounded(low), "high": rounded(high), "seeds": len(found),
                                     "episodes": EPISODES})  # fmt: skip
         if not condition:
-            ship(runs, methods["PPO"], result.score, PRETRAINED / task)
+            ship(runs, methods["PPO"], SCORES[task], PRETRAINED / task)
     measured = {"measured": present_commit()}
     replace_rows("seeds", task, [row | measured for row in seed_rows])
     replace_rows("methods", task, [row | measured for row in method_rows])
@@ -208,7 +208,7 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
         policies = [load_policy(run / "policy.npz", CONFIGS[task].env_id) for run in runs]
         for moved, options in ((integrator, settings), ("the default", CONFIGS[task].env_options)):
             env = make_eval_env(CONFIGS[task].env_id, EPISODES, evaluation_options(options))
-            found = [evaluate(policy_controller(policy, env), env) for policy in policies]
+            found = [evaluate(env, policy) for policy in policies]
             for metric in dict.fromkeys((*PUBLICATIONS[task].headline, "return", "failed")):
                 value, low, high = interval(found, metric, generator)
                 rows.append({"task": task, "moved_by": moved, "dt": settings.get("dt", ""), "metric": metric,
@@ -275,7 +275,7 @@ def draw_curves(path: Path) -> None:
         for line in lines:
             axes.plot(*line, color="#0b7a99", alpha=0.3, lw=0.8)
         axes.plot(points, [interquartile_mean(column) for column in levels.T], color="#0b7a99", lw=2)
-        score = RESULTS[task].score
+        score = SCORES[task]
         levels_of = {key_of(row): row["value"] for row in read_stored("methods")}
         axes.axhline(float(levels_of[task, "", "motor controllers", score]), color="#c0562f", ls="--", lw=1)
         axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=score, ylim=(0, None))

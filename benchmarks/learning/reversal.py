@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.config import CONFIGS
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.tables import IMAGES, write_csv
 from fish_env.control import evaluation_options, load_policy, make_eval_env, policy_controller, scripted
 from fish_env.control.policy import PRETRAINED
 from fish_env.envs import FishVectorEnv
+from fish_env.training.config import CONFIGS
 
 COMMAND = {"yaw": 0.0, "side": -1, "first": 1.3, "second": 1.3, "part": 0.6, "wait": 1.0}
 SEED = 0

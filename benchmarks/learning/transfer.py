@@ -8,7 +8,6 @@ import argparse
 import numpy as np
 from tqdm import tqdm
 
-from agents.config import CONFIGS
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import write_csv
 from benchmarks.learning.publish import PUBLICATIONS
@@ -18,10 +17,10 @@ from fish_env.control import (
     evaluation_options,
     load_policy,
     make_eval_env,
-    policy_controller,
     scripted,
 )
 from fish_env.control.policy import PRETRAINED
+from fish_env.training.config import CONFIGS
 
 COMMAND = "python -m benchmarks.learning.transfer"
 BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 50, "tetrahedral": 25}
@@ -40,7 +39,7 @@ def shipped_rows() -> list[dict]:
                 for who in ("policy", "motor controllers"):
                     bar.set_postfix_str(f"{task}, {body}, {who}")
                     env = make_eval_env(CONFIGS[task].env_id, episodes, options)
-                    scores = evaluate(policy_controller(policy, env) if who == "policy" else scripted(env), env)
+                    scores = evaluate(env, policy if who == "policy" else scripted(env))
                     env.close()
                     for metric in dict.fromkeys((*PUBLICATIONS[task].headline, "failed")):
                         known = scores[metric][np.isfinite(scores[metric])]

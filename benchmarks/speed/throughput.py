@@ -1,4 +1,4 @@
-"""Cost of fish and environments: one fish and many, environment steps, memory, first use.
+"""Cost of fish and environments: one fish and many, environment steps, sensing, states, pictures, memory, first use.
 
     python -m benchmarks.speed.throughput     results/throughput.csv (2 minutes)
 
@@ -24,6 +24,7 @@ from benchmarks.common.timing import Cost, interleaved
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
 from fish_env.control import best_gait
+from fish_env.envs import FishVectorEnv
 
 COMMAND = "python -m benchmarks.speed.throughput"
 SETS, ROUNDS = 3, 5  # how often all tanks are made, and are timed in turn
@@ -184,10 +185,65 @@ def environments() -> list[tuple[str, float]]:
     ]
 
 
+SENSED = {
+    "observation_noise": {"velocity": 0.1, "vertical": 0.01}, "action_noise": 0.1, "observation_delay": (0, 1),
+    "action_delay": (0, 1), "history": 1,
+}  # fmt: skip
+INSTRUMENTS = SENSED | {"observation": "sensors", "observation_noise": {"angular velocity": 0.1, "vertical": 0.01}}
+SMALL = {"render_mode": "rgb_array", "width": 84, "height": 84, "panel": False}
+
+
+def options() -> list[tuple[str, float]]:
+    """What noise, delays, a history and sensors add to an environment step; times of states and of small pictures."""
+    found = []
+    for count in (1, MANY):
+        kinds = {"nodes": {}, "noise, delays and a history": SENSED, "the same, with sensors": INSTRUMENTS}
+        envs = {name: FishVectorEnv(count, task="swim", threads=1, **kind) for name, kind in kinds.items()}
+        runs = [prepared(env, partial(step, env, 4000 // count // 4), 4000 // count // 4) for env in envs.values()]
+        costs = dict(zip(envs, interleaved(runs, 4 * ROUNDS), strict=True))
+        found += [
+            (f"an environment step of {count} fish, {name}, over one of nodes", cost.ratio[1])
+            for name, cost in list(costs.items())[1:]
+        ]
+        env = envs["nodes"]
+        state, often = env.get_state(), max(1, 500 // count)
+        works = (lambda env=env: env.get_state(), lambda env=env, state=state: env.set_state(state))
+        pair = [(lambda: None, partial(repeat, work, often), often * count) for work in works]
+        for name, cost in zip(("get_state", "set_state"), interleaved(pair, 4 * ROUNDS), strict=True):
+            found.append((f"{name} of {count} fish, us a fish", cost.time[1]))
+    for camera in ("above", "side", "follow"):
+        env = FishVectorEnv(1, task="swim", threads=1, camera=camera, **SMALL)
+        cost = interleaved([prepared(env, partial(repeat, partial(draw, env), 50), 50)], ROUNDS)[0]
+        found.append((f"pictures of 84 x 84 a second, {camera}, with the step", 1e6 / cost.time[1]))
+    return found
+
+
+def prepared(env: FishVectorEnv, run: Callable[[], None], steps: int) -> tuple:
+    """A run of an environment for `interleaved`, that begins at a reset."""
+    return lambda: env.reset(seed=0), run, steps * env.num_envs
+
+
+def step(env: FishVectorEnv, times: int) -> None:
+    """Step with an action that is always the same."""
+    repeat(partial(env.step, np.zeros(env.action_space.shape, dtype=np.float32)), times)
+
+
+def draw(env: FishVectorEnv) -> None:
+    """Step and draw."""
+    step(env, 1)
+    env.render()
+
+
+def repeat(work: Callable[[], object], times: int) -> None:
+    """Do it so many times."""
+    for _ in range(times):
+        work()
+
+
 def main() -> None:
     """Measure, print and write."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rows = [{"quantity": name, "value": f"{value:.5g}"} for name, value in environments() + intervals()]
+    rows = [{"quantity": name, "value": f"{value:.5g}"} for name, value in environments() + intervals() + options()]
     for each in rows:
         print(*each.values(), sep="  ")
     print(write_csv("throughput.csv", rows, COMMAND))

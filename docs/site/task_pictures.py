@@ -9,18 +9,17 @@ import gymnasium as gym
 import numpy as np
 from PIL import Image
 
-from agents.config import CONFIGS
 from fish_env.control import (
     evaluation_options,
     load_policy,
     make_eval_env,
-    policy_controller,
     record,
     run_episodes,
     write_film,
     write_video,
 )
 from fish_env.control.policy import PRETRAINED
+from fish_env.training.config import CONFIGS
 
 ROOT = Path(__file__).parents[2]
 MOMENTS = (0.08, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed
@@ -34,7 +33,7 @@ def play(task: str, seconds: float):
     policy = load_policy(PRETRAINED / task / "policy.npz")
     options = evaluation_options(policy.about["env_options"]) | {"render_mode": "rgb_array"}
     env = make_eval_env(policy.about["env_id"], 1, options)
-    for k, (_, done, _) in enumerate(run_episodes(policy_controller(policy, env), env)):
+    for k, (_, done, _) in enumerate(run_episodes(env, policy)):
         if done.any() or k > round(seconds / env.control_interval):
             break
         if k > 0:

@@ -12,7 +12,7 @@ from fish_env.physics.world import make_world
 GRAVITY = 9.81  # m/s2
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class InRoom(ElasticObject):
     """An elastic object that falls, is thrown and is dragged in a room."""
 

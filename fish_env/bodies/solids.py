@@ -38,7 +38,7 @@ SOFT = SolidMaterial()
 STIFF = replace(SOFT, young=2e5, density=1000.0)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Solid(InRoom):
     """An elastic object of tetrahedra."""
 

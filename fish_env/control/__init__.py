@@ -1,9 +1,10 @@
 """Controllers and trained policies: all that is needed to run, evaluate and watch them, with numpy alone.
 
-- `Policy`, `load_policy`, `shipped_policy`, `shipped_policies`: trained policies as files of plain numbers;
+- `Policy`, `Normalisation`, `load_policy`, `shipped_policy`, `shipped_policies`: trained policies as plain numbers;
 - `Gait`, `best_gait`: the open-loop gait; `Sequencer`, `scripted`: Tu's motor controllers (Tu 1996, ch. 5);
-- `evaluate`, `run_episodes`, `means`: episodes on fixed seeds, with `policy_controller`, `gait_controller`,
-  `random_actions` or a controller of your own in the batch that `make_eval_env` or `make_policy_env` makes;
+- `evaluate`, `compare`, `run_episodes`, `means`: episodes on fixed seeds, for what `as_controller` takes: a policy, its
+  name or file, a model of Stable-Baselines3, or a function such as `gait_controller` and `random_actions` return; in
+  the batch that `make_eval_env` or `make_policy_env` makes;
 - `record`, `load_recording`, `replay`: an episode as a file, simulated again and compared bit for bit;
 - `play`, `write_film`, `write_video`: in a window, as a page that turns in 3-D or as a video, with the extra [render].
 
@@ -15,7 +16,9 @@ from fish_env.control.evaluation import (
     EPISODES,
     FIRST_SEED,
     Controller,
+    PolicyLike,
     Scores,
+    as_controller,
     evaluate,
     evaluation_options,
     gait_controller,
@@ -29,25 +32,32 @@ from fish_env.control.film import write_film
 from fish_env.control.gait import Gait, best_gait
 from fish_env.control.motor import MotorTables, load_tables
 from fish_env.control.playback import play
-from fish_env.control.policy import Policy, load_policy, shipped_policies, shipped_policy
+from fish_env.control.policy import Normalisation, Policy, load_policy, shipped_policies, shipped_policy
 from fish_env.control.recording import Recording, load_recording
 from fish_env.control.replaying import Replay, record, replay
 from fish_env.control.sequencer import Habits, Sequencer, random_actions, scripted
+from fish_env.control.statistics import Comparison, Interval, compare
 from fish_env.control.video import write_video
 
 __all__ = [
     "EPISODES",
     "FIRST_SEED",
+    "Comparison",
     "Controller",
     "Gait",
     "Habits",
+    "Interval",
     "MotorTables",
+    "Normalisation",
     "Policy",
+    "PolicyLike",
     "Recording",
     "Replay",
     "Scores",
     "Sequencer",
+    "as_controller",
     "best_gait",
+    "compare",
     "evaluate",
     "evaluation_options",
     "gait_controller",

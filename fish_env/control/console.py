@@ -1,9 +1,10 @@
-"""End of a command line: an exit status, at most one line with the error, and no traceback."""
+"""How a command ends: an exit status, at most one line with the error, no traceback, and saved work after a signal."""
 
 import os
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import gymnasium as gym
 
@@ -11,12 +12,16 @@ WRONG, STOPPED, UNREAD = 2, 130, 141  # the last two as for other programs that 
 LINE = 2000  # characters of an error: a file may hold text of any length
 
 
-def run_command(name: str, command: Callable[[], int]) -> int:
+INSTALL = 'pip install "fish_env[train]"'
+
+
+def run_command(name: str, command: Callable[[], int], install: str = INSTALL) -> int:
     """The exit status of a command, 2 after a line on stderr for an error that a user can correct.
 
     Args:
         name: of the program, before the error.
         command: gives its exit status.
+        install: the command that installs what is missing.
     """
     try:
         try:
@@ -26,15 +31,18 @@ def run_command(name: str, command: Callable[[], int]) -> int:
                 sys.stdout.flush()  # a full disk is found out here, not after the end
     except BrokenPipeError:  # what reads the output has read enough, as `head` does
         status = UNREAD
-    except (ValueError, OSError, RuntimeError, MemoryError, gym.error.Error) as error:
+    except (ValueError, OSError, RuntimeError, MemoryError, ImportError, gym.error.Error) as error:
         said = " ".join((str(error) or type(error).__name__).split())
+        if isinstance(error, ImportError) and "pip install" not in said:
+            said += f"; install what it needs: {install}"
         status = WRONG
         with suppress(OSError):
             print(f"{name}: {said if len(said) <= LINE else said[:LINE] + ' ...'}", file=sys.stderr)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         status = STOPPED
         with suppress(OSError):
-            print("\nStopped.", file=sys.stderr)
+            if type(stop) is KeyboardInterrupt:  # else what was saved is printed already
+                print("\nStopped.", file=sys.stderr)
     _give_up_broken()
     return status
 
@@ -46,3 +54,26 @@ def _give_up_broken() -> None:
             stream.flush()
         except OSError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+@contextmanager
+def hear_first_signal(came: list[int]) -> Iterator[None]:
+    """A context in which SIGTERM and SIGHUP do what Ctrl-C does; after the first of them, no other interrupts.
+
+    A second one would end the saving. Those that come are added to the list. `nohup` works as usual.
+    """
+
+    def stop(number, frame):
+        came.append(number)
+        if len(came) == 1:
+            raise KeyboardInterrupt
+
+    numbers, hangup = [signal.SIGINT, signal.SIGTERM], getattr(signal, "SIGHUP", None)  # Windows has none
+    if hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN:
+        numbers.append(hangup)
+    before = {number: signal.signal(number, stop) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)

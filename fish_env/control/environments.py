@@ -21,6 +21,8 @@ ID = re.compile(r"([\w-]{1,100}/)?[\w.-]{1,100}", re.ASCII)
 NOT_STATED = ("self", "id", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "autoreset_mode",
               "render_mode", "disable_env_checker")  # fmt: skip
 """Keywords that are not of the environment, but of those who make it."""
+WATCHING = ("RecordEpisodeStatistics", "RecordVideo", "HumanRendering", "RenderCollection", "TimeLimit")
+"""Gymnasium's wrappers that change neither observations, nor actions, nor rewards."""
 MOST_STEPS = 100_000
 """Steps of the integrator in one environment step: about a second. Those of the bodies are at most 24."""
 
@@ -81,6 +83,27 @@ def make_checked_batch(env_id: str, options: Mapping[str, Any], num_envs: int) -
         env = make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
     _check_work(env)
     return env
+
+
+def one_fish(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
+    """The bare environment of one fish, its id and its keywords.
+
+    Raises:
+        ValueError: for another environment, one that `gym.make` has not made, or one with wrappers that may change
+            observations, actions or rewards.
+    """
+    bare = getattr(env, "unwrapped", env)
+    if not isinstance(bare, FishEnv):
+        raise ValueError(f"the environment is a {type(bare).__name__}; give one fish: gym.make('FishEnv/Swim-v0')")
+    if env.spec is None or bare.spec is None:
+        raise ValueError("the environment was not made by gym.make alone; make it by its id")
+    for wrapper in env.spec.additional_wrappers:
+        if not wrapper.entry_point.startswith("gymnasium.wrappers.") or wrapper.name not in WATCHING:
+            raise ValueError(
+                f"the environment has a wrapper {wrapper.name}, which may change what the fish sees or does; give it "
+                f"without, or with {', '.join(WATCHING)} alone"
+            )
+    return bare, env.spec.id, {name: value for name, value in bare.spec.kwargs.items() if name != "render_mode"}
 
 
 def _check_work(fish: FishVectorEnv) -> None:

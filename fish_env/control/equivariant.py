@@ -11,27 +11,33 @@ This module loads torch and Stable-Baselines3, of the extra [train]; nothing els
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 
 try:
     import torch
     from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.policies import ActorCriticPolicy
-    from stable_baselines3.common.running_mean_std import RunningMeanStd
+    from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
     from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor, MlpExtractor
-    from stable_baselines3.common.vec_env import VecCheckNan, VecEnvWrapper, VecMonitor, VecNormalize, VecVideoRecorder
     from torch import nn
 except ImportError as error:
     raise ImportError(
         'fish_env.control.equivariant needs torch and Stable-Baselines3: pip install "fish_env[train]"'
     ) from error
 
+from fish_env.control.models import check_spaces, normalisation_of
 from fish_env.control.policy import Policy
 from fish_env.envs import FishVectorEnv
 
-HARMLESS = (VecMonitor, VecCheckNan, VecNormalize, VecVideoRecorder)
-"""Wrappers that change neither observations nor actions, `VecNormalize` where it normalises returns only."""
+POLICIES = (
+    "stable_baselines3.common.policies.ActorCriticPolicy",
+    "stable_baselines3.sac.policies.SACPolicy",
+    "stable_baselines3.td3.policies.TD3Policy",
+    "sb3_contrib.tqc.policies.TQCPolicy",
+    f"{__name__}.EquivariantPolicy",
+)
+"""Those that are exported, by name: sb3-contrib may not be installed."""
+ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu"}
+"""Those of hidden layers that a `Policy` has."""
 
 
 class Reflection(NamedTuple):
@@ -160,120 +166,98 @@ class EquivariantPolicy(ActorCriticPolicy):
 
 
 def export_policy(
-    model: BaseAlgorithm | ActorCriticPolicy,
+    model: BaseAlgorithm | BasePolicy,
     about: Mapping[str, Any],
     combine: np.ndarray | None = None,
     raw: bool = False,
 ) -> Policy:
-    """The mean action of a trained model as a `Policy`, which numpy alone can run.
+    """The deterministic action of a trained model as a `Policy`, which numpy alone can run.
 
-    The scaling of observations, that of `ScaledObservation` and of `VecNormalize`, is folded into the first layer.
+    The policy normalises observations as `VecNormalize` does; `ScaledObservation` is folded into the first layer.
 
     Args:
-        model: a PPO or A2C with the environment that it was trained in; or a policy alone, with `raw`. The policy is an
-            `EquivariantPolicy` or an ordinary one, with `ScaledObservation` or without; its hidden layers have tanh.
+        model: a PPO, A2C, SAC, TD3, DDPG, or a TQC of sb3-contrib, with the environment that it was trained in; or a
+            policy alone, with `raw`. The policy is an `EquivariantPolicy` or an `MlpPolicy`, with `ScaledObservation`
+            or without; its hidden layers have tanh or ReLU.
         about: what the file says of it: env_id, env_options, and whatever else a reader should know.
         combine: matrix (A,A') from the policy's actions to those of the environment, if a wrapper combines them; None
             if they are the same.
         raw: the observations of a policy alone, which does not know its environment, are not normalised.
 
     Raises:
-        ValueError: for another algorithm, other layers, actions that are squashed, or a wrapper that changes
-            observations or actions, saying why.
+        ValueError: for other policies, layers or spaces, or a wrapper that changes observations or actions, saying why.
     """
+    policy, normalisation = model.policy if isinstance(model, BaseAlgorithm) else model, None
+    check_spaces(policy.observation_space, policy.action_space, combine is not None)
     if isinstance(model, BaseAlgorithm):
-        policy, (offset, scale) = model.policy, _observation_scaling(model, combine is not None)
-    elif raw:
-        policy, offset, scale = model, 0.0, 1.0
-    else:
+        normalisation = normalisation_of(model, combine is not None)
+    elif not raw:
         raise ValueError("a policy does not know whether its observations are normalised; give the model, or raw=True")
-    if not isinstance(policy, ActorCriticPolicy) or type(policy) not in (ActorCriticPolicy, EquivariantPolicy):
-        raise ValueError(f"a {type(policy).__name__} is not exported; train PPO or A2C with an MlpPolicy")
-    _check_export(policy, combine)
-    weights, biases = plain_layers(policy)
+    scaler, modules = actor_modules(policy)
+    hidden, output = _activation(modules), "tanh" if policy.squash_output else "clip"
+    weights, biases = plain_layers(policy, modules)
     if combine is not None:
+        if output != "clip":
+            raise ValueError("actions are squashed by tanh, and a wrapper combines them; train without one of the two")
         weights[-1], biases[-1] = weights[-1] @ combine.T, combine @ biases[-1]
-    scaler = policy.pi_features_extractor
     if isinstance(scaler, ScaledObservation):
-        offset = offset + scale * scaler.offset.double().numpy()
-        scale = scale * scaler.scale.double().numpy()
-    weights[0] = weights[0] / np.broadcast_to(scale, len(weights[0]))[:, None]
-    biases[0] = biases[0] - np.broadcast_to(offset, len(weights[0])) @ weights[0]
+        weights[0] = weights[0] / scaler.scale.double().cpu().numpy()[:, None]
+        biases[0] = biases[0] - scaler.offset.double().cpu().numpy() @ weights[0]
     weights, biases = (tuple(array.astype(np.float32) for array in arrays) for arrays in (weights, biases))
-    if not all(np.isfinite(array).all() for array in (*weights, *biases)):
+    numbers = (*weights, *biases, *([] if normalisation is None else normalisation[:2]))
+    if not all(np.isfinite(array).all() for array in numbers):
         raise ValueError("the policy has numbers that are not finite: its training has diverged")
-    return Policy(weights, biases, about)
+    return Policy(weights, biases, about, hidden=hidden, output=output, normalisation=normalisation)
 
 
-def _observation_scaling(model: BaseAlgorithm, combined: bool) -> tuple[Any, Any]:
-    """Offset and scale, (D,) or numbers, of a model's observations: (obs - offset) / scale; ValueError for others."""
-    env, offset, scale = model.get_env(), np.float64(0.0), np.float64(1.0)
-    if env is None:
-        raise ValueError("the model has no environment, which may normalise; give it one: model.set_env(env)")
-    for kind in (gym.ObservationWrapper, gym.ActionWrapper):
-        if any(env.env_is_wrapped(kind)):
-            raise ValueError(f"its environment has a {kind.__name__}, which a policy file does not have; leave it out")
-    while isinstance(env, VecEnvWrapper):
-        if isinstance(env, VecNormalize) and env.norm_obs:
-            _check_clipping(model, env)
-            statistics: Any = env.obs_rms
-            spread = np.sqrt(statistics.var + env.epsilon)
-            offset, scale = statistics.mean + spread * offset, spread * scale
-        elif not isinstance(env, HARMLESS) and not combined:
-            raise ValueError(f"its environment has a {type(env).__name__}, which a policy file does not have")
-        env = env.venv
-    assert env is not None  # under its wrappers there is one
-    seen, shown = model.observation_space.shape, env.observation_space.shape
-    if seen != shown:
-        raise ValueError(f"the policy expects observations of shape {seen}, the environment returns {shown}")
-    return offset, scale
+def actor_modules(policy: Any) -> tuple[nn.Module, list[nn.Module]]:
+    """The features extractor of a policy's actor, and the modules from features to actions that are not yet in [-1, 1].
 
-
-def _check_clipping(model: BaseAlgorithm, env: VecNormalize) -> None:
-    """Raise ValueError if `clip_obs`, which layers cannot do, may be below an observation."""
-    space, statistics = env.observation_space, env.obs_rms
-    if not isinstance(space, gym.spaces.Box) or not isinstance(statistics, RunningMeanStd):
-        raise ValueError(f"observations are a {type(space).__name__}; train on a Box")
-    reach = [(bound - statistics.mean) / np.sqrt(statistics.var + env.epsilon) for bound in (space.low, space.high)]
-    buffer = getattr(model, "rollout_buffer", None)
-    seen = buffer.observations if buffer is not None and buffer.full else np.inf
-    if min(np.abs(reach).max(), np.abs(seen).max()) >= env.clip_obs:
-        raise ValueError(
-            f"VecNormalize clips observations at {env.clip_obs}, which layers cannot do, and none may be beyond it in "
-            "the last rollout; train with clip_obs=numpy.inf, or export right after learn()"
-        )
-
-
-def _check_export(policy: ActorCriticPolicy, combine: np.ndarray | None) -> None:
-    """Raise ValueError unless a policy is tanh layers from a vector to actions that are clipped to [-1, 1]."""
-    given, actions = torch.linspace(-30.0, 30.0, 601), policy.action_space
-    if not isinstance(actions, gym.spaces.Box) or not isinstance(policy.action_net, nn.Linear | EquivariantActions):
-        raise ValueError(f"actions are a {type(actions).__name__}; train on a Box")
-    if combine is None and not (np.all(actions.low == -1.0) and np.all(actions.high == 1.0)):
-        raise ValueError("actions are not from -1 to 1, to which a policy file clips them; train without rescaling")
-    if policy.squash_output:
-        raise ValueError("actions are squashed by tanh, which a policy file cannot; train with squash_output=False")
-    if len(policy.observation_space.shape or ()) != 1:
-        raise ValueError(f"observations have shape {policy.observation_space.shape}; train on one vector, (D,)")
-    if type(policy.mlp_extractor) not in (MlpExtractor, EquivariantExtractor):
-        raise ValueError(f"hidden layers are a {type(policy.mlp_extractor).__name__}; train with net_arch=[...]")
-    for layer in policy.mlp_extractor.policy_net:
-        if not isinstance(layer, nn.Linear) and not torch.allclose(layer(given), given.tanh(), atol=1e-5):
-            raise ValueError(f"a hidden layer has {type(layer).__name__}; train with activation_fn=torch.nn.Tanh")
-    if type(policy.pi_features_extractor) not in (ScaledObservation, FlattenExtractor):
-        name = type(policy.pi_features_extractor).__name__
+    Raises:
+        ValueError: for another policy than those that `export_policy` names.
+    """
+    kind = type(policy)
+    if f"{kind.__module__}.{kind.__qualname__}" not in POLICIES:
+        raise ValueError(f"a {kind.__name__} is not exported; train PPO, A2C, SAC, TD3, DDPG or TQC with an MlpPolicy")
+    if isinstance(policy, ActorCriticPolicy):
+        if type(policy.mlp_extractor) not in (MlpExtractor, EquivariantExtractor):
+            name = type(policy.mlp_extractor).__name__
+            raise ValueError(f"hidden layers are a {name}; train with net_arch=[...]")
+        scaler, parts = policy.pi_features_extractor, [*policy.mlp_extractor.policy_net, policy.action_net]
+    else:
+        actor = policy.actor
+        scaler = actor.features_extractor
+        parts = [*actor.latent_pi, actor.mu] if hasattr(actor, "latent_pi") else [*actor.mu][:-1]  # TD3's tanh
+    if type(scaler) not in (ScaledObservation, FlattenExtractor):
+        name = type(scaler).__name__
         raise ValueError(f"observations pass {name}; train with equivariant_options(env), or on raw observations")
+    return scaler, [module for part in parts for module in (part if isinstance(part, nn.Sequential) else [part])]
 
 
-def plain_layers(policy: ActorCriticPolicy) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _activation(modules: list[nn.Module]) -> str:
+    """The activation between the layers; ValueError for another than tanh and ReLU, or for both."""
+    found = set()
+    for module in modules:
+        if isinstance(module, nn.Linear | EquivariantActions):
+            continue
+        if type(module) not in ACTIVATIONS:
+            raise ValueError(
+                f"a layer has {type(module).__name__}; train with activation_fn=torch.nn.Tanh or torch.nn.ReLU, and "
+                "with clip_mean=0.0 where use_sde is"
+            )
+        found.add(ACTIVATIONS[type(module)])
+    if len(found) > 1:
+        raise ValueError("hidden layers have tanh and ReLU; train with one of them")
+    return found.pop() if found else "tanh"
+
+
+def plain_layers(policy: Any, modules: list[nn.Module]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Weights (inputs, outputs) and biases of the actor as ordinary layers; an equivariant one's are twice as wide."""
-    pairs = [weight_and_bias(layer) for layer in policy.mlp_extractor.policy_net if isinstance(layer, nn.Linear)]
+    pairs = [weight_and_bias(module) for module in modules if isinstance(module, nn.Linear)]
     if not isinstance(policy, EquivariantPolicy):
-        assert isinstance(policy.action_net, nn.Linear)  # the mean of a Gaussian
-        pairs.append(weight_and_bias(policy.action_net))
         return [weight for weight, _ in pairs], [bias for _, bias in pairs]
     extractor, actions = policy.mlp_extractor, policy.action_net
-    place, sign = extractor.place.numpy(), extractor.sign.double().numpy()
+    place, sign = extractor.place.cpu().numpy(), extractor.sign.double().cpu().numpy()
     first = pairs[0][0]
     mirrored = np.empty_like(first)
     mirrored[place] = first * sign[:, None]
@@ -283,7 +267,7 @@ def plain_layers(policy: ActorCriticPolicy) -> tuple[list[np.ndarray], list[np.n
         weights.append(np.block([[weight, nothing], [nothing, weight]]))
         biases.append(np.tile(bias, 2))
     last, bias = weight_and_bias(actions.linear)
-    swap = actions.swap.numpy()
+    swap = actions.swap.cpu().numpy()
     weights.append(0.5 * np.vstack([last, last[:, swap]]))
     biases.append(0.5 * (bias + bias[swap]))
     return weights, biases
@@ -291,4 +275,4 @@ def plain_layers(policy: ActorCriticPolicy) -> tuple[list[np.ndarray], list[np.n
 
 def weight_and_bias(layer: nn.Linear) -> tuple[np.ndarray, np.ndarray]:
     """Weight (inputs, outputs) and bias of a layer, float64."""
-    return layer.weight.detach().double().numpy().T, layer.bias.detach().double().numpy()
+    return layer.weight.detach().double().cpu().numpy().T, layer.bias.detach().double().cpu().numpy()

@@ -1,15 +1,21 @@
-"""Episodes on fixed seeds, measured, for any controller that turns observations and time into actions."""
+"""Episodes on fixed seeds, measured, for policies and for any function of observations and time."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any, cast
 
+import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from fish_env.checks import is_whole
-from fish_env.control.environments import environment_of, make_checked_batch
+from fish_env.control.environments import environment_of, make_checked_batch, one_fish
 from fish_env.control.gait import Gait
-from fish_env.control.policy import Policy
+from fish_env.control.models import is_model, normalisation_of
+from fish_env.control.policy import Policy, load_policy
 from fish_env.envs import FishVectorEnv
+from fish_env.envs.layout import Layout
 from fish_env.envs.vector import make_batch
 from fish_env.physics.tank_options import checked_count
 
@@ -19,6 +25,15 @@ EPISODES = 100
 Controller = Callable[[np.ndarray, float], np.ndarray]
 """(observations (B,D), seconds since the start) -> actions (B,A) or (A,)"""
 
+COUNTED = ("history", "observation_delay", "action_delay")
+"""Options that count environment steps."""
+
+NOT_SCORES = ("terms", "failure", "is_success", "variation", "privileged", "step_terms", "position", "heading")
+"""What an `info` has besides scores: sums, words, a copy of "success", what the fish was, and its last step."""
+
+PolicyLike = str | Path | Policy | Controller | Any
+"""A shipped policy's name, a policy file, a `Policy`, a model of Stable-Baselines3, or a `Controller`."""
+
 Scores = dict[str, np.ndarray]
 """One number for each episode, (B,): `return`, `failed` (ended by the physics), `seconds`, and the task's metrics."""
 
@@ -26,6 +41,68 @@ Scores = dict[str, np.ndarray]
 def gait_controller(gait: Gait, env: FishVectorEnv) -> Controller:
     """The open-loop gait as a controller: its contraction at the end of the coming control interval."""
     return lambda obs, time: gait.action(env.tank.fish, time + env.control_interval)[env.first_muscle_of_group]
+
+
+def as_controller(policy: Any, env: FishVectorEnv) -> Controller:
+    """A policy of any kind as a controller in an environment.
+
+    Args:
+        policy: the name of a shipped policy, such as "swim"; a policy file; a `Policy`; a model of Stable-Baselines3
+            with the environment that it was trained in, whose `VecNormalize` is applied; or a function of observations
+            (B,D) and the time, s, that gives actions (B,A) or (A,).
+        env: the environment that it is to act in.
+
+    Raises:
+        FileNotFoundError: if there is no such policy.
+        ValueError: for anything else, or a policy that does not fit the environment, saying why.
+    """
+    if isinstance(policy, str | Path):
+        policy = load_policy(policy)
+    if isinstance(policy, Policy):
+        return policy_controller(policy, env)
+    if is_model(policy):
+        return model_controller(policy, env)
+    if hasattr(policy, "predict"):
+        raise ValueError(
+            f"a {type(policy).__name__} does not know whether its observations are normalised; give the model"
+        )
+    if callable(policy):
+        return cast(Controller, policy)
+    raise ValueError(
+        f"the policy is a {type(policy).__name__}; give the name of a shipped policy, a policy file, a Policy, a model "
+        "of Stable-Baselines3, or a function of observations and time"
+    )
+
+
+def model_controller(model: Any, env: FishVectorEnv) -> Controller:
+    """A model of Stable-Baselines3 by its deterministic actions, observations normalised as in its training.
+
+    Raises:
+        ValueError: for a model without an environment, or with wrappers that change observations or actions otherwise;
+            and if it does not fit the environment.
+    """
+    normalisation, memory, trained = normalisation_of(model), None, None
+    with suppress(AttributeError):  # of an environment that is not of this package
+        trained = model.get_env().get_attr("layout")[0]
+    _check_parts(trained, env)
+    for wanted, given in (
+        (model.observation_space, env.single_observation_space),
+        (model.action_space, env.single_action_space),
+    ):
+        if wanted.shape != given.shape or (given.shape is None and wanted != given):  # a dict of goals has no shape
+            raise ValueError(
+                f"the model was trained for {wanted!s:.100}, and the environment has {given!s:.100}; give the "
+                "environment the options of its training"
+            )
+
+    def act(obs: np.ndarray, time: float) -> np.ndarray:
+        nonlocal memory  # of a recurrent policy
+        seen = obs if normalisation is None else normalisation(obs).astype(np.float32)
+        begins = np.full(env.num_envs, time == 0.0)
+        actions, memory = model.predict(seen, state=memory, episode_start=begins, deterministic=True)
+        return actions
+
+    return act
 
 
 def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
@@ -38,7 +115,11 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
         ValueError: if the policy's interval is not a whole multiple of the environment's, or the policy does not fit
             the environment.
     """
-    policy.check(env.single_observation_space, env.single_action_space)
+    _check_parts(_layout_of_training(policy), env)
+    observations = env.single_observation_space
+    if isinstance(observations, gym.spaces.Dict):
+        raise ValueError("the environment observes goals, which policy files do not know; give it without goal_env")
+    policy.check(observations, env.single_action_space)
     interval = policy.about.get("env_options", {}).get("control_interval") or env.tank.fish.control_interval
     every = round(interval / env.control_interval)
     if every < 1 or abs(every * env.control_interval - interval) > 1e-9:
@@ -46,7 +127,6 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             f"the policy acts every {interval:g} s, the environment every {env.control_interval:g} s; "
             f"give a control_interval of which {interval:g} s is a whole multiple"
         )
-    muscles = env.layout["rest length"].start + env.first_muscle_of_group
     goal, first_order = np.zeros(0), env.tank.fish.activation_time[0] > 0.0
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:
@@ -56,10 +136,36 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
             goal = policy(obs)
         if first_order:
             return goal
-        present = obs[:, muscles]  # rest lengths are observed on the scale of actions
+        contraction = env.tank.contraction / env.tank.muscle_variation[:, :1]  # of what the strength of the fish allows
+        present = (2.0 * contraction - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
         return present + (goal - present) / (every - since)
 
     return act
+
+
+def _layout_of_training(policy: Policy) -> Layout | None:
+    """What the environment that a policy was trained in shows; None if it is not registered, or the file names none."""
+    try:
+        with closing(make_policy_env(policy, 1)) as env:
+            return env.layout
+    except (ValueError, gym.error.Error):
+        return None
+
+
+def _check_parts(trained: Layout | None, env: FishVectorEnv) -> None:
+    """ValueError if an environment does not show the parts of an observation that a policy was trained with."""
+    if trained is None:
+        return
+    seen, shown = ([f"{part.name} ({part.size})" for part in layout] for layout in (trained, env.layout))
+    if seen != shown:
+        mine, its = (
+            ", ".join(name for name in one if name not in other) or "none"
+            for one, other in ((seen, shown), (shown, seen))
+        )
+        raise ValueError(
+            "the policy was trained with other parts of the observation than the environment shows: only the policy "
+            f"has {mine}, only the environment has {its}; give the options of its training, or train a new policy"
+        )
 
 
 def checked_episodes(episodes: int, seed: int) -> tuple[int, int]:
@@ -70,7 +176,12 @@ def checked_episodes(episodes: int, seed: int) -> tuple[int, int]:
 
 
 def evaluation_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options of an environment less those of its clock: all controllers are evaluated with the fish's own interval."""
+    """Options of an environment less those of its clock: all controllers are evaluated with the fish's own interval.
+
+    Where delays or a history count environment steps, these remain as long as they were.
+    """
+    if any(np.any(options.get(name, 0)) for name in COUNTED):
+        return dict(options)
     return {name: value for name, value in options.items() if name not in ("control_interval", "max_episode_steps")}
 
 
@@ -79,27 +190,39 @@ def make_eval_env(env_id: str, num_envs: int, options: dict[str, Any]) -> FishVe
     return make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
 
 
-def make_policy_env(policy: Policy, num_envs: int = EPISODES, **changes) -> FishVectorEnv:
+def make_policy_env(policy: str | Path | Policy, num_envs: int = EPISODES, **changes) -> FishVectorEnv:
     """Create the batch a policy is evaluated in; `changes` replace options of its training, None is ignored.
 
     Raises:
+        FileNotFoundError: if there is no such policy.
         ValueError: for an option that is not allowed, or an environment that is not registered, or is not one of fish.
         gymnasium.error.Error: for an environment without batches.
     """
+    policy = load_policy(policy) if isinstance(policy, str | Path) else policy
     env_id, options = environment_of(policy.about)
     changed = {name: value for name, value in changes.items() if value is not None}
     return make_checked_batch(env_id, evaluation_options(options) | changed, num_envs)
 
 
 def run_episodes(
-    controller: Controller, env: FishVectorEnv, first_seed: int = FIRST_SEED, options: dict[str, float] | None = None
+    env: FishVectorEnv, policy: PolicyLike, seed: int = FIRST_SEED, options: dict[str, float] | None = None
 ) -> Iterator[tuple[np.ndarray, np.ndarray, dict[str, Any]]]:
-    """Run one episode of every fish of the batch, seeds first_seed, first_seed + 1, ...
+    """Run one episode of every fish of the batch, seeds seed, seed + 1, ...
 
     After the reset and after every environment step it yields which fish have ended their episode in it, (B,) bool,
     which have ended it at all, (B,) bool, and the infos.
+
+    Raises:
+        ValueError: for an environment that is no batch of fish, or in which episodes do not begin again by themselves,
+            and what `as_controller` raises.
     """
-    obs, infos = env.reset(seed=first_seed, options=options)
+    if not isinstance(env, FishVectorEnv) or env.autoreset_mode is AutoresetMode.DISABLED:
+        raise ValueError(
+            f"the environment is {env!r:.100}; give a batch of fish in which episodes begin again by themselves, such "
+            "as gym.make_vec('FishEnv/Swim-v0', num_envs=100), and the policy after it: evaluate(env, policy)"
+        )
+    controller = as_controller(policy, env)
+    obs, infos = env.reset(seed=seed, options=options)
     done, time = np.zeros(env.num_envs, dtype=bool), 0.0
     actions = (env.num_envs, *env.single_action_space.shape)
     yield done.copy(), done.copy(), infos
@@ -113,13 +236,40 @@ def run_episodes(
 
 
 def evaluate(
-    controller: Controller, env: FishVectorEnv, first_seed: int = FIRST_SEED, options: dict[str, float] | None = None
+    env: FishVectorEnv | gym.Env,
+    policy: PolicyLike,
+    seed: int = FIRST_SEED,
+    options: dict[str, float] | None = None,
+    episodes: int | None = None,
 ) -> Scores:
-    """Scores of one episode of every fish of the batch, begun with these seeds and reset options."""
-    results: list[dict[str, float]] = [{}] * env.num_envs
-    for ended, _, infos in run_episodes(controller, env, first_seed, options):
+    """Scores of episodes with the seeds seed, seed + 1, ...
+
+    Args:
+        env: a batch, in which every fish runs one episode; or one fish of `gym.make`, of which a batch is made.
+        policy: the name of a shipped policy, a policy file, a `Policy`, a model of Stable-Baselines3, or a function of
+            observations and time: what `as_controller` takes.
+        seed: of the first episode.
+        options: of the resets.
+        episodes: how many of one fish, 100 for None; a batch has as many as it has fish.
+
+    Raises:
+        FileNotFoundError: if there is no such policy.
+        ValueError: for an environment, seed, options or a number of episodes that are not allowed, and for a policy
+            that does not fit the environment.
+    """
+    if isinstance(env, gym.Env):
+        _, id, keywords = one_fish(env)
+        limit = env.get_wrapper_attr("_max_episode_steps") if env.has_wrapper_attr("_max_episode_steps") else None
+        count, _ = checked_episodes(EPISODES if episodes is None else episodes, seed)
+        with closing(make_checked_batch(id, keywords | {"max_episode_steps": limit}, count)) as batch:
+            return evaluate(batch, policy, seed, options)
+    if episodes is not None and isinstance(env, FishVectorEnv) and episodes != env.num_envs:
+        raise ValueError(f"episodes is {episodes!r}, and the batch has {env.num_envs} fish: each runs one episode")
+    results: list[dict[str, float]] = []
+    for ended, _, infos in run_episodes(env, policy, seed, options):
+        results = results or [{}] * len(ended)
         for i in np.flatnonzero(ended).tolist():
-            results[i] = episode_scores(infos["final_info"], i)
+            results[i] = episode_scores(infos.get("final_info", infos), i)  # there where episodes begin again at once
     return scores_by_name(results)
 
 
@@ -133,7 +283,7 @@ def episode_scores(infos: dict[str, Any], i: int) -> dict[str, float]:
     scores = {"return": sum(v[i] for k, v in infos["terms"].items() if not k.startswith("_"))}
     scores["failed"] = bool(infos["failure"][i])
     for name, values in infos.items():
-        if not name.startswith("_") and name not in ("terms", "failure", "is_success"):  # a copy of "success"
+        if not name.startswith(("_", "term_")) and name not in NOT_SCORES:
             scores[name] = values[i]
     return {name: float(value) for name, value in scores.items()}
 

@@ -15,7 +15,7 @@ import numpy as np
 from fish_env.checks import fits_memory, representable
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.recording import Recording, env_of
-from fish_env.control.video import SLOWER, VIDEOS, load_writer, write_video
+from fish_env.control.video import SLOWER, SPEED, VIDEOS, load_writer, write_video
 from fish_env.envs import FishEnv
 from fish_env.kernels.data import data
 from fish_env.physics.failures import FAILURES
@@ -26,7 +26,6 @@ SCRIPTS = ("film.js", "film_player.js")
 LARGEST = 3_000_000  # bytes of a page
 STATES = 10_000  # of all episodes together: a page with more leaves out every second, third ... one
 AREA = 25.0  # body lengths squared: pictures of such spheres take 100 MB
-PICTURE = 3 * 640 * 480  # bytes of a picture of a video, all of which are in memory
 STEPS = 65535  # of a number in 16 bits
 
 
@@ -52,10 +51,13 @@ class Cast(NamedTuple):
     fish: Any
     touchable: bool  # whether spheres are targets, or obstacles
     task: str
+    picture: dict[str, Any]  # width, height, camera and panel of its environment
 
 
 def write_film(recordings: Recording | Sequence[Recording], path: str | Path) -> Path:
     """Write recorded episodes of one environment as an .html page, or as an .mp4, .webp or .gif video at half speed.
+
+    A video has the size, the camera and the panel of its environment. Its pictures say "half speed".
 
     Raises:
         ValueError: for no recording, recordings of several environments, numbers too large to draw, another ending, a
@@ -73,7 +75,8 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
         with representable("the film"):
             cast, reels = _make_scenes(found)
             _check_spheres(reels)
-            fits_memory(sum(len(reel.points) for reel in reels), PICTURE, "the number of states of the video")
+            size = 3 * cast.picture["width"] * cast.picture["height"]  # bytes; all pictures are in memory
+            fits_memory(sum(len(reel.points) for reel in reels), size, "the number of states of the video")
             pictures = [picture for reel in reels for picture in _pictures(cast, reel)]
         write_video(pictures, 1.0 / (SLOWER * reels[0].interval), path)
     return path
@@ -120,7 +123,7 @@ def _cast(recording: Recording) -> Cast:
             f"the recording holds a state every {recording.about['control_interval']} s, and its environment makes one "
             f"every {bare.fish.control_interval} s; it is damaged, or was made by another version: record it again"
         )
-    return Cast(bare.tank.fish, bool(getattr(task, "touchable", False)), task_name(task))
+    return Cast(bare.tank.fish, bool(getattr(task, "touchable", False)), task_name(task), bare.fish.picture)
 
 
 def _reel(recording: Recording, fish: Any) -> Reel:
@@ -153,18 +156,18 @@ def _reel(recording: Recording, fish: Any) -> Reel:
 
 def _pictures(cast: Cast, reel: Reel):
     """Every state as a picture (H,W,3) uint8."""
-    from fish_env.render import Frame, draw
+    from fish_env.render import Format, Frame, draw
 
-    fish = cast.fish
+    fish, form, last = cast.fish, Format(**cast.picture), len(reel.points) - 1
     for t in range(1, len(reel.points)):
-        spheres = reel.spheres[t]
+        spheres, note = reel.spheres[t], reel.note if t == last else ""
         yield draw(Frame(
             position=reel.points[t], rest=fish.points(fish.body.position), faces=fish.landmarks.faces,
             muscles=fish.landmarks.muscles, contraction=reel.contraction[t], length=fish.length,
             path=reel.centre[: t + 1], commands=reel.command[t : t + 1], time=float(reel.time[t]),
-            speed=float(reel.speed[t]), caption=reel.note if t + 1 == len(reel.points) else "", task=cast.task,
+            speed=float(reel.speed[t]), caption=f"{SPEED}, {note}" if note else SPEED, task=cast.task,
             spheres=spheres[spheres[:, 3] > 0.0], touchable=cast.touchable,
-        ))  # fmt: skip
+        ), form)  # fmt: skip
 
 
 def page_text(cast: Cast, reels: Sequence[Reel]) -> str:

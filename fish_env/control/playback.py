@@ -9,20 +9,22 @@ from typing import Any
 import numpy as np
 
 from fish_env.control.environments import environment_of, make_checked_env
-from fish_env.control.evaluation import checked_episodes, evaluation_options
+from fish_env.control.evaluation import NOT_SCORES, checked_episodes, evaluation_options
 from fish_env.control.files import writable_file
 from fish_env.control.film import PAGE, write_film
-from fish_env.control.policy import Policy
+from fish_env.control.policy import Policy, load_policy
 from fish_env.control.recording import ENDING, Recording
 from fish_env.control.replaying import record
-from fish_env.control.video import VIDEOS, load_writer
+from fish_env.control.video import SPEED, VIDEOS, load_writer
 
 
-def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | None = None, **changes) -> None:
+def play(
+    policy: str | Path | Policy, seed: int = 0, episodes: int = 3, video: str | Path | None = None, **changes
+) -> None:
     """Play episodes of a policy, in a window or into one file, and print how each went.
 
     Args:
-        policy: as `load_policy` reads it.
+        policy: the name of a shipped policy, a policy file, or a `Policy`.
         seed: of the first episode; the next ones count up from it.
         episodes: how many, at least 1.
         video: a file to write instead of opening a window: an .mp4, .webp or .gif video; an .html page that turns in
@@ -31,6 +33,7 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
             ignored.
 
     Raises:
+        FileNotFoundError: if there is no such policy.
         ValueError: for no episode or a seed below zero; if there is no display and no file was requested, the file
             cannot be written, a keyword is not allowed, or an .npz file was requested with several episodes.
         gymnasium.error.DependencyNotInstalled: without pygame, or without moviepy for a video.
@@ -43,6 +46,7 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
         raise ValueError(
             "there is no display to open a window on; write a file: an .mp4, .webp or .gif video, or an .html page"
         )
+    policy = load_policy(policy) if isinstance(policy, str | Path) else policy
     env_id, options = environment_of(policy.about)
     changed = {name: value for name, value in changes.items() if value is not None}
     mode = "human" if path is None else None
@@ -57,7 +61,7 @@ def play(policy: Policy, seed: int = 0, episodes: int = 3, video: str | Path | N
             print("stopped")
     if path is not None and found:
         written = found[0].save(path) if path.suffix.lower() == ENDING else write_film(found, path)
-        print(f"written to {written}" + (", at half speed" if path.suffix.lower() in VIDEOS else ""))
+        print(f"written to {written}" + (f", at {SPEED}" if path.suffix.lower() in VIDEOS else ""))
 
 
 def _checked_path(video: str | Path, episodes: int) -> Path:
@@ -78,6 +82,6 @@ def has_display() -> bool:
 
 def summary(info: dict[str, Any]) -> str:
     """The metrics of an episode in one line, from its `episode_info`."""
-    numbers = {name: float(value) for name, value in info.items() if name not in ("terms", "failure", "is_success")}
+    numbers = {name: float(value) for name, value in info.items() if name not in NOT_SCORES}
     said = ", ".join(f"{name} {value:.2f}" for name, value in numbers.items() if np.isfinite(value))
     return said + (f"; ended by {info['failure']}" if info["failure"] else "")

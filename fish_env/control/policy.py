@@ -3,28 +3,50 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
 
 from fish_env.checks import as_floats
 from fish_env.control.environments import check_environment
+from fish_env.control.exchange import OnnxFile, write_onnx, write_torchscript
 from fish_env.control.files import replacing
-from fish_env.control.npz import Npz, Part, write_about
+from fish_env.control.npz import Npz, write_about
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.data import data
 
-FORMAT = 2
-"""Format of a policy file. Format 1 lacked the version of the observation layout."""
+FORMAT = 3
+"""Format of a policy file. Format 2, which is read too, had tanh layers and clipped actions only."""
 
 PRETRAINED = data("fish_env.control", "pretrained")
 """Folder of the shipped policies: <task>/policy.npz, with the settings of its training in <task>/config.json."""
 
 
+HIDDEN = {"tanh": np.tanh, "relu": lambda h: np.maximum(h, 0.0)}
+"""Activations of the hidden layers."""
+OUTPUT = {"clip": lambda action: np.clip(action, -1.0, 1.0), "tanh": np.tanh}
+"""What brings the last layer's numbers into [-1, 1]."""
+
+
+class Normalisation(NamedTuple):
+    """Normalisation of observations as in `VecNormalize`: (obs - mean) / deviation, clipped to [-limit, limit]."""
+
+    mean: np.ndarray
+    """(D,) float64."""
+    deviation: np.ndarray
+    """(D,) float64, above zero."""
+    limit: float
+    """Above zero; it may be infinite."""
+
+    def __call__(self, obs: np.ndarray) -> np.ndarray:
+        """Normalised observations (..., D)."""
+        return np.clip((obs - self.mean) / self.deviation, -self.limit, self.limit)
+
+
 @dataclass(frozen=True)
 class Policy:
-    """Layers with tanh and a linear one, from the raw observation to the mean action, clipped to [-1, 1]."""
+    """Layers from the raw observation to the model's deterministic action, in [-1, 1]."""
 
     weights: tuple[np.ndarray, ...]
     """One (inputs, outputs) float32 matrix a layer."""
@@ -34,6 +56,17 @@ class Policy:
     """env_id, env_options, and whatever else a reader should know; JSON."""
     layout_version: int = LAYOUT_VERSION
     """Version of the observation layout that it was trained with."""
+    hidden: str = "tanh"
+    """Activation of all layers but the last: "tanh" or "relu"."""
+    output: str = "clip"
+    """How actions get into [-1, 1]: "clip" or "tanh"."""
+    normalisation: Normalisation | None = None
+    """Of the observations before the first layer; None where the first layer takes them as they are."""
+
+    def __post_init__(self):
+        for name, allowed in (("hidden", HIDDEN), ("output", OUTPUT)):
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; choose from {', '.join(allowed)}")
 
     def __call__(self, obs: np.ndarray) -> np.ndarray:
         """Actions (..., A) for observations (..., D); ValueError for what are no real numbers, such as text."""
@@ -42,10 +75,12 @@ class Policy:
                 obs = as_floats(obs)
             except (TypeError, OverflowError, RecursionError) as error:
                 raise ValueError(f"the observation is {obs!r} ({error}); give real numbers") from error
+        if self.normalisation is not None:
+            obs = self.normalisation(obs)
         h = np.array(obs, np.float32, order="C")  # in another order products are rounded otherwise
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            h = np.tanh(h @ weight + bias)
-        return np.clip(h @ self.weights[-1] + self.biases[-1], -1.0, 1.0)
+            h = HIDDEN[self.hidden](h @ weight + bias)
+        return OUTPUT[self.output](h @ self.weights[-1] + self.biases[-1])
 
     def check(self, observations: Box, actions: Box) -> None:
         """ValueError unless the policy is made for such observations and actions, the spaces of one fish."""
@@ -64,14 +99,48 @@ class Policy:
         Raises:
             ValueError: for an `about` that could not be read again.
         """
+        with replacing(Path(path)) as partial:
+            np.savez(partial, **self.parts())
+
+    def to_onnx(self, path: str | Path) -> None:
+        """Write an `.onnx` model from `observation` (B,D) to `action` (B,A), float32; `load_policy` reads it again.
+
+        Raises:
+            ImportError: without onnx, of the extra [onnx].
+            ValueError: for another ending, or an `about` that could not be read again.
+        """
+        write_onnx(self.parts(), _checked_ending(path, ".onnx"))
+
+    def to_torchscript(self, path: str | Path) -> None:
+        """Write a TorchScript module from observations (B,D) to actions (B,A), float32, for `torch.jit.load`.
+
+        Raises:
+            ImportError: without torch, of the extra [train].
+            ValueError: for another ending than `.pt`.
+        """
+        write_torchscript(self.parts(), _checked_ending(path, ".pt"))
+
+    def parts(self) -> dict[str, Any]:
+        """All that its file holds, by name: texts, whole numbers and arrays.
+
+        Raises:
+            ValueError: for an `about` that could not be read again.
+        """
         about = dict(self.about)
         if isinstance(about.get("env_id"), str):
             about["env_id"] = about["env_id"].rpartition(":")[2]
         parts: dict[str, Any] = {"format": FORMAT, "layout": self.layout_version, "about": write_about(about)}
+        parts |= {"hidden": self.hidden, "output": self.output}
         parts |= {f"weight{k}": weight for k, weight in enumerate(self.weights)}
         parts |= {f"bias{k}": bias for k, bias in enumerate(self.biases)}
-        with replacing(Path(path)) as partial:
-            np.savez(partial, **parts)
+        return parts if self.normalisation is None else parts | self.normalisation._asdict()
+
+
+def _checked_ending(path: str | Path, ending: str) -> Path:
+    path = Path(path)
+    if path.suffix.lower() != ending:
+        raise ValueError(f"the file {path} ends in {path.suffix!r}; give a name that ends in {ending}")
+    return path
 
 
 def shipped_policies() -> dict[str, Path]:
@@ -96,15 +165,18 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
     """Read a policy file.
 
     Args:
-        path: a `.npz` file that `Policy.save` wrote.
+        path: the name of a shipped policy, such as "swim"; a `.npz` file that `Policy.save` wrote; or an `.onnx` file
+            that `Policy.to_onnx` wrote, for which the extra [onnx] is needed.
         env_id: the environment that it must have been trained for; None for any.
 
     Raises:
         FileNotFoundError: if there is no such file.
+        ImportError: for an `.onnx` file without onnx.
         ValueError: if it is truncated, pickled, of another format, observation layout or environment, or if its layers
             do not fit together.
     """
-    path = Path(path) if isinstance(path, str) else path  # one in a zip archive is no Path
+    if isinstance(path, str):  # one in a zip archive is no Path
+        path = shipped_policies().get(path, Path(path))
     try:
         found = path.is_file()
     except OSError:  # of a name that is too long
@@ -112,29 +184,58 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
     if not found:
         shipped = ", ".join(shipped_policies())
         raise FileNotFoundError(
-            f"there is no policy file {path}; give a policy.npz that train.py wrote, or one of those that are shipped "
-            f"(fish_env.control.shipped_policy: {shipped})"
+            f"there is no policy file {path}; give the policy.npz of a training, or one of those that are shipped: "
+            f"{shipped}"
         )
-    with Npz(path, "policy file", "give a policy.npz that train.py wrote") as file:
-        version, layout = file.whole("format"), file.whole("layout")
-        layers = sum(name.startswith("weight") for name in file.parts)
-        names = [[f"{kind}{k}" for k in range(layers)] for kind in ("weight", "bias")]
-        extra = sorted(file.parts.keys() ^ {"format", "layout", "about", *names[0], *names[1]})
-        if version != FORMAT or extra:
+    kind = OnnxFile if path.name.lower().endswith(".onnx") else Npz
+    with kind(path, "policy file", "give the policy.npz of a training") as file:
+        return _read_policy(file, path, env_id)
+
+
+def _read_policy(file: Npz | OnnxFile, path: Path, env_id: str | None) -> Policy:
+    """The policy of an opened file, of which all is checked before it is read."""
+    version, layout = file.whole("format"), file.whole("layout")
+    layers = sum(name.startswith("weight") for name in file.parts)
+    names = [[f"{kind}{k}" for k in range(layers)] for kind in ("weight", "bias")]
+    words = ["hidden", "output"] if version == FORMAT else []
+    scales = [*Normalisation._fields] if version == FORMAT and "mean" in file.parts else []
+    extra = sorted(file.parts.keys() ^ {"format", "layout", "about", *words, *scales, *names[0], *names[1]})
+    if version not in (2, FORMAT) or extra:
+        raise ValueError(
+            f"{path} is not a policy file that this package reads: it has format {version} and missing or extra "
+            f"parts {extra}, and should have format 2 or {FORMAT}: train the policy again, or use the version of "
+            "fish_env that wrote it"
+        )
+    about = file.about()
+    _check_layout(path, layout)
+    _check_environment(path, about, env_id)
+    width = _check_layers(path, *([file.parts[name] for name in each] for each in names))
+    for name, shape in zip(scales, ((width,), (width,), ()), strict=bool(scales)):
+        if file.parts[name].dtype.kind != "f" or file.parts[name].shape != shape:
             raise ValueError(
-                f"{path} is not a policy file that this package reads: it has format {version} and missing or extra "
-                f"parts {extra}, and should have format {FORMAT}: train the policy again, or use the version of "
-                "fish_env that wrote it"
+                f"{path}: {name} is of shape {file.parts[name].shape}; give floating-point numbers {shape}"
             )
-        about = file.about()
-        _check_layout(path, layout)
-        _check_environment(path, about, env_id)
-        _check_layers(path, *([file.parts[name] for name in each] for each in names))
-        weights, biases = (tuple(file.read(name) for name in each) for each in names)
+    weights, biases = (tuple(file.read(name) for name in each) for each in names)
+    read = [file.read(name) for name in scales]
+    normalisation = Normalisation(read[0], read[1], float(read[2])) if scales else None
+    _check_numbers(path, weights, biases, normalisation)
+    texts: dict[str, Any] = {name: file.text(name) for name in words}
+    try:
+        return Policy(weights, biases, about, normalisation=normalisation, **texts)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _check_numbers(path: Path, weights, biases, normalisation: Normalisation | None) -> None:
     for k, arrays in enumerate(zip(weights, biases, strict=True)):
         if not all(np.isfinite(array).all() for array in arrays):
             raise ValueError(f"{path}: layer {k} holds numbers that are not finite")
-    return Policy(weights, biases, about)
+    if normalisation is not None:
+        mean, deviation, limit = normalisation
+        if not (np.isfinite(mean).all() and np.isfinite(deviation).all() and (deviation > 0.0).all() and limit > 0.0):
+            raise ValueError(
+                f"{path}: the normalisation has numbers that are not finite, or deviations of zero or less"
+            )
 
 
 def _check_layout(path: Path, layout: int | None) -> None:
@@ -146,7 +247,8 @@ def _check_layout(path: Path, layout: int | None) -> None:
         )
 
 
-def _check_layers(path: Path, weights: list[Part], biases: list[Part]) -> None:
+def _check_layers(path: Path, weights: list[Any], biases: list[Any]) -> int:
+    """Width of the observation; ValueError unless layers, parts of a file, fit together."""
     width = weights[0].shape[0] if weights and weights[0].shape else None
     for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         if weight.dtype.kind != "f" or bias.dtype.kind != "f":
@@ -155,12 +257,13 @@ def _check_layers(path: Path, weights: list[Part], biases: list[Part]) -> None:
             raise ValueError(f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}, which do not fit together")
         width = weight.shape[1]
     if width is None:
-        raise ValueError(f"{path} holds no layers; give a policy.npz that train.py wrote")
+        raise ValueError(f"{path} holds no layers; give the policy.npz of a training")
+    return weights[0].shape[0]
 
 
 def _check_environment(path: Path, about: Mapping[str, Any], env_id: str | None) -> None:
     if "env_id" not in about:
-        raise ValueError(f"{path} does not say which environment it is for; give a policy.npz that train.py wrote")
+        raise ValueError(f"{path} does not say which environment it is for; give the policy.npz of a training")
     try:
         check_environment(about)
     except ValueError as error:

@@ -8,8 +8,8 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.checks import finite_array, is_whole
-from fish_env.control.evaluation import Controller, policy_controller
-from fish_env.control.policy import Policy
+from fish_env.control.environments import one_fish
+from fish_env.control.evaluation import PolicyLike, as_controller
 from fish_env.control.recording import Recording, as_json, env_of, load_recording, versions
 from fish_env.envs import FishEnv
 
@@ -33,7 +33,7 @@ class Replay(NamedTuple):
 
 def record(
     env: gym.Env,
-    controller: Policy | Controller | np.ndarray,
+    policy: PolicyLike | np.ndarray,
     seed: int = 0,
     options: Mapping[str, float] | None = None,
     steps: int | None = None,
@@ -41,28 +41,33 @@ def record(
     """Run one episode and keep all of it.
 
     Args:
-        env: of `gym.make`, without wrappers of your own; it is reset first. Its keywords must be plain: numbers, text,
-            lists and dicts.
-        controller: a policy; a function of observations (1,D) and the time, s, that gives actions (1,A) or (A,); or an
+        env: of `gym.make`; it is reset first. Its keywords must be plain: numbers, text, lists and dicts. Its wrappers
+            must be those that only watch, such as `RecordEpisodeStatistics`.
+        policy: the name of a shipped policy, a policy file, a `Policy`, a model of Stable-Baselines3, or a function of
+            observations (1,D) and the time, s, that gives actions (1,A) or (A,): what `as_controller` takes; or an
             array of actions (T,A), of which as many are taken as the episode has steps.
         seed: of the reset.
         options: of the reset.
         steps: environment steps after which to stop; None for the time limit of the environment.
 
     Raises:
-        ValueError: for an environment that is not one fish, or was not made by `gym.make` with plain keywords, and for
-            a seed, options or actions that are not allowed.
+        FileNotFoundError: if there is no such policy.
+        ValueError: for an environment that is not one fish, or was not made by `gym.make` with plain keywords; for a
+            seed, options or actions that are not allowed; and for a policy that does not fit the environment.
     """
-    bare, id, keywords = _described(env)
+    bare, id, keywords = one_fish(env)
+    keywords = as_json(keywords, "the environment's keywords")
     if not is_whole(seed) or seed < 0:
         raise ValueError(f"seed is {seed!r}; give a whole number, zero or more: a recording must be repeatable")
     wanted: dict[str, Any] = {} if options is None else as_json(options, "options")
     limited = env.has_wrapper_attr("_max_episode_steps")  # may have been set since `gym.make`
     steps = env.get_wrapper_attr("_max_episode_steps") if steps is None and limited else steps
-    act, limit = _controller(controller, bare, steps)
-    episode = Episode(bare, int(seed), wanted)
+    act, limit = _controller(policy, bare, steps)
+    episode = Episode(env, int(seed), wanted)
     while limit is None or len(episode.actions) < limit:
-        if episode.step(np.asarray(act(episode.observation[None], episode.seconds), dtype=np.float64)):
+        obs = episode.observation
+        batch = {name: part[None] for name, part in obs.items()} if isinstance(obs, dict) else obs[None]
+        if episode.step(np.asarray(act(batch, episode.seconds), dtype=np.float64)):
             break
     about = {
         "env_id": id,
@@ -90,8 +95,7 @@ def replay(recording: Recording | str | Path) -> Replay:
     found = recording if isinstance(recording, Recording) else load_recording(recording)
     env = env_of(found.about)
     try:
-        bare, _, _ = _described(env)
-        episode = Episode(bare, found.about["seed"], found.about["options"])
+        episode = Episode(env, found.about["seed"], found.about["options"])
         difference = _first_difference(found, episode)
     finally:
         env.close()
@@ -105,9 +109,11 @@ def replay(recording: Recording | str | Path) -> Replay:
 class Episode:
     """An episode of one fish, with all of its states so far."""
 
-    def __init__(self, bare: FishEnv, seed: int, options: Mapping[str, float]):
-        self._bare = bare
-        self.observation, _ = bare.reset(seed=seed, options=dict(options))
+    def __init__(self, env: gym.Env, seed: int, options: Mapping[str, float]):
+        bare = env.unwrapped
+        assert isinstance(bare, FishEnv)  # as `one_fish` and `env_of` return
+        self._env, self._bare = env, bare
+        self.observation, _ = env.reset(seed=seed, options=dict(options))
         self.actions: list[np.ndarray] = []
         self.states = [self._state()]
         self.results: list[dict[str, Any]] = []
@@ -119,12 +125,12 @@ class Episode:
     def step(self, action: np.ndarray) -> bool:
         """Take one environment step; return True if the episode is over."""
         action = action[0] if action.ndim == 2 and len(action) == 1 else action
-        self.observation, reward, terminated, truncated, _ = self._bare.step(action)
+        self.observation, reward, terminated, _, _ = self._env.step(action)
         self.actions.append(action.copy())
         self.states.append(self._state())
         terms = self._bare.fish._arrays["terms"][:, 0].copy()
         self.results.append({"reward": reward, "terms": terms, "terminated": terminated})
-        return terminated or truncated
+        return terminated or self._bare.fish._truncated.item()  # not by a `TimeLimit`, beyond which `steps` may go
 
     def _state(self) -> dict[str, Any]:
         fish, state = self._bare.fish, self._bare.tank.get_state()
@@ -161,34 +167,22 @@ def pad_spheres(spheres: np.ndarray, count: int) -> np.ndarray:
     return np.concatenate([spheres, np.zeros((max(0, count - len(spheres)), 4))])
 
 
-def _described(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
-    """The bare environment, its id and its keywords, or ValueError."""
-    bare = env.unwrapped
-    if not isinstance(bare, FishEnv):
-        raise ValueError(f"the environment is a {type(bare).__name__}; give one fish: gym.make('FishEnv/Swim-v0')")
-    if env.spec is None or env.spec.additional_wrappers:
-        raise ValueError("the environment was not made by gym.make alone; give it without wrappers of your own")
-    keywords = {name: value for name, value in bare.spec.kwargs.items() if name != "render_mode"}
-    return bare, env.spec.id, as_json(keywords, "the environment's keywords")
-
-
 def _controller(
-    given: Policy | Controller | np.ndarray, bare: FishEnv, limit: int | None
+    given: PolicyLike | np.ndarray, bare: FishEnv, limit: int | None
 ) -> tuple[Callable[[np.ndarray, float], np.ndarray], int | None]:
     """Controller of the actions, and number of environment steps after which to stop."""
     if limit is not None and (not is_whole(limit) or limit < 1):
         raise ValueError(f"steps is {limit!r}; give a whole number, at least 1, or None")
     limit = None if limit is None else int(limit)
-    if isinstance(given, Policy):
-        return policy_controller(given, bare.fish), limit
-    if callable(given):
-        if limit is None:
-            raise ValueError("the environment has no time limit; give steps")
-        return given, limit
-    width = bare.fish.single_action_space.shape
-    rows = finite_array(given, (len(given) if np.ndim(given) else 0, *width), "actions")
-    queue = iter(rows)
-    return lambda obs, time: next(queue), len(rows) if limit is None else min(limit, len(rows))
+    if isinstance(given, np.ndarray | list):
+        rows = finite_array(
+            given, (len(given) if np.ndim(given) else 0, *bare.fish.single_action_space.shape), "actions"
+        )
+        queue = iter(rows)
+        return lambda obs, time: next(queue), len(rows) if limit is None else min(limit, len(rows))
+    if limit is None:
+        raise ValueError("the environment has no time limit; give steps")
+    return as_controller(given, bare.fish), limit
 
 
 def _first_difference(found: Recording, episode: Episode) -> str | None:

@@ -10,7 +10,9 @@ from fish_env.control.files import replacing, writable_file
 
 VIDEOS = (".mp4", ".webp", ".gif")
 COLOURS = 128  # of a .gif
+WIDEST = 320  # pixels
 SLOWER = 2  # times slower than life: a tail beats faster than the eye follows
+SPEED = "half speed"  # which the pictures say
 
 
 def load_writer(path: Path):
@@ -28,7 +30,9 @@ def load_writer(path: Path):
 
 
 def write_video(frames: list[np.ndarray], fps: float, path: str | Path) -> None:
-    """Write (H,W,3) uint8 frames as an .mp4, or at half their size as an animated .webp or .gif: whole or not at all.
+    """Write (H,W,3) uint8 frames as an .mp4 or an animated .webp or .gif: whole or not at all.
+
+    Frames of a .webp or .gif that are wider than WIDEST pixels are written at half their size.
 
     Raises:
         ValueError: for another ending, or a folder that cannot be written to.
@@ -41,7 +45,7 @@ def write_video(frames: list[np.ndarray], fps: float, path: str | Path) -> None:
             clip = writer.ImageSequenceClip(list(frames), fps=fps)
             clip.write_videofile(str(partial), logger=None, audio=False)
             return
-        pictures = [writer.fromarray(frame).reduce(2) for frame in frames]
+        pictures = [writer.fromarray(frame).reduce(2 if frame.shape[1] > WIDEST else 1) for frame in frames]
         if path.suffix.lower() == ".gif":
             palette = pictures[0].quantize(COLOURS, method=writer.Quantize.MAXCOVERAGE)  # rare colours, muscles, too
             pictures = [

@@ -5,6 +5,7 @@ import importlib
 from fish_env.envs.layout import LAYOUT_VERSION, Layout, Part, observation_layout
 from fish_env.envs.make_sb3 import make_sb3_vec_env
 from fish_env.envs.single import FishEnv
+from fish_env.envs.state import FishState
 from fish_env.envs.stub import StubEnv, StubVectorEnv
 from fish_env.envs.variation import VARIATIONS
 from fish_env.envs.vector import FishVectorEnv
@@ -13,6 +14,7 @@ __all__ = [
     "LAYOUT_VERSION",
     "VARIATIONS",
     "FishEnv",
+    "FishState",
     "FishVectorEnv",
     "Layout",
     "Part",

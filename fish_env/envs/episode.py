@@ -12,38 +12,43 @@ from gymnasium.vector.utils import batch_space
 from fish_env.bodies import Fish, make_fish
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
-from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_water
+from fish_env.envs.observation import make_sensors, make_told, observe_nodes, observe_sensors
+from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_truth, checked_water
+from fish_env.envs.senses import begin, checked_senses, make_memory, pack_memory
+from fish_env.envs.state import Stateful
 from fish_env.envs.step import (
     FAILURE_PENALTY,
     compile_measure_and_observe,
+    compile_observe,
     contract_all,
     make_arrays,
     make_step,
-    observe_all,
+    recall_all,
 )
-from fish_env.envs.variation import VARIATIONS, checked_variation, draw, vary
+from fish_env.envs.variation import FACTORS, VARIATIONS, checked_variation, draw, factors_of, vary
 from fish_env.kernels.simd import Kind, Pack, Vectors
+from fish_env.physics.forces.control import MASS
 from fish_env.physics.pose import make_pose, packed_pose
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import check_options
+from fish_env.tasks.options import check_options, keywords_of, weight
 from fish_env.tasks.start import check_pose
 
 
-class Episodes(ReadOnly):
+class Episodes(Stateful, ReadOnly):
     """B fish, each in water of its own and in an episode of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a batch of one seeded s + i.
     """
 
     READ_ONLY = ("tank", "task", "num_envs", "control_interval", "groups", "variation")
-    LIVE: tuple[str, ...] = ("max_episode_steps", "variation")
+    LIVE: tuple[str, ...] = ("max_episode_steps", "variation", "failure_penalty")
     """Keywords that may be set while it runs, besides those of the task; a subclass may add attributes of its own."""
     tasks = TASKS
-    single_observation_space: gym.spaces.Box
+    single_observation_space: gym.spaces.Box | gym.spaces.Dict
     single_action_space: gym.spaces.Box
     _measure_and_observe: Callable[..., Any]
     _step: Callable[..., bool] | None
@@ -65,6 +70,14 @@ class Episodes(ReadOnly):
         dtype: str = "float64",
         lanes: str | int | None = None,
         refine: float | None = None,
+        observation: str = "nodes",
+        privileged: bool = False,
+        history: int = 0,
+        observation_noise: Mapping[str, float] | None = None,
+        action_noise: float = 0.0,
+        observation_delay: int | tuple[int, int] = 0,
+        action_delay: int | tuple[int, int] = 0,
+        failure_penalty: float = FAILURE_PENALTY,
         **task_options,
     ):
         self.task, self._task_options = self._make_task(task, task_options), copy.deepcopy(task_options)
@@ -74,7 +87,10 @@ class Episodes(ReadOnly):
         if not isinstance(water, World):
             water = checked_water(water)
         num_envs = checked_count(num_envs, "num_envs")
-        fits_memory(num_envs, bytes_of(fish.body) + bytes_of_episode(fish), "num_envs")
+        limit = self.max_episode_steps or self.task.episode_steps
+        self._senses = checked_senses(observation_noise, action_noise, observation_delay, action_delay, history, limit)
+        remembered = 2 * self._senses.history + self._senses.observation_delay[1]
+        fits_memory(num_envs, bytes_of(fish.body) + bytes_of_episode(fish, remembered), "num_envs")
         self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
         interval = fish.control_interval if control_interval is None else control_interval
         self._substeps = whole_steps(interval, self.tank.dt, "control_interval")
@@ -86,9 +102,18 @@ class Episodes(ReadOnly):
         self.num_envs = num_envs
         self.groups = frozen(fish.grouping(muscle_groups))
         self.first_muscle_of_group = frozen(np.unique(self.groups, return_index=True)[1])  # (A,) the first of each
-        self.layout = Layout(fish, self.task.directions)
+        self.layout = Layout(fish, self.task.directions, observation, self._senses.history, self.groups)
+        self.privileged = checked_truth(privileged, "privileged")
         bound = self.layout.bounds()
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
+        self._goals = getattr(self.task, "goals", None)
+        if self._goals is not None:
+            goals: Any = self.task
+            goal = gym.spaces.Box(-goals.farthest, goals.farthest, (3,), dtype=np.float32)
+            self.compute_reward = goals.compute_reward  # others have none, as checkers expect
+            self.single_observation_space = gym.spaces.Dict(
+                {"observation": self.single_observation_space, "achieved_goal": goal, "desired_goal": goal}
+            )
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (int(self.groups.max()) + 1,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -96,8 +121,11 @@ class Episodes(ReadOnly):
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int | None] = [None] * self.num_envs
         self._names = (*self.task.term_names, "failure")
-        arrays = make_arrays(self.num_envs, len(self.task.term_names), self.groups, self.layout)
-        self._arrays = arrays
+        self._nodes = Layout(fish, self.task.directions)
+        made = self._make_arrays(self.num_envs)
+        self._arrays, self._memory, self._beside = made["episode"], made["memory"], made["beside"]
+        self._privileged, self._drawn, arrays = self._beside["privileged"], self._beside["drawn"], self._arrays
+        self.failure_penalty = failure_penalty
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
         self._reward = arrays["reward"]
@@ -108,6 +136,18 @@ class Episodes(ReadOnly):
         self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
         self._compile()
 
+    def _make_arrays(self, count: int) -> dict[str, dict[str, np.ndarray]]:
+        """Arrays of the episodes of so many fish."""
+        actions, width = int(self.groups.max()) + 1, self._nodes.size + len(FACTORS)
+        return {
+            "episode": make_arrays(count, len(self.task.term_names), self.groups, self.layout.size),
+            "memory": make_memory(self._senses, self.layout, count, actions) if self._senses.remember else {},
+            "beside": {
+                "privileged": np.zeros((count if self.privileged else 0, width), dtype=np.float32),
+                "drawn": np.full((count, len(VARIATIONS)), np.nan),  # of every variation, NaN for the original
+            },
+        }
+
     @property
     def max_episode_steps(self) -> int | None:
         """Environment steps after which an episode is truncated; another number counts for those that begin next."""
@@ -117,6 +157,16 @@ class Episodes(ReadOnly):
     def max_episode_steps(self, steps: int | None) -> None:
         self._max_episode_steps = checked_limit(steps)
 
+    @property
+    def failure_penalty(self) -> float:
+        """What a failure of the physics costs, body lengths; another number counts from the next step."""
+        return float(self._arrays["failure_penalty"][0])
+
+    @failure_penalty.setter
+    def failure_penalty(self, penalty: float) -> None:
+        option = weight(FAILURE_PENALTY, "price of a failure of the physics, body lengths")
+        self._arrays["failure_penalty"][0] = option.checked("failure_penalty", penalty)
+
     def _make_task(self, task, options) -> Task:
         """The task of a name with its options, or ValueError."""
         if not isinstance(task, str) or task not in self.tasks:
@@ -124,7 +174,9 @@ class Episodes(ReadOnly):
         try:
             return self.tasks[task](**options)
         except TypeError as error:
-            raise UnknownOptionError(f"unknown option of the environment or of task {task!r}: {error}") from error
+            allowed = ", ".join(keywords_of(self.tasks[task]))
+            message = f"unknown option of the environment or of task {task!r}: {error}; the task has {allowed}"
+            raise UnknownOptionError(message) from error
 
     def _compile(self) -> None:
         """Describe the arrays to kernels, and choose the compiled calls."""
@@ -137,17 +189,26 @@ class Episodes(ReadOnly):
             "pose": packed_pose(self._pose),
             "order": np.arange(self.num_envs) if engine is None else engine.order,
             "episode": Pack("episode", vectors=Vectors(self._vectors, Kind(1)), **self._arrays),
+            "told": make_told(self.layout, self._observation),
         }
+        sensors = self.layout.observation == "sensors"
+        if sensors:
+            fields["sensors"] = make_sensors(tank.fish, tank.world)
+        if self._memory:
+            fields["memory"] = pack_memory(self._senses, self._memory)
+        if self.privileged:
+            fields["privileged"] = make_told(self._nodes, self._privileged)
+        self._sensing = (observe_sensors if sensors else observe_nodes, bool(self._memory), self.privileged)
         moved = [{}] if engine is None else [{"queue": engine.queue, "block": block} for block in engine.blocks]
         self._envs = [Pack("env", **fields, **each) for each in moved]  # one a thread
         self._env = self._envs[0]
-        self._measure_and_observe = compile_measure_and_observe(self._kernels)
+        self._measure_and_observe = compile_measure_and_observe(self._kernels, self._sensing)
         self._step = None
         if engine is not None:
-            self._step = make_step(engine.names, engine.method.make_run, self._kernels, self._env.type)
+            self._step = make_step(engine.names, engine.method.make_run, self._kernels, self._sensing, self._env.type)
 
     def __getstate__(self):
-        return self.__dict__ | {"_env": None, "_envs": None, "_measure_and_observe": None, "_step": None}
+        return self.__dict__ | {"_env": None, "_envs": None, "_rows": None, "_measure_and_observe": None, "_step": None}
 
     def __setstate__(self, state: dict[str, Any]):
         self.__dict__ |= own(state, state["_vectors"])
@@ -162,10 +223,16 @@ class Episodes(ReadOnly):
         for i, generator in zip(which, generators, strict=True):
             drawn = draw(self.variation, generator) | options
             vary(self.tank, i, drawn)
+            self._drawn[i] = [drawn.get(name, np.nan) for name in VARIATIONS]
             self.task.start(self.tank, i, generator, drawn)
+            if self._memory:
+                begin(self._senses, self._memory, i, generator)
+            if self.privileged:
+                self._privileged[i, -len(FACTORS) :] = factors_of(self.tank, i)
         self._elapsed[mask] = 0
         self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
-        self._arrays["totals"][:, mask] = 0.0
+        self._arrays["totals"][:, mask] = self._arrays["path"][mask] = 0.0
+        self._terminated[mask] = self._truncated[mask] = False
         self._begun[mask] = True
         self._started = self._begun.all()
         self._measure(mask)
@@ -207,6 +274,8 @@ class Episodes(ReadOnly):
         if engine is None or step is None or self.tank.conditioned:  # what is prescribed is imposed by `Tank`
             if not contract_all(self._env):
                 return False
+            if self._memory:
+                recall_all(self._env)
             self.tank.drive(self._contraction, self._substeps)
             self._measure_and_observe(self._env, 0, self.num_envs, True)
         elif self.tank._chunks == 1:
@@ -232,7 +301,7 @@ class Episodes(ReadOnly):
         failed = tank.state.failure != 0
         for t, name in enumerate(self._names[:-1]):
             arrays["terms"][t] = terms[name]
-        arrays["terms"][-1] = failed * -FAILURE_PENALTY
+        arrays["terms"][-1] = failed * -self.failure_penalty
         arrays["totals"] += arrays["terms"]
         arrays["reward"][:] = arrays["terms"].sum(axis=0)
         self._elapsed += 1
@@ -243,7 +312,7 @@ class Episodes(ReadOnly):
 
     def _observe(self) -> None:
         self._vectors[:] = self.task.vectors(self.tank, self._pose)
-        observe_all(self._env)
+        compile_observe(self._sensing)(self._env)
 
     def _measure(self, mask: np.ndarray | None = None) -> None:
         """Bring poses and observations of the fish of a mask (B,), or of all, up to date with their positions."""
@@ -266,26 +335,55 @@ class Episodes(ReadOnly):
         if self.max_episode_steps is not None:
             self._limit[:] = 1 + np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
 
-    def observe(self) -> np.ndarray:
-        """Observations at the end of the last step, or after a restart: a new (B,D) float32 array."""
-        return self._observation.copy()
+    def observe(self) -> Any:
+        """Observations at the end of the last step, or after a restart: a new (B,D) float32 array, or a dict of arrays.
+
+        It is a dict, with the goals, if the task has `goals`.
+        """
+        obs = self._observation.copy()
+        return obs if self._goals is None else {"observation": obs, **self._goals(self.tank)}
 
     def episode_info(self, i: int) -> dict[str, Any]:
         """Summary of the episode of fish i: reward terms, the task's metrics, and its failure, "" for none."""
         failed = self.tank.state.failure[i] != 0
+        seconds = float(max(1, self._elapsed[i]) * self.control_interval)
         info = {
             "terms": {name: float(total[i]) for name, total in zip(self._names, self._arrays["totals"], strict=True)},
             "seconds": float(self._elapsed[i] * self.control_interval),
-            **self.task.metrics(self.tank, i, float(max(1, self._elapsed[i]) * self.control_interval)),
+            **self._energy(i, seconds),
+            **self.task.metrics(self.tank, i, seconds),
             "failure": self.tank.failure[i] if failed else "",
+            **self.state_info(i),
         }
         return info | ({"is_success": info["success"]} if "success" in info else {})  # as Stable-Baselines3 reads it
 
+    def _energy(self, i: int, seconds: float) -> dict[str, float]:
+        """Work of the muscles of fish i over its mass, J/kg, over the time, W/kg, and over its path, J/(kg m)."""
+        tank, path = self.tank, float(self._arrays["path"][i])
+        work = float(tank.work[i] / (tank.fish.body.mass.sum() * tank.variation[i, MASS]))
+        return {"work": work, "power": work / seconds, "cost_of_transport": work / path if path > 0.0 else np.nan}
+
+    def state_info(self, i: int) -> dict[str, Any]:
+        """Info of fish i beside its observation: what was drawn of `variation`, and the privileged observation (P,).
+
+        The latter has all nodes as they are now, as `Layout` lists them, and then `FACTORS` of the fish.
+        """
+        drawn = self.drawn(i)
+        info = {"variation": drawn} if drawn else {}
+        return info | ({"privileged": self._privileged[i].copy()} if self.privileged else {})
+
+    def drawn(self, i: int) -> dict[str, float]:
+        """What was drawn of `variation`, or set by options, for the episode of fish i."""
+        return {name: float(value) for name, value in zip(VARIATIONS, self._drawn[i], strict=True) if value == value}
+
     def step_info(self, i: int) -> dict[str, Any]:
-        """The last step of fish i: reward terms, position (3,) in body lengths, heading in radians."""
+        """The last step of fish i: reward terms (NaN before one), position (3,) in body lengths, heading in radians."""
         forward = self._pose.axes[i, 0]
+        found = self._arrays["terms"][:, i].tolist() if self._elapsed[i] > 0 else [np.nan] * len(self._names)
+        terms = dict(zip(self._names, found, strict=True))
         return {
-            "step_terms": {name: float(term[i]) for name, term in zip(self._names, self._arrays["terms"], strict=True)},
+            **{f"term_{name}": term for name, term in terms.items()},
+            "step_terms": terms,
             "position": self._pose.centre[i] / self.tank.fish.length,
             "heading": float(np.arctan2(forward[1], forward[0])),
         }

@@ -28,13 +28,13 @@ def threads_pack(episodes) -> Pack:
 
 
 @cached
-def make_launch(names, make_run, kernels, env_type):
+def make_launch(names, make_run, kernels, senses, env_type):
     """The kernel `launch(address, count, n, duration)`: a step of each fish order[:count] of the pack at an address.
 
     Its threads take the fish in turn, so there may be fewer of them than fish; `step` says what n and duration are. A
     fish whose action is not finite stays as it is.
     """
-    cuda, step = load(), make_step(names, make_run, kernels, env_type)
+    cuda, step = load(), make_step(names, make_run, kernels, senses, env_type)
 
     def launch(address, count, n, duration):
         for p in range(cuda.grid(1), count, cuda.gridsize(1)):
@@ -46,4 +46,4 @@ def make_launch(names, make_run, kernels, env_type):
 def launch_for(episodes, env_type):
     """`make_launch` for an environment, whose pack is of that type on the GPU."""
     engine = episodes.tank._engine
-    return make_launch(engine.names, engine.method.make_run, episodes._kernels, env_type)
+    return make_launch(engine.names, engine.method.make_run, episodes._kernels, episodes._sensing, env_type)

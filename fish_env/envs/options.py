@@ -8,10 +8,13 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.checks import is_whole
+from fish_env.envs.layout import row_of
 from fish_env.envs.variation import checked_variation
 from fish_env.physics.records import World
 from fish_env.physics.tank_options import MOST_STEPS
 from fish_env.physics.world import make_water
+from fish_env.tasks.base import CompiledTask
+from fish_env.tasks.options import keywords_of
 from fish_env.tasks.start import check_pose
 
 OF_ONE = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
@@ -39,6 +42,24 @@ class OwnSpec:
     @spec.setter
     def spec(self, spec):
         self._spec = copy.deepcopy(spec)
+
+
+class TaskKeywords:
+    """An environment that refuses the assignment of an attribute that is a keyword of its task: it would do nothing."""
+
+    _keywords: frozenset[str] = frozenset()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self._keywords:
+            raise AttributeError(
+                f"{name!r} cannot be assigned; call set_wrapper_attr({name!r}, value) of one fish, set_attr of a batch"
+            )
+        super().__setattr__(name, value)
+
+
+def task_keywords(env, task) -> frozenset[str]:
+    """Keywords of a task, weights of its reward included, that an environment has no attributes for."""
+    return frozenset(name for name in keywords_of(type(task)) if not hasattr(env, name))
 
 
 def checked_seed(seed) -> int | None:
@@ -81,6 +102,27 @@ def checked_truth(value, name: str) -> bool:
     return bool(value)
 
 
+CAMERAS = ("above", "side", "follow")
+"""What a picture is seen by: from above, from the fish's right, or from above and turning with the fish."""
+SMALLEST, SMALLEST_PANEL, LARGEST = 32, (320, 240), 4096  # pixels
+
+
+def checked_picture(width, height, camera, panel) -> dict[str, Any]:
+    """The look of a picture; ValueError for a size or a camera that is not allowed."""
+    if not all(is_whole(side) and SMALLEST <= side <= LARGEST for side in (width, height)):
+        raise ValueError(
+            f"width, height are {width!r}, {height!r}; give whole numbers of pixels from {SMALLEST} to {LARGEST}"
+        )
+    if not isinstance(camera, str) or camera not in CAMERAS:
+        raise ValueError(f"unknown camera {camera!r}; choose from {', '.join(map(repr, CAMERAS))}")
+    if checked_truth(panel, "panel") and (width < SMALLEST_PANEL[0] or height < SMALLEST_PANEL[1]):
+        raise ValueError(
+            f"a picture of {width} x {height} is too small for the panel of numbers; give panel=False, or a width and "
+            f"height of at least {SMALLEST_PANEL[0]} and {SMALLEST_PANEL[1]}"
+        )
+    return {"width": int(width), "height": int(height), "camera": camera, "panel": bool(panel)}
+
+
 def checked_water(keywords) -> World:
     """Water from keywords of `make_water`, or ValueError."""
     try:
@@ -91,6 +133,8 @@ def checked_water(keywords) -> World:
 
 def set_option(env, name: str, value: Any) -> None:
     """Give an option of a batch another value, which counts from the episodes that begin next.
+
+    Weights of the reward, `failure_penalty` and `info_every_step` count from the next step.
 
     Raises:
         AttributeError: for an option that cannot be set while it runs, naming those that can.
@@ -105,6 +149,8 @@ def set_option(env, name: str, value: Any) -> None:
             raise ValueError(f"{name} = {value!r} would change the observation; create a new environment")
         env._task_options[name] = getattr(made, name)
         setattr(task, name, getattr(made, name))
+        if isinstance(task, CompiledTask) and name in task.weights:
+            task.pack.set(**{name: getattr(task, name)})
     elif name == "variation":
         variation = checked_variation({} if value is None else value)
         check_pose(env.tank.fish, variation)
@@ -118,15 +164,22 @@ def set_option(env, name: str, value: Any) -> None:
 def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
     """Value of an attribute, or result of a method, for each of some fish of a batch; AttributeError without it.
 
-    `reset`, `render`, `episode_info` and `step_info` are called for these fish alone. Any other method is called for
-    the batch: ValueError unless all fish are selected.
+    `reset`, `render`, `episode_info`, `step_info`, `get_state` and `set_state` are called for these fish alone. Any
+    other method is called for the batch: ValueError unless all fish are selected.
     """
     which = list(which)
     if name == "reset":
         return reset_each(env, which, *args, **kwargs)
     found: Any = getattr(env.task if name in getattr(env.task, "settable", ()) else env, OF_ONE.get(name, name))
-    if name in ("episode_info", "step_info"):
+    if name == "compute_reward":  # for each of them the same, as of `SyncVectorEnv`
+        return [found(*args, **kwargs) for _ in which]
+    if name in ("episode_info", "step_info", "state_info"):
         return [found(i, *args, **kwargs) for i in which]
+    if name == "get_state":
+        return [found([i], *args, **kwargs) for i in which]
+    if name == "set_state":
+        obs = found(*args, **kwargs, indices=which)
+        return [row_of(obs, i) for i in which]
     if callable(found):
         if name != "render" and set(which) != set(range(env.num_envs)):
             raise ValueError(f"{name} acts on all fish of a batch; call it for all of them")
@@ -137,9 +190,9 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
 
 
 def reset_each(env, which: list[int], *, seed: int | None = None, options: dict | None = None) -> list[Any]:
-    """Begin an episode of some fish, with the same seed: the observation of each, and {}."""
+    """Begin an episode of some fish, with the same seed: the observation of each, and its `info`."""
     mask = np.zeros(env.num_envs, dtype=bool)
     mask[which] = True
     seeds = None if seed is None else [seed] * env.num_envs
     obs, _ = env.reset(seed=seeds, options={**(options or {}), "reset_mask": mask})
-    return [(obs[i], {}) for i in which]
+    return [(row_of(obs, i), env._info(i, True)) for i in which]

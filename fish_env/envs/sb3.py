@@ -10,7 +10,9 @@ try:
 except ImportError as error:
     raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
 
+from fish_env.envs.layout import row_of
 from fish_env.envs.options import call_each, checked_seed
+from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 
 __all__ = ["FishVecEnv", "VecEnv", "VecMonitor"]
@@ -25,7 +27,7 @@ class FishVecEnv(VecEnv):
         super().__init__(fish.num_envs, fish.single_observation_space, fish.single_action_space)
         self.metadata = fish.metadata
 
-    def reset(self) -> np.ndarray:
+    def reset(self) -> Any:
         """Restart all episodes with the seeds and options set before, and return the observations."""
         options = self._options[0] or {}
         if any((other or {}) != options for other in self._options):
@@ -33,7 +35,7 @@ class FishVecEnv(VecEnv):
         self.fish.restart(np.ones(self.num_envs, dtype=bool), self._seeds, options)
         if self.staggered:
             self.fish.stagger()
-        self.reset_infos = [{} for _ in range(self.num_envs)]
+        self.reset_infos = [self.fish._info(i, True) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         return self.fish.observe()
@@ -51,16 +53,26 @@ class FishVecEnv(VecEnv):
         reward, terminated, truncated = self.fish.advance(self._actions)
         obs = self.fish.observe()
         done = terminated | truncated
-        every = self.fish.info_every_step
-        infos: list[dict[str, Any]] = [self.fish.step_info(i) if every else {} for i in range(self.num_envs)]
+        infos: list[dict[str, Any]] = [self.fish._info(i) for i in range(self.num_envs)]
         if done.any():
-            for i in np.flatnonzero(done).tolist():
+            ended = np.flatnonzero(done).tolist()
+            for i in ended:
                 infos[i] |= self.fish.episode_info(i)
-                infos[i]["terminal_observation"] = obs[i].copy()
+                infos[i]["terminal_observation"] = row_of(obs, i)
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i])
             self.fish.restart(done)
+            for i in ended:
+                self.reset_infos[i] = self.fish._info(i, True)
             obs = self.fish.observe()
         return obs, reward.astype(np.float32), done, infos
+
+    def get_state(self, indices=None) -> FishState:
+        """As `FishVectorEnv.get_state`; monitors and other wrappers have sums of their own, which are no part of it."""
+        return self.fish.get_state(indices)
+
+    def set_state(self, state: FishState | Sequence[FishState], indices=None) -> np.ndarray:
+        """As `FishVectorEnv.set_state`: the observations of all fish."""
+        return self.fish.set_state(state, indices)
 
     def close(self) -> None:
         """Close the window and the threads."""
@@ -88,7 +100,7 @@ class FishVecEnv(VecEnv):
     def env_method(self, method_name: str, *method_args, indices=None, **method_kwargs) -> list[Any]:
         """Result of a method for each selected fish; ValueError for a method that acts on all, unless all are selected.
 
-        `reset`, `render`, `episode_info` and `step_info` act on the selected fish only.
+        `reset`, `render`, `episode_info`, `step_info`, `get_state` and `set_state` act on the selected fish only.
         """
         return call_each(self.fish, method_name, self._get_indices(indices), *method_args, **method_kwargs)
 

@@ -10,14 +10,15 @@ from gymnasium.wrappers import TimeLimit
 
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array
-from fish_env.envs.layout import Layout
-from fish_env.envs.options import OwnSpec, checked_seed
+from fish_env.envs.layout import Layout, row_of
+from fish_env.envs.options import OwnSpec, TaskKeywords, checked_seed, task_keywords
+from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import checked_count
 
 
-class FishEnv(OwnSpec, gym.Env):
+class FishEnv(OwnSpec, TaskKeywords, gym.Env):
     """One fish in water. Keywords are those of `FishVectorEnv`; the time limit is `gym.make`'s `TimeLimit`.
 
     The page of each task, with its tables of actions, observations and rewards, is in docs/envs/.
@@ -38,7 +39,10 @@ class FishEnv(OwnSpec, gym.Env):
         self.metadata = self.metadata | {"render_fps": self.fish.metadata["render_fps"]}
         self.observation_space = self.fish.single_observation_space
         self.action_space = self.fish.single_action_space
+        if self.fish._goals is not None:
+            self.compute_reward = self.fish.compute_reward
         self._own = frozenset(vars(self))  # attributes that are no subclass's
+        self._keywords = task_keywords(self, self.fish.task) | set(self.fish.LIVE)
 
     @property
     def tank(self) -> Tank[Fish]:
@@ -58,14 +62,17 @@ class FishEnv(OwnSpec, gym.Env):
                 allowed; nothing has changed then.
             gymnasium.error.Error: and ValueError: for a seed that is no whole number, or negative; as before.
         """
+        wrappers = wrappers_of(self)
+        self._limits = [each for each in wrappers if isinstance(each, TimeLimit)]
+        self._take_assigned(wrappers)
         self.fish.checked_reset(options)  # before the generator is another
-        self._limit = time_limit(self)
+        self._limit = self._time_limit()
         super().reset(seed=checked_seed(seed))
         self.fish._generators[0] = self.np_random
         self.fish.restart(np.ones(1, dtype=bool), None, options)
         if self.render_mode == "human":
             self.render()
-        return self.fish.observe()[0], {}
+        return row_of(self.fish.observe(), 0), self.fish._info(0, True)
 
     def step(self, action: np.ndarray):
         """One control interval: observation, reward, terminated, truncated, info."""
@@ -74,12 +81,48 @@ class FishEnv(OwnSpec, gym.Env):
             action = finite_array(action, self.action_space.shape, "action")
         fish._take_action(action[None])
         terminated, truncated = fish._terminated.item(), fish._truncated.item()
-        info = fish.step_info(0) if fish.info_every_step else {}
+        info = fish._info(0)
         if terminated or truncated or fish._elapsed[0] == self._limit:
             info |= self.episode_info()
         if self.render_mode == "human":
             self.render()
-        return fish._observation[0].copy(), fish._reward.item(), terminated, truncated, info
+        obs = fish._observation[0].copy() if fish._goals is None else row_of(fish.observe(), 0)
+        return obs, fish._reward.item(), terminated, truncated, info
+
+    def _time_limit(self) -> int | None:
+        """Steps after which a `TimeLimit` truncates, None without one; ValueError for what is no whole number."""
+        limits = [checked_count(each._max_episode_steps, "max_episode_steps") for each in self._limits]
+        return min(limits, default=None)
+
+    def get_state(self) -> FishState:
+        """All that decides what happens next, as `FishVectorEnv.get_state`, the limit of a `TimeLimit` included."""
+        self.fish._generators[0] = self.np_random  # which may be another by now
+        state, limit = self.fish.get_state(), self._time_limit()
+        if limit is not None:
+            arrays = state.arrays
+            least = np.minimum(arrays["episode.limit"], limit, out=arrays["episode.limit"])
+            arrays["episode.truncated"] |= ~arrays["episode.terminated"] & (arrays["episode.elapsed"] >= least)
+        return state
+
+    def set_state(self, state: FishState) -> Any:
+        """Go on from a state of one fish, as `FishVectorEnv.set_state`; every `TimeLimit` counts its steps from there.
+
+        The episode is truncated at the limit of the state, or of the `TimeLimit` if that is shorter.
+
+        Returns:
+            The observation, (D,) float32, or a dict of the task's `goals`.
+
+        Raises:
+            ValueError: for a state of another task, body, layout or format, or of several fish; nothing has changed.
+            gymnasium.error.ResetNeeded: before the first `reset`.
+        """
+        if not self.fish._started:
+            raise gym.error.ResetNeeded("set_state was called before reset; call env.reset() first")
+        self.fish._generators[0] = self.np_random
+        obs = row_of(self.fish.set_state(state), 0)
+        for wrapper in self._limits:
+            wrapper._elapsed_steps = int(self.fish._elapsed[0])
+        return obs
 
     def episode_info(self) -> dict[str, Any]:
         """Summary of the episode so far: reward terms, the task's metrics, seconds, the failure if any.
@@ -87,6 +130,12 @@ class FishEnv(OwnSpec, gym.Env):
         The last step of an episode returns it in `info`, also under a `TimeLimit` through which `reset` was called.
         """
         return self.fish.episode_info(0)
+
+    def get_wrapper_attr(self, name: str) -> Any:
+        """The value of an option of `env.unwrapped.fish.settable`, or of an attribute; AttributeError for others."""
+        if name in self._keywords.intersection(self.fish.settable) - {"max_episode_steps"}:  # that is the wrapper's
+            return self.fish.get_attr(name)[0]
+        return super().get_wrapper_attr(name)
 
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
         """Set an option of `env.unwrapped.fish.settable` for the episodes that begin next, or a subclass's attribute.
@@ -104,6 +153,20 @@ class FishEnv(OwnSpec, gym.Env):
             self.spec.kwargs[name] = copy.deepcopy(value)  # what a recording says
         return True
 
+    def _take_assigned(self, wrappers: list[gym.Wrapper]) -> None:
+        """Set the options that were assigned to a wrapper, as `DummyVecEnv.set_attr` of Stable-Baselines3 does.
+
+        Wrappers of users may have attributes of these names that mean something else.
+        """
+        for wrapper in wrappers:
+            if type(wrapper).__module__.split(".")[0] in ("gymnasium", "stable_baselines3"):
+                for name in sorted(self._keywords & vars(wrapper).keys()):
+                    self.set_wrapper_attr(name, vars(wrapper).pop(name))
+                if wrapper not in self._limits and "_max_episode_steps" in vars(wrapper):
+                    steps = vars(wrapper).pop("_max_episode_steps")
+                    for each in self._limits:
+                        each._max_episode_steps = steps
+
     def render(self):
         """A picture (H,W,3) uint8, or None after drawing to the window ("human")."""
         frames = self.fish.render()
@@ -114,17 +177,16 @@ class FishEnv(OwnSpec, gym.Env):
         self.fish.close()
 
 
-def time_limit(env: gym.Env) -> int | None:
-    """After how many steps a `TimeLimit` truncates the episode that is being begun; None if there is none.
+def wrappers_of(env: gym.Env) -> list[gym.Wrapper]:
+    """The wrappers round an environment through which its `reset` is called, which is being called.
 
-    Gymnasium does not tell an environment what is wrapped round it, so the wrapper is looked for among the callers of
-    its `reset`; of several, the shortest counts. ValueError for a limit that is no whole number, at least 1.
+    Gymnasium does not tell an environment what is wrapped round it, so they are looked for among the callers.
     """
-    limits, frame = [], sys._getframe(1)
+    found, frame = [], sys._getframe(1)
     while frame is not None:
         if frame.f_code.co_name == "reset" and frame.f_code.co_varnames[:1] == ("self",):
             caller = frame.f_locals["self"]
-            if isinstance(caller, TimeLimit) and caller.unwrapped is env:
-                limits.append(checked_count(caller._max_episode_steps, "max_episode_steps"))
+            if isinstance(caller, gym.Wrapper) and caller.unwrapped is env:
+                found.append(caller)
         frame = frame.f_back
-    return min(limits, default=None)
+    return found

@@ -1,5 +1,8 @@
 """One environment step as one compiled call: command, integrate, measure, reward, observe.
 
+What a fish observes and remembers is a tuple `senses`, by which kernels are kept: the kernel that observes; whether
+actions and observations pass through a memory; whether all nodes are observed besides, for a privileged critic.
+
 Legend: b fish; t terms of the reward; p place of a fish in the order in which its thread moves it.
 """
 
@@ -8,10 +11,10 @@ from functools import cache
 
 import numpy as np
 
-from fish_env.envs.layout import Layout
-from fish_env.envs.observation import observe
+from fish_env.envs.observation import observe_nodes
+from fish_env.envs.senses import recall_action, recall_observation
 from fish_env.kernels.compile import INDEX, kernel, njit, part
-from fish_env.kernels.simd import pack_at
+from fish_env.kernels.simd import dot, pack_at, sqrt
 from fish_env.physics.engine import make_advance
 from fish_env.physics.forces import cached
 from fish_env.physics.muscles import command
@@ -31,8 +34,35 @@ def contract(action, groups, b, out):
     return True
 
 
+@kernel
+def measure_motion(env, b, stepped):
+    """Measure the pose of fish b; after a step, add the way of its centre of mass to its path."""
+    tank, pose = env.tank, env.pose
+    before = pose.centre[b]
+    measure(tank, pose, b)
+    if stepped and tank.failure[b] == 0:
+        way = pose.centre[b] - before
+        env.episode.path[b] += sqrt(dot(way, way))
+
+
 @cache
-def make_measure_and_observe(kernels):
+def make_observe(senses):
+    """The kernel `(env, b)` that fills what fish b observes, from its pose and the vectors of its task."""
+    observe, remember, privileged = senses
+
+    @kernel
+    def observe_all_of(env, b):
+        observe(env, env.told, b)
+        if remember:
+            recall_observation(env, b)
+        if privileged:
+            observe_nodes(env, env.privileged, b)
+
+    return observe_all_of
+
+
+@cache
+def make_measure_and_observe(kernels, senses):
     """The kernel `(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None.
 
     It measures the fish queue.order[first:last], rewards them if they have stepped, and fills their observations.
@@ -43,10 +73,11 @@ def make_measure_and_observe(kernels):
         @part
         def measure_and_observe(env, first, last, stepped):
             for p in range(first, last):
-                measure(env.tank, env.pose, INDEX(env.order[p]))
+                measure_motion(env, INDEX(env.order[p]), stepped)
 
         return measure_and_observe
 
+    observe = make_observe(senses)
     look, score = kernels
 
     @kernel
@@ -55,7 +86,7 @@ def make_measure_and_observe(kernels):
         terms, failed = episode.terms, tank.failure[b] != 0
         score(tank, env.pose, env.task, b, terms)
         last = terms.shape[0] - 1
-        terms[last, b] = -FAILURE_PENALTY if failed else 0.0
+        terms[last, b] = -episode.failure_penalty[0] if failed else 0.0
         total = 0.0
         for t in range(last + 1):
             total += terms[t, b]
@@ -68,22 +99,21 @@ def make_measure_and_observe(kernels):
 
     @part
     def measure_and_observe(env, first, last, stepped):
-        episode = env.episode
         for p in range(first, last):
             b = INDEX(env.order[p])
-            measure(env.tank, env.pose, b)
+            measure_motion(env, b, stepped)
             if stepped:
                 compute_reward_and_end(env, b)
-            look(env.tank, env.pose, env.task, b, episode.vectors)
-            observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
+            look(env.tank, env.pose, env.task, b, env.episode.vectors)
+            observe(env, b)
 
     return measure_and_observe
 
 
 @cache
-def compile_measure_and_observe(kernels):
+def compile_measure_and_observe(kernels, senses):
     """`make_measure_and_observe`, compiled for Python to call."""
-    measure_and_observe = make_measure_and_observe(kernels)
+    measure_and_observe = make_measure_and_observe(kernels, senses)
 
     @njit
     def call(env, first, last, stepped):
@@ -92,12 +122,24 @@ def compile_measure_and_observe(kernels):
     return call
 
 
+@cache
+def compile_observe(senses):
+    """`make_observe` for all fish, compiled for Python to call."""
+    observe = make_observe(senses)
+
+    @njit
+    def observe_all(env):
+        for b in range(env.episode.reward.size):
+            observe(env, b)
+
+    return observe_all
+
+
 @njit
-def observe_all(env):
-    """Fill the observations of all fish, from poses and vectors as they are."""
-    episode = env.episode
-    for b in range(episode.reward.size):
-        observe(env.tank, env.pose, episode.vectors, episode.starts, episode.limits, b, episode.observation)
+def recall_all(env):
+    """Replace the contractions of all fish by those of the actions that arrive."""
+    for b in range(env.episode.reward.size):
+        recall_action(env, b)
 
 
 @njit
@@ -111,14 +153,14 @@ def contract_all(env):
 
 
 @cached
-def make_step(names: tuple[str, ...], make_run, kernels, env_type):
+def make_step(names: tuple[str, ...], make_run, kernels, senses, env_type):
     """The compiled `step(address, first, last, n, duration)` for an environment's pack of this type, by its address.
 
     It returns False, and nothing has moved, for an action that is not finite. With n below zero it only measures and
     observes the fish where they are: one compilation serves resets and steps.
     """
     advance, env_at = make_advance(names, make_run), pack_at(env_type)
-    measure_and_observe = make_measure_and_observe(kernels)
+    measure_and_observe, remember = make_measure_and_observe(kernels, senses), senses[1]
 
     @njit
     def step(address, first, last, n, duration):
@@ -128,6 +170,9 @@ def make_step(names: tuple[str, ...], make_run, kernels, env_type):
             for p in range(first, last):
                 if not contract(episode.action, episode.groups, INDEX(order[p]), episode.contraction):
                     return False
+            if remember:
+                for p in range(first, last):
+                    recall_action(env, INDEX(order[p]))
             for p in range(first, last):
                 command(env.tank, episode.contraction, INDEX(order[p]), duration)
             advance(env.tank, env.queue, env.block, first, last, n)
@@ -137,18 +182,18 @@ def make_step(names: tuple[str, ...], make_run, kernels, env_type):
     return step
 
 
-def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
+def make_arrays(num_envs: int, num_terms: int, groups: np.ndarray, numbers: int) -> dict[str, np.ndarray]:
     """Arrays of the state of the episodes, by name, with a row or a column for each fish."""
     b = num_envs
     return {
         "action": np.zeros((b, int(groups.max()) + 1)),
         "groups": np.array(groups),  # the kernels' own: they do not check that a muscle exists
         "contraction": np.zeros((b, groups.size)),
-        "starts": np.array([part.start for part in layout]),
-        "limits": np.array([part.limit for part in layout]),
-        "observation": np.zeros((b, layout.size), dtype=np.float32),
+        "observation": np.zeros((b, numbers), dtype=np.float32),
         "terms": np.zeros((num_terms + 1, b)),
         "totals": np.zeros((num_terms + 1, b)),
+        "failure_penalty": np.array([FAILURE_PENALTY]),
+        "path": np.zeros(b),
         "reward": np.zeros(b),
         "terminated": np.zeros(b, dtype=bool),
         "truncated": np.zeros(b, dtype=bool),

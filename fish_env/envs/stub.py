@@ -5,7 +5,7 @@ the end of an episode, is the code of the real environments; their kernels run a
 """
 
 from fish_env.envs.single import FishEnv
-from fish_env.envs.step import contract_all, make_measure_and_observe
+from fish_env.envs.step import contract_all, make_measure_and_observe, recall_all
 from fish_env.envs.vector import FishVectorEnv
 from fish_env.tasks import SwimTask
 
@@ -17,13 +17,16 @@ class StubVectorEnv(FishVectorEnv):
 
     def _compile(self):
         super()._compile()
-        self._measure_and_observe = make_measure_and_observe(self._kernels)  # a kernel, which runs as Python
+        self._measure_and_observe = make_measure_and_observe(
+            self._kernels, self._sensing
+        )  # a kernel, which runs as Python
         self._step = None
 
     def _move(self):
-        as_python = getattr(contract_all, "py_func", contract_all)
-        if not as_python(self._env):
+        if not getattr(contract_all, "py_func", contract_all)(self._env):
             return False
+        if self._memory:
+            getattr(recall_all, "py_func", recall_all)(self._env)
         tank, contraction = self.tank, self._contraction
         tank.rest_length[:, tank.fish.muscles] = tank.natural - contraction * tank.span
         velocity = tank.fish.length * contraction.mean(axis=1)[:, None] * self._pose.axes[:, 0]

@@ -43,7 +43,7 @@ class FishTorchEnv:
         self.device = checked_device(device)
         self.num_envs = checked_count(num_envs, "num_envs")
         starts = min(self.num_envs, 1024) if starts is None else checked_count(starts, "starts")
-        refused = sorted({"threads", "lanes"} & set(options))
+        refused = sorted({"threads", "lanes", "privileged", "goal_env"} & set(options))
         if refused:
             raise ValueError(f"{refused[0]} is for the processor; on a GPU every fish has a thread of its own")
         self._episodes = Episodes(starts, threads=1, **options)

@@ -8,10 +8,20 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from fish_env.envs.episode import Episodes
-from fish_env.envs.options import OwnSpec, call_each, checked_seeds, checked_truth, set_option
+from fish_env.envs.layout import row_of
+from fish_env.envs.options import (
+    OwnSpec,
+    TaskKeywords,
+    call_each,
+    checked_picture,
+    checked_seeds,
+    checked_truth,
+    set_option,
+    task_keywords,
+)
 
 
-class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
+class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
     """A batch of fish, each in water of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a single environment seeded s + i.
@@ -27,17 +37,34 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         muscle_groups: "muscles", an action for each muscle, or "pairs", one for the left and one for the right side
             of each segment (the upper and lower muscle contract together: for planar scenes).
         variation: what differs from fish to fish, drawn at every reset: a number or a pair (lowest, highest) for keys
-            of `fish_env.envs.VARIATIONS`, such as `{"stiffness": (0.8, 1.25), "current": (0, 0.5)}`.
+            of `fish_env.envs.VARIATIONS`, such as `{"stiffness": (0.8, 1.25), "current": (0, 0.5)}`; what was drawn is
+            in `info["variation"]` of a reset and of the end of an episode.
         max_episode_steps: environment steps after which an episode is truncated; None or -1 for no limit.
         autoreset_mode: an `AutoresetMode` or its value, "NextStep", "SameStep" or "Disabled".
         render_mode: None, "rgb_array", "rgb_array_list" (`render` returns all since it was last called) or "human".
-        info_every_step: put the reward terms, position and heading of every step into `info`; else `info` is empty
-            until the end of an episode.
+        width, height: size of a picture, pixels, 32 to 4096.
+        camera: "above", from above; "side", from the fish's right, turning with it about the vertical; "follow", from
+            above, turning with it so that its nose points up. All move with the fish; the shorter side of the picture
+            is two body lengths.
+        panel: whether a picture has numbers, a scale and a small second view; it is then at least 320 x 240.
+        info_every_step: put the same keys into `info` after every reset and step: the reward terms, position and
+            heading of the step, and the summary of the episode so far; else `info` is empty until its end.
         threads: over how many threads the fish are shared out; None for all processors.
         dtype: "float64" or "float32", what the physics calculates in (`Tank`).
         lanes: how many fish a kernel works on at once; None chooses.
         refine: relative change of a spring's length in a step above which shorter steps are taken; None is the fish's.
-        task_options: keywords of the task.
+        observation: "nodes", positions and velocities of all nodes, or "sensors", what a robot could measure
+            (`Layout`).
+        privileged: put all nodes as they are, without noise and delay, and the factors of the fish into
+            `info["privileged"]` of every step, for the critic of a learner.
+        history: how many actions and observations before the present one an observation ends with.
+        observation_noise: standard deviation of normal noise by part of the layout, such as `{"velocity": 0.05}`.
+        action_noise: standard deviation of normal noise on the actions.
+        observation_delay: environment steps after which an observation arrives: a number, or a pair (lowest, highest)
+            to draw it from at every reset.
+        action_delay: environment steps after which an action arrives, likewise; until then the muscles relax.
+        failure_penalty: what a failure of the physics costs, body lengths.
+        task_options: keywords of the task, weights of its reward included.
 
     Raises:
         ValueError: for anything unknown or not allowed, saying what is.
@@ -57,10 +84,15 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        camera: str = "above",
+        panel: bool = True,
         info_every_step: bool = False,
         **options,
     ):
         check_render_mode(render_mode, self.metadata["render_modes"])
+        self.picture = checked_picture(width, height, camera, panel)
         self.info_every_step = checked_truth(info_every_step, "info_every_step")
         super().__init__(num_envs, **options)
         try:
@@ -72,12 +104,11 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         fps = 1.0 / self.control_interval
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self._pictures: list[list[np.ndarray]] = [[] for _ in range(self.num_envs)]  # not yet handed out
-        self._over = np.zeros(self.num_envs, dtype=bool)
+        self._keywords = task_keywords(self, self.task)
 
     def restart(self, mask, seeds=None, options=None) -> None:
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
         super().restart(mask, seeds, options)
-        self._over[mask] = False
         if self._renderer is not None:
             self._renderer.restart(mask)
             for i in np.flatnonzero(mask):
@@ -100,49 +131,77 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         mask = options.pop("reset_mask", None)
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)
-        elif not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != self._over.shape or not mask.any():
+        elif not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(f"reset_mask is {mask!r}; give a boolean array ({self.num_envs},) with at least one True")
         self.restart(mask, seeds, options)
         self._show(mask)
-        return self.observe(), {}
+        infos: dict[str, Any] = {}
+        if self.info_every_step:
+            for i in np.flatnonzero(mask).tolist():
+                infos = self._add_info(infos, self._info(i, True), i)
+        return self.observe(), self._add_state_info(infos, mask)
+
+    def _info(self, i: int, begins: bool = False) -> dict[str, Any]:
+        """What `info` says of fish i in any step and after a reset: the step and the episode so far, or little."""
+        if self.info_every_step:
+            return self.step_info(i) | self.episode_info(i)
+        if begins:
+            return self.state_info(i)
+        return {"privileged": self._privileged[i].copy()} if self.privileged else {}
+
+    def _add_state_info(self, infos: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+        """Add what was drawn for the fish of the mask (B,), whose episodes begin, and what is privileged of all."""
+        if mask.any() and not self.info_every_step and not np.isnan(self._drawn[mask]).all():
+            for i in np.flatnonzero(mask).tolist():
+                infos = self._add_info(infos, {"variation": self.drawn(i)}, i)
+        if self.privileged:
+            infos |= {"privileged": self._privileged.copy(), "_privileged": np.ones(self.num_envs, dtype=bool)}
+        return infos
 
     def step(self, actions: np.ndarray):
         """One control interval for every fish; episodes that have ended restart as `autoreset_mode` says."""
-        restarting = self._over.copy()
+        restarting = self._over
         if self.autoreset_mode is AutoresetMode.DISABLED and restarting.any():
             raise gym.error.ResetNeeded(
                 f"fish {np.flatnonzero(restarting).tolist()} are at the end of an episode and autoreset is disabled; "
                 "call env.reset(options={'reset_mask': terminated | truncated})"
             )
         reward, terminated, truncated = self.advance(actions)
-        infos: dict[str, Any] = {}
         if restarting.any():  # NEXT_STEP: their action is ignored
             self.restart(restarting)
             reward[restarting] = 0.0
             terminated[restarting] = truncated[restarting] = False
-        self._over = terminated | truncated
-        if self.info_every_step:
-            same = self.autoreset_mode is AutoresetMode.SAME_STEP  # the last step is told of in `final_info`
-            for i in np.flatnonzero(~(self._over if same else restarting)).tolist():
-                infos = self._add_info(infos, self.step_info(i), i)
+        over, begun = terminated | truncated, restarting
+        infos: dict[str, Any] = {}
         obs = self.observe()
-        if self._over.any():
-            infos = self._end_episodes(infos, obs)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                self.restart(self._over.copy())
-                obs = self.observe()
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
+            for i in np.flatnonzero(over).tolist():
+                info = self.episode_info(i) | (self.step_info(i) if self.info_every_step else {})
+                infos = self._add_info(infos, {"final_obs": row_of(obs, i), "final_info": info}, i)
+            self.restart(over)  # after it, no episode is over
+            obs, begun = self.observe(), over
+        for i in range(self.num_envs) if self.info_every_step else np.flatnonzero(self._over).tolist():
+            infos = self._add_info(infos, self._info(i) if self.info_every_step else self.episode_info(i), i)
+        infos = self._add_state_info(infos, begun)
         if self.render_mode is not None:
             self._show()
         return obs, reward, terminated, truncated, infos
 
-    def _end_episodes(self, infos, obs):
-        for i in np.flatnonzero(self._over).tolist():
-            info = self.episode_info(i)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                info = (self.step_info(i) if self.info_every_step else {}) | info
-                info = {"final_obs": obs[i].copy(), "final_info": info}
-            infos = self._add_info(infos, info, i)
-        return infos
+    @property
+    def _over(self) -> np.ndarray:
+        """(B,) the fish whose episodes have ended and not begun again."""
+        return self._terminated | self._truncated
+
+    def set_state(self, state, indices=None) -> np.ndarray:
+        """As `Stateful.set_state`; what is shown follows."""
+        obs = super().set_state(state, indices)
+        mask = np.zeros(self.num_envs, dtype=bool)
+        mask[slice(None) if indices is None else indices] = True
+        if self._renderer is not None:
+            self._renderer.restart(mask)
+        if self.render_mode is not None and self._started:
+            self._show(mask)
+        return obs
 
     def _show(self, mask: np.ndarray | None = None) -> None:
         """Show all fish in the window, or keep the pictures of those of the mask (B,), as the render mode wants."""
@@ -192,6 +251,8 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
     def set_attr(self, name: str, values: Any) -> None:
         """Set an option of `settable` for the episodes that begin next: one value, or a list or tuple of one a fish.
 
+        Weights of the reward count from the next step.
+
         Raises:
             AttributeError: for any other option, naming those that can be set.
             ValueError: for a value that is not allowed, another number of values, or values that differ: the fish of a
@@ -199,7 +260,10 @@ class FishVectorEnv(OwnSpec, Episodes, VectorEnv):
         """
         given = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(given) != self.num_envs or not all(np.all(other == given[0]) for other in given):
-            raise ValueError(f"{name} would be {values!r}; give one value, or {self.num_envs} that are the same")
+            same = f"{self.num_envs} that are the same"
+            raise ValueError(
+                f"{name} would be {values!r}; give one value, or {same}: a pair as [pair] * {self.num_envs}"
+            )
         set_option(self, name, given[0])
 
     @property

@@ -44,7 +44,19 @@ def fingerprint(function: FunctionType) -> str:
     return digest.hexdigest()
 
 
-def _function(function: FunctionType, seen: dict[FunctionType, int]) -> Iterator[bytes]:
+def count_parts(function: FunctionType) -> int:
+    """Number of kernels that a kernel is made of and that are not compiled in this process, itself included.
+
+    Raises:
+        UnknownValueError: if it has no fingerprint.
+    """
+    seen: dict[Any, int] = {}
+    for _ in _function(function, seen):
+        pass
+    return 1 + sum(isinstance(each, Dispatcher) and not each.overloads for each in seen)
+
+
+def _function(function: FunctionType, seen: dict[Any, int]) -> Iterator[bytes]:
     if function in seen:
         yield b"seen %d" % seen[function]
         return
@@ -92,6 +104,7 @@ def _value(value: Any, seen) -> Iterator[bytes]:
     kind = type(value)
     yield f"{kind.__module__}.{kind.__qualname__}".encode()
     if isinstance(value, Dispatcher):
+        seen[value] = len(seen)
         yield repr(sorted(value.targetoptions.items())).encode()
         yield from _function(value.py_func, seen)
     elif kind in PLAIN:

@@ -1,4 +1,4 @@
-"""The laboratory in the browser, `python -m fish_env lab`: look at soft bodies, pull and change them, compare methods.
+"""The laboratory in the browser, `fish_env lab`: look at soft bodies, pull and change them, compare methods.
 
 - `bench`: objects side by side, the hand that drags, measurements, failures with their reason. It knows nothing of a
   browser, and validates all requests; `specimen`, `settings`, `hand`, `geometry` and `fields` are its parts;

@@ -59,6 +59,7 @@ def gather(tank, block, todo, p, q):
         for k in range(3):
             current[0, k, m] = tank.variation[b, CURRENT + k]
     control.fastest[0] = zero(control.fastest)
+    control.work[0] = zero(control.work)
     control.pivots[0] = zero(control.pivots)
     control.untrusted[0] = zero(control.untrusted)
     control.reused[0] = 0
@@ -66,13 +67,14 @@ def gather(tank, block, todo, p, q):
 
 @kernel
 def scatter(tank, block, b, m):
-    """Copy lane m of a block back to fish b."""
+    """Copy lane m of a block back to fish b, and add the work of its muscles."""
     x, v = floats(block.x), floats(block.v)
     for k in range(3):
         origin = tank.x[b, 0, k]
         for i in range(x.shape[0]):
             tank.x[b, i, k] = origin + x[i, k, m] if block.relative else x[i, k, m]
             tank.v[b, i, k] = v[i, k, m]
+    tank.work[b] += tank.variation[b, STIFFNESS] * floats(block.control.work)[0, m]
 
 
 @kernel

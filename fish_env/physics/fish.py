@@ -13,7 +13,7 @@ NOTHING = np.zeros(0, dtype=np.int64)
 GIVEN_LATER: Any = None  # `__post_init__` sets the default, so that the attribute is never None
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ElasticObject:
     """A body, its surroundings and its integrator, without muscles. x points to the right or forward, z up."""
 
@@ -61,6 +61,13 @@ class ElasticObject:
             object.__setattr__(self, "fibres", self.muscles)
             object.__setattr__(self, "drives", np.repeat(np.arange(self.num_muscles)[:, None], 2, axis=1))
 
+    def __repr__(self) -> str:
+        body = self.body
+        return (
+            f"<{type(self).__name__} {self.name!r}: {body.mass.size} nodes, {len(body.springs.nodes)} springs, "
+            f"{self.num_muscles} muscles, length {self.length:g} m, mass {body.mass.sum():.3g} kg>"
+        )
+
     @property
     def num_muscles(self) -> int:
         return len(self.muscles)
@@ -86,7 +93,7 @@ class Landmarks(NamedTuple):
     mirror: np.ndarray  # (L,) the landmark each becomes when left and right are exchanged
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Fish(ElasticObject):
     """A body with muscles, a head and a tail. The x axis points forward, y to the left, z up."""
 

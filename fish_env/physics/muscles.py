@@ -14,15 +14,17 @@ def command(tank, contraction, b, duration):
 
     The effort is the mean square of their changes, relative to the largest possible change.
     """
-    squares, fastest = 0.0, duration / tank.contraction_time
-    rise, fall = tank.activation_time[0], tank.activation_time[1]
+    strength, slowness = tank.muscle_variation[b, 0], tank.muscle_variation[b, 1]
+    squares, fastest = 0.0, duration / (tank.contraction_time * slowness)
+    rise, fall = tank.activation_time[0] * slowness, tank.activation_time[1] * slowness
     if rise > 0.0:
         fastest = 1.0 - exp(-duration / rise)
     for m in range(tank.fibres.size):
         e = INDEX(tank.fibres[m])
         goal = 0.5 * (contraction[b, INDEX(tank.drives[m, 0])] + contraction[b, INDEX(tank.drives[m, 1])])
-        wanted = tank.fibre_natural[m] - goal * tank.fibre_span[m] - tank.rest_length[b, e]
-        limit = fastest * tank.fibre_span[m]
+        span = strength * tank.fibre_span[m]
+        wanted = tank.fibre_natural[m] - goal * span - tank.rest_length[b, e]
+        limit = fastest * span
         if rise > 0.0:
             change = wanted * (1.0 - exp(-duration / (rise if wanted < 0.0 else fall)))  # (63)
         else:

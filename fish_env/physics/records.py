@@ -99,7 +99,8 @@ class State(NamedTuple):
     v: np.ndarray  # (B,N,3) m/s
     t: np.ndarray  # (B,) s
     failure: np.ndarray  # (B,) 0 while the body is valid, else an index into FAILURES
-    counters: np.ndarray  # (B,5) work done and trouble met so far, a column for each of COUNTERS
+    counters: np.ndarray  # (B,5) computing done and trouble met so far, a column for each of COUNTERS
+    work: np.ndarray  # (B,) J, done so far by the driven springs: what their moving rest lengths put in
 
 
 class Control(NamedTuple):

@@ -55,7 +55,7 @@ class Tank(ReadOnly, Generic[Elastic]):
     """
 
     READ_ONLY = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
-                 "natural", "span", "effort", "variation", "pack")  # fmt: skip
+                 "natural", "span", "effort", "variation", "muscle_variation", "pack")  # fmt: skip
     pack: Pack
 
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
@@ -73,7 +73,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         self.kind = options.kind_for(b, dtype, lanes)
         """Number of fish that the kernels process at once, and their precision."""
         position, counts = np.repeat(body.position[None], b, axis=0), np.zeros((b, len(COUNTERS)), dtype=np.int64)
-        self.state = State(position, np.zeros_like(position), np.zeros(b), np.zeros(b, dtype=np.int64), counts)
+        time, failure, work = np.zeros(b), np.zeros(b, dtype=np.int64), np.zeros(b)
+        self.state = State(position, np.zeros_like(position), time, failure, counts, work)
         springs = body.springs.rest_length
         self.control = Control(np.repeat(springs[None], b, axis=0), np.zeros((b, springs.size)))
         self.natural = springs[fish.muscles]
@@ -86,6 +87,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         """(B,) mean square of the muscles' speeds in the last `swim`; 1 if all moved at their fastest."""
         self.variation = np.tile(NOMINAL, (b, 1))
         """(B,6) factors and current of each fish (`vary`); read-only."""
+        self.muscle_variation = np.ones((b, 2))
+        """(B,2) factors on strength and contraction time of each fish (`vary`); read-only."""
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
         self._threads = Threads(self.threads)
         self._compile()
@@ -111,12 +114,13 @@ class Tank(ReadOnly, Generic[Elastic]):
         return Pack(  # kernels do not check the indices in these arrays
             "tank",
             x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
-            clock=state.t, failure=state.failure, counters=state.counters,
+            clock=state.t, failure=state.failure, counters=state.counters, work=state.work,
             rest_length=control.rest_length, rate=control.rate, variation=self.variation, effort=self.effort,
+            muscle_variation=self.muscle_variation,
             rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
             contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
             natural=self.natural, span=self.span, fibre_natural=natural, fibre_span=span,
-            spring_stiffness=springs.stiffness, spring_length=springs.rest_length, **own,
+            spring_length=springs.rest_length, **own,
         )  # fmt: skip
 
     def __getstate__(self):
@@ -164,11 +168,21 @@ class Tank(ReadOnly, Generic[Elastic]):
         return dict(zip(COUNTERS, self.state.counters.T, strict=True))
 
     @property
+    def work(self) -> np.ndarray:
+        """Work that the muscles of each fish have done on it since its reset, (B,) J: live (docs/physics.md, eq. 41).
+
+        It is integrated at every step of dt. It counts the motion of rest lengths that commands set, not those that a
+        program writes into `rest_length`.
+        """
+        return self.state.work
+
+    @property
     def contraction(self) -> np.ndarray:
         """Contraction of each muscle's rest length, (B,M): 0 natural, 1 full."""
         return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
 
-    def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0)) -> None:
+    def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0), strength=1.0,
+             contraction_time=1.0) -> None:  # fmt: skip
         """Set the factors and the current of fish i, 0 to B - 1; without arguments, restore their defaults.
 
         Args:
@@ -177,13 +191,17 @@ class Tank(ReadOnly, Generic[Elastic]):
             mass: factor on its mass, 1e-9 to 1e9.
             drag: factor on the force of the water, 0 to 1e9.
             current: velocity of its water relative to that of the tank's, (3,) m/s.
+            strength: factor on how far its muscles contract, 0.01 to 1.5.
+            contraction_time: factor on the time that a contraction takes, or on its activation times, 0.01 to 100.
 
         Raises:
             ValueError: for a missing fish, a factor out of range, or a current that is not finite.
         """
         if not (is_whole(i) and 0 <= i < self.num_fish):
             raise ValueError(f"fish is {i!r}; give a whole number from 0 to {self.num_fish - 1}")
+        muscles = options.checked_muscle_variation(strength, contraction_time)
         self._set_variation(int(i), options.checked_variation(stiffness, mass, drag, current))
+        self.muscle_variation[i] = muscles
 
     def _set_variation(self, i: int, row: np.ndarray) -> None:
         self.variation[i] = row
@@ -271,7 +289,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
         if which.dtype != bool or which.shape != (self.num_fish,):
             raise ValueError(f"mask is {mask!r}; give a boolean array ({self.num_fish},), or None for all fish")
-        for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0), strict=True):
+        for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0, 0.0), strict=True):
             array[which] = value
         self.control.rest_length[which] = self.fish.body.springs.rest_length
         self.effort[which] = 0.0
@@ -287,9 +305,18 @@ class Tank(ReadOnly, Generic[Elastic]):
         return self._fibres[2]
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Copies of all that determines the further motion: x, v, t, failure, counters, rest_length, variation."""
-        named = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
-        return {name: array.copy() for name, array in named.items()}
+        """Copies of all that determines the further motion, and of what was counted.
+
+        Their names are x, v, t, failure, counters, work, rest_length, variation and muscle_variation.
+        """
+        return {name: array.copy() for name, array in self._named().items()}
+
+    def _named(self) -> dict[str, np.ndarray]:
+        """Arrays of the state, by name."""
+        return self.state._asdict() | {
+            "rest_length": self.control.rest_length, "variation": self.variation,
+            "muscle_variation": self.muscle_variation,
+        }  # fmt: skip
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore a state that `get_state` returned, under the present boundary conditions (`grab`, `fix`, `move`).
@@ -297,7 +324,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         Raises:
             ValueError: if a part is missing, unknown, of another shape or not finite; the tank is then unchanged.
         """
-        target = self.state._asdict() | {"rest_length": self.control.rest_length, "variation": self.variation}
+        target = self._named()
         checked = options.checked_state(state, target)
         for name, array in target.items():
             array[...] = checked[name]

@@ -173,12 +173,24 @@ def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.nd
     positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
     for row in checked["variation"]:
         checked_variation(row[0], row[1], row[2], row[3:])
+    for row in checked["muscle_variation"]:
+        checked_muscle_variation(*row)
     if not np.isin(checked["failure"], range(len(FAILURES))).all():
         raise ValueError(f"failure is {checked['failure']}; give whole numbers from 0 to {len(FAILURES) - 1}")
     counters = checked["counters"]
     if not (np.equal(np.floor(counters), counters) & (counters >= 0) & (counters <= MOST_STEPS)).all():
         raise ValueError(f"counters are {counters}; give whole numbers, zero or more, at most {MOST_STEPS}")
     return checked
+
+
+def checked_muscle_variation(strength, contraction_time) -> np.ndarray:
+    """Row (2,) of `Tank.muscle_variation`; ValueError for invalid values."""
+    row = positive_array([strength, contraction_time], (2,), "factors on strength and contraction time")
+    if not (0.01 <= row[0] <= 1.5 and 0.01 <= row[1] <= 100.0):
+        raise ValueError(
+            f"strength and contraction_time are {row}; give factors from 0.01 to 1.5, and from 0.01 to 100"
+        )
+    return row
 
 
 def checked_variation(stiffness, mass, drag, current) -> np.ndarray:

@@ -12,6 +12,7 @@ except ImportError as error:
 
 from fish_env.render.flat import draw
 from fish_env.render.frame import Frame, make_frame
+from fish_env.render.labels import Format
 from fish_env.render.renderer import Renderer, WindowClosed
 
-__all__ = ["Frame", "Renderer", "WindowClosed", "draw", "make_frame"]
+__all__ = ["Format", "Frame", "Renderer", "WindowClosed", "draw", "make_frame"]

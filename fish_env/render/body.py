@@ -6,9 +6,10 @@ import numpy as np
 import pygame
 
 from fish_env.render.frame import Frame
-from fish_env.render.skin import CONTRACTED, EYE_HEIGHT, Skin, normals, skin_of
+from fish_env.render.skin import CONTRACTED, EYE_HEIGHT, LEVELS, Skin, normals, skin_of
 
 MARGIN, LARGEST = 8, 4096  # pixels
+COARSE, COARSE_LEVELS = 200, 1  # a body of fewer pixels is subdivided so many times
 FAR = 16384  # pixels: pygame visits every row of a polygon, also outside the picture, and counts in 32 bits
 EYE_RADIUS, EYE_WHITE, PUPIL = 0.018, (250, 246, 220), (18, 26, 34)  # radius in body lengths
 
@@ -21,6 +22,7 @@ class View(NamedTuple):
     origin: tuple[float, float]  # this pixel
     scale: float  # pixels a metre
     light: np.ndarray  # (3,) towards the light, unit vector in the axes of the view
+    pen: float = 1.0  # width of lines, over that in the standard picture
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (P,2), at most FAR from the picture, and depth (P,), m, larger is nearer, of world points (P,3)."""
@@ -28,9 +30,13 @@ class View(NamedTuple):
         return np.clip(seen[:, :2] * (self.scale, -self.scale) + self.origin, -FAR, FAR), seen[:, 2]
 
 
-def body_picture(frame: Frame, view: View) -> tuple[pygame.Surface, tuple[int, int]]:
-    """The fish on a transparent surface just large enough, and where the surface's upper left corner belongs."""
-    skin = skin_of(frame.rest, frame.faces, frame.muscles)
+def body_picture(frame: Frame, view: View, up: np.ndarray) -> tuple[pygame.Surface, tuple[int, int]]:
+    """The fish, its back towards `up` (3,), on a transparent surface just large enough, and where that belongs.
+
+    The place is that of the surface's upper left corner.
+    """
+    levels = COARSE_LEVELS if view.scale * frame.length < COARSE else LEVELS
+    skin = skin_of(frame.rest, frame.faces, frame.muscles, levels)
     pixels, depth = view.project(skin.weights @ frame.position)
     surface, low = surface_over(pixels, MARGIN)
     pixels = pixels - low
@@ -40,7 +46,7 @@ def body_picture(frame: Frame, view: View) -> tuple[pygame.Surface, tuple[int, i
     order = order[np.argsort(depth[skin.quads[order]].mean(axis=1), kind="stable")]
     colours = shade(normal[order], thin[order], muscle_colour(frame, skin)[order], view.light)
     draw_quads(surface, colours, pixels[skin.quads[order]])
-    draw_eyes(surface, frame, skin, view._replace(origin=(view.origin[0] - low[0], view.origin[1] - low[1])))
+    draw_eyes(surface, frame, skin, up, view._replace(origin=(view.origin[0] - low[0], view.origin[1] - low[1])))
     return surface, low
 
 
@@ -87,14 +93,14 @@ def shade(normal: np.ndarray, thin: np.ndarray, colour: np.ndarray, light: np.nd
     return np.clip(colour * bright[:, None] + gleam[:, None], 0, 255).astype(np.uint8)
 
 
-def draw_eyes(surface, frame: Frame, skin: Skin, view: View) -> None:
+def draw_eyes(surface, frame: Frame, skin: Skin, up: np.ndarray, view: View) -> None:
     """The eyes that are on the side of the viewer."""
     places = skin.eyes @ frame.position
     pixels, _ = view.project(places)
     outward = (places - places[::-1]) @ view.axes.T
     outward /= max(float(np.linalg.norm(outward[0])), 1e-300)
     radius = EYE_RADIUS * frame.length * view.scale
-    lift = EYE_HEIGHT * float(view.axes[2] @ rotation(frame)[2])  # they sit above the middle of the flank
+    lift = EYE_HEIGHT * float(view.axes[2] @ up)  # they sit above the middle of the flank
     for place, out in zip(pixels, outward, strict=True):
         if out[2] + lift > 0:
             pygame.draw.circle(surface, EYE_WHITE, place, radius)

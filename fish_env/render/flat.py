@@ -1,4 +1,4 @@
-"""The picture of one fish: from above, following it, and from the side in an inset; drawn at twice the size."""
+"""The picture of one fish, which the camera follows, with another view of it in an inset; drawn at twice the size."""
 
 import numpy as np
 import pygame
@@ -6,18 +6,19 @@ import pygame
 from fish_env.render import labels, water
 from fish_env.render.body import View, body_picture, rotation
 from fish_env.render.frame import Frame, clip_positions, place_of
-from fish_env.render.labels import CENTRE, FOAM, HEIGHT, INK, OVER, PANEL, SIDE_UNIT, TRAIL, UNIT, WIDTH
+from fish_env.render.labels import FOAM, INK, OVER, PANEL, SIDE_UNIT, TRAIL, Format
 from fish_env.render.spheres import sphere_pictures
 
-SOFT = 8  # the shadow is made so many times smaller
+SOFT, SOFT_SMALL = 8, 3  # a shadow is made so many times smaller, that in a small picture at least so many
 FADE = 1.1  # body lengths over which the path fades to a third
 ARROW = (0.56, 0.74)  # body lengths ahead of the fish where the arrow of a command begins and ends
 ABOVE_LIGHT, SIDE_LIGHT = (np.array(v) / np.linalg.norm(v) for v in ((-0.5, 0.6, 0.8), (-0.3, 0.9, 0.55)))
+STANDARD = Format()
 
 
-def draw(frame: Frame) -> np.ndarray:
+def draw(frame: Frame, form: Format = STANDARD) -> np.ndarray:
     """The picture of a frame, (H,W,3) uint8."""
-    return pixels_of(draw_surface(frame))
+    return pixels_of(draw_surface(frame, form))
 
 
 def pixels_of(surface: pygame.Surface) -> np.ndarray:
@@ -26,29 +27,52 @@ def pixels_of(surface: pygame.Surface) -> np.ndarray:
     return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(height, width, 3).copy()
 
 
-def draw_surface(frame: Frame) -> pygame.Surface:
+def draw_surface(frame: Frame, form: Format = STANDARD) -> pygame.Surface:
     """The picture of a frame, a new surface."""
     frame = clip_positions(frame)
-    canvas = pygame.Surface((OVER * WIDTH, OVER * HEIGHT), 0, 32)
-    draw_from_above(canvas, frame)
-    draw_from_the_side(canvas, frame)
-    picture = pygame.transform.smoothscale(canvas, (WIDTH, HEIGHT))
-    picture.blit(water.vignette(WIDTH, HEIGHT), (0, 0), special_flags=pygame.BLEND_MULT)
-    labels.draw_labels(picture, frame)
+    canvas = pygame.Surface((OVER * form.width, OVER * form.height), 0, 32)
+    other = "above" if form.camera == "side" else "side"
+    draw_view(canvas, frame, form.camera, OVER * form.unit, [OVER * x for x in form.centre], form.unit / labels.UNIT)
+    if form.panel:
+        draw_inset(canvas, frame, other, form)
+    picture = pygame.transform.smoothscale(canvas, form.size)
+    picture.blit(water.vignette(*form.size), (0, 0), special_flags=pygame.BLEND_MULT)
+    if form.panel:
+        labels.draw_labels(picture, frame, form, other)
+    if frame.caption:
+        labels.draw_caption(picture, frame.caption, form)
     return picture
 
 
-def draw_from_above(canvas, frame: Frame) -> None:
-    """Water, shadows, path, spheres, command and fish."""
-    place, origin = place_of(frame), (OVER * CENTRE[0], OVER * CENTRE[1])
-    view = View(np.eye(3), place, origin, OVER * UNIT / frame.length, ABOVE_LIGHT)
-    water.draw_bed(canvas, OVER * UNIT, place[:2] / frame.length, origin)
-    body, corner = body_picture(frame, view)
+def draw_inset(canvas, frame: Frame, camera: str, form: Format) -> None:
+    """Draw a second view, of the fish and the spheres alone, in a frame."""
+    box, unit = labels.enlarged(form.place(PANEL)), OVER * SIDE_UNIT * form.part
+    inset = pygame.Surface(box.size, 0, 32)
+    draw_view(inset, frame._replace(path=frame.path[-1:], commands=frame.commands[:0]), camera, unit,
+              (box.width / 2, box.height / 2), form.part)  # fmt: skip
+    canvas.blit(inset, box)
+    rim = round(6 * form.part)
+    pygame.draw.rect(canvas, FOAM, box.inflate(rim, rim), max(1, rim), border_radius=round(14 * form.part))
+
+
+def draw_view(canvas, frame: Frame, camera: str, unit: float, origin, pen: float) -> None:
+    """Water, shadows, path, spheres, command and fish; unit is pixels a body length, pen the width of lines."""
+    place, body_axes = place_of(frame), rotation(frame)
+    here, axes = place / frame.length, view_axes(body_axes[0], camera)
+    light = SIDE_LIGHT if camera == "side" else ABOVE_LIGHT
+    view = View(axes, place, tuple(origin), unit / frame.length, light, pen)
+    if camera == "side":
+        water.draw_depths(canvas, unit, here[2], origin[1], pen)
+    elif camera == "follow":
+        water.draw_turned_bed(canvas, unit, here[:2], origin, pen, np.arctan2(axes[0, 1], axes[0, 0]))
+    else:
+        water.draw_bed(canvas, unit, here[:2], origin, pen)
+    body, corner = body_picture(frame, view, body_axes[2])
     behind, front = sphere_pictures(frame, view, canvas.get_size())
-    if not frame.touchable:  # a bubble lets the light through
-        for stone in behind + front:
-            draw_shadow(canvas, *stone)
-    draw_shadow(canvas, body, corner)
+    if camera != "side":
+        stones = [] if frame.touchable else behind + front  # a bubble lets the light through
+        for what in [*stones, (body, corner)]:
+            draw_shadow(canvas, *what, unit, pen)
     draw_path(canvas, frame, view)
     canvas.fblits(behind)
     draw_commands(canvas, frame, view)
@@ -56,28 +80,43 @@ def draw_from_above(canvas, frame: Frame) -> None:
     canvas.fblits(front)
 
 
-def draw_shadow(canvas, body: pygame.Surface, corner) -> None:
-    """A soft shadow on the bed, to the lower right of what casts it."""
-    width, height = (side // SOFT + 4 for side in body.get_size())
+def view_axes(forward: np.ndarray, camera: str) -> np.ndarray:
+    """Axes of a `View`: those of the world, or such that what is forward (3,) points level, upwards or to the right."""
+    if camera == "above":
+        return np.eye(3)
+    forward = forward * (1.0, 1.0, 0.0)
+    size = np.linalg.norm(forward)
+    forward = forward / size if size > 1e-6 else np.array((1.0, 0.0, 0.0))  # straight up or down
+    right, up = (forward[1], -forward[0], 0.0), (0.0, 0.0, 1.0)
+    return np.array((right, forward, up) if camera == "follow" else (forward, up, right))
+
+
+def draw_shadow(canvas, body: pygame.Surface, corner, unit: float, pen: float) -> None:
+    """A soft shadow on the bed, to the lower right of what casts it; arguments as for `draw_view`."""
+    soft = max(SOFT_SMALL, round(SOFT * pen))
+    width, height = (side // soft + 4 for side in body.get_size())
     small = pygame.Surface((width, height), pygame.SRCALPHA, 32)
     small.blit(pygame.transform.smoothscale(body, (width - 4, height - 4)), (2, 2))
     small.fill((0, 30, 50, 90), special_flags=pygame.BLEND_RGBA_MULT)
-    soft = pygame.transform.smoothscale(pygame.transform.box_blur(small, 1), (SOFT * width, SOFT * height))
-    canvas.blit(soft, (corner[0] - 2 * SOFT + 0.05 * UNIT * OVER, corner[1] - 2 * SOFT + 0.09 * UNIT * OVER))
+    shadow = pygame.transform.smoothscale(pygame.transform.box_blur(small, 1), (soft * width, soft * height))
+    canvas.blit(shadow, (corner[0] - 2 * soft + 0.05 * unit, corner[1] - 2 * soft + 0.09 * unit))
 
 
 def draw_path(canvas, frame: Frame, view: View) -> None:
     """The path so far: a line that fades and narrows with the distance swum since."""
-    if len(frame.path) < 2:
+    every = max(1, round(1 / view.pen))  # of a small picture, lines shorter than a pixel are left out
+    places = frame.path[::-every][::-1]
+    if len(places) < 2:
         return
-    path = np.zeros((len(frame.path), 3))
-    path[:, : frame.path.shape[1]] = frame.path
+    path = np.zeros((len(places), 3))
+    path[:, : places.shape[1]] = places
     pixels, _ = view.project(path)
     step = np.linalg.norm(np.diff(path, axis=0), axis=1) / frame.length
     age = np.cumsum(step[::-1])[::-1]
     strength = np.exp(-age / FADE)
     colours = (water.DEEP + strength[:, None] * (np.array(TRAIL) - water.DEEP)).astype(np.uint8)
-    width = np.round(3 + 7 * strength * np.clip(age / 0.15, 0.0, 1.0)).astype(int).tolist()
+    width = 3 + 7 * strength * np.clip(age / 0.15, 0.0, 1.0)
+    width = np.maximum(1, np.round(view.pen * width)).astype(int).tolist()
     for k in np.flatnonzero(strength > 0.04).tolist():
         pygame.draw.line(canvas, colours[k], pixels[k], pixels[k + 1], width[k])
 
@@ -96,10 +135,10 @@ def draw_commands(canvas, frame: Frame, view: View) -> None:
         if size > 0:
             along = unit * (view.axes[:2] @ (command / size)) * (1, -1)
             tail, tip = (np.array(view.origin) + reach * along for reach in ARROW)
-            draw_arrow(canvas, tail, tip, unit)
+            draw_arrow(canvas, tail, tip, unit, view.pen)
 
 
-def draw_arrow(canvas, tail, tip, unit) -> None:
+def draw_arrow(canvas, tail, tip, unit, pen) -> None:
     """An arrow with a dark rim."""
     along = tip - tail
     size = np.linalg.norm(along)
@@ -114,22 +153,5 @@ def draw_arrow(canvas, tail, tip, unit) -> None:
         neck - barb * across, neck - half * across, tail - half * across,
     ]  # fmt: skip
     corners = [tuple(point) for point in outline]
-    pygame.draw.polygon(canvas, FOAM, corners, 9)
+    pygame.draw.polygon(canvas, FOAM, corners, max(1, round(9 * pen)))
     pygame.draw.polygon(canvas, INK, corners)
-
-
-def draw_from_the_side(canvas, frame: Frame) -> None:
-    """The inset: the fish seen from its right, level, with lines of equal depth."""
-    box = labels.enlarged(PANEL)
-    inset = pygame.Surface(box.size, 0, 32)
-    place, middle = place_of(frame), (box.width / 2, box.height / 2)
-    water.draw_depths(inset, OVER * SIDE_UNIT, place[2] / frame.length, middle[1])
-    forward = rotation(frame)[0] * (1.0, 1.0, 0.0)
-    size = np.linalg.norm(forward)
-    forward = forward / size if size > 1e-6 else np.array((1.0, 0.0, 0.0))
-    axes = np.array((forward, (0.0, 0.0, 1.0), (forward[1], -forward[0], 0.0)))
-    view = View(axes, place, middle, OVER * SIDE_UNIT / frame.length, SIDE_LIGHT)
-    behind, front = sphere_pictures(frame, view, inset.get_size())
-    inset.fblits([*behind, body_picture(frame, view), *front])
-    canvas.blit(inset, box)
-    pygame.draw.rect(canvas, FOAM, box.inflate(6, 6), 6, border_radius=14)

@@ -47,10 +47,10 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None) -> Frame:
         length=fish.length,
         path=pose.centre[i : i + 1].copy() if path is None else np.asarray(path, dtype=float),
         # a task's further vectors are observations, not directions to swim in
-        commands=np.array(env.task.vectors(tank, pose)[i, :1], dtype=float),
+        commands=env._vectors[i, :1].copy(),
         time=float(tank.time[i]),
         speed=float(np.linalg.norm(pose.velocity[i]) / fish.length),
-        caption=str(tank.failure[i]).partition(":")[0],
+        caption=str(tank.failure[i]).partition(":")[0] if env.picture["panel"] else "",
         task=task_name(env.task),
         spheres=np.zeros((0, 4)) if spheres is None else spheres(i),
         touchable=getattr(env.task, "touchable", False),
@@ -63,10 +63,10 @@ def clip_positions(frame: Frame) -> Frame:
     A node further than FAR from the fish is off the picture there, too; a fish is at most FURTHEST away.
     """
     reach = FURTHEST * frame.length
-    frame = frame._replace(**{
-        name: np.clip(np.nan_to_num(getattr(frame, name)), -reach, reach)
-        for name in ("position", "path", "commands")
-    } | {"contraction": np.nan_to_num(frame.contraction)})  # fmt: skip
+    for name in ("position", "path", "commands", "contraction"):
+        numbers = getattr(frame, name)
+        if not np.abs(numbers).max(initial=0.0) <= reach:  # nor where one is no number
+            frame = frame._replace(**{name: np.clip(np.nan_to_num(numbers), -reach, reach)})
     reach, place = FAR * frame.length, place_of(frame)
 
     def near(points: np.ndarray) -> np.ndarray:

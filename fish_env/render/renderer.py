@@ -8,7 +8,7 @@ import pygame
 
 from fish_env.render.flat import draw_surface, pixels_of
 from fish_env.render.frame import make_frame
-from fish_env.render.labels import HEIGHT, WIDTH
+from fish_env.render.labels import Format
 
 PATH_POINTS = 1000  # older points of a path are dropped: they have faded by then
 WINDOW_FISH = 4  # a window shows the first ones of a batch; more could not be drawn in real time
@@ -22,12 +22,13 @@ class Renderer:
     """Draws the fish of a `FishVectorEnv`, with the paths they swam between the calls of `render`.
 
     Args:
-        env: the environment. Its `render_mode` says whether `render` returns pictures or shows a window.
+        env: the environment. Its `render_mode` says whether `render` returns pictures or shows a window, its `picture`
+            what they look like: the fields of a `Format`.
     """
 
     def __init__(self, env):
-        self.env = env
-        self._paths = [deque(maxlen=PATH_POINTS) for _ in range(env.num_envs)]
+        self.env, self.form = env, Format(**env.picture)
+        self._paths: list[deque[bytes]] = [deque(maxlen=PATH_POINTS) for _ in range(env.num_envs)]
         self._window: pygame.Surface | None = None
         self._clock = pygame.time.Clock()
 
@@ -52,6 +53,10 @@ class Renderer:
             return None
         return tuple(pixels_of(self._picture(i)) for i in range(self.env.num_envs))
 
+    def path(self, i: int) -> np.ndarray:
+        """Centres of mass of fish i at the calls of `render` since its restart, (K,3) m, the last one last."""
+        return np.frombuffer(b"".join(self._paths[i])).reshape(-1, 3)
+
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._has_window():
@@ -60,21 +65,23 @@ class Renderer:
 
     def _remember(self) -> None:
         for path, centre in zip(self._paths, self.env._pose.centre, strict=True):
-            if not path or not np.array_equal(path[-1], centre):
-                path.append(centre.copy())
+            place = centre.tobytes()
+            if not path or path[-1] != place:
+                path.append(place)
 
     def _picture(self, i: int) -> pygame.Surface:
-        return draw_surface(make_frame(self.env, i, np.array(self._paths[i])))
+        return draw_surface(make_frame(self.env, i, self.path(i)), self.form)
 
     def _show(self) -> None:
         """Draw to the window, answer its events, and wait until the next picture is due."""
         shown = min(self.env.num_envs, WINDOW_FISH)
         columns = 1 if shown == 1 else 2
+        width, height = self.form.size
         window = self._window
         if window is None or not self._has_window():
-            window = self._open((columns * WIDTH, -(-shown // columns) * HEIGHT))
+            window = self._open((columns * width, -(-shown // columns) * height))
         for i in range(shown):
-            window.blit(self._picture(i), (i % columns * WIDTH, i // columns * HEIGHT))
+            window.blit(self._picture(i), (i % columns * width, i // columns * height))
         pygame.display.flip()
         self._clock.tick(self.env.metadata["render_fps"])
         for event in pygame.event.get():

@@ -33,19 +33,19 @@ class Skin(NamedTuple):
     eyes: np.ndarray  # (2,N) weights of the left and the right eye
 
 
-def skin_of(rest: np.ndarray, faces: np.ndarray, muscles: np.ndarray) -> Skin:
-    """The skin of a body at rest (N,3) with faces (F,4) and muscle node pairs (M,2)."""
+def skin_of(rest: np.ndarray, faces: np.ndarray, muscles: np.ndarray, levels: int = LEVELS) -> Skin:
+    """The skin of a body at rest (N,3) with faces (F,4) and muscle node pairs (M,2), subdivided so many times."""
     parts = (np.ascontiguousarray(rest, dtype=float), np.asarray(faces, np.int64), np.asarray(muscles, np.int64))
-    return _skin(*(part.tobytes() for part in parts))
+    return _skin(*(part.tobytes() for part in parts), levels)
 
 
 @lru_cache(maxsize=8)
-def _skin(rest: bytes, faces: bytes, muscles: bytes) -> Skin:
+def _skin(rest: bytes, faces: bytes, muscles: bytes, levels: int) -> Skin:
     nodes, corners = np.frombuffer(rest).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 4)
     pairs = np.frombuffer(muscles, np.int64).reshape(-1, 2)
     x, length = nodes[:, 0], np.ptp(nodes[:, 0])
     nose, tail = (np.flatnonzero(abs(x - end) < 0.01 * length) for end in (x.max(), x.min()))
-    weights, quads = smooth(corners, len(nodes), LEVELS, np.concatenate([nose, tail]))
+    weights, quads = smooth(corners, len(nodes), levels, np.concatenate([nose, tail]))
     quads = turn_outward(weights @ nodes, quads)
     weights = fork_tail(weights, nodes, corners, tail, length)
     colour = countershading(weights @ nodes, quads, length)

@@ -11,7 +11,7 @@ from fish_env.render.water import from_pixels
 
 BUBBLE, RIM, GLINT = np.array([(255, 214, 128), (255, 166, 28), (255, 252, 232)], dtype=float)
 STONE, STONE_PATCH, STONE_SHADE = np.array([(136, 94, 88), (194, 148, 126), (44, 36, 52)], dtype=float)
-RIM_WIDTH = 9.0  # pixels of the canvas
+RIM_WIDTH = 9.0  # pixels of the canvas of the standard picture
 MADE = 480  # pixels of the canvas: the radius of the largest sphere of the tasks, seen from above
 LARGEST = 1500  # pixels of the canvas: no sphere is drawn with a larger radius
 IN_FRONT = 0.5  # radii nearer than the fish, from where on a stone is drawn over it
@@ -36,7 +36,7 @@ def sphere_pictures(frame: Frame, view: View, canvas: tuple[int, int]) -> tuple[
             continue  # half a radius to spare, for a shadow
         low = tuple(np.round(pixels[k] - radius).astype(int).tolist())
         if frame.touchable:
-            behind.append((make_scaled(bubble, radius), low))
+            behind.append((make_scaled(bubble, radius, RIM_WIDTH * view.pen), low))
         elif depth[k] > IN_FRONT * size:
             front.append((make_scaled(stone, radius, light, VEIL), low))
         else:
@@ -53,11 +53,11 @@ def make_scaled(make, radius: int, *look) -> pygame.Surface:
 
 
 @lru_cache(maxsize=8)
-def bubble(radius: int) -> pygame.Surface:
-    """A warm translucent bubble with a clear rim, 2 radius pixels wide."""
+def bubble(radius: int, width: float) -> pygame.Surface:
+    """A warm translucent bubble with a clear rim of a width, 2 radius pixels wide."""
     x, y, r = disc(radius)
     inside = 0.4 + 0.3 * r**3
-    rim = np.clip(1.0 - np.abs((1.0 - r) * radius - 0.5 * RIM_WIDTH) / (0.5 * RIM_WIDTH), 0.0, 1.0) ** 0.5
+    rim = np.clip(1.0 - np.abs((1.0 - r) * radius - 0.5 * width) / (0.5 * width), 0.0, 1.0) ** 0.5
     glint = np.exp(-(((x + 0.42) / 0.2) ** 2 + ((y - 0.46) / 0.13) ** 2))
     colour = mix_colours(mix_colours(BUBBLE, RIM, rim), GLINT, glint)
     return with_opacity(colour, np.maximum(np.maximum(inside, 0.95 * rim), 0.9 * glint) * coverage(r, radius))

@@ -58,11 +58,28 @@ def vignette(width: int, height: int) -> pygame.Surface:
     return from_pixels(255 * shade ** np.array((1.25, 1.0, 0.9)))
 
 
-def draw_bed(canvas: pygame.Surface, unit: float, centre, origin) -> None:
-    """Fill the canvas with rippling water and the grid; unit is pixels a body length.
+def draw_turned_bed(canvas: pygame.Surface, unit: float, centre, origin, pen: float, angle: float) -> None:
+    """Fill the canvas as `draw_bed` does, seen by a camera turned by an angle, counter-clockwise, rad."""
+    farthest = np.hypot(*np.maximum(origin, np.array(canvas.get_size()) - origin))
+    side = 2 * int(farthest + 2)
+    level = sheet(side)
+    draw_bed(level, unit, centre, (side / 2, side / 2), pen)
+    turned = pygame.transform.rotate(level, -np.degrees(angle))
+    canvas.blit(turned, turned.get_rect(center=origin))
+
+
+@lru_cache(maxsize=2)
+def sheet(side: int) -> pygame.Surface:
+    """A square surface to draw on: it is kept, because the system takes long to hand out its memory."""
+    return pygame.Surface((side, side), 0, 32)
+
+
+def draw_bed(canvas: pygame.Surface, unit: float, centre, origin, pen: float) -> None:
+    """Fill the canvas with rippling water and the grid; unit is pixels a body length, pen the width of lines.
 
     The place `centre` (2,), in body lengths, comes to the pixel `origin`; y points up.
     """
+    line = max(1, round(3 * pen))
     tile = ripples(round(REPEAT * unit))
     size = tile.get_width()
     width, height = canvas.get_size()
@@ -70,9 +87,9 @@ def draw_bed(canvas: pygame.Surface, unit: float, centre, origin) -> None:
     canvas.fblits([(tile, (x, y)) for x in range(left, width, size) for y in range(top, height, size)])
     x0, y0 = (origin[0] - centre[0] * unit) % unit, (origin[1] + centre[1] * unit) % unit
     for x in np.arange(x0, width, unit):
-        pygame.draw.line(canvas, GRID, (round(x), 0), (round(x), height), 3)
+        pygame.draw.line(canvas, GRID, (round(x), 0), (round(x), height), line)
     for y in np.arange(y0, height, unit):
-        pygame.draw.line(canvas, GRID, (0, round(y)), (width, round(y)), 3)
+        pygame.draw.line(canvas, GRID, (0, round(y)), (width, round(y)), line)
 
 
 @lru_cache(maxsize=4)
@@ -82,9 +99,10 @@ def panel(width: int, height: int) -> pygame.Surface:
     return from_pixels(np.broadcast_to(SIDE_TOP + t * (SIDE_BOTTOM - SIDE_TOP), (height, width, 3)))
 
 
-def draw_depths(canvas: pygame.Surface, unit: float, height: float, origin: float) -> None:
+def draw_depths(canvas: pygame.Surface, unit: float, height: float, origin: float, pen: float) -> None:
     """Fill the canvas with water seen from the side; `height`, in body lengths, comes to the row `origin`."""
+    line = max(1, round(2 * pen))
     width, rows = canvas.get_size()
     canvas.blit(panel(width, rows), (0, 0))
     for y in np.arange((origin + height * unit) % (LAYER * unit), rows, LAYER * unit):
-        pygame.draw.line(canvas, LAYER_LINE, (0, round(y)), (width, round(y)), 2)
+        pygame.draw.line(canvas, LAYER_LINE, (0, round(y)), (width, round(y)), line)

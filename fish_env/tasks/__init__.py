@@ -23,7 +23,8 @@ class Task(Protocol):
     """A batched task: it sees all B fish of a tank at once, and begins episodes one fish at a time.
 
     A task keeps what it must remember in arrays with a row a fish, and draws random numbers only from the generator
-    it is handed, so that fish i of a batch is the same as a single fish.
+    it is handed, so that fish i of a batch is the same as a single fish. `prepare` makes the arrays, as attributes or
+    in tuples, lists, dictionaries or packs that are attributes: the states of the environments hold them all.
 
     A task that puts something into the water may also have a method `spheres(i)`: what a picture of fish i should show,
     an array (S,4) of centres, m, and radii, body lengths. Its attribute `touchable` says whether they are targets.

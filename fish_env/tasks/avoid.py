@@ -8,13 +8,13 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Kind, Vectors, dot, sqrt, vec3
 from fish_env.physics.pose import FORWARD
 from fish_env.physics.tank import Tank
-from fish_env.tasks import turns
-from fish_env.tasks.options import Direction, Option
+from fish_env.tasks import rewards, turns
+from fish_env.tasks.options import Direction, Option, weight
 from fish_env.tasks.start import POSE_OPTIONS
 from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns
 
-ALIGNMENT_WEIGHT = 2.0  # body lengths a second, as for turns, but a detour must not cost too much
-TOUCH_PENALTY = 5.0  # body lengths: what touching the obstacle costs
+ALIGNMENT_WEIGHT = turns.ALIGNMENT_WEIGHT._replace(default=2.0)  # a detour must not cost too much
+TOUCH_PENALTY = weight(5.0, "price of touching the obstacle, body lengths")
 
 CHANCE = Option(0.0, 1.0, "chance of it")
 RADIUS = Option(0.05, 1.0, "radius of the obstacle, body lengths")
@@ -45,7 +45,7 @@ def write_terms(tank, pose, task, b, terms):
     """Write the reward as for commanded turns and the cost of touching the obstacle; move the obstacle."""
     turns.write_terms(tank, pose, task, b, terms)
     update_obstacle(tank, pose, task, b)
-    terms[3, b] = -TOUCH_PENALTY if task.over[b] else 0.0
+    terms[3, b] = -task.touch_penalty if task.over[b] else 0.0
 
 
 @kernel
@@ -97,15 +97,20 @@ class AvoidTask(CommandedTurns):
         turning: chance that a turn is commanded before.
         angle: size of that turn, rad, a number or a pair.
         wait: time from the start until the sphere appears, s, a number or a pair.
+        weights: of the reward, such as `touch_penalty`: keys of `weights`.
 
     Raises:
         ValueError: for a number out of range, saying what is allowed.
     """
 
-    alignment_weight = ALIGNMENT_WEIGHT
+    weights = {
+        "alignment_weight": ALIGNMENT_WEIGHT,
+        "effort_weight": rewards.EFFORT_WEIGHT,
+        "touch_penalty": TOUCH_PENALTY,
+    }
     term_names = ("progress", "alignment", "effort", "touch")
     episode_steps = 300
-    settable = ("gap", "aside", "drift", "sweeping", "turning", "angle", "wait")
+    settable = ("gap", "aside", "drift", "sweeping", "turning", "angle", "wait", *weights)
     write_vectors, write_terms = write_vectors, write_terms
     directions = (
         *CommandedTurns.directions,
@@ -116,7 +121,8 @@ class AvoidTask(CommandedTurns):
                      "drift": DRIFT_SIGNED}  # fmt: skip
 
     def __init__(self, radius: float = 0.3, gap=(0.6, 1.5), aside: float = 0.5, drift=(0.3, 1.0), sweeping: float = 0.5,
-                 turning: float = 0.5, angle=(np.pi / 6, np.pi / 2), wait=(1.0, 2.0)):  # fmt: skip
+                 turning: float = 0.5, angle=(np.pi / 6, np.pi / 2), wait=(1.0, 2.0), **weights):  # fmt: skip
+        super().__init__(**weights)
         self.radius = RADIUS.checked("radius", radius)
         self.gap = GAP.checked_range("gap", gap)
         self.aside = ASIDE.checked("aside", aside)

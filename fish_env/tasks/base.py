@@ -1,5 +1,6 @@
 """Base class of the tasks: their rewards are kernels, so that an environment step is one compiled call."""
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -9,7 +10,7 @@ from fish_env.kernels.compile import njit
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.physics.pose import Pose, packed_pose
 from fish_env.physics.tank import Tank
-from fish_env.tasks.options import Direction
+from fish_env.tasks.options import Direction, Option
 
 
 @cache
@@ -40,13 +41,33 @@ class CompiledTask:
     - in `prepare`, `self.pack`, a `Pack` of what they read and write, `over` (B,) among it.
 
     The environments put both into their one compiled call, unless a subclass overrides `reward` or `vectors` in Python.
+
+    A class may have `weights`, its keywords that weight terms of the reward, each an `Option` with a default. They
+    become attributes, and floats of the pack by `weight_values`. A weight may be set while the task runs, and counts
+    from the next step.
+
+    Raises:
+        TypeError: for a keyword that is none of `weights`.
+        ValueError: for a weight out of range, saying what is allowed.
     """
 
+    weights: Mapping[str, Option] = {}
     write_vectors: Any = None
     write_terms: Any = None
     directions: tuple[Direction, ...]
     term_names: tuple[str, ...]
     pack: Any
+
+    def __init__(self, **weights):
+        for name in weights:
+            if name not in self.weights:
+                raise TypeError(f"{type(self).__name__}.__init__() got an unexpected keyword argument {name!r}")
+        for name, option in self.weights.items():
+            setattr(self, name, option.checked(name, weights.get(name, option.default)))
+
+    def weight_values(self) -> dict[str, float]:
+        """The weights of the reward, by name."""
+        return {name: getattr(self, name) for name in self.weights}
 
     @property
     def kernels(self):

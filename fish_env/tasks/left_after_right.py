@@ -25,18 +25,20 @@ class LeftAfterRightTask(CommandedTurns):
         dwell: time after which the next one is commanded instead, s, a number or a pair.
         wait: time from the start to the first command, s, a number or a pair.
         reversals: 1 for left after right, 2 for right, left and right again.
+        weights: of the reward, such as `overshoot_weight`: keys of `weights`.
 
     Raises:
         ValueError: for a number out of range, saying what is allowed.
     """
 
     most_turns = 3
-    settable = ("angle", "severity", "part", "dwell", "wait", "reversals")
+    settable = ("angle", "severity", "part", "dwell", "wait", "reversals", *CommandedTurns.weights)
     reset_options = {**POSE_OPTIONS, "first": ANGLE, "second": ANGLE, "side": SIDE, "part": PART, "dwell": DWELL,
                      "wait": WAIT}  # fmt: skip
 
     def __init__(self, angle=(np.pi / 4, np.pi / 2), severity: float = 1.0, part=(0.2, 0.8), dwell=(0.06, 0.3),
-                 wait=(0.6, 1.2), reversals: int = 1):  # fmt: skip
+                 wait=(0.6, 1.2), reversals: int = 1, **weights):  # fmt: skip
+        super().__init__(**weights)
         self.angle = ANGLE.checked_range("angle", angle)
         self.severity = SEVERITY.checked("severity", severity)
         self.part = PART.checked_range("part", part)

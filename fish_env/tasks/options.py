@@ -1,6 +1,7 @@
 """Options of a task: numbers with their range; a number outside raises an error at once."""
 
 from collections.abc import Mapping
+from inspect import Parameter, signature
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ class Option(NamedTuple):
     high: float
     text: str
     """Its meaning, with the unit."""
+    default: float | None = None
+    """Its value without the keyword; of weights of the reward only."""
 
     def checked(self, name: str, value: Any) -> float:
         """`value` as a float; ValueError, naming the range, unless it is one finite number inside it."""
@@ -34,6 +37,11 @@ class Option(NamedTuple):
         if low > high:
             raise ValueError(f"{name} is {value!r}; give the lowest first")
         return low, high
+
+
+def weight(default: float, text: str) -> Option:
+    """A weight of a term of the reward, 0 to 1000."""
+    return Option(0.0, 1000.0, text, default)
 
 
 class Direction(NamedTuple):
@@ -63,3 +71,10 @@ def check_options(given: Mapping[str, Any], allowed: Mapping[str, Option]) -> di
             meant = "; ".join(f"{key!r}, {option.text}" for key, option in allowed.items())
             raise ValueError(f"unknown reset option {name!r}; choose from {meant}")
     return {name: allowed[name].checked(f"options[{name!r}]", value) for name, value in given.items()}
+
+
+def keywords_of(task: type) -> dict[str, Any]:
+    """The keywords that a class of tasks takes, weights of its reward included, with their defaults."""
+    given = signature(task).parameters.values()
+    named = {each.name: each.default for each in given if each.kind is not Parameter.VAR_KEYWORD}
+    return named | {name: option.default for name, option in getattr(task, "weights", {}).items()}

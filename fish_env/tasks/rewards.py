@@ -5,8 +5,9 @@ import math
 from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import dot
 from fish_env.physics.pose import FORWARD
+from fish_env.tasks.options import weight
 
-EFFORT_WEIGHT = 0.1  # body lengths a second, the price of moving every muscle at its fastest all the time
+EFFORT_WEIGHT = weight(0.1, "price of moving every muscle at its fastest all the time, body lengths/s")
 
 
 @kernel
@@ -27,9 +28,9 @@ def alignment(pose, heading, b):
 
 
 @kernel
-def effort(tank, interval, b):
+def effort(tank, weight, interval, b):
     """Cost of moving the muscles in the last interval, s, as a reward: body lengths, never positive."""
-    return tank.effort[b] * (-EFFORT_WEIGHT * interval)
+    return tank.effort[b] * (-weight * interval)
 
 
 @kernel

@@ -28,7 +28,7 @@ def write_terms(tank, pose, task, b, terms):
         wanted = task.speed[b] * task.interval
         progress = wanted - abs(progress - wanted)  # (39)
     terms[0, b] = progress
-    terms[1, b] = rewards.effort(tank, task.interval, b)  # (20)
+    terms[1, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
     task.before[b] = pose.centre[b]
 
 
@@ -40,6 +40,7 @@ class SwimTask(CompiledTask):
             uniformly to either side.
         speed: commanded speed, body lengths per second, or a pair (lowest, highest) to draw it from; None: as fast as
             possible.
+        weights: of the reward, such as `effort_weight`: keys of `weights`.
 
     Raises:
         ValueError: for a number out of range, saying what is allowed.
@@ -48,9 +49,11 @@ class SwimTask(CompiledTask):
     term_names = ("progress", "effort")
     episode_steps = 250
     write_vectors, write_terms = write_vectors, write_terms
-    settable = ("heading_error", "speed")
+    weights = {"effort_weight": rewards.EFFORT_WEIGHT}
+    settable = ("heading_error", "speed", *weights)
 
-    def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None):
+    def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None, **weights):
+        super().__init__(**weights)
         self.heading_error = HEADING_ERROR.checked("heading_error", heading_error)
         self.speed = None if speed is None else SPEED.checked_range("speed", speed)
         heading = Option(-np.pi, np.pi, "the commanded heading, rad")
@@ -70,6 +73,7 @@ class SwimTask(CompiledTask):
             "swim",
             heading=Vectors(self._heading, Kind(1)), before=Vectors(self._before, Kind(1)), speed=self._speed,
             commanded=self.speed is not None, interval=float(interval), over=np.zeros(b, dtype=bool),
+            **self.weight_values(),
         )  # fmt: skip
 
     def start(self, tank: Tank, i, generator, options):

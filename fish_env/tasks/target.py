@@ -1,6 +1,7 @@
 """Target-v0: reach targets one after another, in the plane or in three dimensions."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +11,11 @@ from fish_env.physics.pose import FORWARD
 from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import Direction, Option, check_choice
+from fish_env.tasks.options import Direction, Option, check_choice, weight
 from fish_env.tasks.start import POSE_OPTIONS, place
 
-ALIGNMENT_WEIGHT = 1.0  # body lengths a second, the price of pointing across the way to the target
-REACH_BONUS = 1.0  # body lengths: bonus for reaching a target, in addition to the approach
+ALIGNMENT_WEIGHT = weight(1.0, "price of pointing across the way to the target, body lengths/s")
+REACH_BONUS = weight(1.0, "bonus for reaching a target, in addition to the approach, body lengths")
 DRAWN = 50  # targets drawn at the start of an episode, the first again after the last
 
 DISTANCE = Option(0.8, 5.0, "distance of a target from the fish's centre when it appears, body lengths")
@@ -41,9 +42,9 @@ def write_terms(tank, pose, task, b, terms):
     now = gap(tank, task, b)
     hit = now <= task.radius
     terms[0, b] = task.gap[b] - now
-    terms[1, b] = rewards.alignment(pose, way, b) * (ALIGNMENT_WEIGHT * task.interval)  # (40)
-    terms[2, b] = REACH_BONUS if hit else 0.0  # (42)
-    terms[3, b] = rewards.effort(tank, task.interval, b)  # (20)
+    terms[1, b] = rewards.alignment(pose, way, b) * (task.alignment_weight * task.interval)  # (40)
+    terms[2, b] = task.reach_bonus if hit else 0.0  # (42)
+    terms[3, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
     task.waited[b] += task.interval
     if hit or task.waited[b] >= task.patience - 1e-9:
         if hit:
@@ -58,6 +59,16 @@ def write_terms(tank, pose, task, b, terms):
         task.target[b] = pose.centre[b] + target_offset(distance, bearing, elevation, yaw, tank.length)
         now = gap(tank, task, b)
     task.gap[b] = now
+
+
+@kernel
+def write_goal_terms(tank, pose, task, b, terms):
+    """Write -1 while the nose is not at the only target of the episode, else 0."""
+    hit = gap(tank, task, b) <= task.radius
+    terms[0, b] = 0.0 if hit else -1.0
+    if task.reached[b] == 0:
+        task.waited[b] += task.interval
+        task.reached[b] = 1 if hit else 0
 
 
 @kernel
@@ -91,6 +102,9 @@ class TargetTask(CompiledTask):
         elevation: largest angle up or down to a new target, rad; only in three dimensions.
         radius: how near the nose must come, body lengths.
         patience: time after which a target counts as missed and the next one appears, s.
+        goal_env: one target an episode, observations as a dict with goals, and the reward of their distance alone
+            (`GoalTask`).
+        weights: of the reward, such as `reach_bonus`: keys of `weights`.
 
     Raises:
         ValueError: for a number out of range, saying what is allowed.
@@ -104,9 +118,20 @@ class TargetTask(CompiledTask):
     )
     touchable = True  # pictures show its spheres as targets
     write_vectors, write_terms = write_vectors, write_terms
-    settable: tuple[str, ...] = ("distance", "bearing")
+    weights = {
+        "alignment_weight": ALIGNMENT_WEIGHT,
+        "reach_bonus": REACH_BONUS,
+        "effort_weight": rewards.EFFORT_WEIGHT,
+    }
+    settable: tuple[str, ...] = ("distance", "bearing", *weights)
 
-    def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0):
+    def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0,
+                 goal_env: bool = False, **weights):  # fmt: skip
+        if not isinstance(goal_env, bool):
+            raise ValueError(f"goal_env is {goal_env!r}; give True or False")
+        if goal_env:
+            object.__setattr__(self, "__class__", GoalTask)  # another reward and other metrics, with the same keywords
+        super().__init__(**weights)
         self.dimensions = check_choice("dimensions", dimensions, (2, 3))
         self.distance = DISTANCE.checked_range("distance", distance)
         self.bearing = BEARING.checked("bearing", bearing)
@@ -131,7 +156,7 @@ class TargetTask(CompiledTask):
             "target",
             offers=self._offers, target=Vectors(self._target, Kind(1)), gap=self._gap, waited=self._waited,
             reached=self.reached, missed=self.missed, radius=float(self.radius), patience=float(self.patience),
-            interval=float(interval), over=np.zeros(b, dtype=bool),
+            interval=float(interval), over=np.zeros(b, dtype=bool), **self.weight_values(),
         )  # fmt: skip
 
     def start(self, tank: Tank, i, generator, options):
@@ -163,3 +188,37 @@ class TargetTask(CompiledTask):
             "success": reached / (reached + missed) if reached + missed else 0.0,
             "time_per_target": seconds / reached if reached else np.nan,
         }
+
+
+class GoalTask(TargetTask):
+    """Bring the nose to the target of the episode, and keep it there: goals for hindsight experience replay.
+
+    An observation is a dict: "observation", "achieved_goal", the place of the nose (3,), and "desired_goal", that of
+    the target (3,), both in body lengths from the start. The reward is -1 as long as they are further apart than
+    `radius`, else 0 (Andrychowicz et al. 2017).
+    """
+
+    term_names = ("goal",)
+    weights = {}
+    settable = ("distance", "bearing")
+    write_vectors, write_terms = write_vectors, write_goal_terms
+    farthest = 1000.0  # body lengths: the bound of a goal
+
+    def goals(self, tank: Tank) -> dict[str, np.ndarray]:
+        """What is achieved and what is desired, both (B,3) float32."""
+        found = {"achieved_goal": tank.position[:, tank.fish.nose], "desired_goal": self._target}
+        return {
+            name: np.clip(place / tank.fish.length, -self.farthest, self.farthest).astype(np.float32)
+            for name, place in found.items()
+        }
+
+    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any = None) -> np.ndarray:
+        """Reward (...) of achieved for desired goals, both (...,3); the environment has this method too."""
+        apart = np.linalg.norm(np.asarray(achieved_goal, float) - np.asarray(desired_goal, float), axis=-1)
+        return np.where(apart <= self.radius, 0.0, -1.0)
+
+    def metrics(self, tank: Tank, i, seconds):
+        """Whether the nose is at the target at the end, whether it was there, and when it first was, s."""
+        reached = bool(self.reached[i])
+        at_goal = bool(self.compute_reward(*(place[i] for place in self.goals(tank).values())) == 0.0)
+        return {"success": at_goal, "reached": reached, "time_to_target": float(self._waited[i]) if reached else np.nan}

@@ -15,13 +15,13 @@ from fish_env.physics.pose import FORWARD
 from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.measures import make_effort, measure_load
-from fish_env.tasks.options import Direction, Option
+from fish_env.tasks.measures import measure_strain
+from fish_env.tasks.options import Direction, Option, weight
 from fish_env.tasks.rewards import wrap_angle
 from fish_env.tasks.start import heading_vector, place
 
-ALIGNMENT_WEIGHT = 5.0  # body lengths a second, the price of pointing across the commanded heading
-OVERSHOOT_WEIGHT = 10.0  # body lengths a second, the price of having turned a right angle too far
+ALIGNMENT_WEIGHT = weight(5.0, "price of pointing across the commanded heading, body lengths/s")
+OVERSHOOT_WEIGHT = weight(10.0, "price of having turned a right angle too far, body lengths/s")
 COMPLETE = 0.9  # part of a turn after which it counts as made
 LEAST_TURN = math.radians(1.0)  # a smaller turn has no radius
 SETTLED = math.radians(10.0)  # largest heading error at which a turn has settled, on average over a beat
@@ -170,10 +170,10 @@ def write_terms(tank, pose, task, b, terms):
     heading = task.heading[b]
     terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
     terms[1, b] = rewards.alignment(pose, heading, b) * (task.alignment_weight * task.interval)  # (40)
-    terms[2, b] = rewards.effort(tank, task.interval, b)  # (20)
-    if task.overshoot_weight > 0.0:
+    terms[2, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
+    if task.overshoots:
         terms[3, b] = overshoot_angle(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (45)
-    measure_load(tank, task.load, b)
+    measure_strain(tank, task.strain, b)
     track_commands(pose, task, b)
     task.before[b] = pose.centre[b]
     angle = task.course.heading[b]
@@ -187,8 +187,11 @@ class CommandedTurns(CompiledTask, ABC):
     """
 
     most_turns = 1
-    alignment_weight = ALIGNMENT_WEIGHT
-    overshoot_weight = OVERSHOOT_WEIGHT
+    weights = {
+        "alignment_weight": ALIGNMENT_WEIGHT,
+        "effort_weight": rewards.EFFORT_WEIGHT,
+        "overshoot_weight": OVERSHOOT_WEIGHT,
+    }
     term_names = ("progress", "alignment", "effort", "overshoot")
     episode_steps = 250
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
@@ -203,24 +206,24 @@ class CommandedTurns(CompiledTask, ABC):
             Course, [(b, k), (b, k), (b, k), [b], [b], (b,), (b,), (b,), (b,), (b,), (b, w), [b]]
         )
         self.record = make_records(Record, [(b,)] * 7)
-        self.load = make_effort(tank)
+        self.strain = np.zeros(b)  # the largest |length / natural length - 1| of any spring after a step
         self._before, self._start, self._heading = (np.zeros((b, 3)) for _ in range(3))
         self.pack = Pack("turns", **self.fields())
 
     def fields(self) -> dict:
         """Data that the kernels read and write."""
-        price = self.overshoot_weight if "overshoot" in self.term_names else 0.0
         return {
             "course": Pack("course", **self.course._asdict()),
             "record": Pack("record", **self.record._asdict()),
-            "load": Pack("load", **self.load._asdict()),
+            "strain": self.strain,
             "before": Vectors(self._before, Kind(1)),
             "heading": Vectors(self._heading, Kind(1)),
             "interval": float(self.interval),
             "beat": float(self.beat),
-            "alignment_weight": float(self.alignment_weight),
-            "overshoot_weight": float(price),
             "over": np.zeros(len(self._before), dtype=bool),
+            "overshoots": "overshoot" in self.term_names,
+            "overshoot_weight": 0.0,
+            **self.weight_values(),
         }
 
     def start(self, tank: Tank, i, generator, options):
@@ -228,9 +231,8 @@ class CommandedTurns(CompiledTask, ABC):
         yaw = options.get("yaw", generator.uniform(-np.pi, np.pi))
         self._before[i] = self._start[i] = place(tank, i, generator, yaw, options)
         course = self.course
-        for array in (*course, *self.record, *self.load):
+        for array in (*course, *self.record, self.strain):
             array[i] = 0
-        self.load.rest[i] = tank.rest_length[i, tank.fish.fibres]
         self.record.latency[i] = self.record.overshoot[i] = self.record.radius[i] = self.record.after[i] = np.nan
         course.yaw[i] = course.facing[i] = course.origin[i] = course.heading[i] = yaw
         course.part[i] = np.inf
@@ -243,7 +245,7 @@ class CommandedTurns(CompiledTask, ABC):
 
     def metrics(self, tank: Tank, i, seconds):
         """Metrics of the last commanded turn; angles in degrees, lengths in body lengths."""
-        course, record, load, length = self.course, self.record, self.load, tank.fish.length
+        course, record, length = self.course, self.record, tank.fish.length
         error = abs(wrap_angle(course.heading[i] - steady_facing(course, i)))
         made = bool(course.stage[i] == course.count[i] and np.isfinite(record.latency[i]))
         settled = bool(error <= SETTLED)
@@ -259,7 +261,6 @@ class CommandedTurns(CompiledTask, ABC):
             "turning_rate": float(np.degrees(record.rate[i])),
             "speed_lost": float(lost),
             "turn": float(np.degrees(course.angle[i, course.stage[i] - 1])) if course.stage[i] else 0.0,
-            "work": float(load.work[i] / (tank.fish.body.mass.sum() * tank.variation[i, 1])),
-            "peak_strain": float(load.strain[i]),
+            "peak_strain": float(self.strain[i]),
             "speed": float(speed),
         }

@@ -16,11 +16,11 @@ def make_control(body: Body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, c
 
     Fields with one lane per fish: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs (D,) at the
     start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; current (1,) m/s;
-    fastest (1,) 1/s, the largest relative rate of a spring's length so far; pivots and untrusted (1,), counts of
-    non-positive and untrusted pivots. Shared fields: plans (P,K), row (1,) and costs (P,3)
-    (`fish_env.physics.forces.plan`); elapsed (1,) s, the time of the evaluation since the start of the call; constant,
-    True if the forces' system matrix does not depend on the motion; reused (1,), the number of steps of a call that
-    reused the factors of the previous step.
+    fastest (1,) 1/s, the largest relative rate of a spring's length so far; work (1,) J over the factor on stiffness,
+    done by the driven springs so far; pivots and untrusted (1,), counts of non-positive and untrusted pivots. Shared
+    fields: plans (P,K), row (1,) and costs (P,3) (`fish_env.physics.forces.plan`); elapsed (1,) s, the time of the
+    evaluation since the start of the call; constant, True if the forces' system matrix does not depend on the motion;
+    reused (1,), the number of steps of a call that reused the factors of the previous step.
     """
     control = Pack(
         "control",
@@ -33,6 +33,7 @@ def make_control(body: Body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, c
         lightness=kind.numbers(1),
         current=kind.vectors(1),
         fastest=kind.numbers(1),
+        work=kind.numbers(1),
         pivots=kind.numbers(1),
         untrusted=kind.numbers(1),
         plans=plans,

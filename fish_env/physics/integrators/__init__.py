@@ -39,9 +39,10 @@ class Method(Protocol):
 
         It takes n steps of `control.plans[control.row[0], H]` seconds, and changes x and v in place. `work` is of
         `make_work`, `cache` of the forces' `make_cache`. The kernel sets the rest lengths for the time of each force
-        evaluation. It calls the forces' `constrain` on accelerations that are no direct sum of forces, and `finish`
-        after every step. It keeps the velocities of fixed degrees of freedom, and counts bad pivots in
-        `control.pivots` and `control.untrusted`. It may capture kernels, numbers, tuples of them and Booleans only.
+        evaluation, and adds the work of the muscles there, with the weight that it has in the step (`common.add_work`).
+        It calls the forces' `constrain` on accelerations that are no direct sum of forces, and `finish` after every
+        step. It keeps the velocities of fixed degrees of freedom, and counts bad pivots in `control.pivots` and
+        `control.untrusted`. It may capture kernels, numbers, tuples of them and Booleans only.
         """
         ...
 

@@ -33,6 +33,20 @@ class Motion:
         """Arguments of the forces at a time within the call: rest lengths (E,) m, x and v (N,3)."""
         return self.start + t * self.rate, *y.reshape(2, -1, 3)  # (14)
 
+    def work(self, body: Body, t, y) -> float:
+        """Work of the driven springs, J, over steps that end at the times t (S,) in the states y (6N,S).
+
+        Simpson's rule, with the cubic of Hermite through positions and velocities at both ends of a step.
+        """
+        driven, h = np.flatnonzero(self.rate), np.diff(t)
+        first, second = body.springs.nodes[driven].T
+        r, u = (part[second] - part[first] for part in y.reshape(2, -1, 3, len(t)))
+        middle = 0.5 * (r[..., :-1] + r[..., 1:]) + h / 8.0 * (u[..., :-1] - u[..., 1:])
+        rest = [self.start[driven, None] + self.rate[driven, None] * at for at in (t, t[:-1] + 0.5 * h)]
+        ends, inside = (np.linalg.norm(way, axis=1) - own for way, own in zip((r, middle), rest, strict=True))
+        mean = (ends[:, :-1] + 4.0 * inside + ends[:, 1:]) / 6.0
+        return float(-(body.springs.stiffness * self.rate)[driven] @ mean @ h)  # (41)
+
     def slope(self, t, y):
         """Time derivative of y, (6N,)."""
         self.evaluations += 1
@@ -101,7 +115,7 @@ def solve(body: Body, world: World, state: State, control, duration, method="DOP
         raise ValueError(f"duration is {duration!r}; give a finite number of seconds, zero or more")
     evaluator = Evaluator(body, world)
     for b in np.flatnonzero(state.failure == 0):
-        before = state.x[b].copy(), state.v[b].copy()
+        before, work = (state.x[b].copy(), state.v[b].copy()), state.work[b]
         failure = move(body, evaluator, state, control, b, duration, method, tolerance) if duration else 0
         control.rest_length[b] += duration * control.rate[b]
         control.rate[b] = 0.0
@@ -112,7 +126,7 @@ def solve(body: Body, world: World, state: State, control, duration, method="DOP
             failure, state.t[b] = NON_FINITE, 0.0
         if failure:
             broken = failure_of(evaluator, control.rest_length[b], *before)
-            state.failure[b] = broken or failure
+            state.failure[b], state.work[b] = broken or failure, work
             state.x[b], state.v[b] = (body.position, 0.0) if broken else before
         else:
             state.t[b] += duration
@@ -147,6 +161,7 @@ def move(body: Body, evaluator, state: State, control, b, duration, method, tole
     state.counters[b, FACTORISATIONS] += found.nlu  # scipy does not report its solves
     if found.status == 0:
         state.x[b], state.v[b] = found.y[:, -1].reshape(2, -1, 3)
+        state.work[b] += motion.work(body, found.t, found.y)
     return 0 if found.status == 0 else NO_CONVERGENCE
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fish_env.kernels.compile import INDEX, kernel
-from fish_env.kernels.simd import Kind, Pack, floats, fma, select, vec3, zero
+from fish_env.kernels.simd import Kind, Pack, dot, floats, fma, select, sqrt, vec3, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import INNER, LOWEST, POLYNOMIAL, H
 from fish_env.physics.records import Body
@@ -45,6 +45,22 @@ def move_rest_lengths(control, elapsed):
     rest, start, rate, driven = control.rest_length, control.start, control.rate, control.driven
     for d in range(driven.size):
         rest[INDEX(driven[d])] = fma(elapsed, rate[d], start[d])  # (14)
+
+
+@kernel
+def add_work(body, control, x, duration):
+    """Add to `control.work` what the driven springs do in a duration, s, at their present lengths and rest lengths.
+
+    A spring whose rest length l moves under the elastic tension g does the work -g dl, J. The factor on stiffness is
+    left out: it is the same in the whole call.
+    """
+    nodes, stiffness = body.springs.nodes, body.springs.stiffness
+    rest, rate, driven, power = control.rest_length, control.rate, control.driven, zero(control.work)
+    for d in range(driven.size):
+        e = INDEX(driven[d])
+        r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
+        power = fma(stiffness[e] * (rest[e] - sqrt(dot(r, r))), rate[d], power)
+    control.work[0] = fma(duration, power, control.work[0])  # (41)
 
 
 @kernel

@@ -18,7 +18,7 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
-from fish_env.physics.integrators.common import make_constrain, move_rest_lengths, scratch
+from fish_env.physics.integrators.common import add_work, make_constrain, move_rest_lengths, scratch
 from fish_env.physics.records import Body
 
 DAMPING = 4.0  # of the polynomial: excess of its midpoint over 1, times the square of the number of stages
@@ -90,6 +90,7 @@ def make_run(names):
                     x[i] = fma(half, v[i], x[i])  # (35)
                     f[i] = zero(f)
             move_rest_lengths(control, (s + 0.5) * h)
+            add_work(body, control, x, h)
             add_force(body, world, control, x, v, f, cache)
             for i in range(x.size):
                 y = inverse_mass[i] * f[i]

@@ -70,6 +70,7 @@ class Rosenbrock:
                 for stage in range(last + 1):
                     px, pv, speed = (x, v, v) if stage == 0 else (sx, sv, rate)
                     common.move_rest_lengths(control, (s + time[stage]) * h)
+                    common.add_work(body, control, px, h / (last + 1))
                     for i in range(x.size):
                         f[i] = zero(f)
                         y[i] = zero(y)

@@ -13,7 +13,7 @@ from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import H
-from fish_env.physics.integrators.common import move_rest_lengths, plan_of_step, scratch
+from fish_env.physics.integrators.common import add_work, move_rest_lengths, plan_of_step, scratch
 from fish_env.physics.records import Body
 
 
@@ -50,6 +50,7 @@ class RungeKutta:
                     px, pv = (x, v) if stage == 0 else (sx, sv)
                     part, ahead = weight[stage], time[min(stage + 1, last)] * h
                     move_rest_lengths(control, (s + time[stage]) * h)
+                    add_work(body, control, px, part * h)
                     for i in range(x.size):
                         f[i] = none
                     add_force(body, world, control, px, pv, f, cache)

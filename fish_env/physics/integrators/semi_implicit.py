@@ -14,7 +14,14 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import floats, fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import H
-from fish_env.physics.integrators.common import count_pivots, make_constrain, move_rest_lengths, plan_of_step, scratch
+from fish_env.physics.integrators.common import (
+    add_work,
+    count_pivots,
+    make_constrain,
+    move_rest_lengths,
+    plan_of_step,
+    scratch,
+)
 from fish_env.physics.linalg import ldlt
 from fish_env.physics.records import Body
 
@@ -74,6 +81,7 @@ def make_run(names):
         matrix, load, mass, h = work.matrix, work.load, body.mass, control.plans[control.row[0], H]
         for s in range(n):
             move_rest_lengths(control, s * h)
+            add_work(body, control, x, h)
             for p in range(matrix.size):
                 matrix[p] = zero(matrix)
             for i in range(x.size):

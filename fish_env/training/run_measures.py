@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.saved_run import CURVE, check_name, read_curve, read_record
 from fish_env.bodies import Fish
 from fish_env.control import (
     FIRST_SEED,
@@ -17,11 +16,11 @@ from fish_env.control import (
     evaluation_options,
     load_policy,
     make_policy_env,
-    policy_controller,
     record,
 )
 from fish_env.control.environments import environment_of, make_checked_env
 from fish_env.envs import FishEnv
+from fish_env.training.saved_run import CURVE, check_name, read_curve, read_record
 
 FILES = ("config.json", "curve.csv", "policy.npz")
 SHOWN = 3  # episodes whose motion is drawn
@@ -62,7 +61,7 @@ def read_run(folder: str | Path) -> Run:
     missing = [name for name in FILES if not (folder / name).is_file()]
     if missing:
         what = f"holds no {', '.join(missing)}" if folder.is_dir() else "is not a folder"
-        raise ValueError(f"{folder} is not a training run: it {what}; give a folder that train.py TASK has written")
+        raise ValueError(f"{folder} is not a training run: it {what}; give a folder that `fish_env train` has written")
     check_name(folder)
     saved, names = read_record(folder / "config.json"), CURVE.split(",")
     rows = [[float(value) for value in row.split(",")] for row in read_curve(folder / "curve.csv")]
@@ -74,7 +73,7 @@ def read_run(folder: str | Path) -> Run:
 def measure_episodes(run: Run, count: int) -> Scores:
     """Run so many episodes, with the seeds of every evaluation."""
     env = make_policy_env(run.policy, count)
-    scores = evaluate(policy_controller(run.policy, env), env)
+    scores = evaluate(env, run.policy)
     env.close()
     return scores
 
@@ -93,7 +92,7 @@ def record_episodes(run: Run, count: int = SHOWN) -> tuple[list[Recording], Fish
     env_id, options = environment_of(run.policy.about)
     env = make_checked_env(env_id, evaluation_options(options))
     bare = env.unwrapped
-    assert isinstance(bare, FishEnv)  # the tasks of `RESULTS` are
+    assert isinstance(bare, FishEnv)
     found = [record(env, run.policy, FIRST_SEED + k) for k in range(count)]
     env.close()
     return found, bare.tank.fish

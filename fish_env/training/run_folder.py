@@ -7,8 +7,8 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 
-from agents.saved_run import check_name, not_through_link, versions
 from fish_env.control.files import writable_folder
+from fish_env.training.saved_run import check_name, not_through_link, versions
 
 try:
     import fcntl
@@ -21,7 +21,8 @@ WRITTEN = ("config.json", "curve.csv", "model.zip", "policy.npz", "results.json"
 def check_installed() -> None:
     """Raise ImportError if a package that a training needs is not installed, or this one is not."""
     versions()
-    import_module("tensorboard")  # the others are imported by now
+    for name in ("tensorboard", "matplotlib"):  # the others are imported by now
+        import_module(name)
 
 
 def new_folder(root: Path, task: str) -> Path:

@@ -1,10 +1,10 @@
-"""The checkout that a training or a measurement runs in: its folder and its commit."""
+"""The checkout that a training or a measurement runs in, if there is one: its folder and its commit."""
 
 import subprocess
 from contextlib import suppress
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 CODE = ("fish_env", "agents", "benchmarks", "train.py", "constraints.txt", "pyproject.toml")
 """Paths that results depend on: a commit is called dirty if a change in them is not committed."""
 WRITTEN = (":!benchmarks/results", ":!*/pretrained/*", ":!fish_env/control/*.json", ":!fish_env/bodies/*.json")
@@ -12,7 +12,12 @@ WRITTEN = (":!benchmarks/results", ":!*/pretrained/*", ":!fish_env/control/*.jso
 
 
 def present_commit() -> str:
-    """The commit, with "-dirty" at its end if code that results depend on is not committed; "unknown" without git."""
+    """The commit, with "-dirty" at its end if code that results depend on is not committed.
+
+    It is "unknown" without git, and for a package that is installed without its checkout.
+    """
+    if not (ROOT / ".git").exists():  # git would look for one in the folders above
+        return "unknown"
 
     def git(*arguments):
         with suppress(OSError):  # there is no git

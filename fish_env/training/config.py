@@ -3,10 +3,13 @@
 import math
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
-from fish_env import make_fish
+import gymnasium as gym
+
+from fish_env.bodies import make_fish
 from fish_env.checks import fits_memory, is_whole, real
+from fish_env.control.environments import environment_of
 from fish_env.physics.tank_options import check_scene, method_for, whole_steps
 
 
@@ -59,7 +62,7 @@ def settings_of(record: dict[str, Any]) -> TrainConfig:
         ValueError: if they are of another version of this program, of another kind, or not allowed.
     """
     try:
-        lists: dict[str, Any] = {name: _tuples(value) for name, value in record.items()}
+        lists: dict[str, Any] = {name: as_tuples(value) for name, value in record.items()}
         config = TrainConfig(**lists)
     except TypeError as error:
         raise ValueError(
@@ -76,9 +79,11 @@ def check_settings(config: TrainConfig) -> None:
         if isinstance(usual, float):
             fits, wanted = abs(real(value)) < math.inf, "a finite number"
         elif isinstance(usual, tuple) or type(usual) is int:
-            numbers = value if isinstance(value, tuple) and isinstance(usual, tuple) else (value,)
-            fits = 1 <= len(numbers) <= LAYERS and all(is_whole(each) and 1 <= each <= MOST for each in numbers)
-            wanted = f"whole numbers, at least 1 and at most {MOST}"
+            numbers = value if isinstance(usual, tuple) else (value,)
+            counts = isinstance(numbers, tuple) and all(is_whole(each) and 1 <= each <= MOST for each in numbers)
+            fits = counts and 1 <= len(numbers) <= LAYERS
+            several = "a list of whole numbers" if isinstance(usual, tuple) else "a whole number"
+            wanted = f"{several}, at least 1 and at most {MOST}"
         else:
             fits, wanted = isinstance(value, type(usual)), f"a {type(usual).__name__}"
         if not fits:
@@ -96,13 +101,13 @@ def check_settings(config: TrainConfig) -> None:
     fits_memory(weights, WEIGHT, f"the number of weights of layers of {config.hidden!r:.100}")
 
 
-def _tuples(value, deepest: int = 8):
+def as_tuples(value, deepest: int = 8):
     """Lists as tuples, also inside of dicts: as they were before they became JSON; ValueError for deeper ones."""
     if not deepest:
         raise ValueError("they are nested too deeply")
     if isinstance(value, dict):
-        return {name: _tuples(inner, deepest - 1) for name, inner in value.items()}
-    return tuple(_tuples(inner, deepest - 1) for inner in value) if isinstance(value, list) else value
+        return {name: as_tuples(inner, deepest - 1) for name, inner in value.items()}
+    return tuple(as_tuples(inner, deepest - 1) for inner in value) if isinstance(value, list) else value
 
 
 def slower(seconds: float) -> dict[str, Any]:
@@ -121,31 +126,37 @@ CONFIGS: dict[str, TrainConfig] = {
     "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, {"patience": 3.0}, timesteps=8_000_000),
     "avoid": TrainConfig("FishEnv/Avoid-v0", slower(6.0), timesteps=3_500_000),
 }
-"""A task of the package, or one of its forms, by its name in `train.py`."""
+"""A task of the package, or one of its forms, by its name in the command line."""
 
+SCORES = {
+    "swim": "speed", "turn": "success", "left_after_right": "success", "target": "targets", "target_3d": "success",
+    "avoid": "success",
+}  # fmt: skip
+"""The metric that ranks the seeds of a task; more is better. Other environments have "return"."""
 
-class Result(NamedTuple):
-    """Evaluation of a trained task."""
-
-    score: str
-    """The metric its seeds are ranked by; more is better."""
-    seeds: int
-    """Number of seeds that `train.py all` trains."""
-
-
-RESULTS: dict[str, Result] = {
-    "swim": Result("speed", 10),
-    "turn": Result("success", 5),
-    "left_after_right": Result("success", 10),
-    "target": Result("targets", 5),
-    "target_3d": Result("success", 5),
-    "avoid": Result("success", 5),
-}
-
+PARENT = "FISH_ENV_TRAIN_ALL"
+"""The environment variable by which runs know the program that began them: they end when it is gone."""
 
 FINE_TUNING = {"timesteps": 98_304, "num_envs": 64, "rollout": 16, "batch_size": 512, "learning_rate": 2e-3}
 """Settings that differ when a policy starts from a trained one: 96 small updates at a high rate, not twelve large ones.
 A policy on another body then recovers its performance (`benchmarks/learning/transfer.py` measures it)."""
+
+
+def usual_settings(task: str) -> TrainConfig:
+    """The settings of a key of `CONFIGS`, or the usual ones for the id of another registered environment of fish.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if task in CONFIGS:
+        return CONFIGS[task]
+    if task not in gym.registry:
+        raise ValueError(
+            f"unknown task {task!r}; choose from {', '.join(CONFIGS)}, or give the id of an environment of yours, with "
+            "--task-module and the module that registers it"
+        )
+    env_id, _ = environment_of({"env_id": task})
+    return TrainConfig(env_id)
 
 
 def change_simulation(
@@ -153,7 +164,7 @@ def change_simulation(
 ) -> TrainConfig:
     """The settings of a task with another body, another integrator or another step, s; None leaves them.
 
-    On a flat fish the upper and the lower muscle of a pair contract together.
+    On a flat fish the upper and the lower muscle of a pair contract together, unless `muscle_groups` is set.
 
     Raises:
         ValueError: for an unknown body or integrator, or a step that is not allowed.
@@ -168,4 +179,4 @@ def change_simulation(
     check_scene(fish, fish.water, record)
     whole_steps(options.get("control_interval", fish.control_interval), step, "the control interval")
     flat = {"muscle_groups": "pairs"} if body is not None and fish.flat else {}
-    return replace(config, env_options=options | flat)
+    return replace(config, env_options=flat | options)

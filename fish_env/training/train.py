@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
@@ -12,18 +13,34 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
-from agents.build import export_policy, make_env, make_model, start_from
-from agents.callbacks import Checkpoint, EndsIf, LearningCurve, Progress, check_finite, save_model
-from agents.checkout import present_commit
-from agents.config import CONFIGS, FINE_TUNING, RESULTS, TrainConfig, change_simulation, check_settings, settings_of
-from agents.jobs import PARENT
-from agents.report import report
-from agents.run_folder import check_folder, check_installed, lock_folder, new_folder
-from agents.saved_run import append_version, read_curve, read_record, restore, versions, warn_of_other_versions
 from fish_env.checks import is_whole
 from fish_env.control.files import write_text
+from fish_env.training.build import export_policy, make_env, make_model, start_from
+from fish_env.training.callbacks import Checkpoint, EndsIf, LearningCurve, Progress, check_finite, save_model
+from fish_env.training.checkout import present_commit
+from fish_env.training.config import (
+    FINE_TUNING,
+    PARENT,
+    SCORES,
+    TrainConfig,
+    change_simulation,
+    check_settings,
+    settings_of,
+    usual_settings,
+)
+from fish_env.training.report import report
+from fish_env.training.run_folder import check_folder, check_installed, lock_folder, new_folder
+from fish_env.training.saved_run import (
+    append_version,
+    read_curve,
+    read_record,
+    restore,
+    versions,
+    warn_of_other_versions,
+)
 
 SEEDS = 2**32  # numpy's and Stable-Baselines3's are below
+MOST_THREADS = 1024
 
 
 @dataclass(frozen=True)
@@ -31,7 +48,7 @@ class Request:
     """Arguments of `train`."""
 
     task: str
-    """A key of `CONFIGS`."""
+    """A key of `CONFIGS`, or the id of another registered environment of fish."""
     seed: int | None = None
     """Seed of the learner; fish i starts from seed + i. None is 0, or the seed of the run that is resumed."""
     root: Path = Path("runs")
@@ -49,10 +66,14 @@ class Request:
     """A key of `fish_env.INTEGRATORS` to train with; None takes the body's own."""
     dt: float | None = None
     """Step of the integrator, s; None takes its default step on that body."""
+    env_options: Mapping[str, Any] = field(default_factory=dict)
+    """Keywords of the environment, in training and in evaluations, beside the task's or instead of them."""
     pictures: bool = True
     """Write the page of the run and print the table with the baselines; else only evaluate the policy."""
     changes: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `TrainConfig` to use instead of the task's; None is ignored."""
+    torch_threads: int | None = None
+    """Threads of the updates; None leaves torch as it is."""
     stopped: Callable[[], bool] = bool
     """Returns True to stop as by Ctrl-C: where C calls Python, an exception may be lost."""
 
@@ -76,6 +97,10 @@ def train(request: Request) -> Path:
         Stopped: after Ctrl-C, when the model is saved and it was said how to resume.
     """
     check_installed()
+    if request.torch_threads is not None:
+        if not 1 <= request.torch_threads <= MOST_THREADS:
+            raise ValueError(f"torch_threads is {request.torch_threads}; give 1 to {MOST_THREADS}")
+        torch.set_num_threads(request.torch_threads)
     task, resumed = request.task, None
     if request.resume is not None:
         resumed = _saved_run(Path(request.resume), task, "resume")
@@ -87,23 +112,23 @@ def train(request: Request) -> Path:
         if resumed is not None:
             warn_of_other_versions(resumed)
         _write_config(folder, request, config, seed, resumed)
-        finished = learn(model, config, folder, RESULTS[task].score, request.stopped)
+        finished = learn(model, config, folder, SCORES.get(task, "return"), request.stopped)
         about = {"task": task, "env_id": config.env_id, "env_options": config.env_options}
         try:
             _save(model, folder, about)
-        except KeyboardInterrupt:  # it came just then, and `train.py` hears no second one
+        except KeyboardInterrupt:  # it came just then, and the command line hears no second one
             _save(model, folder, about)
             finished = False
         if not finished:
             print(f"\nStopped after {model.num_timesteps:,} environment steps; the model is saved in {folder}.")
-            print(f"Resume:   python train.py {task} --resume {folder}")
-            print(f"Watch it: python train.py play {folder / 'policy.npz'}")
+            print(f"Resume:   fish_env train {task} --resume {folder}")
+            print(f"Watch it: fish_env play {folder}")
             raise Stopped
         try:
             report(folder, config, request.pictures)
         except KeyboardInterrupt:
             print(f"\nStopped while evaluating. The model is saved; evaluate it with: "
-                  f"python train.py {task} --resume {folder}")  # fmt: skip
+                  f"fish_env train {task} --resume {folder}")  # fmt: skip
             raise Stopped from None
     return folder
 
@@ -126,17 +151,28 @@ def _save(model: PPO, folder: Path, about: dict) -> None:
 def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]:
     """Settings and seed of the requested run, after a check; `resumed` is the config.json of a saved run."""
     task, changes = request.task, {name: value for name, value in request.changes.items() if value is not None}
+    known = [name for name in vars(TrainConfig("")) if name != "env_id"]
+    for name in changes:
+        if name not in known:
+            raise ValueError(f"unknown setting {name!r}; choose from {', '.join(known)}")
     if resumed is None:
-        if task not in CONFIGS:
-            raise ValueError(f"unknown task {task!r}; choose from {', '.join(CONFIGS)}")
-        usual = {} if request.start is None else FINE_TUNING
-        config, seed = replace(CONFIGS[task], **usual | changes), 0 if request.seed is None else request.seed
-        config = change_simulation(config, request.body, request.integrator, request.dt)
+        usual = usual_settings(task)
+        given = {} if request.start is None else FINE_TUNING
+        options = {**usual.env_options, **request.env_options}
+        denser = {name: value for name, value in usual.training_options.items() if name not in request.env_options}
+        config = replace(usual, **{"env_options": options, "training_options": denser} | given | changes)
+        check_settings(config)
+        asked = {"body": request.body, "integrator": request.integrator, "dt": request.dt}
+        chosen = {name: config.env_options.get(name) if value is None else value for name, value in asked.items()}
+        config = change_simulation(config, **chosen)
+        seed = 0 if request.seed is None else request.seed
     else:
-        if any(each is not None for each in (request.body, request.integrator, request.dt, request.start)):
+        if request.env_options or any(
+            each is not None for each in (request.body, request.integrator, request.dt, request.start)
+        ):
             raise ValueError(
-                "a run that is resumed has its body, its integrator and its starting point already; leave --body, "
-                "--integrator, --dt and --start-from out"
+                "a run that is resumed has its environment and its starting point already; leave --env-kwargs, "
+                "--body, --integrator, --dt and --start-from out"
             )
         config, seed = replace(settings_of(resumed["config"]), **changes), resumed["seed"]
         if request.seed not in (None, seed):
@@ -155,7 +191,7 @@ def _folder(request: Request) -> Path:
         return new_folder(Path(request.root), request.task)
     folder = Path(request.folder)
     if os.path.lexists(folder / "model.zip"):
-        raise ValueError(f"{folder} holds a run; resume it with: python train.py {request.task} --resume {folder}")
+        raise ValueError(f"{folder} holds a run; resume it with: fish_env train {request.task} --resume {folder}")
     return check_folder(folder)
 
 
@@ -177,7 +213,7 @@ def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, 
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Callable[[], bool]) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C, or what `stopped` says, stopped it first."""
     checkpoint = Checkpoint(folder / "model.zip")
-    callbacks = [Progress(), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
+    callbacks = [Progress(score), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
     if os.environ.get(PARENT, "").isdigit():  # `train.py all`, which may be killed
         callbacks.append(EndsIf(lambda: os.getppid() != int(os.environ[PARENT])))
     left = config.timesteps - model.num_timesteps
@@ -214,12 +250,12 @@ def _write_config(folder: Path, request: Request, config: TrainConfig, seed: int
     chosen = {"seed": seed, "timesteps": config.timesteps, "num-envs": config.num_envs}
     chosen |= {name: config.env_options[name] for name in ("body", "integrator", "dt") if name in config.env_options}
     chosen |= {"start-from": before["start"]} if before["start"] else {}
-    options = " ".join(f"--{name} {value}" for name, value in chosen.items())
+    options = " ".join(f"--{name} {value}" for name, value in chosen.items()) + _changes(request.task, config, before)
     record = {
         "task": request.task,
         "seed": seed,
         "config": asdict(config),
-        "command": f"python train.py {request.task} {options}",
+        "command": f"fish_env train {request.task} {options}",
         "start": before["start"],
         "commit": append_version(before["commit"], present_commit()),
         "resumed": before["resumed"] + 1,
@@ -227,3 +263,18 @@ def _write_config(folder: Path, request: Request, config: TrainConfig, seed: int
         "threads": {"torch": torch.get_num_threads(), "processors": os.cpu_count()},
     }
     write_text(folder / "config.json", json.dumps(record, indent=2) + "\n")
+
+
+def _changes(task: str, config: TrainConfig, record: dict) -> str:
+    """The options of the command line for the settings that are not the usual ones of the task."""
+    simulation = [config.env_options.get(name) for name in ("body", "integrator", "dt")]
+    usual = vars(change_simulation(usual_settings(task), *simulation)) | (FINE_TUNING if record["start"] else {})
+    apart = ("env_options", "training_options", "timesteps", "num_envs")
+    settings = {name: value for name, value in vars(config).items() if name not in apart and value != usual[name]}
+    same = usual["env_options"]
+    keywords = {n: value for n, value in config.env_options.items() if n not in same or value != same[n]}
+    text = ""
+    for option, changed in (("env-kwargs", keywords), ("hyperparameters", settings)):
+        words = [shlex.quote(f"{name}={json.dumps(value)}") for name, value in changed.items()]
+        text += f" --{option} {' '.join(words)}" if words else ""
+    return text

@@ -18,14 +18,15 @@ from pages import ROOT
 from trainings import SHORT, torch, train_short, training
 
 import fish_env
-from agents import callbacks, jobs, report, train_all
-from agents.build import export_policy, make_env, make_model
-from agents.config import CONFIGS, RESULTS, settings_of
-from agents.run_measures import read_run
-from agents.synergy import synergies
+from agents import train_all
 from benchmarks.common.tables import read_rows
 from fish_env.control import evaluate, evaluation_options, load_policy, make_eval_env, policy_controller
 from fish_env.control.equivariant import reflection_of
+from fish_env.training import callbacks, report
+from fish_env.training.build import export_policy, make_env, make_model
+from fish_env.training.config import CONFIGS, PARENT, settings_of
+from fish_env.training.run_measures import read_run
+from fish_env.training.synergy import synergies
 
 LONGER = {"timesteps": 2048}
 quiet_threads = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
@@ -91,7 +92,7 @@ def test_run_leaves_everything_behind(tmp_path, monkeypatch, capsys):
     read = read_run(folder)  # what a report asks of a run
     assert read.task == "swim" and read.seed == 3 and read.curve["timesteps"][-1] == 1024
     printed = capsys.readouterr().out
-    assert f"python train.py play {folder / 'policy.npz'}" in printed
+    assert f"fish_env play {folder}" in printed
     assert "best open-loop gait" in printed
 
 
@@ -135,7 +136,7 @@ def test_ctrl_c_saves_the_model_and_resume_continues(tmp_path, monkeypatch, caps
 
 def test_a_run_whose_starter_is_gone_stops_and_is_saved(tmp_path, monkeypatch, capsys):
     """A run of `train.py all` ends when that program was killed: saved and resumable."""
-    monkeypatch.setenv(jobs.PARENT, "1")  # another program than the one that starts it here
+    monkeypatch.setenv(PARENT, "1")  # another program than the one that starts it here
     with pytest.raises(training.Stopped):
         train_short(folder=tmp_path / "run")
     assert f"--resume {tmp_path / 'run'}" in capsys.readouterr().out
@@ -164,7 +165,7 @@ def started(monkeypatch):
 def test_training_everything_can_be_stopped_and_resumed(started, trained, tmp_path, monkeypatch):
     """`train.py all` leaves finished runs unchanged, resumes stopped ones, and names those that fail."""
     monkeypatch.setattr(train_all, "CONFIGS", {"swim": replace(CONFIGS["swim"], **SHORT)})
-    monkeypatch.setattr(train_all, "RESULTS", {"swim": RESULTS["swim"]._replace(seeds=3)})
+    monkeypatch.setattr(train_all, "SEEDS", {"swim": 3})
     for seed in range(2):
         shutil.copytree(trained, tmp_path / f"swim/seed_{seed}")
     (tmp_path / "swim/seed_0/results.json").write_text("{}")
@@ -356,9 +357,10 @@ BROKEN = {
     "no seed": (changed_record(seed=None), RECORD + r"it has no 'seed'\)"),
     "seed": (changed_record(seed="0"), RECORD + r"'seed' is '0'\)"),
     "resumed": (changed_record(resumed=-1), RECORD + "'resumed' is out of range"),
-    "fish": (changed_record(config={"num_envs": "8"}), RECORD + ".*num_envs is '8'; give whole numbers, at least 1"),
+    "fish": (changed_record(config={"num_envs": "8"}), RECORD + ".*num_envs is '8'; give a whole number, at least 1"),
     "rate": (changed_record(config={"learning_rate": "fast"}), RECORD + ".*learning_rate is 'fast'; give a finite"),
-    "layers": (changed_record(config={"hidden": [64, "x"]}), RECORD + r".*hidden is \(64, 'x'\); give whole"),
+    "layers": (changed_record(config={"hidden": [64, "x"]}), RECORD + r".*hidden is \(64, 'x'\); give a list of"),
+    "one layer": (changed_record(config={"hidden": 64}), RECORD + ".*hidden is 64; give a list of whole numbers"),
     "setting": (changed_record(config={"speed": 1}), RECORD + ".*not those of this version"),
     "other environment": (changed_record(task="turn"), r"'FishEnv/Swim-v0' is not that of a task 'turn' here\)"),
     "other task": (changed_record(task="turn", config={"env_id": "FishEnv/Turn-v0"}), "of task 'turn', not 'swim'"),
@@ -401,11 +403,9 @@ def test_short_training_learns(tmp_path):
     """A short PPO run swims faster than it did before, on the evaluation seeds."""
     config = CONFIGS["swim"]
     env = make_eval_env(config.env_id, 8, config.env_options)
-    before = evaluate(policy_controller(export_policy(make_model(config, make_env(config, 1, 0), 0), {}), env), env)[
-        "speed"
-    ].mean()
+    before = evaluate(env, export_policy(make_model(config, make_env(config, 1, 0), 0), {}))["speed"].mean()
     folder = train_short(root=tmp_path, changes={"timesteps": 65_536, "num_envs": 64})
-    after = evaluate(policy_controller(load_policy(folder / "policy.npz"), env), env)["speed"].mean()
+    after = evaluate(env, load_policy(folder / "policy.npz"))["speed"].mean()
     assert after > before + 0.1
 
 
@@ -428,8 +428,8 @@ def test_zoo_file_agrees_with_the_settings():
 
 
 @pytest.mark.parametrize("name", [
-    "agents.build.falling", "agents.layers.Tanh", "fish_env.control.equivariant.Reflection",
-    "fish_env.control.equivariant.EquivariantPolicy",
+    "agents.build.falling", "agents.layers.Tanh", "fish_env.training.build.falling",
+    "fish_env.control.equivariant.Reflection", "fish_env.control.equivariant.EquivariantPolicy",
 ])  # fmt: skip
 def test_names_in_saved_models(name):
     """What `model.zip` files refer to has its old name, so that `PPO.load` of Stable-Baselines3 reads them."""

@@ -1,11 +1,10 @@
 """Evaluate policies on the fixed seeds beside the controllers without learning: tables, and the report of a run."""
 
 import json
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
-from agents.config import TrainConfig
-from agents.run_report import write_report
-from fish_env.__main__ import print_means
 from fish_env.control import (
     EPISODES,
     FIRST_SEED,
@@ -19,28 +18,30 @@ from fish_env.control import (
     make_eval_env,
     make_policy_env,
     means,
-    policy_controller,
     random_actions,
     scripted,
-    shipped_policies,
 )
 from fish_env.control.files import write_text
+from fish_env.control.printing import print_means
 from fish_env.envs import FishVectorEnv
+from fish_env.training.config import TrainConfig
 
 
 def baselines(env: FishVectorEnv) -> dict[str, Controller]:
-    """The controllers without learning."""
-    return {
+    """The controllers without learning; motor controllers for the tasks that they can do."""
+    found: dict[str, Controller] = {
         "random": random_actions(env),
         "best open-loop gait": gait_controller(best_gait(), env),
-        "motor controllers": scripted(env),
     }
+    with suppress(ValueError):  # a task of somebody else's
+        found["motor controllers"] = scripted(env)
+    return found
 
 
 def measure_policies(env: FishVectorEnv, policies: dict[str, Policy], beside: bool) -> dict[str, dict]:
     """Means over the evaluation episodes of policies, after those of the baselines if `beside` is True."""
-    controllers = (baselines(env) if beside else {}) | {n: policy_controller(p, env) for n, p in policies.items()}
-    return {name: means(evaluate(controller, env)) for name, controller in controllers.items()}
+    every = (baselines(env) if beside else {}) | policies
+    return {name: means(evaluate(env, policy)) for name, policy in every.items()}
 
 
 def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:
@@ -51,11 +52,13 @@ def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
     write_text(folder / "results.json", json.dumps(results, indent=2) + "\n")
     if pictures:
+        from fish_env.training.run_report import write_report  # loads matplotlib
+
         print_rows(config.env_id, rows)
         page = write_report([folder], episodes=EPISODES)
         print(f"\nSaved in {folder}: model.zip, policy.npz, config.json, curve.csv, results.json")
         print(f"Read it:  {page}")
-        print(f"Watch it: python train.py play {folder / 'policy.npz'}")
+        print(f"Watch it: fish_env play {folder}")
 
 
 def print_rows(env_id: str, rows: dict[str, dict]) -> None:
@@ -65,11 +68,15 @@ def print_rows(env_id: str, rows: dict[str, dict]) -> None:
     print_means(env_id, [{"policy": name, "means": found} | about for name, found in rows.items()])
 
 
-def compare(paths: list[Path]) -> dict[Path, dict]:
-    """Evaluate policy files (or those that are shipped) on the fixed seeds, with the controllers without learning."""
+def compare_with_controllers(policies: Mapping[str, Policy], **changes) -> dict[str, dict]:
+    """Evaluate policies on the fixed seeds beside the controllers without learning; print and return the means.
+
+    Args:
+        policies: by the names that are printed.
+        changes: options of the environments to use instead of those of the training; None is ignored.
+    """
     found = {}
-    for path in paths or shipped_policies().values():
-        policy = load_policy(path)
-        found[path] = measure_policies(make_policy_env(policy, EPISODES), {str(path): policy}, beside=True)
-        print_rows(policy.about["env_id"], found[path])
+    for name, policy in policies.items():
+        found[name] = measure_policies(make_policy_env(policy, EPISODES, **changes), {name: policy}, beside=True)
+        print_rows(policy.about["env_id"], found[name])
     return found

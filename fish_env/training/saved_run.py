@@ -17,8 +17,8 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 import torch
 from stable_baselines3 import PPO
 
-from agents.config import CONFIGS, settings_of
 from fish_env.checks import is_whole
+from fish_env.training.config import settings_of, usual_settings
 
 PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "torch")
 CURVE = "timesteps,seconds,episodes,score,return"
@@ -83,7 +83,7 @@ def read_record(path: Path) -> dict[str, Any]:
         if not 0 <= record["resumed"] < 10**9 or not all(isinstance(text, str) for text in record["versions"].values()):
             raise ValueError("'resumed' is out of range, or 'versions' holds what is no text")
         env_id, task = settings_of(record["config"]).env_id, record["task"]
-        if task not in CONFIGS or env_id != CONFIGS[task].env_id:  # another one could be of any module
+        if env_id != usual_settings(task).env_id:  # another one could be of any module
             raise ValueError(f"the environment {env_id!r:.40} is not that of a task {task!r:.40} here")
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} cannot be used ({error}); {ADVICE}") from error

@@ -8,12 +8,20 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.ticker import EngFormatter
 
-from agents.run_measures import Motion
-from agents.statistics import interquartile_mean
+from fish_env.control.statistics import interquartile_mean
+from fish_env.training.run_measures import Motion
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
+UNITS = {
+    "speed": "body lengths/s",
+    "success": "share of the episodes",
+    "targets": "per episode",
+    "return": "per episode",
+}
+"""Unit of each score of a training."""
 STYLE: dict[Any, Any] = {"svg.fonttype": "none", "axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
 """Settings of matplotlib for all charts of a page."""
 
@@ -33,7 +41,8 @@ def svg(figure: Figure) -> str:
 def draw_learning_curves(groups: Sequence[tuple[str, list[dict[str, np.ndarray]]]], metric: str) -> str:
     """Draw score and return against environment steps: seeds as thin lines, their interquartile mean as a bold one."""
     figure = Figure(figsize=(10, 3.6), layout="constrained")
-    for axes, column, name in zip(figure.subplots(1, 2), ("score", "return"), (metric, "return"), strict=True):
+    names = [f"{name}, {UNITS[name]}" for name in (metric, "return")]
+    for axes, column, name in zip(figure.subplots(1, 2), ("score", "return"), names, strict=True):
         for colour, (label, every) in zip(COLOURS, groups, strict=False):
             curves = [curve for curve in every if len(curve["timesteps"])]
             for curve in curves:
@@ -46,7 +55,7 @@ def draw_learning_curves(groups: Sequence[tuple[str, list[dict[str, np.ndarray]]
                 seeds = f" ({len(curves)} seeds)" if len(curves) > 1 else ""
                 axes.plot(steps, middle, color=colour, lw=1.8, label=label + seeds)
         axes.set(xlabel="environment steps", ylabel=f"{name}, in training")
-        axes.ticklabel_format(axis="x", scilimits=(0, 0))
+        axes.xaxis.set_major_formatter(EngFormatter())  # 2 M, without a factor beside the axis
     return svg(figure)
 
 

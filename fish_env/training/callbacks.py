@@ -4,16 +4,18 @@ If the disk is full, training continues: a file that cannot be written is report
 """
 
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from tqdm import tqdm
 
-from agents.saved_run import CURVE, read_curve
 from fish_env.control.files import replacing, write_text
+from fish_env.training.saved_run import CURVE, read_curve
 
 
 class Watcher(BaseCallback):
@@ -23,8 +25,25 @@ class Watcher(BaseCallback):
         return True
 
 
+def ended(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The infos of the fish whose episodes ended in a step."""
+    return [info for info in infos if "terminal_observation" in info]
+
+
 class Progress(Watcher):
-    """A progress bar: environment steps, their rate, and the mean return of recent episodes."""
+    """A progress bar: environment steps, their rate, and the mean score and return of recent episodes.
+
+    Args:
+        score: the metric that is the score, or "return".
+    """
+
+    def __init__(self, score: str = "return"):
+        super().__init__()
+        self.score, self._scores = score, deque(maxlen=100)
+
+    def _on_step(self) -> bool:
+        self._scores.extend(info[self.score] for info in ended(self.locals["infos"]) if self.score in info)
+        return True
 
     def _on_training_start(self) -> None:
         self._bar = tqdm(
@@ -35,7 +54,9 @@ class Progress(Watcher):
     def _on_rollout_end(self) -> None:
         episodes = self.model.ep_info_buffer
         if episodes:
-            self._bar.set_postfix_str(f"return {sum(e['r'] for e in episodes) / len(episodes):.2f}", refresh=False)
+            shown = f"{self.score} {np.mean(self._scores):.2f}, " if self._scores else ""
+            total = sum(e["r"] for e in episodes) / len(episodes)
+            self._bar.set_postfix_str(f"{shown}return {total:.2f}", refresh=False)
         self._bar.update(self.num_timesteps - self._bar.n)
 
     def _on_training_end(self) -> None:
@@ -62,7 +83,7 @@ class LearningCurve(BaseCallback):
 
     Args:
         path: the file.
-        score: the metric that is the score.
+        score: the metric that is the score, or "return".
         min_episodes: a row is written as soon as so many have ended.
     """
 
@@ -80,7 +101,7 @@ class LearningCurve(BaseCallback):
             self._begin -= float(self._rows[-1].split(",")[1])
 
     def _on_step(self) -> bool:
-        self._infos += [info for info in self.locals["infos"] if info]
+        self._infos += ended(self.locals["infos"])
         return True
 
     def _on_rollout_end(self) -> None:
@@ -99,7 +120,7 @@ class LearningCurve(BaseCallback):
             finite = [value for value in values if np.isfinite(value)]
             if finite:
                 self.logger.record(f"episode/{name}", float(np.mean(finite)))
-        score = np.mean([info[self.score] for info in self._infos])
+        score = total if self.score == "return" else np.mean([info[self.score] for info in self._infos])
         self._rows.append(f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}")
         self._infos = []
         text = "\n".join([CURVE, *self._rows, ""])

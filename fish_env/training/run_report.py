@@ -1,4 +1,4 @@
-"""`python train.py report`: one HTML page of a training run, or of several side by side; it opens from disk."""
+"""`fish_env report`: one HTML page of a training run, or of several side by side; it opens from disk."""
 
 import json
 import os
@@ -11,17 +11,26 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from agents import run_charts as charts
-from agents.config import RESULTS
-from agents.run_measures import FILES, Motion, Run, measure_episodes, measure_motion, read_run, record_episodes
-from agents.saved_run import check_name
-from agents.statistics import interval
 from fish_env.bodies import Fish
 from fish_env.control import EPISODES, FIRST_SEED, Recording, Scores
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.film import film_text
+from fish_env.control.statistics import interval
+from fish_env.kernels.data import data
+from fish_env.training import run_charts as charts
+from fish_env.training.config import SCORES
+from fish_env.training.run_measures import (
+    FILES,
+    Motion,
+    Run,
+    measure_episodes,
+    measure_motion,
+    read_run,
+    record_episodes,
+)
+from fish_env.training.saved_run import check_name
 
-TEMPLATE = Path(__file__).with_name("run_report.html")
+TEMPLATE = data("fish_env.training", "run_report.html")
 WORST = 5  # episodes that are listed
 GAIT = (
     "How far each muscle is contracted in the first episode: those of the left side (L), then those of the right (R), "
@@ -47,7 +56,7 @@ def write_report(folders: Sequence[str | Path], path: Path | None = None, episod
     """Write the page of one run, or of several: those that differ in their seeds only are put together.
 
     Args:
-        folders: of runs that `train.py` has written.
+        folders: of runs that `train` has written.
         path: the page; None is report.html in the folder of a single run, or in the folder that contains all of them.
         episodes: how many each policy is evaluated in, on the fixed seeds.
 
@@ -122,10 +131,11 @@ def write_section(task: str, groups: list[Group], alone: bool) -> str:
     gaits = charts.draw_gaits([(group.label, group.motions[0]) for group in groups], *order_muscles(groups[0].fish))
     paths = charts.draw_paths([(group.label, group.motions) for group in groups], task.startswith("target"))
     seeds = "In training, with exploration noise. Bold lines are interquartile means over seeds, thin lines are seeds."
+    score = SCORES.get(task, "return")
     parts = [
         describe_run(groups[0].runs[0]) if alone else f"<h2>{escape(task)}: the runs</h2>{tabulate_runs(groups)}",
         f"<h2>{escape(task)}: results</h2>{tabulate_metrics(groups)}",
-        f"<h2>Learning curves</h2>{note(seeds)}{charts.draw_learning_curves(curves, RESULTS[task].score)}",
+        f"<h2>Learning curves</h2>{note(seeds)}{charts.draw_learning_curves(curves, score)}",
         f"<h2>Failures</h2>{''.join(list_failures(group) for group in groups)}",
         f"<h2>Path</h2>{note(f'From above, the first {len(groups[0].motions)} episodes; a dot is the end.')}{paths}",
         f"<h2>Gait</h2>{note(GAIT)}{gaits}",
@@ -193,7 +203,7 @@ def list_failures(group: Group) -> str:
     worst = np.argsort(scores["return"], kind="stable")[:WORST].tolist()
     rows = [(FIRST_SEED + i, f"{scores['return'][i]:.2f}", f"{scores['seconds'][i]:.2f}",
              "failed" if scores["failed"][i] else "") for i in worst]  # fmt: skip
-    command = f"python train.py play {policy} --seed SEED --save film.html"
+    command = f"fish_env play {policy} --seed SEED --save film.html"
     return (
         f"<p{' class=bad' if failed.any() else ''}>{escape(group.label)}: {int(failed.sum()) or 'none'} of "
         f"{failed.size} episodes were ended by a failure of the physics.</p>"

@@ -1,0 +1,143 @@
+"""What sensing costs, and what policies keep under conditions that they were not trained for.
+
+    python -m benchmarks.learning.sensing [--jobs N]
+
+It trains Swim, Turn and LeftAfterRight with sensors, two seeds each, on all processors, and evaluates them and the
+shipped policies, which observe nodes, on the usual seeds and on the held-out protocol (`fish_env.protocols`). Finished
+trainings are kept in runs/sensing.
+"""
+
+import argparse
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.common.charts import BLUE, ORANGE, panels, save
+from benchmarks.common.tables import IMAGES, read_table, write_csv
+from fish_env import protocols
+from fish_env.control.evaluation import evaluate, make_policy_env, means
+from fish_env.control.policy import Policy, load_policy
+from fish_env.physics.tank_options import available_processors
+from fish_env.training.build import export_policy, make_env, make_model
+from fish_env.training.config import CONFIGS
+
+COMMAND = "python -m benchmarks.learning.sensing"
+TASKS, SEEDS, RUNS = ("swim", "turn", "left_after_right"), (0, 1), Path("runs", "sensing")
+SENSING = {
+    "sensors": {"observation": "sensors"},
+    "sensors and history": {"observation": "sensors", "history": 1},
+    "the same, robust": {"observation": "sensors", "history": 1},
+}
+"""Keywords of the environment; the last is trained under noise, delays and variation (`protocols.TRAINING`)."""
+ROBUST = "the same, robust"
+
+
+def policy_file(task: str, sensing: str, seed: int) -> Path:
+    """Where a trained policy is kept."""
+    return RUNS / f"{task}, {sensing}, {seed}.npz"
+
+
+def train(task: str, sensing: str, seed: int) -> None:
+    """Train a policy with the settings of its task, and keep it."""
+    import torch
+
+    torch.set_num_threads(1)
+    config = CONFIGS[task]
+    options = config.env_options | SENSING[sensing]
+    if sensing == ROBUST:
+        options = protocols.robust_options(config.env_id, **options)
+    config = replace(config, env_options=options)
+    env = make_env(config, config.num_envs, seed)
+    model = make_model(config, env, seed)
+    model.learn(config.timesteps)
+    export_policy(model, {"env_id": config.env_id, "env_options": options}).save(policy_file(task, sensing, seed))
+
+
+def train_all(jobs: int) -> None:
+    """Train what is missing, a process each."""
+    RUNS.mkdir(parents=True, exist_ok=True)
+    missing = [
+        (task, sensing, seed)
+        for seed in SEEDS for task in reversed(TASKS) for sensing in SENSING
+        if not policy_file(task, sensing, seed).exists()
+    ]  # fmt: skip
+
+    def run(job: tuple[str, str, int]) -> None:
+        task, sensing, seed = job
+        words = [sys.executable, "-m", "benchmarks.learning.sensing", "--train", task, sensing, str(seed)]
+        subprocess.run(words, check=True)
+        print(f"{missing.index(job) + 1} of {len(missing)}: {task}, {sensing}, seed {seed}", flush=True)
+
+    with ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(run, missing))
+
+
+def score(policy: Policy, task: str) -> float:
+    """A policy's score on the usual seeds, without the noise and so on of its training."""
+    nominal = protocols.condition_options(policy, dict(policy.about["env_options"]), protocols.HELD_OUT[0])
+    env = make_policy_env(policy, **nominal)
+    found = means(evaluate(env, policy))[protocols.SCORES[task]]
+    env.close()
+    return float(found or 0.0)
+
+
+def measure(jobs: int) -> None:
+    """Train, evaluate and write both tables."""
+    train_all(jobs)
+    rows, held_out = [], []
+    for task in TASKS:
+        shipped = load_policy(task)
+        trained = {sensing: [load_policy(policy_file(task, sensing, seed)) for seed in SEEDS] for sensing in SENSING}
+        nodes = score(shipped, task)
+        for sensing, policies in {"nodes, shipped": [shipped], **trained}.items():
+            scores = [score(policy, task) for policy in policies]
+            mean = float(np.mean(scores))
+            about = {"task": task, "sensing": sensing, "metric": protocols.SCORES[task], "seeds": len(policies)}
+            numbers = {"score": mean, "lowest": min(scores), "of nodes": mean / nodes}
+            rows.append(about | {name: round(value, 4) for name, value in numbers.items()})
+        for name, policies in (("shipped", [shipped]), (ROBUST, trained[ROBUST])):
+            tables = [protocols.evaluate_held_out(policy) for policy in policies]
+            for same in zip(*tables, strict=True):
+                numbers = {key: [row[key] for row in same] for key in ("value", "share", "failed")}
+                means_of = {key: round(float(np.mean(values)), 4) for key, values in numbers.items()}
+                held_out.append({"task": task, "policy": name, "condition": same[0]["condition"]} | means_of)
+    write_csv("learning/sensing.csv", rows, COMMAND)
+    write_csv("learning/held_out.csv", held_out, COMMAND)
+
+
+def draw() -> None:
+    """Draw the held-out scores as shares of the score under no change."""
+    figure, axes = panels(len(TASKS), (11.0, 5.0), sharey=True)
+    for axis, task in zip(axes, TASKS, strict=True):
+        rows = [row for row in read_table("learning/held_out.csv") if row["task"] == task]
+        for name, colour, shift in (("shipped", BLUE, -0.2), (ROBUST, ORANGE, 0.2)):
+            mine = [row for row in rows if row["policy"] == name]
+            label = "trained without" if name == "shipped" else "trained with noise, delays and variation"
+            axis.barh(np.arange(len(mine)) + shift, [row["share"] for row in mine], 0.38, color=colour, label=label)
+        axis.set_yticks(range(len(mine)), [row["condition"] for row in mine])
+        axis.axvline(0.9, color="black", lw=0.8, ls=":")
+        axis.set(title=task.replace("_", " "), xlabel="share of the score as built", xlim=(0.0, 1.15))
+    axes[0].invert_yaxis()
+    axes[0].legend(loc="lower left", fontsize=8)
+    save(figure, IMAGES / "held_out.svg")
+
+
+def main() -> None:
+    """Train, measure and draw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--jobs", type=int, default=available_processors(), help="trainings side by side")
+    parser.add_argument("--train", nargs=3, metavar=("TASK", "SENSING", "SEED"), help="train one policy only")
+    given = parser.parse_args()
+    if given.train:
+        train(given.train[0], given.train[1], int(given.train[2]))
+    else:
+        measure(given.jobs)
+        draw()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,178 @@
+"""Policies for other programs: models in ONNX and TorchScript, made of the parts of a policy file.
+
+onnx is loaded only here, and torch only here and in `equivariant`, when a file is written or read.
+"""
+
+import importlib
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fish_env.control.files import replacing
+from fish_env.control.npz import read_about
+
+OPSET, IR = 17, 8
+"""Versions of ONNX's operators and of its files: those of 2022, which every runtime in use reads."""
+WORDS = {"format", "layout", "about", "hidden", "output"}
+"""Parts of a policy that are the metadata of a model."""
+LAYERS = {"tanh": "Tanh", "relu": "Relu"}
+"""Operators of the hidden activations."""
+
+
+def load_onnx() -> Any:
+    """The library, or ImportError that says how to install it."""
+    try:
+        return importlib.import_module("onnx")
+    except ImportError as error:
+        raise ImportError('ONNX files need onnx: pip install "fish_env[onnx]"') from error
+
+
+def arrays_of(parts: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """The arrays among the parts of a policy: layers in float32, the normalisation in float64."""
+    arrays = {name: np.asarray(part) for name, part in parts.items() if isinstance(part, np.ndarray | float)}
+    layered = ("weight", "bias")
+    return {n: array.astype(np.float32 if n.startswith(layered) else np.float64) for n, array in arrays.items()}
+
+
+def layers_of(arrays: Mapping[str, np.ndarray]) -> int:
+    """Number of layers."""
+    return sum(name.startswith("weight") for name in arrays)
+
+
+def onnx_model(parts: Mapping[str, Any]) -> Any:
+    """The ONNX model of a policy: arrays are its initializers, under their names; the rest is its metadata."""
+    onnx = load_onnx()
+    make, types = onnx.helper, onnx.TensorProto
+    arrays = arrays_of(parts)
+    count = layers_of(arrays)
+    nodes, last = [], "observation"
+
+    def then(kind: str, *inputs: str, **options) -> None:
+        nonlocal last
+        nodes.append(make.make_node(kind, [last, *inputs], [last := f"value{len(nodes)}"], **options))
+
+    if "mean" in arrays:
+        nodes.append(make.make_node("Neg", ["limit"], ["least"]))
+        then("Cast", to=types.DOUBLE)
+        then("Sub", "mean")
+        then("Div", "deviation")
+        then("Clip", "least", "limit")
+        then("Cast", to=types.FLOAT)
+    for k in range(count):
+        then("Gemm", f"weight{k}", f"bias{k}")
+        if k < count - 1:
+            then(LAYERS[parts["hidden"]])
+    if parts["output"] == "clip":
+        for name, bound in (("lowest", -1.0), ("highest", 1.0)):
+            nodes.append(make.make_node("Constant", [], [name], value_float=bound))
+        then("Clip", "lowest", "highest")
+    else:
+        then("Tanh")
+    nodes[-1].output[0] = "action"
+    sizes = {"observation": arrays["weight0"].shape[0], "action": arrays[f"weight{count - 1}"].shape[1]}
+    ends = [[make.make_tensor_value_info(n, types.FLOAT, ["batch", size])] for n, size in sizes.items()]
+    tensors = [onnx.numpy_helper.from_array(array, name) for name, array in arrays.items()]
+    graph = make.make_graph(nodes, "policy", *ends, tensors)
+    model = make.make_model(
+        graph, opset_imports=[make.make_opsetid("", OPSET)], ir_version=IR, producer_name="fish_env"
+    )
+    make.set_model_props(model, {name: str(part) for name, part in parts.items() if name not in arrays})
+    return model
+
+
+def write_onnx(parts: Mapping[str, Any], path: Path) -> None:
+    """Write the parts of a policy as an ONNX model, whole or not at all."""
+    model = onnx_model(parts)
+    load_onnx().checker.check_model(model, full_check=True)
+    with replacing(path) as partial:
+        partial.write_bytes(model.SerializeToString())
+
+
+class OnnxFile:
+    """What `write_onnx` wrote, with the methods of `Npz`: `parts` by name, and ways to read them.
+
+    Raises:
+        ImportError: without onnx.
+        ValueError: for another file, or a model whose graph is not that of its parts.
+    """
+
+    def __init__(self, path: Path, what: str, advice: str):
+        onnx = load_onnx()
+        try:
+            model = onnx.load_model_from_string(path.read_bytes())
+            if any(part.data_location for part in model.graph.initializer):
+                raise ValueError("its numbers are in other files")
+            arrays = {part.name: onnx.numpy_helper.to_array(part) for part in model.graph.initializer}
+            words = {part.key: part.value for part in model.metadata_props}
+            if words.keys() != WORDS:
+                raise ValueError(f"its metadata are {', '.join(words)}")
+            self.parts: dict[str, Any] = arrays | words
+            numbers = {name: int(words[name]) for name in ("format", "layout")}
+            if onnx_model(self.parts).graph != model.graph:
+                raise ValueError("its graph is another one than Policy.to_onnx writes")
+            self.parts |= numbers
+        except Exception as error:  # what is damaged may raise anything
+            reason = (str(error).splitlines() or [""])[0]
+            raise ValueError(f"{path} is not a {what} that Policy.to_onnx wrote ({reason:.200}); {advice}") from error
+
+    def __enter__(self) -> "OnnxFile":
+        return self
+
+    def __exit__(self, *error) -> None:
+        pass
+
+    def read(self, name: str) -> np.ndarray:
+        """The array of a part."""
+        return self.parts[name]
+
+    def whole(self, name: str) -> int:
+        """A whole number."""
+        return self.parts[name]
+
+    def text(self, name: str) -> str:
+        """A text."""
+        return self.parts[name]
+
+    def about(self) -> dict[str, Any]:
+        """The part "about", JSON."""
+        return read_about(self.parts["about"])
+
+
+def write_torchscript(parts: Mapping[str, Any], path: Path) -> None:
+    """Write the parts of a policy as a TorchScript module, whole or not at all."""
+    try:
+        import torch
+        from torch import nn
+    except ImportError as error:
+        raise ImportError('TorchScript files need torch: pip install "fish_env[train]"') from error
+
+    class Normalise(nn.Module):
+        """As `Normalisation`."""
+
+        def __init__(self, mean, deviation, limit):
+            super().__init__()
+            self.register_buffer("mean", torch.from_numpy(mean))
+            self.register_buffer("deviation", torch.from_numpy(deviation))
+            self.limit = float(limit)
+
+        def forward(self, obs):
+            return ((obs.double() - self.mean) / self.deviation).clamp(-self.limit, self.limit).float()
+
+    arrays = arrays_of(parts)
+    modules: list[nn.Module] = []
+    if "mean" in arrays:
+        modules.append(Normalise(arrays["mean"], arrays["deviation"], arrays["limit"]))
+    for k in range(layers_of(arrays)):
+        weight, bias = (torch.from_numpy(arrays[f"{kind}{k}"].copy()) for kind in ("weight", "bias"))
+        modules.append(nn.utils.skip_init(nn.Linear, *weight.shape))  # draws no random numbers
+        modules[-1].load_state_dict({"weight": weight.T, "bias": bias})
+        modules.append(nn.Tanh() if parts["hidden"] == "tanh" else nn.ReLU())
+    modules[-1] = nn.Hardtanh() if parts["output"] == "clip" else nn.Tanh()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # torch advises its newer formats, which need torch to run
+        made: Any = torch.jit.trace(nn.Sequential(*modules).eval(), torch.zeros(1, len(arrays["weight0"])))
+    with replacing(path) as partial:
+        made.save(str(partial))

@@ -1,0 +1,148 @@
+"""Policies compared: means over seeds and episodes with bootstrap intervals.
+
+Interquartile means over runs, as Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice"
+(2021), recommend; of a multiple of four runs they are those of their library rliable.
+"""
+
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from fish_env.control.evaluation import FIRST_SEED, PolicyLike, Scores, evaluate, make_policy_env
+from fish_env.control.policy import Policy, load_policy
+from fish_env.envs import FishVectorEnv
+
+RESAMPLES = 2000
+
+
+class Interval(NamedTuple):
+    """A mean and the ends of its 95 % bootstrap interval; NaN where a metric is undefined in all episodes."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g})"
+
+
+class Comparison(NamedTuple):
+    """A metric of two policies."""
+
+    policy: Interval
+    other: Interval
+    difference: Interval
+    """Of the first less the second: the interval is without 0 where they differ by more than chance."""
+
+
+def seed_mean(scores: Scores, metric: str) -> float:
+    """Mean of a metric over a seed's episodes in which it is finite; time per target over all targets together."""
+    if metric == "time_per_target":
+        return float(scores["seconds"].sum() / scores["targets"].sum()) if scores["targets"].sum() else np.nan
+    values = scores[metric]
+    return float(values[np.isfinite(values)].mean()) if np.isfinite(values).any() else np.nan
+
+
+def interquartile_mean(values: np.ndarray) -> float:
+    """Mean of the middle half; values on the edges count in part."""
+    values = np.sort(values[np.isfinite(values)])
+    if not values.size:
+        return np.nan
+    edges = np.linspace(0.0, 1.0, values.size + 1)
+    weight = np.clip(np.minimum(edges[1:], 0.75) - np.maximum(edges[:-1], 0.25), 0.0, None)
+    return float(weight @ values / weight.sum())
+
+
+def interval(scores: list[Scores], metric: str, generator: np.random.Generator) -> Interval:
+    """Interquartile mean over seeds of their means, and its 95 % bootstrap interval.
+
+    Each resample draws seeds with replacement, and episodes, the same for all seeds, since all seeds were evaluated on
+    the same ones. A method without seeds only draws episodes.
+    """
+    return _interval(mean_over_seeds(scores, metric), resampled_means([scores], metric, generator)[:, 0])
+
+
+def _interval(value: float, draws: np.ndarray) -> Interval:
+    """A value and the 95 % interval of its resamples."""
+    draws = draws[np.isfinite(draws)]
+    low, high = np.quantile(draws, [0.025, 0.975]) if draws.size else (np.nan, np.nan)
+    return Interval(value, float(low), float(high))
+
+
+def mean_over_seeds(scores: list[Scores], metric: str) -> float:
+    """Interquartile mean over seeds of their means."""
+    return interquartile_mean(np.array([seed_mean(s, metric) for s in scores]))
+
+
+def resampled_means(groups: list[list[Scores]], metric: str, generator: np.random.Generator) -> np.ndarray:
+    """Resampled interquartile means of groups of seeds, (RESAMPLES,G): each draws its seeds, all the same episodes."""
+    needed = [
+        [{name: s[name] for name in {metric, "seconds", "targets"} & s.keys()} for s in scores] for scores in groups
+    ]
+    count, found = len(groups[0][0]["return"]), np.empty((RESAMPLES, len(groups)))
+    for k in range(RESAMPLES):
+        pick = generator.integers(count, size=count)
+        for g, scores in enumerate(needed):
+            means = [
+                seed_mean({name: values[pick] for name, values in scores[s].items()}, metric)
+                for s in generator.integers(len(scores), size=len(scores))
+            ]
+            found[k, g] = interquartile_mean(np.array(means))
+    return found
+
+
+def compare(
+    policy: PolicyLike | Sequence[PolicyLike],
+    other: PolicyLike | Sequence[PolicyLike],
+    env: FishVectorEnv | gym.Env | None = None,
+    seed: int = FIRST_SEED,
+    options: dict[str, float] | None = None,
+) -> dict[str, Comparison]:
+    """Compare two policies, or two lists of policies that were trained with different seeds, on the same episodes.
+
+    Args:
+        policy: what `evaluate` takes, or a list of them.
+        other: likewise.
+        env: as for `evaluate`; None for 100 episodes in the environment that the first policy was trained in, or the
+            second if the first is no policy file.
+        seed: of the first episode.
+        options: of the resets.
+
+    Returns:
+        For every metric its mean and interval for both, and for their difference: interquartile means over the policies
+        of a list of their means over episodes, with bootstrap intervals over both. The resamples are seeded.
+
+    Raises:
+        FileNotFoundError: if there is no such policy.
+        ValueError: without an environment; and what `evaluate` raises.
+    """
+    groups = [_loaded(policy), _loaded(other)]
+    if env is None:
+        named = next((one for group in groups for one in group if isinstance(one, Policy)), None)
+        if named is None:
+            raise ValueError("neither policy is a file that names its environment; give env, a batch of fish")
+        with closing(make_policy_env(named)) as made:
+            return compare(groups[0], groups[1], made, seed, options)
+    scores = [[evaluate(env, one, seed, options) for one in group] for group in groups]
+    found = {}
+    for metric in scores[0][0]:
+        draws = resampled_means(scores, metric, np.random.default_rng(0))
+        first, second = (mean_over_seeds(group, metric) for group in scores)
+        found[metric] = Comparison(
+            _interval(first, draws[:, 0]),
+            _interval(second, draws[:, 1]),
+            _interval(first - second, draws[:, 0] - draws[:, 1]),
+        )
+    return found
+
+
+def _loaded(given: PolicyLike | Sequence[PolicyLike]) -> list[PolicyLike]:
+    """The policies of a list, or one alone, files read."""
+    every = list(given) if isinstance(given, list | tuple) else [given]
+    if not every:
+        raise ValueError("a list of policies is empty; give at least one policy")
+    return [load_policy(one) if isinstance(one, str | Path) else one for one in every]

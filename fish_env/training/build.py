@@ -1,0 +1,103 @@
+"""Put environment and learner together: PPO on the native batch of fish, with observations scaled by fixed numbers."""
+
+from pathlib import Path
+from typing import Any
+
+from gymnasium.spaces import Dict, flatdim
+from stable_baselines3 import PPO
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+
+from fish_env.control import Policy, equivariant
+from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
+from fish_env.envs import make_sb3_vec_env
+from fish_env.training.config import TrainConfig
+from fish_env.training.synergy import Synergies, batch_of, both, synergies
+
+
+def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
+    """The batch of fish to train on, its returns logged; ValueError for one that observes goals."""
+    options = config.env_options | config.training_options
+    env = make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options)
+    if isinstance(env.observation_space, Dict):
+        env.close()
+        raise ValueError("the environment observes goals, which are for HER and not for PPO; leave goal_env out")
+    return Synergies(env)
+
+
+def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None) -> PPO:
+    """A fresh PPO learner; `log_folder` is where TensorBoard's events go."""
+    fish = batch_of(env)
+    options = equivariant_options(fish)
+    if not config.symmetric:
+        del options["reflection"]
+    return PPO(
+        EquivariantPolicy if config.symmetric else "MlpPolicy",
+        env,
+        n_steps=config.rollout,
+        batch_size=min(config.batch_size, config.rollout * env.num_envs),
+        n_epochs=config.epochs,
+        learning_rate=falling(config.learning_rate),
+        gamma=config.discount(fish.control_interval),
+        gae_lambda=config.gae_lambda,
+        clip_range=config.clip_range,
+        ent_coef=config.entropy_weight,
+        policy_kwargs={
+            "net_arch": list(config.hidden),
+            "activation_fn": nn.Tanh,
+            "optimizer_kwargs": {"fused": True},
+            "log_std_init": config.initial_log_std,
+            **options,
+        },
+        tensorboard_log=str(log_folder) if log_folder else None,
+        seed=seed,
+        device="cpu",
+    )
+
+
+class falling:  # noqa: N801 - used like a function; a class so that it can be pickled with the model
+    """A learning rate that falls linearly to a tenth over the training."""
+
+    def __init__(self, start: float):
+        self.start = start
+
+    def __call__(self, remaining: float) -> float:
+        return self.start * (0.1 + 0.9 * max(remaining, 0.0))
+
+
+def start_from(model: PPO, other: PPO) -> None:
+    """Let a fresh learner start from the parameters of a trained one, on another body or with other muscle groups.
+
+    An action that the other did not have, the difference between the muscles of a pair, starts at zero and with the
+    noise of a fresh learner; one that this learner does not have is left out.
+
+    Raises:
+        ValueError: if the observations of their tasks differ, or their networks do.
+    """
+    mine, given = model.policy.state_dict(), other.policy.state_dict()
+    fish = batch_of(model.get_env()).tank.fish
+    here, there = (both(fish, flatdim(learner.action_space)) for learner in (model, other))
+    for name, value in mine.items():
+        if name.endswith(".swap"):  # how this learner's actions are mirrored
+            continue
+        theirs = given.get(name)
+        first = 1 if name == "log_std" or name.startswith("action_net") else 0  # of these, a row for each action
+        if theirs is None or value.shape[first:] != theirs.shape[first:]:
+            found = None if theirs is None else tuple(theirs.shape)
+            raise ValueError(
+                f"{name} is {tuple(value.shape)} here and {found} in the run to start from; start from a run of the "
+                "same task, with the same hidden layers and the same kind of policy"
+            )
+        if value.shape == theirs.shape:
+            value.copy_(theirs)
+        else:
+            if name != "log_std":
+                value.zero_()
+            value[here] = theirs[there]
+    model.policy.load_state_dict(mine)
+
+
+def export_policy(model: BaseAlgorithm, about: dict[str, Any]) -> Policy:
+    """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
+    return equivariant.export_policy(model, about, synergies(batch_of(model.get_env())))

@@ -1,0 +1,299 @@
+"""What stands between a fish and its controller: noise, delays, history, sensors, goals and a privileged state."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import fish_env
+from fish_env.control import evaluate, record, replay
+from fish_env.envs import Layout
+
+SWIM = "FishEnv/Swim-v0"
+ALL = {
+    "observation_noise": {"velocity": 0.1, "position": 0.01}, "action_noise": 0.1, "observation_delay": (0, 3),
+    "action_delay": (0, 2), "history": 2, "privileged": True,
+    "variation": {"strength": (0.8, 1.1), "contraction_time": (0.8, 1.2), "length": (0.9, 1.1)},
+}  # fmt: skip
+ACTIONS = np.random.default_rng(1).uniform(-1.0, 1.0, (12, 16, 12)).astype(np.float32)
+
+
+def run(num_envs, id=SWIM, actions=ACTIONS, steps=12, **keywords):
+    """Observations (T+1,B,D) of a batch under these actions, and the environment."""
+    env = gym.make_vec(id, num_envs, **keywords).unwrapped
+    found = [env.reset(seed=0)[0]]
+    for action in actions[:steps]:
+        found.append(env.step(action[:num_envs])[0])
+    return np.array(found), env
+
+
+def test_fish_alone_and_among_others():
+    """With everything on, a fish has the same bits alone, in a batch, in any lanes and threads."""
+    batch, _ = run(16, lanes=8, threads=2, **ALL)
+    four, _ = run(4, threads=1, **ALL)
+    np.testing.assert_array_equal(batch[:, :4], four)
+    for i in (0, 3):
+        env = gym.make(SWIM, **ALL)
+        alone = [env.reset(seed=i)[0], *(env.step(action[i])[0] for action in ACTIONS)]
+        np.testing.assert_array_equal(alone, four[:, i])
+
+
+def test_kernels_as_python():
+    """The stub, whose kernels run as Python, has the observations of the same kernels compiled, noise included."""
+    keywords = {name: value for name, value in ALL.items() if name != "variation"}
+    stub, env = run(2, "FishEnv/Stub-v0", **keywords)
+    _, swim = run(2, **keywords, steps=0)
+    swim.tank.position[:], swim.tank.velocity[:] = env.tank.position, env.tank.velocity
+    swim.tank.rest_length[:] = env.tank.rest_length
+    swim._memory["past_action"][:] = env._memory["past_action"]
+    swim._memory["past_observation"][:] = env._memory["past_observation"]
+    swim._elapsed[:] = env._elapsed
+    swim._measure()
+    np.testing.assert_allclose(swim.observe(), stub[-1], rtol=1e-5, atol=1e-5)
+
+
+def test_action_arrives_k_steps_later():
+    """Under a delay of k steps the fish moves, to the bit, as one that first relaxes for k steps."""
+    relaxed = np.full((1, 16, 12), -1.0, dtype=np.float32)
+    for k in (0, 1, 4):
+        late, env = run(3, action_delay=k)
+        _, plain = run(3, actions=np.concatenate([*[relaxed] * k, ACTIONS]), steps=len(ACTIONS))
+        np.testing.assert_array_equal(env.tank.position, plain.tank.position)
+    assert late.shape == (13, 3, 156)
+
+
+def test_observation_delay_and_history():
+    """A late observation is that of d steps before; a history has the observations and actions of before, by name."""
+    plain, _ = run(3)
+    late, _ = run(3, observation_delay=2)
+    np.testing.assert_array_equal(late, plain[np.maximum(np.arange(13) - 2, 0)])
+    found, env = run(3, history=2, observation_delay=1)
+    layout = env.layout
+    np.testing.assert_array_equal(found[..., : layout.present], plain[np.maximum(np.arange(13) - 1, 0)])
+    for t in (0, 1, 2, 9):
+        for k in (1, 2):
+            for name in ("position", "rest length", "commanded heading"):
+                seen = layout.read(found[t], f"past {k}: {name}")
+                np.testing.assert_array_equal(seen, layout.read(found[max(t - k, 0)], name), err_msg=f"{t} {k} {name}")
+            given = ACTIONS[t - k, :3] if t >= k else -np.ones((3, 12))
+            np.testing.assert_array_equal(layout.read(found[t], f"past {k}: action"), np.float32(given))
+    drawn = gym.make_vec(SWIM, 64, observation_delay=(1, 3)).unwrapped
+    drawn.reset(seed=0)
+    assert set(drawn._memory["delay"][:, 0].tolist()) == {1, 2, 3}
+
+
+def test_noise():
+    """Noise is normal, of the deviation asked for, on its own parts only, new in each step, episode and fish."""
+    plain, _ = run(16)
+    found, env = run(16, observation_noise={"velocity": 0.2, "vertical": 0.01})
+    noise = (found - plain)[..., env.layout["velocity"].slice]
+    assert noise.std() == pytest.approx(0.2, rel=0.03) and abs(noise.mean()) < 0.01
+    assert (np.abs(noise) < 0.2).mean() == pytest.approx(0.683, abs=0.02)
+    rows = noise.reshape(-1, noise.shape[-1])
+    together = np.corrcoef(rows) - np.eye(len(rows))
+    assert np.abs(together).max() < 0.6  # 69 numbers: 0.12 each
+    assert len({row.tobytes() for row in rows}) == len(rows)
+    np.testing.assert_array_equal(found[..., env.layout["position"].slice], plain[..., env.layout["position"].slice])
+    assert np.abs(found[..., env.layout["vertical"].slice]).max() <= 1.0
+    again = env.reset(seed=0)[0]
+    np.testing.assert_array_equal(again, found[0])
+    assert not np.array_equal(env.reset()[0][:, env.layout["vertical"].slice], again[:, env.layout["vertical"].slice])
+    still = np.zeros((200, 16, 12), dtype=np.float32)
+    _, noisy = run(16, actions=still, steps=60, action_noise=0.1)
+    _, quiet = run(16, actions=still, steps=60)
+    assert np.array_equal(quiet._contraction, np.full((16, 12), 0.5))
+    assert (noisy._contraction - 0.5).std() == pytest.approx(0.05, rel=0.15)
+
+
+def test_task_is_the_same_with_and_without_noise():
+    """Delays and the noise's key are drawn last, so that an episode of a seed is the same one."""
+    for keywords in ({"action_noise": 0.1}, {"action_delay": (0, 2)}):
+        env = gym.make_vec("FishEnv/Target-v0", 2, **keywords).unwrapped
+        env.reset(seed=3)
+        plain = gym.make_vec("FishEnv/Target-v0", 2).unwrapped
+        plain.reset(seed=3)
+        np.testing.assert_array_equal(env.task._target, plain.task._target)
+
+
+@pytest.mark.parametrize("body", ["mass_spring", "planar"])
+def test_sensors(body):
+    """Every sensor agrees with its definition, calculated by numpy from positions and velocities."""
+    found, env = run(2, observation="sensors", body=body, variation={"drag": 1.5, "current": 0.3})
+    layout, tank, fish = env.layout, env.tank, env.tank.fish
+    seen = {part.name: layout.read(found[-1], part.name)[1].astype(float) for part in layout}
+    x, v, mass = tank.position[1], tank.velocity[1], fish.body.mass / fish.body.mass.sum()
+
+    def axes(x):
+        forward = fish.line @ x / np.linalg.norm(fish.line @ x)
+        aside = (x[fish.left] - x[fish.right]).sum(axis=0)
+        left = aside - aside @ forward * forward
+        left /= np.linalg.norm(left)
+        return np.array([forward, left, np.cross(forward, left)])
+
+    frame, h = axes(x), 1e-6
+    np.testing.assert_allclose(seen["body velocity"], frame @ (mass @ v) / fish.length, atol=1e-6)
+    spin = (axes(x + h * v) - axes(x - h * v)) / (2 * h) @ frame.T  # d(axis)/dt along the axes
+    np.testing.assert_allclose(seen["angular velocity"], [spin[1, 2], spin[2, 0], spin[0, 1]], rtol=1e-4, atol=1e-5)
+    points, marks = fish.points(x), fish.landmarks
+    along = np.round(fish.points(fish.body.position)[:, 0], 6)
+    middle = np.array([points[along == each].mean(axis=0) for each in np.unique(along)[::-1]])
+    way = np.diff(middle, axis=0)
+    size = np.linalg.norm(way, axis=1)
+    bend = np.arctan2(-np.cross(way[:-1], way[1:]) @ frame[2], (way[:-1] * way[1:]).sum(axis=1))
+    np.testing.assert_allclose(seen["curvature"], bend / (0.5 * (size[1:] + size[:-1]) / fish.length), rtol=1e-5)
+    ends = points[marks.muscles]
+    stretch = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / tank.natural - 1.0
+    np.testing.assert_allclose(seen["muscle length"], stretch, atol=1e-6)
+    flow = v[marks.node] - (tank.world.current + tank.variation[1, 3:])
+    for k, pressure in enumerate(seen["pressure"]):
+        ring = [each for each in marks.faces if {*marks.muscles[fish.segments == k // 2].ravel()} >= set(each)]
+        (face,) = [each for each in ring if (fish.points(fish.body.position)[each, 1] > 0).all() == (k % 2 == 0)
+                   and len({*np.sign(fish.points(fish.body.position)[each, 1])}) == 1]  # fmt: skip
+        p, q, r, s = points[face]
+        normal = np.cross(r - p, s - q)
+        wind = flow[face].mean(axis=0)
+        out = max(0.0, wind @ normal / np.linalg.norm(normal))
+        expected = tank.variation[1, 2] * (tank.world.linear + tank.world.quadratic * np.linalg.norm(wind)) * out
+        assert pressure == pytest.approx(expected, rel=1e-5, abs=1e-9)
+    assert (seen["pressure"] > 0).any() and seen["vertical"] @ seen["vertical"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_mirror_image():
+    """The observation of a mirrored fish, sensors and history, is the reflection that the layout states."""
+    _, env = run(2, observation="sensors", history=1, muscle_groups="pairs", actions=ACTIONS[..., :6])
+    tank, fish = env.tank, env.tank.fish
+    tank.state.x[1] = tank.state.x[0, fish.mirror] * (1.0, -1.0, 1.0)
+    tank.state.v[1] = tank.state.v[0, fish.mirror] * (1.0, -1.0, 1.0)
+    env.task._heading[1] = env.task._heading[0] * (1.0, -1.0, 1.0)
+    env._measure()
+    obs = env.observe()[:, : env.layout.present]
+    place, sign = (each[: env.layout.present] for each in env.layout.reflection())
+    np.testing.assert_allclose(obs[1], obs[0, place] * sign, rtol=1e-4, atol=1e-5)
+    past = env.layout["past 1: action"]
+    assert (env.layout.reflection()[0][past.slice] - past.start).tolist() == [1, 0, 3, 2, 5, 4]
+
+
+def test_privileged():
+    """The privileged observation is the exact one of all nodes, with the fish's factors, always."""
+    plain, _ = run(2, variation={"mass": (0.8, 1.2)})
+    env = gym.make_vec(SWIM, 2, observation="sensors", observation_delay=2, privileged=True,
+                       variation={"mass": (0.8, 1.2)}, max_episode_steps=5,
+                       autoreset_mode="SameStep").unwrapped  # fmt: skip
+    infos = [env.reset(seed=0)[1], *(env.step(action[:2])[4] for action in ACTIONS[:5])]
+    for t in range(5):
+        np.testing.assert_array_equal(infos[t]["privileged"][:, :156], plain[t])
+        mass = infos[0]["variation"]["mass"].astype(np.float32)
+        np.testing.assert_array_equal(infos[t]["privileged"][:, 157], mass)
+    np.testing.assert_array_equal(infos[5]["final_info"]["privileged"][0][:156], plain[5, 0])
+    assert infos[5]["variation"]["mass"][0] != infos[0]["variation"]["mass"][0]
+    assert infos[5]["final_info"]["variation"]["mass"][0] == infos[0]["variation"]["mass"][0]
+    one = gym.make(SWIM, privileged=True)
+    assert (
+        one.reset(seed=0)[1]["privileged"].shape == one.step(one.action_space.sample())[4]["privileged"].shape == (164,)
+    )
+    vec = fish_env.make_sb3_vec_env(SWIM, 2, seed=0, monitor=False, privileged=True)
+    vec.reset()
+    assert vec.reset_infos[0]["privileged"].shape == vec.step(ACTIONS[0, :2])[3][1]["privileged"].shape == (164,)
+
+
+def test_varied_muscles_and_length():
+    """Strength scales the contraction, contraction_time its speed; length is that of a fish of the same tissue."""
+    tank = fish_env.Tank(fish_env.make_fish(), 3)
+    tank.vary(1, strength=0.5)
+    tank.vary(2, contraction_time=2.0)
+    tank.swim(np.ones(12), 0.02)
+    plain, weak, slow = tank.contraction
+    np.testing.assert_allclose(weak, 0.5 * plain)
+    np.testing.assert_allclose(slow, 0.5 * plain)  # the muscles of this body contract at a limited rate
+    tank.swim(np.ones(12), 2.0)
+    np.testing.assert_allclose(tank.contraction[:, 0], [1.0, 0.5, 1.0], atol=1e-6)
+    large = fish_env.Tank(fish_env.make_fish(length=0.3), 1, water=fish_env.make_fish().water)
+    large.vary(0, stiffness=1.5**-2)
+    small = gym.make(SWIM, variation={"length": 1.5}).unwrapped
+    small.reset(seed=0)
+    large.position[:], large.velocity[:] = 1.5 * small.tank.position, 1.5 * small.tank.velocity
+    for action in ACTIONS[:, 0]:
+        small.step(action)
+        large.swim(action.astype(float), small.fish.control_interval)
+    np.testing.assert_allclose(large.position / 1.5, small.tank.position, rtol=1e-9, atol=1e-12)
+    with pytest.raises(ValueError, match="give factors from 0"):
+        tank.vary(0, strength=2.0)
+
+
+def test_recorded_and_replayed():
+    """An episode with noise and drawn delays is recorded and replayed to the bit."""
+    with gym.make(SWIM, **ALL) as env:
+        assert replay(record(env, ACTIONS[:, 0], seed=4)).same
+
+
+def test_goals():
+    """With goal_env=True, rewards are those of the goals in the observation, and the checker is silent."""
+    with gym.make("FishEnv/Target-v0", goal_env=True, radius=0.25, disable_env_checker=True) as env:
+        check_env(env.unwrapped, skip_render_check=True)
+        obs, _ = env.reset(seed=0, options={"distance": 0.8, "bearing": 0.0})
+        target, nose = obs["desired_goal"], env.unwrapped.tank.fish.nose
+        rewards = []
+        for _ in range(3):
+            obs, reward, *_, info = env.step(env.action_space.sample())
+            assert reward == env.unwrapped.compute_reward(obs["achieved_goal"], obs["desired_goal"], info)
+            np.testing.assert_array_equal(obs["desired_goal"], target)
+            length = env.unwrapped.tank.fish.length
+            np.testing.assert_allclose(obs["achieved_goal"], env.unwrapped.tank.position[0, nose] / length, rtol=1e-6)
+            rewards.append(reward)
+            env.unwrapped.tank.position[:] += target * length - env.unwrapped.tank.position[0, nose]
+        again = env.unwrapped.set_state(env.unwrapped.get_state())
+        np.testing.assert_array_equal(again["achieved_goal"], env.unwrapped.fish.observe()["achieved_goal"][0])
+        assert rewards == [-1.0, 0.0, 0.0]
+        found = env.unwrapped.episode_info()
+        assert found["success"] and found["reached"] and 0 < found["time_to_target"] < 0.1
+        assert replay(record(env, ACTIONS[:3, 0])).same
+    batch = gym.make_vec("FishEnv/Target-v0", 2, goal_env=True, max_episode_steps=2, autoreset_mode="SameStep")
+    assert batch.reset(seed=0)[0]["desired_goal"].shape == (2, 3)
+    for _ in range(2):
+        obs, *_, infos = batch.step(batch.action_space.sample())
+    assert obs["observation"].shape == (2, 159) and infos["final_obs"][1]["achieved_goal"].shape == (3,)
+    started = batch.call("reset", seed=3)
+    moved = batch.call("set_state", batch.call("get_state")[0])
+    for each in (started[0][0], started[1][0], *moved):
+        np.testing.assert_array_equal(each["desired_goal"], started[0][0]["desired_goal"])
+    sb3 = pytest.importorskip("stable_baselines3")
+    model = sb3.SAC("MultiInputPolicy", fish_env.make_sb3_vec_env("FishEnv/Target-v0", 2, seed=0, goal_env=True))
+    assert set(evaluate(batch.unwrapped, model)["success"]) <= {0.0, 1.0}
+    many = np.zeros((5, 3)), np.linspace(0, 1, 15).reshape(5, 3)
+    assert batch.unwrapped.compute_reward(*many).tolist() == [
+        0.0 if r <= 0.15 else -1.0 for r in np.linalg.norm(many[1], axis=1)
+    ]
+    assert not hasattr(gym.make(SWIM).unwrapped, "compute_reward")
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [({"observation": "camera"}, "unknown observation 'camera'; choose from 'nodes', 'sensors'"),
+     ({"observation": np.array(["nodes"])}, "unknown observation"),
+     ({"observation_noise": 0.1}, "give a dict: a standard deviation for each part"),
+     ({"observation_noise": {"speed": 0.1}}, "observation_noise has 'speed'; choose from 'position', 'velocity'"),
+     ({"observation_noise": {"velocity": -0.1}}, "velocity'. is -0.1; give a number from 0 to 10"),
+     ({"action_noise": np.nan}, "action_noise is nan"),
+     ({"action_noise": "much"}, "action_noise is 'much'; give a number"),
+     ({"observation_delay": 250}, "observation_delay is 250; give a whole number of environment steps from 0 to 249"),
+     ({"action_delay": (3, 1)}, r"action_delay is \(3, 1\); give a whole number of environment steps"),
+     ({"action_delay": 1.5}, "action_delay is 1.5; give a whole number"),
+     ({"action_delay": True}, "action_delay is True"),
+     ({"action_delay": np.array(3)}, r"action_delay is array\(3\); give a whole number"),
+     ({"history": -1}, "history is -1; give a whole number of steps from 0 to 100"),
+     ({"privileged": 1}, "privileged is 1; give True or False"),
+     ({"variation": {"strength": 2.0}}, r"variation\['strength'\] is 2; give a number from 0.25 to 1.25")],
+)  # fmt: skip
+def test_bad_settings(keywords, message):
+    """What is not allowed is one clear line."""
+    for make in (gym.make, lambda id, **options: gym.make_vec(id, 2, **options)):
+        with pytest.raises(ValueError, match=message):
+            make("FishEnv/Stub-v0", **keywords)
+
+
+def test_layout_of_history_and_sensors():
+    """Parts follow one another and have labels that begin with their names."""
+    layout = Layout(fish_env.make_fish(), (), "sensors", history=3)
+    assert layout.size == 4 * layout.present + 3 * 12 == sum(part.size for part in layout)
+    assert all(label.startswith(part.name) for part in layout for label in part.labels)
+    assert all(part.start == before.slice.stop for before, part in zip(layout.parts, layout.parts[1:], strict=False))

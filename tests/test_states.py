@@ -1,0 +1,212 @@
+"""From a state that was taken, the future is the same to the bit: of a batch, of one fish and of the `VecEnv`."""
+
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import fish_env
+from fish_env.envs import FishEnv, FishVectorEnv, StubEnv, StubVectorEnv, state
+from fish_env.tasks import Direction, place
+
+FISH, ROUNDS, LIMIT, AHEAD = 25, 8, 30, 45  # 200 moments; every future has the end of an episode and a beginning
+
+
+class Rhythm:
+    """A task in Python that replaces its arrays, names one twice, and has a constant as long as the batch."""
+
+    term_names, episode_steps = ("change",), LIMIT
+    directions = (Direction("drawn", "in the body frame", 1.0, 1.0),)
+    reset_options = {}
+
+    def prepare(self, tank, interval):
+        """Make the arrays for the fish of a tank."""
+        self.drawn, self.weights = np.zeros((tank.num_fish, 3)), np.arange(float(FISH))
+        self.before = self.now = np.zeros(tank.num_fish)
+        self.counted = {"steps": [np.zeros(tank.num_fish, dtype=int)]}
+
+    def start(self, tank, i, generator, options):
+        """Begin an episode for fish i."""
+        place(tank, i, generator, 0.0, options)
+        self.drawn[i] = generator.uniform(-0.5, 0.5, 3)
+        self.before[i] = self.now[i] = self.counted["steps"][0][i] = 0
+
+    def vectors(self, tank, pose):
+        """World vectors (B,1,3)."""
+        return self.drawn[:, None]
+
+    def reward(self, tank, pose):
+        """The change of the centre since the step before the last one."""
+        change = pose.centre[:, 0] - self.before
+        self.before, self.now = self.now, pose.centre[:, 0].copy()
+        self.counted["steps"][0] += 1
+        return {"change": change * self.counted["steps"][0] + self.weights.sum()}
+
+    def done(self, tank, pose):
+        """(B,) some end early."""
+        return self.counted["steps"][0] > 20 + 20 * self.drawn[:, 0]
+
+    def metrics(self, tank, i, seconds):
+        """What fish i has remembered."""
+        return {"before": float(self.before[i])}
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch):
+    """Put the task into the table."""
+    monkeypatch.setitem(fish_env.TASKS, "rhythm", Rhythm)
+
+
+def told(infos, i):
+    """What the infos of a batch say of fish i, as text: numbers of numpy and of Python read the same."""
+    if isinstance(infos, dict):
+        return {name: told(value, i) for name, value in infos.items() if not name.startswith("_")}
+    return str(np.asarray(infos[i] if isinstance(infos, np.ndarray) else infos).tolist())
+
+
+def future(batch, actions):
+    """Each fish's observations, rewards, ends and infos for these actions, restarting in the step that ends one."""
+    seen = []
+    for action in actions:
+        obs, reward, terminated, truncated, infos = batch.step(action)
+        over = terminated | truncated
+        last = [told(infos["final_info"], i) if over[i] else {} for i in range(batch.num_envs)]
+        final = [infos["final_obs"][i].tobytes() if over[i] else b"" for i in range(batch.num_envs)]
+        each = zip(obs, reward, terminated, truncated, final, last, strict=True)
+        seen.append([(o.tobytes(), float(r), bool(a), bool(b), f, info) for o, r, a, b, f, info in each])
+    return list(zip(*seen, strict=True))
+
+
+def future_of_one(env, actions):
+    """The same of a single environment."""
+    seen = []
+    for action in actions:
+        obs, reward, terminated, truncated, info = env.step(action)
+        final, last = b"", {}
+        if terminated or truncated:
+            final, last = obs.tobytes(), told(info, 0)
+            obs, _ = env.reset()
+        truncated = truncated and not terminated  # `TimeLimit` also sets it in a step that terminates
+        seen.append((obs.tobytes(), reward, terminated, truncated, final, last))
+    return tuple(seen)
+
+
+@pytest.mark.parametrize("task", [*fish_env.TASKS, "rhythm"])
+def test_the_future_is_the_same(task):
+    """From 200 moments: in the same batch, in another order in another batch, in one fish, and in the `VecEnv`."""
+    options = {"task": task, "variation": {"stiffness": (0.8, 1.25), "current": (0.0, 0.3)}}
+    if task in ("turn", "rhythm"):
+        options |= {"observation_noise": {"vertical": 0.1}, "action_noise": 0.1, "history": 1}
+        options |= {"observation_delay": (0, 2), "action_delay": (0, 2)}
+    batch, other = (FishVectorEnv(FISH, autoreset_mode="SameStep", max_episode_steps=LIMIT, **options) for _ in "12")
+    single = gym.wrappers.TimeLimit(FishEnv(**options), LIMIT)
+    rng = np.random.default_rng(3)
+    batch.reset(seed=0)
+    batch.stagger()
+    other.reset(seed=100)
+    single.reset(seed=1)
+    for _ in range(ROUNDS):
+        for action in rng.uniform(-1, 1, (rng.integers(1, LIMIT), FISH, 12)):
+            batch.step(action)
+        taken, order, actions = batch.get_state(), rng.permutation(FISH), rng.uniform(-1, 1, (AHEAD, FISH, 12))
+        stored = pickle.dumps(taken)
+        wanted = future(batch, actions)
+        assert pickle.dumps(taken) == stored, "a state is a copy"
+        taken = pickle.loads(stored)
+        batch.set_state(taken)
+        singles = [batch.get_state([i]) for i in order]
+        assert future(batch, actions) == wanted
+        other.set_state(singles if rng.random() < 0.5 else batch_of(batch, taken, order))
+        assert future(other, actions[:, order]) == [wanted[i] for i in order]
+        single.unwrapped.set_state(singles[0])
+        assert future_of_one(single, actions[:, order[0]]) == wanted[order[0]]
+        single.unwrapped.set_state(singles[0])
+        one = single.unwrapped.get_state()
+        assert pickle.dumps(one.arrays) == pickle.dumps(singles[0].arrays) and one.generators == singles[0].generators
+        other.set_state(one, indices=[2, 5])
+        assert future(other, np.repeat(actions[:, order[:1]], FISH, axis=1))[5] == wanted[order[0]]
+    assert any(last for _, _, _, _, _, last in wanted[0])
+
+
+def batch_of(batch, taken, order):
+    """The state of a batch in another order, taken from the batch itself."""
+    batch.set_state(taken)
+    return batch.get_state(order)
+
+
+def test_vec_env():
+    """The `VecEnv` goes on from the states of the others, and gives those of some fish to whoever asks."""
+    pytest.importorskip("stable_baselines3")
+    vec, single = fish_env.make_sb3_vec_env("FishEnv/Turn-v0", 3, seed=0, max_episode_steps=LIMIT), FishEnv(task="turn")
+    single.reset(seed=7)
+    actions = np.random.default_rng(0).uniform(-1, 1, (AHEAD, 12))
+    for action in actions[:5]:
+        single.step(action)
+    vec.reset()
+    vec.step(np.zeros((3, 12)))
+    (before,), mine = vec.env_method("get_state", indices=[0]), single.get_state()
+    (obs,) = vec.env_method("set_state", mine, indices=[1])
+    np.testing.assert_array_equal(obs, single.set_state(mine))
+    assert pickle.dumps(vec.get_state([0]).arrays) == pickle.dumps(before.arrays), "the others stay"
+    for action in actions[5:]:
+        np.testing.assert_array_equal(vec.step([action] * 3)[0][1], single.step(action)[0])
+    np.testing.assert_array_equal(vec.set_state(mine)[[0, 2]], [obs, obs])
+    own = gym.vector.SyncVectorEnv([lambda: FishEnv(task="turn")] * 2)
+    own.reset()
+    assert [each.tobytes() for each in own.call("set_state", mine)] == [obs.tobytes()] * 2
+    assert {len(each) for each in (*own.call("get_state"), *vec.env_method("get_state"))} == {1}
+
+
+def test_time_limits():
+    """One fish is truncated at the limit of the state, or of its `TimeLimit` if that is shorter."""
+    for limit, of_wrapper, wanted in ((8, 20, 3), (None, 7, 2), (8, 8, 3)):
+        batch, single = StubVectorEnv(1, max_episode_steps=limit), gym.wrappers.TimeLimit(StubEnv(), of_wrapper)
+        batch.reset(seed=0)
+        for _ in range(5):
+            batch.step(np.zeros((1, 12)))
+        single.reset(seed=1)
+        single.unwrapped.set_state(batch.get_state())
+        assert [single.step(np.zeros(12))[3] for _ in range(wanted)] == [False] * (wanted - 1) + [True]
+        ended = single.unwrapped.get_state()
+        batch.set_state(ended)  # at the end of its episode: it begins another
+        assert batch.step(np.zeros((1, 12)))[1] == 0.0 and batch._elapsed[0] == 0
+
+
+def test_refused(monkeypatch):
+    """States of other fish, and fish that do not exist, are refused in one line, and nothing changes."""
+    env, single = StubVectorEnv(3), StubEnv()
+    with pytest.raises(gym.error.ResetNeeded, match="before reset"):
+        single.set_state(None)
+    with pytest.raises(gym.error.ResetNeeded, match=r"before reset of the fish \[0, 1, 2\]; call env.reset"):
+        env.get_state()
+    env.reset(seed=0)
+    good, before = env.get_state(), pickle.dumps(env.get_state())
+    quick, slow = FishVectorEnv(1, task="turn"), FishVectorEnv(1, task="turn", control_interval=0.04)
+    quick.reset(seed=0)
+    cases = [
+        (env, {"x": 1}, None, "state is a dict; give what get_state returned"),
+        (env, [good, 3], None, "state is a list; give what get_state returned"),
+        (env, [], None, "the state is of 0 fish; give that of one fish, or of 3"),
+        (env, good, [0, 1], "the state is of 3 fish; give that of one fish, or of 2"),
+        (env, good, [0, 1, 3], r"indices is \[0, 1, 3\]; give numbers from 0 to 2, or a boolean array \(3,\)"),
+        (env, good, [True, False], "indices is"),
+        (env, good, 1.5, "indices is 1.5"),
+        (StubVectorEnv(3, body="planar"), good, None, "body of the state is 'mass_spring, 0.2 m', and of these fish"),
+        (StubVectorEnv(3, speed=1.0), good, None, "layout of the state is .*'commanded heading'.*'commanded velocity'"),
+        (FishVectorEnv(3, task="turn"), good, None, "task of the state is 'SwimTask', and of these fish 'TurnTask'"),
+        (
+            slow,
+            quick.get_state(),
+            None,
+            r"arrays of the state is \[\('task.course.history', \(25,\)\)\], and of these .*11",
+        ),
+    ]
+    for fish, given, indices, message in cases:
+        with pytest.raises(ValueError, match=message) as caught:
+            fish.set_state(given, indices)
+        assert "\n" not in str(caught.value)
+    assert pickle.dumps(env.get_state()) == before
+    monkeypatch.setattr(state, "STATE_FORMAT", 0)
+    with pytest.raises(ValueError, match=r"format of the state is 1, and of these fish 0; .* by this version"):
+        StubVectorEnv(3).set_state(good)
