@@ -120,9 +120,9 @@ def draw() -> None:
             axis.barh(np.arange(len(mine)) + shift, [row["share"] for row in mine], 0.38, color=colour, label=label)
         axis.set_yticks(range(len(mine)), [row["condition"] for row in mine])
         axis.axvline(0.9, color="black", lw=0.8, ls=":")
-        axis.set(title=task.replace("_", " "), xlabel="share of the score as built", xlim=(0.0, 1.15))
+        axis.set(title=task.replace("_", " "), xlabel="share of the score as built", xlim=(0.0, 1.45))
     axes[0].invert_yaxis()
-    axes[0].legend(loc="lower left", fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     save(figure, IMAGES / "held_out.svg")
 
 
