@@ -25,7 +25,8 @@ class FishTorchEnv:
     """A batch of fish on a GPU: `fish_env.envs.FishVectorEnv`, with torch tensors on the GPU in and out.
 
     Every episode begins at one of `starts` states that are drawn at a reset, on the processor as in `FishVectorEnv`;
-    an episode that ends starts again within the same step.
+    an episode that ends starts again within the same step. What was drawn for a start belongs to it: its variation, its
+    delays and its noise, which are the same in all episodes from there until the next reset.
 
     Args:
         num_envs: B, the number of fish.
