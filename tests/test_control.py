@@ -166,6 +166,7 @@ def stub(**options):
          ValueError, "begin again by themselves"),
         (lambda: record(gym.make("FishEnv/Target-v0"), "swim"), ValueError,
          r"only the policy has commanded heading \(3\), only the environment has direction of the target \(3\), way"),
+        (lambda: evaluate(gym.make("FishEnv/Stub-v0", max_episode_steps=-1), "swim"), ValueError, "has no time limit"),
         (lambda: compare(np.cos, np.sin), ValueError, "give env, a batch of fish"),
         (lambda: compare([], "swim"), ValueError, "a list of policies is empty"),
         (lambda: Policy((), (), {}, hidden="elu"), ValueError, "hidden is 'elu'; choose from tanh, relu"),

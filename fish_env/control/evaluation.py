@@ -213,14 +213,16 @@ def run_episodes(
     which have ended it at all, (B,) bool, and the infos.
 
     Raises:
-        ValueError: for an environment that is no batch of fish, or in which episodes do not begin again by themselves,
-            and what `as_controller` raises.
+        ValueError: for an environment that is no batch of fish, has no time limit, or in which episodes do not begin
+            again by themselves, and what `as_controller` raises.
     """
     if not isinstance(env, FishVectorEnv) or env.autoreset_mode is AutoresetMode.DISABLED:
         raise ValueError(
             f"the environment is {env!r:.100}; give a batch of fish in which episodes begin again by themselves, such "
             "as gym.make_vec('FishEnv/Swim-v0', num_envs=100), and the policy after it: evaluate(env, policy)"
         )
+    if env.max_episode_steps is None:
+        raise ValueError("the environment has no time limit, and its episodes might not end; give max_episode_steps")
     controller = as_controller(policy, env)
     obs, infos = env.reset(seed=seed, options=options)
     done, time = np.zeros(env.num_envs, dtype=bool), 0.0
