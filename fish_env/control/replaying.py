@@ -66,7 +66,7 @@ def record(
     episode = Episode(env, int(seed), wanted)
     while limit is None or len(episode.actions) < limit:
         obs = episode.observation
-        batch = {name: part[None] for name, part in obs.items()} if isinstance(obs, dict) else obs[None]
+        batch: Any = {name: part[None] for name, part in obs.items()} if isinstance(obs, dict) else obs[None]
         if episode.step(np.asarray(act(batch, episode.seconds), dtype=np.float64)):
             break
     about = {
