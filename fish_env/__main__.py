@@ -256,8 +256,12 @@ def compare_policies(arguments: argparse.Namespace) -> None:
     policies = load_policies(arguments)
     if len(policies) == 2:
         first, second = policies.values()
-        with closing(make_policy_env(first, EPISODES, **changes)) as env:
-            print_comparison(first.about["env_id"], list(policies), compare(first, second, env))
+        if all(value is None for value in changes.values()):
+            found = compare(first, second)
+        else:
+            with closing(make_policy_env(first, EPISODES, **changes)) as env:
+                found = compare(first, second, env)
+        print_comparison(first.about["env_id"], list(policies), found)
     else:
         from fish_env.training.report import compare_with_controllers
 

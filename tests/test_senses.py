@@ -291,6 +291,13 @@ def test_bad_settings(keywords, message):
             make("FishEnv/Stub-v0", **keywords)
 
 
+def test_delay_is_shorter_than_the_limit_of_the_wrapper():
+    """A single fish learns of its time limit at a reset, and refuses a longer delay then."""
+    env = gym.make("FishEnv/Stub-v0", max_episode_steps=10, observation_delay=20)
+    with pytest.raises(ValueError, match=r"observation_delay is .*20.*; give a whole number .* from 0 to 9"):
+        env.reset()
+
+
 def test_layout_of_history_and_sensors():
     """Parts follow one another and have labels that begin with their names."""
     layout = Layout(fish_env.make_fish(), (), "sensors", history=3)

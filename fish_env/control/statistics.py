@@ -108,7 +108,8 @@ def compare(
         policy: what `evaluate` takes, or a list of them.
         other: likewise.
         env: as for `evaluate`; None for 100 episodes in the environment that the first policy was trained in, or the
-            second if the first is no policy file.
+            second if the first is no policy file. Policies of one id run with the options of their own training there,
+            so that they may observe different things.
         seed: of the first episode.
         options: of the resets.
 
@@ -120,15 +121,19 @@ def compare(
         FileNotFoundError: if there is no such policy.
         ValueError: without an environment; and what `evaluate` raises.
     """
-    groups = [_loaded(policy), _loaded(other)]
-    if env is None:
-        named = next((one for group in groups for one in group if isinstance(one, Policy)), None)
-        if named is None:
-            raise ValueError("neither policy is a file that names its environment; give env, a batch of fish")
-        with closing(make_policy_env(named)) as made:
-            return compare(groups[0], groups[1], made, seed, options)
-    scores = [[evaluate(env, one, seed, options) for one in group] for group in groups]
-    found = {}
+    groups, found = [_loaded(policy), _loaded(other)], {}
+    named = next((one for group in groups for one in group if isinstance(one, Policy)), None)
+    scores: list[list[Scores]] = [[], []]
+    for group, into in zip(groups, scores, strict=True):
+        for one in group:
+            if env is not None:
+                into.append(evaluate(env, one, seed, options))
+            elif named is None:
+                raise ValueError("neither policy is a file that names its environment; give env, a batch of fish")
+            else:
+                alike = isinstance(one, Policy) and one.about["env_id"] == named.about["env_id"]
+                with closing(make_policy_env(one if alike else named)) as own:
+                    into.append(evaluate(own, one, seed, options))
     for metric in scores[0][0]:
         draws = resampled_means(scores, metric, np.random.default_rng(0))
         first, second = (mean_over_seeds(group, metric) for group in scores)

@@ -14,6 +14,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium.spaces import Box
 
 try:
     import torch
@@ -69,6 +70,8 @@ class FishEnvRunner(SingleAgentEnvRunner):
             raise ValueError(
                 f"{self.config.env!r} does not take {sorted(options)} ({error}); give an environment of fish"
             ) from error
+        if not isinstance(self.env.single_observation_space, Box):
+            raise ValueError("the environment observes goals, which this runner does not know; leave out goal_env")
         self.num_envs = self.env.num_envs
         self._needs_initial_reset = True
 

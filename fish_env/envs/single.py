@@ -12,6 +12,7 @@ from fish_env.bodies import Fish
 from fish_env.checks import finite_array
 from fish_env.envs.layout import Layout, row_of
 from fish_env.envs.options import OwnSpec, TaskKeywords, checked_seed, task_keywords
+from fish_env.envs.senses import checked_delay
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 from fish_env.physics.tank import Tank
@@ -90,9 +91,12 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         return obs, fish._reward.item(), terminated, truncated, info
 
     def _time_limit(self) -> int | None:
-        """Steps after which a `TimeLimit` truncates, None without one; ValueError for what is no whole number."""
+        """Steps after which a `TimeLimit` truncates, None without one; ValueError for a limit that is not allowed."""
         limits = [checked_count(each._max_episode_steps, "max_episode_steps") for each in self._limits]
-        return min(limits, default=None)
+        limit, senses = min(limits, default=None), self.fish._senses
+        for name in ("observation_delay", "action_delay"):
+            checked_delay(name, getattr(senses, name), limit)  # shorter than an episode
+        return limit
 
     def get_state(self) -> FishState:
         """All that decides what happens next, as `FishVectorEnv.get_state`, the limit of a `TimeLimit` included."""

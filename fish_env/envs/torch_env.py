@@ -46,7 +46,7 @@ class FishTorchEnv:
         starts = min(self.num_envs, 1024) if starts is None else checked_count(starts, "starts")
         refused = sorted({"threads", "lanes", "privileged", "goal_env"} & set(options))
         if refused:
-            raise ValueError(f"{refused[0]} is for the processor; on a GPU every fish has a thread of its own")
+            raise ValueError(f"{refused[0]} is for the processor; leave it out on a GPU")
         self._episodes = Episodes(starts, threads=1, **options)
         self._axes = fish_axes(*(threads_pack(Episodes(count, threads=1, **options)) for count in (1, 2)))
         self.single_observation_space = self._episodes.single_observation_space

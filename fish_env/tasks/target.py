@@ -127,7 +127,7 @@ class TargetTask(CompiledTask):
 
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0,
                  goal_env: bool = False, **weights):  # fmt: skip
-        if not isinstance(goal_env, bool):
+        if not isinstance(goal_env, bool | np.bool_):
             raise ValueError(f"goal_env is {goal_env!r}; give True or False")
         if goal_env:
             object.__setattr__(self, "__class__", GoalTask)  # another reward and other metrics, with the same keywords
