@@ -131,8 +131,11 @@ def compare(
             elif named is None:
                 raise ValueError("neither policy is a file that names its environment; give env, a batch of fish")
             else:
-                alike = isinstance(one, Policy) and one.about["env_id"] == named.about["env_id"]
-                with closing(make_policy_env(one if alike else named)) as own:
+                if isinstance(one, Policy) and one.about["env_id"] == named.about["env_id"]:
+                    made = make_policy_env(one)
+                else:
+                    made = make_policy_env(named)
+                with closing(made) as own:
                     into.append(evaluate(own, one, seed, options))
     for metric in scores[0][0]:
         draws = resampled_means(scores, metric, np.random.default_rng(0))
