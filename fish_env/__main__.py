@@ -200,7 +200,7 @@ def run_training(arguments: argparse.Namespace) -> None:
 
 
 def find_policy(name: str) -> str | Path:
-    """What names a policy: the policy file of a folder, and any other word as it is."""
+    """The policy file of a folder, and any other word as it is."""
     return Path(name, "policy.npz") if name not in shipped_policies() and os.path.isdir(name) else name
 
 
@@ -215,7 +215,7 @@ def load_policies(arguments: argparse.Namespace) -> dict[str, Policy]:
 
 
 def simulation(arguments: argparse.Namespace) -> dict[str, str | float | None]:
-    """What the command line changes in the simulation."""
+    """Changes of the simulation that the command line asks for."""
     return {name: getattr(arguments, name) for name in ("body", "integrator", "dt")}
 
 

@@ -177,7 +177,7 @@ class Pictures(gym.ObservationWrapper):
 
 
 def made(algorithm, policy, env, **settings):
-    """A learner that has not learnt anything."""
+    """An untrained learner."""
     return algorithm(policy, env, device="cpu", **settings)
 
 

@@ -82,7 +82,8 @@ def score(policy: Policy, task: str) -> float:
     env = make_policy_env(policy, **nominal)
     found = means(evaluate(env, policy))[protocols.SCORES[task]]
     env.close()
-    return float(found or 0.0)
+    assert found is not None  # speeds and successes are always defined
+    return found
 
 
 def measure(jobs: int) -> None:

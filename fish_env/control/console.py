@@ -1,4 +1,4 @@
-"""How a command ends: an exit status, at most one line with the error, no traceback, and saved work after a signal."""
+"""End of a command: an exit status, at most one line with the error, no traceback, and saved work after a signal."""
 
 import os
 import signal

@@ -29,7 +29,7 @@ COUNTED = ("history", "observation_delay", "action_delay")
 """Options that count environment steps."""
 
 NOT_SCORES = ("terms", "failure", "is_success", "variation", "privileged", "step_terms", "position", "heading")
-"""What an `info` has besides scores: sums, words, a copy of "success", what the fish was, and its last step."""
+"""Entries of an `info` that are no scores: sums, words, a copy of "success", what the fish was, and its last step."""
 
 PolicyLike = str | Path | Policy | Controller | Any
 """A shipped policy's name, a policy file, a `Policy`, a model of Stable-Baselines3, or a `Controller`."""
@@ -144,7 +144,7 @@ def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
 
 
 def _layout_of_training(policy: Policy) -> Layout | None:
-    """What the environment that a policy was trained in shows; None if it is not registered, or the file names none."""
+    """Layout of the environment that a policy was trained in; None if it is not registered, or the file names none."""
     try:
         with closing(make_policy_env(policy, 1)) as env:
             return env.layout

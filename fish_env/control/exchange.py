@@ -92,7 +92,7 @@ def write_onnx(parts: Mapping[str, Any], path: Path) -> None:
 
 
 class OnnxFile:
-    """What `write_onnx` wrote, with the methods of `Npz`: `parts` by name, and ways to read them.
+    """File that `write_onnx` wrote, with the methods of `Npz`: `parts` by name, and ways to read them.
 
     Raises:
         ImportError: without onnx.

@@ -83,7 +83,8 @@ def evaluate_held_out(
 
     Returns:
         A row for each condition: `condition`, `metric` (`SCORES`), `value`, its mean over the episodes, `share`, over
-        that of the first condition, and `failed`, the share of episodes that the physics ended.
+        that of the first condition, and `failed`, the share of episodes that the physics ended. A number that is not
+        defined, such as a share of nothing, is None.
 
     Raises:
         FileNotFoundError: if there is no such policy.
@@ -102,10 +103,11 @@ def evaluate_held_out(
             if task not in SCORES:
                 raise ValueError(f"the task is {type(env.task).__name__}; give a policy for one of {', '.join(SCORES)}")
             found = means(evaluate(env, loaded, FIRST_SEED))
-        value = found[SCORES[task]] or 0.0
+        value = found[SCORES[task]]
         first = rows[0]["value"] if rows else value
-        rows.append({"condition": condition.name, "metric": SCORES[task], "value": value,
-                     "share": value / first if first else None, "failed": found["failed"]})  # fmt: skip
+        share = value / first if value is not None and first else None
+        rows.append({"condition": condition.name, "metric": SCORES[task], "value": value, "share": share,
+                     "failed": found["failed"]})  # fmt: skip
     return rows
 
 

@@ -104,19 +104,7 @@ class Episodes(Stateful, ReadOnly):
         self.first_muscle_of_group = frozen(np.unique(self.groups, return_index=True)[1])  # (A,) the first of each
         self.layout = Layout(fish, self.task.directions, observation, self._senses.history, self.groups)
         self.privileged = checked_truth(privileged, "privileged")
-        bound = self.layout.bounds()
-        self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
-        self._goals = getattr(self.task, "goals", None)
-        if self._goals is not None:
-            goals: Any = self.task
-            goal = gym.spaces.Box(-goals.farthest, goals.farthest, (3,), dtype=np.float32)
-            self.compute_reward = goals.compute_reward  # others have none, as checkers expect
-            self.single_observation_space = gym.spaces.Dict(
-                {"observation": self.single_observation_space, "achieved_goal": goal, "desired_goal": goal}
-            )
-        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (int(self.groups.max()) + 1,), dtype=np.float32)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._make_spaces()
         self._action_shape = self.action_space.shape
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int | None] = [None] * self.num_envs
@@ -135,6 +123,22 @@ class Episodes(Stateful, ReadOnly):
         self._pose = make_pose(self.num_envs)
         self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
         self._compile()
+
+    def _make_spaces(self) -> None:
+        """Make the spaces of one fish and of all; observations are a dict if the task has `goals`."""
+        bound = self.layout.bounds()
+        self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float32)
+        self._goals = getattr(self.task, "goals", None)
+        if self._goals is not None:
+            goals: Any = self.task
+            goal = gym.spaces.Box(-goals.farthest, goals.farthest, (3,), dtype=np.float32)
+            self.compute_reward = goals.compute_reward  # others have none, as checkers expect
+            self.single_observation_space = gym.spaces.Dict(
+                {"observation": self.single_observation_space, "achieved_goal": goal, "desired_goal": goal}
+            )
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (int(self.groups.max()) + 1,), dtype=np.float32)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
 
     def _make_arrays(self, count: int) -> dict[str, dict[str, np.ndarray]]:
         """Arrays of the episodes of so many fish."""
