@@ -10,9 +10,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from fish_env.bodies.fitted import read_calibration
-from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments
+from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments, outline
 from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import make_body
+from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish
 from fish_env.physics.records import Body
 from fish_env.physics.world import make_water
@@ -21,6 +22,7 @@ REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this 
 
 NOSE, TAIL = 0, (21, 22)
 LAYERS = [[0], [1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20], [21, 22]]
+ENDS = [LAYERS[1], *LAYERS[1:6], [21, 21, 22, 22]]  # two upper and two lower nodes of each layer, those of the nose behind it
 LEFT = np.array([node for layer in LAYERS[1:6] for node in (layer[0], layer[3])])
 RIGHT = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])])
 CROSS, MUSCLE, OTHER = 0, 1, 2
@@ -240,7 +242,11 @@ def make_mass_spring(**parameters) -> Fish:
     damping = p.relaxation_time * along(p.damping_taper, sections) * stiffness
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     share, drag = drag_points(p)
-    body = make_body(position, masses(p), pairs, stiffness, damping, natural, faces, share=share, drag=drag)
+    mass = masses(p)
+    body = make_body(
+        position, mass, pairs, stiffness, damping, natural, faces, share=share, drag=drag,
+        sections=make_sections(position, mass, LAYERS, ENDS, outline(p)),
+    )  # fmt: skip
     return _fish("mass_spring", body, p.contracted, time_step=p.time_step, refine=REFINE, **common_fields(p))
 
 

@@ -16,7 +16,7 @@ from fish_env.bodies.mesh import RULES, grid, lumped_mass
 from fish_env.bodies.room import whole
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_tets
+from fish_env.physics.elements import make_sections, make_tets
 from fish_env.physics.fish import Fish, Landmarks
 
 MOST = 4  # pieces a section
@@ -49,9 +49,11 @@ def make_tetrahedral(
     marks = landmarks(mesh, level, tu.masses(p))
     pairs, stiffness, muscles = fibres(p, marks)
     natural = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)
+    mass, corners = masses(p, mesh, lumping), corner_lines(mesh).T
+    sections = make_sections(mesh.position, mass, [np.unique(plane) for plane in mesh.number], corners[[1, *range(1, len(corners))]], outline(p))
     body = make_body(
-        mesh.position, masses(p, mesh, lumping), pairs, stiffness, p.relaxation_time * stiffness, natural,
-        mesh.faces, tets=tets,
+        mesh.position, mass, pairs, stiffness, p.relaxation_time * stiffness, natural,
+        mesh.faces, tets=tets, sections=sections,
     )  # fmt: skip
     _, classes, section, _ = tu.topology()
     segments = section[classes == tu.MUSCLE].astype(int) - 1

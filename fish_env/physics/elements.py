@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fish_env.checks import finite_array, node_array, positive_array, representable
-from fish_env.physics.records import Barriers, Compartments, Tets
+from fish_env.physics.records import Barriers, Compartments, Sections, Tets
 from fish_env.physics.volume import volume_of
 
 STRAINS = ("corotational", "linear", "green_lagrange")
@@ -123,6 +123,71 @@ def make_barriers(position, faces, inner, energy) -> Barriers:
         )
     energy = positive_array(np.broadcast_to(energy, (len(nodes),)), (len(nodes),), "energy of the barriers (J)")
     return Barriers(nodes, np.ascontiguousarray(volume), energy)
+
+
+WAVE = 0.95  # body lengths: waves of this length have exact slopes at the sections
+NEAREST = 6  # sections from which a slope is computed
+FINE = 4000  # intervals of the integrals along the body
+
+
+@representable("a section")
+def make_sections(position, mass, groups, ends, outline, height=None) -> Sections:
+    """Sections along which the inertia of the water acts (docs/physics.md, eq. 72-78).
+
+    Args:
+        position: (N,3) m, the head forward of the tail.
+        mass: (N,) kg.
+        groups: a list of the nodes of each section, from the head on; at least four of them, with a node each.
+        ends: (K,4) two nodes at the upper and two at the lower edge of each section, which may be the same.
+        outline: stations of the body: x (S,) m, half width (S,) m and half depth (S,) m, from the head on, linear
+            between them.
+        height: (K,) m, the depth of the sections of a flat body; None: their ends are apart.
+
+    Raises:
+        ValueError: for fewer than four sections, a section without nodes, or sections that are not in order.
+    """
+    position, count = finite_array(position, (len(position), 3), "position (m)"), len(groups)
+    mass = positive_array(mass, (len(position),), "mass (kg)")
+    if count < 4:
+        raise ValueError(f"there are {count} sections; give at least four")
+    groups = [node_array(np.reshape(group, (-1, 1)), 1, len(mass), "sections")[:, 0] for group in groups]
+    for k, group in enumerate(groups):
+        if not group.size or np.unique(group).size != group.size:
+            raise ValueError(f"section {k} has the nodes {group.tolist()}; give at least one, and each once")
+    ends = node_array(ends, 4, len(mass), "ends of the sections")
+    share = [mass[group] / mass[group].sum() for group in groups]
+    place = np.array([-part @ position[group, 0] for part, group in zip(share, groups, strict=True)])
+    if not (np.diff(place) > 0).all():
+        raise ValueError(f"the sections lie at x = {-place} m; give them from the head to the tail")
+    x, width, depth = (finite_array(row, np.shape(outline[0]), "outline (m)") for row in outline)
+    at = np.linspace(-x[0], -x[-1], FINE + 1)
+    along = np.full(at.size, (at[-1] - at[0]) / FINE)
+    along[[0, -1]] *= 0.5
+    half = [np.interp(at, -x, row) for row in (depth, width)]
+    tents = np.array([np.interp(at, place, row) for row in np.eye(count)])
+    lateral, vertical = (tents @ (np.pi * row**2 * along) for row in half)
+    height = np.zeros(count) if height is None else positive_array(height, (count,), "height (m)")
+    return Sections(
+        np.concatenate(groups), np.cumsum([0, *map(len, groups)]), np.concatenate(share), ends, height,
+        slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2),
+    )  # fmt: skip
+
+
+def slopes(place: np.ndarray) -> np.ndarray:
+    """Weights (K,K) of values at places (K,) m in their derivatives there, 1/m.
+
+    They are exact for straight lines and for waves of WAVE body lengths, whose amplitude may grow linearly: a slope at
+    the tail is one-sided, and with polynomials the thrust of a swimming wave would be several times less exact.
+    """
+    count, found = min(NEAREST, place.size), np.zeros((place.size, place.size))
+    wave = 2.0 * np.pi / (WAVE * (place[-1] - place[0]))
+    for k in range(place.size):
+        begin = min(max(k - count // 2, 0), place.size - count)
+        near = np.arange(begin, begin + count)
+        s = wave * (place[near] - place[k])
+        rows = [np.ones(count), s, np.cos(s) - 1.0, np.sin(s) - s, s * np.cos(s) - s, s * np.sin(s)][:count]
+        found[k, near] = wave * np.linalg.solve(np.array(rows), np.eye(count)[1])
+    return found
 
 
 def check_outward(position, corners) -> None:

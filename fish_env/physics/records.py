@@ -70,6 +70,23 @@ class Barriers(NamedTuple):
     energy: np.ndarray  # (K,) scale of the barrier, J
 
 
+class Sections(NamedTuple):
+    """Sections of a body from head to tail, along which the inertia of the water acts: K of them.
+
+    A section moves as its centre does, the mean of its P_k nodes by mass.
+    """
+
+    nodes: np.ndarray  # (P,) nodes of all sections, one section after the other
+    first: np.ndarray  # (K+1,) index of each section's first node, and the end of the last one's
+    share: np.ndarray  # (P,) part of a section's mass that each of its nodes has
+    ends: np.ndarray  # (K,4) two nodes at the upper edge, two at the lower one
+    height: np.ndarray  # (K,) m, added to the sum of the upward distances between the ends: of a flat body
+    slope: np.ndarray  # (K,K) weights of the centres in the derivative of their line with respect to the length, 1/m
+    lateral: np.ndarray  # (K,) volume of water that moves with each section sideways, m3
+    vertical: np.ndarray  # (K,) upward, m3
+    trailing: float  # lateral volume per length at the trailing edge, m2
+
+
 class Body(NamedTuple):
     """A deformable body of N nodes at rest.
 
@@ -90,6 +107,7 @@ class Body(NamedTuple):
     max_stiffness_eigenvalue: float  # highest eigenvalue of M^-1 K at rest, 1/s2: the square of the highest frequency
     max_damping_eigenvalue: float  # highest eigenvalue of M^-1 D at rest, 1/s
     profile: Profile  # skyline of the system matrix: the nodes that an element joins
+    sections: Sections | None = None
 
 
 class State(NamedTuple):
@@ -139,4 +157,5 @@ class World(NamedTuple):
     viscosity: float = 0.0  # of the air: drag on every node over its velocity, N s/m; only beside gravity
     planes: np.ndarray | None = None  # (P,5) unit normal into the free side, offset m, restitution
     anchors: Anchors | None = None
+    added_mass: np.ndarray | None = None  # (2,) kg/m3, density times a factor on lateral and on vertical added mass
     extra: dict[str, NamedTuple] | None = None  # parameters of other forces; kernels read them as `world.<name>`

@@ -1,0 +1,364 @@
+"""Inertia of the water along the sections of a body: elongated-body theory in Lagrange's form (Lighthill 1971).
+
+The water beside a section moves with it: its kinetic energy is half the added mass, lateral and vertical, times the
+square of the section's velocity across the body. Lagrange's equations give three parts: a resistance to acceleration
+(`add_reaction`), terms of second degree in the velocities, and at the trailing edge the momentum that is shed with the
+wake while the tail moves forward. Shedding takes energy from the fish at any velocity.
+
+The added mass of a section is a matrix of rank two on its nodes, so that it is solved for in closed form. Tu's method,
+whose matrix couples the sections, solves for all of them by the formula of Woodbury (`solve_lagged`).
+
+Legend: k section; X, W its centre and its velocity through the water; t tangent, backward; r upward; n = t x r / |..|
+lateral, b = n x t vertical; w, y, u velocities along n, b, t; m, q lateral and vertical added mass; a dot is a d.
+"""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Pack, cross, dot, fma, select, sqrt, vec3, zero
+from fish_env.physics.forces.plan import H
+from fish_env.physics.linalg import ldlt
+from fish_env.physics.records import Body, World
+
+ANYWHERE = True
+ROUNDS = 1  # of the iteration for the velocities at the middle of a kick
+TINY = 1e-30  # m2/s2, so that a tail at rest divides by no zero
+
+
+def present(body: Body, world: World) -> bool:
+    """Return True if the water has inertia and the body sections."""
+    return world.added_mass is not None and body.sections is not None
+
+
+def make_cache(body: Body, world: World, kind) -> Pack:
+    """Frames of the sections, their velocities, forces and mobilities; factors of `solve_lagged`."""
+    assert body.sections is not None  # else the force is not present
+    nodes, first, share, ends, *_ = body.sections
+    count = len(first) - 1
+    carry = share[:, None] * body.inverse_mass[nodes]
+    give = np.add.reduceat(share[:, None] * carry, first[:-1])
+    turn = np.zeros((count, 3))
+    for k in range(count):
+        for node in np.unique(ends[k]):
+            twice = (ends[k, :2] == node).sum() - (ends[k, 2:] == node).sum()
+            turn[k] += float(twice**2) * body.inverse_mass[node]
+    vectors = (
+        "middle", "speed", "rise", "climb", "t", "n", "b", "td", "nd", "bd", "force", "twist", "later", "bend",
+        "speed_ahead", "climb_ahead",
+    )  # fmt: skip
+    numbers = ("per_length", "per_rise", "nn", "nb", "bn", "bb", "m", "q")
+    return Pack(
+        "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn),
+        **{name: kind.vectors(count) for name in vectors}, **{name: kind.numbers(count) for name in numbers},
+    )  # fmt: skip
+
+
+@kernel
+def gather(body, values, k):
+    """Mean of the vectors of nodes over section k."""
+    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
+    start = first[k]
+    mean = share[start] * values[INDEX(nodes[start])]
+    for p in range(start + 1, first[k + 1]):
+        mean = fma(share[p], values[INDEX(nodes[p])], mean)
+    return mean
+
+
+@kernel
+def scatter(body, k, force, f):
+    """Distribute a force on section k over its nodes, by mass."""
+    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
+    for p in range(first[k], first[k + 1]):
+        i = INDEX(nodes[p])
+        f[i] = fma(share[p], force, f[i])
+
+
+@kernel
+def between_ends(body, values, k):
+    """Sum over the upper ends of section k minus that over the lower ones."""
+    ends = body.sections.ends
+    return (
+        values[INDEX(ends[k, 0])] + values[INDEX(ends[k, 1])] - values[INDEX(ends[k, 2])] - values[INDEX(ends[k, 3])]
+    )
+
+
+@kernel
+def along(body, values, k):
+    """Derivative of values (K,) of the sections along the body, at section k."""
+    slope = body.sections.slope
+    found = slope[k, 0] * values[0]
+    for j in range(1, values.size):
+        found = fma(slope[k, INDEX(j)], values[INDEX(j)], found)
+    return found
+
+
+@kernel
+def set_frames(body, world, control, x, cache):
+    """Store tangent, lateral and vertical direction of every section at positions x, and its added mass over a mass."""
+    sections, light = body.sections, control.lightness[0]
+    for k in range(cache.n.size):
+        cache.middle[k] = gather(body, x, k)
+        cache.rise[k] = between_ends(body, x, k) + vec3(0.0, 0.0, sections.height[k])
+    for k in range(cache.n.size):
+        tangent = along(body, cache.middle, k)
+        per_length = 1.0 / sqrt(dot(tangent, tangent))
+        t = per_length * tangent
+        side = cross(t, cache.rise[k])
+        per_rise = 1.0 / sqrt(dot(side, side))
+        n = per_rise * side
+        b = cross(n, t)
+        cache.per_length[k], cache.per_rise[k], cache.t[k], cache.n[k], cache.b[k] = per_length, per_rise, t, n, b
+        m = (light * world.added_mass[0]) * sections.lateral[k]
+        q = (light * world.added_mass[1]) * sections.vertical[k]
+        give = cache.give[k]
+        sideways, upward = fma(m, dot(n, give * n), 1.0), fma(q, dot(b, give * b), 1.0)
+        both = dot(n, give * b)
+        scale = 1.0 / fma(sideways, upward, -(m * q) * (both * both))
+        cache.m[k], cache.q[k] = m, q
+        cache.nn[k], cache.nb[k] = (scale * m) * upward, -(scale * (m * q)) * both
+        cache.bn[k], cache.bb[k] = -(scale * (m * q)) * both, (scale * q) * sideways
+
+
+@kernel
+def set_speeds(body, world, control, v, cache):
+    """Store the velocities of the sections through the water, and the rates of their frames."""
+    current = world.current[0] + control.current[0]
+    for k in range(cache.n.size):
+        cache.speed[k] = gather(body, v, k) - current
+        cache.climb[k] = between_ends(body, v, k)
+    set_rates(body, cache)
+
+
+@kernel
+def set_rates(body, cache):
+    """Store the rates of the frames of the sections."""
+    for k in range(cache.n.size):
+        t, n = cache.t[k], cache.n[k]
+        change = along(body, cache.speed, k)
+        td = cache.per_length[k] * fma(-dot(change, t), t, change)
+        change = cross(td, cache.rise[k]) + cross(t, cache.climb[k])
+        nd = cache.per_rise[k] * fma(-dot(change, n), n, change)
+        cache.td[k], cache.nd[k], cache.bd[k] = td, nd, cross(nd, t) + cross(n, td)
+
+
+@kernel
+def push(body, world, control, cache, force, twist):
+    """Compute the terms of second degree in the velocities, and the shedding: a force on each section, and a twist.
+
+    A twist acts on the upper ends, and with the opposite sign on the lower ones.
+    """
+    slope, last = body.sections.slope, cache.n.size - 1
+    for k in range(cache.n.size):
+        force[k] = zero(force)
+    for k in range(cache.n.size):
+        t, n, b, nd, bd, speed = cache.t[k], cache.n[k], cache.b[k], cache.nd[k], cache.bd[k], cache.speed[k]
+        m, q, w, y = cache.m[k], cache.q[k], dot(speed, n), dot(speed, b)
+        own = force[k] - fma(m * dot(speed, nd), n, (m * w) * nd) - fma(q * dot(speed, bd), b, (q * y) * bd)  # (75)
+        upward = (q * y) * speed
+        side = fma(m * w, speed, cross(t, upward))
+        side = cache.per_rise[k] * fma(-dot(side, n), n, side)
+        ahead = cross(cache.rise[k], side) + cross(upward, n)
+        ahead = cache.per_length[k] * fma(-dot(ahead, t), t, ahead)  # (76)
+        twist[k] = cross(side, t)
+        if k == last:
+            shed = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing
+            u = dot(speed, t)
+            u = select(u < 0.0, u, 0.0 * u)
+            swing = sqrt(fma(u, u, w * w) + TINY)
+            own = fma((shed * u) * w, n, own)  # (77)
+            own = fma((0.5 * shed) * (w * w) * (u / swing), t, own)
+        force[k] = own
+        for j in range(cache.n.size):
+            force[INDEX(j)] = fma(slope[k, INDEX(j)], ahead, force[INDEX(j)])
+
+
+@kernel
+def scatter_all(body, force, twist, f):
+    """Distribute the forces and twists of the sections over the nodes."""
+    ends = body.sections.ends
+    for k in range(force.size):
+        scatter(body, k, force[k], f)
+        z = twist[k]
+        f[INDEX(ends[k, 0])] += z
+        f[INDEX(ends[k, 1])] += z
+        f[INDEX(ends[k, 2])] -= z
+        f[INDEX(ends[k, 3])] -= z
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the force of the water's inertia that does not depend on the acceleration; store the frames."""
+    set_frames(body, world, control, x, cache)
+    set_speeds(body, world, control, v, cache)
+    push(body, world, control, cache, cache.force, cache.twist)
+    scatter_all(body, cache.force, cache.twist, f)
+
+
+@kernel
+def add_change(body, world, control, x, v, f, cache):
+    """Add the change of the force when the velocities become v, half a step later, at the stored frames.
+
+    The change itself changes those velocities, for which the sections account by ROUNDS iterations.
+    """
+    half = 0.5 * control.plans[control.row[0], H]
+    set_speeds(body, world, control, v, cache)
+    push(body, world, control, cache, cache.later, cache.bend)
+    for k in range(cache.n.size):
+        cache.speed_ahead[k], cache.climb_ahead[k] = cache.speed[k], cache.climb[k]
+    for _ in range(ROUNDS):
+        for k in range(cache.n.size):
+            change, turn = cache.later[k] - cache.force[k], cache.bend[k] - cache.twist[k]
+            cache.speed[k] = fma(half, accelerated(cache, k, change), cache.speed_ahead[k])
+            cache.climb[k] = fma(half, cache.turn[k] * turn, cache.climb_ahead[k])
+        set_rates(body, cache)
+        push(body, world, control, cache, cache.later, cache.bend)
+    for k in range(cache.n.size):
+        cache.later[k], cache.bend[k] = cache.later[k] - cache.force[k], cache.bend[k] - cache.twist[k]
+    scatter_all(body, cache.later, cache.bend, f)
+
+
+@kernel
+def resistance(cache, k, a):
+    """Force with which the water resists, if section k would have the acceleration a without it."""
+    n, b = cache.n[k], cache.b[k]
+    w, y = dot(a, n), dot(a, b)
+    return fma(fma(cache.nn[k], w, cache.nb[k] * y), n, fma(cache.bn[k], w, cache.bb[k] * y) * b)  # (74)
+
+
+@kernel
+def accelerated(cache, k, force):
+    """Acceleration of section k by a force that is distributed over its nodes by mass."""
+    give = cache.give[k]
+    return give * (force - resistance(cache, k, give * force))
+
+
+@kernel
+def add_reaction(body, world, control, x, v, f, cache):
+    """Add to the sum f of all other forces the resistance to the acceleration that results, with the stored frames."""
+    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
+    for k in range(cache.n.size):
+        start = first[k]
+        a = cache.carry[start] * f[INDEX(nodes[start])]
+        for p in range(start + 1, first[k + 1]):
+            a = fma(cache.carry[INDEX(p)], f[INDEX(nodes[p])], a)
+        scatter(body, k, -resistance(cache, k, a), f)
+
+
+@kernel
+def add_inertia(body, world, control, x, a, f, cache):
+    """Add to f the added mass at positions x times the vectors a of the nodes."""
+    set_frames(body, world, control, x, cache)
+    for k in range(cache.n.size):
+        mean, n, b = gather(body, a, k), cache.n[k], cache.b[k]
+        scatter(body, k, fma(cache.m[k] * dot(mean, n), n, (cache.q[k] * dot(mean, b)) * b), f)  # (73)
+
+
+@kernel
+def add_system(body, world, control, x, v, a, cache):
+    """Add the added mass to the matrix a, three columns for each entry of the nodes' skyline."""
+    set_frames(body, world, control, x, cache)
+    nodes, first, share, profile = body.sections.nodes, body.sections.first, body.sections.share, body.profile
+    for k in range(cache.n.size):
+        n, b = cache.n[k], cache.b[k]
+        sideways, upward = cache.m[k] * n, cache.q[k] * b
+        columns = (fma(n.x, sideways, b.x * upward), fma(n.y, sideways, b.y * upward), fma(n.z, sideways, b.z * upward))
+        for p in range(first[k], first[k + 1]):
+            for o in range(first[k], first[k + 1]):
+                row, column = nodes[p], nodes[o]
+                if row < column:  # above the diagonal
+                    continue
+                place = 3 * (profile.start[INDEX(row)] + column - profile.first[INDEX(row)])
+                for axis in range(3):
+                    i = INDEX(place + axis)
+                    a[i] = fma(share[p] * share[o], columns[axis], a[i])
+
+
+@kernel
+def solve_lagged(body, world, control, x, v, system, cache):
+    """Change the velocities in `system.load` from those without added mass to those with it, for Tu's method.
+
+    With A the factored matrix of one axis and s the shares of the sections, A^-1 s is found for three sections at once.
+    Then a dense system of twice their number remains.
+    """
+    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
+    load, columns, dense, force = system.load, system.columns, system.dense, system.force
+    count, order, size = cache.n.size, load.size, 2 * cache.n.size
+    for i in range(columns.size):
+        columns[i] = zero(columns)
+    for k in range(count):
+        for p in range(first[k], first[k + 1]):
+            columns[INDEX((k // 3) * order + nodes[p])] += share[p] * axis_of(k)
+    for c in range((count + 2) // 3):
+        for m in range(system.fixed.size):
+            columns[INDEX(c * order + system.fixed[m])] = zero(columns)
+        ldlt.solve_one(body.profile, system.matrix, system.inverse_pivot, columns, c * order)
+    for k in range(count):
+        mean = gather(body, load, k)
+        force[INDEX(2 * k)] = sqrt(cache.m[k]) * dot(mean, cache.n[k])
+        force[INDEX(2 * k + 1)] = sqrt(cache.q[k]) * dot(mean, cache.b[k])
+        for l in range(k + 1):
+            shared = zero(force)
+            for p in range(first[k], first[k + 1]):
+                shared = fma(share[p], dot(columns[INDEX((l // 3) * order + nodes[p])], axis_of(l)), shared)
+            for one in range(2):
+                for other in range(2):
+                    if l == k and other > one:
+                        continue
+                    product = rooted(cache, k, one) * shared
+                    place = INDEX((2 * k + one) * size + 2 * l + other)
+                    dense[place] = dot(product, rooted(cache, l, other))
+                    if l == k and one == other:
+                        dense[place] += 1.0
+    solve_dense(dense, force, size)
+    for k in range(count):
+        cache.later[k] = force[INDEX(2 * k)] * rooted(cache, k, 0) + force[INDEX(2 * k + 1)] * rooted(cache, k, 1)
+    for k in range(count):
+        for i in range(order):
+            load[i] = fma(-dot(columns[INDEX((k // 3) * order + i)], axis_of(k)), cache.later[k], load[i])
+
+
+@kernel
+def axis_of(k):
+    """Unit vector along the axis of number k modulo 3."""
+    return vec3(1.0 if k % 3 == 0 else 0.0, 1.0 if k % 3 == 1 else 0.0, 1.0 if k % 3 == 2 else 0.0)
+
+
+@kernel
+def rooted(cache, k, upward):
+    """Root of the lateral added mass of section k times its direction, or, with upward = 1, those of the vertical."""
+    return sqrt(cache.q[k]) * cache.b[k] if upward == 1 else sqrt(cache.m[k]) * cache.n[k]
+
+
+@kernel
+def solve_dense(a, b, size):
+    """Solve a symmetric, positive definite system of a given size in place, by L D L^T of the lower triangle of a."""
+    for i in range(size):
+        for j in range(i):
+            s = a[INDEX(i * size + j)]
+            for k in range(j):
+                s = fma(-a[INDEX(i * size + k)] * a[INDEX(k * size + k)], a[INDEX(j * size + k)], s)
+            a[INDEX(i * size + j)] = s / a[INDEX(j * size + j)]
+        d = a[INDEX(i * size + i)]
+        for k in range(i):
+            lower = a[INDEX(i * size + k)]
+            d = fma(-lower * lower, a[INDEX(k * size + k)], d)
+            b[INDEX(i)] = fma(-lower, b[INDEX(k)], b[INDEX(i)])
+        a[INDEX(i * size + i)] = d
+    for i in range(size):
+        b[INDEX(i)] = b[INDEX(i)] / a[INDEX(i * size + i)]
+    for above in range(size):
+        i = size - 1 - above
+        for k in range(i):
+            b[INDEX(k)] = fma(-a[INDEX(i * size + k)], b[INDEX(i)], b[INDEX(k)])
+
+
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Kinetic energy of the water that moves with the sections, J."""
+    set_frames(body, world, control, x, cache)
+    set_speeds(body, world, control, v, cache)
+    total = zero(control.stiffness)
+    for k in range(cache.n.size):
+        w, y = dot(cache.speed[k], cache.n[k]), dot(cache.speed[k], cache.b[k])
+        total = fma(0.5 * cache.m[k], w * w, fma(0.5 * cache.q[k], y * y, total))  # (72)
+    return total
