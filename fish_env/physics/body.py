@@ -145,7 +145,7 @@ def fix_where(body: Body, held: np.ndarray) -> Body:
 
 def scale_body(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
     """Multiply the stiffness and damping of a body's elements and the masses of its nodes by positive factors."""
-    tets, compartments, barriers = body.tets, body.compartments, body.barriers
+    tets, compartments, barriers, sections = body.tets, body.compartments, body.barriers, body.sections
     return body._replace(
         mass=body.mass * mass,
         inverse_mass=body.inverse_mass / mass,
@@ -161,6 +161,7 @@ def scale_body(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
         compartments=compartments
         and compartments._replace(gas=compartments.gas * stiffness, ambient=compartments.ambient * stiffness),
         barriers=barriers and barriers._replace(energy=barriers.energy * stiffness),
+        sections=sections and sections._replace(leverage=sections.leverage * mass),
         max_stiffness_eigenvalue=body.max_stiffness_eigenvalue * (stiffness / mass),
         max_damping_eigenvalue=body.max_damping_eigenvalue * (damping / mass),
     )

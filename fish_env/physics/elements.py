@@ -126,7 +126,7 @@ def make_barriers(position, faces, inner, energy) -> Barriers:
 
 
 WAVE = 0.95  # body lengths: waves of this length have exact slopes at the sections
-NEAREST = 6  # sections from which a slope is computed
+NEAREST = 4  # sections from which a slope is computed
 FINE = 4000  # intervals of the integrals along the body
 
 
@@ -167,9 +167,11 @@ def make_sections(position, mass, groups, ends, outline, height=None) -> Section
     tents = np.array([np.interp(at, place, row) for row in np.eye(count)])
     lateral, vertical = (tents @ (np.pi * row**2 * along) for row in half)
     height = np.zeros(count) if height is None else positive_array(height, (count,), "height (m)")
+    rise = np.abs((position[ends] * [[1], [1], [-1], [-1]]).sum(axis=1)[:, 2]) + height
+    leverage = np.array([mass[group].sum() for group in groups]) * (x[0] - x[-1]) / rise
     return Sections(
         np.concatenate(groups), np.cumsum([0, *map(len, groups)]), np.concatenate(share), ends, height,
-        slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2),
+        slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2), leverage,
     )  # fmt: skip
 
 

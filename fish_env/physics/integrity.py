@@ -83,7 +83,8 @@ def _check_sections(sections, n: int) -> None:
     check_numbers("sections.ends", sections.ends, (k, 4), n)
     if sections.first[0] or sections.first[-1] != p or (np.diff(sections.first) < 1).any():
         raise ValueError(f"sections.first is {sections.first}; give where each one's nodes begin, and where all end")
-    _check_floats("sections", sections, k, {"height": (), "slope": (k,), "lateral": (), "vertical": ()})
+    _check_floats("sections", sections, k, {"height": (), "slope": (k,), "lateral": (), "vertical": (),
+                                            "leverage": ()})  # fmt: skip
     _check_floats("sections", sections, p, {"share": ()})
     finite_array(sections.trailing, (), "trailing of sections (m2)")
 
@@ -97,6 +98,7 @@ def check_world(world: World, nodes: int) -> None:
         finite_array(world.gravity, (3,), "gravity of the water (m/s2)")
     if world.added_mass is not None:
         finite_array(world.added_mass, (2,), "added_mass of the water (kg/m3)")
+    finite_array(world.righting, (), "righting of the water (m/s2)")
     if world.planes is not None:
         finite_array(world.planes, (len(world.planes), 5), "planes of the water")
     if world.anchors is not None:

@@ -85,6 +85,7 @@ class Sections(NamedTuple):
     lateral: np.ndarray  # (K,) volume of water that moves with each section sideways, m3
     vertical: np.ndarray  # (K,) upward, m3
     trailing: float  # lateral volume per length at the trailing edge, m2
+    leverage: np.ndarray  # (K,) kg, mass of each section times the length of the body over the distance of its ends
 
 
 class Body(NamedTuple):
@@ -158,4 +159,5 @@ class World(NamedTuple):
     planes: np.ndarray | None = None  # (P,5) unit normal into the free side, offset m, restitution
     anchors: Anchors | None = None
     added_mass: np.ndarray | None = None  # (2,) kg/m3, density times a factor on lateral and on vertical added mass
+    righting: float = 0.0  # m/s2, gravity times the height of buoyancy above weight over the body's length
     extra: dict[str, NamedTuple] | None = None  # parameters of other forces; kernels read them as `world.<name>`

@@ -59,10 +59,10 @@ def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator
     check_fish(fish)
     world = VACUUM if water is None else water
     check_world(world, fish.body.mass.size)
-    if world.added_mass is not None and fish.body.sections is None:
+    if (world.added_mass is not None or world.righting) and fish.body.sections is None:
         raise ValueError(
-            f"{fish.name!r} has no sections, along which the inertia of the water acts; give water without inertia, or "
-            "a body made with make_sections"
+            f"{fish.name!r} has no sections, on which the inertia of the water and the righting couple act; give water "
+            "without them, or a body made with make_sections"
         )
     if world.added_mass is not None and world.planes is not None:
         raise ValueError("water has no model of inertia beside walls; give water without inertia, or no planes")

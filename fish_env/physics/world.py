@@ -8,12 +8,15 @@ import numpy as np
 from fish_env.checks import finite_array, frozen, node_array, positive_array, real, representable
 from fish_env.physics.records import Anchors, World
 
+GRAVITY = 9.81  # m/s2
+RIGHTING = 0.005  # body lengths: without it, commands that differ above and below roll the fish over
 VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
 
 
 def make_water(
-    density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0), inertia=False, added_mass=(1.0, 1.0)
-) -> World:
+    density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0), inertia=False,
+    added_mass=(1.0, 1.0), righting=None,
+) -> World:  # fmt: skip
     """Still or uniformly moving water that resists outward-moving faces (docs/physics.md, eq. 11-13).
 
     Args:
@@ -26,6 +29,8 @@ def make_water(
             mass (docs/physics.md, eq. 72-78); for bodies with sections.
         added_mass: factors on the lateral and on the vertical added mass of slender-body theory, (2,), zero or
             positive; for water with inertia.
+        righting: height of the centre of buoyancy above the centre of mass, body lengths: a couple that turns the fish
+            upright. None: 0.005 for water with inertia, else zero.
 
     Raises:
         ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
@@ -40,12 +45,14 @@ def make_water(
     if inertia not in (True, False):
         raise ValueError(f"inertia is {inertia!r}; give True or False")
     heavy = real(density) * factors if inertia else None
+    height = (RIGHTING if inertia else 0.0) if righting is None else righting
+    upright = GRAVITY * float(finite_array(height, (), "righting (body lengths)"))
     if law == "linear":
-        return World(real(drag_coefficient), 0.0, flow, added_mass=heavy)
+        return World(real(drag_coefficient), 0.0, flow, added_mass=heavy, righting=upright)
     quadratic = 0.5 * real(density) * real(drag_coefficient)
     if quadratic == math.inf:
         raise ValueError(f"density {density!r} times drag_coefficient {drag_coefficient!r} is infinite; give less")
-    return World(0.0, quadratic, flow, added_mass=heavy)
+    return World(0.0, quadratic, flow, added_mass=heavy, righting=upright)
 
 
 def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:
