@@ -11,6 +11,7 @@ import numpy as np
 
 from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments
+from fish_env.bodies.outline import Outline, layers_for, read_outline
 from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.fish import Fish
@@ -125,8 +126,13 @@ class MassSpringParameters:
     """Step of the default integrator, s."""
     control_interval: float
     """Default length of an environment step, s."""
+    outline: Outline | None = None
+    """Finer stations, from which `half_depth`, `half_width` and `tail_half_span` are then taken, and all masses; None:
+    rectangular cross-sections, straight from layer to layer."""
 
     def __post_init__(self):
+        if self.outline is not None:
+            self._follow(read_outline(self.outline))
         for name, size in (
             ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
             ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6), ("damping_taper", 6),
@@ -148,6 +154,17 @@ class MassSpringParameters:
             raise ValueError(f"water_place is {self.water_place}; give fractions below 1")
         if np.any(np.array(self.contracted) >= 1):
             raise ValueError(f"contracted is {self.contracted}; give fractions below 1")
+
+    def _follow(self, outline: Outline) -> None:
+        """Take the half sides of the layers from an outline: of the rectangles that have its cross-sections' areas."""
+        layers = finite_array(self.layer_position, (5,), "layer_position")
+        object.__setattr__(self, "outline", outline)
+        object.__setattr__(self, "half_width", outline.side * outline.half_width(layers))
+        object.__setattr__(self, "half_depth", outline.side * outline.half_depth(layers))
+        object.__setattr__(self, "tail_half_span", outline.depths[-1])
+
+
+OUTLINED = ("half_depth", "half_width", "tail_half_span")
 
 
 def calibrated() -> dict:
@@ -224,7 +241,14 @@ def check_parameters(body: str, parameters: dict, own: dict | None = None) -> Ma
     for name in parameters:
         if name not in allowed:
             raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
-    return MassSpringParameters(**(calibrated() | (own or {}) | parameters))
+    standard = calibrated()
+    if parameters.get("outline") is not None:
+        for name in OUTLINED:
+            if name in parameters:
+                raise ValueError(f"{name} and an outline, which has it, are both given; give one of them")
+        outline = read_outline(parameters["outline"])
+        standard["layer_position"] = layers_for(outline, standard["layer_position"])
+    return MassSpringParameters(**(standard | (own or {}) | parameters))
 
 
 def make_mass_spring(**parameters) -> Fish:
