@@ -13,7 +13,7 @@ from moving import tiered
 
 from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.masses import outline
+from fish_env.bodies.outline import layers_of
 from fish_env.bodies.tetrahedral import make_mesh, softening
 from fish_env.physics import statics
 from fish_env.physics.body import make_body
@@ -385,8 +385,8 @@ def test_the_solid_is_as_stiff_in_bending_as_a_continuum(level):
         stress = (strain + poisson / (1 - 2 * poisson) * np.trace(strain) * np.eye(3)) / (1 + poisson)
         energy[k] += 0.5 * factor[k] * (stress * strain).sum() * abs(np.linalg.det(edges)) / 6
     share = (np.arange(6000) + 0.5) / 1000  # slices: of a rectangle 2a by 2b, I is 4 a3 b / 3
-    _, width, depth = (np.interp(share, np.arange(7), row) for row in outline(p))
-    slices = 0.5 * 4 / 3 * width**3 * depth * np.repeat(np.abs(np.diff(outline(p)[0])), 1000) / 1000
+    _, width, depth = (np.interp(share, np.arange(7), row) for row in layers_of(p))
+    slices = 0.5 * 4 / 3 * width**3 * depth * np.repeat(np.abs(np.diff(layers_of(p)[0])), 1000) / 1000
     np.testing.assert_allclose(energy, slices.reshape(6, 1000).sum(axis=1), rtol=1e-5)
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from fish_env.bodies.fitted import read_calibration
-from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments, outline
+from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments
+from fish_env.bodies.outline import Outline, layers_for, outline_of, read_outline
 from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_sections
@@ -22,7 +23,11 @@ REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this 
 
 NOSE, TAIL = 0, (21, 22)
 LAYERS = [[0], [1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20], [21, 22]]
-ENDS = [LAYERS[1], *LAYERS[1:6], [21, 21, 22, 22]]  # two upper and two lower nodes of each layer, those of the nose behind it
+ENDS = [
+    LAYERS[1],
+    *LAYERS[1:6],
+    [21, 21, 22, 22],
+]  # two upper and two lower nodes of each layer, those of the nose behind it
 LEFT = np.array([node for layer in LAYERS[1:6] for node in (layer[0], layer[3])])
 RIGHT = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])])
 CROSS, MUSCLE, OTHER = 0, 1, 2
@@ -127,8 +132,13 @@ class MassSpringParameters:
     """Step of the default integrator, s."""
     control_interval: float
     """Default length of an environment step, s."""
+    outline: Outline | None = None
+    """Finer stations, from which `half_depth`, `half_width` and `tail_half_span` are then taken, and all masses; None:
+    rectangular cross-sections, straight from layer to layer."""
 
     def __post_init__(self):
+        if self.outline is not None:
+            self._follow(read_outline(self.outline))
         for name, size in (
             ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
             ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6), ("damping_taper", 6),
@@ -150,6 +160,17 @@ class MassSpringParameters:
             raise ValueError(f"water_place is {self.water_place}; give fractions below 1")
         if np.any(np.array(self.contracted) >= 1):
             raise ValueError(f"contracted is {self.contracted}; give fractions below 1")
+
+    def _follow(self, outline: Outline) -> None:
+        """Take the half sides of the layers from an outline: of the rectangles that have its cross-sections' areas."""
+        layers = finite_array(self.layer_position, (5,), "layer_position")
+        object.__setattr__(self, "outline", outline)
+        object.__setattr__(self, "half_width", outline.side * outline.half_width(layers))
+        object.__setattr__(self, "half_depth", outline.side * outline.half_depth(layers))
+        object.__setattr__(self, "tail_half_span", outline.depths[-1])
+
+
+OUTLINED = ("half_depth", "half_width", "tail_half_span")
 
 
 def calibrated() -> dict:
@@ -226,7 +247,14 @@ def check_parameters(body: str, parameters: dict, own: dict | None = None) -> Ma
     for name in parameters:
         if name not in allowed:
             raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
-    return MassSpringParameters(**(calibrated() | (own or {}) | parameters))
+    standard = calibrated()
+    if parameters.get("outline") is not None:
+        for name in OUTLINED:
+            if name in parameters:
+                raise ValueError(f"{name} and an outline, which has it, are both given; give one of them")
+        outline = read_outline(parameters["outline"])
+        standard["layer_position"] = layers_for(outline, standard["layer_position"])
+    return MassSpringParameters(**(standard | (own or {}) | parameters))
 
 
 def make_mass_spring(**parameters) -> Fish:
@@ -245,7 +273,7 @@ def make_mass_spring(**parameters) -> Fish:
     mass = masses(p)
     body = make_body(
         position, mass, pairs, stiffness, damping, natural, faces, share=share, drag=drag,
-        sections=make_sections(position, mass, LAYERS, ENDS, outline(p)),
+        sections=make_sections(position, mass, LAYERS, ENDS, outline_of(p).stations),
     )  # fmt: skip
     return _fish("mass_spring", body, p.contracted, time_step=p.time_step, refine=REFINE, **common_fields(p))
 

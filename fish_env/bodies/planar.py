@@ -11,7 +11,8 @@ import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import fitted_parameters
-from fish_env.bodies.masses import continuum, layer_masses, match_moments, outline
+from fish_env.bodies.masses import continuum, layer_masses, match_moments
+from fish_env.bodies.outline import layers_of, outline_of
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish, Landmarks
@@ -48,12 +49,11 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     faces, section_of, height = surface(p)
     layer = np.repeat(np.arange(7), [len(set(nodes)) for nodes in NODES])[faces]
     share = tu.shares(faces, layer > section_of[:, None], np.array(p.water_place)[section_of])
-    mass, groups, rows = masses(p), [sorted(set(nodes)) for nodes in NODES], outline(p)
-    depth = 4.0 * np.concatenate([rows[2][1:2], rows[2][1:]])
+    mass, groups, whole = masses(p), [sorted(set(nodes)) for nodes in NODES], outline_of(p)
     body = make_body(
         position, mass, pairs, stiffness, relaxation * stiffness, natural, faces,
         share=share, drag=(drag * p.water_drag)[section_of], depth=height,
-        sections=make_sections(position, mass, groups, [[group[0]] * 4 for group in groups], rows, depth),
+        sections=make_sections(position, mass, groups, [[group[0]] * 4 for group in groups], whole.stations, True),
     )  # fmt: skip
     fibres, drives = muscles(section)
     segments, sides = np.repeat(np.arange(3), 4), np.tile([1, -1, -1, 1], 3)
@@ -86,7 +86,7 @@ def muscles(section) -> tuple[np.ndarray, np.ndarray]:
 def shape(p) -> np.ndarray:
     """Rest positions (12,3) m: nose at the origin, body along -x, y to the left, z zero."""
     position = np.zeros((12, 3))
-    for (left, right), x, width in zip(NODES, *outline(p)[:2], strict=True):
+    for (left, right), x, width in zip(NODES, *layers_of(p)[:2], strict=True):
         position[[left, right], 0] = x
         position[left, 1], position[right, 1] = width, -width * (left != right)
     return position
@@ -157,7 +157,7 @@ def surface(p):
 
     The faces are the flanks, and the slopes that face forward, above and below.
     """
-    faces, section, height, depth = [], [], [], outline(p)[2]
+    faces, section, height, depth = [], [], [], layers_of(p)[2]
     for k, ((a, b), (c, d)) in enumerate(pairwise(NODES)):
         front, back = depth[k], depth[k + 1]
         if a == b:  # the nose: third node twice, so that the face's force is shared as a triangle's

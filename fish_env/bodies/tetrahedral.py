@@ -1,18 +1,19 @@
 """The fish as corotational tetrahedra: a soft solid with fibres along its four edges, of which twelve are muscles.
 
-The outline is the default fish's, cut into `level` pieces a section and into 2 x `level` cells across and upward. From
-layer to layer run fibres, springs where the default fish has them along its edges: muscles, else tendons. They skip the
-nodes in between, at which a chain of springs would buckle, the sooner the finer. The material is the same at every
-level: `softening` takes off what linear elements are too stiff in bending. `benchmarks/calibration/living_fish.py`
-calibrated it to living fish.
+The outline is cut into `level` pieces a section and into 2 x `level` cells across and upward. From layer to layer run
+fibres, springs where the default fish has them along its edges: muscles, else tendons. They skip the nodes in between,
+at which a chain of springs would buckle, the sooner the finer. The material is the same at every level: `softening`
+takes off what linear elements are too stiff in bending. `benchmarks/calibration/living_fish.py` calibrated it to living
+fish.
 """
 
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import read_calibration
-from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments, outline
+from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments
 from fish_env.bodies.mesh import RULES, grid, lumped_mass
+from fish_env.bodies.outline import layers_of, outline_of, sides_of
 from fish_env.bodies.room import whole
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
@@ -50,7 +51,9 @@ def make_tetrahedral(
     pairs, stiffness, muscles = fibres(p, marks)
     natural = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)
     mass, corners = masses(p, mesh, lumping), corner_lines(mesh).T
-    sections = make_sections(mesh.position, mass, [np.unique(plane) for plane in mesh.number], corners[[1, *range(1, len(corners))]], outline(p))
+    corners = np.concatenate([corners[1:2], corners[1:]])  # a nose has no depth
+    planes = [np.unique(plane) for plane in mesh.number]
+    sections = make_sections(mesh.position, mass, planes, corners, outline_of(p).stations)
     body = make_body(
         mesh.position, mass, pairs, stiffness, p.relaxation_time * stiffness, natural,
         mesh.faces, tets=tets, sections=sections,
@@ -69,9 +72,10 @@ def make_tetrahedral(
 
 
 def make_mesh(p, level):
-    """Make the mesh of the default fish's outline; returns it and the section, 0 to 5, of each tetrahedron."""
-    at = np.arange(6 * level + 1) / level
-    along, width, depth = (np.interp(at, np.arange(7), row) for row in outline(p))
+    """Make the mesh inside the fish's outline; returns it and the section, 0 to 5, of each tetrahedron."""
+    at, (layer, *sides) = np.arange(6 * level + 1) / level, sides_of(p)
+    along = np.interp(at, np.arange(7), layers_of(p)[0])
+    width, depth = (np.interp(at, layer, side) for side in sides)
     mesh = grid(along, width, depth, 2 * level, 2 * level)
     place = np.interp(-mesh.position[mesh.tets, 0].mean(axis=1), -along, at)
     return mesh, place.astype(int)

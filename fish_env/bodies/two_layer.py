@@ -11,7 +11,8 @@ import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import fitted_parameters
-from fish_env.bodies.masses import continuum, match_moments, outline
+from fish_env.bodies.masses import continuum, match_moments
+from fish_env.bodies.outline import outline_of
 from fish_env.bodies.skins import Skin, edges_of, layer_springs
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
@@ -99,7 +100,8 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**5 * barrier_energy),
         sections=make_sections(
-            position, mass, [[*layer, *(23 + node for node in layer)] for layer in tu.LAYERS], tu.ENDS, outline(p)
+            position, mass, [[*layer, *(23 + node for node in layer)] for layer in tu.LAYERS], tu.ENDS,
+            outline_of(p).stations,
         ),
     )  # fmt: skip
 

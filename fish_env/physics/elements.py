@@ -131,7 +131,7 @@ FINE = 4000  # intervals of the integrals along the body
 
 
 @representable("a section")
-def make_sections(position, mass, groups, ends, outline, height=None) -> Sections:
+def make_sections(position, mass, groups, ends, outline, flat=False) -> Sections:
     """Sections along which the inertia of the water acts (docs/physics.md, eq. 72-78).
 
     Args:
@@ -139,9 +139,9 @@ def make_sections(position, mass, groups, ends, outline, height=None) -> Section
         mass: (N,) kg.
         groups: a list of the nodes of each section, from the head on; at least four of them, with a node each.
         ends: (K,4) two nodes at the upper and two at the lower edge of each section, which may be the same.
-        outline: stations of the body: x (S,) m, half width (S,) m and half depth (S,) m, from the head on, linear
+        outline: stations of the body: distance from the nose (S,) m, half width (S,) m and half depth (S,) m, linear
             between them.
-        height: (K,) m, the depth of the sections of a flat body; None: their ends are apart.
+        flat: True for a flat body, whose sections are upright whatever their ends.
 
     Raises:
         ValueError: for fewer than four sections, a section without nodes, or sections that are not in order.
@@ -159,16 +159,19 @@ def make_sections(position, mass, groups, ends, outline, height=None) -> Section
     place = np.array([-part @ position[group, 0] for part, group in zip(share, groups, strict=True)])
     if not (np.diff(place) > 0).all():
         raise ValueError(f"the sections lie at x = {-place} m; give them from the head to the tail")
-    x, width, depth = (finite_array(row, np.shape(outline[0]), "outline (m)") for row in outline)
-    at = np.linspace(-x[0], -x[-1], FINE + 1)
-    along = np.full(at.size, (at[-1] - at[0]) / FINE)
-    along[[0, -1]] *= 0.5
-    half = [np.interp(at, -x, row) for row in (depth, width)]
-    tents = np.array([np.interp(at, place, row) for row in np.eye(count)])
-    lateral, vertical = (tents @ (np.pi * row**2 * along) for row in half)
-    height = np.zeros(count) if height is None else positive_array(height, (count,), "height (m)")
-    rise = np.abs((position[ends] * [[1], [1], [-1], [-1]]).sum(axis=1)[:, 2]) + height
-    leverage = np.array([mass[group].sum() for group in groups]) * (x[0] - x[-1]) / rise
+    at, width, depth = (finite_array(row, np.shape(outline[0]), "outline (m)") for row in outline)
+    fine = np.linspace(at[0], at[-1], FINE + 1)
+    part = np.full(fine.size, (at[-1] - at[0]) / FINE)
+    part[[0, -1]] *= 0.5
+    tents = np.array([np.interp(fine, place, row) for row in np.eye(count)])
+    lateral, vertical = (tents @ (np.pi * np.interp(fine, at, row) ** 2 * part) for row in (depth, width))
+    height = np.full(count, at[-1] if flat else 0.0)
+    rise = position[ends[:, :2], 2].sum(axis=1) - position[ends[:, 2:], 2].sum(axis=1) + height
+    if not (rise > 0).all():
+        raise ValueError(
+            f"the ends of section {int(np.argmin(rise > 0))} are not above one another; give upper ones first"
+        )
+    leverage = np.array([mass[group].sum() for group in groups]) * (at[-1] - at[0]) / rise
     return Sections(
         np.concatenate(groups), np.cumsum([0, *map(len, groups)]), np.concatenate(share), ends, height,
         slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2), leverage,

@@ -52,7 +52,19 @@ from typing import Any
 
 from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import Kind, Pack, select, zero
-from fish_env.physics.forces import anchors, barriers, contact, gravity, green_lagrange, pressure, reactive, righting, springs, tets, water
+from fish_env.physics.forces import (
+    anchors,
+    barriers,
+    contact,
+    gravity,
+    green_lagrange,
+    pressure,
+    reactive,
+    righting,
+    springs,
+    tets,
+    water,
+)
 from fish_env.physics.records import Body, World
 
 FORCES: dict[str, ModuleType] = {

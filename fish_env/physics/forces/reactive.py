@@ -77,9 +77,7 @@ def scatter(body, k, force, f):
 def between_ends(body, values, k):
     """Sum over the upper ends of section k minus that over the lower ones."""
     ends = body.sections.ends
-    return (
-        values[INDEX(ends[k, 0])] + values[INDEX(ends[k, 1])] - values[INDEX(ends[k, 2])] - values[INDEX(ends[k, 3])]
-    )
+    return values[INDEX(ends[k, 0])] + values[INDEX(ends[k, 1])] - values[INDEX(ends[k, 2])] - values[INDEX(ends[k, 3])]
 
 
 @kernel
@@ -296,18 +294,18 @@ def solve_lagged(body, world, control, x, v, system, cache):
         mean = gather(body, load, k)
         force[INDEX(2 * k)] = sqrt(cache.m[k]) * dot(mean, cache.n[k])
         force[INDEX(2 * k + 1)] = sqrt(cache.q[k]) * dot(mean, cache.b[k])
-        for l in range(k + 1):
+        for j in range(k + 1):
             shared = zero(force)
             for p in range(first[k], first[k + 1]):
-                shared = fma(share[p], dot(columns[INDEX((l // 3) * order + nodes[p])], axis_of(l)), shared)
+                shared = fma(share[p], dot(columns[INDEX((j // 3) * order + nodes[p])], axis_of(j)), shared)
             for one in range(2):
                 for other in range(2):
-                    if l == k and other > one:
+                    if j == k and other > one:
                         continue
                     product = rooted(cache, k, one) * shared
-                    place = INDEX((2 * k + one) * size + 2 * l + other)
-                    dense[place] = dot(product, rooted(cache, l, other))
-                    if l == k and one == other:
+                    place = INDEX((2 * k + one) * size + 2 * j + other)
+                    dense[place] = dot(product, rooted(cache, j, other))
+                    if j == k and one == other:
                         dense[place] += 1.0
     solve_dense(dense, force, size)
     for k in range(count):

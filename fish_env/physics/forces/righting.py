@@ -1,4 +1,4 @@
-"""Righting couple: the weight of every section acts below its buoyancy, so that a fish that rolls or pitches turns back.
+"""Righting couple: the weight of every section acts below its buoyancy and turns the fish upright.
 
 The fish has the density of water, so that the two balance. Most living fish have their centre of buoyancy below their
 centre of mass, and stay upright by small motions of their fins (Webb 2002); the couple stands for these.

@@ -34,9 +34,7 @@ def costs(row):
 
 
 def make_work(body: Body, kind):
-    """Scratch memory of a block: the system, the nodes (K,) that are fixed along every axis with a free node, and what
-    the added mass of the body's sections needs.
-    """
+    """Scratch memory: the system, the nodes (K,) that are fixed along every axis with a free node, and for sections."""
     n, free = len(body.mass), body.inverse_mass > 0.0
     fixed = np.flatnonzero(~free[:, free.any(axis=0)].any(axis=1))
     matrix = kind.numbers(int(body.profile.start[n]))
