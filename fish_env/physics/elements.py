@@ -125,8 +125,7 @@ def make_barriers(position, faces, inner, energy) -> Barriers:
     return Barriers(nodes, np.ascontiguousarray(volume), energy)
 
 
-WAVE = 0.95  # body lengths: waves of this length have exact slopes at the sections
-NEAREST = 4  # sections from which a slope is computed
+CURVED = 0.15  # part of the parabola in the slope at the tail, the rest being the last section's
 FINE = 4000  # intervals of the integrals along the body
 
 
@@ -179,19 +178,20 @@ def make_sections(position, mass, groups, ends, outline, flat=False) -> Sections
 
 
 def slopes(place: np.ndarray) -> np.ndarray:
-    """Weights (K,K) of values at places (K,) m in their derivatives there, 1/m.
+    """Weights (K,3) of the three nearest of places (K,) m in the slope at each, 1/m.
 
-    They are exact for straight lines and for waves of WAVE body lengths, whose amplitude may grow linearly: a slope at
-    the tail is one-sided, and with polynomials the thrust of a swimming wave would be several times less exact.
+    Inside, they are those of a parabola. At the tail, the last section alone would delay a swimming wave and a parabola
+    would advance it: CURVED of one with the rest of the other gives waves of 0.8 to 1.2 body lengths the thrust that
+    they have, and cannot become singular where the tail folds.
     """
-    count, found = min(NEAREST, place.size), np.zeros((place.size, place.size))
-    wave = 2.0 * np.pi / (WAVE * (place[-1] - place[0]))
+    found = np.zeros((place.size, 3))
     for k in range(place.size):
-        begin = min(max(k - count // 2, 0), place.size - count)
-        near = np.arange(begin, begin + count)
-        s = wave * (place[near] - place[k])
-        rows = [np.ones(count), s, np.cos(s) - 1.0, np.sin(s) - s, s * np.cos(s) - s, s * np.sin(s)][:count]
-        found[k, near] = wave * np.linalg.solve(np.array(rows), np.eye(count)[1])
+        begin = min(max(k - 1, 0), place.size - 3)
+        a, b, c = place[begin : begin + 3] - place[k]
+        found[k] = [-(b + c) / ((a - b) * (a - c)), -(a + c) / ((b - a) * (b - c)), -(a + b) / ((c - a) * (c - b))]
+    first, last = place[1] - place[0], place[-1] - place[-2]
+    found[0] = [-1.0 / first, 1.0 / first, 0.0]
+    found[-1] = CURVED * found[-1] + (1.0 - CURVED) * np.array([0.0, -1.0 / last, 1.0 / last])
     return found
 
 

@@ -83,7 +83,7 @@ def _check_sections(sections, n: int) -> None:
     check_numbers("sections.ends", sections.ends, (k, 4), n)
     if sections.first[0] or sections.first[-1] != p or (np.diff(sections.first) < 1).any():
         raise ValueError(f"sections.first is {sections.first}; give where each one's nodes begin, and where all end")
-    _check_floats("sections", sections, k, {"height": (), "slope": (k,), "lateral": (), "vertical": (),
+    _check_floats("sections", sections, k, {"height": (), "slope": (3,), "lateral": (), "vertical": (),
                                             "leverage": ()})  # fmt: skip
     _check_floats("sections", sections, p, {"share": ()})
     finite_array(sections.trailing, (), "trailing of sections (m2)")

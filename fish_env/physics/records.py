@@ -81,7 +81,7 @@ class Sections(NamedTuple):
     share: np.ndarray  # (P,) part of a section's mass that each of its nodes has
     ends: np.ndarray  # (K,4) two nodes at the upper edge, two at the lower one
     height: np.ndarray  # (K,) m, added to the sum of the upward distances between the ends: of a flat body
-    slope: np.ndarray  # (K,K) weights of the centres in the derivative of their line with respect to the length, 1/m
+    slope: np.ndarray  # (K,3) weights of the three nearest centres in the derivative along their line, 1/m
     lateral: np.ndarray  # (K,) volume of water that moves with each section sideways, m3
     vertical: np.ndarray  # (K,) upward, m3
     trailing: float  # lateral volume per length at the trailing edge, m2

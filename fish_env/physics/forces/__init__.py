@@ -104,7 +104,8 @@ def has_cache(name: str) -> bool:
 
 
 KERNELS = ("add_force", "add_force_cached", "add_tangent", "add_change", "add_system", "add_damping", "add_lagged",
-           "add_reaction", "add_inertia", "solve_lagged", "energy", "failed", "constrain", "decay", "finish")  # fmt: skip
+           "add_reaction", "add_inertia", "solve_lagged", "energy", "failed", "constrain", "decay",
+           "finish")  # fmt: skip
 COMPILED = (*KERNELS, "make_cache", "FAILURE", "JUMPS", "ANYWHERE")
 """Attributes of a force on which compiled sums depend."""
 

@@ -21,6 +21,7 @@ from fish_env.physics.linalg import ldlt
 from fish_env.physics.records import Body, World
 
 ANYWHERE = True
+TURNING = 0.3  # strain whose steps are as inaccurate as those of a turn of 1 rad
 ROUNDS = 1  # of the iteration for the velocities at the middle of a kick
 TINY = 1e-30  # m2/s2, so that a tail at rest divides by no zero
 
@@ -48,7 +49,7 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     )  # fmt: skip
     numbers = ("per_length", "per_rise", "nn", "nb", "bn", "bb", "m", "q")
     return Pack(
-        "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn),
+        "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), wake=kind.vectors(1),
         **{name: kind.vectors(count) for name in vectors}, **{name: kind.numbers(count) for name in numbers},
     )  # fmt: skip
 
@@ -81,13 +82,16 @@ def between_ends(body, values, k):
 
 
 @kernel
+def nearest(body, k):
+    """First of the three sections from which the slope at section k is computed."""
+    return INDEX(min(max(k - 1, 0), body.sections.slope.shape[0] - 3))
+
+
+@kernel
 def along(body, values, k):
     """Derivative of values (K,) of the sections along the body, at section k."""
-    slope = body.sections.slope
-    found = slope[k, 0] * values[0]
-    for j in range(1, values.size):
-        found = fma(slope[k, INDEX(j)], values[INDEX(j)], found)
-    return found
+    slope, j = body.sections.slope, nearest(body, k)
+    return fma(slope[k, 2], values[j + INDEX(2)], fma(slope[k, 1], values[j + INDEX(1)], slope[k, 0] * values[j]))
 
 
 @kernel
@@ -141,11 +145,11 @@ def set_rates(body, cache):
 
 @kernel
 def push(body, world, control, cache, force, twist):
-    """Compute the terms of second degree in the velocities, and the shedding: a force on each section, and a twist.
+    """Compute the terms of second degree in the velocities: a force on each section, and a twist.
 
     A twist acts on the upper ends, and with the opposite sign on the lower ones.
     """
-    slope, last = body.sections.slope, cache.n.size - 1
+    slope = body.sections.slope
     for k in range(cache.n.size):
         force[k] = zero(force)
     for k in range(cache.n.size):
@@ -158,16 +162,32 @@ def push(body, world, control, cache, force, twist):
         ahead = cross(cache.rise[k], side) + cross(upward, n)
         ahead = cache.per_length[k] * fma(-dot(ahead, t), t, ahead)  # (76)
         twist[k] = cross(side, t)
-        if k == last:
-            shed = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing
-            u = dot(speed, t)
-            u = select(u < 0.0, u, 0.0 * u)
-            swing = sqrt(fma(u, u, w * w) + TINY)
-            own = fma((shed * u) * w, n, own)  # (77)
-            own = fma((0.5 * shed) * (w * w) * (u / swing), t, own)
         force[k] = own
-        for j in range(cache.n.size):
-            force[INDEX(j)] = fma(slope[k, INDEX(j)], ahead, force[INDEX(j)])
+        j = nearest(body, k)
+        for m in range(3):
+            force[j + INDEX(m)] = fma(slope[k, INDEX(m)], ahead, force[j + INDEX(m)])
+
+
+@kernel
+def shed(body, world, control, cache):
+    """Force on the last section by the momentum that its trailing edge sheds while it moves forward, and its slope.
+
+    The slope is minus the derivative of the force along n with respect to w.
+    """
+    last = INDEX(cache.n.size - 1)
+    t, n, speed = cache.t[last], cache.n[last], cache.speed[last]
+    w, u = dot(speed, n), dot(speed, t)
+    slope = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing * select(u < 0.0, -u, 0.0 * u)
+    swing = sqrt(fma(u, u, w * w) + TINY)
+    return fma(-slope * w, n, (-0.5 * slope * (w * w) / swing) * t), slope  # (77)
+
+
+@kernel
+def yielding(cache):
+    """Velocity, m/s, that the last section gains sideways in 1 s from 1 N along n, against its added mass."""
+    last = INDEX(cache.n.size - 1)
+    n = cache.n[last]
+    return dot(n, accelerated(cache, last, n))
 
 
 @kernel
@@ -189,6 +209,30 @@ def add_force(body, world, control, x, v, f, cache):
     set_frames(body, world, control, x, cache)
     set_speeds(body, world, control, v, cache)
     push(body, world, control, cache, cache.force, cache.twist)
+    wake, _ = shed(body, world, control, cache)
+    scatter(body, cache.n.size - 1, wake, f)
+    scatter_all(body, cache.force, cache.twist, f)
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """Add the same force, and store it for `add_change`.
+
+    Shedding that would stop the tail within half a step is limited to what stops it, as the drag of a face is.
+    """
+    half = 0.5 * control.plans[control.row[0], H]
+    set_frames(body, world, control, x, cache)
+    set_speeds(body, world, control, v, cache)
+    push(body, world, control, cache, cache.force, cache.twist)
+    fastest = control.fastest[0]
+    for k in range(cache.n.size):
+        fast = TURNING * sqrt(dot(cache.td[k], cache.td[k]) + dot(cache.nd[k], cache.nd[k]))
+        fastest = select(fast > fastest, fast, fastest)
+    control.fastest[0] = fastest
+    wake, slope = shed(body, world, control, cache)
+    stopping = half * slope * yielding(cache)
+    cache.wake[0] = select(stopping > 1.0, 1.0 / stopping, 1.0) * wake
+    scatter(body, cache.n.size - 1, cache.wake[0], f)
     scatter_all(body, cache.force, cache.twist, f)
 
 
@@ -196,7 +240,8 @@ def add_force(body, world, control, x, v, f, cache):
 def add_change(body, world, control, x, v, f, cache):
     """Add the change of the force when the velocities become v, half a step later, at the stored frames.
 
-    The change itself changes those velocities, for which the sections account by ROUNDS iterations.
+    The change itself changes those velocities: the sections account for that by ROUNDS iterations, and the shedding is
+    implicit, as if it were the only force on the tail.
     """
     half = 0.5 * control.plans[control.row[0], H]
     set_speeds(body, world, control, v, cache)
@@ -212,6 +257,8 @@ def add_change(body, world, control, x, v, f, cache):
         push(body, world, control, cache, cache.later, cache.bend)
     for k in range(cache.n.size):
         cache.later[k], cache.bend[k] = cache.later[k] - cache.force[k], cache.bend[k] - cache.twist[k]
+    wake, slope = shed(body, world, control, cache)
+    scatter(body, cache.n.size - 1, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (78)
     scatter_all(body, cache.later, cache.bend, f)
 
 
@@ -233,7 +280,7 @@ def accelerated(cache, k, force):
 @kernel
 def add_reaction(body, world, control, x, v, f, cache):
     """Add to the sum f of all other forces the resistance to the acceleration that results, with the stored frames."""
-    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
+    nodes, first = body.sections.nodes, body.sections.first
     for k in range(cache.n.size):
         start = first[k]
         a = cache.carry[start] * f[INDEX(nodes[start])]
