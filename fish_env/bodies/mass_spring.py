@@ -23,11 +23,7 @@ REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this 
 
 NOSE, TAIL = 0, (21, 22)
 LAYERS = [[0], [1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20], [21, 22]]
-ENDS = [
-    LAYERS[1],
-    *LAYERS[1:6],
-    [21, 21, 22, 22],
-]  # two upper and two lower nodes of each layer, those of the nose behind it
+EDGES = [[node for layer in LAYERS[1:6] for node in layer[k : k + 2]] for k in (0, 2)]  # upper and lower nodes
 LEFT = np.array([node for layer in LAYERS[1:6] for node in (layer[0], layer[3])])
 RIGHT = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])])
 CROSS, MUSCLE, OTHER = 0, 1, 2
@@ -273,7 +269,7 @@ def make_mass_spring(**parameters) -> Fish:
     mass = masses(p)
     body = make_body(
         position, mass, pairs, stiffness, damping, natural, faces, share=share, drag=drag,
-        sections=make_sections(position, mass, LAYERS, ENDS, outline_of(p).stations),
+        sections=make_sections(position, mass, LAYERS, EDGES, outline_of(p).stations),
     )  # fmt: skip
     return _fish("mass_spring", body, p.contracted, time_step=p.time_step, refine=REFINE, **common_fields(p))
 

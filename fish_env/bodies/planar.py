@@ -53,7 +53,7 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     body = make_body(
         position, mass, pairs, stiffness, relaxation * stiffness, natural, faces,
         share=share, drag=(drag * p.water_drag)[section_of], depth=height,
-        sections=make_sections(position, mass, groups, [[group[0]] * 4 for group in groups], whole.stations, True),
+        sections=make_sections(position, mass, groups, [[0], [0]], whole.stations, True),
     )  # fmt: skip
     fibres, drives = muscles(section)
     segments, sides = np.repeat(np.arange(3), 4), np.tile([1, -1, -1, 1], 3)

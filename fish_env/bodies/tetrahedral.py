@@ -50,10 +50,9 @@ def make_tetrahedral(
     marks = landmarks(mesh, level, tu.masses(p))
     pairs, stiffness, muscles = fibres(p, marks)
     natural = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)
-    mass, corners = masses(p, mesh, lumping), corner_lines(mesh).T
-    corners = np.concatenate([corners[1:2], corners[1:]])  # a nose has no depth
+    mass, edges = masses(p, mesh, lumping), corner_lines(mesh)[:, 1:-1].reshape(2, -1)
     planes = [np.unique(plane) for plane in mesh.number]
-    sections = make_sections(mesh.position, mass, planes, corners, outline_of(p).stations)
+    sections = make_sections(mesh.position, mass, planes, edges, outline_of(p).stations)
     body = make_body(
         mesh.position, mass, pairs, stiffness, p.relaxation_time * stiffness, natural,
         mesh.faces, tets=tets, sections=sections,

@@ -100,7 +100,7 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**5 * barrier_energy),
         sections=make_sections(
-            position, mass, [[*layer, *(23 + node for node in layer)] for layer in tu.LAYERS], tu.ENDS,
+            position, mass, [[*layer, *(23 + node for node in layer)] for layer in tu.LAYERS], tu.EDGES,
             outline_of(p).stations,
         ),
     )  # fmt: skip

@@ -130,17 +130,17 @@ FINE = 4000  # intervals of the integrals along the body
 
 
 @representable("a section")
-def make_sections(position, mass, groups, ends, outline, flat=False) -> Sections:
+def make_sections(position, mass, groups, edges, outline, flat=False) -> Sections:
     """Sections along which the inertia of the water acts (docs/physics.md, eq. 72-78).
 
     Args:
         position: (N,3) m, the head forward of the tail.
         mass: (N,) kg.
         groups: a list of the nodes of each section, from the head on; at least four of them, with a node each.
-        ends: (K,4) two nodes at the upper and two at the lower edge of each section, which may be the same.
+        edges: nodes along the upper and the lower edge of the trunk, (2,U), which show where up is.
         outline: stations of the body: distance from the nose (S,) m, half width (S,) m and half depth (S,) m, linear
             between them.
-        flat: True for a flat body, whose sections are upright whatever their ends.
+        flat: True for a flat body, whose edges are one and whose sections are upright.
 
     Raises:
         ValueError: for fewer than four sections, a section without nodes, or sections that are not in order.
@@ -153,7 +153,7 @@ def make_sections(position, mass, groups, ends, outline, flat=False) -> Sections
     for k, group in enumerate(groups):
         if not group.size or np.unique(group).size != group.size:
             raise ValueError(f"section {k} has the nodes {group.tolist()}; give at least one, and each once")
-    ends = node_array(ends, 4, len(mass), "ends of the sections")
+    upper, lower = node_array(np.transpose(edges), 2, len(mass), "edges of the sections").T.copy()
     share = [mass[group] / mass[group].sum() for group in groups]
     place = np.array([-part @ position[group, 0] for part, group in zip(share, groups, strict=True)])
     if not (np.diff(place) > 0).all():
@@ -164,16 +164,14 @@ def make_sections(position, mass, groups, ends, outline, flat=False) -> Sections
     part[[0, -1]] *= 0.5
     tents = np.array([np.interp(fine, place, row) for row in np.eye(count)])
     lateral, vertical = (tents @ (np.pi * np.interp(fine, at, row) ** 2 * part) for row in (depth, width))
-    height = np.full(count, at[-1] if flat else 0.0)
-    rise = position[ends[:, :2], 2].sum(axis=1) - position[ends[:, 2:], 2].sum(axis=1) + height
-    if not (rise > 0).all():
-        raise ValueError(
-            f"the ends of section {int(np.argmin(rise > 0))} are not above one another; give upper ones first"
-        )
-    leverage = np.array([mass[group].sum() for group in groups]) * (at[-1] - at[0]) / rise
+    height = float(at[-1]) if flat else 0.0
+    rise = float((position[upper] - position[lower])[:, 2].sum()) + height
+    if not rise > 0:
+        raise ValueError("the upper edge of the sections is not above the lower one; exchange them")
     return Sections(
-        np.concatenate(groups), np.cumsum([0, *map(len, groups)]), np.concatenate(share), ends, height,
-        slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2), leverage,
+        np.concatenate(groups), np.cumsum([0, *map(len, groups)]), np.concatenate(share), upper, lower,
+        height, slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2),
+        float(mass.sum() * (at[-1] - at[0]) / rise),
     )  # fmt: skip
 
 

@@ -80,13 +80,14 @@ def _check_sections(sections, n: int) -> None:
     k, p = len(sections.lateral), len(sections.nodes)
     check_numbers("sections.nodes", sections.nodes, (None,), n)
     check_numbers("sections.first", sections.first, (k + 1,), p + 1)
-    check_numbers("sections.ends", sections.ends, (k, 4), n)
+    check_numbers("sections.upper", sections.upper, (None,), n)
+    check_numbers("sections.lower", sections.lower, np.shape(sections.upper), n)
     if sections.first[0] or sections.first[-1] != p or (np.diff(sections.first) < 1).any():
         raise ValueError(f"sections.first is {sections.first}; give where each one's nodes begin, and where all end")
-    _check_floats("sections", sections, k, {"height": (), "slope": (3,), "lateral": (), "vertical": (),
-                                            "leverage": ()})  # fmt: skip
+    _check_floats("sections", sections, k, {"slope": (3,), "lateral": (), "vertical": ()})
     _check_floats("sections", sections, p, {"share": ()})
-    finite_array(sections.trailing, (), "trailing of sections (m2)")
+    for name in ("height", "trailing", "leverage"):
+        finite_array(getattr(sections, name), (), f"{name} of the sections")
 
 
 def check_world(world: World, nodes: int) -> None:

@@ -79,13 +79,14 @@ class Sections(NamedTuple):
     nodes: np.ndarray  # (P,) nodes of all sections, one section after the other
     first: np.ndarray  # (K+1,) index of each section's first node, and the end of the last one's
     share: np.ndarray  # (P,) part of a section's mass that each of its nodes has
-    ends: np.ndarray  # (K,4) two nodes at the upper edge, two at the lower one
-    height: np.ndarray  # (K,) m, added to the sum of the upward distances between the ends: of a flat body
+    upper: np.ndarray  # (U,) nodes along the upper edge of the trunk, above those of `lower`: they show which way is up
+    lower: np.ndarray  # (U,)
+    height: float  # m, added to the sum of their distances upward: of a flat body, whose edges are one
     slope: np.ndarray  # (K,3) weights of the three nearest centres in the derivative along their line, 1/m
     lateral: np.ndarray  # (K,) volume of water that moves with each section sideways, m3
     vertical: np.ndarray  # (K,) upward, m3
     trailing: float  # lateral volume per length at the trailing edge, m2
-    leverage: np.ndarray  # (K,) kg, mass of each section times the length of the body over the distance of its ends
+    leverage: float  # kg, mass times length of the body over the sum of the distances between its edges
 
 
 class Body(NamedTuple):

@@ -34,22 +34,18 @@ def present(body: Body, world: World) -> bool:
 def make_cache(body: Body, world: World, kind) -> Pack:
     """Frames of the sections, their velocities, forces and mobilities; factors of `solve_lagged`."""
     assert body.sections is not None  # else the force is not present
-    nodes, first, share, ends, *_ = body.sections
-    count = len(first) - 1
+    nodes, first, share, upper, lower, *_ = body.sections
+    count, edges = len(first) - 1, np.concatenate([upper, lower])
     carry = share[:, None] * body.inverse_mass[nodes]
     give = np.add.reduceat(share[:, None] * carry, first[:-1])
-    turn = np.zeros((count, 3))
-    for k in range(count):
-        for node in np.unique(ends[k]):
-            twice = (ends[k, :2] == node).sum() - (ends[k, 2:] == node).sum()
-            turn[k] += float(twice**2) * body.inverse_mass[node]
+    turn = body.inverse_mass[edges].sum(axis=0, keepdims=True)
     vectors = (
-        "middle", "speed", "rise", "climb", "t", "n", "b", "td", "nd", "bd", "force", "twist", "later", "bend",
-        "speed_ahead", "climb_ahead",
+        "middle", "speed", "t", "n", "b", "td", "nd", "bd", "force", "later", "speed_ahead",
     )  # fmt: skip
     numbers = ("per_length", "per_rise", "nn", "nb", "bn", "bb", "m", "q")
     return Pack(
-        "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), wake=kind.vectors(1),
+        "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), advance=kind.numbers(1),
+        **{name: kind.vectors(1) for name in ("rise", "climb", "twist", "bend", "climb_ahead", "wake")},
         **{name: kind.vectors(count) for name in vectors}, **{name: kind.numbers(count) for name in numbers},
     )  # fmt: skip
 
@@ -75,10 +71,13 @@ def scatter(body, k, force, f):
 
 
 @kernel
-def between_ends(body, values, k):
-    """Sum over the upper ends of section k minus that over the lower ones."""
-    ends = body.sections.ends
-    return values[INDEX(ends[k, 0])] + values[INDEX(ends[k, 1])] - values[INDEX(ends[k, 2])] - values[INDEX(ends[k, 3])]
+def between_edges(body, values):
+    """Sum over the nodes at the upper edge minus that over those at the lower edge."""
+    upper, lower = body.sections.upper, body.sections.lower
+    found = values[INDEX(upper[0])] - values[INDEX(lower[0])]
+    for p in range(1, upper.size):
+        found += values[INDEX(upper[p])] - values[INDEX(lower[p])]
+    return found
 
 
 @kernel
@@ -100,12 +99,13 @@ def set_frames(body, world, control, x, cache):
     sections, light = body.sections, control.lightness[0]
     for k in range(cache.n.size):
         cache.middle[k] = gather(body, x, k)
-        cache.rise[k] = between_ends(body, x, k) + vec3(0.0, 0.0, sections.height[k])
+    rise = between_edges(body, x) + vec3(0.0, 0.0, sections.height)
+    cache.rise[0] = rise
     for k in range(cache.n.size):
         tangent = along(body, cache.middle, k)
         per_length = 1.0 / sqrt(dot(tangent, tangent))
         t = per_length * tangent
-        side = cross(t, cache.rise[k])
+        side = cross(t, rise)
         per_rise = 1.0 / sqrt(dot(side, side))
         n = per_rise * side
         b = cross(n, t)
@@ -127,7 +127,7 @@ def set_speeds(body, world, control, v, cache):
     current = world.current[0] + control.current[0]
     for k in range(cache.n.size):
         cache.speed[k] = gather(body, v, k) - current
-        cache.climb[k] = between_ends(body, v, k)
+    cache.climb[0] = between_edges(body, v)
     set_rates(body, cache)
 
 
@@ -138,18 +138,18 @@ def set_rates(body, cache):
         t, n = cache.t[k], cache.n[k]
         change = along(body, cache.speed, k)
         td = cache.per_length[k] * fma(-dot(change, t), t, change)
-        change = cross(td, cache.rise[k]) + cross(t, cache.climb[k])
+        change = cross(td, cache.rise[0]) + cross(t, cache.climb[0])
         nd = cache.per_rise[k] * fma(-dot(change, n), n, change)
         cache.td[k], cache.nd[k], cache.bd[k] = td, nd, cross(nd, t) + cross(n, td)
 
 
 @kernel
 def push(body, world, control, cache, force, twist):
-    """Compute the terms of second degree in the velocities: a force on each section, and a twist.
+    """Compute the terms of second degree in the velocities: a force on each section, and a twist (1,) of the body.
 
-    A twist acts on the upper ends, and with the opposite sign on the lower ones.
+    The twist acts on the nodes at the upper edge, and with the opposite sign on those at the lower one.
     """
-    slope = body.sections.slope
+    slope, turned = body.sections.slope, zero(twist)
     for k in range(cache.n.size):
         force[k] = zero(force)
     for k in range(cache.n.size):
@@ -159,13 +159,14 @@ def push(body, world, control, cache, force, twist):
         upward = (q * y) * speed
         side = fma(m * w, speed, cross(t, upward))
         side = cache.per_rise[k] * fma(-dot(side, n), n, side)
-        ahead = cross(cache.rise[k], side) + cross(upward, n)
+        ahead = cross(cache.rise[0], side) + cross(upward, n)
         ahead = cache.per_length[k] * fma(-dot(ahead, t), t, ahead)  # (76)
-        twist[k] = cross(side, t)
+        turned += cross(side, t)
         force[k] = own
         j = nearest(body, k)
         for m in range(3):
             force[j + INDEX(m)] = fma(slope[k, INDEX(m)], ahead, force[j + INDEX(m)])
+    twist[0] = turned
 
 
 @kernel
@@ -192,15 +193,13 @@ def yielding(cache):
 
 @kernel
 def scatter_all(body, force, twist, f):
-    """Distribute the forces and twists of the sections over the nodes."""
-    ends = body.sections.ends
+    """Distribute the forces of the sections and the twist over the nodes."""
+    upper, lower, z = body.sections.upper, body.sections.lower, twist[0]
     for k in range(force.size):
         scatter(body, k, force[k], f)
-        z = twist[k]
-        f[INDEX(ends[k, 0])] += z
-        f[INDEX(ends[k, 1])] += z
-        f[INDEX(ends[k, 2])] -= z
-        f[INDEX(ends[k, 3])] -= z
+    for p in range(upper.size):
+        f[INDEX(upper[p])] += z
+        f[INDEX(lower[p])] -= z
 
 
 @kernel
@@ -231,6 +230,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
     control.fastest[0] = fastest
     wake, slope = shed(body, world, control, cache)
     stopping = half * slope * yielding(cache)
+    cache.advance[0] = dot(cache.speed[INDEX(cache.n.size - 1)], cache.t[INDEX(cache.n.size - 1)])
     cache.wake[0] = select(stopping > 1.0, 1.0 / stopping, 1.0) * wake
     scatter(body, cache.n.size - 1, cache.wake[0], f)
     scatter_all(body, cache.force, cache.twist, f)
@@ -246,17 +246,21 @@ def add_change(body, world, control, x, v, f, cache):
     half = 0.5 * control.plans[control.row[0], H]
     set_speeds(body, world, control, v, cache)
     push(body, world, control, cache, cache.later, cache.bend)
+    cache.climb_ahead[0] = cache.climb[0]
     for k in range(cache.n.size):
-        cache.speed_ahead[k], cache.climb_ahead[k] = cache.speed[k], cache.climb[k]
+        cache.speed_ahead[k] = cache.speed[k]
     for _ in range(ROUNDS):
         for k in range(cache.n.size):
-            change, turn = cache.later[k] - cache.force[k], cache.bend[k] - cache.twist[k]
-            cache.speed[k] = fma(half, accelerated(cache, k, change), cache.speed_ahead[k])
-            cache.climb[k] = fma(half, cache.turn[k] * turn, cache.climb_ahead[k])
+            cache.speed[k] = fma(half, accelerated(cache, k, cache.later[k] - cache.force[k]), cache.speed_ahead[k])
+        cache.climb[0] = fma(half, cache.turn[0] * (cache.bend[0] - cache.twist[0]), cache.climb_ahead[0])
         set_rates(body, cache)
         push(body, world, control, cache, cache.later, cache.bend)
     for k in range(cache.n.size):
-        cache.later[k], cache.bend[k] = cache.later[k] - cache.force[k], cache.bend[k] - cache.twist[k]
+        cache.later[k] = cache.later[k] - cache.force[k]
+    cache.bend[0] = cache.bend[0] - cache.twist[0]
+    last = INDEX(cache.n.size - 1)
+    t, speed = cache.t[last], cache.speed[last]
+    cache.speed[last] = fma(cache.advance[0] - dot(speed, t), t, speed)
     wake, slope = shed(body, world, control, cache)
     scatter(body, cache.n.size - 1, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (78)
     scatter_all(body, cache.later, cache.bend, f)
