@@ -164,13 +164,15 @@ def make_sections(position, mass, groups, edges, outline, flat=False) -> Section
     part[[0, -1]] *= 0.5
     tents = np.array([np.interp(fine, place, row) for row in np.eye(count)])
     lateral, vertical = (tents @ (np.pi * np.interp(fine, at, row) ** 2 * part) for row in (depth, width))
+    between = np.concatenate([at[:1], 0.5 * (place[1:] + place[:-1]), at[-1:]])
+    narrowing = np.maximum(0.0, -np.diff(np.pi * np.interp(between, at, width) ** 2))
     height = float(at[-1]) if flat else 0.0
     rise = float((position[upper] - position[lower])[:, 2].sum()) + height
     if not rise > 0:
         raise ValueError("the upper edge of the sections is not above the lower one; exchange them")
     return Sections(
         np.concatenate(groups), np.cumsum([0, *map(len, groups)]), np.concatenate(share), upper, lower,
-        height, slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2),
+        height, slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2), narrowing,
         float(mass.sum() * (at[-1] - at[0]) / rise),
     )  # fmt: skip
 

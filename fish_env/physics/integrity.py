@@ -84,7 +84,7 @@ def _check_sections(sections, n: int) -> None:
     check_numbers("sections.lower", sections.lower, np.shape(sections.upper), n)
     if sections.first[0] or sections.first[-1] != p or (np.diff(sections.first) < 1).any():
         raise ValueError(f"sections.first is {sections.first}; give where each one's nodes begin, and where all end")
-    _check_floats("sections", sections, k, {"slope": (3,), "lateral": (), "vertical": ()})
+    _check_floats("sections", sections, k, {"slope": (3,), "lateral": (), "vertical": (), "narrowing": ()})
     _check_floats("sections", sections, p, {"share": ()})
     for name in ("height", "trailing", "leverage"):
         finite_array(getattr(sections, name), (), f"{name} of the sections")

@@ -86,6 +86,7 @@ class Sections(NamedTuple):
     lateral: np.ndarray  # (K,) volume of water that moves with each section sideways, m3
     vertical: np.ndarray  # (K,) upward, m3
     trailing: float  # lateral volume per length at the trailing edge, m2
+    narrowing: np.ndarray  # (K,) m2, loss of vertical volume per length at each section, which the flow leaves behind
     leverage: float  # kg, mass times length of the body over the sum of the distances between its edges
 
 

@@ -9,7 +9,7 @@ from fish_env.checks import finite_array, frozen, node_array, positive_array, re
 from fish_env.physics.records import Anchors, World
 
 GRAVITY = 9.81  # m/s2
-RIGHTING = 0.01  # body lengths: without it, commands that differ above and below roll the fish over
+RIGHTING = 0.005  # body lengths: without it, commands that differ above and below roll the fish over
 VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
 
 
@@ -30,7 +30,7 @@ def make_water(
         added_mass: factors on the lateral and on the vertical added mass of slender-body theory, (2,), zero or
             positive; for water with inertia.
         righting: height of the centre of buoyancy above the centre of mass, body lengths: a couple that turns the fish
-            upright. None: 0.01 for water with inertia, else zero.
+            upright. None: 0.005 for water with inertia, else zero.
 
     Raises:
         ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.

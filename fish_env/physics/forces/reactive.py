@@ -156,6 +156,9 @@ def push(body, world, control, cache, force, twist):
         t, n, b, nd, bd, speed = cache.t[k], cache.n[k], cache.b[k], cache.nd[k], cache.bd[k], cache.speed[k]
         m, q, w, y = cache.m[k], cache.q[k], dot(speed, n), dot(speed, b)
         own = force[k] - fma(m * dot(speed, nd), n, (m * w) * nd) - fma(q * dot(speed, bd), b, (q * y) * bd)  # (75)
+        lost = (control.lightness[0] * world.added_mass[1]) * body.sections.narrowing[k]
+        u = dot(speed, t)
+        own = fma((lost * select(u < 0.0, u, 0.0 * u)) * y, b, own)  # (77)
         upward = (q * y) * speed
         side = fma(m * w, speed, cross(t, upward))
         side = cache.per_rise[k] * fma(-dot(side, n), n, side)
