@@ -14,6 +14,7 @@ from moving import tiered
 from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.outline import layers_of
+from fish_env.bodies.sizes import slowness
 from fish_env.bodies.tetrahedral import make_mesh, softening
 from fish_env.envs.variation import vary
 from fish_env.physics import statics
@@ -296,7 +297,7 @@ def test_motion_scales_with_length(method):
     if INTEGRATORS[method].kind == "adaptive":
         allowed = 1e-6  # they err by 1e-10 a step, which this motion magnifies a thousandfold
     tanks = [Tank(fish, 1, method, dt, make_water(current=(0.1 * fish.length, 0, 0))) for fish in (short, long)]
-    vary(tanks[0], 0, {"length": 1.5})
+    vary(tanks[0], 0, {"length": 1.5, "contraction_time": slowness(1.5)})
     for action in np.random.default_rng(1).uniform(-1, 1, (16, 12)):
         for tank in tanks:
             tank.swim(action, short.control_interval)

@@ -1,7 +1,7 @@
 """Sizes: a fish of another length than 0.2 m has the same tissue, and slower or faster muscles.
 
 Density, Young's modulus, contracted lengths and relaxation times are the same at every length L. So the stiffness of a
-spring grows as L, while masses grow as L^3 and its natural frequencies fall as 1/L (docs/physics.md, eq. 72).
+spring grows as L, while masses grow as L^3 and its natural frequencies fall as 1/L (docs/physics.md, eq. 73).
 """
 
 import math
@@ -15,7 +15,7 @@ SLOWNESS = 0.52  # exponent of the time of a muscle's cycle in the fish's length
 
 def slowness(ratio: float) -> float:
     """Return by what the time that a contraction takes is longer in a fish that is longer by a ratio."""
-    return ratio**SLOWNESS  # (73)
+    return ratio**SLOWNESS  # (74)
 
 
 def step_parts(length: float) -> int:

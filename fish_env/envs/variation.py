@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.bodies.sizes import slowness
 from fish_env.physics.tank import Tank
 from fish_env.tasks.options import Option
 from fish_env.tasks.start import POSE_OPTIONS
@@ -61,13 +60,12 @@ def vary(tank: Tank[Fish], i: int, values: Mapping[str, float]) -> None:
     """Give fish i of the tank the body and the water of these values; values without a name are the original ones.
 
     Counted in its own lengths, a fish of r times the length and the same tissue moves as one whose springs have 1/r^2
-    times the stiffness and damping: theirs grow as r, but mass times acceleration and drag as r^4. Its muscles are as
-    much slower as those of `make_fish(length=...)` (docs/physics.md, eq. 72 and 73).
+    times the stiffness and damping: theirs grow as r, but mass times acceleration and drag as r^4 (docs/physics.md, eq.
+    73). Muscles stay as fast, since a key changes one thing: `make_fish(length=...)` slows them by r^0.52 (eq. 74).
     """
     names = ("stiffness", "mass", "drag", "strength", "contraction_time")
     factors = {name: values[name] for name in names if name in values}
     if "length" in values:
         factors["stiffness"] = factors.get("stiffness", 1.0) / values["length"] ** 2
-        factors["contraction_time"] = factors.get("contraction_time", 1.0) * slowness(values["length"])
     heading, speed = values.get("current_heading", 0.0), values.get("current", 0.0) * tank.fish.length
     tank.vary(i, **factors, current=(speed * np.cos(heading), speed * np.sin(heading), 0.0))
