@@ -1,14 +1,18 @@
 """Outlines: shape, masses and refusals of every body that is built from a table of stations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fish_env import make_fish
+from fish_env import Tank, make_fish
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies import masses
+from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.outline import layers_of, outline_of, read_outline
+from fish_env.control.gait import best_gait
 
 BODIES = [("mass_spring", {}), ("planar", {}), ("two_layer", {}), ("tetrahedral", {}), ("tetrahedral", {"level": 2})]
 BARREL = [(0.0, 0.02, 0.03), (0.25, 0.07, 0.06), (0.6, 0.06, 0.09), (1.0, 0.01, 0.05)]  # blunt, without a peduncle
@@ -70,6 +74,18 @@ def test_trout():
     assert p.layer_position == (*tu.calibrated()["layer_position"][:4], narrowest)
     assert parameters(outline=BARREL).layer_position == tuple(tu.calibrated()["layer_position"])
     assert parameters(outline="trout", layer_position=(0.2, 0.4, 0.5, 0.7, 0.9)).layer_position[4] == 0.9
+
+
+@pytest.mark.parametrize("body", ["mass_spring", "planar", "two_layer", "tetrahedral"])
+def test_trout_swims(body):
+    """With three times the stiffness, two seconds of the best gait's strokes carry every body forward."""
+    own = read_calibration("tetrahedral") if body == "tetrahedral" else {"parameters": tu.calibrated()}
+    stiffer = {"young": tuple(3.0 * np.array(own["young"]))} if "young" in own else {}
+    fish = make_fish(body, outline="trout", stiffness=tuple(3.0 * np.array(own["parameters"]["stiffness"])), **stiffer)
+    tank, gait = Tank(fish, 1, water=fish.water), replace(best_gait(), frequency=2.5)
+    for k in range(100):
+        tank.swim(gait.action(fish, np.array(0.02 * (k + 1))), 0.02)
+    assert tank.alive[0] and tank.position[0, fish.nose, 0] > 0.8 * fish.length
 
 
 def test_finer_meshes_follow_the_outline():

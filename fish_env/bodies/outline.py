@@ -39,7 +39,7 @@ class Outline:
 
     def area(self, s) -> np.ndarray:
         """Area of the cross-sections at places s."""
-        return self.fullness * self.half_width(s) * self.half_depth(s)
+        return self.fullness * self.half_width(s) * self.half_depth(s)  # (72)
 
     @property
     def stations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -110,7 +110,7 @@ def project_stiffness(p):
     along = p.length * np.diff([0.0, *p.layer_position, 1.0])
     width = p.length * np.array([0.0, *p.half_width, 0.0])
     depth = p.length * np.array([0.0, *p.half_depth, p.tail_half_span])
-    cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH) ** 3
+    cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH)
     taper = np.array(p.taper)
     front, back = (width[:-1], depth[:-1]), (width[1:], depth[1:])
     side = along**2 + (front[0] - back[0]) ** 2  # squares in the plane, of a line along a side and of one across

@@ -31,7 +31,7 @@ def make_tetrahedral(
 
     Args:
         level: 1 to 4. The material is the same at every level.
-        young: Young's modulus of the solid of the six sections of a fish of 0.2 m, (6,) Pa; None: as calibrated.
+        young: Young's modulus of the solid of the six sections, (6,) Pa, at every length; None: as calibrated.
         poisson: Poisson's ratio of the solid, above -1 and below 0.5.
         strain: "corotational"; "linear", which swells when it turns; or "green_lagrange" (`make_tets`).
         lumping: "matched", masses with the inertia of the outline; "quarter" of each element's mass to its corners, or
@@ -45,7 +45,7 @@ def make_tetrahedral(
     p = tu.check_parameters("tetrahedral", parameters, own["parameters"])
     young = positive_array(own["young"] if young is None else young, (6,), "young")
     mesh, section = make_mesh(p, level)
-    modulus = (young * softening(mesh, section, poisson))[section] * (p.length / tu.REFERENCE_LENGTH) ** 2
+    modulus = (young * softening(mesh, section, poisson))[section]
     tets = make_tets(mesh.position, mesh.tets, modulus, poisson, p.relaxation_time, strain)
     marks = landmarks(mesh, level, tu.masses(p))
     pairs, stiffness, muscles = fibres(p, marks)
@@ -91,7 +91,7 @@ def fibres(p, marks):
     layer = np.repeat(np.arange(7), [len(nodes) for nodes in tu.LAYERS])
     along = (layer[pairs[:, 0]] != layer[pairs[:, 1]]) & (classes != tu.CROSS)
     pairs, classes, section = pairs[along], classes[along], section[along].astype(int)
-    stiffness = np.array(p.stiffness)[classes] * np.array(p.taper)[section] * (p.length / tu.REFERENCE_LENGTH) ** 3
+    stiffness = np.array(p.stiffness)[classes] * np.array(p.taper)[section] * (p.length / tu.REFERENCE_LENGTH)
     return marks.node[pairs], stiffness, np.flatnonzero(classes == tu.MUSCLE)
 
 
