@@ -131,7 +131,7 @@ FINE = 4000  # intervals of the integrals along the body
 
 @representable("a section")
 def make_sections(position, mass, groups, edges, outline, flat=False) -> Sections:
-    """Sections along which the inertia of the water acts (docs/physics.md, eq. 72-78).
+    """Sections along which the inertia of the water acts (docs/physics.md, eq. 75-82).
 
     Args:
         position: (N,3) m, the head forward of the tail.

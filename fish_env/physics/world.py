@@ -26,7 +26,7 @@ def make_water(
         law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994) or "linear" (Tu & Terzopoulos 1994).
         current: velocity of the water, (3,) m/s.
         inertia: True for reactive water, which also resists the acceleration of the body's sections, by their added
-            mass (docs/physics.md, eq. 72-78); for bodies with sections.
+            mass (docs/physics.md, eq. 75-82); for bodies with sections.
         added_mass: factors on the lateral and on the vertical added mass of slender-body theory, (2,), zero or
             positive; for water with inertia.
         righting: height of the centre of buoyancy above the centre of mass, body lengths: a couple that turns the fish

@@ -155,15 +155,15 @@ def push(body, world, control, cache, force, twist):
     for k in range(cache.n.size):
         t, n, b, nd, bd, speed = cache.t[k], cache.n[k], cache.b[k], cache.nd[k], cache.bd[k], cache.speed[k]
         m, q, w, y = cache.m[k], cache.q[k], dot(speed, n), dot(speed, b)
-        own = force[k] - fma(m * dot(speed, nd), n, (m * w) * nd) - fma(q * dot(speed, bd), b, (q * y) * bd)  # (75)
+        own = force[k] - fma(m * dot(speed, nd), n, (m * w) * nd) - fma(q * dot(speed, bd), b, (q * y) * bd)  # (78)
         lost = (control.lightness[0] * world.added_mass[1]) * body.sections.narrowing[k]
         u = dot(speed, t)
-        own = fma((lost * select(u < 0.0, u, 0.0 * u)) * y, b, own)  # (77)
+        own = fma((lost * select(u < 0.0, u, 0.0 * u)) * y, b, own)  # (81)
         upward = (q * y) * speed
         side = fma(m * w, speed, cross(t, upward))
         side = cache.per_rise[k] * fma(-dot(side, n), n, side)
         ahead = cross(cache.rise[0], side) + cross(upward, n)
-        ahead = cache.per_length[k] * fma(-dot(ahead, t), t, ahead)  # (76)
+        ahead = cache.per_length[k] * fma(-dot(ahead, t), t, ahead)  # (79)
         turned += cross(side, t)
         force[k] = own
         j = nearest(body, k)
@@ -183,7 +183,7 @@ def shed(body, world, control, cache):
     w, u = dot(speed, n), dot(speed, t)
     slope = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing * select(u < 0.0, -u, 0.0 * u)
     swing = sqrt(fma(u, u, w * w) + TINY)
-    return fma(-slope * w, n, (-0.5 * slope * (w * w) / swing) * t), slope  # (77)
+    return fma(-slope * w, n, (-0.5 * slope * (w * w) / swing) * t), slope  # (80)
 
 
 @kernel
@@ -265,7 +265,7 @@ def add_change(body, world, control, x, v, f, cache):
     t, speed = cache.t[last], cache.speed[last]
     cache.speed[last] = fma(cache.advance[0] - dot(speed, t), t, speed)
     wake, slope = shed(body, world, control, cache)
-    scatter(body, cache.n.size - 1, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (78)
+    scatter(body, cache.n.size - 1, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (82)
     scatter_all(body, cache.later, cache.bend, f)
 
 
@@ -274,7 +274,7 @@ def resistance(cache, k, a):
     """Force with which the water resists, if section k would have the acceleration a without it."""
     n, b = cache.n[k], cache.b[k]
     w, y = dot(a, n), dot(a, b)
-    return fma(fma(cache.nn[k], w, cache.nb[k] * y), n, fma(cache.bn[k], w, cache.bb[k] * y) * b)  # (74)
+    return fma(fma(cache.nn[k], w, cache.nb[k] * y), n, fma(cache.bn[k], w, cache.bb[k] * y) * b)  # (77)
 
 
 @kernel
@@ -302,7 +302,7 @@ def add_inertia(body, world, control, x, a, f, cache):
     set_frames(body, world, control, x, cache)
     for k in range(cache.n.size):
         mean, n, b = gather(body, a, k), cache.n[k], cache.b[k]
-        scatter(body, k, fma(cache.m[k] * dot(mean, n), n, (cache.q[k] * dot(mean, b)) * b), f)  # (73)
+        scatter(body, k, fma(cache.m[k] * dot(mean, n), n, (cache.q[k] * dot(mean, b)) * b), f)  # (76)
 
 
 @kernel
@@ -412,5 +412,5 @@ def energy(body, world, control, x, v, f, cache):
     total = zero(control.stiffness)
     for k in range(cache.n.size):
         w, y = dot(cache.speed[k], cache.n[k]), dot(cache.speed[k], cache.b[k])
-        total = fma(0.5 * cache.m[k], w * w, fma(0.5 * cache.q[k], y * y, total))  # (72)
+        total = fma(0.5 * cache.m[k], w * w, fma(0.5 * cache.q[k], y * y, total))  # (75)
     return total
