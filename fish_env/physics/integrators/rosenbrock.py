@@ -57,8 +57,7 @@ class Rosenbrock:
     def make_run(self, names):
         time, last = self.time, len(self.time) - 1
         add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
-        add_reaction, add_inertia = forces.total(names, "add_reaction"), forces.total(names, "add_inertia")
-        heavy, constrain = forces.any_has(names, "add_inertia"), common.make_constrain(names)
+        compare, constrain = make_compare(names), common.make_constrain(names)
         implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
         add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
         add_damping = forces.total(names if self.wet else (), "add_damping")
@@ -87,14 +86,8 @@ class Rosenbrock:
                         store_validity(control, work, inner)
                     add_tangent(body, world, control, x, speed, y, cache)
                     add_force(body, world, control, px, pv, f, cache)
-                    if heavy and stage > 0:
-                        add_reaction(body, world, control, px, pv, f, cache)
-                    for i in range(x.size):
-                        f[i] = f[i] if stage == 0 else fma(-2.0 * body.mass[i], p[i], f[i])
-                    if heavy and stage > 0:
-                        for i in range(x.size):
-                            work.still[i] = body.inverse_mass[i] * f[i]
-                        add_inertia(body, world, control, x, work.still, f, cache)
+                    if stage > 0:
+                        compare(body, world, control, x, sx, sv, work, cache)
                     for i in range(x.size):
                         f[i] = fma(inner, y[i], f[i])
                     common.zero_fixed(body, f)
@@ -116,6 +109,28 @@ class Rosenbrock:
                 finish(body, world, control, x, v, f, cache)
 
         return run
+
+
+def make_compare(names: tuple[str, ...]):
+    """Make the kernel that subtracts twice the first stage's acceleration from the second's, times the mass.
+
+    With added mass, the second is that of the stage's positions, and the mass that of the start of the step.
+    """
+    add_reaction, add_inertia = forces.total(names, "add_reaction"), forces.total(names, "add_inertia")
+    heavy = forces.any_has(names, "add_inertia")
+
+    @kernel
+    def compare(body, world, control, x, sx, sv, work, cache):
+        f, p, still = work.f, work.p, work.still
+        add_reaction(body, world, control, sx, sv, f, cache)
+        for i in range(x.size):
+            f[i] = fma(-2.0 * body.mass[i], p[i], f[i])
+        if heavy:
+            for i in range(x.size):
+                still[i] = body.inverse_mass[i] * f[i]
+            add_inertia(body, world, control, x, still, f, cache)
+
+    return compare
 
 
 @kernel
