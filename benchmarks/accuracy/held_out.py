@@ -1,6 +1,6 @@
 """Errors and prices of methods on random scenes that nothing was fitted to: every body, in every water.
 
-    taskset -c 1 python -m benchmarks.accuracy.held_out            every body and water (about 15 min): CSV and chart
+    taskset -c 1 python -m benchmarks.accuracy.held_out            every body and water (about 10 min): CSV and chart
     taskset -c 1 python -m benchmarks.accuracy.held_out --draw     the chart again, from the CSV
 
 Fish begin at rest and are commanded for 2 s: contractions that every muscle holds for 1 to 15 control intervals,
@@ -228,14 +228,19 @@ def draw() -> None:
             price, mean, ninety, worst = (
                 [row[key] for row in line] for key in ("us_per_interval", "geometric_mean", "ninety_percent", "worst")
             )
-            panel.loglog(price, mean, color=colour, linewidth=1.2)
+            full = [row for row in line if not row["failed"]]
+            panel.loglog([row["us_per_interval"] for row in full], [row["geometric_mean"] for row in full],
+                         color=colour, linewidth=1.2)  # fmt: skip
             panel.vlines(price, mean, worst, color=colour, linewidth=0.6, alpha=0.6)
             panel.plot(price, ninety, color=colour, linestyle="", marker="_")
-            for full in (True, False):
-                part = [row for row in line if (not row["failed"]) == full]
+            for fill, label in (("full", name), ("none", None)):
+                part = [row for row in line if (not row["failed"]) == (fill == "full")]
                 panel.plot([row["us_per_interval"] for row in part], [row["geometric_mean"] for row in part],
-                           color=colour, marker=marker, linestyle="", fillstyle="full" if full else "none",
-                           label=name if full else None)  # fmt: skip
+                           color=colour, marker=marker, linestyle="", fillstyle=fill, label=label)  # fmt: skip
+        low, high = panel.get_xlim()
+        ticks = [tick for tick in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000) if low < tick < high]
+        panel.set_xticks(ticks, map(str, ticks))
+        panel.set_xticks([], minor=True)
         panel.set(title=f"{body}, {water}", xlabel="processor time, us per control interval")
         panel.grid(alpha=0.2)
     for row in panels:
