@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moving import slope_of
 
 from benchmarks.accuracy import held_out, work_precision
 from benchmarks.common import problems
 from benchmarks.common.charts import METHOD_STYLE
-from fish_env import Tank, make_fish
+from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.control import best_gait
 
 TURN, FISH = problems.problems()["turn"], make_fish()
@@ -62,6 +63,17 @@ def test_turn(truth):
     assert error(truth, "semi_implicit", own) <= 0.5 * work_precision.ACCURATE
     assert error(truth, "semi_implicit", 2 * own) <= 0.3 * work_precision.ACCURATE
     assert error(truth, "semi_implicit", 20) == np.inf
+
+
+def test_order_of_default():
+    """With three stages, the order of the default method is the one that is stated."""
+    scene, errors, steps = problems.problems()["vibration"], [], (12, 16, 20, 24)
+    path = problems.run(scene, "rk4", 128)[0]
+    for k in steps:
+        found, tank = problems.run(scene, FISH.integrator, k)
+        assert tank.counters["force_evaluations"][0] == 3 * k * len(path)
+        errors.append(problems.distance(FISH, found, path))
+    assert slope_of(errors, 1 / np.array(steps)) == pytest.approx(INTEGRATORS[FISH.integrator].order, abs=0.15)
 
 
 def test_single_precision():
