@@ -1,19 +1,15 @@
 """Water with inertia: against Lagrange's equations, potential theory and Lighthill's, and in every method."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from moving import FIXED_STEP, tiered
-from naive.reactive import added_mass, reactive_force, water_energy, water_momentum
-from scipy.integrate import solve_ivp
+from naive.reactive import added_mass, reactive_force, water_energy
 
-from fish_env import INTEGRATORS, Tank, make_fish, make_water
+from fish_env import make_fish, make_water
 from fish_env.physics.body import fix
 from fish_env.physics.elements import make_sections
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.world import make_world
 
 WATER = make_water(drag_coefficient=0.0, current=(0.1, -0.2, 0.05), inertia=True, added_mass=(0.9, 0.7), righting=0.0)
 BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")
@@ -118,6 +114,6 @@ def test_heaving(name):
     found = Evaluator(body, world, names).force(rest, body.position, still)
     np.testing.assert_array_equal(found, still)
     outline = 1000.0 * s.lateral.sum()
-    v = still + (0.0, 1.0, 0.0)
+    v = still + np.array([0.0, 1.0, 0.0])
     energy = Evaluator(body, world, names).energies(rest, body.position, v)["reactive"]
     np.testing.assert_allclose(energy, 0.5 * outline, rtol=1e-12)

@@ -55,6 +55,12 @@ def make_water(
     return World(0.0, quadratic, flow, added_mass=heavy, righting=upright)
 
 
+def with_inertia(water: World, density=1000.0, added_mass=(1.0, 1.0), righting=None) -> World:
+    """Return water with the same drag and current that has inertia too; arguments as in `make_water`."""
+    heavy = make_water(density, inertia=True, added_mass=added_mass, righting=righting)
+    return water._replace(added_mass=heavy.added_mass, righting=heavy.righting)
+
+
 def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:
     """Gravity, walls and air (Song 2009, ch. 4), with or without water.
 

@@ -16,7 +16,7 @@ def moving_water(body, world, x):
     groups = np.split(s.nodes, s.first[1:-1])
     shares = np.split(s.share, s.first[1:-1])
     middle = [share @ x[nodes] for nodes, share in zip(groups, shares, strict=True)]
-    rise = (x[s.upper] - x[s.lower]).sum(axis=0) + [0.0, 0.0, s.height]
+    rise = (x[s.upper] - x[s.lower]).sum(axis=0) + np.array([0.0, 0.0, s.height])
     for k, (nodes, share) in enumerate(zip(groups, shares, strict=True)):
         begin = min(max(k - 1, 0), len(groups) - 3)
         tangent = s.slope[k] @ np.array(middle[begin : begin + 3])
