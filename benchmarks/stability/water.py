@@ -1,0 +1,187 @@
+"""What water with inertia does to stability: fish attacked, the largest steps of methods, and the abrupt turn.
+
+    taskset -c 1 python -m benchmarks.stability.water      fish with a trout's outline, beside drag alone (12 min)
+
+Fish whose nodes move a little are driven for 10 s: every muscle at random, or all or nothing at random (bang-bang);
+segments and sides all or nothing at the body's natural frequencies (resonant); all muscles of one side or of the other,
+alternating by chance, or as square waves of 1 to 12 Hz. A fish that fails is run again with RK4 at an eighth of the
+step. Roll is about the long axis, pitch that of the long axis.
+Largest steps are those of `benchmarks.stability.survey`. The abrupt turn's error is the largest distance of any node at
+any time from RK4, and its magnification that of a small disturbance, for factors on stiffness and on relaxation time.
+"""
+
+import argparse
+import math
+from collections import Counter
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.common.measures import pose_of
+from benchmarks.common.problems import Problem, distance, left_after_right, magnified, reference, run, steps_of
+from benchmarks.common.tables import write_csv
+from benchmarks.common.trout import RELAXATION, STIFFNESS, WATERS, trout
+from benchmarks.stability.cases import explained, own_settings, tank_at
+from benchmarks.stability.mistreatment import GOALS, INTERVALS, LEVELS, at_rest, noise
+from benchmarks.stability.survey import limits
+from fish_env import make_fish
+from fish_env.bodies import Fish
+from fish_env.physics.world import with_inertia
+
+COMMAND = "python -m benchmarks.stability.water"
+FISH = {"mass_spring": 1024, "planar": 256, "two_layer": 64, "tetrahedral": 32}  # of each body and kind of command
+BATCH, EXPLAINED = 256, 16  # fish at a time; failures that are run again
+NOISE = 0.05  # body lengths/s: node velocities at the start, so that an unstable roll has something to grow from
+TILTED = 60.0  # degrees
+SUBSTEPS = (3, 4, 6, 8, 12, 24, 48)  # of the abrupt turn, a control interval
+FACTORS = [(k, d) for k in (1.5, 2.0, 2.5, 3.0, 4.0) for d in (1.0, 2.0, 3.0)]  # on stiffness and relaxation time
+
+
+def bang_bang_goals(fish, count, generator):
+    """Every muscle fully contracted or relaxed, anew in every control interval."""
+    return (LEVELS * generator.integers(0, 2, (INTERVALS, count, fish.num_muscles))).astype(np.uint8)
+
+
+def alternating_goals(fish, count, generator):
+    """All muscles of one side and none of the other; every control interval they change over with a chance of 0.2."""
+    side = generator.random((1, count)) < 0.5
+    side = side ^ (np.cumsum(generator.random((INTERVALS, count)) < 0.2, axis=0) % 2 == 1)
+    return (LEVELS * ((fish.sides > 0) == side[..., None])).astype(np.uint8)
+
+
+def square_goals(fish, count, generator):
+    """All muscles of one side and none of the other, as a square wave of 1 to 12 Hz."""
+    turns = np.arange(INTERVALS)[:, None] * fish.control_interval * generator.uniform(1.0, 12.0, count)
+    return (LEVELS * ((fish.sides > 0) == (turns % 1.0 < 0.5)[..., None])).astype(np.uint8)
+
+
+KINDS = {
+    "random": GOALS["random"], "bang-bang": bang_bang_goals, "resonant": GOALS["bang-bang"],
+    "alternating": alternating_goals, "square waves": square_goals,
+}  # fmt: skip
+
+
+class Found(NamedTuple):
+    """What became of the fish of a batch, (B,): degrees of roll and pitch at most, intervals that were refined."""
+
+    roll: np.ndarray
+    pitch: np.ndarray
+    refined: np.ndarray
+    failure: list[str]
+    failed: np.ndarray
+    """Control interval in which a fish failed; inf."""
+
+
+def drive(fish: Fish, start, goals: np.ndarray) -> Found:
+    """Drive fish from positions and velocities (B,N,3) through goals (K,B,M), at their own step and in their water."""
+    count = goals.shape[1]
+    tank = tank_at(fish, own_settings(fish), *start)
+    roll, pitch, failed = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+    for k, goal in enumerate(goals):
+        tank.drive(goal / LEVELS, steps_of(fish))
+        failed[~tank.alive & np.isinf(failed)] = k
+        height = np.clip(pose_of(tank).axes[:, :, 2], -1.0, 1.0)
+        roll = np.fmax(roll, np.degrees(np.abs(np.arctan2(height[:, 1], height[:, 2]))))
+        pitch = np.fmax(pitch, np.degrees(np.abs(np.arcsin(height[:, 0]))))
+    refined = tank.counters["refinements"].copy()
+    tank.close()
+    return Found(roll, pitch, refined, tank.failure.tolist(), failed)
+
+
+def attack(fish: Fish, kind: str, count: int) -> dict:
+    """Drive `count` fish by a kind of command; what became of them."""
+    found, lost, both = [], 0, 0
+    for first in range(0, count, BATCH):
+        size = min(BATCH, count - first)
+        generator = np.random.default_rng([list(KINDS).index(kind), first])
+        goals = KINDS[kind](fish, size, generator)
+        start = at_rest(fish, size, None)[0], noise(fish, NOISE * fish.length, size, generator)
+        found.append(drive(fish, start, goals))
+        failed = np.flatnonzero(np.isfinite(found[-1].failed))[: EXPLAINED - lost]
+        if failed.size:
+            again = (*(part[failed] for part in start), goals[:, failed], found[-1].failed[failed])
+            both += explained(fish, steps_of(fish), *again)
+            lost += failed.size
+    reasons = Counter(reason for each in found for reason in each.failure if reason)
+    roll, pitch, refined = (np.concatenate([getattr(each, name) for each in found]) for name in Found._fields[:3])
+    return {
+        "commands": kind, "fish": count, "failures": reasons.total(),
+        "reasons": "; ".join(f"{number} {reason}" for reason, number in reasons.items()),
+        "rerun_with_rk4": lost, "rk4_fails_too": both,
+        "refined_percent": round(100.0 * float(refined.mean()) / INTERVALS, 3),
+        "rolled_percent": round(100.0 * float((roll > TILTED).mean()), 3),
+        "pitched_percent": round(100.0 * float((pitch > TILTED).mean()), 3),
+        "median_roll_deg": round(float(np.median(roll)), 2),
+    }  # fmt: skip
+
+
+def attacked() -> list[dict]:
+    """Rows of every body with a trout's outline and of the default fish, in both waters."""
+    default = make_fish()
+    cases = [("trout", replace(trout(body), water=water), name) for body in FISH for name, water in WATERS.items()]
+    cases += [
+        ("default", default, "drag"),
+        ("default", replace(default, water=with_inertia(default.water)), "reactive"),
+    ]
+    rows = []
+    for fish_name, fish, water in tqdm(cases, "attack"):
+        about = {"fish_name": fish_name, "body": fish.name, "water": water, "step_s": round(fish.time_step, 7)}
+        rows += [about | attack(fish, kind, FISH[fish.name]) for kind in KINDS]
+    return rows
+
+
+def margins() -> list[dict]:
+    """Rows of every method's largest stable step in the abrupt turn of the trout, in both waters."""
+    return [
+        {"water": name} | row
+        for name, water in tqdm(WATERS.items(), "margins")
+        for row in limits(replace(trout(), water=water))
+    ]
+
+
+def turn(fish: Fish) -> dict:
+    """Errors of the abrupt turn, body lengths: of the fish's own step, refined, and of steps that are not."""
+    problem = Problem("turn", "left after right", fish, fish.water, left_after_right(fish))
+    path, substeps, _ = reference(problem)
+    row = {"magnified": float(f"{magnified(problem, path, substeps):.3g}"), "rk4_substeps": substeps}
+    for key, steps, refine in (("own", steps_of(fish), fish.refine), *((f"at_{k}", k, math.inf) for k in SUBSTEPS)):
+        swum, tank = run(problem, fish.integrator, steps, refine=refine)
+        row[key] = float(f"{distance(fish, swum, path):.3g}") if tank.alive[0] else math.nan
+    return row
+
+
+def turns() -> list[dict]:
+    """Rows of the abrupt turn: every factor on stiffness and relaxation time in reactive water, with failures there.
+
+    The first is the trout of `benchmarks/common/trout.py` in water with drag alone.
+    """
+    cases = [("drag", STIFFNESS, RELAXATION), *(("reactive", *factors) for factors in FACTORS)]
+    rows = []
+    for name, stiffness, relaxation in tqdm(cases, "turns"):
+        fish = replace(trout(stiffness=stiffness, relaxation=relaxation), water=WATERS[name])
+        found = [attack(fish, kind, BATCH) for kind in KINDS]
+        rows.append(
+            {"water": name, "stiffness": stiffness, "relaxation": relaxation} | turn(fish)
+            | {"fish": BATCH * len(KINDS), "failures": sum(row["failures"] for row in found),
+               "rolled_percent": max(row["rolled_percent"] for row in found)}
+        )  # fmt: skip
+    return rows
+
+
+TABLES = {"water_stability.csv": attacked, "water_limits.csv": margins, "water_turn.csv": turns}
+
+
+def main() -> None:
+    """Write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", choices=TABLES, help="one of the tables")
+    only = parser.parse_args().only
+    for name, measure in TABLES.items():
+        if only in (None, name):
+            print(write_csv(name, measure(), COMMAND))
+
+
+if __name__ == "__main__":
+    main()
