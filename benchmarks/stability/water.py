@@ -28,6 +28,7 @@ from benchmarks.stability.mistreatment import GOALS, INTERVALS, LEVELS, at_rest,
 from benchmarks.stability.survey import limits
 from fish_env import make_fish
 from fish_env.bodies import Fish
+from fish_env.bodies.fitted import read_calibration
 from fish_env.physics.world import with_inertia
 
 COMMAND = "python -m benchmarks.stability.water"
@@ -35,6 +36,7 @@ FISH = {"mass_spring": 1024, "planar": 256, "two_layer": 64, "tetrahedral": 32} 
 BATCH, EXPLAINED = 256, 16  # fish at a time; failures that are run again
 NOISE = 0.05  # body lengths/s: node velocities at the start, so that an unstable roll has something to grow from
 TILTED = 60.0  # degrees
+FIN = 5.0  # factor on the stiffness of the tail fin's tissue, without which elements fold in water with inertia
 SUBSTEPS = (3, 4, 6, 8, 12, 24, 48)  # of the abrupt turn, a control interval
 FACTORS = [(k, d) for k in (1.5, 2.0, 2.5, 3.0, 4.0) for d in (1.0, 2.0, 3.0)]  # on stiffness and relaxation time
 
@@ -118,7 +120,7 @@ def attack(fish: Fish, kind: str, count: int) -> dict:
 
 
 def attacked() -> list[dict]:
-    """Rows of every body with a trout's outline and of the default fish, in both waters."""
+    """Rows of every body with a trout's outline, and of the default fish, in both waters."""
     default = make_fish()
     cases = [("trout", replace(trout(body), water=water), name) for body in FISH for name, water in WATERS.items()]
     cases += [
