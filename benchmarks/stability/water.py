@@ -121,16 +121,18 @@ def attack(fish: Fish, kind: str, count: int) -> dict:
 
 def attacked() -> list[dict]:
     """Rows of every body with a trout's outline, and of the default fish, in both waters."""
-    default = make_fish()
-    cases = [("trout", replace(trout(body), water=water), name) for body in FISH for name, water in WATERS.items()]
+    default, known = make_fish(), np.array(read_calibration("tetrahedral")["young"])
+    finned = trout("tetrahedral", young=STIFFNESS * np.append(known[:-1], FIN * known[-1]))
+    fish = [*(("trout", trout(body)) for body in FISH), ("trout, stiff tail fin", finned)]
+    cases = [(label, replace(one, water=water), name) for label, one in fish for name, water in WATERS.items()]
     cases += [
         ("default", default, "drag"),
         ("default", replace(default, water=with_inertia(default.water)), "reactive"),
     ]
     rows = []
-    for fish_name, fish, water in tqdm(cases, "attack"):
-        about = {"fish_name": fish_name, "body": fish.name, "water": water, "step_s": round(fish.time_step, 7)}
-        rows += [about | attack(fish, kind, FISH[fish.name]) for kind in KINDS]
+    for label, one, water in tqdm(cases, "attack"):
+        about = {"fish_name": label, "body": one.name, "water": water, "step_s": round(one.time_step, 7)}
+        rows += [about | attack(one, kind, FISH[one.name]) for kind in KINDS]
     return rows
 
 
