@@ -37,6 +37,7 @@ BATCH, EXPLAINED = 256, 16  # fish at a time; failures that are run again
 NOISE = 0.05  # body lengths/s: node velocities at the start, so that an unstable roll has something to grow from
 TILTED = 60.0  # degrees
 FIN = 5.0  # factor on the stiffness of the tail fin's tissue, without which elements fold in water with inertia
+STIFFER = {"stiffness": 4.0, "relaxation": 3.0}  # with which the abrupt turn is the most accurate
 SUBSTEPS = (3, 4, 6, 8, 12, 24, 48)  # of the abrupt turn, a control interval
 FACTORS = [(k, d) for k in (1.5, 2.0, 2.5, 3.0, 4.0) for d in (1.0, 2.0, 3.0)]  # on stiffness and relaxation time
 
@@ -123,7 +124,11 @@ def attacked() -> list[dict]:
     """Rows of every body with a trout's outline, and of the default fish, in both waters."""
     default, known = make_fish(), np.array(read_calibration("tetrahedral")["young"])
     finned = trout("tetrahedral", young=STIFFNESS * np.append(known[:-1], FIN * known[-1]))
-    fish = [*(("trout", trout(body)) for body in FISH), ("trout, stiff tail fin", finned)]
+    fish = [
+        *(("trout", trout(body)) for body in FISH),
+        ("trout, stiff tail fin", finned),
+        ("trout, stiffer", trout(**STIFFER)),
+    ]
     cases = [(label, replace(one, water=water), name) for label, one in fish for name, water in WATERS.items()]
     cases += [
         ("default", default, "drag"),
@@ -159,9 +164,10 @@ def turn(fish: Fish) -> dict:
 def turns() -> list[dict]:
     """Rows of the abrupt turn: every factor on stiffness and relaxation time in reactive water, with failures there.
 
-    The first is the trout of `benchmarks/common/trout.py` in water with drag alone.
+    The first two are the trout of `benchmarks/common/trout.py`, and the stiffer one, in water with drag alone.
     """
-    cases = [("drag", STIFFNESS, RELAXATION), *(("reactive", *factors) for factors in FACTORS)]
+    beside = ((STIFFNESS, RELAXATION), tuple(STIFFER.values()))
+    cases = [*(("drag", *factors) for factors in beside), *(("reactive", *factors) for factors in FACTORS)]
     rows = []
     for name, stiffness, relaxation in tqdm(cases, "turns"):
         fish = replace(trout(stiffness=stiffness, relaxation=relaxation), water=WATERS[name])
