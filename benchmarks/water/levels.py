@@ -1,0 +1,234 @@
+"""What each level of water gives a scene, beside living fish: none, drag alone, or drag and inertia.
+
+    taskset -c 1 python -m benchmarks.water.levels            table, page and chart (4 min)
+    taskset -c 1 python -m benchmarks.water.levels --draw     page and chart again, from the tables
+
+The fish have a trout's outline; once with the default fish's muscles, once with strong ones, which shorten by a quarter
+in 40 ms. The default fish is in the table too. Nothing is calibrated to reactive water. Gaits are searched for every
+fish and level: those of least net work a metre at a speed, at the frequency of trout and at any (`scenes.py`).
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+from tqdm import tqdm
+
+from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, pyplot, save
+from benchmarks.common.tables import RESULTS, ROOT, read_table, write_csv
+from benchmarks.common.trout import trout
+from benchmarks.water import scenes
+from fish_env import make_fish
+from fish_env.bodies import Fish
+from fish_env.physics.world import VACUUM, with_inertia
+
+COMMAND = "python -m benchmarks.water.levels"
+PAGE = ROOT / "docs" / "choosing-the-water.md"
+LEVELS = ("none", "drag", "reactive")
+FISH: dict[str, Callable[[], Fish]] = {
+    "trout": trout,
+    "strong trout": lambda: trout(contracted=(0.75,) * 3, contraction_time=0.04),
+    "default": make_fish,
+}
+CRUISES = ((1.0, 3.18), (2.0, 4.23))  # body lengths/s, and the tail beats of a trout of 19.6 cm (Drucker & Lauder), Hz
+
+
+class Living(NamedTuple):
+    """What living fish do, as text, and from where."""
+
+    value: str
+    source: str
+
+
+LIVING = {
+    ("cruise at 1 BL/s", "sweep"): Living("0.13 to 0.17", "Drucker & Lauder; Webb 1984"),
+    ("cruise at 1 BL/s", "Strouhal"): Living("0.41", "Drucker & Lauder"),
+    ("cruise at 1 BL/s", "nose over tail"): Living("0.10 to 0.14", "tracks of kfeilich/FishTrackProcessing"),
+    ("cruise at 2 BL/s", "sweep"): Living("0.15 to 0.17", "Drucker & Lauder; Webb 1984"),
+    ("cruise at 2 BL/s", "Strouhal"): Living("0.31", "Drucker & Lauder"),
+    ("cruise at 2 BL/s", "nose over tail"): Living("0.10 to 0.14", "tracks of kfeilich/FishTrackProcessing"),
+    ("cruise at 2 BL/s", "work"): Living("0.9", "thrust power of trout, 0.36 W/kg (Webb 1971)"),
+    ("thriftiest at 1 BL/s", "frequency"): Living("2.5 to 3.2", "Webb 1984; Drucker & Lauder"),
+    ("thriftiest at 1 BL/s", "Strouhal"): Living("0.41", "Drucker & Lauder"),
+    ("thriftiest at 2 BL/s", "frequency"): Living("3.8 to 4.2", "Webb 1984; Drucker & Lauder"),
+    ("thriftiest at 2 BL/s", "Strouhal"): Living("0.31", "Drucker & Lauder"),
+    ("turn", "radius"): Living("0.18", "trout (Webb 1983)"),
+    ("turn", "rate"): Living("434 to 593", "dogfish, slow, front of the body (Domenici et al. 2004)"),
+    ("start", "acceleration"): Living("7.5 to 16.5", "trout, muscles of one side (Johnsrude & Webb 1985)"),
+    ("start", "best acceleration"): Living("22.7 to 39.5", "seven species (Webb 1978)"),
+    ("coast", "drag coefficient"): Living("0.008 to 0.022", "bluegill at half the speed (Gellman et al.)"),
+}
+UNITS = {
+    "speed": "BL/s", "frequency": "Hz", "sweep": "BL", "nose over tail": "", "Strouhal": "", "work": "J/kg/m",
+    "angle": "degrees", "kept": "degrees", "rate": "degrees/s", "radius": "BL", "lag": "s", "way back": "degrees",
+    "acceleration": "m/s2", "best angle": "degrees", "best distance": "BL", "best acceleration": "m/s2",
+    "deceleration": "m/s2", "drag coefficient": "", "drift": "BL", "heading": "degrees", "carried": "",
+}  # fmt: skip
+
+
+def fish_in(name: str, level: str) -> Fish:
+    """A fish in a level of water."""
+    fish = FISH[name]()
+    worlds = {"none": VACUUM, "drag": fish.water, "reactive": with_inertia(fish.water)}
+    return replace(fish, water=worlds[level])
+
+
+def scenes_of(fish: Fish, swims: bool) -> dict[str, tuple[dict[str, float], str]]:
+    """Quantities of every scene, and the gait of it; where nothing swims, without cruises."""
+    found, gait = {}, None
+    for speed, frequency in reversed(CRUISES) if swims else ():
+        for scene, given in (("thriftiest", None), ("cruise", frequency)):
+            gait = scenes.thriftiest(fish, speed, given)
+            found[f"{scene} at {speed:g} BL/s"] = scenes.cruise(fish, gait, speed), str(gait)
+    return found | {
+        "turn": (scenes.turn(fish, gait), str(gait)),
+        "reversal": (scenes.reversal(fish, gait), str(gait)),
+        "start": (scenes.start(fish), ""),
+        "coast": (scenes.coast(fish), ""),
+        "station": (scenes.station(fish, gait), str(gait)),
+    }
+
+
+def measure() -> None:
+    """Write the table."""
+    rows = []
+    cases = [(name, level) for name in FISH for level in LEVELS if level != "none" or name == "trout"]
+    for name, level in tqdm(cases):
+        for scene, (values, gait) in scenes_of(fish_in(name, level), swims=level != "none").items():
+            for quantity, value in values.items():
+                living = LIVING.get((scene, quantity), Living("", ""))
+                rows.append({
+                    "fish": name, "water": level, "scene": scene, "quantity": quantity, "unit": UNITS[quantity],
+                    "value": float(f"{value:.4g}"), "living": living.value, "source": living.source, "gait": gait,
+                })  # fmt: skip
+    print(write_csv("water_levels.csv", rows, COMMAND))
+
+
+ROWS = (  # of the table of the page: scene, quantity, label, digits
+    ("cruise at 1 BL/s", "sweep", "cruising at 1 BL/s, 3.18 Hz: tail sweep, BL", 2),
+    ("cruise at 1 BL/s", "Strouhal", "Strouhal number", 2),
+    ("cruise at 1 BL/s", "work", "net work of the muscles, J/kg/m", 2),
+    ("cruise at 2 BL/s", "speed", "cruising at 4.23 Hz: speed, BL/s", 2),
+    ("cruise at 2 BL/s", "sweep", "tail sweep, BL", 2),
+    ("cruise at 2 BL/s", "Strouhal", "Strouhal number", 2),
+    ("cruise at 2 BL/s", "nose over tail", "nose over tail", 2),
+    ("cruise at 2 BL/s", "work", "net work of the muscles, J/kg/m", 2),
+    ("thriftiest at 2 BL/s", "frequency", "least work at 2 BL/s: tail beats, Hz", 1),
+    ("thriftiest at 2 BL/s", "work", "that work, J/kg/m", 2),
+    ("turn", "angle", "turning at 1 BL/s, one side for 0.2 s: degrees after 0.3 s", 0),
+    ("turn", "kept", "degrees after 1 s", 0),
+    ("turn", "radius", "radius, BL", 2),
+    ("turn", "rate", "peak rate, degrees/s", 0),
+    ("reversal", "way back", "reversing, then the other side: degrees back after 0.3 s", 0),
+    ("start", "angle", "from rest, one side for 0.2 s: degrees after 0.3 s", 0),
+    ("start", "acceleration", "acceleration, m/s²", 1),
+    ("start", "best angle", "from rest, best of two stages: degrees after 0.3 s", 0),
+    ("start", "best distance", "way after 0.3 s, BL", 2),
+    ("start", "best acceleration", "acceleration, m/s²", 1),
+    ("coast", "drag coefficient", "coasting from 2 BL/s: drag coefficient", 3),
+    ("station", "drift", "station in a current of 1 BL/s: drift in 2 s, BL", 2),
+    ("station", "carried", "at rest in a current from the side: part of its speed after 0.5 s", 2),
+)
+COLUMNS = [(name, level) for name in ("default", "trout", "strong trout") for level in ("drag", "reactive")]
+
+
+def levels_table(rows: list[dict]) -> list[str]:
+    """Lines of the page's table: a row for each quantity, a column for each fish and level, and living fish."""
+    values = {(row["fish"], row["water"], row["scene"], row["quantity"]): row["value"] for row in rows}
+    head = " | ".join(f"{name}, {level}" for name, level in COLUMNS)
+    lines = [f"| | {head} | living fish |", "|---" * (len(COLUMNS) + 2) + "|"]
+    for scene, quantity, label, digits in ROWS:
+        cells = [f"{values[name, level, scene, quantity]:.{digits}f}" for name, level in COLUMNS]
+        living = LIVING.get((scene, quantity), Living("", "")).value
+        lines.append(f"| {label} | {' | '.join(cells)} | {living} |")
+    return lines
+
+
+def prices_table(rows: list[dict]) -> list[str]:
+    """Lines of the page's table of prices: of a step of one fish, and of 256, over that in water with drag alone."""
+    ratio = {(row["fish"], row["count"], row["dtype"], row["water"]): row["over_drag"] for row in rows}
+    lines = ["| | none | drag | reactive | reactive, float32 |", "|---|---|---|---|---|"]
+    for name in ("default", "trout"):
+        for count, label in ((256, "256 together"), (1, "alone")):
+            cells = [ratio[name, count, "float64", level] for level in LEVELS]
+            cells.append(ratio[name, count, "float32", "reactive"])
+            lines.append(f"| {name}, {label} | {' | '.join(f'{cell:.2f}' for cell in cells)} |")
+    return lines
+
+
+def stability_table(rows: list[dict]) -> list[str]:
+    """Lines of the page's table of fish that failed, and that rolled, in both waters."""
+    lines = [
+        "| | failed: drag | reactive | rolled, at most: drag | reactive |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for name, body in dict.fromkeys((row["fish_name"], row["body"]) for row in rows):
+        mine = {level: [row for row in rows if (row["fish_name"], row["body"], row["water"]) == (name, body, level)]
+                for level in ("drag", "reactive")}  # fmt: skip
+        lost = [f"{sum(r['failures'] for r in own)} of {sum(r['fish'] for r in own):,}" for own in mine.values()]
+        rolled = [f"{max(row['rolled_percent'] for row in own):.1f} %" for own in mine.values()]
+        lines.append(f"| {name}, `{body}` | {' | '.join(lost)} | {' | '.join(rolled)} |")
+    return lines
+
+
+TABLES: dict[str, tuple[str, Callable[[list[dict]], list[str]]]] = {
+    "levels": ("water_levels.csv", levels_table),
+    "prices": ("water_prices.csv", prices_table),
+    "stability": ("water_stability.csv", stability_table),
+}
+"""By the mark on the page, where its table comes from."""
+
+
+def fill_page() -> None:
+    """Put the tables between the marks of the page."""
+    text = PAGE.read_text()
+    for mark, (name, table) in TABLES.items():
+        before, rest = text.split(f"<!-- {mark} -->\n", 1)
+        after = rest.split("<!-- end -->", 1)[1]
+        lines = "\n".join(table(read_table(name)))
+        text = f"{before}<!-- {mark} -->\n\n{lines}\n\n<!-- end -->{after}"
+    PAGE.write_text(text)
+
+
+PANELS = (  # of the chart: scene, quantity, title
+    ("cruise at 1 BL/s", "Strouhal", "cruising at 1 BL/s: Strouhal number"),
+    ("cruise at 2 BL/s", "Strouhal", "cruising at 2 BL/s: Strouhal number"),
+    ("cruise at 2 BL/s", "work", "cruising at 2 BL/s: net work, J/kg/m"),
+    ("turn", "kept", "turning while cruising, degrees kept"),
+    ("turn", "radius", "turning while cruising: radius, BL"),
+    ("reversal", "way back", "reversal: degrees back after 0.3 s"),
+    ("start", "best angle", "start from rest: degrees after 0.3 s"),
+    ("start", "best acceleration", "start from rest: acceleration, m/s²"),
+)
+
+
+def draw() -> None:
+    """Fill the page, and draw a panel for each quantity: bars for fish and levels, a band for living fish."""
+    fill_page()
+    rows = read_table("water_levels.csv")
+    values = {(row["fish"], row["water"], row["scene"], row["quantity"]): row["value"] for row in rows}
+    figure, panels = pyplot().subplots(2, 4, figsize=(14, 6.4), layout="constrained")
+    names = list(dict.fromkeys(name for name, _ in COLUMNS))
+    for panel, (scene, quantity, title) in zip(panels.flat, PANELS, strict=True):
+        for shift, level, colour in ((-0.2, "drag", ORANGE), (0.2, "reactive", BLUE)):
+            places = [k + shift for k in range(len(names))]
+            heights = [values[name, level, scene, quantity] for name in names]
+            panel.bar(places, heights, 0.38, color=colour, label=level)
+        living = LIVING.get((scene, quantity), Living("", "")).value
+        if living:
+            low, *_, high = map(float, [living, living] if " to " not in living else living.split(" to "))
+            panel.axhspan(low, high + 1e-9, color=GREY, alpha=0.35, linewidth=1.5, zorder=0, label="living fish")
+        panel.set_title(title, fontsize=10)
+        panel.set_xticks(range(len(names)), [name.replace(" ", "\n") for name in names])
+        panel.grid(axis="y", alpha=0.2)
+    handles, labels = panels.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    save(figure, RESULTS / "water_levels.svg")
+
+
+def main() -> None:
+    """Measure, fill the page and draw the chart."""
+    measure_and_draw(__doc__, measure, draw)
+
+
+if __name__ == "__main__":
+    main()
