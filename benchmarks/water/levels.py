@@ -170,10 +170,25 @@ def stability_table(rows: list[dict]) -> list[str]:
     return lines
 
 
+def turn_table(rows: list[dict]) -> list[str]:
+    """Lines of the page's table of the abrupt turn: errors in % of the length, magnification, failures."""
+    steps = (6, 12, 24)
+    lines = [f"| stiffness, damping | water | {' | '.join(f'{k} steps' for k in steps)} | magnified | failed |"]
+    lines.append("|---" * (len(steps) + 4) + "|")
+    for row in rows:
+        errors = [f"{100 * row[f'at_{k}']:.2g} %" for k in steps]
+        factors = f"x {row['stiffness']:g}, x {row['relaxation']:g}"
+        lines.append(
+            f"| {factors} | {row['water']} | {' | '.join(errors)} | {row['magnified']:.0f} | {row['failures']} |"
+        )
+    return lines
+
+
 TABLES: dict[str, tuple[str, Callable[[list[dict]], list[str]]]] = {
     "levels": ("water_levels.csv", levels_table),
     "prices": ("water_prices.csv", prices_table),
     "stability": ("water_stability.csv", stability_table),
+    "turn": ("water_turn.csv", turn_table),
 }
 """By the mark on the page, where its table comes from."""
 
