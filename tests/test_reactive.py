@@ -4,12 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from moving import FIXED_STEP, tiered
 from naive.reactive import added_mass, reactive_force, water_energy
 
-from fish_env import make_fish, make_water
+from fish_env import INTEGRATORS, Tank, make_fish, make_water
 from fish_env.physics.body import fix
 from fish_env.physics.elements import make_sections
 from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.world import make_world
 
 WATER = make_water(drag_coefficient=0.0, current=(0.1, -0.2, 0.05), inertia=True, added_mass=(0.9, 0.7), righting=0.0)
 BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")
@@ -159,3 +161,68 @@ def only_edge(sections):
     """Sections that move no water, but shed at the tail: what is left is the mean thrust of a periodic motion."""
     none = np.zeros_like(sections.lateral)
     return sections._replace(lateral=none, vertical=none, narrowing=none)
+
+
+def swum(name, steps, fish, **options):
+    """Positions of fish (B,N,3) after four control intervals, the first moved by both sides in turn."""
+    tank = Tank(
+        fish, integrator=name, dt=fish.control_interval / steps, refine=np.inf, threads=1, water=REACTIVE, **options
+    )
+    for side in (1, 1, -1, 1):
+        tank.swim(np.where(fish.sides == side, 0.8, -0.5), fish.control_interval)
+    assert tank.alive.all()
+    return tank.position.copy()
+
+
+REACTIVE = make_water(drag_coefficient=1.0, inertia=True)
+STEPS = {"semi_implicit": 96, "explicit_euler": 768, "symplectic_euler": 96, "linearly_implicit": 48,
+         "linearly_implicit_projected": 48, "linearly_implicit_water": 48, "rosenbrock": 24, "leapfrog_chebyshev": 24,
+         "midpoint": 96, "rk4": 96}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", tiered(FIXED_STEP))
+def test_methods_converge(name):
+    """Every method tends to the same motion in water with inertia, with its order."""
+    fish = trout()
+    truth = swum("dop853", 1, fish)
+    errors = [np.abs(swum(name, STEPS[name] * k, fish) - truth).max() / fish.length for k in (1, 2)]
+    falls = errors[0] / errors[1] > 0.8 * 2 ** min(2, INTEGRATORS[name].order)
+    assert errors[1] < 3e-4 and (falls or errors[1] < 1e-8), errors
+
+
+def test_lanes_and_precision():
+    """One fish, blocks of them and threads give the same bits; single precision is within 1e-4 body lengths."""
+    fish = trout()
+    one = swum("leapfrog_chebyshev", 6, fish)
+    many = Tank(fish, 40, dt=fish.control_interval / 6, refine=np.inf, threads=2, water=REACTIVE)
+    for side in (1, 1, -1, 1):
+        many.swim(np.where(fish.sides == side, 0.8, -0.5), fish.control_interval)
+    np.testing.assert_array_equal(many.position, np.repeat(one, 40, axis=0))
+    rough = swum("leapfrog_chebyshev", 6, fish, num_fish=16, dtype="float32")
+    assert np.abs(rough - one).max() < 1e-4 * fish.length
+
+
+def test_factors_of_a_fish():
+    """A fish of twice the mass, stiffness and drag, in water of twice the density, moves as the fish itself."""
+    fish, tank = trout(), None
+    paths = []
+    for factor in (1.0, 2.0):
+        tank = Tank(fish, 1, water=make_water(1000.0 * factor, 1.0, inertia=True))
+        tank.vary(0, stiffness=factor, mass=factor)
+        tank.swim(np.where(fish.sides > 0, 1.0, -1.0), 5 * fish.control_interval)
+        paths.append(tank.position.copy())
+    np.testing.assert_allclose(*paths, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: Tank(make_fish("published"), water=REACTIVE), "'published' has no sections"),
+    (lambda: Tank(trout(), water=make_world(planes=[((0, 0, 1), -1.0, 0.0)], water=REACTIVE)), "beside walls"),
+    (lambda: make_water(inertia="yes"), "inertia is 'yes'; give True or False"),
+    (lambda: make_water(inertia=True, added_mass=(1.0, -1.0)), "added_mass"),
+    (lambda: make_water(righting=np.nan), "righting"),
+    (lambda: make_sections(np.zeros((3, 3)), np.ones(3), [[0], [1], [2]], [[0], [1]], [[0, 1]] * 3), "at least four"),
+])  # fmt: skip
+def test_refused(make, words):
+    """What cannot be is refused with the reason."""
+    with pytest.raises(ValueError, match=words):
+        make()
