@@ -173,6 +173,13 @@ CALIBRATION = (
     ),
 )  # fmt: skip
 
+VALIDATION = (
+    Result(
+        "validation.sizes", "the fastest gait against the length of the fish, beside living fish",
+        "-m benchmarks.validation.sizes", 1, csv("validation/sizes.csv", "validation/sizes.svg"),
+    ),
+)  # fmt: skip
+
 LEARNING = (
     Result(
         "learning.all", "every task trained with all its seeds; reuses finished runs, replaces the shipped policies",
@@ -204,5 +211,6 @@ LEARNING = (
 )  # fmt: skip
 
 REGISTRY = {
-    result.name: result for result in (*ACCURACY, *STABILITY, *SPEED, *FIDELITY, *OBJECTS, *CALIBRATION, *LEARNING)
+    result.name: result
+    for result in (*ACCURACY, *STABILITY, *SPEED, *FIDELITY, *OBJECTS, *CALIBRATION, *VALIDATION, *LEARNING)
 }

@@ -13,8 +13,10 @@ from moving import tiered
 
 from fish_env import BODIES, INTEGRATORS, Fish, Tank, World, make_fish, make_water
 from fish_env.bodies import mass_spring as tu
-from fish_env.bodies.masses import outline
+from fish_env.bodies.outline import layers_of
+from fish_env.bodies.sizes import slowness
 from fish_env.bodies.tetrahedral import make_mesh, softening
+from fish_env.envs.variation import vary
 from fish_env.physics import statics
 from fish_env.physics.body import make_body
 from fish_env.physics.forces.evaluate import Evaluator
@@ -288,13 +290,14 @@ def test_muscles_bend_towards_their_side(name, method):
 
 @pytest.mark.parametrize("method", tiered(INTEGRATORS))
 def test_motion_scales_with_length(method):
-    """Fish of 0.2 and 0.3 m under the same commands move alike, in body lengths and seconds."""
+    """A fish of 0.3 m moves, in body lengths, as one of 0.2 m does that is varied to 1.5 times the length."""
     short, long = make_fish(length=0.2), make_fish(length=0.3)
     np.testing.assert_allclose(long.body.mass, 1.5**3 * short.body.mass, rtol=1e-13)
     dt, allowed = own_step(short, INTEGRATORS[method]), 1e-10
     if INTEGRATORS[method].kind == "adaptive":
         allowed = 1e-6  # they err by 1e-10 a step, which this motion magnifies a thousandfold
     tanks = [Tank(fish, 1, method, dt, make_water(current=(0.1 * fish.length, 0, 0))) for fish in (short, long)]
+    vary(tanks[0], 0, {"length": 1.5, "contraction_time": slowness(1.5)})
     for action in np.random.default_rng(1).uniform(-1, 1, (16, 12)):
         for tank in tanks:
             tank.swim(action, short.control_interval)
@@ -385,8 +388,8 @@ def test_the_solid_is_as_stiff_in_bending_as_a_continuum(level):
         stress = (strain + poisson / (1 - 2 * poisson) * np.trace(strain) * np.eye(3)) / (1 + poisson)
         energy[k] += 0.5 * factor[k] * (stress * strain).sum() * abs(np.linalg.det(edges)) / 6
     share = (np.arange(6000) + 0.5) / 1000  # slices: of a rectangle 2a by 2b, I is 4 a3 b / 3
-    _, width, depth = (np.interp(share, np.arange(7), row) for row in outline(p))
-    slices = 0.5 * 4 / 3 * width**3 * depth * np.repeat(np.abs(np.diff(outline(p)[0])), 1000) / 1000
+    _, width, depth = (np.interp(share, np.arange(7), row) for row in layers_of(p))
+    slices = 0.5 * 4 / 3 * width**3 * depth * np.repeat(np.abs(np.diff(layers_of(p)[0])), 1000) / 1000
     np.testing.assert_allclose(energy, slices.reshape(6, 1000).sum(axis=1), rtol=1e-5)
 
 

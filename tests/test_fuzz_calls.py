@@ -292,10 +292,10 @@ def test_numbers_that_are_too_large_are_refused(options, message):
 
 
 def test_a_body_of_extreme_size_is_refused():
-    """A fish whose masses no float can hold is refused in a sentence, not by an error of arithmetic."""
-    for body, length in (("mass_spring", 1e300), ("planar", 1e-300), ("two_layer", 1e100), ("tetrahedral", 1e300)):
+    """A fish whose stiffness no float can hold is refused in a sentence, not by an error of arithmetic."""
+    for body in ("mass_spring", "planar", "two_layer", "tetrahedral"):
         with pytest.raises(ValueError, match="follows from numbers that are too large or too small"):
-            make_fish(body, length=length)
+            make_fish(body, stiffness=(1e308,) * 3)
 
 
 @pytest.mark.parametrize("number", [np.timedelta64(1, "s"), True, 1.0])

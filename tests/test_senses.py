@@ -207,8 +207,8 @@ def test_varied_muscles_and_length():
     np.testing.assert_allclose(slow, 0.5 * plain)  # the muscles of this body contract at a limited rate
     tank.swim(np.ones(12), 2.0)
     np.testing.assert_allclose(tank.contraction[:, 0], [1.0, 0.5, 1.0], atol=1e-6)
-    large = fish_env.Tank(fish_env.make_fish(length=0.3), 1, water=fish_env.make_fish().water)
-    large.vary(0, stiffness=1.5**-2)
+    as_fast = fish_env.make_fish(length=0.3, contraction_time=tank.fish.contraction_time)
+    large = fish_env.Tank(as_fast, 1, water=as_fast.water)
     small = gym.make(SWIM, variation={"length": 1.5}).unwrapped
     small.reset(seed=0)
     large.position[:], large.velocity[:] = 1.5 * small.tank.position, 1.5 * small.tank.velocity

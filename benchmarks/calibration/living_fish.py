@@ -44,7 +44,6 @@ class Trout:
     sweep: float  # body lengths
 
 
-TROUT_LENGTH = 0.196  # m
 TROUT = tuple(Trout(u, f, cm / 19.6) for u, f, cm in ((0.5, 2.48, 1.80), (1.0, 3.18, 2.55), (2.0, 4.23, 2.85)))
 STATION = np.array([0.0, *tu.calibrated()["layer_position"], 1.0])
 """Of the midline, body lengths from the nose."""
@@ -182,7 +181,7 @@ def check() -> list[dict]:
     """Every body with the gaits of the finest one."""
     rows = []
     for name, level in BODIES:
-        fish = make_fish(name, length=TROUT_LENGTH, **({"level": level} if level else {}))
+        fish = make_fish(name, **({"level": level} if level else {}))
         rows += rows_of(name, level, swim_midlines(fish, living_gaits(), [row.speed for row in TROUT], 5.0, 4))
     return rows
 

@@ -5,19 +5,19 @@ wrote `mass_spring.json`; `make_published` keeps the published masses and
 constants, which barely swim.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments
+from fish_env.bodies.outline import Outline, layers_for, read_outline
+from fish_env.bodies.sizes import REFERENCE_LENGTH, check_length, slowness, step_parts
 from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.fish import Fish
 from fish_env.physics.records import Body
 from fish_env.physics.world import make_water
-
-REFERENCE_LENGTH = 0.2  # m; stiffness and damping below are for a fish of this length
 
 NOSE, TAIL = 0, (21, 22)
 LAYERS = [[0], [1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20], [21, 22]]
@@ -90,7 +90,7 @@ class MassSpringParameters:
     """Shape, material and muscles of the default fish; `calibrated()` are the values it has."""
 
     length: float
-    """Nose to tail tip, m. Stiffness and damping grow as its cube: motion in body lengths and seconds is the same."""
+    """Nose to tail tip, 0.02 to 1 m, best 0.05 to 0.6. The tissue is the same (`fish_env/bodies/sizes.py`)."""
     layer_position: tuple[float, ...]
     """Distance of the five square layers from the nose, body lengths."""
     half_depth: tuple[float, ...]
@@ -118,15 +118,21 @@ class MassSpringParameters:
     drag_coefficient: float
     """Drag coefficient of the fish's own water, of a face moving along its normal."""
     contraction_time: float
-    """Shortest time from natural length to full contraction, s, where there is no activation time."""
+    """Shortest time from natural length to full contraction, s, where there is no activation time. Unless it is given,
+    it grows with the length to the power of 0.52, and so does `activation_time`."""
     activation_time: tuple[float, float]
     """Time constants of activation and of deactivation, s (Thelen 2003); (0, 0) for a limited rate."""
     time_step: float
-    """Step of the default integrator, s."""
+    """Step of the default integrator, s. Unless it is given, it is cut into whole parts for a fish below 0.2 m."""
     control_interval: float
     """Default length of an environment step, s."""
+    outline: Outline | None = None
+    """Finer stations, from which `half_depth`, `half_width` and `tail_half_span` are then taken, and all masses; None:
+    rectangular cross-sections, straight from layer to layer."""
 
     def __post_init__(self):
+        if self.outline is not None:
+            self._follow(read_outline(self.outline))
         for name, size in (
             ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
             ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6), ("damping_taper", 6),
@@ -148,6 +154,17 @@ class MassSpringParameters:
             raise ValueError(f"water_place is {self.water_place}; give fractions below 1")
         if np.any(np.array(self.contracted) >= 1):
             raise ValueError(f"contracted is {self.contracted}; give fractions below 1")
+
+    def _follow(self, outline: Outline) -> None:
+        """Take the half sides of the layers from an outline: of the rectangles that have its cross-sections' areas."""
+        layers = finite_array(self.layer_position, (5,), "layer_position")
+        object.__setattr__(self, "outline", outline)
+        object.__setattr__(self, "half_width", outline.side * outline.half_width(layers))
+        object.__setattr__(self, "half_depth", outline.side * outline.half_depth(layers))
+        object.__setattr__(self, "tail_half_span", outline.depths[-1])
+
+
+OUTLINED = ("half_depth", "half_width", "tail_half_span")
 
 
 def calibrated() -> dict:
@@ -215,16 +232,38 @@ def shares(faces, behind, place) -> np.ndarray:
 def check_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
     """Replace some of the calibrated parameters; ValueError, which names the body, for one there is not.
 
+    A length outside the range in which the model is meant is warned of.
+
     Args:
         body: its name.
-        parameters: what a user gave.
+        parameters: what a user gave. Times that were not given are those of the fish's length (`sizes.py`).
         own: what replaces the default fish's parameters in this body, unless a user gave them.
     """
     allowed = [field.name for field in fields(MassSpringParameters)]
     for name in parameters:
         if name not in allowed:
             raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
-    return MassSpringParameters(**(calibrated() | (own or {}) | parameters))
+    standard = calibrated()
+    if parameters.get("outline") is not None:
+        for name in OUTLINED:
+            if name in parameters:
+                raise ValueError(f"{name} and an outline, which has it, are both given; give one of them")
+        outline = read_outline(parameters["outline"])
+        standard["layer_position"] = layers_for(outline, standard["layer_position"])
+    p = MassSpringParameters(**(standard | (own or {}) | parameters))
+    check_length(p.length)
+    return p if p.length == REFERENCE_LENGTH else _of_size(p, parameters)
+
+
+def _of_size(p: MassSpringParameters, given: dict) -> MassSpringParameters:
+    """Parameters with times that suit the length, but for those that were given."""
+    slower = slowness(p.length / REFERENCE_LENGTH)
+    times = {
+        "contraction_time": slower * p.contraction_time,
+        "activation_time": tuple(slower * time for time in p.activation_time),
+        "time_step": p.time_step / step_parts(p.length),
+    }
+    return replace(p, **{name: time for name, time in times.items() if name not in given})
 
 
 def make_mass_spring(**parameters) -> Fish:
@@ -236,7 +275,7 @@ def make_mass_spring(**parameters) -> Fish:
     p = check_parameters("mass_spring", parameters)
     pairs, classes, sections, faces = topology()
     position = shape(p)
-    stiffness = np.array(p.stiffness)[classes] * along(p.taper, sections) * (p.length / REFERENCE_LENGTH) ** 3
+    stiffness = np.array(p.stiffness)[classes] * along(p.taper, sections) * (p.length / REFERENCE_LENGTH)
     damping = p.relaxation_time * along(p.damping_taper, sections) * stiffness
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     share, drag = drag_points(p)

@@ -1,7 +1,7 @@
 """Node masses that move a body as the continuum inside its outline moves: same mass, centre and moments of inertia.
 
-The outline is lofted: between two stations half width and half depth are straight, and a cross-section is a rectangle.
-Its integrals are exact by Gauss' rule, since they are polynomials of low degree between the stations. Masses lumped by
+Between two stations of the outline (`fish_env/bodies/outline.py`) half width and half depth are straight. Its integrals
+are exact by Gauss' rule, since they are polynomials of low degree between the stations. Masses lumped by
 shape functions have the continuum's mass and centre, but too much inertia, since the nodes lie on the outside of what
 they stand for. `match_moments` changes them as little as it can.
 """
@@ -9,6 +9,8 @@ they stand for. `match_moments` changes them as little as it can.
 from typing import NamedTuple
 
 import numpy as np
+
+from fish_env.bodies.outline import outline_of, stations_of
 
 WATER_DENSITY = 1000.0  # kg/m3; the fish displaces its own mass of it
 MOST_STEPS, TOLERANCE = 60, 1e-12  # of Newton's method, and of what is left over the total
@@ -33,30 +35,21 @@ class Moments(NamedTuple):
         return self.squares.sum() - self.squares
 
 
-def outline(p) -> np.ndarray:
-    """x, half width and half depth, (3,7) m, of the stations of the fish with these parameters, from the nose on."""
-    return p.length * np.array([
-        [0.0, *(-np.array(p.layer_position)), -1.0],
-        [0.0, *p.half_width, 0.0],
-        [0.0, *p.half_depth, p.tail_half_span],
-    ])  # fmt: skip
-
-
 def _points(p):
-    """Mass (6,6) kg, x, half width and half depth (6,6) m of the Gauss points of six sections, and their shares."""
-    x, width, depth = outline(p)
-    share = 0.5 * (1.0 + POINTS)
-    x, width, depth = (row[:-1, None] + share * np.diff(row)[:, None] for row in (x, width, depth))
-    step = 0.5 * WEIGHTS * np.abs(np.diff(outline(p)[0]))[:, None]
-    return WATER_DENSITY * 4.0 * width * depth * step, x, width, depth, share
+    """Mass (R,6) kg, place, half width and half depth (R,6) m of the Gauss points between R + 1 stations."""
+    whole, (stations, _) = outline_of(p), stations_of(p)
+    rows = stations, whole.half_width(stations), whole.half_depth(stations)
+    place, width, depth = (row[:-1, None] + 0.5 * (1.0 + POINTS) * np.diff(row)[:, None] for row in rows)
+    step = 0.5 * WEIGHTS * np.diff(stations)[:, None]
+    return WATER_DENSITY * whole.fullness * width * depth * step, place, width, depth
 
 
 def continuum(p) -> Moments:
     """The moments of the outline of a fish of these parameters, filled with matter of the density of water."""
-    mass, x, width, depth, _ = _points(p)
-    total = mass.sum()
-    centre = (mass * x).sum() / total
-    squares = [(mass * part).sum() for part in ((x - centre) ** 2, width**2 / 3.0, depth**2 / 3.0)]
+    mass, place, width, depth = _points(p)
+    total, thin = mass.sum(), outline_of(p).flatness
+    centre = -(mass * place).sum() / total
+    squares = [(mass * part).sum() for part in ((-place - centre) ** 2, width**2 / thin, depth**2 / thin)]
     return Moments(float(total), float(centre), np.array(squares))
 
 
@@ -69,10 +62,12 @@ def moments(mass, position) -> Moments:
 
 def layer_masses(p) -> np.ndarray:
     """Masses of the seven layers, (7,) kg: every section's matter, by linear shape functions along the body."""
-    mass, *_, share = _points(p)
+    mass, (_, at) = _points(p)[0], stations_of(p)
+    section = at[:-1].astype(int)
+    share = (at[:-1] - section)[:, None] + 0.5 * (1.0 + POINTS) * np.diff(at)[:, None]
     layer = np.zeros(7)
-    layer[:-1] += (mass * (1.0 - share)).sum(axis=1)
-    layer[1:] += (mass * share).sum(axis=1)
+    np.add.at(layer, section, (mass * (1.0 - share)).sum(axis=1))
+    np.add.at(layer, section + 1, (mass * share).sum(axis=1))
     return layer
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import fitted_parameters
-from fish_env.bodies.masses import continuum, layer_masses, match_moments, outline
+from fish_env.bodies.masses import continuum, layer_masses, match_moments
+from fish_env.bodies.outline import layers_of
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.fish import Fish, Landmarks
 
@@ -82,7 +83,7 @@ def muscles(section) -> tuple[np.ndarray, np.ndarray]:
 def shape(p) -> np.ndarray:
     """Rest positions (12,3) m: nose at the origin, body along -x, y to the left, z zero."""
     position = np.zeros((12, 3))
-    for (left, right), x, width in zip(NODES, *outline(p)[:2], strict=True):
+    for (left, right), x, width in zip(NODES, *layers_of(p)[:2], strict=True):
         position[[left, right], 0] = x
         position[left, 1], position[right, 1] = width, -width * (left != right)
     return position
@@ -106,7 +107,7 @@ def project_stiffness(p):
     along = p.length * np.diff([0.0, *p.layer_position, 1.0])
     width = p.length * np.array([0.0, *p.half_width, 0.0])
     depth = p.length * np.array([0.0, *p.half_depth, p.tail_half_span])
-    cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH) ** 3
+    cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH)
     taper = np.array(p.taper)
     front, back = (width[:-1], depth[:-1]), (width[1:], depth[1:])
     side = along**2 + (front[0] - back[0]) ** 2  # squares in the plane, of a line along a side and of one across
@@ -153,7 +154,7 @@ def surface(p):
 
     The faces are the flanks, and the slopes that face forward, above and below.
     """
-    faces, section, height, depth = [], [], [], outline(p)[2]
+    faces, section, height, depth = [], [], [], layers_of(p)[2]
     for k, ((a, b), (c, d)) in enumerate(pairwise(NODES)):
         front, back = depth[k], depth[k + 1]
         if a == b:  # the nose: third node twice, so that the face's force is shared as a triangle's

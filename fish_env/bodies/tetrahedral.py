@@ -1,18 +1,19 @@
 """The fish as corotational tetrahedra: a soft solid with fibres along its four edges, of which twelve are muscles.
 
-The outline is the default fish's, cut into `level` pieces a section and into 2 x `level` cells across and upward. From
-layer to layer run fibres, springs where the default fish has them along its edges: muscles, else tendons. They skip the
-nodes in between, at which a chain of springs would buckle, the sooner the finer. The material is the same at every
-level: `softening` takes off what linear elements are too stiff in bending. `benchmarks/calibration/living_fish.py`
-calibrated it to living fish.
+The outline is cut into `level` pieces a section and into 2 x `level` cells across and upward. From layer to layer run
+fibres, springs where the default fish has them along its edges: muscles, else tendons. They skip the nodes in between,
+at which a chain of springs would buckle, the sooner the finer. The material is the same at every level: `softening`
+takes off what linear elements are too stiff in bending. `benchmarks/calibration/living_fish.py` calibrated it to living
+fish.
 """
 
 import numpy as np
 
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import read_calibration
-from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments, outline
+from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments
 from fish_env.bodies.mesh import RULES, grid, lumped_mass
+from fish_env.bodies.outline import layers_of, sides_of
 from fish_env.bodies.room import whole
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
@@ -30,7 +31,7 @@ def make_tetrahedral(
 
     Args:
         level: 1 to 4. The material is the same at every level.
-        young: Young's modulus of the solid of the six sections of a fish of 0.2 m, (6,) Pa; None: as calibrated.
+        young: Young's modulus of the solid of the six sections, (6,) Pa, at every length; None: as calibrated.
         poisson: Poisson's ratio of the solid, above -1 and below 0.5.
         strain: "corotational"; "linear", which swells when it turns; or "green_lagrange" (`make_tets`).
         lumping: "matched", masses with the inertia of the outline; "quarter" of each element's mass to its corners, or
@@ -44,7 +45,7 @@ def make_tetrahedral(
     p = tu.check_parameters("tetrahedral", parameters, own["parameters"])
     young = positive_array(own["young"] if young is None else young, (6,), "young")
     mesh, section = make_mesh(p, level)
-    modulus = (young * softening(mesh, section, poisson))[section] * (p.length / tu.REFERENCE_LENGTH) ** 2
+    modulus = (young * softening(mesh, section, poisson))[section]
     tets = make_tets(mesh.position, mesh.tets, modulus, poisson, p.relaxation_time, strain)
     marks = landmarks(mesh, level, tu.masses(p))
     pairs, stiffness, muscles = fibres(p, marks)
@@ -67,9 +68,10 @@ def make_tetrahedral(
 
 
 def make_mesh(p, level):
-    """Make the mesh of the default fish's outline; returns it and the section, 0 to 5, of each tetrahedron."""
-    at = np.arange(6 * level + 1) / level
-    along, width, depth = (np.interp(at, np.arange(7), row) for row in outline(p))
+    """Make the mesh inside the fish's outline; returns it and the section, 0 to 5, of each tetrahedron."""
+    at, (layer, *sides) = np.arange(6 * level + 1) / level, sides_of(p)
+    along = np.interp(at, np.arange(7), layers_of(p)[0])
+    width, depth = (np.interp(at, layer, side) for side in sides)
     mesh = grid(along, width, depth, 2 * level, 2 * level)
     place = np.interp(-mesh.position[mesh.tets, 0].mean(axis=1), -along, at)
     return mesh, place.astype(int)
@@ -86,7 +88,7 @@ def fibres(p, marks):
     layer = np.repeat(np.arange(7), [len(nodes) for nodes in tu.LAYERS])
     along = (layer[pairs[:, 0]] != layer[pairs[:, 1]]) & (classes != tu.CROSS)
     pairs, classes, section = pairs[along], classes[along], section[along].astype(int)
-    stiffness = np.array(p.stiffness)[classes] * np.array(p.taper)[section] * (p.length / tu.REFERENCE_LENGTH) ** 3
+    stiffness = np.array(p.stiffness)[classes] * np.array(p.taper)[section] * (p.length / tu.REFERENCE_LENGTH)
     return marks.node[pairs], stiffness, np.flatnonzero(classes == tu.MUSCLE)
 
 

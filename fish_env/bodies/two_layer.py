@@ -37,9 +37,10 @@ def make_two_layer(
         inner_size: of the inner skin over the outer one, between 0 and 1.
         inner_stiffness: of the inner skin's springs over the outer ones', positive.
         inner_mass: the inner skin's part of the mass, between 0 and 1, before `match_moments` changes the masses.
-        pressure: of the gas in the inner skin at rest, and of what surrounds it, for a fish of 0.2 m, Pa.
+        pressure: of the gas in the inner skin at rest, and of what surrounds it, Pa.
         gap_pressure: the same between the skins, Pa.
-        barrier_energy: scale of the barrier that keeps the inner skin inside the outer one, J.
+        barrier_energy: scale of the barrier that keeps the inner skin inside the outer one, J, for a fish of 0.2 m; it
+            grows as the cube of the length.
         parameters: fields of `MassSpringParameters`.
 
     Raises:
@@ -90,14 +91,14 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
     pairs = np.concatenate([pairs, braces])
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     gap = np.concatenate([faces, reverse_faces(faces) + 23])
-    pressures = scale**2 * positive_array(pressures, (2,), "pressures (Pa)")
+    pressures = positive_array(pressures, (2,), "pressures (Pa)")
     triangles, nodes = corners_of(faces)
     share, drag = tu.drag_points(p, drag)
     return make_body(
         position, mass, pairs, stiffness,
         damping * p.relaxation_time * stiffness, natural, faces, share=share, drag=drag,
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
-        barriers=make_barriers(position, triangles, nodes, scale**5 * barrier_energy),
+        barriers=make_barriers(position, triangles, nodes, scale**3 * barrier_energy),
     )  # fmt: skip
 
 
@@ -135,7 +136,7 @@ def reverse_faces(faces) -> np.ndarray:
 
 def springs(p, skin, kinds, braces, bending, shear, inner) -> np.ndarray:
     """Stiffness (E,) N/m in the order of `layer_springs`, then of the braces: along edges that of the default fish."""
-    cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH) ** 3
+    cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH)
     layer = np.empty(23)
     for number, nodes in enumerate(tu.LAYERS):
         layer[nodes] = number

@@ -60,7 +60,8 @@ def vary(tank: Tank[Fish], i: int, values: Mapping[str, float]) -> None:
     """Give fish i of the tank the body and the water of these values; values without a name are the original ones.
 
     Counted in its own lengths, a fish of r times the length and the same tissue moves as one whose springs have 1/r^2
-    times the stiffness and damping: theirs grow as r, but mass times acceleration and drag as r^4.
+    times the stiffness and damping: theirs grow as r, but mass times acceleration and drag as r^4 (docs/physics.md, eq.
+    73). Muscles stay as fast, since a key changes one thing: `make_fish(length=...)` slows them by r^0.52 (eq. 74).
     """
     names = ("stiffness", "mass", "drag", "strength", "contraction_time")
     factors = {name: values[name] for name in names if name in values}

@@ -62,7 +62,7 @@ def make_tets(position, nodes, young, poisson, relaxation_time: Any = 0.0, strai
 
 
 @representable("a compartment")
-def make_compartments(position, surfaces, pressure, ambient=0.0) -> Compartments:
+def make_compartments(position, surfaces, pressure, ambient: float | np.ndarray = 0.0) -> Compartments:
     """Gas compartments inside closed surfaces, at the given pressure while the body is at rest.
 
     Args:

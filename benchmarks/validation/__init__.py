@@ -1,0 +1,1 @@
+"""Comparisons with published measurements that nothing was fitted to."""
