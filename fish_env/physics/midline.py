@@ -63,7 +63,7 @@ def prescribe(fish: Fish, midline, period: float, water: World | None = None, sp
             places (S,) and the time, s, or an array (T,S) of evenly spaced instants of a period and places. Places are
             along the body, which keeps its length. With a last axis of 2, it has points: backward, to the left.
         period: s.
-        water: None takes the fish's own. Of all forces, only those of the water act.
+        water: None takes the fish's own. Of all forces, only those of the water and a user's own act.
         speed: at which the frame of the midline is towed forward, without sway or yaw, m/s; None lets it move freely.
 
     Raises:
@@ -158,7 +158,7 @@ class _Instant(NamedTuple):
     line: np.ndarray  # (K,3) m, of the stations
     bending: np.ndarray  # (N,3) m/s, of the nodes in the frame
     held: np.ndarray  # (N,3) N, by which the bent body moves its nodes
-    water: np.ndarray  # (N,3) N
+    water: np.ndarray  # (N,3) N, force of the water
     change: np.ndarray  # (3,) acceleration of the frame
 
 
@@ -168,7 +168,8 @@ class _Swimmer:
     def __init__(self, fish: Fish, midline: tuple[np.ndarray, np.ndarray], period: float, water: World):
         x, y, z = fish.body.position.T
         self.fish, self.period, self.mass, (angle, nose) = fish, period, fish.body.mass[:, None], midline
-        names = tuple(name for name in forces.present(fish.body, water) if name in ("water", "reactive"))
+        around = {"water", "reactive", *(water.extra or {})}
+        names = tuple(name for name in forces.present(fish.body, water) if name in around)
         self.water, self.place = Evaluator(fish.body, water, names), (x.max() - x) / np.ptp(x)
         place = np.append(self.place, STATIONS)
         aside, up = (np.append(values, np.zeros(STATIONS.size)) for values in (y, z))
@@ -197,13 +198,19 @@ class _Swimmer:
         effect = _effect(r)
         x, v = r + here, bending + np.tensordot(u, effect, 1)
         a = second[:n] + 2.0 * u[2] * _across(bending) + u[2] ** 2 * _across(_across(r))
-        f, change = self.water.force(self.fish.body.springs.rest_length, x, v), np.zeros(3)
-        held = self.mass * a - f
+        held, change = self.mass * a + self.water.inertia(x, a) - self.push(x, v), np.zeros(3)
         if free:
-            heavy = self.mass * effect
+            heavy = self.mass * effect + np.array([self.water.inertia(x, motion) for motion in effect])
             change = _balance(effect, heavy, held)
             held = held + np.tensordot(change, heavy, 1)
-        return _Instant(x, p[n:] + here, bending, held, f, change)
+        return _Instant(
+            x, p[n:] + here, bending, held, self.mass * (a + np.tensordot(change, effect, 1)) - held, change
+        )
+
+    def push(self, x, v) -> np.ndarray:
+        """Force of the water on the nodes (N,3) N, but for its resistance to their acceleration."""
+        f = self.water.force(self.fish.body.springs.rest_length, x, v)
+        return f + self.water.inertia(x, self.fish.body.inverse_mass * f)
 
     def swim(self, u, free: bool = True) -> list:
         """Place and velocity of the frame, (3,) each, at every second instant of a period and at its end."""
