@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from benchmarks.validation import friction
 from fish_env import make_fish, prescribe
+from fish_env.physics.forces import FORCES
 from fish_env.physics.world import VACUUM
 
 PERIOD, SHIFT, FISH = 0.5, 0.03, make_fish()
@@ -43,6 +45,20 @@ def test_towed_straight():
     assert by_hand[0] < 0.0 == found.power.max() == found.sweep.max() == found.strouhal
     np.testing.assert_allclose(found.force, np.tile(by_hand, (len(found.time), 1)), rtol=1e-12, atol=1e-15)
     assert (found.speed, found.relative_speed) == pytest.approx((0.3, 0.3 / LENGTH))
+
+
+def test_friction(monkeypatch):
+    """A user's own force acts: friction pulls a towed plane backward by the part of its surface that is along it."""
+    monkeypatch.setitem(FORCES, "friction", friction)
+    coefficient, speed = friction.blasius(40_000.0), 0.3
+    assert coefficient == pytest.approx(0.00664)
+    rough = friction.with_friction(FISH.water, FISH.body, coefficient)
+    smooth, found = (prescribe(FISH, np.zeros((1, 4)), PERIOD, water=w, speed=speed).force[0, 0]
+                     for w in (FISH.water, rough))  # fmt: skip
+    p, q, r, s = FISH.body.position[FISH.body.faces.nodes.T]
+    area = 0.5 * np.cross(r - p, s - q)
+    along = (np.linalg.norm(area, axis=1) - area[:, 0] ** 2 / np.linalg.norm(area, axis=1)).sum()
+    assert found - smooth == pytest.approx(-500.0 * coefficient * speed**2 * along, rel=1e-9)
 
 
 def test_heaving():
