@@ -70,6 +70,12 @@ ACCURACY = (
         one_core=True,
     ),
     Result(
+        "accuracy.held_out", "errors and prices of methods on 64 random scenes that nothing was fitted to, every body",
+        "-m benchmarks.accuracy.held_out", 10,
+        csv("held_out", "held_out.svg"),
+        one_core=True, follows=EVERY_BODY,
+    ),
+    Result(
         "accuracy.finite_elements", "tetrahedra against beam theory; measures of strain in rotation and bending",
         "-m benchmarks.accuracy.finite_elements", 3,
         csv("elements_beam", "elements_strains") + images("elements.svg"),

@@ -95,6 +95,7 @@ def test_order(name, body, medium, steps):
     damping take steps a fraction of that (`FINER`): the amplitude's error grows as exp(h), so that it is straight in h
     only where the step is short against each vibration's own relaxation. So does the leapfrog, whose filter holds back
     the damping differently above a step of six relaxation times: its error has two slopes of second order and a bend.
+    With the two stages that it takes here it is of second order, with more of first (`test_problems.py`).
     """
     steps = moving.FINER.get(name, 1) * np.array(steps)
     (world, x, v, rest, rate, duration), (true_x, true_v) = moving.scene(body, medium)
@@ -103,4 +104,5 @@ def test_order(name, body, medium, steps):
         near_x, near_v = advance(name, FISH[body], world, x, v, rest, rate, duration / n, n)
         errors.append(np.linalg.norm(near_x - true_x) + duration * np.linalg.norm(near_v - true_v))
     order = moving.slope_of(errors, duration / steps)
-    assert abs(order - INTEGRATORS[name].order) <= 0.15, f"measured order {order:.3f}, errors {errors}"
+    stated = 2 if name in moving.STABILISED else INTEGRATORS[name].order
+    assert abs(order - stated) <= 0.15, f"measured order {order:.3f}, errors {errors}"

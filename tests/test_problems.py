@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moving import slope_of
 
-from benchmarks.accuracy import work_precision
+from benchmarks.accuracy import held_out, work_precision
 from benchmarks.common import problems
 from benchmarks.common.charts import METHOD_STYLE
-from fish_env import Tank, make_fish
+from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.control import best_gait
 
 TURN, FISH = problems.problems()["turn"], make_fish()
@@ -64,6 +65,17 @@ def test_turn(truth):
     assert error(truth, "semi_implicit", 20) == np.inf
 
 
+def test_order_of_default():
+    """With three stages, the order of the default method is the one that is stated."""
+    scene, errors, steps = problems.problems()["vibration"], [], (12, 16, 20, 24)
+    path = problems.run(scene, "rk4", 128)[0]
+    for k in steps:
+        found, tank = problems.run(scene, FISH.integrator, k)
+        assert tank.counters["force_evaluations"][0] == 3 * k * len(path)
+        errors.append(problems.distance(FISH, found, path))
+    assert slope_of(errors, 1 / np.array(steps)) == pytest.approx(INTEGRATORS[FISH.integrator].order, abs=0.15)
+
+
 def test_single_precision():
     """The default in float32 stays within 5e-6 body lengths of float64 over the abrupt manoeuvre."""
     steps = problems.steps_of(FISH)
@@ -84,19 +96,33 @@ def test_fast_strokes(frequency, by_default, by_midpoint):
 
 
 def test_rows(truth):
-    """A row has an error and work, or a reason; the least expensive one is accurate at finer steps, too."""
+    """A row has an error and work, or a reason."""
     row = work_precision.measure(TURN, "rk4", 16, truth, seconds=False)
     assert (row["scene"], row["integrator"], row["substeps"]) == ("turn", "rk4", 16)
     assert row["error"] < 1e-3 and row["forces_per_interval"] == 64 and row["failure"] == ""
     failed = work_precision.measure(TURN, "symplectic_euler", 4, truth, seconds=False)
     assert np.isinf(failed["error"]) and np.isnan(failed["forces_per_interval"]) and failed["failure"]
-    rows = [
-        {"scene": "s", "integrator": "a", "refine": np.inf, "substeps": k, "error": off, "us_per_interval": float(k)}
-        for k, off in ((1, 0.001), (2, 0.5), (4, 0.009), (8, 0.002))
-    ]
-    rows.append(rows[0] | {"integrator": "b", "error": np.inf, "us_per_interval": np.nan})
-    rows.append(rows[0] | {"refine": 0.1, "substeps": 3, "us_per_interval": 5.0})
-    assert work_precision.least_expensive(rows, "s", ["a", "b"])["substeps"] == 4
+
+
+def test_held_out(monkeypatch):
+    """The turn among the held-out scenes has the bits it has alone; scenes that magnify more than allowed are counted.
+
+    The errors of a row are those of the others.
+    """
+    whole = held_out.setting("mass_spring", "drag")
+    assert whole.goals.shape == (65, 100, 12) and whole.goals.min() >= 0.0 and whole.goals.max() <= 1.0
+    assert len({goals.tobytes() for goals in whole.goals}) == 65
+    scenes = whole._replace(goals=whole.goals[-9:, :30])
+    moved = held_out.move(scenes, FISH.integrator, 6, batch=20)
+    alone, _ = problems.run(replace(TURN, contraction=scenes.goals[-1]), FISH.integrator, 6)
+    np.testing.assert_array_equal(moved.path[:, -1], alone)
+    monkeypatch.setattr(held_out, "FEWEST", 32)
+    monkeypatch.setattr(held_out, "FAMILIES", ((held_out.sprints, 8),))
+    magnified = np.sort(held_out.magnification(scenes, 32)[:-1])
+    monkeypatch.setattr(held_out, "MAGNIFIED", magnified[4])
+    row = held_out.measure("mass_spring", "drag", scenes, held_out.reference(scenes), (FISH.integrator, 6, np.inf))
+    assert (row["scenes"], row["unpredictable"], row["failed"], row["worst_of"]) == (8, 3, 0, "sprints")
+    assert 0.0 < row["geometric_mean"] < row["ninety_percent"] < row["worst"] < 0.01
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 2.0])

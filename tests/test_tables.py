@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pages import ROOT
 
-from benchmarks.accuracy.work_precision import least_expensive
+from benchmarks.accuracy.held_out import least_expensive
 from benchmarks.calibration import living_fish
 from benchmarks.common.tables import read_table
 from benchmarks.objects import layers, solids, survey
@@ -22,18 +22,47 @@ def short(value, digits=2):
     return f"{float(f'{value:.{digits}g}'):,.10g}" if value >= 10 else f"{value:#.{digits}g}"
 
 
+HELD_OUT = ("mass_spring", "planar", "two_layer", "tetrahedral")
+
+
 def line(*cells):
     """A row of a page's table."""
     return f"| {' | '.join(map(str, cells))} |"
 
 
+def held_out(row):
+    """Price and errors of a method at a step: over the held-out scenes, and on the abrupt turn."""
+    errors = (row[key] for key in ("geometric_mean", "ninety_percent", "worst", "turn"))
+    percent = (np.format_float_positional(float(f"{100 * error:.2g}"), trim="-") for error in errors)
+    return short(row["us_per_interval"]).rstrip("."), *(f"{error} %" for error in percent)
+
+
 def methods():
-    """The least expensive accurate runs of the turn."""
-    rows = [row for row in read_table("work_precision.csv") if np.isinf(row["refine"])]
-    for name in ("leapfrog_chebyshev", "symplectic_euler", "semi_implicit", "rosenbrock", "midpoint", "rk4",
-                 "explicit_euler"):  # fmt: skip
-        row = least_expensive(rows, "turn", [name])
-        yield line(f"`{name}`", row["substeps"], f"{row['us_per_interval']:.2g}", f"{100 * row['error']:.1g} %")
+    """Methods on the held-out scenes of the default fish."""
+    for name, steps in (("leapfrog_chebyshev", (3, 6, 12, 24)), ("symplectic_euler", (32,)), ("semi_implicit", (32,)),
+                        ("rosenbrock", (12,)), ("midpoint", (24,)), ("rk4", (16,))):  # fmt: skip
+        for k in steps:
+            row = select("held_out.csv", body="mass_spring", water="drag", integrator=name, substeps=k)[0]
+            assert not row["failed"]
+            yield line(f"`{name}`", k, *held_out(row))
+
+
+def own_steps():
+    """Every body with its own method and step on the held-out scenes: the first row of each."""
+    for body in HELD_OUT:
+        row = select("held_out.csv", body=body, water="drag")[0]
+        assert not row["failed"]
+        yield line(f"`{body}`", row["substeps"], *held_out(row), row["unpredictable"])
+
+
+def least_prices():
+    """The least expensive method of every body by the error that nine held-out scenes of ten stay below."""
+    for percent in (2, 1, 0.5, 0.1, 0.01):
+        cells = []
+        for body in HELD_OUT:
+            row = least_expensive(select("held_out.csv", body=body, water="drag"), percent / 100, "ninety_percent")
+            cells.append(f"`{row['integrator']}` {row['substeps']}: {short(row['us_per_interval']).rstrip('.')}")
+        yield line(f"{percent:g} %", *cells)
 
 
 def failures():
@@ -176,7 +205,7 @@ def moved_solids():
 
 
 PAGES = {
-    "choosing-an-integrator": (methods, failures),
+    "choosing-an-integrator": (methods, own_steps, least_prices, failures),
     "choosing-a-body": (bodies, fits),
     "validation": (gait, lambda: [living_fish.table(read_table("living_fish.csv"))]),
     "performance": (rates, peers),

@@ -144,20 +144,6 @@ def draw() -> None:
     save(figure, RESULTS / "work_precision.svg")
 
 
-def least_expensive(rows: list[dict], scene: str, names) -> dict:
-    """The row of a scene with the least time among those at least as accurate as ACCURATE, as are all smaller steps."""
-    accurate = []
-    mine = [row for row in rows if row["scene"] == scene and row["integrator"] in names]
-    for key in dict.fromkeys((row["integrator"], row["refine"]) for row in mine):
-        line = sorted((row for row in mine if (row["integrator"], row["refine"]) == key),
-                      key=lambda row: -row["substeps"])  # fmt: skip
-        for row in line:  # from the smallest step: stop where it first becomes inaccurate
-            if not row["error"] <= ACCURATE:
-                break
-            accurate.append(row)
-    return min(accurate, key=lambda row: row["us_per_interval"])
-
-
 def measure_all() -> None:
     """Write the tables; an interrupted run leaves the scenes that are done."""
     rows, references = [], []

@@ -11,16 +11,18 @@ import numpy as np
 
 from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments
-from fish_env.bodies.outline import Outline, layers_for, read_outline
+from fish_env.bodies.outline import Outline, layers_for, outline_of, read_outline
 from fish_env.bodies.sizes import REFERENCE_LENGTH, check_length, slowness, step_parts
 from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import make_body
+from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish
 from fish_env.physics.records import Body
 from fish_env.physics.world import make_water
 
 NOSE, TAIL = 0, (21, 22)
 LAYERS = [[0], [1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20], [21, 22]]
+EDGES = [[node for layer in LAYERS[1:6] for node in layer[k : k + 2]] for k in (0, 2)]  # upper and lower nodes
 LEFT = np.array([node for layer in LAYERS[1:6] for node in (layer[0], layer[3])])
 RIGHT = np.array([node for layer in LAYERS[1:6] for node in (layer[1], layer[2])])
 CROSS, MUSCLE, OTHER = 0, 1, 2
@@ -279,7 +281,11 @@ def make_mass_spring(**parameters) -> Fish:
     damping = p.relaxation_time * along(p.damping_taper, sections) * stiffness
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     share, drag = drag_points(p)
-    body = make_body(position, masses(p), pairs, stiffness, damping, natural, faces, share=share, drag=drag)
+    mass = masses(p)
+    body = make_body(
+        position, mass, pairs, stiffness, damping, natural, faces, share=share, drag=drag,
+        sections=make_sections(position, mass, LAYERS, EDGES, outline_of(p).stations),
+    )  # fmt: skip
     return _fish("mass_spring", body, p.contracted, time_step=p.time_step, refine=REFINE, **common_fields(p))
 
 

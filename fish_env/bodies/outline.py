@@ -42,6 +42,11 @@ class Outline:
         return self.fullness * self.half_width(s) * self.half_depth(s)  # (72)
 
     @property
+    def stations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places, half widths and half depths, (S,) each."""
+        return self.place, self.widths, self.depths
+
+    @property
     def fullness(self) -> float:
         """Area of a cross-section over the product of its half axes."""
         return np.pi if self.elliptic else 4.0

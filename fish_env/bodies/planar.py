@@ -12,8 +12,9 @@ import numpy as np
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import fitted_parameters
 from fish_env.bodies.masses import continuum, layer_masses, match_moments
-from fish_env.bodies.outline import layers_of
+from fish_env.bodies.outline import layers_of, outline_of
 from fish_env.physics.body import fix, make_body
+from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish, Landmarks
 
 NODES = [(0, 0), *((k, k + 1) for k in range(1, 11, 2)), (11, 11)]
@@ -48,9 +49,11 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
     faces, section_of, height = surface(p)
     layer = np.repeat(np.arange(7), [len(set(nodes)) for nodes in NODES])[faces]
     share = tu.shares(faces, layer > section_of[:, None], np.array(p.water_place)[section_of])
+    mass, groups, whole = masses(p), [sorted(set(nodes)) for nodes in NODES], outline_of(p)
     body = make_body(
-        position, masses(p), pairs, stiffness, relaxation * stiffness, natural, faces,
+        position, mass, pairs, stiffness, relaxation * stiffness, natural, faces,
         share=share, drag=(drag * p.water_drag)[section_of], depth=height,
+        sections=make_sections(position, mass, groups, [[0], [0]], whole.stations, True),
     )  # fmt: skip
     fibres, drives = muscles(section)
     segments, sides = np.repeat(np.arange(3), 4), np.tile([1, -1, -1, 1], 3)

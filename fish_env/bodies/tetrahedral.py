@@ -13,11 +13,11 @@ from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments
 from fish_env.bodies.mesh import RULES, grid, lumped_mass
-from fish_env.bodies.outline import layers_of, sides_of
+from fish_env.bodies.outline import layers_of, outline_of, sides_of
 from fish_env.bodies.room import whole
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_tets
+from fish_env.physics.elements import make_sections, make_tets
 from fish_env.physics.fish import Fish, Landmarks
 
 MOST = 4  # pieces a section
@@ -50,9 +50,12 @@ def make_tetrahedral(
     marks = landmarks(mesh, level, tu.masses(p))
     pairs, stiffness, muscles = fibres(p, marks)
     natural = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)
+    mass, edges = masses(p, mesh, lumping), corner_lines(mesh)[:, 1:-1].reshape(2, -1)
+    planes = [np.unique(plane) for plane in mesh.number]
+    sections = make_sections(mesh.position, mass, planes, edges, outline_of(p).stations)
     body = make_body(
-        mesh.position, masses(p, mesh, lumping), pairs, stiffness, p.relaxation_time * stiffness, natural,
-        mesh.faces, tets=tets,
+        mesh.position, mass, pairs, stiffness, p.relaxation_time * stiffness, natural,
+        mesh.faces, tets=tets, sections=sections,
     )  # fmt: skip
     _, classes, section, _ = tu.topology()
     segments = section[classes == tu.MUSCLE].astype(int) - 1

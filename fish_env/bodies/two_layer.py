@@ -12,10 +12,11 @@ import numpy as np
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import fitted_parameters
 from fish_env.bodies.masses import continuum, match_moments
+from fish_env.bodies.outline import outline_of
 from fish_env.bodies.skins import Skin, edges_of, layer_springs
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_barriers, make_compartments
+from fish_env.physics.elements import make_barriers, make_compartments, make_sections
 from fish_env.physics.fish import Fish, Landmarks
 from fish_env.physics.records import Body
 
@@ -99,6 +100,10 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
         damping * p.relaxation_time * stiffness, natural, faces, share=share, drag=drag,
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**3 * barrier_energy),
+        sections=make_sections(
+            position, mass, [[*layer, *(23 + node for node in layer)] for layer in tu.LAYERS], tu.EDGES,
+            outline_of(p).stations,
+        ),
     )  # fmt: skip
 
 

@@ -62,7 +62,7 @@ class Episodes(Stateful, ReadOnly):
         integrator: str | None = None,
         dt: float | None = None,
         control_interval: float | None = None,
-        water: Mapping[str, Any] | World | None = None,
+        water: str | Mapping[str, Any] | World | None = None,
         muscle_groups: str = "muscles",
         variation: Mapping[str, Any] | None = None,
         max_episode_steps: int | None = None,
@@ -83,9 +83,7 @@ class Episodes(Stateful, ReadOnly):
         self.task, self._task_options = self._make_task(task, task_options), copy.deepcopy(task_options)
         self.max_episode_steps = max_episode_steps
         fish = body if isinstance(body, Fish) else make_fish(body)
-        water = fish.water if water is None else water
-        if not isinstance(water, World):
-            water = checked_water(water)
+        water = checked_water(water, fish)
         num_envs = checked_count(num_envs, "num_envs")
         limit = self.max_episode_steps or self.task.episode_steps
         self._senses = checked_senses(observation_noise, action_noise, observation_delay, action_delay, history, limit)

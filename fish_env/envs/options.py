@@ -10,13 +10,16 @@ import numpy as np
 from fish_env.checks import is_whole
 from fish_env.envs.layout import row_of
 from fish_env.envs.variation import checked_variation
+from fish_env.physics.fish import Fish
 from fish_env.physics.records import World
 from fish_env.physics.tank_options import MOST_STEPS
-from fish_env.physics.world import make_water
+from fish_env.physics.world import VACUUM, make_water, with_inertia
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import keywords_of
 from fish_env.tasks.start import check_pose
 
+WATERS = ("none", "drag", "reactive")
+"""Levels of water that an environment's `water` names: vacuum, drag alone, drag and inertia."""
 OF_ONE = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 """Attributes of a single environment that a batch has under another name."""
 
@@ -123,12 +126,18 @@ def checked_picture(width, height, camera, panel) -> dict[str, Any]:
     return {"width": int(width), "height": int(height), "camera": camera, "panel": bool(panel)}
 
 
-def checked_water(keywords) -> World:
-    """Water from keywords of `make_water`, or ValueError."""
+def checked_water(given, fish: Fish) -> World:
+    """Water of a name in WATERS, of keywords of `make_water`, as it is, or the fish's own; else ValueError."""
+    if given is None or isinstance(given, World):
+        return fish.water if given is None else given
+    if isinstance(given, str) and given in WATERS:
+        own = fish.water._replace(added_mass=None, righting=0.0)
+        return {"none": VACUUM, "drag": own, "reactive": with_inertia(own)}[given]
     try:
-        return make_water(**keywords)
+        return make_water(**given)
     except TypeError as error:
-        raise ValueError(f"water is {keywords!r}; give keywords of fish_env.make_water, or its result") from error
+        names = ", ".join(map(repr, WATERS))
+        raise ValueError(f"water is {given!r}; give {names}, keywords of fish_env.make_water, or its result") from error
 
 
 def set_option(env, name: str, value: Any) -> None:

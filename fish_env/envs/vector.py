@@ -33,7 +33,8 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
         integrator: a key of `fish_env.INTEGRATORS`.
         dt: integrator step, s; None takes the fish's own.
         control_interval: time of an environment step, s, a whole multiple of dt; None takes the fish's own.
-        water: keywords of `fish_env.make_water`, or its result; None is the water the fish is made for.
+        water: "none", "drag" or "reactive", the fish's own with inertia; keywords of `fish_env.make_water`, or its
+            result; None is the water the fish is made for.
         muscle_groups: "muscles", an action for each muscle, or "pairs", one for the left and one for the right side
             of each segment (the upper and lower muscle contract together: for planar scenes).
         variation: what differs from fish to fish, drawn at every reset: a number or a pair (lowest, highest) for keys

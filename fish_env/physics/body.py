@@ -13,13 +13,14 @@ from fish_env.physics import forces
 from fish_env.physics.elements import check_outward
 from fish_env.physics.failures import FAILURES  # noqa: F401 - also importable from here
 from fish_env.physics.linalg import ldlt, rates
-from fish_env.physics.records import Barriers, Body, Compartments, Faces, Springs, Tets
+from fish_env.physics.records import Barriers, Body, Compartments, Faces, Sections, Springs, Tets
 
 
 @representable("the body")
 def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, share=None,
               drag=None, depth=None, tets: Tets | None = None,
-              compartments: Compartments | None = None, barriers: Barriers | None = None) -> Body:  # fmt: skip
+              compartments: Compartments | None = None, barriers: Barriers | None = None,
+              sections: Sections | None = None) -> Body:  # fmt: skip
     """Check the parts of a body and combine them, with the skyline computed once.
 
     Args:
@@ -37,6 +38,7 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
         tets: result of `make_tets` for these positions, or None.
         compartments: result of `make_compartments`, or None.
         barriers: result of `make_barriers`, or None.
+        sections: result of `make_sections`, or None for a body on which the inertia of water cannot act.
 
     Raises:
         ValueError: for an invalid part; the message names it, its value and the valid values.
@@ -59,15 +61,13 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
     if not depth.any():
         check_outward(position, corners)
     for name, part, kind in (("tets", tets, Tets), ("compartments", compartments, Compartments),
-                             ("barriers", barriers, Barriers)):  # fmt: skip
+                             ("barriers", barriers, Barriers), ("sections", sections, Sections)):  # fmt: skip
         if not isinstance(part, kind | None):
             raise ValueError(f"{name} is a {type(part).__name__}; give what make_{name} returns, or None")
         highest = 0 if part is None else getattr(part, "faces" if name == "compartments" else "nodes").max(initial=0)
         if highest >= n:
             raise ValueError(f"{name} contain node {highest}; valid numbers are 0 to {n - 1}")
-    fours = corners if tets is None else np.concatenate([corners, tets.nodes])
-    joined = np.concatenate([pairs, *(fours[:, pair] for pair in combinations(range(4), 2))])
-    shape = ldlt.profile(joined, n)
+    shape = ldlt.profile(joined(pairs, corners, tets, sections), n)
     springs = Springs(
         pairs,
         positive_array(stiffness, (count,), "stiffness (N/m)", zero=True),
@@ -83,9 +83,19 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
     body = Body(
         position, mass, np.repeat(1.0 / mass[:, None], 3, axis=1), np.zeros((0, 2), np.int64), springs,
         Faces(corners, np.ascontiguousarray(share), drag, depth, bool(depth.any())), tets, compartments, barriers,
-        0.0, 0.0, shape,
+        0.0, 0.0, shape, sections,
     )  # fmt: skip
     return with_rates(body)
+
+
+def joined(springs, faces, tets: Tets | None, sections: Sections | None) -> np.ndarray:
+    """All pairs of nodes (J,2) that springs (E,2), faces (F,4), tetrahedra or sections join."""
+    fours = faces if tets is None else np.concatenate([faces, tets.nodes])
+    parts = [springs, *(fours[:, pair] for pair in combinations(range(4), 2))]
+    if sections is not None:
+        groups = np.split(sections.nodes, sections.first[1:-1])
+        parts += [np.array(list(combinations(group, 2)), dtype=np.int64).reshape(-1, 2) for group in groups]
+    return np.concatenate(parts)
 
 
 def fix(body: Body, nodes, axes: str = "xyz") -> Body:
@@ -135,7 +145,7 @@ def fix_where(body: Body, held: np.ndarray) -> Body:
 
 def scale_body(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
     """Multiply the stiffness and damping of a body's elements and the masses of its nodes by positive factors."""
-    tets, compartments, barriers = body.tets, body.compartments, body.barriers
+    tets, compartments, barriers, sections = body.tets, body.compartments, body.barriers, body.sections
     return body._replace(
         mass=body.mass * mass,
         inverse_mass=body.inverse_mass / mass,
@@ -151,6 +161,7 @@ def scale_body(body: Body, stiffness=1.0, damping=1.0, mass=1.0) -> Body:
         compartments=compartments
         and compartments._replace(gas=compartments.gas * stiffness, ambient=compartments.ambient * stiffness),
         barriers=barriers and barriers._replace(energy=barriers.energy * stiffness),
+        sections=sections and sections._replace(leverage=sections.leverage * mass),
         max_stiffness_eigenvalue=body.max_stiffness_eigenvalue * (stiffness / mass),
         max_damping_eigenvalue=body.max_damping_eigenvalue * (damping / mass),
     )

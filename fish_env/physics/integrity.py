@@ -5,11 +5,10 @@
 evaluated.
 """
 
-from itertools import combinations
-
 import numpy as np
 
 from fish_env.checks import finite_array
+from fish_env.physics.body import joined
 from fish_env.physics.fish import ElasticObject, Fish
 from fish_env.physics.linalg import ldlt
 from fish_env.physics.records import Body, World
@@ -39,12 +38,10 @@ def check_body(body: Body) -> None:
     """Raise ValueError unless all arrays of a body are consistent, also the skyline of its system matrix."""
     check_elements(body)
     n = len(body.mass)
-    joined = [part.nodes[:, pair] for part in (body.springs, body.faces, body.tets) if part is not None
-              for pair in combinations(range(part.nodes.shape[1]), 2)]  # fmt: skip
     check_numbers("fixed degrees of freedom", body.fixed, (None, 2), max(n, 3))
     check_numbers("fixed nodes", body.fixed[:, 0], (None,), n)
     check_numbers("fixed axes", body.fixed[:, 1], (None,), 3)
-    shape = ldlt.profile(np.concatenate(joined), n)
+    shape = ldlt.profile(joined(body.springs.nodes, body.faces.nodes, body.tets, body.sections), n)
     if any(not np.array_equal(one, other) for one, other in zip(shape, body.profile, strict=True)):
         raise ValueError(f"the profile of the body is not that of its elements{REMADE}")
     if not np.array_equal(ldlt.entries(shape, body.springs.nodes), body.springs.entry):
@@ -67,6 +64,8 @@ def check_elements(body: Body) -> None:
         if part is not None:
             check_numbers(f"{name}.nodes", part.nodes, (None, columns), n, lowest)
             _check_floats(name, part, len(part.nodes), floats)
+    if body.sections is not None:
+        _check_sections(body.sections, n)
     if body.compartments is not None:
         gas = body.compartments
         check_numbers("compartments.faces", gas.faces, (None, 4), n, -1)
@@ -76,6 +75,21 @@ def check_elements(body: Body) -> None:
             raise ValueError(f"compartments.first is {gas.first}; give where each one's faces begin, and where all end")
 
 
+def _check_sections(sections, n: int) -> None:
+    """Raise ValueError unless the sections contain valid node numbers, and their arrays are consistent."""
+    k, p = len(sections.lateral), len(sections.nodes)
+    check_numbers("sections.nodes", sections.nodes, (None,), n)
+    check_numbers("sections.first", sections.first, (k + 1,), p + 1)
+    check_numbers("sections.upper", sections.upper, (None,), n)
+    check_numbers("sections.lower", sections.lower, np.shape(sections.upper), n)
+    if sections.first[0] or sections.first[-1] != p or (np.diff(sections.first) < 1).any():
+        raise ValueError(f"sections.first is {sections.first}; give where each one's nodes begin, and where all end")
+    _check_floats("sections", sections, k, {"slope": (3,), "lateral": (), "vertical": (), "narrowing": ()})
+    _check_floats("sections", sections, p, {"share": ()})
+    for name in ("height", "trailing", "leverage"):
+        finite_array(getattr(sections, name), (), f"{name} of the sections")
+
+
 def check_world(world: World, nodes: int) -> None:
     """Raise ValueError unless the parts of a world are consistent, and its anchors contain valid node numbers."""
     if not isinstance(world, World):
@@ -83,6 +97,9 @@ def check_world(world: World, nodes: int) -> None:
     finite_array(world.current, (3,), "current of the water (m/s)")
     if world.gravity is not None:
         finite_array(world.gravity, (3,), "gravity of the water (m/s2)")
+    if world.added_mass is not None:
+        finite_array(world.added_mass, (2,), "added_mass of the water (kg/m3)")
+    finite_array(world.righting, (), "righting of the water (m/s2)")
     if world.planes is not None:
         finite_array(world.planes, (len(world.planes), 5), "planes of the water")
     if world.anchors is not None:

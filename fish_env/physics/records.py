@@ -70,6 +70,26 @@ class Barriers(NamedTuple):
     energy: np.ndarray  # (K,) scale of the barrier, J
 
 
+class Sections(NamedTuple):
+    """Sections of a body from head to tail, along which the inertia of the water acts: K of them.
+
+    A section moves as its centre does, the mean of its P_k nodes by mass.
+    """
+
+    nodes: np.ndarray  # (P,) nodes of all sections, one section after the other
+    first: np.ndarray  # (K+1,) index of each section's first node, and the end of the last one's
+    share: np.ndarray  # (P,) part of a section's mass that each of its nodes has
+    upper: np.ndarray  # (U,) nodes along the upper edge of the trunk, above those of `lower`: they show which way is up
+    lower: np.ndarray  # (U,)
+    height: float  # m, added to the sum of their distances upward: of a flat body, whose edges are one
+    slope: np.ndarray  # (K,3) weights of the three nearest centres in the derivative along their line, 1/m
+    lateral: np.ndarray  # (K,) volume of water that moves with each section sideways, m3
+    vertical: np.ndarray  # (K,) upward, m3
+    trailing: float  # lateral volume per length at the trailing edge, m2
+    narrowing: np.ndarray  # (K,) m2, loss of vertical volume per length at each section, which the flow leaves behind
+    leverage: float  # kg, mass times length of the body over the sum of the distances between its edges
+
+
 class Body(NamedTuple):
     """A deformable body of N nodes at rest.
 
@@ -90,6 +110,7 @@ class Body(NamedTuple):
     max_stiffness_eigenvalue: float  # highest eigenvalue of M^-1 K at rest, 1/s2: the square of the highest frequency
     max_damping_eigenvalue: float  # highest eigenvalue of M^-1 D at rest, 1/s
     profile: Profile  # skyline of the system matrix: the nodes that an element joins
+    sections: Sections | None = None
 
 
 class State(NamedTuple):
@@ -139,4 +160,6 @@ class World(NamedTuple):
     viscosity: float = 0.0  # of the air: drag on every node over its velocity, N s/m; only beside gravity
     planes: np.ndarray | None = None  # (P,5) unit normal into the free side, offset m, restitution
     anchors: Anchors | None = None
+    added_mass: np.ndarray | None = None  # (2,) kg/m3, density times a factor on lateral and on vertical added mass
+    righting: float = 0.0  # m/s2, gravity times the height of buoyancy above weight over the body's length
     extra: dict[str, NamedTuple] | None = None  # parameters of other forces; kernels read them as `world.<name>`

@@ -76,6 +76,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         NoEquilibrium: if Newton's method does not find one.
     """
     check_problem(body, world)
+    world = world._replace(added_mass=None)  # at rest, nothing accelerates
     if world.planes is not None:
         raise ValueError("the world has walls, which stop motion; fix the nodes that rest on them instead (body.fix)")
     if not tolerance > 0:
@@ -130,6 +131,7 @@ def linear_deflection(body: Body, load, world: World = VACUUM) -> np.ndarray:
         NoEquilibrium: if the stiffness does not resist every motion.
     """
     check_problem(body, world)
+    world = world._replace(added_mass=None)  # at rest, nothing accelerates
     x = body.position
     load = finite_array(load, x.shape, "load (N)")
     free, matrix = _free(body), tangent(body, world, body.springs.rest_length, x)
@@ -163,6 +165,7 @@ def prescribed_displacement(
         NoEquilibrium: if the stiffness does not resist every motion.
     """
     check_problem(body, world)
+    world = world._replace(added_mass=None)  # at rest, nothing accelerates
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
     multiple = float(positive_array(multiple, (), "multiple"))
@@ -219,6 +222,7 @@ def reactions(body: Body, position, world: World = VACUUM, rest_length=None, loa
         ValueError: for an array of another shape, or not finite.
     """
     check_problem(body, world)
+    world = world._replace(added_mass=None)  # at rest, nothing accelerates
     still, rest = np.zeros(body.position.shape), _given(rest_length, body.springs.rest_length, "rest_length (m)")
     x, load = finite_array(position, still.shape, "position (m)"), _given(load, still, "load (N)")
     force = Evaluator(body, world._replace(planes=None)).force(rest, x, still) + load
@@ -243,6 +247,7 @@ def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, posit
         NoEquilibrium: if the position is unstable.
     """
     check_problem(body, world)
+    world = world._replace(added_mass=None)  # at rest, nothing accelerates
     free = _free(body)
     if not (is_whole(count) and 1 <= count <= free.size):
         raise ValueError(f"count is {count!r}; give a whole number from 1 to {free.size}")

@@ -59,6 +59,13 @@ def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator
     check_fish(fish)
     world = VACUUM if water is None else water
     check_world(world, fish.body.mass.size)
+    if (world.added_mass is not None or world.righting) and fish.body.sections is None:
+        raise ValueError(
+            f"{fish.name!r} has no sections, on which the inertia of the water and the righting couple act; give water "
+            "without them, or a body made with make_sections"
+        )
+    if world.added_mass is not None and world.planes is not None:
+        raise ValueError("water has no model of inertia beside walls; give water without inertia, or no planes")
     reason = integrator.refuses(fish.body, world)
     if reason:
         raise integrator_error(fish, integrator, reason)

@@ -8,10 +8,15 @@ import numpy as np
 from fish_env.checks import finite_array, frozen, node_array, positive_array, real, representable
 from fish_env.physics.records import Anchors, World
 
+GRAVITY = 9.81  # m/s2
+RIGHTING = 0.005  # body lengths: without it, commands that differ above and below roll the fish over
 VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
 
 
-def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0)) -> World:
+def make_water(
+    density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0), inertia=False,
+    added_mass=(1.0, 1.0), righting=None,
+) -> World:  # fmt: skip
     """Still or uniformly moving water that resists outward-moving faces (docs/physics.md, eq. 11-13).
 
     Args:
@@ -20,6 +25,12 @@ def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0
             linear law, it is the coefficient itself, kg/(m2 s), and `density` is not used.
         law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994) or "linear" (Tu & Terzopoulos 1994).
         current: velocity of the water, (3,) m/s.
+        inertia: True for reactive water, which also resists the acceleration of the body's sections, by their added
+            mass (docs/physics.md, eq. 75-82); for bodies with sections.
+        added_mass: factors on the lateral and on the vertical added mass of slender-body theory, (2,), zero or
+            positive; for water with inertia.
+        righting: height of the centre of buoyancy above the centre of mass, body lengths: a couple that turns the fish
+            upright. None: 0.005 for water with inertia, else zero.
 
     Raises:
         ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
@@ -30,12 +41,24 @@ def make_water(density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0
         if not 0.0 <= real(value) < math.inf:
             raise ValueError(f"{name} is {value!r}; give a finite number, zero or positive")
     flow = finite_array(current, (3,), "current (m/s)")
+    factors = positive_array(added_mass, (2,), "added_mass", zero=True)
+    if inertia not in (True, False):
+        raise ValueError(f"inertia is {inertia!r}; give True or False")
+    heavy = real(density) * factors if inertia else None
+    height = (RIGHTING if inertia else 0.0) if righting is None else righting
+    upright = GRAVITY * float(finite_array(height, (), "righting (body lengths)"))
     if law == "linear":
-        return World(real(drag_coefficient), 0.0, flow)
+        return World(real(drag_coefficient), 0.0, flow, added_mass=heavy, righting=upright)
     quadratic = 0.5 * real(density) * real(drag_coefficient)
     if quadratic == math.inf:
         raise ValueError(f"density {density!r} times drag_coefficient {drag_coefficient!r} is infinite; give less")
-    return World(0.0, quadratic, flow)
+    return World(0.0, quadratic, flow, added_mass=heavy, righting=upright)
+
+
+def with_inertia(water: World, density=1000.0, added_mass=(1.0, 1.0), righting=None) -> World:
+    """Return water with the same drag and current that has inertia too; arguments as in `make_water`."""
+    heavy = make_water(density, inertia=True, added_mass=added_mass, righting=righting)
+    return water._replace(added_mass=heavy.added_mass, righting=heavy.righting)
 
 
 def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:

@@ -11,6 +11,9 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
     add_damping        adds h D to it, for the method with implicit water
     add_lagged         adds the force to `f.load` and h^2 times its effective stiffness to `f.matrix`, a number for each
                        entry of the nodes' skyline, for Tu's method (default: explicit, by `add_force`)
+    add_reaction       adds to f, the sum of all forces, a force that depends on the resulting accelerations
+    add_inertia        adds to f the mass that the force adds to the nodes' own, at positions x, times the vectors v
+    solve_lagged       changes the velocities in `f.load`, which Tu's method found without that mass, to those with it
     energy             stored energy, J
     failed             mask of the fish in which an element is invalid; FAILURE is the reason
     constrain          constrains the accelerations in f
@@ -27,6 +30,9 @@ and `bounds(body, world)` returns the stiffness and damping of the surroundings,
 
 ANYWHERE marks a force that is invariant under translations of the whole body. If all acting forces have it, positions
 in float32 are relative to each fish, and equally precise far from the origin.
+
+A force that grows with the acceleration, such as the inertia of the water, has `add_reaction`, `add_inertia`,
+`solve_lagged` and `add_system`; after `add_reaction`, f is the nodes' own mass times their acceleration.
 
 All but `present` and `add_force` may be missing. A force without `add_system` is explicit in the methods that solve
 systems, and one without `add_tangent` is not filtered. Exact derivatives follow from `add_force` by dual numbers
@@ -46,13 +52,27 @@ from typing import Any
 
 from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import Kind, Pack, select, zero
-from fish_env.physics.forces import anchors, barriers, contact, gravity, green_lagrange, pressure, springs, tets, water
+from fish_env.physics.forces import (
+    anchors,
+    barriers,
+    contact,
+    gravity,
+    green_lagrange,
+    pressure,
+    reactive,
+    righting,
+    springs,
+    tets,
+    water,
+)
 from fish_env.physics.records import Body, World
 
 FORCES: dict[str, ModuleType] = {
     module.__name__.rsplit(".", 1)[1]: module
     for module in (
         water,
+        reactive,
+        righting,
         springs,
         tets,
         green_lagrange,
@@ -84,7 +104,8 @@ def has_cache(name: str) -> bool:
 
 
 KERNELS = ("add_force", "add_force_cached", "add_tangent", "add_change", "add_system", "add_damping", "add_lagged",
-           "energy", "failed", "constrain", "decay", "finish")  # fmt: skip
+           "add_reaction", "add_inertia", "solve_lagged", "energy", "failed", "constrain", "decay",
+           "finish")  # fmt: skip
 COMPILED = (*KERNELS, "make_cache", "FAILURE", "JUMPS", "ANYWHERE")
 """Attributes of a force on which compiled sums depend."""
 

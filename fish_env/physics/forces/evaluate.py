@@ -22,7 +22,7 @@ ONE, DUAL = Kind(1), Kind("dual")
 @forces.cached
 def compiled(names: tuple[str, ...], function: str) -> Callable[..., Any]:
     """Compile a function of all these forces, which fills `block.f` or returns a number."""
-    call = forces.total(names, function)
+    call, add_reaction = forces.total(names, function), forces.total(names, "add_reaction")
     if function in ("energy", "failed"):
 
         @njit
@@ -38,6 +38,8 @@ def compiled(names: tuple[str, ...], function: str) -> Callable[..., Any]:
         for i in range(b.f.size):
             b.f[i] = zero(b.f)
         call(b.body, b.world, b.control, b.x, b.v, b.f, b.cache)
+        if function == "add_force":
+            add_reaction(b.body, b.world, b.control, b.x, b.v, b.f, b.cache)
 
     return force
 
@@ -56,7 +58,8 @@ def make_jacobian(names: tuple[str, ...]):
     It sums the smooth ones of these forces on one fish (one lane, float64), in the state of the values in `make_dual`'s
     pack. `stiffness` (3N,C) receives the columns from number `begin` on, `damping` all of its own, or none if (3N,0).
     """
-    add_force = forces.total(tuple(name for name in names if not hasattr(forces.FORCES[name], "JUMPS")), "add_force")
+    smooth = tuple(name for name in names if not hasattr(forces.FORCES[name], "JUMPS"))
+    add_force, add_reaction = forces.total(smooth, "add_force"), forces.total(smooth, "add_reaction")
 
     @kernel
     def jacobian(body, world, dual, stiffness, damping, begin):
@@ -70,6 +73,7 @@ def make_jacobian(names: tuple[str, ...]):
             for i in range(dual.f.size):
                 dual.f[i] = zero(dual.f)
             add_force(body, world, dual.control, dual.x, dual.v, dual.f, dual.cache)
+            add_reaction(body, world, dual.control, dual.x, dual.v, dual.f, dual.cache)
             for m in range(first, last):
                 moving, place, which = (x, begin + m, m - first + 1) if m < count else (v, m - count, m - first + 1)
                 matrix, column = (stiffness, m) if m < count else (damping, m - count)

@@ -77,7 +77,7 @@ def _pieces(body: Body, world: World, rest_length):
         piece = body._replace(
             position=body.position[nodes], mass=body.mass[nodes], inverse_mass=body.inverse_mass[nodes],
             springs=parts[0], faces=parts[1], tets=parts[2], barriers=parts[3],
-            compartments=gas and gas._replace(faces=local[gas.faces]),
+            compartments=gas and gas._replace(faces=local[gas.faces]), sections=None,
         )  # fmt: skip
         around = world._replace(anchors=pull and pull._replace(node=local[pull.node]))
         yield nodes, piece, around, rest_length[share(len(springs.nodes), p)]

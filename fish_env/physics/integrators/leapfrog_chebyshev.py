@@ -74,6 +74,7 @@ def make_run(names):
     """Make the kernel that takes n steps of a block, for the forces of these names."""
     add_force = forces.total(names, "add_force_cached", "add_force")
     add_tangent, add_change = forces.total(names, "add_tangent"), forces.total(names, "add_change")
+    add_reaction = forces.total(names, "add_reaction")
     constrain, decay, finish = make_constrain(names), forces.total(names, "decay"), forces.total(names, "finish")
     whole = not forces.any_has(names, "decay", "finish")  # the drifts of two consecutive steps are merged
 
@@ -92,6 +93,7 @@ def make_run(names):
             move_rest_lengths(control, (s + 0.5) * h)
             add_work(body, control, x, h)
             add_force(body, world, control, x, v, f, cache)
+            add_reaction(body, world, control, x, v, f, cache)
             for i in range(x.size):
                 y = inverse_mass[i] * f[i]
                 kick[i] = y
@@ -100,6 +102,7 @@ def make_run(names):
                 f[i] = zero(f)
             for g in range(1, stages):
                 add_tangent(body, world, control, x, a, f, cache)
+                add_reaction(body, world, control, x, a, f, cache)
                 ahead = INDEX(POLYNOMIAL + g)
                 now = t[row, ahead] / t[row, ahead + INDEX(1)]
                 last = t[row, ahead - INDEX(1)] / t[row, ahead + INDEX(1)]
@@ -113,6 +116,7 @@ def make_run(names):
             for i in range(x.size):
                 before[i] = fma(half, a[i], v[i])
             add_change(body, world, control, x, before, f, cache)
+            add_reaction(body, world, control, x, before, f, cache)
             drift = h if whole and s < n - 1 else half
             for i in range(x.size):
                 y = fma(h, fma(inverse_mass[i], f[i], a[i]), v[i])

@@ -10,7 +10,8 @@ and fish, until the step or a fish's factors on stiffness or mass change. Other 
 Legend: x, v positions and velocities of a block; h step, inner the part of it that is implicit; matrix the system
 matrix in its skyline of 3 x 3 blocks, then L; f the right-hand side of a stage, then its acceleration, then a, that of
 the step so far; u the velocity of the step so far; sx, sv the resulting state; p the acceleration of the first stage;
-rate a velocity of the positions; y the restoring force of a displacement by that rate in one second.
+rate a velocity of the positions; still what
+the added mass of the start of the step resists; y the restoring force of a displacement by that rate in one second.
 """
 
 import math
@@ -49,14 +50,14 @@ class Rosenbrock:
     def make_work(self, body: Body, kind):
         matrix, row = kind.vectors(3 * int(body.profile.start[-1])), kind.vectors(3 * len(body.mass))
         return common.scratch(
-            body, kind, "f", "y", "sx", "sv", "p", "rate", matrix=matrix, row=row,
+            body, kind, "f", "y", "sx", "sv", "p", "rate", "still", matrix=matrix, row=row,
             step=kind.scratch(1), stiffness=kind.numbers(1), lightness=kind.numbers(1),
         )  # fmt: skip
 
     def make_run(self, names):
         time, last = self.time, len(self.time) - 1
         add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
-        constrain = common.make_constrain(names)
+        compare, constrain = make_compare(names), common.make_constrain(names)
         implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
         add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
         add_damping = forces.total(names if self.wet else (), "add_damping")
@@ -85,8 +86,10 @@ class Rosenbrock:
                         store_validity(control, work, inner)
                     add_tangent(body, world, control, x, speed, y, cache)
                     add_force(body, world, control, px, pv, f, cache)
+                    if stage > 0:
+                        compare(body, world, control, x, sx, sv, work, cache)
                     for i in range(x.size):
-                        f[i] = fma(inner, y[i], f[i] if stage == 0 else fma(-2.0 * body.mass[i], p[i], f[i]))
+                        f[i] = fma(inner, y[i], f[i])
                     common.zero_fixed(body, f)
                     ldlt.solve(body.profile, matrix, f)  # (31), (33), (34)
                     if stage > 0:
@@ -106,6 +109,28 @@ class Rosenbrock:
                 finish(body, world, control, x, v, f, cache)
 
         return run
+
+
+def make_compare(names: tuple[str, ...]):
+    """Make the kernel that subtracts twice the first stage's acceleration from the second's, times the mass.
+
+    With added mass, the second is that of the stage's positions, and the mass that of the start of the step.
+    """
+    add_reaction, add_inertia = forces.total(names, "add_reaction"), forces.total(names, "add_inertia")
+    heavy = forces.any_has(names, "add_inertia")
+
+    @kernel
+    def compare(body, world, control, x, sx, sv, work, cache):
+        f, p, still = work.f, work.p, work.still
+        add_reaction(body, world, control, sx, sv, f, cache)
+        for i in range(x.size):
+            f[i] = fma(-2.0 * body.mass[i], p[i], f[i])
+        if heavy:
+            for i in range(x.size):
+                still[i] = body.inverse_mass[i] * f[i]
+            add_inertia(body, world, control, x, still, f, cache)
+
+    return compare
 
 
 @kernel

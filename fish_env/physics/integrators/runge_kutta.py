@@ -39,6 +39,7 @@ class RungeKutta:
 
     def make_run(self, names):
         add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
+        add_reaction = forces.total(names, "add_reaction")
         time, weight, last, symplectic = self.time, self.weight, len(self.time) - 1, self.symplectic
 
         @kernel
@@ -54,6 +55,7 @@ class RungeKutta:
                     for i in range(x.size):
                         f[i] = none
                     add_force(body, world, control, px, pv, f, cache)
+                    add_reaction(body, world, control, px, pv, f, cache)
                     for i in range(x.size):
                         u, a = pv[i], inverse_mass[i] * f[i]
                         if symplectic:

@@ -85,6 +85,24 @@ def factor_solve(shape, a, b, inverse_pivot, row):
 
 
 @kernel
+def solve_one(shape, a, inverse_pivot, b, begin):
+    """Solve for three more right-hand sides, the N vectors of b from `begin` on, with the factors of `factor_solve`."""
+    first, start, order = shape.first, shape.start, shape.first.size
+    for i in range(order):
+        row_i, y = start[i] - first[i], b[INDEX(begin + i)]
+        for j in range(first[i], i):
+            y = fma(-a[INDEX(row_i + j)], b[INDEX(begin + j)], y)
+        b[INDEX(begin + i)] = y
+    for i in range(order):
+        b[INDEX(begin + i)] = inverse_pivot[INDEX(i)] * b[INDEX(begin + i)]
+    for above in range(order):
+        i = order - 1 - above
+        row_i, y = start[i] - first[i], b[INDEX(begin + i)]
+        for k in range(first[i], i):
+            b[INDEX(begin + k)] = fma(-a[INDEX(row_i + k)], y, b[INDEX(begin + k)])
+
+
+@kernel
 def subtract_product(p, q, s):
     """Compute s - p q^T of blocks, each a tuple of three columns."""
     p0, p1, p2 = p

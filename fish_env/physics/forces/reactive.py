@@ -1,0 +1,416 @@
+"""Inertia of the water along the sections of a body: elongated-body theory in Lagrange's form (Lighthill 1971).
+
+The water beside a section moves with it: its kinetic energy is half the added mass, lateral and vertical, times the
+square of the section's velocity across the body. Lagrange's equations give three parts: a resistance to acceleration
+(`add_reaction`), terms of second degree in the velocities, and at the trailing edge the momentum that is shed with the
+wake while the tail moves forward. Shedding takes energy from the fish at any velocity.
+
+The added mass of a section is a matrix of rank two on its nodes, so that it is solved for in closed form. Tu's method,
+whose matrix couples the sections, solves for all of them by the formula of Woodbury (`solve_lagged`).
+
+Legend: k section; X, W its centre and its velocity through the water; t tangent, backward; r upward; n = t x r / |..|
+lateral, b = n x t vertical; w, y, u velocities along n, b, t; m, q lateral and vertical added mass; a dot is a d.
+"""
+
+import numpy as np
+
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Pack, cross, dot, fma, select, sqrt, vec3, zero
+from fish_env.physics.forces.plan import H
+from fish_env.physics.linalg import ldlt
+from fish_env.physics.records import Body, World
+
+ANYWHERE = True
+TURNING = 0.3  # strain whose steps are as inaccurate as those of a turn of 1 rad
+ROUNDS = 1  # of the iteration for the velocities at the middle of a kick
+TINY = 1e-30  # m2/s2, so that a tail at rest divides by no zero
+
+
+def present(body: Body, world: World) -> bool:
+    """Return True if the water has inertia and the body sections."""
+    return world.added_mass is not None and body.sections is not None
+
+
+def make_cache(body: Body, world: World, kind) -> Pack:
+    """Frames of the sections, their velocities, forces and mobilities; factors of `solve_lagged`."""
+    assert body.sections is not None  # else the force is not present
+    nodes, first, share, upper, lower, *_ = body.sections
+    count, edges = len(first) - 1, np.concatenate([upper, lower])
+    carry = share[:, None] * body.inverse_mass[nodes]
+    give = np.add.reduceat(share[:, None] * carry, first[:-1])
+    turn = body.inverse_mass[edges].sum(axis=0, keepdims=True)
+    vectors = (
+        "middle", "speed", "t", "n", "b", "td", "nd", "bd", "force", "later", "speed_ahead",
+    )  # fmt: skip
+    numbers = ("per_length", "per_rise", "nn", "nb", "bn", "bb", "m", "q")
+    return Pack(
+        "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), advance=kind.numbers(1),
+        **{name: kind.vectors(1) for name in ("rise", "climb", "twist", "bend", "climb_ahead", "wake")},
+        **{name: kind.vectors(count) for name in vectors}, **{name: kind.numbers(count) for name in numbers},
+    )  # fmt: skip
+
+
+@kernel
+def gather(body, values, k):
+    """Mean of the vectors of nodes over section k."""
+    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
+    start = first[k]
+    mean = share[start] * values[INDEX(nodes[start])]
+    for p in range(start + 1, first[k + 1]):
+        mean = fma(share[p], values[INDEX(nodes[p])], mean)
+    return mean
+
+
+@kernel
+def scatter(body, k, force, f):
+    """Distribute a force on section k over its nodes, by mass."""
+    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
+    for p in range(first[k], first[k + 1]):
+        i = INDEX(nodes[p])
+        f[i] = fma(share[p], force, f[i])
+
+
+@kernel
+def between_edges(body, values):
+    """Sum over the nodes at the upper edge minus that over those at the lower edge."""
+    upper, lower = body.sections.upper, body.sections.lower
+    found = values[INDEX(upper[0])] - values[INDEX(lower[0])]
+    for p in range(1, upper.size):
+        found += values[INDEX(upper[p])] - values[INDEX(lower[p])]
+    return found
+
+
+@kernel
+def nearest(body, k):
+    """First of the three sections from which the slope at section k is computed."""
+    return INDEX(min(max(k - 1, 0), body.sections.slope.shape[0] - 3))
+
+
+@kernel
+def along(body, values, k):
+    """Derivative of values (K,) of the sections along the body, at section k."""
+    slope, j = body.sections.slope, nearest(body, k)
+    return fma(slope[k, 2], values[j + INDEX(2)], fma(slope[k, 1], values[j + INDEX(1)], slope[k, 0] * values[j]))
+
+
+@kernel
+def set_frames(body, world, control, x, cache):
+    """Store tangent, lateral and vertical direction of every section at positions x, and its added mass over a mass."""
+    sections, light = body.sections, control.lightness[0]
+    for k in range(cache.n.size):
+        cache.middle[k] = gather(body, x, k)
+    rise = between_edges(body, x) + vec3(0.0, 0.0, sections.height)
+    cache.rise[0] = rise
+    for k in range(cache.n.size):
+        tangent = along(body, cache.middle, k)
+        per_length = 1.0 / sqrt(dot(tangent, tangent))
+        t = per_length * tangent
+        side = cross(t, rise)
+        per_rise = 1.0 / sqrt(dot(side, side))
+        n = per_rise * side
+        b = cross(n, t)
+        cache.per_length[k], cache.per_rise[k], cache.t[k], cache.n[k], cache.b[k] = per_length, per_rise, t, n, b
+        m = (light * world.added_mass[0]) * sections.lateral[k]
+        q = (light * world.added_mass[1]) * sections.vertical[k]
+        give = cache.give[k]
+        sideways, upward = fma(m, dot(n, give * n), 1.0), fma(q, dot(b, give * b), 1.0)
+        both = dot(n, give * b)
+        scale = 1.0 / fma(sideways, upward, -(m * q) * (both * both))
+        cache.m[k], cache.q[k] = m, q
+        cache.nn[k], cache.nb[k] = (scale * m) * upward, -(scale * (m * q)) * both
+        cache.bn[k], cache.bb[k] = -(scale * (m * q)) * both, (scale * q) * sideways
+
+
+@kernel
+def set_speeds(body, world, control, v, cache):
+    """Store the velocities of the sections through the water, and the rates of their frames."""
+    current = world.current[0] + control.current[0]
+    for k in range(cache.n.size):
+        cache.speed[k] = gather(body, v, k) - current
+    cache.climb[0] = between_edges(body, v)
+    set_rates(body, cache)
+
+
+@kernel
+def set_rates(body, cache):
+    """Store the rates of the frames of the sections."""
+    for k in range(cache.n.size):
+        t, n = cache.t[k], cache.n[k]
+        change = along(body, cache.speed, k)
+        td = cache.per_length[k] * fma(-dot(change, t), t, change)
+        change = cross(td, cache.rise[0]) + cross(t, cache.climb[0])
+        nd = cache.per_rise[k] * fma(-dot(change, n), n, change)
+        cache.td[k], cache.nd[k], cache.bd[k] = td, nd, cross(nd, t) + cross(n, td)
+
+
+@kernel
+def push(body, world, control, cache, force, twist):
+    """Compute the terms of second degree in the velocities: a force on each section, and a twist (1,) of the body.
+
+    The twist acts on the nodes at the upper edge, and with the opposite sign on those at the lower one.
+    """
+    slope, turned = body.sections.slope, zero(twist)
+    for k in range(cache.n.size):
+        force[k] = zero(force)
+    for k in range(cache.n.size):
+        t, n, b, nd, bd, speed = cache.t[k], cache.n[k], cache.b[k], cache.nd[k], cache.bd[k], cache.speed[k]
+        m, q, w, y = cache.m[k], cache.q[k], dot(speed, n), dot(speed, b)
+        own = force[k] - fma(m * dot(speed, nd), n, (m * w) * nd) - fma(q * dot(speed, bd), b, (q * y) * bd)  # (78)
+        lost = (control.lightness[0] * world.added_mass[1]) * body.sections.narrowing[k]
+        u = dot(speed, t)
+        own = fma((lost * select(u < 0.0, u, 0.0 * u)) * y, b, own)  # (81)
+        upward = (q * y) * speed
+        side = fma(m * w, speed, cross(t, upward))
+        side = cache.per_rise[k] * fma(-dot(side, n), n, side)
+        ahead = cross(cache.rise[0], side) + cross(upward, n)
+        ahead = cache.per_length[k] * fma(-dot(ahead, t), t, ahead)  # (79)
+        turned += cross(side, t)
+        force[k] = own
+        j = nearest(body, k)
+        for m in range(3):
+            force[j + INDEX(m)] = fma(slope[k, INDEX(m)], ahead, force[j + INDEX(m)])
+    twist[0] = turned
+
+
+@kernel
+def shed(body, world, control, cache):
+    """Force on the last section by the momentum that its trailing edge sheds while it moves forward, and its slope.
+
+    The slope is minus the derivative of the force along n with respect to w.
+    """
+    last = INDEX(cache.n.size - 1)
+    t, n, speed = cache.t[last], cache.n[last], cache.speed[last]
+    w, u = dot(speed, n), dot(speed, t)
+    slope = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing * select(u < 0.0, -u, 0.0 * u)
+    swing = sqrt(fma(u, u, w * w) + TINY)
+    return fma(-slope * w, n, (-0.5 * slope * (w * w) / swing) * t), slope  # (80)
+
+
+@kernel
+def yielding(cache):
+    """Velocity, m/s, that the last section gains sideways in 1 s from 1 N along n, against its added mass."""
+    last = INDEX(cache.n.size - 1)
+    n = cache.n[last]
+    return dot(n, accelerated(cache, last, n))
+
+
+@kernel
+def scatter_all(body, force, twist, f):
+    """Distribute the forces of the sections and the twist over the nodes."""
+    upper, lower, z = body.sections.upper, body.sections.lower, twist[0]
+    for k in range(force.size):
+        scatter(body, k, force[k], f)
+    for p in range(upper.size):
+        f[INDEX(upper[p])] += z
+        f[INDEX(lower[p])] -= z
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the force of the water's inertia that does not depend on the acceleration; store the frames."""
+    set_frames(body, world, control, x, cache)
+    set_speeds(body, world, control, v, cache)
+    push(body, world, control, cache, cache.force, cache.twist)
+    wake, _ = shed(body, world, control, cache)
+    scatter(body, cache.n.size - 1, wake, f)
+    scatter_all(body, cache.force, cache.twist, f)
+
+
+@kernel
+def add_force_cached(body, world, control, x, v, f, cache):
+    """Add the same force, and store it for `add_change`.
+
+    Shedding that would stop the tail within half a step is limited to what stops it, as the drag of a face is.
+    """
+    half = 0.5 * control.plans[control.row[0], H]
+    set_frames(body, world, control, x, cache)
+    set_speeds(body, world, control, v, cache)
+    push(body, world, control, cache, cache.force, cache.twist)
+    fastest = control.fastest[0]
+    for k in range(cache.n.size):
+        fast = TURNING * sqrt(dot(cache.td[k], cache.td[k]) + dot(cache.nd[k], cache.nd[k]))
+        fastest = select(fast > fastest, fast, fastest)
+    control.fastest[0] = fastest
+    wake, slope = shed(body, world, control, cache)
+    stopping = half * slope * yielding(cache)
+    cache.advance[0] = dot(cache.speed[INDEX(cache.n.size - 1)], cache.t[INDEX(cache.n.size - 1)])
+    cache.wake[0] = select(stopping > 1.0, 1.0 / stopping, 1.0) * wake
+    scatter(body, cache.n.size - 1, cache.wake[0], f)
+    scatter_all(body, cache.force, cache.twist, f)
+
+
+@kernel
+def add_change(body, world, control, x, v, f, cache):
+    """Add the change of the force when the velocities become v, half a step later, at the stored frames.
+
+    The change itself changes those velocities: the sections account for that by ROUNDS iterations, and the shedding is
+    implicit, as if it were the only force on the tail.
+    """
+    half = 0.5 * control.plans[control.row[0], H]
+    set_speeds(body, world, control, v, cache)
+    push(body, world, control, cache, cache.later, cache.bend)
+    cache.climb_ahead[0] = cache.climb[0]
+    for k in range(cache.n.size):
+        cache.speed_ahead[k] = cache.speed[k]
+    for _ in range(ROUNDS):
+        for k in range(cache.n.size):
+            cache.speed[k] = fma(half, accelerated(cache, k, cache.later[k] - cache.force[k]), cache.speed_ahead[k])
+        cache.climb[0] = fma(half, cache.turn[0] * (cache.bend[0] - cache.twist[0]), cache.climb_ahead[0])
+        set_rates(body, cache)
+        push(body, world, control, cache, cache.later, cache.bend)
+    for k in range(cache.n.size):
+        cache.later[k] = cache.later[k] - cache.force[k]
+    cache.bend[0] = cache.bend[0] - cache.twist[0]
+    last = INDEX(cache.n.size - 1)
+    t, speed = cache.t[last], cache.speed[last]
+    cache.speed[last] = fma(cache.advance[0] - dot(speed, t), t, speed)
+    wake, slope = shed(body, world, control, cache)
+    scatter(body, cache.n.size - 1, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (82)
+    scatter_all(body, cache.later, cache.bend, f)
+
+
+@kernel
+def resistance(cache, k, a):
+    """Force with which the water resists, if section k would have the acceleration a without it."""
+    n, b = cache.n[k], cache.b[k]
+    w, y = dot(a, n), dot(a, b)
+    return fma(fma(cache.nn[k], w, cache.nb[k] * y), n, fma(cache.bn[k], w, cache.bb[k] * y) * b)  # (77)
+
+
+@kernel
+def accelerated(cache, k, force):
+    """Acceleration of section k by a force that is distributed over its nodes by mass."""
+    give = cache.give[k]
+    return give * (force - resistance(cache, k, give * force))
+
+
+@kernel
+def add_reaction(body, world, control, x, v, f, cache):
+    """Add to the sum f of all other forces the resistance to the acceleration that results, with the stored frames."""
+    nodes, first = body.sections.nodes, body.sections.first
+    for k in range(cache.n.size):
+        start = first[k]
+        a = cache.carry[start] * f[INDEX(nodes[start])]
+        for p in range(start + 1, first[k + 1]):
+            a = fma(cache.carry[INDEX(p)], f[INDEX(nodes[p])], a)
+        scatter(body, k, -resistance(cache, k, a), f)
+
+
+@kernel
+def add_inertia(body, world, control, x, a, f, cache):
+    """Add to f the added mass at positions x times the vectors a of the nodes."""
+    set_frames(body, world, control, x, cache)
+    for k in range(cache.n.size):
+        mean, n, b = gather(body, a, k), cache.n[k], cache.b[k]
+        scatter(body, k, fma(cache.m[k] * dot(mean, n), n, (cache.q[k] * dot(mean, b)) * b), f)  # (76)
+
+
+@kernel
+def add_system(body, world, control, x, v, a, cache):
+    """Add the added mass to the matrix a, three columns for each entry of the nodes' skyline."""
+    set_frames(body, world, control, x, cache)
+    nodes, first, share, profile = body.sections.nodes, body.sections.first, body.sections.share, body.profile
+    for k in range(cache.n.size):
+        n, b = cache.n[k], cache.b[k]
+        sideways, upward = cache.m[k] * n, cache.q[k] * b
+        columns = (fma(n.x, sideways, b.x * upward), fma(n.y, sideways, b.y * upward), fma(n.z, sideways, b.z * upward))
+        for p in range(first[k], first[k + 1]):
+            for o in range(first[k], first[k + 1]):
+                row, column = nodes[p], nodes[o]
+                if row < column:  # above the diagonal
+                    continue
+                place = 3 * (profile.start[INDEX(row)] + column - profile.first[INDEX(row)])
+                for axis in range(3):
+                    i = INDEX(place + axis)
+                    a[i] = fma(share[p] * share[o], columns[axis], a[i])
+
+
+@kernel
+def solve_lagged(body, world, control, x, v, system, cache):
+    """Change the velocities in `system.load` from those without added mass to those with it, for Tu's method.
+
+    With A the factored matrix of one axis and s the shares of the sections, A^-1 s is found for three sections at once.
+    Then a dense system of twice their number remains.
+    """
+    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
+    load, columns, dense, force = system.load, system.columns, system.dense, system.force
+    count, order, size = cache.n.size, load.size, 2 * cache.n.size
+    for i in range(columns.size):
+        columns[i] = zero(columns)
+    for k in range(count):
+        for p in range(first[k], first[k + 1]):
+            columns[INDEX((k // 3) * order + nodes[p])] += share[p] * axis_of(k)
+    for c in range((count + 2) // 3):
+        for m in range(system.fixed.size):
+            columns[INDEX(c * order + system.fixed[m])] = zero(columns)
+        ldlt.solve_one(body.profile, system.matrix, system.inverse_pivot, columns, c * order)
+    for k in range(count):
+        mean = gather(body, load, k)
+        force[INDEX(2 * k)] = sqrt(cache.m[k]) * dot(mean, cache.n[k])
+        force[INDEX(2 * k + 1)] = sqrt(cache.q[k]) * dot(mean, cache.b[k])
+        for j in range(k + 1):
+            shared = zero(force)
+            for p in range(first[k], first[k + 1]):
+                shared = fma(share[p], dot(columns[INDEX((j // 3) * order + nodes[p])], axis_of(j)), shared)
+            for one in range(2):
+                for other in range(2):
+                    if j == k and other > one:
+                        continue
+                    product = rooted(cache, k, one) * shared
+                    place = INDEX((2 * k + one) * size + 2 * j + other)
+                    dense[place] = dot(product, rooted(cache, j, other))
+                    if j == k and one == other:
+                        dense[place] += 1.0
+    solve_dense(dense, force, size)
+    for k in range(count):
+        cache.later[k] = force[INDEX(2 * k)] * rooted(cache, k, 0) + force[INDEX(2 * k + 1)] * rooted(cache, k, 1)
+    for k in range(count):
+        for i in range(order):
+            load[i] = fma(-dot(columns[INDEX((k // 3) * order + i)], axis_of(k)), cache.later[k], load[i])
+
+
+@kernel
+def axis_of(k):
+    """Unit vector along the axis of number k modulo 3."""
+    return vec3(1.0 if k % 3 == 0 else 0.0, 1.0 if k % 3 == 1 else 0.0, 1.0 if k % 3 == 2 else 0.0)
+
+
+@kernel
+def rooted(cache, k, upward):
+    """Root of the lateral added mass of section k times its direction, or, with upward = 1, those of the vertical."""
+    return sqrt(cache.q[k]) * cache.b[k] if upward == 1 else sqrt(cache.m[k]) * cache.n[k]
+
+
+@kernel
+def solve_dense(a, b, size):
+    """Solve a symmetric, positive definite system of a given size in place, by L D L^T of the lower triangle of a."""
+    for i in range(size):
+        for j in range(i):
+            s = a[INDEX(i * size + j)]
+            for k in range(j):
+                s = fma(-a[INDEX(i * size + k)] * a[INDEX(k * size + k)], a[INDEX(j * size + k)], s)
+            a[INDEX(i * size + j)] = s / a[INDEX(j * size + j)]
+        d = a[INDEX(i * size + i)]
+        for k in range(i):
+            lower = a[INDEX(i * size + k)]
+            d = fma(-lower * lower, a[INDEX(k * size + k)], d)
+            b[INDEX(i)] = fma(-lower, b[INDEX(k)], b[INDEX(i)])
+        a[INDEX(i * size + i)] = d
+    for i in range(size):
+        b[INDEX(i)] = b[INDEX(i)] / a[INDEX(i * size + i)]
+    for above in range(size):
+        i = size - 1 - above
+        for k in range(i):
+            b[INDEX(k)] = fma(-a[INDEX(i * size + k)], b[INDEX(i)], b[INDEX(k)])
+
+
+@kernel
+def energy(body, world, control, x, v, f, cache):
+    """Kinetic energy of the water that moves with the sections, J."""
+    set_frames(body, world, control, x, cache)
+    set_speeds(body, world, control, v, cache)
+    total = zero(control.stiffness)
+    for k in range(cache.n.size):
+        w, y = dot(cache.speed[k], cache.n[k]), dot(cache.speed[k], cache.b[k])
+        total = fma(0.5 * cache.m[k], w * w, fma(0.5 * cache.q[k], y * y, total))  # (75)
+    return total

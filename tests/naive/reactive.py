@@ -1,0 +1,81 @@
+"""Reference implementation of the inertia of the water: Lagrange's equations, with derivatives by complex steps."""
+
+import numpy as np
+
+STEP = 1e-30  # of a derivative by a complex step, which has no error of cancellation
+
+
+def length_of(a):
+    """Length of a vector, analytic in its complex parts."""
+    return np.sqrt((a * a).sum())
+
+
+def moving_water(body, world, x):
+    """Of each section: its nodes, their shares, and lateral and vertical added mass with their directions."""
+    s = body.sections
+    groups = np.split(s.nodes, s.first[1:-1])
+    shares = np.split(s.share, s.first[1:-1])
+    middle = [share @ x[nodes] for nodes, share in zip(groups, shares, strict=True)]
+    rise = (x[s.upper] - x[s.lower]).sum(axis=0) + np.array([0.0, 0.0, s.height])
+    for k, (nodes, share) in enumerate(zip(groups, shares, strict=True)):
+        begin = min(max(k - 1, 0), len(groups) - 3)
+        tangent = s.slope[k] @ np.array(middle[begin : begin + 3])
+        t = tangent / length_of(tangent)
+        side = np.cross(t, rise)
+        n = side / length_of(side)
+        lateral, vertical = world.added_mass * (s.lateral[k], s.vertical[k])
+        yield nodes, share, t, ((lateral, n), (vertical, np.cross(n, t)))
+
+
+def water_energy(body, world, x, v):
+    """Kinetic energy of the water."""
+    total = 0.0
+    for nodes, share, _, parts in moving_water(body, world, x):
+        speed = share @ v[nodes] - world.current
+        total = total + sum(0.5 * mass * (speed @ direction) ** 2 for mass, direction in parts)
+    return total
+
+
+def water_momentum(body, world, x, v):
+    """Derivative of that energy with respect to the velocities, (N,3)."""
+    found = np.zeros_like(x)
+    for nodes, share, _, parts in moving_water(body, world, x):
+        speed = share @ v[nodes] - world.current
+        for mass, direction in parts:
+            found[nodes] += np.outer(share, mass * (speed @ direction) * direction)
+    return found
+
+
+def added_mass(body, world, x):
+    """Added mass of the nodes, (3N,3N)."""
+    n = len(x)
+    matrix = np.zeros((n, 3, n, 3))
+    for nodes, share, _, parts in moving_water(body, world, x):
+        for mass, direction in parts:
+            both = np.multiply.outer(share, direction)
+            matrix[np.ix_(nodes, range(3), nodes, range(3))] += mass * np.multiply.outer(both, both)
+    return matrix.reshape(3 * n, 3 * n)
+
+
+def wake_force(body, world, x, v):
+    """What the trailing edge of the tail sheds, and the narrowing rear sideways of it, (N,3)."""
+    found, s = np.zeros_like(x), body.sections
+    for k, (nodes, share, t, ((_, n), (_, b))) in enumerate(moving_water(body, world, x)):
+        speed = share @ v[nodes] - world.current
+        ahead = max(0.0, -(speed @ t))
+        force = -world.added_mass[1] * s.narrowing[k] * ahead * (speed @ b) * b
+        if k == len(s.lateral) - 1 and ahead:
+            edge, w = world.added_mass[0] * s.trailing, speed @ n
+            force = force - edge * ahead * w * n - 0.5 * edge * w**2 * ahead / np.hypot(ahead, w) * t
+        found[nodes] += np.outer(share, force)
+    return found
+
+
+def reactive_force(body, world, x, v):
+    """Force of the water's inertia on the nodes that would not accelerate, (N,3)."""
+    force = -water_momentum(body, world, x + 1j * STEP * v, v + 0j).imag / STEP
+    for i in np.ndindex(x.shape):
+        shifted = x + 0j
+        shifted[i] += 1j * STEP
+        force[i] += water_energy(body, world, shifted, v).imag / STEP
+    return force + wake_force(body, world, x, v)
