@@ -6,7 +6,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from benchmarks.validation import friction
-from fish_env import make_fish, prescribe
+from fish_env import make_fish, make_water, prescribe
 from fish_env.physics.forces import FORCES
 from fish_env.physics.world import VACUUM
 
@@ -36,6 +36,21 @@ def change_of(values):
     """Rates of change of periodic values (T,...)."""
     waves = 1j * OMEGA * np.fft.fftfreq(len(values), 1.0 / len(values))
     return np.fft.ifft(waves.reshape(-1, *[1] * (values.ndim - 1)) * np.fft.fft(values, axis=0), axis=0).real
+
+
+def check_balance(found, fish):
+    """Force changes momentum, no torque acts on either end, and the torque bends with the power; velocities (T,N,3)."""
+    moving = found.position - np.array([found.speed, 0.0, 0.0]) * found.time[:, None, None]
+    v = change_of(moving) + np.array([found.speed, 0.0, 0.0])
+    np.testing.assert_allclose(
+        found.force, fish.body.mass @ change_of(v)[..., :2], atol=0.02 * np.abs(found.force).max()
+    )
+    assert np.abs(found.torque[:, [0, -1]]).max() < 1e-12 * np.abs(found.torque).max()
+    slope = CubicSpline(found.station, wave(found.station, found.time[:, None]), axis=1)(found.station, 1)
+    curvature = CubicSpline(found.station, np.arcsin(slope), axis=1)(found.station, 1)
+    bending = -np.trapezoid(found.torque * change_of(curvature), found.station, axis=1)
+    np.testing.assert_allclose(bending, found.power, atol=0.02 * found.power.max())
+    return v
 
 
 def test_towed_straight():
@@ -82,14 +97,7 @@ def test_free(body):
     """
     fish = make_fish(body)
     found, mass = prescribe(fish, wave, PERIOD), fish.body.mass
-    moving = found.position - np.array([found.speed, 0.0, 0.0]) * found.time[:, None, None]
-    v = change_of(moving) + np.array([found.speed, 0.0, 0.0])
-    np.testing.assert_allclose(found.force, mass @ change_of(v)[..., :2], atol=0.02 * np.abs(found.force).max())
-    assert np.abs(found.torque[:, [0, -1]]).max() < 1e-12 * np.abs(found.torque).max()
-    slope = CubicSpline(found.station, wave(found.station, found.time[:, None]), axis=1)(found.station, 1)
-    curvature = CubicSpline(found.station, np.arcsin(slope), axis=1)(found.station, 1)
-    bending = -np.trapezoid(found.torque * change_of(curvature), found.station, axis=1)
-    np.testing.assert_allclose(bending, found.power, atol=0.02 * found.power.max())
+    v = check_balance(found, fish)
     faces = fish.body.faces
     lost = [(naive.water_force(faces, fish.water, *at) * at[1]).sum() for at in zip(found.position, v, strict=True)]
     stored = change_of(0.5 * (mass @ (v**2).sum(axis=2).T))
@@ -97,6 +105,16 @@ def test_free(body):
     assert found.power.mean() > 0.0 and found.speed > 0.1 and found.strouhal == pytest.approx(
         found.sweep[-1] * LENGTH / PERIOD / found.speed
     )  # fmt: skip
+
+
+def test_inertia_of_the_water():
+    """A body that heaves moves the water beside its sections; one that swims balances momentum and torque with it."""
+    water = make_water(drag_coefficient=0.2, inertia=True)
+    found = prescribe(FISH, heave, PERIOD, water=water, speed=0.0)
+    drag = prescribe(FISH, heave, PERIOD, water=make_water(drag_coefficient=0.2), speed=0.0)
+    beside = 1000.0 * FISH.body.sections.lateral.sum() * SHIFT * LENGTH * OMEGA**2 * np.sin(OMEGA * found.time)
+    np.testing.assert_allclose(found.force[:, 1] - drag.force[:, 1], beside, rtol=1e-9, atol=1e-9)
+    check_balance(prescribe(FISH, wave, PERIOD, water=water), FISH)
 
 
 def test_without_water():

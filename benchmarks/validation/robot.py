@@ -12,7 +12,7 @@ cannot follow from it: a coefficient on the surface before the tail's joint stan
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.optimize import minimize_scalar
+from scipy.optimize import fminbound
 
 from benchmarks.common.charts import GREY, measure_and_draw, panels, save
 from benchmarks.common.tables import RESULTS, read_table, write_csv
@@ -66,7 +66,7 @@ def fitted(fish: Fish, water: World) -> float:
         bluff = with_bluff_front(fish, water, np.exp(logarithm))
         return sum((speed(fish, bluff, trial) - SPEED[trial]) ** 2 for trial in FITTED)
 
-    return float(np.exp(minimize_scalar(cost, bounds=np.log((0.01, 2.0)), method="bounded", options={"xatol": 0.01}).x))
+    return float(np.exp(fminbound(cost, *np.log((0.01, 2.0)), xtol=0.01)))
 
 
 def measure() -> None:
