@@ -152,3 +152,9 @@ def test_refused(midline, others, message):
     """What a body cannot follow, and other wrong arguments."""
     with pytest.raises(ValueError, match=message):
         prescribe(FISH, midline, **{"period": PERIOD, **others})
+
+
+def test_water_too_heavy_for_the_steps():
+    """Where the steps of the method are too long for the water, that is said at once."""
+    with pytest.raises(ArithmeticError, match="grows without limit: the water is too heavy for 64 steps"):
+        prescribe(FISH, wave, PERIOD, water=make_water(drag_coefficient=1e4))

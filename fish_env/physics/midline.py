@@ -69,7 +69,7 @@ def prescribe(fish: Fish, midline, period: float, water: World | None = None, sp
     Raises:
         ValueError: for a midline that is not finite, not periodic, of another shape or stretches the body, for a
             period that is not positive, and a speed that is not finite.
-        ArithmeticError: if the motion does not become periodic.
+        ArithmeticError: if the motion does not become periodic, or the water is too heavy for the steps taken.
     """
     period = float(positive_array(period, (), "period (s)"))
     if speed is not None and not np.isfinite(real(speed)):
@@ -82,6 +82,9 @@ def prescribe(fish: Fish, midline, period: float, water: World | None = None, sp
         q, after = swimmer.swim(u)[-1]
         after = np.append(_turned(after[:2], -q[2]), after[2])
         change, u = (np.abs(after - u) * size).max(), after
+        if not np.isfinite(change):
+            why = f"the water is too heavy for {INSTANTS // 2} steps in a period of {period:g} s"
+            raise ArithmeticError(f"the velocity grows without limit: {why}; give a shorter period, or lighter water")
         if change * period <= SETTLED * fish.length:
             return swimmer.report(u)
     raise ArithmeticError(f"the motion is not periodic after {MOST} periods: the velocity changes by {change:g} m/s")
