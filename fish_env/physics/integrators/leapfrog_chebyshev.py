@@ -18,7 +18,14 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
-from fish_env.physics.integrators.common import add_work, make_constrain, move_rest_lengths, scratch
+from fish_env.physics.integrators.common import (
+    add_positive_work,
+    add_work,
+    make_constrain,
+    make_measure,
+    move_rest_lengths,
+    scratch,
+)
 from fish_env.physics.records import Body
 
 DAMPING = 4.0  # of the polynomial: excess of its midpoint over 1, times the square of the number of stages
@@ -70,8 +77,9 @@ def make_work(body: Body, kind):
     return scratch(body, kind, "f", "kick", "a", "before")
 
 
-def make_run(names):
+def make_run(names, flows=False):
     """Make the kernel that takes n steps of a block, for the forces of these names."""
+    measure = make_measure(names) if flows else None
     add_force = forces.total(names, "add_force_cached", "add_force")
     add_tangent, add_change = forces.total(names, "add_tangent"), forces.total(names, "add_change")
     add_reaction = forces.total(names, "add_reaction")
@@ -92,6 +100,8 @@ def make_run(names):
                     f[i] = zero(f)
             move_rest_lengths(control, (s + 0.5) * h)
             add_work(body, control, x, h)
+            if flows:
+                add_positive_work(body, control, x, h)
             add_force(body, world, control, x, v, f, cache)
             add_reaction(body, world, control, x, v, f, cache)
             for i in range(x.size):
@@ -117,6 +127,11 @@ def make_run(names):
                 before[i] = fma(half, a[i], v[i])
             add_change(body, world, control, x, before, f, cache)
             add_reaction(body, world, control, x, before, f, cache)
+            if flows:
+                for i in range(x.size):
+                    y = fma(inverse_mass[i], f[i], a[i])
+                    control.flows.v[i], control.flows.a[i] = fma(half, y, v[i]), y
+                measure(body, world, control, x, cache, h)
             drift = h if whole and s < n - 1 else half
             for i in range(x.size):
                 y = fma(h, fma(inverse_mass[i], f[i], a[i]), v[i])

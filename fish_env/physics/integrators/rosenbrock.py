@@ -54,10 +54,11 @@ class Rosenbrock:
             step=kind.scratch(1), stiffness=kind.numbers(1), lightness=kind.numbers(1),
         )  # fmt: skip
 
-    def make_run(self, names):
+    def make_run(self, names, flows=False):
         time, last = self.time, len(self.time) - 1
         add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
         compare, constrain = make_compare(names), common.make_constrain(names)
+        measure = common.make_measure(names) if flows else None
         implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
         add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
         add_damping = forces.total(names if self.wet else (), "add_damping")
@@ -72,6 +73,8 @@ class Rosenbrock:
                     px, pv, speed = (x, v, v) if stage == 0 else (sx, sv, rate)
                     common.move_rest_lengths(control, (s + time[stage]) * h)
                     common.add_work(body, control, px, h / (last + 1))
+                    if flows:
+                        common.add_positive_work(body, control, px, h / (last + 1))
                     for i in range(x.size):
                         f[i] = zero(f)
                         y[i] = zero(y)
@@ -96,6 +99,11 @@ class Rosenbrock:
                         for i in range(x.size):
                             f[i] = fma(0.5, f[i], 1.5 * p[i])
                     constrain(body, world, control, x, v, f, cache)
+                    if flows and stage == last:
+                        for i in range(x.size):
+                            control.flows.v[i], control.flows.a[i] = fma(0.5 * h, f[i], v[i]), f[i]
+                            y[i] = fma(0.5 * h, v[i], x[i])
+                        measure(body, world, control, y, cache, h)
                     for i in range(x.size):
                         a, u = f[i], fma(inner, f[i], v[i])
                         if stage > 0:
