@@ -182,7 +182,7 @@ class Tank(ReadOnly, Generic[Elastic]):
 
     @property
     def flows(self) -> dict[str, np.ndarray]:
-        """Energy flows of each fish since its reset, a live array (B,) J for each name of FLOWS (eq. 84-87).
+        """Energy flows of each fish since its reset (docs/physics.md, eq. 85-88), live arrays (B,) J by name.
 
         "positive_work" is the part of `work` of the fibres that do positive work, "damping" is lost in springs and
         tetrahedra, "water" to the water, and "thrust" is the useful part of the work on the water. ValueError unless

@@ -42,9 +42,9 @@ class Method(Protocol):
         evaluation, and adds the work of the muscles there, with the weight that it has in the step (`common.add_work`).
         It calls the forces' `constrain` on accelerations that are no direct sum of forces, and `finish` after every
         step. It keeps the velocities of fixed degrees of freedom, and counts bad pivots in `control.pivots` and
-        `control.untrusted`. With `flows`, it also adds the energy flows of each step (`common.add_positive_work`,
-        `common.make_measure`); a tank that is to measure them refuses a method without that argument. It may capture
-        kernels, numbers, tuples of them and Booleans only.
+        `control.untrusted`. With `flows`, it also adds the energy flows of each step (`common.make_measure`); a tank
+        that is to measure them refuses a method without that argument. It may capture kernels, numbers, tuples of them
+        and Booleans only.
         """
         ...
 

@@ -64,8 +64,8 @@ def add_work(body, control, x, duration):
 
 
 @kernel
-def add_positive_work(body, control, x, duration):
-    """Add to the first of the flows the work of `add_work`, of those springs only that do positive work."""
+def positive_power(body, control, x):
+    """Power of the driven springs that do positive work (see `add_work`), W over the factor on stiffness."""
     nodes, stiffness = body.springs.nodes, body.springs.stiffness
     rest, rate, driven, power = control.rest_length, control.rate, control.driven, zero(control.work)
     for d in range(driven.size):
@@ -73,14 +73,14 @@ def add_positive_work(body, control, x, duration):
         r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
         own = stiffness[e] * (rest[e] - sqrt(dot(r, r))) * rate[d]
         power += select(own > 0.0, own, 0.0)
-    total = control.flows.total
-    total[0] = fma(duration * control.stiffness[0], power, total[0])  # (84)
+    return power
 
 
 def make_measure(names: tuple[str, ...]):
-    """Make the kernel that adds the other energy flows of a duration, s, at positions x, for the forces of these names.
+    """Make the kernel that adds the energy flows of a duration, s, at positions x, for the forces of these names.
 
-    The velocities and accelerations are in `control.flows`. Flows are in the order of FLOWS, J over the factor on mass.
+    Before it is called, `control.flows` gets the velocities v and the accelerations a. The flows are in the order of
+    FLOWS, J over the factor on mass.
     """
     wet = tuple(name for name in names if hasattr(forces.FORCES[name], "IN_WATER"))
     damping = forces.total(tuple(name for name in names if name not in wet), "loss")
@@ -91,8 +91,9 @@ def make_measure(names: tuple[str, ...]):
     def measure(body, world, control, x, cache, duration):
         flows = control.flows
         total, v, f = flows.total, flows.v, flows.f
-        total[1] = fma(duration, damping(body, world, control, x, v, f, cache), total[1])  # (85)
-        total[2] = fma(duration, water(body, world, control, x, v, f, cache), total[2])  # (86)
+        total[0] = fma(duration * control.stiffness[0], positive_power(body, control, x), total[0])  # (85)
+        total[1] = fma(duration, damping(body, world, control, x, v, f, cache), total[1])  # (86)
+        total[2] = fma(duration, water(body, world, control, x, v, f, cache), total[2])  # (87)
         for i in range(x.size):
             f[i] = zero(f)
         add_inertia(body, world, control, x, flows.a, f, cache)
@@ -108,7 +109,7 @@ def make_measure(names: tuple[str, ...]):
             push = dot(f[i], ahead)
             thrust += select(push > 0.0, push, 0.0)
         speed = dot((1.0 / mass) * drift - (world.current[0] + control.current[0]), ahead)
-        total[3] = fma(duration, select(size > 0.0, thrust * speed / (size * size), 0.0), total[3])  # (87)
+        total[3] = fma(duration, select(size > 0.0, thrust * speed / (size * size), 0.0), total[3])  # (88)
 
     return measure
 

@@ -19,7 +19,6 @@ from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
 from fish_env.physics.integrators.common import (
-    add_positive_work,
     add_work,
     make_constrain,
     make_measure,
@@ -77,12 +76,19 @@ def make_work(body: Body, kind):
     return scratch(body, kind, "f", "kick", "a", "before")
 
 
+@kernel
+def set_motion(flows, inverse_mass, v, a, f, half):
+    """Store the accelerations of a kick, of a and the forces f, and the velocities half of it later, to be measured."""
+    for i in range(v.size):
+        flows.a[i] = fma(inverse_mass[i], f[i], a[i])
+        flows.v[i] = fma(half, flows.a[i], v[i])
+
+
 def make_run(names, flows=False):
     """Make the kernel that takes n steps of a block, for the forces of these names."""
-    measure = make_measure(names) if flows else None
     add_force = forces.total(names, "add_force_cached", "add_force")
     add_tangent, add_change = forces.total(names, "add_tangent"), forces.total(names, "add_change")
-    add_reaction = forces.total(names, "add_reaction")
+    add_reaction, measure = forces.total(names, "add_reaction"), make_measure(names) if flows else None
     constrain, decay, finish = make_constrain(names), forces.total(names, "decay"), forces.total(names, "finish")
     whole = not forces.any_has(names, "decay", "finish")  # the drifts of two consecutive steps are merged
 
@@ -100,8 +106,6 @@ def make_run(names, flows=False):
                     f[i] = zero(f)
             move_rest_lengths(control, (s + 0.5) * h)
             add_work(body, control, x, h)
-            if flows:
-                add_positive_work(body, control, x, h)
             add_force(body, world, control, x, v, f, cache)
             add_reaction(body, world, control, x, v, f, cache)
             for i in range(x.size):
@@ -128,9 +132,7 @@ def make_run(names, flows=False):
             add_change(body, world, control, x, before, f, cache)
             add_reaction(body, world, control, x, before, f, cache)
             if flows:
-                for i in range(x.size):
-                    y = fma(inverse_mass[i], f[i], a[i])
-                    control.flows.v[i], control.flows.a[i] = fma(half, y, v[i]), y
+                set_motion(control.flows, inverse_mass, v, a, f, half)
                 measure(body, world, control, x, cache, h)
             drift = h if whole and s < n - 1 else half
             for i in range(x.size):

@@ -73,8 +73,6 @@ class Rosenbrock:
                     px, pv, speed = (x, v, v) if stage == 0 else (sx, sv, rate)
                     common.move_rest_lengths(control, (s + time[stage]) * h)
                     common.add_work(body, control, px, h / (last + 1))
-                    if flows:
-                        common.add_positive_work(body, control, px, h / (last + 1))
                     for i in range(x.size):
                         f[i] = zero(f)
                         y[i] = zero(y)
@@ -100,9 +98,8 @@ class Rosenbrock:
                             f[i] = fma(0.5, f[i], 1.5 * p[i])
                     constrain(body, world, control, x, v, f, cache)
                     if flows and stage == last:
-                        for i in range(x.size):
-                            control.flows.v[i], control.flows.a[i] = fma(0.5 * h, f[i], v[i]), f[i]
-                            y[i] = fma(0.5 * h, v[i], x[i])
+                        common.move_rest_lengths(control, (s + 0.5) * h)
+                        set_middle(control.flows, x, v, f, 0.5 * h, y)
                         measure(body, world, control, y, cache, h)
                     for i in range(x.size):
                         a, u = f[i], fma(inner, f[i], v[i])
@@ -117,6 +114,14 @@ class Rosenbrock:
                 finish(body, world, control, x, v, f, cache)
 
         return run
+
+
+@kernel
+def set_middle(flows, x, v, a, half, y):
+    """Store positions y and the velocities and accelerations a at the middle of a step, to be measured."""
+    for i in range(x.size):
+        y[i] = fma(half, v[i], x[i])
+        flows.v[i], flows.a[i] = fma(half, a[i], v[i]), a[i]
 
 
 def make_compare(names: tuple[str, ...]):

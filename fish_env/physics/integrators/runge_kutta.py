@@ -14,7 +14,6 @@ from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import H
 from fish_env.physics.integrators.common import (
-    add_positive_work,
     add_work,
     make_measure,
     move_rest_lengths,
@@ -64,7 +63,6 @@ class RungeKutta:
                     add_force(body, world, control, px, pv, f, cache)
                     add_reaction(body, world, control, px, pv, f, cache)
                     if flows:
-                        add_positive_work(body, control, px, part * h)
                         for i in range(x.size):
                             control.flows.v[i], control.flows.a[i] = pv[i], inverse_mass[i] * f[i]
                         measure(body, world, control, px, cache, part * h)

@@ -15,7 +15,6 @@ from fish_env.kernels.simd import floats, fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import H
 from fish_env.physics.integrators.common import (
-    add_positive_work,
     add_work,
     count_pivots,
     make_constrain,
@@ -90,8 +89,6 @@ def make_run(names, flows=False):
         for s in range(n):
             move_rest_lengths(control, s * h)
             add_work(body, control, x, h)
-            if flows:
-                add_positive_work(body, control, x, h)
             for p in range(matrix.size):
                 matrix[p] = zero(matrix)
             for i in range(x.size):
