@@ -133,6 +133,8 @@ class Control(NamedTuple):
 
 
 COUNTERS = ("force_evaluations", "factorisations", "solves", "non_positive_pivots", "refinements")
+FLOWS = ("positive_work", "damping", "water", "thrust")
+"""Energy flows that a tank measures if asked to, J; `Tank.flows` defines them."""
 FORCES, FACTORISATIONS, SOLVES, PIVOTS, REFINEMENTS = range(5)
 
 

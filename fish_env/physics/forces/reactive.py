@@ -20,7 +20,7 @@ from fish_env.physics.forces.plan import H
 from fish_env.physics.linalg import ldlt
 from fish_env.physics.records import Body, World
 
-ANYWHERE = True
+ANYWHERE = IN_WATER = True
 TURNING = 0.3  # strain whose steps are as inaccurate as those of a turn of 1 rad
 ROUNDS = 1  # of the iteration for the velocities at the middle of a kick
 TINY = 1e-30  # m2/s2, so that a tail at rest divides by no zero
@@ -442,4 +442,18 @@ def energy(body, world, control, x, v, f, cache):
     for k in range(cache.n.size):
         w, y = dot(cache.speed[k], cache.n[k]), dot(cache.speed[k], cache.b[k])
         total = fma(0.5 * cache.m[k], w * w, fma(0.5 * cache.q[k], y * y, total))  # (75)
+    return total
+
+
+@kernel
+def loss(body, world, control, x, v, f, cache):
+    """Power that the shed wake, and the flow that leaves the narrowing rear, take from fish and moving water, W."""
+    set_frames(body, world, control, x, cache)
+    set_speeds(body, world, control, v, cache)
+    wake, _ = shed(body, world, control, cache)
+    total = -dot(wake, cache.speed[INDEX(cache.n.size - 1)])
+    for k in range(cache.n.size):
+        lost = (control.lightness[0] * world.added_mass[1]) * body.sections.narrowing[k]
+        y, u = dot(cache.speed[k], cache.b[k]), dot(cache.speed[k], cache.t[k])
+        total = fma(lost * select(u < 0.0, -u, 0.0 * u), y * y, total)
     return total
