@@ -51,8 +51,8 @@ def test_page_of_a_run(runs):
     assert path == runs / "seed0" / "report.html"
     text = path.read_text()
     found = sections(text)
-    assert list(found) == ["swim: results", "Learning curves", "Failures", "Path", "Gait", "Film"]
-    for name in ("Learning curves", "Path", "Gait"):
+    assert list(found) == ["swim: results", "Learning curves", "Cost of transport", "Failures", "Path", "Gait", "Film"]
+    for name in ("Learning curves", "Cost of transport", "Path", "Gait"):
         assert "<svg" in found[name], name
     assert "speed, body lengths/s, in training" in found["Learning curves"]
     assert "fish_env train swim --seed 0 --timesteps 5000" in text and "<td>learning_rate</td>" in text
@@ -76,7 +76,7 @@ def test_page_of_several_runs(runs, tmp_path):
     assert "3 training runs" in text and "<iframe" not in text
     assert found["swim: the runs"].count("<tr>") == 4 and "<td>learning_rate 0.001</td>" in found["swim: the runs"]
     assert "learning_rate 0.001 (2 seeds)" in found["swim: results"]
-    for name in ("Learning curves", "Path", "Gait"):
+    for name in ("Learning curves", "Cost of transport", "Path", "Gait"):
         assert "learning_rate 0.0005" in found[name] and "learning_rate 0.001" in found[name], name
     assert run_report.write_report([runs / "seed0", runs / "seed1"], tmp_path / "new" / "two.html", 2).exists()
     assert "all seeds (2 seeds)" in (tmp_path / "new" / "two.html").read_text()

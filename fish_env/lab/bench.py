@@ -267,7 +267,13 @@ class Bench:
         self._measured, self._distorted = -np.inf, ""
 
     def series(self, name: str) -> list[np.ndarray]:
-        """The readings of a name over time, one row for each object, and first their times, s."""
+        """The readings of a name over time, one row for each object, and first their times, s.
+
+        "power", W, is the mean of the muscles' power since the reading before.
+        """
+        if name == "power":
+            times, *rows = self.series("work")
+            return [times[1:], *(np.diff(row) / np.diff(times) for row in rows)]
         rows = list(self.history)
         times = np.array([row[0].time for row in rows])
         return [times, *(np.array([getattr(row[k], name) for row in rows]) for k in range(len(self.specimens)))]

@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 
 DETAILED = "uniform sphere"
 """The object whose level of detail its distance from the camera can choose."""
-PLOTS = {"energy": "energy (J)", "volume": "volume over rest", "strain": "largest strain"}
+PLOTS = {
+    "energy": "energy (J)",
+    "power": "power of the muscles (W)",
+    "volume": "volume over rest",
+    "strain": "largest strain",
+}
 EVERY = 0.2  # s between two drawings of the plots
 COLOURS = """Springs and tetrahedra: blue shortened, grey at rest, orange stretched (30 % at the ends). Muscles: grey
 relaxed, red contracted. Forces: their length goes with the square root."""

@@ -48,6 +48,7 @@ class Readings(NamedTuple):
 
     time: float  # s
     energy: float  # of motion and of all that stores any, J
+    work: float  # of the muscles so far, J
     volume: float  # over that at rest
     strain: float  # largest of a spring or tetrahedron
 
@@ -282,7 +283,7 @@ class Specimen:
         volume = enclosed_volume(self.thing, self.surfaces, self.position) / self.rest_volume
         strains = (self.spring_strain(), self.tet_strain())
         strain = max((float(np.abs(each).max()) for each in strains if each.size), default=np.nan)
-        return Readings(self.time, energy, volume, strain)
+        return Readings(self.time, energy, float(self.tank.work[0]), volume, strain)
 
     def _evaluate(self) -> Evaluator:
         if self._evaluator is None:

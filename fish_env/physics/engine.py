@@ -7,6 +7,7 @@ has the same bits as a single fish and in any batch.
 Legend: b fish; i node; k axis; m lane; e spring; d driven spring; p, q start and end of a block in the list `todo`.
 """
 
+from functools import cache, partial
 from typing import Protocol
 
 import numpy as np
@@ -58,6 +59,8 @@ def gather(tank, block, todo, p, q):
         lightness[0, m] = light
         for k in range(3):
             current[0, k, m] = tank.variation[b, CURRENT + k]
+    for k in range(control.flows.total.size):
+        control.flows.total[k] = zero(control.flows.total)
     control.fastest[0] = zero(control.fastest)
     control.work[0] = zero(control.work)
     control.pivots[0] = zero(control.pivots)
@@ -66,8 +69,8 @@ def gather(tank, block, todo, p, q):
 
 
 @kernel
-def scatter(tank, block, b, m):
-    """Copy lane m of a block back to fish b, and add the work of its muscles."""
+def scatter(tank, queue, block, b, m):
+    """Copy lane m of a block back to fish b, and add the work of its muscles and the flows that are measured."""
     x, v = floats(block.x), floats(block.v)
     for k in range(3):
         origin = tank.x[b, 0, k]
@@ -75,6 +78,8 @@ def scatter(tank, block, b, m):
             tank.x[b, i, k] = origin + x[i, k, m] if block.relative else x[i, k, m]
             tank.v[b, i, k] = v[i, k, m]
     tank.work[b] += tank.variation[b, STIFFNESS] * floats(block.control.work)[0, m]
+    for k in range(queue.flows.shape[1]):
+        queue.flows[b, k] += tank.variation[b, MASS] * floats(block.control.flows.total)[k, m]
 
 
 @kernel
@@ -175,7 +180,7 @@ def make_finish(names: tuple[str, ...]):
                 tank.failure[b] = reason
                 bad += 1
             else:
-                scatter(tank, block, b, m)
+                scatter(tank, queue, block, b, m)
                 tank.clock[b] += whole
             stop(tank, block, b, whole)
         if bad > 0:
@@ -227,6 +232,12 @@ def make_call(names: tuple[str, ...], make_run):
     return call
 
 
+@cache
+def with_flows(make_run):
+    """The `make_run` of a method that measures energy flows; the same object each time, by which kernels are kept."""
+    return partial(make_run, flows=True)
+
+
 class TankLike(Protocol):
     """Attributes of a tank that an engine reads."""
 
@@ -239,6 +250,8 @@ class TankLike(Protocol):
     dt: float
     refine: float
     kind: Kind
+    energy: bool
+    flow: np.ndarray
     variation: np.ndarray
     pack: Pack
     _chunks: int
@@ -256,12 +269,13 @@ class Engine:
         assert tank.integrator.method is not None  # tanks without one use `Integrator.advance`
         self.tank, self.method = tank, tank.integrator.method
         self.names = forces.present(fish.body, world)
-        self.compiled = make_call(self.names, self.method.make_run)
+        self.compiled = make_call(self.names, with_flows(self.method.make_run) if tank.energy else self.method.make_run)
         own = (fish.body.max_stiffness_eigenvalue, fish.body.max_damping_eigenvalue)
         self.bounds = [sum(rates) for rates in zip(own, *forces.bounds(fish.body, world), strict=True)]
         self.levels, self._rows, self._plans = (1 + DEEPEST if np.isfinite(tank.refine) else 1), {}, []
         self.order, self.row, self._sorted = np.arange(b), np.zeros(b, dtype=np.int64), True
-        self.queue = Pack("queue", order=self.order, row=self.row, deepest=self.levels - 1, tolerance=tank.refine)
+        self.queue = Pack("queue", order=self.order, row=self.row, deepest=self.levels - 1, tolerance=tank.refine,
+                          flows=tank.flow)  # fmt: skip
         self.blocks = []
         for i in range(b):
             self.choose_step(i)
@@ -272,9 +286,11 @@ class Engine:
         fish, world, single = self.tank.fish, self.tank.world, kind.dtype == "float32"
         body, n, placed = fish.body, len(fish.body.mass), forces.depend_on_position(self.names)
         constant = forces.constant_system(body, world)
+        line = np.array(getattr(fish, "line", np.zeros(n)), dtype=float) if self.tank.energy else None
         return Pack(
             "block", body=packed(body, kind), world=packed(world, kind),
-            control=make_control(body, kind, np.unique(fish.fibres), *self._tables(), constant), x=kind.vectors(n),
+            control=make_control(body, kind, np.unique(fish.fibres), *self._tables(), constant, line),
+            x=kind.vectors(n),
             v=kind.vectors(n), work=self.method.make_work(body, kind), cache=forces.make_cache(body, world, kind),
             todo=kind.scratch(fish_count, "int64"), relative=single and not placed,
             reach=(FARTHEST * fish.length) ** 2 if single and placed else np.inf,

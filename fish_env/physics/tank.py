@@ -22,7 +22,7 @@ from fish_env.physics.forces.control import NOMINAL
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrity import check_numbers
 from fish_env.physics.muscles import command_all
-from fish_env.physics.records import COUNTERS, Anchors, Control, State, World
+from fish_env.physics.records import COUNTERS, FLOWS, Anchors, Control, State, World
 from fish_env.physics.world import VACUUM, make_anchors
 
 FISH_PER_THREAD = 16  # with fewer, a thread costs more than it saves
@@ -48,23 +48,25 @@ class Tank(ReadOnly, Generic[Elastic]):
         refine: relative change of a spring's length within a step above which the call is repeated for that fish, with
             steps half as long, down to 1/8; inf for never. None selects the fish's own value with its default step, and
             inf with a given dt. Only the default method checks its springs.
+        energy: True to measure the energy flows at every step (`flows`); steps take longer then.
 
     Raises:
-        ValueError: for an unknown integrator, `num_fish` or `threads` below 1, a step that is not positive, or an
-            unsupported dtype, lanes or refine.
+        ValueError: for an unknown integrator, `num_fish` or `threads` below 1, a step that is not positive, an
+            unsupported dtype, lanes or refine, or energy flows of a method that does not measure them.
     """
 
-    READ_ONLY = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "state", "control",
-                 "natural", "span", "effort", "variation", "muscle_variation", "pack")  # fmt: skip
+    READ_ONLY = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "energy", "state",
+                 "control", "natural", "span", "effort", "variation", "muscle_variation", "flow", "pack")  # fmt: skip
     pack: Pack
 
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
                  water: World | None = None, threads: int | None = None, dtype: str = "float64",
-                 lanes: str | int | None = None, refine: float | None = None):  # fmt: skip
+                 lanes: str | int | None = None, refine: float | None = None, energy: bool = False):  # fmt: skip
         self.integrator, self.dt, self.refine = options.method_for(fish, integrator, dt, refine)
         self.num_fish = options.checked_count(num_fish, "num_fish")
         self.threads = options.available_processors() if threads is None else options.checked_count(threads, "threads")
         options.check_scene(fish, water, self.integrator)
+        self.energy = options.checked_energy(energy, fish, self.integrator)
         fits_memory(self.num_fish, options.bytes_of(fish.body), "num_fish")
         fish, self.world = frozen(copy.deepcopy((fish, VACUUM if water is None else water)))
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
@@ -89,6 +91,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         """(B,6) factors and current of each fish (`vary`); read-only."""
         self.muscle_variation = np.ones((b, 2))
         """(B,2) factors on strength and contraction time of each fish (`vary`); read-only."""
+        self.flow = np.zeros((b, len(FLOWS) if self.energy else 0))
+        """(B,4) energy flows, J, a column for each of FLOWS; (B,0) if they are not measured."""
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
         self._threads = Threads(self.threads)
         self._compile()
@@ -175,6 +179,31 @@ class Tank(ReadOnly, Generic[Elastic]):
         program writes into `rest_length`.
         """
         return self.state.work
+
+    @property
+    def flows(self) -> dict[str, np.ndarray]:
+        """Energy flows of each fish since its reset (docs/physics.md, eq. 85-88), live arrays (B,) J by name.
+
+        "positive_work" is the part of `work` of the fibres that do positive work, "damping" is lost in springs and
+        tetrahedra, "water" to the water, and "thrust" is the useful part of the work on the water. ValueError unless
+        the tank was made with energy=True.
+        """
+        if not self.energy:
+            raise ValueError("this tank does not measure its energy flows; make it with energy=True")
+        return dict(zip(FLOWS, self.flow.T, strict=True))
+
+    def energies(self) -> dict[str, np.ndarray]:
+        """Present energies of each fish, (B,) J: "kinetic", and the energy of every force that stores any, by its name.
+
+        They are those in water at rest: velocities are relative to the current. That of "reactive" is the kinetic
+        energy of the water that moves with the fish.
+        """
+        found, rest = [], self.control.rest_length
+        for row, length, x, v in zip(self.variation, rest, self.state.x, self.state.v, strict=True):
+            body, world = options.apply_variation(self.fish.body, self.world, row)
+            evaluator = Evaluator(body, world._replace(current=np.zeros(3)))
+            found.append(evaluator.energies(length, x, v - world.current))
+        return {name: np.array([each[name] for each in found]) for name in found[0]}
 
     @property
     def contraction(self) -> np.ndarray:
@@ -292,7 +321,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0, 0.0), strict=True):
             array[which] = value
         self.control.rest_length[which] = self.fish.body.springs.rest_length
-        self.effort[which] = 0.0
+        self.effort[which] = self.flow[which] = 0.0
         self._impose()
 
     def close(self) -> None:
@@ -307,7 +336,8 @@ class Tank(ReadOnly, Generic[Elastic]):
     def get_state(self) -> dict[str, np.ndarray]:
         """Copies of all that determines the further motion, and of what was counted.
 
-        Their names are x, v, t, failure, counters, work, rest_length, variation and muscle_variation.
+        Their names are x, v, t, failure, counters, work, rest_length, variation and muscle_variation, and flow if it is
+        measured.
         """
         return {name: array.copy() for name, array in self._named().items()}
 
@@ -315,7 +345,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         """Arrays of the state, by name."""
         return self.state._asdict() | {
             "rest_length": self.control.rest_length, "variation": self.variation,
-            "muscle_variation": self.muscle_variation,
+            "muscle_variation": self.muscle_variation, **({"flow": self.flow} if self.energy else {}),
         }  # fmt: skip
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:

@@ -1,5 +1,6 @@
 """Options of a tank: input validation, default values, and the records that kernels read."""
 
+import inspect
 import math
 import os
 from collections.abc import Mapping
@@ -69,6 +70,16 @@ def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator
     reason = integrator.refuses(fish.body, world)
     if reason:
         raise integrator_error(fish, integrator, reason)
+
+
+def checked_energy(energy, fish: ElasticObject, integrator: Integrator) -> bool:
+    """Return whether energy flows are measured; ValueError for no Boolean, or a method that does not measure them."""
+    if not isinstance(energy, bool | np.bool_):
+        raise ValueError(f"energy is {energy!r}; give True or False")
+    method = integrator.method
+    if energy and (method is None or "flows" not in inspect.signature(method.make_run).parameters):
+        raise integrator_error(fish, integrator, "it does not measure energy flows")
+    return bool(energy)
 
 
 def integrator_error(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import EngFormatter
 
+from fish_env.control.evaluation import Scores
 from fish_env.control.statistics import interquartile_mean
 from fish_env.training.run_measures import Motion
 
@@ -56,6 +57,18 @@ def draw_learning_curves(groups: Sequence[tuple[str, list[dict[str, np.ndarray]]
                 axes.plot(steps, middle, color=colour, lw=1.8, label=label + seeds)
         axes.set(xlabel="environment steps", ylabel=f"{name}, in training")
         axes.xaxis.set_major_formatter(EngFormatter())  # 2 M, without a factor beside the axis
+    return svg(figure)
+
+
+def draw_costs(groups: Sequence[tuple[str, list[Scores]]]) -> str:
+    """Draw the cost of transport against the mean speed along the path, a dot for each episode of every run."""
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for colour, (label, runs) in zip(COLOURS, groups, strict=False):
+        power, cost = (np.concatenate([run[name] for run in runs]) for name in ("power", "cost_of_transport"))
+        moved = cost != 0.0  # also where it is not defined, which is not drawn
+        axes.plot(power[moved] / cost[moved], cost[moved], "o", color=colour, ms=4, alpha=0.5, label=label)
+    axes.set(xlabel="speed along the path, m/s", ylabel="cost of transport, J/(kg m)")
     return svg(figure)
 
 

@@ -36,6 +36,7 @@ GAIT = (
     "How far each muscle is contracted in the first episode: those of the left side (L), then those of the right (R), "
     "upper (u) and lower (l), each from the head (1) to the tail."
 )
+COST = "Work of the muscles per mass and path, against the speed: a dot is an episode. Lower is cheaper."
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,12 +131,14 @@ def write_section(task: str, groups: list[Group], alone: bool) -> str:
     curves = [(group.label, [run.curve for run in group.runs]) for group in groups]
     gaits = charts.draw_gaits([(group.label, group.motions[0]) for group in groups], *order_muscles(groups[0].fish))
     paths = charts.draw_paths([(group.label, group.motions) for group in groups], task.startswith("target"))
+    costs = charts.draw_costs([(group.label, group.episodes) for group in groups])
     seeds = "In training, with exploration noise. Bold lines are interquartile means over seeds, thin lines are seeds."
     score = SCORES.get(task, "return")
     parts = [
         describe_run(groups[0].runs[0]) if alone else f"<h2>{escape(task)}: the runs</h2>{tabulate_runs(groups)}",
         f"<h2>{escape(task)}: results</h2>{tabulate_metrics(groups)}",
         f"<h2>Learning curves</h2>{note(seeds)}{charts.draw_learning_curves(curves, score)}",
+        f"<h2>Cost of transport</h2>{note(COST)}{costs}",
         f"<h2>Failures</h2>{''.join(list_failures(group) for group in groups)}",
         f"<h2>Path</h2>{note(f'From above, the first {len(groups[0].motions)} episodes; a dot is the end.')}{paths}",
         f"<h2>Gait</h2>{note(GAIT)}{gaits}",

@@ -15,6 +15,7 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
     add_inertia        adds to f the mass that the force adds to the nodes' own, at positions x, times the vectors v
     solve_lagged       changes the velocities in `f.load`, which Tu's method found without that mass, to those with it
     energy             stored energy, J
+    loss               power that the force takes from the body, or from the water that moves with it, for good, W
     failed             mask of the fish in which an element is invalid; FAILURE is the reason
     constrain          constrains the accelerations in f
     decay              changes the velocities by the effect of this force in half a step; `add_force_cached` leaves
@@ -28,6 +29,7 @@ is False for a force without this function.
 `rest_matrices(body, elastic)` yields element matrices, (nodes (M,k), matrices (M,3k,3k)), of small motion about rest,
 and `bounds(body, world)` returns the stiffness and damping of the surroundings, for the choice of a step.
 
+IN_WATER marks a force of the water: its `loss` is work on the water, and its forward part is thrust.
 ANYWHERE marks a force that is invariant under translations of the whole body. If all acting forces have it, positions
 in float32 are relative to each fish, and equally precise far from the origin.
 
@@ -104,9 +106,9 @@ def has_cache(name: str) -> bool:
 
 
 KERNELS = ("add_force", "add_force_cached", "add_tangent", "add_change", "add_system", "add_damping", "add_lagged",
-           "add_reaction", "add_inertia", "solve_lagged", "energy", "failed", "constrain", "decay",
+           "add_reaction", "add_inertia", "solve_lagged", "energy", "loss", "failed", "constrain", "decay",
            "finish")  # fmt: skip
-COMPILED = (*KERNELS, "make_cache", "FAILURE", "JUMPS", "ANYWHERE")
+COMPILED = (*KERNELS, "make_cache", "FAILURE", "JUMPS", "ANYWHERE", "IN_WATER")
 """Attributes of a force on which compiled sums depend."""
 
 
@@ -139,7 +141,7 @@ def total(names: tuple[str, ...], function: str, *others: str):
         chosen = next((option for option in (function, *others) if hasattr(FORCES[name], option)), None)
         if chosen is not None:
             found[name] = getattr(FORCES[name], chosen)
-    if function == "energy":
+    if function in ("energy", "loss"):
         return call_in_turn(found, "found += {call}", "found = zero(control.stiffness)", "return found", zero=zero)
     if function == "failed":  # the first in the list takes precedence
         codes = {f"CODE_{name}": float(FORCES[name].FAILURE) for name in found}

@@ -214,14 +214,29 @@ def column_of(here, there, mu, la, square, both, this, that):
 
 
 @kernel
+def strain_energy(double, shear, dilation):
+    """Energy of twice a symmetric strain (diagonal, off the diagonal), with Lame's constants times the volume."""
+    d, o = double
+    trace = d.x + d.y + d.z
+    return fma(0.25 * shear, fma(2.0, dot(o, o), dot(d, d)), (0.125 * dilation) * (trace * trace))
+
+
+@kernel
 def energy(body, world, control, x, v, f, cache):
     """Elastic energy of all tetrahedra, J."""
     elements, total = body.tets, zero(control.stiffness)
     for t in range(elements.volume.size):
-        p, q, r = gradient(elements, t, edges(elements, t, x))
-        shear, dilation = constants(elements, t, control.stiffness[0])
-        xx, yy, zz = dot(p, p) - 1.0, dot(q, q) - 1.0, dot(r, r) - 1.0
-        yz, xz, xy, trace = dot(q, r), dot(p, r), dot(p, q), xx + yy + zz
-        squares = fma(xx, xx, fma(yy, yy, zz * zz)) + 2.0 * fma(yz, yz, fma(xz, xz, xy * xy))
-        total += fma(0.25 * shear, squares, (0.125 * dilation) * (trace * trace))
+        m = gradient(elements, t, edges(elements, t, x))
+        total += strain_energy(double_strain(m, m, 0.0), *constants(elements, t, control.stiffness[0]))
+    return total
+
+
+@kernel
+def loss(body, world, control, x, v, f, cache):
+    """Power lost in the damping of all tetrahedra, W."""
+    elements, total = body.tets, zero(control.stiffness)
+    for t in range(elements.volume.size):
+        m, n = gradient(elements, t, edges(elements, t, x)), gradient(elements, t, edges(elements, t, v))
+        factor = (2.0 * elements.relaxation_time[t]) * control.stiffness[0]
+        total += strain_energy(double_symmetric_part(m, n), *constants(elements, t, factor))
     return total

@@ -162,6 +162,16 @@ def energy(body, world, control, x, v, f, cache):
 
 
 @kernel
+def loss(body, world, control, x, v, f, cache):
+    """Power lost in the damping of all springs, W."""
+    damping, total = body.springs.damping, zero(control.stiffness)
+    for e in range(damping.size):
+        _, _, r, _, _, fast = measure_spring(body.springs, control.rest_length, x, v, e)
+        total = fma(damping[e] * (fast * fast), dot(r, r), total)
+    return control.stiffness[0] * total
+
+
+@kernel
 def failed(body, world, control, x, v, f, cache):
     """Mask of the fish in which a spring is longer than STRETCH_LIMIT times its natural length."""
     nodes, natural = body.springs.nodes, body.springs.rest_length

@@ -289,16 +289,33 @@ def add_system(body, world, control, x, v, a, cache):
 
 
 @kernel
+def strain_energy(m, shear, dilation):
+    """Energy of the symmetric part of a matrix of strains, with Lame's constants times the volume."""
+    p, q, r = m
+    xy, xz, yz, trace = p.y + q.x, p.z + r.x, q.z + r.y, p.x + q.y + r.z
+    squares = fma(p.x, p.x, fma(q.y, q.y, r.z * r.z)) + 0.5 * fma(xy, xy, fma(xz, xz, yz * yz))
+    return fma(shear, squares, (0.5 * dilation) * (trace * trace))
+
+
+@kernel
 def energy(body, world, control, x, v, f, cache):
     """Elastic energy of all tetrahedra, J."""
     tets, total = body.tets, zero(control.stiffness)
     for t in range(tets.volume.size):
         e = edges(tets, t, x)
-        p, q, r = less_one(world_gradient(e, rotated_gradients(tets, t, e, cache.polar)))
-        shear, dilation = constants(tets, t, control.stiffness[0])
-        xy, xz, yz, trace = p.y + q.x, p.z + r.x, q.z + r.y, p.x + q.y + r.z
-        squares = fma(p.x, p.x, fma(q.y, q.y, r.z * r.z)) + 0.5 * fma(xy, xy, fma(xz, xz, yz * yz))
-        total += fma(shear, squares, (0.5 * dilation) * (trace * trace))
+        strain = less_one(world_gradient(e, rotated_gradients(tets, t, e, cache.polar)))
+        total += strain_energy(strain, *constants(tets, t, control.stiffness[0]))
+    return total
+
+
+@kernel
+def loss(body, world, control, x, v, f, cache):
+    """Power lost in the damping of all tetrahedra, W."""
+    tets, total = body.tets, zero(control.stiffness)
+    for t in range(tets.volume.size):
+        h = rotated_gradients(tets, t, edges(tets, t, x), cache.polar)
+        rate = world_gradient(edges(tets, t, v), h)
+        total += strain_energy(rate, *constants(tets, t, (2.0 * tets.relaxation_time[t]) * control.stiffness[0]))
     return total
 
 

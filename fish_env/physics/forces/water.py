@@ -9,11 +9,11 @@ Legend: a area vector (area times outward normal n); w velocity of the face thro
 import numpy as np
 
 from fish_env.kernels.compile import INDEX, kernel
-from fish_env.kernels.simd import Pack, cross, dot, fma, select, sqrt, vec3
+from fish_env.kernels.simd import Pack, cross, dot, fma, select, sqrt, vec3, zero
 from fish_env.physics.forces.plan import INNER, H
 from fish_env.physics.records import Body, World
 
-ANYWHERE = True
+ANYWHERE = IN_WATER = True
 
 
 def present(body: Body, world: World) -> bool:
@@ -139,6 +139,17 @@ def add_change(body, world, control, x, v, f, cache):
         slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
         ahead = change * (speed / fma((half * cache.mobility[k]) * area, slope, speed))  # (38)
         scatter(body, k, select(outward > 0.0, ahead, -push) * n, f)
+
+
+@kernel
+def loss(body, world, control, x, v, f, cache):
+    """Power of all faces on the water, W."""
+    linear, quadratic, current = laws(world, control)
+    total = zero(control.stiffness)
+    for k in range(body.faces.nodes.shape[0]):
+        n, _, push = push_on(body, linear, quadratic, current, x, v, k)
+        total = fma(-push, dot(n, velocity(body, current, v, k)), total)
+    return total
 
 
 @kernel

@@ -34,7 +34,7 @@ class Method(Protocol):
         """Scratch memory of a block of fish of a kind."""
         ...
 
-    def make_run(self, names: tuple[str, ...]) -> Callable:
+    def make_run(self, names: tuple[str, ...], flows: bool = False) -> Callable:
         """Make the kernel `run(body, world, control, x, v, work, cache, n)` of a block, for the forces of these names.
 
         It takes n steps of `control.plans[control.row[0], H]` seconds, and changes x and v in place. `work` is of
@@ -42,7 +42,9 @@ class Method(Protocol):
         evaluation, and adds the work of the muscles there, with the weight that it has in the step (`common.add_work`).
         It calls the forces' `constrain` on accelerations that are no direct sum of forces, and `finish` after every
         step. It keeps the velocities of fixed degrees of freedom, and counts bad pivots in `control.pivots` and
-        `control.untrusted`. It may capture kernels, numbers, tuples of them and Booleans only.
+        `control.untrusted`. With `flows`, it also adds the energy flows of each step (`common.make_measure`); a tank
+        that is to measure them refuses a method without that argument. It may capture kernels, numbers, tuples of them
+        and Booleans only.
         """
         ...
 

@@ -64,6 +64,57 @@ def add_work(body, control, x, duration):
 
 
 @kernel
+def positive_power(body, control, x):
+    """Power of the driven springs that do positive work (see `add_work`), W over the factor on stiffness."""
+    nodes, stiffness = body.springs.nodes, body.springs.stiffness
+    rest, rate, driven, power = control.rest_length, control.rate, control.driven, zero(control.work)
+    for d in range(driven.size):
+        e = INDEX(driven[d])
+        r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
+        own = stiffness[e] * (rest[e] - sqrt(dot(r, r))) * rate[d]
+        power += select(own > 0.0, own, 0.0)
+    return power
+
+
+def make_measure(names: tuple[str, ...]):
+    """Make the kernel that adds the energy flows of a duration, s, at positions x, for the forces of these names.
+
+    Before it is called, `control.flows` gets the velocities v and the accelerations a. The flows are in the order of
+    FLOWS, J over the factor on mass.
+    """
+    wet = tuple(name for name in names if hasattr(forces.FORCES[name], "IN_WATER"))
+    damping = forces.total(tuple(name for name in names if name not in wet), "loss")
+    water, add_force = forces.total(wet, "loss"), forces.total(wet, "add_force")
+    add_inertia = forces.total(wet, "add_inertia")
+
+    @kernel
+    def measure(body, world, control, x, cache, duration):
+        flows = control.flows
+        total, v, f = flows.total, flows.v, flows.f
+        total[0] = fma(duration * control.stiffness[0], positive_power(body, control, x), total[0])  # (85)
+        total[1] = fma(duration, damping(body, world, control, x, v, f, cache), total[1])  # (86)
+        total[2] = fma(duration, water(body, world, control, x, v, f, cache), total[2])  # (87)
+        for i in range(x.size):
+            f[i] = zero(f)
+        add_inertia(body, world, control, x, flows.a, f, cache)
+        ahead, drift, mass = zero(f), zero(f), 0.0
+        for i in range(x.size):
+            f[i] = -1.0 * f[i]
+            ahead = fma(flows.line[i], x[i], ahead)
+            drift = fma(body.mass[i], v[i], drift)
+            mass += body.mass[i]
+        add_force(body, world, control, x, v, f, cache)
+        size, thrust = sqrt(dot(ahead, ahead)), zero(total)
+        for i in range(x.size):
+            push = dot(f[i], ahead)
+            thrust += select(push > 0.0, push, 0.0)
+        speed = dot((1.0 / mass) * drift - (world.current[0] + control.current[0]), ahead)
+        total[3] = fma(duration, select(size > 0.0, thrust * speed / (size * size), 0.0), total[3])  # (88)
+
+    return measure
+
+
+@kernel
 def zero_fixed(body, a):
     """Set the vectors a (N,) to zero along fixed degrees of freedom."""
     values, fixed = floats(a), body.fixed

@@ -18,7 +18,13 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
-from fish_env.physics.integrators.common import add_work, make_constrain, move_rest_lengths, scratch
+from fish_env.physics.integrators.common import (
+    add_work,
+    make_constrain,
+    make_measure,
+    move_rest_lengths,
+    scratch,
+)
 from fish_env.physics.records import Body
 
 DAMPING = 4.0  # of the polynomial: excess of its midpoint over 1, times the square of the number of stages
@@ -70,11 +76,19 @@ def make_work(body: Body, kind):
     return scratch(body, kind, "f", "kick", "a", "before")
 
 
-def make_run(names):
+@kernel
+def set_motion(flows, inverse_mass, v, a, f, half):
+    """Store the accelerations of a kick, of a and the forces f, and the velocities half of it later, to be measured."""
+    for i in range(v.size):
+        flows.a[i] = fma(inverse_mass[i], f[i], a[i])
+        flows.v[i] = fma(half, flows.a[i], v[i])
+
+
+def make_run(names, flows=False):
     """Make the kernel that takes n steps of a block, for the forces of these names."""
     add_force = forces.total(names, "add_force_cached", "add_force")
     add_tangent, add_change = forces.total(names, "add_tangent"), forces.total(names, "add_change")
-    add_reaction = forces.total(names, "add_reaction")
+    add_reaction, measure = forces.total(names, "add_reaction"), make_measure(names) if flows else None
     constrain, decay, finish = make_constrain(names), forces.total(names, "decay"), forces.total(names, "finish")
     whole = not forces.any_has(names, "decay", "finish")  # the drifts of two consecutive steps are merged
 
@@ -117,6 +131,9 @@ def make_run(names):
                 before[i] = fma(half, a[i], v[i])
             add_change(body, world, control, x, before, f, cache)
             add_reaction(body, world, control, x, before, f, cache)
+            if flows:
+                set_motion(control.flows, inverse_mass, v, a, f, half)
+                measure(body, world, control, x, cache, h)
             drift = h if whole and s < n - 1 else half
             for i in range(x.size):
                 y = fma(h, fma(inverse_mass[i], f[i], a[i]), v[i])

@@ -54,10 +54,11 @@ class Rosenbrock:
             step=kind.scratch(1), stiffness=kind.numbers(1), lightness=kind.numbers(1),
         )  # fmt: skip
 
-    def make_run(self, names):
+    def make_run(self, names, flows=False):
         time, last = self.time, len(self.time) - 1
         add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
         compare, constrain = make_compare(names), common.make_constrain(names)
+        measure = common.make_measure(names) if flows else None
         implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
         add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
         add_damping = forces.total(names if self.wet else (), "add_damping")
@@ -96,6 +97,10 @@ class Rosenbrock:
                         for i in range(x.size):
                             f[i] = fma(0.5, f[i], 1.5 * p[i])
                     constrain(body, world, control, x, v, f, cache)
+                    if flows and stage == last:
+                        common.move_rest_lengths(control, (s + 0.5) * h)
+                        set_middle(control.flows, x, v, f, 0.5 * h, y)
+                        measure(body, world, control, y, cache, h)
                     for i in range(x.size):
                         a, u = f[i], fma(inner, f[i], v[i])
                         if stage > 0:
@@ -109,6 +114,14 @@ class Rosenbrock:
                 finish(body, world, control, x, v, f, cache)
 
         return run
+
+
+@kernel
+def set_middle(flows, x, v, a, half, y):
+    """Store positions y and the velocities and accelerations a at the middle of a step, to be measured."""
+    for i in range(x.size):
+        y[i] = fma(half, v[i], x[i])
+        flows.v[i], flows.a[i] = fma(half, a[i], v[i]), a[i]
 
 
 def make_compare(names: tuple[str, ...]):

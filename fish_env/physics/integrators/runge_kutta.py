@@ -13,7 +13,13 @@ from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import H
-from fish_env.physics.integrators.common import add_work, move_rest_lengths, plan_of_step, scratch
+from fish_env.physics.integrators.common import (
+    add_work,
+    make_measure,
+    move_rest_lengths,
+    plan_of_step,
+    scratch,
+)
 from fish_env.physics.records import Body
 
 
@@ -37,9 +43,9 @@ class RungeKutta:
     def make_work(self, body: Body, kind):
         return scratch(body, kind, "f", "sx", "sv", "kx", "kv")
 
-    def make_run(self, names):
+    def make_run(self, names, flows=False):
         add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
-        add_reaction = forces.total(names, "add_reaction")
+        add_reaction, measure = forces.total(names, "add_reaction"), make_measure(names) if flows else None
         time, weight, last, symplectic = self.time, self.weight, len(self.time) - 1, self.symplectic
 
         @kernel
@@ -56,6 +62,10 @@ class RungeKutta:
                         f[i] = none
                     add_force(body, world, control, px, pv, f, cache)
                     add_reaction(body, world, control, px, pv, f, cache)
+                    if flows:
+                        for i in range(x.size):
+                            control.flows.v[i], control.flows.a[i] = pv[i], inverse_mass[i] * f[i]
+                        measure(body, world, control, px, cache, part * h)
                     for i in range(x.size):
                         u, a = pv[i], inverse_mass[i] * f[i]
                         if symplectic:

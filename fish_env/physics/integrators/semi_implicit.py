@@ -18,6 +18,7 @@ from fish_env.physics.integrators.common import (
     add_work,
     count_pivots,
     make_constrain,
+    make_measure,
     move_rest_lengths,
     plan_of_step,
     scratch,
@@ -72,8 +73,9 @@ def restore_fixed(body, v, u):
             become[i, k, lane] = was[i, k, lane]
 
 
-def make_run(names):
+def make_run(names, flows=False):
     """Make the kernel that takes n steps of a block, for the forces of these names."""
+    measure = make_measure(names) if flows else None
     lagged = tuple(name for name in names if forces.any_has((name,), "add_lagged"))
     add_lagged = forces.total(lagged, "add_lagged")
     add_force = forces.total(tuple(name for name in names if name not in lagged), "add_force")
@@ -108,6 +110,10 @@ def make_run(names):
                 constrain(body, world, control, x, v, load, cache)
                 for i in range(x.size):
                     load[i] = fma(h, load[i], v[i])
+            if flows:
+                for i in range(x.size):
+                    control.flows.v[i], control.flows.a[i] = 0.5 * (load[i] + v[i]), (1.0 / h) * (load[i] - v[i])
+                measure(body, world, control, x, cache, h)
             for i in range(x.size):
                 v[i] = load[i]
                 x[i] = fma(h, load[i], x[i])
