@@ -11,7 +11,8 @@ from functools import cache
 
 import numpy as np
 
-from fish_env import BODIES, TASKS, Tank, make_fish
+from benchmarks.common.trout import WATERS, trout
+from fish_env import BODIES, TASKS, Fish, Tank, World, make_fish
 from fish_env.bodies.objects import OBJECTS
 from fish_env.control import load_policy, scripted, shipped_policies
 from fish_env.envs import FishVectorEnv
@@ -27,10 +28,9 @@ def summary(position: np.ndarray, length: float) -> float:
     return float((position * weights).sum() / length)
 
 
-def swim(body: str) -> float:
-    """Positions and velocities of a body in its own water, bent to and fro."""
-    fish = make_fish(body)
-    tank = Tank(fish, water=fish.water, threads=1)
+def swim(fish: Fish, water: World | None = None) -> float:
+    """Positions and velocities of a fish, in its own water unless another is given, bent to and fro."""
+    tank = Tank(fish, water=fish.water if water is None else water, threads=1)
     for k in range(INTERVALS):
         tank.swim(np.where(fish.sides > 0, 1.0, -1.0) * np.cos(0.5 * k), fish.control_interval)
     return summary(tank.position, fish.length) + summary(tank.velocity, fish.length)
@@ -64,7 +64,8 @@ def act(name: str) -> float:
 
 
 TRAJECTORIES: dict[str, Callable[[], float]] = {
-    **{f"body {name}": lambda name=name: swim(name) for name in BODIES},
+    **{f"body {name}": lambda name=name: swim(make_fish(name)) for name in BODIES},
+    "water reactive": lambda: swim(trout(), WATERS["reactive"]),
     **{f"task {name}": lambda name=name: perform(name) for name in TASKS},
     **{f"object {name}": lambda name=name: fall(name) for name in OBJECTS},
     **{f"policy {name}": lambda name=name: act(name) for name in shipped_policies()},

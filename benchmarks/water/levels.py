@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, pyplot, save
@@ -20,6 +21,7 @@ from benchmarks.common.trout import trout
 from benchmarks.water import scenes
 from fish_env import make_fish
 from fish_env.bodies import Fish
+from fish_env.control import evaluate, make_eval_env, scripted
 from fish_env.physics.world import VACUUM, with_inertia
 
 COMMAND = "python -m benchmarks.water.levels"
@@ -58,6 +60,11 @@ LIVING = {
     ("start", "best acceleration"): Living("22.7 to 39.5", "seven species (Webb 1978)"),
     ("coast", "drag coefficient"): Living("0.008 to 0.022", "bluegill at half the speed (Gellman et al.)"),
 }
+EPISODES, SEED = 32, 2_000_001  # of the motor controllers
+CONTROLLED = {  # what the motor controllers achieve in a task: score, unit
+    "Swim": ("speed", "BL/s"), "Turn": ("success", ""), "LeftAfterRight": ("success", ""),
+    "Target": ("targets", ""), "Avoid": ("success", ""),
+}  # fmt: skip
 UNITS = {
     "speed": "BL/s", "frequency": "Hz", "sweep": "BL", "nose over tail": "", "Strouhal": "", "work": "J/kg/m",
     "angle": "degrees", "kept": "degrees", "rate": "degrees/s", "radius": "BL", "lag": "s", "way back": "degrees",
@@ -89,9 +96,23 @@ def scenes_of(fish: Fish, swims: bool) -> dict[str, tuple[dict[str, float], str]
     }
 
 
+def controlled() -> list[dict]:
+    """Rows of the shipped motor controllers, which were made for drag, on the default fish in both waters."""
+    rows = []
+    for level in LEVELS[1:]:
+        for task, (score, unit) in CONTROLLED.items():
+            env = make_eval_env(f"FishEnv/{task}-v0", EPISODES, {"water": level})
+            value = float(np.nanmean(evaluate(env, scripted(env), SEED)[score]))
+            rows.append({
+                "fish": "default", "water": level, "scene": f"motor controllers, {task}", "quantity": score,
+                "unit": unit, "value": round(value, 3), "living": "", "source": "", "gait": "",
+            })  # fmt: skip
+    return rows
+
+
 def measure() -> None:
     """Write the table."""
-    rows = []
+    rows = controlled()
     cases = [(name, level) for name in FISH for level in LEVELS if level != "none" or name == "trout"]
     for name, level in tqdm(cases):
         for scene, (values, gait) in scenes_of(fish_in(name, level), swims=level != "none").items():
@@ -144,6 +165,16 @@ def levels_table(rows: list[dict]) -> list[str]:
     return lines
 
 
+def controllers_table(rows: list[dict]) -> list[str]:
+    """Lines of the page's table of the motor controllers in both waters."""
+    lines = ["| | drag | reactive |", "|---|---|---|"]
+    values = {(row["scene"], row["water"]): row["value"] for row in rows}
+    for task, (score, unit) in CONTROLLED.items():
+        cells = (f"{values[f'motor controllers, {task}', level]:.2f}" for level in LEVELS[1:])
+        lines.append(f"| {task}: {score}{f', {unit}' if unit else ''} | {' | '.join(cells)} |")
+    return lines
+
+
 def prices_table(rows: list[dict]) -> list[str]:
     """Lines of the page's table of prices: of a step of one fish, and of 256, over that in water with drag alone."""
     ratio = {(row["fish"], row["count"], row["dtype"], row["water"]): row["over_drag"] for row in rows}
@@ -186,6 +217,7 @@ def turn_table(rows: list[dict]) -> list[str]:
 
 TABLES: dict[str, tuple[str, Callable[[list[dict]], list[str]]]] = {
     "levels": ("water_levels.csv", levels_table),
+    "controllers": ("water_levels.csv", controllers_table),
     "prices": ("water_prices.csv", prices_table),
     "stability": ("water_stability.csv", stability_table),
     "turn": ("water_turn.csv", turn_table),
