@@ -94,6 +94,24 @@ STABILITY = (
         "tests/worst.npz", "-m benchmarks.stability.attack", 10, csv("attack"),
         follows=EVERY_BODY,
     ),
+    Result(
+        "stability.water", "failures and rolls, largest steps and the abrupt turn in water with inertia",
+        "-m benchmarks.stability.water", 18, csv("water_stability", "water_limits", "water_turn"),
+        one_core=True, follows=(*DEFAULT, "water *"),
+    ),
+)  # fmt: skip
+
+WATER = (
+    Result(
+        "water.prices", "cost of a step in each level of water, over that with drag alone",
+        "-m benchmarks.water.prices", 3, csv("water_prices"),
+        one_core=True, follows=(*DEFAULT, "water *"),
+    ),
+    Result(
+        "water.levels", "what each level of water gives scenes, beside living fish; also the tables of "
+        "docs/choosing-the-water.md", "-m benchmarks.water.levels", 3, csv("water_levels", "water_levels.svg"),
+        follows=(*EVERY_TASK, "water *"),
+    ),
 )  # fmt: skip
 
 SPEED = (
@@ -249,5 +267,5 @@ LEARNING = (
 
 REGISTRY = {
     result.name: result
-    for result in (*ACCURACY, *STABILITY, *SPEED, *FIDELITY, *OBJECTS, *CALIBRATION, *VALIDATION, *LEARNING)
+    for result in (*ACCURACY, *STABILITY, *WATER, *SPEED, *FIDELITY, *OBJECTS, *CALIBRATION, *VALIDATION, *LEARNING)
 }

@@ -9,6 +9,7 @@ from benchmarks.calibration import living_fish
 from benchmarks.common.tables import read_table
 from benchmarks.objects import layers, solids, survey
 from benchmarks.objects.scenes import SCENES
+from benchmarks.water import levels
 from fish_env.bodies.objects import OBJECTS, SONG
 
 
@@ -204,9 +205,16 @@ def moved_solids():
         yield line(f"`{name}`", *steps, tiny(row["error_1.25_ms"]), f"{cost[error < 1e-3].min():.0f}")
 
 
+def water_tables():
+    """Tables of the levels of water, as they are written."""
+    for name, table in levels.TABLES.values():
+        yield "\n".join(table(read_table(name)))
+
+
 PAGES = {
     "choosing-an-integrator": (methods, own_steps, least_prices, failures),
     "choosing-a-body": (bodies, fits),
+    "choosing-the-water": (water_tables,),
     "validation": (gait, lambda: [living_fish.table(read_table("living_fish.csv"))]),
     "performance": (rates, peers),
     "soft-objects": (scenes, collapse, limits, beam, strains, moved_solids),

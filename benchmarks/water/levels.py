@@ -153,13 +153,26 @@ ROWS = (  # of the table of the page: scene, quantity, label, digits
 COLUMNS = [(name, level) for name in ("default", "trout", "strong trout") for level in ("drag", "reactive")]
 
 
+MISSED = 0.05  # part of its speed by which a cruise must not miss it, else no gait has it
+
+
+def values_of(rows: list[dict]) -> dict[tuple[str, str, str, str], float]:
+    """Values by fish, water, scene and quantity; nan for all but the speed of a cruise that misses its speed."""
+    values = {(row["fish"], row["water"], row["scene"], row["quantity"]): row["value"] for row in rows}
+    for (fish, water, scene, quantity), value in list(values.items()):
+        if quantity == "speed" and " at " in scene and abs(value / float(scene.split()[2]) - 1.0) > MISSED:
+            missed = [key for key in values if key[:3] == (fish, water, scene) and key[3] != "speed"]
+            values |= dict.fromkeys(missed, np.nan)
+    return values
+
+
 def levels_table(rows: list[dict]) -> list[str]:
     """Lines of the page's table: a row for each quantity, a column for each fish and level, and living fish."""
-    values = {(row["fish"], row["water"], row["scene"], row["quantity"]): row["value"] for row in rows}
+    values = values_of(rows)
     head = " | ".join(f"{name}, {level}" for name, level in COLUMNS)
     lines = [f"| | {head} | living fish |", "|---" * (len(COLUMNS) + 2) + "|"]
     for scene, quantity, label, digits in ROWS:
-        cells = [f"{values[name, level, scene, quantity]:.{digits}f}" for name, level in COLUMNS]
+        cells = [f"{values[name, level, scene, quantity]:.{digits}f}".replace("nan", "-") for name, level in COLUMNS]
         living = LIVING.get((scene, quantity), Living("", "")).value
         lines.append(f"| {label} | {' | '.join(cells)} | {living} |")
     return lines
@@ -237,9 +250,9 @@ def fill_page() -> None:
 
 
 PANELS = (  # of the chart: scene, quantity, title
-    ("cruise at 1 BL/s", "Strouhal", "cruising at 1 BL/s: Strouhal number"),
-    ("cruise at 2 BL/s", "Strouhal", "cruising at 2 BL/s: Strouhal number"),
-    ("cruise at 2 BL/s", "work", "cruising at 2 BL/s: net work, J/kg/m"),
+    ("cruise at 1 BL/s", "Strouhal", "cruising at 1 BL/s, 3.18 Hz: Strouhal number"),
+    ("cruise at 2 BL/s", "Strouhal", "cruising at 2 BL/s, 4.23 Hz: Strouhal number"),
+    ("cruise at 2 BL/s", "work", "cruising at 2 BL/s, 4.23 Hz: net work, J/kg/m"),
     ("turn", "kept", "turning while cruising, degrees kept"),
     ("turn", "radius", "turning while cruising: radius, BL"),
     ("reversal", "way back", "reversal: degrees back after 0.3 s"),
@@ -251,8 +264,7 @@ PANELS = (  # of the chart: scene, quantity, title
 def draw() -> None:
     """Fill the page, and draw a panel for each quantity: bars for fish and levels, a band for living fish."""
     fill_page()
-    rows = read_table("water_levels.csv")
-    values = {(row["fish"], row["water"], row["scene"], row["quantity"]): row["value"] for row in rows}
+    values = values_of(read_table("water_levels.csv"))
     figure, panels = pyplot().subplots(2, 4, figsize=(14, 6.4), layout="constrained")
     names = list(dict.fromkeys(name for name, _ in COLUMNS))
     for panel, (scene, quantity, title) in zip(panels.flat, PANELS, strict=True):
