@@ -45,6 +45,7 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     numbers = ("per_length", "per_rise", "nn", "nb", "bn", "bb", "m", "q")
     return Pack(
         "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), advance=kind.numbers(1),
+        gain=kind.numbers(1),
         **{name: kind.vectors(1) for name in ("rise", "climb", "twist", "bend", "climb_ahead", "wake")},
         **{name: kind.vectors(count) for name in vectors}, **{name: kind.numbers(count) for name in numbers},
     )  # fmt: skip
@@ -148,15 +149,17 @@ def relieve_fin(body, cache, force):
     """Move the part of the forces on the tail fin's sections that acts along the body forward, to the peduncle.
 
     Each goes to the section before, which lies on its line of action, so that no momentum changes. A fin weighs next to
-    nothing, and these forces pass no filter: they would push it into the body.
+    nothing, and would be pushed into the body. Returns the power that is gained where the fin changes its length.
     """
-    last = cache.n.size - 1
+    last, gained = cache.n.size - 1, zero(cache.gain)
     for m in range(body.sections.fin):
         here, before = INDEX(last - m), INDEX(last - m - 1)
         chord = cache.middle[here] - cache.middle[before]
         pull = (dot(force[here], chord) / dot(chord, chord)) * chord
         force[here] = force[here] - pull
         force[before] = force[before] + pull
+        gained += dot(pull, cache.speed[before] - cache.speed[here])
+    return gained
 
 
 @kernel
@@ -186,7 +189,7 @@ def push(body, world, control, cache, force, twist):
         for m in range(3):
             force[j + INDEX(m)] = fma(slope[k, INDEX(m)], ahead, force[j + INDEX(m)])
     twist[0] = turned
-    relieve_fin(body, cache, force)
+    cache.gain[0] = relieve_fin(body, cache, force)
 
 
 @kernel
@@ -447,11 +450,19 @@ def energy(body, world, control, x, v, f, cache):
 
 @kernel
 def loss(body, world, control, x, v, f, cache):
-    """Power that the shed wake, and the flow that leaves the narrowing rear, take from fish and moving water, W."""
+    """Power that the wake, and the flow that leaves the narrowing rear, take from fish and moving water, W.
+
+    What `relieve_fin` takes by moving forces along a fin that changes its length is in it.
+    """
     set_frames(body, world, control, x, cache)
     set_speeds(body, world, control, v, cache)
+    push(body, world, control, cache, cache.later, cache.bend)
+    gained, last = cache.gain[0], INDEX(cache.n.size - 1)
     wake, _ = shed(body, world, control, cache)
-    total = -dot(wake, cache.speed[INDEX(cache.n.size - 1)])
+    for k in range(cache.n.size):
+        cache.later[k] = zero(cache.later)
+    cache.later[last] = wake
+    total = -(gained + relieve_fin(body, cache, cache.later) + dot(wake, cache.speed[last]))
     for k in range(cache.n.size):
         lost = (control.lightness[0] * world.added_mass[1]) * body.sections.narrowing[k]
         y, u = dot(cache.speed[k], cache.b[k]), dot(cache.speed[k], cache.t[k])
