@@ -12,6 +12,7 @@ GAIT = "fish_env/control/gait.json"
 MOTOR = "fish_env/control/motor_controllers.json"
 FINEST = "fish_env/bodies/tetrahedral.json"
 DEFAULT, EVERY_BODY, EVERY_TASK = ("body mass_spring",), ("body *",), ("body mass_spring", "task *")
+FINEST_BODY = ("body tetrahedral",)
 TRAINED = (*EVERY_TASK, "policy *")
 
 
@@ -154,7 +155,7 @@ CALIBRATION = (
     Result(
         "calibration.finest", "material of the finest body, and three gaits, calibrated to living fish",
         "-m benchmarks.calibration.living_fish", 8, (FINEST,), by_name=True,
-        follows=("body tetrahedral",),
+        follows=FINEST_BODY,
     ),
     Result(
         "calibration.commands", "adds what the motor controllers command in each task to what bodies are fitted to",
@@ -183,6 +184,36 @@ VALIDATION = (
     Result(
         "validation.sizes", "the fastest gait against the length of the fish, beside living fish",
         "-m benchmarks.validation.sizes", 1, csv("validation/sizes.csv", "validation/sizes.svg"),
+    ),
+    Result(
+        "validation.lamprey", "the midline of a lamprey imposed on its body: speed and sweep",
+        "-m benchmarks.validation.lamprey", 0.5, csv("validation/lamprey.csv", "validation/lamprey.svg"),
+        follows=FINEST_BODY,
+    ),
+    Result(
+        "validation.eel", "the midline of a computed eel imposed on its body: speed",
+        "-m benchmarks.validation.eel", 0.3, csv("validation/eel.csv", "validation/eel.svg"),
+        follows=FINEST_BODY,
+    ),
+    Result(
+        "validation.torque", "the midlines of a mackerel and an eel imposed on their bodies: bending torque",
+        "-m benchmarks.validation.torque", 1, csv("validation/torque.csv", "validation/torque.svg"),
+        follows=FINEST_BODY,
+    ),
+    Result(
+        "validation.robot", "the strokes of a robot imposed on its body: one number fitted to two trials, six told",
+        "-m benchmarks.validation.robot", 1, csv("validation/robot.csv", "validation/robot.svg"),
+        follows=FINEST_BODY,
+    ),
+    Result(
+        "validation.coasting", "drag coefficient of straight bodies, beside coasting fish",
+        "-m benchmarks.validation.coasting", 0.2, csv("validation/coasting.csv", "validation/coasting.svg"),
+        follows=(*DEFAULT, *FINEST_BODY),
+    ),
+    Result(
+        "validation.strength", "all muscles of one side: force, speed and power at the base of the tail, beside trout",
+        "-m benchmarks.validation.strength", 0.3, csv("validation/strength.csv", "validation/strength.svg"),
+        follows=(*DEFAULT, *FINEST_BODY),
     ),
 )  # fmt: skip
 

@@ -7,7 +7,8 @@ matplotlib is loaded by it.
   Stable-Baselines3, `observation_layout` says what an observation holds.
 - Tasks: `TASKS`, the protocol `Task`, and `Option`, a number that a keyword or a reset sets.
 - Bodies: `BODIES`, `make_fish`, `Fish`; `make_body` for one of your own.
-- Simulation: `Tank`, `World`, `make_water`, `make_world`, `INTEGRATORS`, `Integrator`.
+- Simulation: `Tank`, `World`, `make_water`, `make_world`, `INTEGRATORS`, `Integrator`; `prescribe` swims a body by a
+  given midline.
 
 Controllers and trained policies are in `fish_env.control`, the conditions on which they are compared in
 `fish_env.protocols`; `fish_env list` lists what there is.
@@ -21,6 +22,7 @@ from fish_env.bodies import BODIES, Fish, make_fish
 from fish_env.envs import FishEnv, FishVectorEnv, make_sb3_vec_env, observation_layout
 from fish_env.physics.body import make_body
 from fish_env.physics.integrators import INTEGRATORS, Integrator
+from fish_env.physics.midline import prescribe
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
 from fish_env.physics.world import make_water, make_world
@@ -45,6 +47,7 @@ __all__ = [
     "make_water",
     "make_world",
     "observation_layout",
+    "prescribe",
 ]
 
 

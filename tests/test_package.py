@@ -67,7 +67,7 @@ def test_public_names():
     """Every public name exists, has a docstring if it is a class or a function, and is there after a plain import."""
     wanted = {"BODIES", "INTEGRATORS", "TASKS", "Fish", "FishEnv", "FishVectorEnv", "Integrator", "Option", "Tank",
               "Task", "World", "make_body", "make_fish", "make_sb3_vec_env", "make_water", "make_world",
-              "observation_layout"}  # fmt: skip
+              "observation_layout", "prescribe"}  # fmt: skip
     assert set(fish_env.__all__) == wanted
     for package in (fish_env, fish_env.envs, control):
         for name in package.__all__:

@@ -4,12 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from moving import FIXED_STEP, tiered
 from naive.reactive import added_mass, reactive_force, water_energy
 
-from fish_env import make_fish, make_water
+from fish_env import INTEGRATORS, Tank, make_fish, make_water
 from fish_env.physics.body import fix
 from fish_env.physics.elements import make_sections
 from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.world import make_world
 
 WATER = make_water(drag_coefficient=0.0, current=(0.1, -0.2, 0.05), inertia=True, added_mass=(0.9, 0.7), righting=0.0)
 BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")
@@ -103,17 +105,124 @@ def test_ellipse_and_heaving_plate():
 
 @each_body
 def test_heaving(name):
-    """A fish that is pushed sideways as a whole, each section by its weight and its water's, moves as one."""
-    body = trout(name).body
+    """A fish that heaves as a whole feels nothing while its speed is constant, and has its water's energy."""
+    body, still = trout(name).body, np.zeros_like(trout(name).body.position)
     world = make_water(drag_coefficient=0.0, inertia=True, righting=0.0)
-    names, s = ("reactive",), body.sections
-    share = np.zeros(len(body.mass))
-    for k, (a, b) in enumerate(zip(s.first, s.first[1:], strict=False)):
-        share[s.nodes[a:b]] = s.share[a:b] * (1000.0 * s.lateral[k] / body.mass[s.nodes[a:b]].sum())
-    still, rest = np.zeros_like(body.position), body.springs.rest_length
-    found = Evaluator(body, world, names).force(rest, body.position, still)
-    np.testing.assert_array_equal(found, still)
-    outline = 1000.0 * s.lateral.sum()
+    evaluator, rest = Evaluator(body, world, ("reactive",)), body.springs.rest_length
     v = still + np.array([0.0, 1.0, 0.0])
-    energy = Evaluator(body, world, names).energies(rest, body.position, v)["reactive"]
-    np.testing.assert_allclose(energy, 0.5 * outline, rtol=1e-12)
+    lateral = 1000.0 * body.sections.lateral.sum()
+    assert np.abs(evaluator.force(rest, body.position, v)).max() <= 1e-13 * lateral / body.mass.size
+    np.testing.assert_allclose(evaluator.energies(rest, body.position, v)["reactive"], 0.5 * lateral, rtol=1e-12)
+
+
+LENGTHS, SPEEDS = (0.8, 0.9, 1.0, 1.1, 1.2), (0.5, 0.6, 0.7)
+
+
+def swimming_wave(fish, length, time, amplitude=0.05, beat=1.0, advance=0.6):
+    """Nodes (N,3) and velocities of a fish whose midline is a wave of a length, body lengths, in water at rest.
+
+    `advance` is how fast it swims over how fast the wave runs. Sections move sideways as a whole.
+    """
+    size, s = fish.length, -fish.body.position[:, 0] / fish.length
+    phase, speed = 2 * np.pi * (s / length - beat * time), 2 * np.pi * beat * amplitude * size
+    x, v = fish.body.position.copy(), np.zeros_like(fish.body.position)
+    x[:, 1] += amplitude * size * np.sin(phase)
+    v[:, 1] = -speed * np.cos(phase)
+    v[:, 0] = advance * length * beat * size
+    return x, v
+
+
+@pytest.mark.parametrize(("name", "level", "near"), [("mass_spring", None, 0.03), ("tetrahedral", 3, 0.01)])
+def test_thrust_of_lighthill(name, level, near):
+    """Mean thrust of a swimming wave of constant amplitude is Lighthill's (1971), also of other lengths and speeds.
+
+    It is what the trailing edge sheds: with the tail's lateral velocity w and slope, m w (dh/dt) - m w^2 / 2.
+    """
+    fish = trout(name) if level is None else trout(name, level=level)
+    world = make_water(drag_coefficient=0.0, inertia=True, righting=0.0)
+    evaluator = Evaluator(fish.body._replace(sections=only_edge(fish.body.sections)), world, ("reactive",))
+    for length in LENGTHS:
+        for advance in SPEEDS:
+            found, wanted = [], []
+            for time in np.arange(40) / 40:
+                x, v = swimming_wave(fish, length, time, advance=advance)
+                found.append(evaluator.force(fish.body.springs.rest_length, x, v)[:, 0].sum())
+                phase, tail = 2 * np.pi * (1.0 / length - time), 0.05 * fish.length
+                slope = 2 * np.pi / length * tail / fish.length * np.cos(phase)
+                t = np.array([-1.0, slope]) / np.hypot(1.0, slope)  # backward along the midline
+                n = np.array([-t[1], t[0]])
+                speed = np.array([advance * length * fish.length, -2 * np.pi * tail * np.cos(phase)])
+                w, u, m = speed @ n, speed @ t, 1000.0 * fish.body.sections.trailing
+                wanted.append(m * u * w * n[0] + 0.5 * m * w**2 * u / np.hypot(u, w) * t[0])
+            assert np.mean(found) == pytest.approx(np.mean(wanted), rel=near), (length, advance)
+
+
+def only_edge(sections):
+    """Sections that move no water, but shed at the tail: what is left is the mean thrust of a periodic motion."""
+    none = np.zeros_like(sections.lateral)
+    return sections._replace(lateral=none, vertical=none, narrowing=none)
+
+
+def swum(name, steps, fish, **options):
+    """Positions of fish (B,N,3) after four control intervals, the first moved by both sides in turn."""
+    tank = Tank(
+        fish, integrator=name, dt=fish.control_interval / steps, refine=np.inf, threads=1, water=REACTIVE, **options
+    )
+    for side in (1, 1, -1, 1):
+        tank.swim(np.where(fish.sides == side, 0.8, -0.5), fish.control_interval)
+    assert tank.alive.all()
+    return tank.position.copy()
+
+
+REACTIVE = make_water(drag_coefficient=1.0, inertia=True)
+STEPS = {"semi_implicit": 96, "explicit_euler": 768, "symplectic_euler": 96, "linearly_implicit": 48,
+         "linearly_implicit_projected": 48, "linearly_implicit_water": 48, "rosenbrock": 24, "leapfrog_chebyshev": 24,
+         "midpoint": 96, "rk4": 96}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", tiered(FIXED_STEP))
+def test_methods_converge(name):
+    """Every method tends to the same motion in water with inertia, with its order."""
+    fish = trout()
+    truth = swum("dop853", 1, fish)
+    errors = [np.abs(swum(name, STEPS[name] * k, fish) - truth).max() / fish.length for k in (1, 2)]
+    falls = errors[0] / errors[1] > 0.8 * 2 ** min(2, INTEGRATORS[name].order)
+    assert errors[1] < 3e-4 and (falls or errors[1] < 1e-8), errors
+
+
+def test_lanes_and_precision():
+    """One fish, blocks of them and threads give the same bits; single precision is within 1e-4 body lengths."""
+    fish = trout()
+    one = swum("leapfrog_chebyshev", 6, fish)
+    many = Tank(fish, 40, dt=fish.control_interval / 6, refine=np.inf, threads=2, water=REACTIVE)
+    for side in (1, 1, -1, 1):
+        many.swim(np.where(fish.sides == side, 0.8, -0.5), fish.control_interval)
+    np.testing.assert_array_equal(many.position, np.repeat(one, 40, axis=0))
+    rough = swum("leapfrog_chebyshev", 6, fish, num_fish=16, dtype="float32")
+    assert np.abs(rough - one).max() < 1e-4 * fish.length
+
+
+def test_factors_of_a_fish():
+    """A fish of twice the mass, stiffness and drag, in water of twice the density, moves as the fish itself."""
+    fish, tank = trout(), None
+    paths = []
+    for factor in (1.0, 2.0):
+        tank = Tank(fish, 1, water=make_water(1000.0 * factor, 1.0, inertia=True))
+        tank.vary(0, stiffness=factor, mass=factor)
+        tank.swim(np.where(fish.sides > 0, 1.0, -1.0), 5 * fish.control_interval)
+        paths.append(tank.position.copy())
+    np.testing.assert_allclose(*paths, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: Tank(make_fish("published"), water=REACTIVE), "'published' has no sections"),
+    (lambda: Tank(trout(), water=make_world(planes=[((0, 0, 1), -1.0, 0.0)], water=REACTIVE)), "beside walls"),
+    (lambda: make_water(inertia="yes"), "inertia is 'yes'; give True or False"),
+    (lambda: make_water(inertia=True, added_mass=(1.0, -1.0)), "added_mass"),
+    (lambda: make_water(righting=np.nan), "righting"),
+    (lambda: make_sections(np.zeros((3, 3)), np.ones(3), [[0], [1], [2]], [[0], [1]], [[0, 1]] * 3), "at least four"),
+])  # fmt: skip
+def test_refused(make, words):
+    """What cannot be is refused with the reason."""
+    with pytest.raises(ValueError, match=words):
+        make()

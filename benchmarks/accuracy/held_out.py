@@ -19,8 +19,8 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.accuracy.work_precision import SUBSTEPS
-from benchmarks.calibration.commands import bang_bang, gaits, sprints, square
 from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, pyplot, save
+from benchmarks.common.families import bang_bang, gaits, sprints, square
 from benchmarks.common.problems import DISTURBANCE, NotConvergedError, left_after_right, steps_of
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import INTEGRATORS, make_fish

@@ -24,6 +24,7 @@ from tqdm import tqdm
 from benchmarks.calibration import commands, fit_search
 from benchmarks.calibration.commands import FILE, TRAINING, UNSEEN, drawn, training_scenes, weights
 from benchmarks.calibration.fit_search import FOLDER, Problem, parameters, rounded, shipped
+from benchmarks.common import families
 from benchmarks.common.motion import Motion, errors, play, record
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import provenance, write_csv
@@ -106,7 +107,9 @@ def kept_search(job) -> tuple[float, dict]:
 
     A job says of which `mass_spring` a body is made: the package may hold another one the next time.
     """
-    code = b"".join(Path(path).read_bytes() for path in (__file__, fit_search.__file__, commands.__file__, FILE))
+    code = b"".join(
+        Path(path).read_bytes() for path in (__file__, fit_search.__file__, commands.__file__, families.__file__, FILE)
+    )
     name = hashlib.sha256(f"{job} {source_hash()}".encode() + code).hexdigest()[:16]
     path = KEPT / f"fit-{name}.json"
     if not path.exists():

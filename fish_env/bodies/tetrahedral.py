@@ -52,7 +52,7 @@ def make_tetrahedral(
     natural = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)
     mass, edges = masses(p, mesh, lumping), corner_lines(mesh)[:, 1:-1].reshape(2, -1)
     planes = [np.unique(plane) for plane in mesh.number]
-    sections = make_sections(mesh.position, mass, planes, edges, outline_of(p).stations)
+    sections = make_sections(mesh.position, mass, planes, edges, outline_of(p).stations, fin=level)
     body = make_body(
         mesh.position, mass, pairs, stiffness, p.relaxation_time * stiffness, natural,
         mesh.faces, tets=tets, sections=sections,

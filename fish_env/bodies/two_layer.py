@@ -20,6 +20,14 @@ from fish_env.physics.elements import make_barriers, make_compartments, make_sec
 from fish_env.physics.fish import Fish, Landmarks
 from fish_env.physics.records import Body
 
+WITHIN = [
+    [],
+    [0, 1, 2, 3, 4],
+    *tu.LAYERS[2:5],
+    [17, 18, 19, 20, 21, 22],
+    [],
+]  # inner nodes by the outer layer they lie at
+SECTIONS = [[*layer, *(23 + node for node in inner)] for layer, inner in zip(tu.LAYERS, WITHIN, strict=True)]
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
 
 
@@ -100,10 +108,7 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
         damping * p.relaxation_time * stiffness, natural, faces, share=share, drag=drag,
         compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**3 * barrier_energy),
-        sections=make_sections(
-            position, mass, [[*layer, *(23 + node for node in layer)] for layer in tu.LAYERS], tu.EDGES,
-            outline_of(p).stations,
-        ),
+        sections=make_sections(position, mass, SECTIONS, tu.EDGES, outline_of(p).stations),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.checks import finite_array, node_array, positive_array, representable
+from fish_env.checks import finite_array, is_whole, node_array, positive_array, representable
 from fish_env.physics.records import Barriers, Compartments, Sections, Tets
 from fish_env.physics.volume import volume_of
 
@@ -125,12 +125,12 @@ def make_barriers(position, faces, inner, energy) -> Barriers:
     return Barriers(nodes, np.ascontiguousarray(volume), energy)
 
 
-CURVED = 0.15  # part of the parabola in the slope at the tail, the rest being the last section's
+CURVED = 1.0 / 6.0  # part of the parabola in the slope at the tail, the rest being the last section's
 FINE = 4000  # intervals of the integrals along the body
 
 
 @representable("a section")
-def make_sections(position, mass, groups, edges, outline, flat=False) -> Sections:
+def make_sections(position, mass, groups, edges, outline, flat=False, fin=1) -> Sections:
     """Sections along which the inertia of the water acts (docs/physics.md, eq. 75-82).
 
     Args:
@@ -141,6 +141,7 @@ def make_sections(position, mass, groups, edges, outline, flat=False) -> Section
         outline: stations of the body: distance from the nose (S,) m, half width (S,) m and half depth (S,) m, linear
             between them.
         flat: True for a flat body, whose edges are one and whose sections are upright.
+        fin: number of the last sections that belong to a tail fin, which hardly has a mass.
 
     Raises:
         ValueError: for fewer than four sections, a section without nodes, or sections that are not in order.
@@ -149,6 +150,8 @@ def make_sections(position, mass, groups, edges, outline, flat=False) -> Section
     mass = positive_array(mass, (len(position),), "mass (kg)")
     if count < 4:
         raise ValueError(f"there are {count} sections; give at least four")
+    if not (is_whole(fin) and 0 <= fin < count):
+        raise ValueError(f"fin is {fin!r}; give a whole number of sections, from 0 to {count - 1}")
     groups = [node_array(np.reshape(group, (-1, 1)), 1, len(mass), "sections")[:, 0] for group in groups]
     for k, group in enumerate(groups):
         if not group.size or np.unique(group).size != group.size:
@@ -172,7 +175,7 @@ def make_sections(position, mass, groups, edges, outline, flat=False) -> Section
         raise ValueError("the upper edge of the sections is not above the lower one; exchange them")
     return Sections(
         np.concatenate(groups), np.cumsum([0, *map(len, groups)]), np.concatenate(share), upper, lower,
-        height, slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2), narrowing,
+        height, slopes(place), lateral, vertical, float(np.pi * depth[-1] ** 2), narrowing, fin,
         float(mass.sum() * (at[-1] - at[0]) / rise),
     )  # fmt: skip
 

@@ -86,6 +86,7 @@ def _check_sections(sections, n: int) -> None:
         raise ValueError(f"sections.first is {sections.first}; give where each one's nodes begin, and where all end")
     _check_floats("sections", sections, k, {"slope": (3,), "lateral": (), "vertical": (), "narrowing": ()})
     _check_floats("sections", sections, p, {"share": ()})
+    check_numbers("sections.fin", sections.fin, (), k)
     for name in ("height", "trailing", "leverage"):
         finite_array(getattr(sections, name), (), f"{name} of the sections")
 

@@ -87,6 +87,7 @@ class Sections(NamedTuple):
     vertical: np.ndarray  # (K,) upward, m3
     trailing: float  # lateral volume per length at the trailing edge, m2
     narrowing: np.ndarray  # (K,) m2, loss of vertical volume per length at each section, which the flow leaves behind
+    fin: int  # sections of the tail fin, whose forces along the body act on the section before them
     leverage: float  # kg, mass times length of the body over the sum of the distances between its edges
 
 

@@ -10,15 +10,19 @@ def length_of(a):
     return np.sqrt((a * a).sum())
 
 
-def moving_water(body, world, x):
-    """Of each section: its nodes, their shares, and lateral and vertical added mass with their directions."""
+def sections_of(body):
+    """Nodes of every section, and their shares."""
     s = body.sections
-    groups = np.split(s.nodes, s.first[1:-1])
-    shares = np.split(s.share, s.first[1:-1])
-    middle = [share @ x[nodes] for nodes, share in zip(groups, shares, strict=True)]
+    return zip(np.split(s.nodes, s.first[1:-1]), np.split(s.share, s.first[1:-1]), strict=True)
+
+
+def moving_water(body, world, x):
+    """Of each section: its nodes, their shares, its tangent, and lateral and vertical added mass with directions."""
+    s = body.sections
+    middle = [share @ x[nodes] for nodes, share in sections_of(body)]
     rise = (x[s.upper] - x[s.lower]).sum(axis=0) + np.array([0.0, 0.0, s.height])
-    for k, (nodes, share) in enumerate(zip(groups, shares, strict=True)):
-        begin = min(max(k - 1, 0), len(groups) - 3)
+    for k, (nodes, share) in enumerate(sections_of(body)):
+        begin = min(max(k - 1, 0), len(middle) - 3)
         tangent = s.slope[k] @ np.array(middle[begin : begin + 3])
         t = tangent / length_of(tangent)
         side = np.cross(t, rise)
@@ -78,4 +82,16 @@ def reactive_force(body, world, x, v):
         shifted = x + 0j
         shifted[i] += 1j * STEP
         force[i] += water_energy(body, world, shifted, v).imag / STEP
-    return force + wake_force(body, world, x, v)
+    return relieve_fin(body, x, force + wake_force(body, world, x, v))
+
+
+def relieve_fin(body, x, force):
+    """The same forces, but those along the body on the fin's sections act on the section before, in turn."""
+    sections = list(sections_of(body))
+    for k in range(1, body.sections.fin + 1):
+        (before, part), (here, share) = sections[-k - 1], sections[-k]
+        chord = share @ x[here] - part @ x[before]
+        pull = force[here].sum(axis=0) @ chord * chord / (chord @ chord)
+        force[here] -= np.outer(share, pull)
+        force[before] += np.outer(part, pull)
+    return force

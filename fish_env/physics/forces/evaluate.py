@@ -132,6 +132,15 @@ class Evaluator:
         self._compiled(self.names, "add_force")(self._block)
         return self._block.f.memory.copy()
 
+    def inertia(self, x, a) -> np.ndarray:
+        """Mass that the forces add to the nodes' own at positions x, times accelerations a (N,3) m/s2: (N,3) N."""
+        names = tuple(self._having("add_inertia"))
+        if not names:
+            return np.zeros_like(a)
+        self._set(self._control.rest_length.memory[:, 0], x, a)
+        self._compiled(names, "add_inertia")(self._block)
+        return self._block.f.memory.copy()
+
     def jacobian(self, rest_length, x, v, elapsed=0.0) -> tuple[np.ndarray, np.ndarray]:
         """Exact -df/dx (3N,3N) N/m and -df/dv (3N,3N) N s/m, without walls, whose force is discontinuous."""
         return self._derivatives(rest_length, x, v, range(x.size), x.size, elapsed)

@@ -144,6 +144,22 @@ def set_rates(body, cache):
 
 
 @kernel
+def relieve_fin(body, cache, force):
+    """Move the part of the forces on the tail fin's sections that acts along the body forward, to the peduncle.
+
+    Each goes to the section before, which lies on its line of action, so that no momentum changes. A fin weighs next to
+    nothing, and these forces pass no filter: they would push it into the body.
+    """
+    last = cache.n.size - 1
+    for m in range(body.sections.fin):
+        here, before = INDEX(last - m), INDEX(last - m - 1)
+        chord = cache.middle[here] - cache.middle[before]
+        pull = (dot(force[here], chord) / dot(chord, chord)) * chord
+        force[here] = force[here] - pull
+        force[before] = force[before] + pull
+
+
+@kernel
 def push(body, world, control, cache, force, twist):
     """Compute the terms of second degree in the velocities: a force on each section, and a twist (1,) of the body.
 
@@ -170,6 +186,7 @@ def push(body, world, control, cache, force, twist):
         for m in range(3):
             force[j + INDEX(m)] = fma(slope[k, INDEX(m)], ahead, force[j + INDEX(m)])
     twist[0] = turned
+    relieve_fin(body, cache, force)
 
 
 @kernel
@@ -206,13 +223,25 @@ def scatter_all(body, force, twist, f):
 
 
 @kernel
+def scatter_wake(body, cache, wake, f):
+    """Distribute the force of the wake on the last section, its part along the body as in `relieve_fin`."""
+    last = cache.n.size - 1
+    for m in range(body.sections.fin):
+        chord = cache.middle[INDEX(last - m)] - cache.middle[INDEX(last - m - 1)]
+        pull = (dot(wake, chord) / dot(chord, chord)) * chord
+        scatter(body, last - m, wake - pull, f)
+        wake = pull
+    scatter(body, last - body.sections.fin, wake, f)
+
+
+@kernel
 def add_force(body, world, control, x, v, f, cache):
     """Add the force of the water's inertia that does not depend on the acceleration; store the frames."""
     set_frames(body, world, control, x, cache)
     set_speeds(body, world, control, v, cache)
     push(body, world, control, cache, cache.force, cache.twist)
     wake, _ = shed(body, world, control, cache)
-    scatter(body, cache.n.size - 1, wake, f)
+    scatter_wake(body, cache, wake, f)
     scatter_all(body, cache.force, cache.twist, f)
 
 
@@ -235,7 +264,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
     stopping = half * slope * yielding(cache)
     cache.advance[0] = dot(cache.speed[INDEX(cache.n.size - 1)], cache.t[INDEX(cache.n.size - 1)])
     cache.wake[0] = select(stopping > 1.0, 1.0 / stopping, 1.0) * wake
-    scatter(body, cache.n.size - 1, cache.wake[0], f)
+    scatter_wake(body, cache, cache.wake[0], f)
     scatter_all(body, cache.force, cache.twist, f)
 
 
@@ -265,7 +294,7 @@ def add_change(body, world, control, x, v, f, cache):
     t, speed = cache.t[last], cache.speed[last]
     cache.speed[last] = fma(cache.advance[0] - dot(speed, t), t, speed)
     wake, slope = shed(body, world, control, cache)
-    scatter(body, cache.n.size - 1, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (82)
+    scatter_wake(body, cache, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (82)
     scatter_all(body, cache.later, cache.bend, f)
 
 

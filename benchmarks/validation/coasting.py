@@ -1,0 +1,69 @@
+"""Straight bodies towed through water: their drag coefficient on the wetted surface, beside coasting fish.
+
+python -m benchmarks.validation.coasting            tows them (seconds)
+python -m benchmarks.validation.coasting --draw     the chart again
+
+Bluegill sunfish that coast have 0.015 ± 0.007 at a Reynolds number of 41,000 by their length (Gellman, Tandler, de la
+Cruz & Ellerby, abstract P1-45 of a meeting of the Society for Integrative and Comparative Biology).
+"""
+
+import numpy as np
+
+from benchmarks.common.charts import GREY, measure_and_draw, panels, save
+from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.validation.friction import blasius, with_friction
+from fish_env import Fish, make_fish, prescribe
+
+COMMAND = "python -m benchmarks.validation.coasting"
+DENSITY, VISCOSITY = 1000.0, 1.0e-6  # kg/m3, m2/s
+REYNOLDS = (10_000.0, 41_000.0, 160_000.0)
+COEFFICIENT, SPREAD, AT = 0.015, 0.007, 41_000.0
+BODIES: dict[str, dict] = {
+    "default": {"body": "mass_spring"}, "trout": {"body": "tetrahedral", "level": 3, "outline": "trout"},
+}  # fmt: skip
+
+
+def surface(fish: Fish) -> float:
+    """Area of the body's faces, m2."""
+    p, q, r, s = fish.body.position[fish.body.faces.nodes.T]
+    return float(0.5 * np.linalg.norm(np.cross(r - p, s - q), axis=1).sum())
+
+
+def measure() -> None:
+    """Write the table."""
+    rows = []
+    for name, options in BODIES.items():
+        fish = make_fish(**options)
+        for reynolds in REYNOLDS:
+            speed = reynolds * VISCOSITY / fish.length
+            rough = with_friction(fish.water, fish.body, blasius(reynolds))
+            for level, water in (("drag", fish.water), ("drag, friction", rough)):
+                pull = -prescribe(fish, np.zeros((1, 4)), 1.0, water=water, speed=speed).force[0, 0]
+                coefficient = pull / (0.5 * DENSITY * speed**2 * surface(fish))
+                rows.append({"fish": name, "water": level, "reynolds": reynolds, "coefficient": round(coefficient, 5)})
+    print(write_csv("validation/coasting.csv", rows, COMMAND))
+
+
+def draw() -> None:
+    """The coefficient against the Reynolds number."""
+    rows = read_table("validation/coasting.csv")
+    figure, axes = panels(2, (10.0, 3.6), sharey=True)
+    for panel, name in zip(axes, BODIES, strict=True):
+        for level in ("drag", "drag, friction"):
+            own = [row for row in rows if (row["fish"], row["water"]) == (name, level)]
+            panel.plot([row["reynolds"] for row in own], [row["coefficient"] for row in own], "o-", label=level)
+        panel.plot(REYNOLDS, [blasius(each) for each in REYNOLDS], ":", color=GREY, label="laminar flat plate")
+        panel.errorbar([AT], [COEFFICIENT], [SPREAD], fmt="kD", capsize=4, label="bluegill, coasting")
+        panel.set(title=name, xscale="log", xlabel="Reynolds number", ylim=(0, 0.03))
+    axes[0].set_ylabel("drag coefficient, wetted surface")
+    axes[0].legend(frameon=False, fontsize=8)
+    save(figure, RESULTS / "validation" / "coasting.svg")
+
+
+def main() -> None:
+    """The command line."""
+    measure_and_draw(__doc__, measure, draw)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""All muscles of one side of a trout: force, speed and power at the base of the tail fin.
+
+python -m benchmarks.validation.strength            contracts the muscles (seconds)
+python -m benchmarks.validation.strength --draw     the chart again
+
+Johnsrude & Webb (1985, J. Exp. Biol. 119:71) stimulated the muscles of one side of trout of 17.8 cm and 60.5 g, and
+measured at the hypural bones. Here the front of the trunk is fixed, and the base of the tail fin moves freely, pulls a
+dashpot, or is held in its place. There is no water. Bodies have a trout's outline.
+"""
+
+import numpy as np
+
+from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, panels, save
+from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.validation.waters import off
+from fish_env import Fish, Tank, make_fish
+from fish_env.physics.world import VACUUM, make_anchors
+
+COMMAND = "python -m benchmarks.validation.strength"
+LENGTH, MASS = 0.178, 0.0605  # m, kg
+MEASURED = {"force_n": 2.2, "speed_m_s": 1.11, "power_w": 0.64}
+BODIES: dict[str, dict] = {"mass_spring": {}, "tetrahedral": {"level": 1}}
+FRONT, BASE = np.arange(5), np.arange(17, 21)  # landmarks: the nose and the first layer, the peduncle
+DASHPOTS = (0.0, *np.geomspace(0.01, 3.0, 20), np.inf)  # N s/m
+SECONDS = 0.25
+
+
+def contract(fish: Fish, dashpot: float) -> tuple[float, float]:
+    """Largest force, N, and speed, m/s, of the base of the tail fin against a dashpot, N s/m; infinite ones hold it."""
+    front, base = fish.landmarks.node[FRONT], fish.landmarks.node[BASE]
+    load = make_anchors(base, fish.body.position[base], 0.0, dashpot / len(base)) if dashpot < np.inf else None
+    tank = Tank(fish, 1, water=VACUUM._replace(anchors=load), threads=1)
+    tank.fix(front)
+    if load is None:
+        tank.fix(base, axes="y")
+    most, fastest, contraction = 0.0, 0.0, (fish.sides > 0).astype(float)[None]
+    for _ in range(round(SECONDS / tank.dt)):
+        tank.drive(contraction, 1)
+        if load is None:
+            most = max(most, abs(float(tank.reactions()[0, base, 1].sum())))
+        else:
+            fastest = max(fastest, abs(float(tank.velocity[0, base, 1].mean())))
+    return (most, 0.0) if load is None else (dashpot * fastest, fastest)
+
+
+def measure() -> None:
+    """Write the table."""
+    rows = []
+    for name, options in BODIES.items():
+        fish = make_fish(name, length=LENGTH, outline="trout", **options)
+        for dashpot in DASHPOTS:
+            force, speed = contract(fish, dashpot)
+            rows.append({
+                "body": name, "dashpot_n_s_m": round(float(dashpot), 4), "force_n": round(force, 5),
+                "speed_m_s": round(speed, 5), "power_w": round(force * speed, 5),
+                "mass_g": round(1e3 * fish.body.mass.sum(), 2),
+            })  # fmt: skip
+    print(write_csv("validation/strength.csv", rows, COMMAND))
+    for name in BODIES:
+        for key, measured in MEASURED.items():
+            most = max(row[key] for row in rows if row["body"] == name)
+            print(f"{name}: {key} {most:.3g}, trout {measured:g} ({off(most, measured)} %)")
+
+
+def draw() -> None:
+    """Speed and power against force."""
+    rows = read_table("validation/strength.csv")
+    figure, axes = panels(2, (10.0, 3.6))
+    for name, colour in zip(BODIES, (BLUE, ORANGE), strict=True):
+        own = [row for row in rows if row["body"] == name and row["power_w"] > 0.0]
+        for panel, key in zip(axes, ("speed_m_s", "power_w"), strict=True):
+            panel.plot([row["force_n"] for row in own], [row[key] for row in own], ".-", color=colour, label=name)
+    for panel, key, label in zip(axes, ("speed_m_s", "power_w"), ("speed, m/s", "power, W"), strict=True):
+        panel.axvline(MEASURED["force_n"], color=GREY, lw=1)
+        panel.axhline(MEASURED[key], color=GREY, lw=1, label="most of a trout")
+        panel.set(xlabel="force at the base of the tail fin, N", ylabel=label, xscale="log", yscale="log")
+    axes[0].legend(frameon=False, fontsize=8)
+    save(figure, RESULTS / "validation" / "strength.svg")
+
+
+def main() -> None:
+    """The command line."""
+    measure_and_draw(__doc__, measure, draw)
+
+
+if __name__ == "__main__":
+    main()

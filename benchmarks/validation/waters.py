@@ -1,0 +1,57 @@
+"""What the comparisons share: the levels of water, midlines given by their angle, and a chart of speeds."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from benchmarks.common.charts import BLUE, GREY, ORANGE
+from benchmarks.validation.friction import blasius, with_friction
+from fish_env import World, make_water
+from fish_env.bodies import Fish
+
+FINE = np.linspace(0.0, 1.0, 401)
+COLOURS = {"drag": ORANGE, "drag, friction": "#E69F00", "reactive": BLUE, "reactive, friction": "#56B4E9"}
+"""Colour of each level of water. Reactive water has the drag as well."""
+
+
+def waters(fish: Fish, reynolds: float, **options) -> dict[str, World]:
+    """The levels of water with the fish's own drag, with and without friction at a Reynolds number by its length.
+
+    Options are those of `make_water` for water with inertia.
+    """
+    drag = fish.water.quadratic / 500.0
+    plain = {"drag": make_water(drag_coefficient=drag),
+             "reactive": make_water(drag_coefficient=drag, inertia=True, **options)}  # fmt: skip
+    rough = {f"{name}, friction": with_friction(water, fish.body, blasius(reynolds)) for name, water in plain.items()}
+    return {name: {**plain, **rough}[name] for name in COLOURS}
+
+
+def by_angle(angle: Callable) -> Callable:
+    """The midline, as `prescribe` takes it, whose angle (S,) rad at places (S,) and a time, s, is given."""
+
+    def midline(places, time):
+        at = angle(FINE, time)
+        return np.stack([CubicSpline(FINE, part(at)).antiderivative()(places) for part in (np.cos, np.sin)], axis=1)
+
+    return midline
+
+
+def by_curvature(curvature: Callable) -> Callable:
+    """The midline whose curvature (S,), rad a body length, at places (S,) and a time, s, is given."""
+    return by_angle(lambda places, time: CubicSpline(places, curvature(places, time)).antiderivative()(places))
+
+
+def bars(panel, rows: list[dict], key: str, published: float, label: str, tolerance: float = 0.1) -> None:
+    """Draw a value of every level of water beside the published one, with a band of the tolerance round it."""
+    panel.axhspan(published * (1 - tolerance), published * (1 + tolerance), color="0.9", lw=0)
+    panel.axhline(published, color=GREY, label="published")
+    panel.bar([row["water"].replace(", ", ",\n") for row in rows], [row[key] for row in rows],
+              color=[COLOURS[row["water"]] for row in rows])  # fmt: skip
+    panel.set(ylabel=label)
+    panel.tick_params(axis="x", labelsize=8)
+
+
+def off(value: float, published: float) -> float:
+    """Distance from the published value, %."""
+    return round(100.0 * (value / published - 1.0), 1)
