@@ -14,7 +14,7 @@ from fish_env.physics.forces.evaluate import Evaluator
 
 BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")
 CURRENT = np.array([0.05, -0.02, 0.0])  # m/s; planar bodies are held in their plane
-VARIED = {"stiffness": 1.2, "mass": 0.9, "drag": 1.3, "current": (-0.02, 0.03, 0.0)}
+VARIED = {"stiffness": 0.9, "mass": 0.8, "drag": 1.3, "current": (-0.02, 0.03, 0.0)}
 SECONDS = 0.5
 
 
@@ -51,9 +51,9 @@ def imbalance(name, inertia, parts, integrator=None):
 @pytest.mark.parametrize("inertia", [False, True], ids=["drag", "reactive"])
 @pytest.mark.parametrize("name", BODIES)
 def test_balance_closes(name, inertia):
-    """Work is what is stored, damped and left to the water, to 0.1 % at a quarter of the default step."""
+    """Work is what is stored, damped and left to the water: to 1 % at the default step, 0.1 % at a quarter of it."""
     assert imbalance(name, inertia, 4)[0].max() <= 1e-3
-    assert inertia or imbalance(name, inertia, 1)[0].max() <= 1e-2
+    assert imbalance(name, inertia, 1)[0].max() <= 1e-2
 
 
 @pytest.mark.parametrize(
