@@ -45,7 +45,6 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     numbers = ("per_length", "per_rise", "nn", "nb", "bn", "bb", "m", "q")
     return Pack(
         "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), advance=kind.numbers(1),
-        gain=kind.numbers(1),
         **{name: kind.vectors(1) for name in ("rise", "climb", "twist", "bend", "climb_ahead", "wake")},
         **{name: kind.vectors(count) for name in vectors}, **{name: kind.numbers(count) for name in numbers},
     )  # fmt: skip
@@ -460,8 +459,6 @@ def loss(body, world, control, x, v, f, cache):
     """
     set_frames(body, world, control, x, cache)
     set_speeds(body, world, control, v, cache)
-    push(body, world, control, cache, cache.later, cache.bend)
-    gained, last = cache.gain[0], INDEX(cache.n.size - 1)
     wake, _ = shed(body, world, control, cache)
     relief = push(body, world, control, cache, cache.force, cache.twist)
     total = -(scatter_wake(body, cache, wake, f) + relief)
