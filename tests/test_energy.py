@@ -8,19 +8,21 @@ import pytest
 from naive.reactive import added_mass, reactive_force
 
 from fish_env import Tank, make_fish, make_water
+from fish_env.bodies.fitted import read_calibration
 from fish_env.control.gait import best_gait
 from fish_env.physics.forces.evaluate import Evaluator
 
 BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")
 CURRENT = np.array([0.05, -0.02, 0.0])  # m/s; planar bodies are held in their plane
-VARIED = {"stiffness": 1.2, "mass": 0.9, "drag": 1.3, "current": (-0.02, 0.03, 0.0)}
+VARIED = {"stiffness": 0.9, "mass": 0.8, "drag": 1.3, "current": (-0.02, 0.03, 0.0)}
 SECONDS = 0.5
 
 
 @cache
 def scene(name: str, inertia: bool):
-    """A fish and its water: with inertia, a trout."""
-    fish = make_fish(name, outline="trout") if inertia else make_fish(name)
+    """A fish and its water: with inertia, a trout; its tail fin of tetrahedra is too soft for that as it is."""
+    stiff = {"young": [1, 1, 1, 1, 1, 5] * np.array(read_calibration(name)["young"])} if name == "tetrahedral" else {}
+    fish = make_fish(name, outline="trout", **stiff) if inertia else make_fish(name)
     return fish, make_water(drag_coefficient=1.0, current=CURRENT, inertia=inertia)
 
 
@@ -49,9 +51,9 @@ def imbalance(name, inertia, parts, integrator=None):
 @pytest.mark.parametrize("inertia", [False, True], ids=["drag", "reactive"])
 @pytest.mark.parametrize("name", BODIES)
 def test_balance_closes(name, inertia):
-    """Work is what is stored, damped and left to the water, to 0.1 % at a quarter of the default step."""
+    """Work is what is stored, damped and left to the water: to 1 % at the default step, 0.1 % at a quarter of it."""
     assert imbalance(name, inertia, 4)[0].max() <= 1e-3
-    assert inertia or imbalance(name, inertia, 1)[0].max() <= 1e-2
+    assert imbalance(name, inertia, 1)[0].max() <= 1e-2
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,17 @@ def test_free_fall_is_that_of_gravity(bench):
     assert np.ptp(energies) < 1e-3 * np.abs(energies).max()  # motion and height exchange it; the ring hardly deforms
 
 
+def test_power_is_the_work_between_two_readings(bench):
+    """The power that is plotted is that of the work since the reading before."""
+    for work in (0.0, 0.3, 0.2):
+        bench.specimens[0].tank.work[:] += work
+        advance(bench, 6, rate=60)
+    times, power = bench.series("power")
+    widths = np.diff(bench.series("work")[0])
+    assert len(times) == len(power) == len(widths) > 2
+    assert power @ widths == pytest.approx(0.5) and np.count_nonzero(power) == 2
+
+
 def test_a_drag_brings_the_node_to_the_pointer():
     """The drag spring moves with the hand, at its velocity, and brings the node to the pointer."""
     bench = Bench([Entry("ring")])

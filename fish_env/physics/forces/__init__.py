@@ -15,7 +15,8 @@ A force is a module in FORCES: one file and one entry of that list. Its kernels 
     add_inertia        adds to f the mass that the force adds to the nodes' own, at positions x, times the vectors v
     solve_lagged       changes the velocities in `f.load`, which Tu's method found without that mass, to those with it
     energy             stored energy, J
-    loss               power that the force takes from the body, or from the water that moves with it, for good, W
+    loss               power that the force takes from the body, or from the water that moves with it, for good, W; f is
+                       scratch memory
     failed             mask of the fish in which an element is invalid; FAILURE is the reason
     constrain          constrains the accelerations in f
     decay              changes the velocities by the effect of this force in half a step; `add_force_cached` leaves

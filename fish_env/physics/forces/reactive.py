@@ -148,22 +148,26 @@ def relieve_fin(body, cache, force):
     """Move the part of the forces on the tail fin's sections that acts along the body forward, to the peduncle.
 
     Each goes to the section before, which lies on its line of action, so that no momentum changes. A fin weighs next to
-    nothing, and these forces pass no filter: they would push it into the body.
+    nothing, and these forces pass no filter: they would push it into the body. Returns the power that this adds, W,
+    over the factor on mass.
     """
-    last = cache.n.size - 1
+    last, power = cache.n.size - 1, zero(cache.m)
     for m in range(body.sections.fin):
         here, before = INDEX(last - m), INDEX(last - m - 1)
         chord = cache.middle[here] - cache.middle[before]
         pull = (dot(force[here], chord) / dot(chord, chord)) * chord
         force[here] = force[here] - pull
         force[before] = force[before] + pull
+        power += dot(pull, cache.speed[before] - cache.speed[here])
+    return power
 
 
 @kernel
 def push(body, world, control, cache, force, twist):
     """Compute the terms of second degree in the velocities: a force on each section, and a twist (1,) of the body.
 
-    The twist acts on the nodes at the upper edge, and with the opposite sign on those at the lower one.
+    The twist acts on the nodes at the upper edge, and with the opposite sign on those at the lower one. Returns the
+    power of `relieve_fin`.
     """
     slope, turned = body.sections.slope, zero(twist)
     for k in range(cache.n.size):
@@ -186,7 +190,7 @@ def push(body, world, control, cache, force, twist):
         for m in range(3):
             force[j + INDEX(m)] = fma(slope[k, INDEX(m)], ahead, force[j + INDEX(m)])
     twist[0] = turned
-    relieve_fin(body, cache, force)
+    return relieve_fin(body, cache, force)
 
 
 @kernel
@@ -224,14 +228,16 @@ def scatter_all(body, force, twist, f):
 
 @kernel
 def scatter_wake(body, cache, wake, f):
-    """Distribute the force of the wake on the last section, its part along the body as in `relieve_fin`."""
-    last = cache.n.size - 1
+    """Distribute the force of the wake on the last section, its part along the body as in `relieve_fin`; its power."""
+    last, power = cache.n.size - 1, zero(cache.m)
     for m in range(body.sections.fin):
         chord = cache.middle[INDEX(last - m)] - cache.middle[INDEX(last - m - 1)]
         pull = (dot(wake, chord) / dot(chord, chord)) * chord
         scatter(body, last - m, wake - pull, f)
+        power += dot(wake - pull, cache.speed[INDEX(last - m)])
         wake = pull
     scatter(body, last - body.sections.fin, wake, f)
+    return power + dot(wake, cache.speed[INDEX(last - body.sections.fin)])
 
 
 @kernel
@@ -447,11 +453,15 @@ def energy(body, world, control, x, v, f, cache):
 
 @kernel
 def loss(body, world, control, x, v, f, cache):
-    """Power that the shed wake, and the flow that leaves the narrowing rear, take from fish and moving water, W."""
+    """Power that the shed wake, and the flow that leaves the narrowing rear, take from fish and moving water, W.
+
+    What moving forces from the fin to the peduncle takes is a part of it.
+    """
     set_frames(body, world, control, x, cache)
     set_speeds(body, world, control, v, cache)
     wake, _ = shed(body, world, control, cache)
-    total = -dot(wake, cache.speed[INDEX(cache.n.size - 1)])
+    relief = push(body, world, control, cache, cache.force, cache.twist)
+    total = -(scatter_wake(body, cache, wake, f) + relief)
     for k in range(cache.n.size):
         lost = (control.lightness[0] * world.added_mass[1]) * body.sections.narrowing[k]
         y, u = dot(cache.speed[k], cache.b[k]), dot(cache.speed[k], cache.t[k])

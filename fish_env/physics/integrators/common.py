@@ -1,5 +1,7 @@
 """Common parts of the methods: step coefficients, scratch memory, moving rest lengths, fixed degrees of freedom."""
 
+from typing import Any
+
 import numpy as np
 
 from fish_env.kernels.compile import INDEX, kernel
@@ -76,12 +78,14 @@ def positive_power(body, control, x):
     return power
 
 
-def make_measure(names: tuple[str, ...]):
-    """Make the kernel that adds the energy flows of a duration, s, at positions x, for the forces of these names.
+def make_measure(names: tuple[str, ...], flows: bool) -> Any:
+    """Make the kernel that adds the energy flows of a duration, s, at positions x; None if flows are not measured.
 
     Before it is called, `control.flows` gets the velocities v and the accelerations a. The flows are in the order of
     FLOWS, J over the factor on mass.
     """
+    if not flows:
+        return None
     wet = tuple(name for name in names if hasattr(forces.FORCES[name], "IN_WATER"))
     damping = forces.total(tuple(name for name in names if name not in wet), "loss")
     water, add_force = forces.total(wet, "loss"), forces.total(wet, "add_force")

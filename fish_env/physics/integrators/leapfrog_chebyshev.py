@@ -88,7 +88,7 @@ def make_run(names, flows=False):
     """Make the kernel that takes n steps of a block, for the forces of these names."""
     add_force = forces.total(names, "add_force_cached", "add_force")
     add_tangent, add_change = forces.total(names, "add_tangent"), forces.total(names, "add_change")
-    add_reaction, measure = forces.total(names, "add_reaction"), make_measure(names) if flows else None
+    add_reaction, measure = forces.total(names, "add_reaction"), make_measure(names, flows)
     constrain, decay, finish = make_constrain(names), forces.total(names, "decay"), forces.total(names, "finish")
     whole = not forces.any_has(names, "decay", "finish")  # the drifts of two consecutive steps are merged
 

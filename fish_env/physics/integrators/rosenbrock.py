@@ -58,7 +58,7 @@ class Rosenbrock:
         time, last = self.time, len(self.time) - 1
         add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
         compare, constrain = make_compare(names), common.make_constrain(names)
-        measure = common.make_measure(names) if flows else None
+        measure = common.make_measure(names, flows)
         implicit = tuple(name for name in names if forces.any_has((name,), "add_system"))
         add_system, add_tangent = forces.total(implicit, "add_system"), forces.total(implicit, "add_tangent")
         add_damping = forces.total(names if self.wet else (), "add_damping")

@@ -45,7 +45,7 @@ class RungeKutta:
 
     def make_run(self, names, flows=False):
         add_force, finish = forces.total(names, "add_force"), forces.total(names, "finish")
-        add_reaction, measure = forces.total(names, "add_reaction"), make_measure(names) if flows else None
+        add_reaction, measure = forces.total(names, "add_reaction"), make_measure(names, flows)
         time, weight, last, symplectic = self.time, self.weight, len(self.time) - 1, self.symplectic
 
         @kernel

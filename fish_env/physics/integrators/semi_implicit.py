@@ -75,7 +75,7 @@ def restore_fixed(body, v, u):
 
 def make_run(names, flows=False):
     """Make the kernel that takes n steps of a block, for the forces of these names."""
-    measure = make_measure(names) if flows else None
+    measure = make_measure(names, flows)
     lagged = tuple(name for name in names if forces.any_has((name,), "add_lagged"))
     add_lagged = forces.total(lagged, "add_lagged")
     add_force = forces.total(tuple(name for name in names if name not in lagged), "add_force")
