@@ -203,7 +203,7 @@ def prices_table(rows: list[dict]) -> list[str]:
 def stability_table(rows: list[dict]) -> list[str]:
     """Lines of the page's table of fish that failed, and that rolled, in both waters."""
     lines = [
-        "| | failed: drag | reactive | rolled, at most: drag | reactive |", "|---|---|---|---|---|",
+        "| | failed: drag | reactive | rolled under the worst commands: drag | reactive |", "|---|---|---|---|---|",
     ]  # fmt: skip
     for name, body in dict.fromkeys((row["fish_name"], row["body"]) for row in rows):
         mine = {level: [row for row in rows if (row["fish_name"], row["body"], row["water"]) == (name, body, level)]
