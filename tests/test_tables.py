@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from pages import ROOT
 
-from benchmarks.accuracy.held_out import SETTINGS as held_out_settings
-from benchmarks.accuracy.held_out import least_expensive
+from benchmarks.accuracy.held_out import SETTINGS, least_expensive
 from benchmarks.calibration import living_fish
 from benchmarks.common.tables import read_table
 from benchmarks.objects import layers, solids, survey
@@ -51,7 +50,7 @@ def methods():
 
 def own_steps():
     """Every body with its own method and step on the held-out scenes: the first row of each."""
-    for water, body in held_out_settings:
+    for water, body in SETTINGS:
         row = select("held_out.csv", body=body, water=water)[0]
         assert not row["failed"]
         name = f"`{body}`" if water == "drag" else f"`{body}`, trout in reactive water"
