@@ -137,7 +137,9 @@ def checked_water(given, fish: Fish) -> World:
         return make_water(**given)
     except TypeError as error:
         names = ", ".join(map(repr, WATERS))
-        raise ValueError(f"water is {given!r}; give {names}, keywords of fish_env.make_water, or its result") from error
+        raise ValueError(
+            f"water is {given!r}; give keywords of fish_env.make_water, its result, or one of {names}"
+        ) from error
 
 
 def set_option(env, name: str, value: Any) -> None:
