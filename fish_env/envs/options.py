@@ -126,7 +126,7 @@ def checked_picture(width, height, camera, panel) -> dict[str, Any]:
     return {"width": int(width), "height": int(height), "camera": camera, "panel": bool(panel)}
 
 
-def checked_water(given, fish: Fish) -> World:
+def checked_water(given: Any, fish: Fish) -> World:
     """Water of a name in WATERS, of keywords of `make_water`, as it is, or the fish's own; else ValueError."""
     if given is None or isinstance(given, World):
         return fish.water if given is None else given
