@@ -26,7 +26,7 @@ def plan(h=STEP, inner=None, lowest=-np.inf, factor=1.0, least=0.0, stages=0):
 def entry(names, function, default):
     """A function of forces of these names, compiled: it changes what stands in `block.f`, or fills `block.number`."""
     call = forces.total(names, function, *default)
-    if function in ("energy", "failed"):
+    if function in ("energy", "loss", "failed"):
 
         @njit
         def number(block):

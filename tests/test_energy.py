@@ -144,5 +144,5 @@ def test_refused():
     for energy, integrator, text in ((1, None, "give True or False"), (True, "dop853", "does not measure energy")):
         with pytest.raises(ValueError, match=text):
             Tank(make_fish(), 1, integrator, energy=energy)
-    with pytest.raises(ValueError, match="energy=True"):
+    with pytest.raises(AttributeError, match="energy=True"):
         _ = Tank(make_fish()).flows

@@ -14,23 +14,39 @@ from small_bodies import ALL, close
 
 from fish_env.kernels.simd import Kind
 from fish_env.physics import forces
-from fish_env.physics.body import fix
+from fish_env.physics.body import fix, joined
+from fish_env.physics.elements import make_sections
+from fish_env.physics.linalg import ldlt
 
 FISH = 16
-SUMS = ("add_force", "add_force_cached", "constrain")
-AFTER = {"add_force_cached": ("add_tangent", "add_change"), "add_system": ("add_tangent",)}
+SUMS = ("add_force", "add_force_cached", "add_inertia", "constrain")
+AFTER = {"add_force_cached": ("add_tangent", "add_change", "add_reaction"), "add_system": ("add_tangent",)}
 """What needs what another function has kept."""
 BLOCKS = ("add_system", "add_damping")
 VELOCITIES = ("decay", "finish")
-NUMBERS = ("energy", "failed")
+NUMBERS = ("energy", "loss", "failed")
 FUNCTIONS = [
     (name, function)
     for name, module in forces.FORCES.items()
     for function in (*SUMS, *BLOCKS, *VELOCITIES, *NUMBERS, "add_lagged")
     if hasattr(module, function)
 ]
-BODY = fix(ALL, [1], "yz")
-WORLD = small_bodies.world_with_all(ALL, offset=0.05)
+
+
+def with_sections(body):
+    """The body with sections of four nodes each, from the foremost on, and the skyline that they need."""
+    order, n = np.argsort(-body.position[:, 0], kind="stable"), len(body.mass)
+    groups, x = np.array_split(order, n // 4), body.position
+    edges = [[max(groups[2], key=lambda i: x[i, 2])], [min(groups[2], key=lambda i: x[i, 2])]]
+    outline = np.linspace(0.0, np.ptp(x[:, 0]), 5), np.full(5, 0.05), np.full(5, 0.1)
+    sections = make_sections(x, body.mass, groups, edges, outline)
+    shape = ldlt.profile(joined(body.springs.nodes, body.faces.nodes, body.tets, sections), n)
+    springs = body.springs._replace(entry=ldlt.entries(shape, body.springs.nodes))
+    return body._replace(sections=sections, profile=shape, springs=springs)
+
+
+BODY = fix(with_sections(ALL), [1], "yz")
+WORLD = small_bodies.world_with_all(ALL, offset=0.05)._replace(added_mass=np.array([900.0, 700.0]), righting=0.1)
 
 
 @cache
@@ -70,7 +86,7 @@ def results(name, function, kind) -> dict[str, np.ndarray]:
             made = {function: (one.blocks if function in BLOCKS else one.velocities)(function)}
         for after in AFTER.get(function, ()):
             if hasattr(forces.FORCES[name], after):
-                made[f"{function}, {after}"] = one.add(after, v=y_part)
+                made[f"{function}, {after}"] = one.add(after, f=y_part if after == "add_reaction" else 0.0, v=y_part)
         if name == "tets" and function == "add_force_cached":  # which keeps something else for many stages
             many = block(p, stages=forces.tets.MANY_STAGES)
             many.add(function)
@@ -139,7 +155,7 @@ def test_without_the_compiler(name, lanes, uncompiled):
     """The same kernels run as plain Python give the same, to rounding: a fused product is rounded twice there."""
     for key, value in alone(name).items():
         found = uncompiled[f"{name} {lanes} {key}"]
-        if key in ("failed", "energy"):
+        if key in NUMBERS:
             np.testing.assert_allclose(found, value, rtol=1e-12)
         else:
             close(found, value)

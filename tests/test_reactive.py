@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from moving import FIXED_STEP, tiered
-from naive.reactive import added_mass, reactive_force, water_energy
+from naive.reactive import added_mass, reactive_force, water_energy, water_momentum
 
 from fish_env import INTEGRATORS, Tank, make_fish, make_water
 from fish_env.physics.body import fix
@@ -155,6 +155,40 @@ def test_thrust_of_lighthill(name, level, near):
                 w, u, m = speed @ n, speed @ t, 1000.0 * fish.body.sections.trailing
                 wanted.append(m * u * w * n[0] + 0.5 * m * w**2 * u / np.hypot(u, w) * t[0])
             assert np.mean(found) == pytest.approx(np.mean(wanted), rel=near), (length, advance)
+
+
+def lateral_force(fish, length=0.95, advance=0.7):
+    """Lateral force (60,) N of the water on a body that swims by a wave whose amplitude grows towards the tail."""
+    s, y = -fish.body.position[:, 0] / fish.length, fish.body.position[:, 1]
+    amplitude, growth, wave = 0.02 - 0.08 * s + 0.16 * s**2, -0.08 + 0.32 * s, 2 * np.pi / length
+    momentum = []
+    for phase in 2 * np.pi * np.arange(60) / 60:
+        sin, cos = np.sin(wave * s - phase), np.cos(wave * s - phase)
+        slope = growth * sin + amplitude * wave * cos
+        turning = 2 * np.pi * (amplitude * wave * sin - growth * cos) / (1 + slope**2)
+        angle = np.arctan(slope)
+        x, v = fish.body.position.copy(), np.zeros_like(fish.body.position)
+        x[:, 0] += y * np.sin(angle)
+        x[:, 1] = fish.length * amplitude * sin + y * np.cos(angle)
+        v[:, 0] = advance * length * fish.length + y * np.cos(angle) * turning
+        v[:, 1] = -2 * np.pi * fish.length * amplitude * cos - y * np.sin(angle) * turning
+        momentum.append(water_momentum(fish.body, REACTIVE, x, v)[:, 1].sum())
+    return np.fft.irfft(2j * np.pi * np.arange(31) * np.fft.rfft(momentum), 60)
+
+
+def test_sections_converge():
+    """The lateral force on the whole body, a rest of parts that nearly cancel, converges with the number of sections.
+
+    Bodies with the same sections have the same force.
+    """
+    finest = lateral_force(trout("tetrahedral", level=4))
+    off = {level: np.linalg.norm(lateral_force(trout("tetrahedral", level=level)) - finest) for level in (1, 2, 3)}
+    size = np.linalg.norm(finest)
+    assert off[1] < 0.4 * size and off[2] < 0.12 * size and off[3] < 0.035 * size
+    for name in ("mass_spring", "planar"):
+        np.testing.assert_allclose(
+            lateral_force(trout(name)), lateral_force(trout("tetrahedral")), rtol=0, atol=1e-4 * size
+        )
 
 
 def only_edge(sections):

@@ -1,6 +1,6 @@
-"""Errors and prices of methods on random scenes that nothing was fitted to: every body, in every water.
+"""Errors and prices of methods on random scenes that nothing was fitted to, in drag and in reactive water.
 
-    taskset -c 1 python -m benchmarks.accuracy.held_out            every body and water (about 10 min): CSV and chart
+    taskset -c 1 python -m benchmarks.accuracy.held_out            every setting (about 15 min): CSV and chart
     taskset -c 1 python -m benchmarks.accuracy.held_out --draw     the chart again, from the CSV
 
 Fish begin at rest and are commanded for 2 s: contractions that every muscle holds for 1 to 15 control intervals,
@@ -23,6 +23,8 @@ from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, pyplot, sav
 from benchmarks.common.families import bang_bang, gaits, sprints, square
 from benchmarks.common.problems import DISTURBANCE, NotConvergedError, left_after_right, steps_of
 from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.trout import WATERS as TROUT_WATERS
+from benchmarks.common.trout import trout
 from fish_env import INTEGRATORS, make_fish
 from fish_env.bodies import Fish
 from fish_env.physics.records import World
@@ -60,7 +62,14 @@ def drag(body: str) -> tuple[Fish, World]:
     return fish, fish.water
 
 
-WATERS: dict[str, Callable[[str], tuple[Fish, World]]] = {"drag": drag}
+def reactive(body: str) -> tuple[Fish, World]:
+    """A trout as a body, in water with inertia."""
+    return trout(body), TROUT_WATERS["reactive"]
+
+
+WATERS: dict[str, Callable[[str], tuple[Fish, World]]] = {"drag": drag, "reactive": reactive}
+SETTINGS = [("drag", body) for body in BODIES] + [("reactive", body) for body in ("mass_spring", "planar")]
+"""Waters and bodies. References of the other bodies in reactive water would take most of an hour."""
 
 
 def held(fish: Fish, generator: np.random.Generator, times: np.ndarray) -> np.ndarray:
@@ -140,14 +149,22 @@ def magnification(scenes: Setting, substeps: int) -> np.ndarray:
     return np.where(moved.alive & still.alive, apart, np.inf)
 
 
+def fewest(fish: Fish) -> int:
+    """Fewest steps a control interval of a reference: FEWEST, or twice, four times as many, where RK4 is stable."""
+    substeps = FEWEST
+    while fish.control_interval / substeps > 0.5 * INTEGRATORS["rk4"].limit(fish.body):
+        substeps *= 2
+    return substeps
+
+
 def reference(scenes: Setting) -> Reference:
     """RK4 with its steps halved until no predictable scene changes by more than CONVERGED.
 
     Raises:
         NotConvergedError: if MOST steps a control interval do not do.
     """
-    substeps, predictable = FEWEST, magnification(scenes, FEWEST) <= MAGNIFIED
-    path = move(scenes, "rk4", substeps).path
+    substeps = fewest(scenes.fish)
+    predictable, path = magnification(scenes, substeps) <= MAGNIFIED, move(scenes, "rk4", substeps).path
     while 2 * substeps <= MOST:
         substeps *= 2
         coarse, path = path, move(scenes, "rk4", substeps).path
@@ -198,12 +215,11 @@ def measure(body: str, water: str, scenes: Setting, truth: Reference, line: tupl
 def measure_all() -> None:
     """Write the table; an interrupted run leaves the bodies that are done."""
     rows = []
-    for water in WATERS:
-        for body in BODIES:
-            scenes = setting(body, water)
-            truth = reference(scenes)
-            rows += [measure(body, water, scenes, truth, line) for line in tqdm(lines(scenes.fish), f"{body}, {water}")]
-            write_csv(CSV, rows, COMMAND)
+    for water, body in SETTINGS:
+        scenes = setting(body, water)
+        truth = reference(scenes)
+        rows += [measure(body, water, scenes, truth, line) for line in tqdm(lines(scenes.fish), f"{body}, {water}")]
+        write_csv(CSV, rows, COMMAND)
 
 
 def least_expensive(rows: list[dict], accuracy: float, key: str) -> dict:
@@ -215,10 +231,9 @@ def draw() -> None:
     """One panel a body and water: geometric mean against price, and lines up to the worst scene, a tick at 90 %."""
     rows = read_table(CSV)
     cases = list(dict.fromkeys((row["water"], row["body"]) for row in rows))
-    figure, panels = pyplot().subplots(
-        len(cases) // len(BODIES), len(BODIES), figsize=(16, 4.8 * len(cases) // len(BODIES)), sharey=True,
-        layout="constrained", squeeze=False,
-    )  # fmt: skip
+    across = 3
+    figure, panels = pyplot().subplots(len(cases) // across, across, figsize=(13, 4.2 * len(cases) // across),
+                                       sharey=True, layout="constrained", squeeze=False)  # fmt: skip
     for panel, (water, body) in zip(panels.flat, cases, strict=True):
         mine = [row for row in rows if (row["water"], row["body"]) == (water, body)]
         for name in dict.fromkeys(row["integrator"] for row in mine):

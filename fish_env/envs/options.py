@@ -1,7 +1,7 @@
 """Arguments of an environment: keywords and seeds that are checked, and options that are set while it runs."""
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -126,18 +126,19 @@ def checked_picture(width, height, camera, panel) -> dict[str, Any]:
     return {"width": int(width), "height": int(height), "camera": camera, "panel": bool(panel)}
 
 
-def checked_water(given, fish: Fish) -> World:
+def checked_water(given: str | Mapping[str, Any] | World | None, fish: Fish) -> World:
     """Water of a name in WATERS, of keywords of `make_water`, as it is, or the fish's own; else ValueError."""
     if given is None or isinstance(given, World):
         return fish.water if given is None else given
-    if isinstance(given, str) and given in WATERS:
-        own = fish.water._replace(added_mass=None, righting=0.0)
-        return {"none": VACUUM, "drag": own, "reactive": with_inertia(own)}[given]
+    own = fish.water._replace(added_mass=None, righting=0.0)
+    levels: dict[str, World] = dict(zip(WATERS, (VACUUM, own, with_inertia(own)), strict=True))
     try:
-        return make_water(**given)
-    except TypeError as error:
+        return levels[given] if isinstance(given, str) else make_water(**given)
+    except (KeyError, TypeError) as error:
         names = ", ".join(map(repr, WATERS))
-        raise ValueError(f"water is {given!r}; give {names}, keywords of fish_env.make_water, or its result") from error
+        raise ValueError(
+            f"water is {given!r}; give keywords of fish_env.make_water, its result, or one of {names}"
+        ) from error
 
 
 def set_option(env, name: str, value: Any) -> None:

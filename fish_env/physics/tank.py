@@ -185,11 +185,11 @@ class Tank(ReadOnly, Generic[Elastic]):
         """Energy flows of each fish since its reset (docs/physics.md, eq. 85-88), live arrays (B,) J by name.
 
         "positive_work" is the part of `work` of the fibres that do positive work, "damping" is lost in springs and
-        tetrahedra, "water" to the water, and "thrust" is the useful part of the work on the water. ValueError unless
-        the tank was made with energy=True.
+        tetrahedra, "water" to the water, and "thrust" is the useful part of the work on the water. A tank without
+        energy=True raises AttributeError.
         """
         if not self.energy:
-            raise ValueError("this tank does not measure its energy flows; make it with energy=True")
+            raise AttributeError("this tank does not measure its energy flows; make it with energy=True")
         return dict(zip(FLOWS, self.flow.T, strict=True))
 
     def energies(self) -> dict[str, np.ndarray]:
