@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from moving import FIXED_STEP, tiered
 from naive.reactive import added_mass, reactive_force, water_energy, water_momentum
+from scipy.integrate import quad
 
 from fish_env import INTEGRATORS, Tank, make_fish, make_water
+from fish_env.bodies.outline import read_outline
 from fish_env.physics.body import fix
 from fish_env.physics.elements import make_sections
 from fish_env.physics.forces.evaluate import Evaluator
@@ -101,6 +103,16 @@ def test_ellipse_and_heaving_plate():
         push = np.zeros_like(v)
         push[:, axis] = (mass.sum() + np.pi * density * half**2 * 10) / mass.sum() * mass
     np.testing.assert_allclose(sections.trailing, np.pi * depth**2, rtol=1e-14)
+
+
+def test_ellipsoid():
+    """What slender-body theory makes too much of the added mass of an ellipsoid (Lamb 1932, art. 114)."""
+    outline = read_outline("trout")
+    axes = np.array([0.5, outline.widths.max(), outline.depths.max()])
+    for moved, across, factor in ((1, 2, 0.91), (2, 1, 0.92)):
+        shape = quad(lambda t, s=axes[moved]: 1 / ((s**2 + t) * np.sqrt(np.prod(axes**2 + t))), 0, np.inf)[0]
+        gamma = np.prod(axes) * shape
+        assert axes[moved] / axes[across] * gamma / (2 - gamma) == pytest.approx(factor, abs=0.005)
 
 
 @each_body
