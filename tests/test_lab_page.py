@@ -1,6 +1,7 @@
 """The laboratory's page from the server's side: what controls, keys and the mouse do, without a browser."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -432,6 +433,7 @@ def test_pages_are_independent(page, laboratory):
     other = Viewer(laboratory).entered()
     other.key("One step")
     until(lambda: other.session.paused)
+    time.sleep(0.2)  # in which the step is taken
     clock, still = page.session.bench.clock, other.session.bench.clock
     until(lambda: page.session.bench.clock > clock + 0.2)
     assert not page.session.paused and other.session.bench.clock == still
