@@ -9,8 +9,6 @@ Legend: q place, m, and angle, rad, of the frame; u its velocity; p nodes in the
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import resample
 
 from fish_env.checks import as_floats, positive_array, real
 from fish_env.physics import forces
@@ -92,6 +90,8 @@ def prescribe(fish: Fish, midline, period: float, water: World | None = None, sp
 
 def _given(midline, period: float) -> np.ndarray:
     """The midline as offsets (INSTANTS,S) or points (INSTANTS,S,2), body lengths."""
+    from scipy.signal import resample  # imported here, because it takes 0.3 s and only a table needs it
+
     asked = "give a function of places (S,) and time, or an array (T,S), of offsets, or of points with a last axis of 2"
     time = np.arange(INSTANTS + 1) * (period / INSTANTS)
     try:
@@ -114,6 +114,8 @@ def _given(midline, period: float) -> np.ndarray:
 
 def _angles(given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angle (T,P) rad of the midline to the backward axis at PLACES, and the place (T,2) of the nose, body lengths."""
+    from scipy.interpolate import CubicSpline  # imported here for the same reason
+
     if given.ndim == 2:
         slope = CubicSpline(np.linspace(0.0, 1.0, given.shape[1]), given, axis=1)(PLACES, 1)
         if (steepest := np.abs(slope).max()) >= 1.0:
@@ -169,6 +171,8 @@ class _Swimmer:
     """A body that is bent, in the frame of its midline, and the water around it."""
 
     def __init__(self, fish: Fish, midline: tuple[np.ndarray, np.ndarray], period: float, water: World):
+        from scipy.interpolate import CubicSpline
+
         x, y, z = fish.body.position.T
         self.fish, self.period, self.mass, (angle, nose) = fish, period, fish.body.mass[:, None], midline
         around = {"water", "reactive", *(water.extra or {})}
