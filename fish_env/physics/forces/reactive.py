@@ -3,7 +3,8 @@
 The water beside a section moves with it: its kinetic energy is half the added mass, lateral and vertical, times the
 square of the section's velocity across the body. Lagrange's equations give three parts: a resistance to acceleration
 (`add_reaction`), terms of second degree in the velocities, and at the trailing edge the momentum that is shed with the
-wake while the tail moves forward. Shedding takes energy from the fish at any velocity.
+wake while the tail moves forward. Shedding takes energy from the fish at any velocity. Upward, the flow leaves the
+narrowing rear of the body too. Forces along a tail fin act on the peduncle (`relieve_fin`).
 
 The added mass of a section is a matrix of rank two on its nodes, so that it is solved for in closed form. Tu's method,
 whose matrix couples the sections, solves for all of them by the formula of Woodbury (`solve_lagged`).
