@@ -95,14 +95,12 @@ def test_ellipse_and_heaving_plate():
     body = trout().body._replace(position=position, mass=mass, inverse_mass=np.repeat(1.0 / mass[:, None], 3, axis=1),
                                  sections=sections)  # fmt: skip
     world = make_water(density, 0.0, inertia=True, righting=0.0)
+    evaluator, rest = Evaluator(body, world, ("reactive",)), body.springs.rest_length
     for axis, half in ((1, depth), (2, width)):
-        v = np.zeros_like(position)
+        v, added = np.zeros_like(position), np.pi * density * half**2 * 10
         v[:, axis] = 0.7
-        np.testing.assert_allclose(
-            2 * water_energy(body, world, position, v) / 0.49, np.pi * density * half**2 * 10, rtol=1e-10
-        )
-        push = np.zeros_like(v)
-        push[:, axis] = (mass.sum() + np.pi * density * half**2 * 10) / mass.sum() * mass
+        np.testing.assert_allclose(2 * evaluator.energies(rest, position, v)["reactive"] / 0.49, added, rtol=1e-10)
+        assert np.abs(evaluator.force(rest, position, v)).max() <= 1e-10 * added
     np.testing.assert_allclose(sections.trailing, np.pi * depth**2, rtol=1e-14)
 
 

@@ -33,7 +33,7 @@ def present(body: Body, world: World) -> bool:
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Frames of the sections, their velocities, forces and mobilities; factors of `solve_lagged`."""
+    """Frames of the sections, their velocities, forces and mobilities."""
     assert body.sections is not None  # else the force is not present
     nodes, first, share, upper, lower, *_ = body.sections
     count, edges = len(first) - 1, np.concatenate([upper, lower])
