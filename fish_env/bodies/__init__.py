@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
+from fish_env.bodies.fitted import WATERS
 from fish_env.bodies.planar import make_planar
 from fish_env.bodies.tetrahedral import make_tetrahedral
 from fish_env.bodies.two_layer import make_two_layer
@@ -21,6 +22,8 @@ class BodyKind:
     name: str
     description: str
     make: Callable[..., Fish]
+    waters: tuple[str, ...] = WATERS
+    """Levels of water that it is calibrated for."""
 
 
 BODIES: dict[str, BodyKind] = {
@@ -31,7 +34,7 @@ BODIES: dict[str, BodyKind] = {
         BodyKind("two_layer", "the same fish as two skins with gas inside and between, 46 nodes", make_two_layer),
         BodyKind("tetrahedral", "the same fish as corotational finite elements, 49 nodes or more", make_tetrahedral),
         BodyKind(
-            "published", "the same topology with the published masses and constants, graphics units", make_published
+            "published", "the same topology with the published masses and constants, graphics units", make_published, ()
         ),
     )
 }

@@ -154,7 +154,7 @@ class Specimen:
         self.entry, self.thing, self.fixed = entry, make_thing(entry), []
         self.surfaces: list[Surface] = surfaces(self.thing)
         self.rest_volume = enclosed_volume(self.thing, self.surfaces, self.thing.body.position)
-        self.swimming, self._gait = False, best_gait()
+        self.swimming, self._gait = False, best_gait(level_of(thing.water))
         self.numbers, self.walls, self.step = numbers, walls, step
         self._make(numbers, walls, step, [])
 
