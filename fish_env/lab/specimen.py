@@ -132,8 +132,9 @@ def change_world(thing: ElasticObject, numbers: dict[str, float], walls: str) ->
         planes = [(side * axis, -size, numbers["restitution"]) for axis in axes for side in (1.0, -1.0)]
     current = thing.length * np.array([numbers["current_x"], numbers["current_y"], 0.0])
     water = own._replace(
-        linear=own.linear * numbers["water"], quadratic=own.quadratic * numbers["water"], current=own.current + current
-    )
+        linear=own.linear * numbers["water"], quadratic=own.quadratic * numbers["water"],
+        friction=own.friction * numbers["water"], current=own.current + current,
+    )  # fmt: skip
     return make_world(numbers["gravity"] * down_of(thing), planes, own.viscosity, water)
 
 
