@@ -4,16 +4,17 @@ Nonlinear least squares (scipy's) in the logarithms of factors on START. The mat
 body of tetrahedra: the search is mostly at level 1, and ends at level 2.
 """
 
-import json
 import multiprocessing
 from functools import partial
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from benchmarks.calibration.keep import PACKAGE, kept, publish, rounded
 from benchmarks.calibration.performance import TROUT, perform, residuals
 from fish_env import make_fish
 from fish_env.bodies import Fish
+from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 
 SEARCHES = ((1, 16), (2, 4))
@@ -37,6 +38,11 @@ START: dict[str, dict] = {}
 def gaits_of(record: dict) -> list[Gait]:
     """The three gaits of a record of the search."""
     return [Gait(row["frequency"], tuple(row["amplitude"]), tuple(row["lag"])) for row in record["gaits"]]
+
+
+def living_gaits(water: str | None = None) -> list[Gait]:
+    """The gaits with which the finest body swims like the trout in a level of water, by default the default one."""
+    return gaits_of(read_calibration("tetrahedral", water))
 
 
 def fish_of(record: dict, water: str, level: int) -> Fish:
@@ -73,11 +79,6 @@ def decoded(point: np.ndarray, start: dict) -> dict:
         lag = [0.0, *(lag + 2.0 * rest.pop(0) for lag in row["lag"][1:])]
         gaits.append({"frequency": row["frequency"], "amplitude": rounded(amplitude), "lag": rounded(lag)})
     return {"parameters": parameters, "young": young, "gaits": gaits}
-
-
-def rounded(values) -> list[float]:
-    """Numbers of four significant digits."""
-    return [float(f"{value:.4g}") for value in np.ravel(values)]
 
 
 def bounds(start: dict) -> tuple[np.ndarray, np.ndarray]:
@@ -125,9 +126,10 @@ def improve(start: dict, water: str, level: int, steps: int, seed: int) -> dict:
     return decoded(found.x, start) | {"cost": float(found.cost)}
 
 
-def calibrate(water: str, seed: int, searches=SEARCHES) -> dict:
-    """The record that the searches find, with its "cost"."""
+def calibrate(water: str, seed=1) -> None:
+    """Ship what the searches find, one after another."""
     record = START[water]
-    for level, steps in searches:
-        record = improve(record, water, level, steps, seed)
-    return record
+    for level, steps in SEARCHES:
+        record = kept("finest", improve, record, water, level, steps, seed)
+        print(f"finest body, level {level}: half the squares {record['cost']:.3f}", flush=True)
+    publish(PACKAGE / "bodies" / "tetrahedral.json", water, record | {"seed": seed})

@@ -6,25 +6,23 @@ They are the errors of every scene (`benchmarks.common.motion.residuals`); how f
 gaits of the finest one; and what is beyond the limits of the stable step and of the magnification.
 """
 
-import json
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from tqdm import tqdm
 
-import fish_env.bodies
-from benchmarks.calibration.living_fish import BEATS, ENVELOPE, SECONDS, TROUT, beyond, living_gaits
-from benchmarks.calibration.midline import swim_midlines
+from benchmarks.calibration.finest import RESIDUALS, living_gaits
+from benchmarks.calibration.performance import beyond, perform
+from benchmarks.calibration.performance import residuals as aims
 from benchmarks.common.motion import Motion, play, residuals
-from benchmarks.common.problems import DISTURBANCE, left_after_right
+from benchmarks.common.problems import DISTURBANCE, Problem, distance, left_after_right, run, steps_of
 from benchmarks.common.roll import roll
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
+from fish_env.bodies.fitted import read_calibration
 from fish_env.physics.integrators import limits
 
-FOLDER = Path(fish_env.bodies.__file__).parent
 LIMIT = {"drag": 0.00075, "reactive": 0.0003}
 """Stable step of symplectic Euler, s, that a body must have: stiffness and damping that hardly move it are expensive,
 and Tu's method has the same limit. At the first, the default method needs four stages a step."""
@@ -46,6 +44,7 @@ FIXED: dict[str, dict] = {
 }
 """Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time. Its water is
 that of the finest body."""
+OF_WATER = ("drag_coefficient", "friction", "added_mass")
 DIFFERENCE, SPREAD = 1e-3, 0.02
 """Of the logarithms: for the Jacobian, and the standard deviation of where the searches begin."""
 MOST_STEPS, TIMES, ENOUGH = 20, 3, 2e-3  # a search that is held up by a rough place goes on with longer steps
@@ -133,21 +132,6 @@ def parameters(body: str, water: str, point) -> dict:
     return given
 
 
-def rounded(given: dict, digits=4) -> dict:
-    """Parameters of so many significant digits, as they are shipped."""
-
-    def short(value):
-        found = [each if isinstance(each, str) else float(f"{each:.{digits}g}") for each in np.ravel(value).tolist()]
-        return found if np.ndim(value) else found[0]
-
-    return {name: short(value) for name, value in given.items()}
-
-
-def shipped(body: str, water: str) -> dict:
-    """The parameters that the package has."""
-    return read_calibration(body, water)["parameters"]
-
-
 def beginning(body: str, water: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The point at which the search begins, and the lowest and the highest point."""
     columns = []
@@ -169,8 +153,8 @@ def living(fish: Fish, water: str) -> np.ndarray:
 def inaccuracy(fish: Fish) -> float:
     """Largest distance of any node in the abrupt manoeuvre at the fish's own step from a finer one, body lengths."""
     scene = Problem("turn", "left after right", fish, fish.water, left_after_right(fish))
-    (fine, reference), (path, tank) = run(scene, fish.integrator, FINE), run(scene, fish.integrator, steps_of(fish),
-                                                                            refine=fish.refine)  # fmt: skip
+    fine, reference = run(scene, fish.integrator, FINE)
+    path, tank = run(scene, fish.integrator, steps_of(fish), refine=fish.refine)
     return distance(fish, path, fine) if tank.alive[0] and reference.alive[0] else 1.0
 
 

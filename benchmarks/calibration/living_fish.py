@@ -1,164 +1,26 @@
-"""Calibrate the finest body to living fish (CMA-ES), and put every body beside them.
+"""Every body beside living fish, with the gaits of the finest one; and the best open-loop gait.
 
-python -m benchmarks.calibration.living_fish              writes fish_env/bodies/tetrahedral.json (half an hour)
-python -m benchmarks.calibration.living_fish --check      living_fish.csv, living_fish.svg and gait.csv (minutes)
+python -m benchmarks.calibration.living_fish      living_fish.csv, living_fish.svg and gait.csv (minutes)
 
-Searched are the material of the body of tetrahedra (at level 2; the material is the same at every level) and three
-gaits, at the frequencies and speeds of a trout of 19.6 cm (Drucker & Lauder): tail sweep and speed, the sway of the
-midline (the carangiform envelope of Videler & Hess 1984, scaled to the trout's sweep), the nose's sway over the tail's,
-the Strouhal number, and the wave's phase. The other bodies swim the same gaits. The check also measures the best
-open-loop gait of the default fish, at its own step and by RK4 at an eighth of it.
+Tail sweep and speed, the sway of the midline, the nose's sway over the tail's, the Strouhal number, work, turns and
+starts (`performance.py`). The best gait of the default fish is measured at its own step, and by RK4 at an eighth of it.
 """
 
 import argparse
-import json
-import multiprocessing
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-import fish_env.bodies
+from benchmarks.calibration.finest import living_gaits
 from benchmarks.calibration.midline import Midline, swim_gait, swim_midlines
+from benchmarks.calibration.performance import ENVELOPE, STATION, TROUT, beyond
 from benchmarks.common.charts import pyplot, save
-from benchmarks.common.search import minimise
-from benchmarks.common.tables import RESULTS, provenance, write_csv
+from benchmarks.common.tables import RESULTS, write_csv
 from fish_env import make_fish
-from fish_env.bodies import mass_spring as tu
-from fish_env.control import Gait, best_gait
+from fish_env.control import best_gait
 
 COMMAND = "python -m benchmarks.calibration.living_fish"
-FILE = Path(fish_env.bodies.__file__).parent / "tetrahedral.json"
 PAGE = Path(__file__).parents[2] / "docs" / "validation.md"
-LEVEL, SECONDS, BEATS = 2, 2.4, 2
-POPULATION, GENERATIONS, SIGMA = 20, 20, 0.04
-
-
-@dataclass(frozen=True)
-class Trout:
-    """One row of a study of the median fins of a 19.6 cm rainbow trout (J. Exp. Biol., after Drucker & Lauder)."""
-
-    speed: float  # body lengths/s
-    frequency: float  # Hz
-    sweep: float  # body lengths
-
-
-TROUT = tuple(Trout(u, f, cm / 19.6) for u, f, cm in ((0.5, 2.48, 1.80), (1.0, 3.18, 2.55), (2.0, 4.23, 2.85)))
-STATION = np.array([0.0, *tu.calibrated()["layer_position"], 1.0])
-"""Of the midline, body lengths from the nose."""
-ENVELOPE = (0.02 - 0.0825 * STATION + 0.1625 * STATION**2) / 0.1
-"""Half the sway of each station over the tail tip's (Videler & Hess 1984)."""
-LEAST = (0.84, 0.85, 0.76)
-"""Least contracted lengths of the three segments: a fish of 23 nodes that contracts farther buckles in the abrupt
-manoeuvre, and magnifies a disturbance a millionfold (`benchmarks.common.problems.magnified`)."""
-WAVELENGTH = 1.0  # body lengths, of the trunk's wave
-START: dict = {
-    "parameters": {
-        "stiffness": [1.0, 400.0, 189.0],
-        "taper": [1.0, 1.405, 1.226, 1.067, 0.9946, 0.3564],
-        "contracted": [0.8463, 0.8574, 0.7666],
-        "relaxation_time": 0.003092,
-        "drag_coefficient": 1.0,
-    },
-    "young": [66000.0, 26040.0, 4356.0, 42390.0, 16580.0, 49790.0],
-    "gaits": [
-        {"frequency": 2.48, "amplitude": [0.5063, 0.3665, 0.4656], "lag": [0.0, 2.051, 3.048]},
-        {"frequency": 3.18, "amplitude": [0.7853, 0.4755, 0.8759], "lag": [0.0, 1.54, 3.093]},
-        {"frequency": 4.23, "amplitude": [0.4378, 0.635, 1.0], "lag": [0.0, 1.21, 2.694]},
-    ],
-}
-"""Where the search begins: what an earlier one ended with, which began with a body fitted to a search of 23 nodes."""
-
-
-def gaits_of(record: dict) -> list[Gait]:
-    """The three gaits of a record of the search."""
-    return [Gait(row["frequency"], tuple(row["amplitude"]), tuple(row["lag"])) for row in record["gaits"]]
-
-
-def living_gaits() -> list[Gait]:
-    """The gaits with which the finest body swims like the trout."""
-    return gaits_of(json.loads(FILE.read_text()))
-
-
-def beyond(value, limit):
-    """How far a value is above a limit."""
-    return np.maximum(value - limit, 0.0)
-
-
-def cost(midlines: list[Midline]) -> float:
-    """What the search minimises: what is beyond the bars counts, and a little of what is within them."""
-    total = 0.0
-    for found, real in zip(midlines, TROUT, strict=True):
-        if found.failure or not np.isfinite(found.sweep):
-            return 1e3
-        for ratio in (max(found.speed, 0.02) / real.speed, max(found.sweep, 0.005) / real.sweep):
-            off = abs(np.log(ratio))
-            total += 60.0 * beyond(off, 0.05) ** 2 + 2.0 * off**2
-        off = np.abs(found.amplitude[:6] - 0.5 * real.sweep * ENVELOPE[:6])
-        total += 3000.0 * (beyond(off, 0.011) ** 2).sum() + 40.0 * (off**2).sum()
-        total += 40.0 * (beyond(found.nose, 0.155) ** 2 + beyond(0.10, found.nose) ** 2)
-        total += 10.0 * beyond(found.strouhal, 0.38) ** 2 + 2.0 * beyond(found.wobble, 0.1)
-        lag = (1.0 - STATION[3:6]) / WAVELENGTH + found.phase[3:6]
-        total += 0.5 * (lag**2).sum()
-    return float(total)
-
-
-def decoded(point) -> dict:
-    """The record of a point of the search: factors' logarithms on START, and differences of the lags."""
-    values, used = {}, 0
-
-    def take(count):
-        nonlocal used
-        used += count
-        return np.asarray(point[used - count : used])
-
-    p, rounded = START["parameters"], lambda v: [float(f"{x:.4g}") for x in np.ravel(v)]
-    section = np.exp(take(6))
-    values["stiffness"] = rounded([p["stiffness"][0], p["stiffness"][1], p["stiffness"][2] * section[0]])
-    taper = np.array(p["taper"][1:]) * section[1:] / np.array([1.0, 1.0, 1.0, section[0], section[0]])
-    values["taper"] = [1.0, *rounded(taper)]
-    values["contracted"] = rounded(np.clip(1.0 - (1.0 - np.array(p["contracted"])) * np.exp(take(3)), LEAST, 0.95))
-    values["relaxation_time"] = rounded(p["relaxation_time"] * np.exp(take(1)))[0]
-    values["drag_coefficient"] = p["drag_coefficient"]  # not searched: it scales thrust as it scales drag
-    young = rounded(np.array(START["young"]) * np.exp(take(6)))
-    gaits = []
-    for row in START["gaits"]:
-        amplitude = np.clip(np.array(row["amplitude"]) * np.exp(take(3)), 0.0, 1.0)
-        lag = np.array([0.0, *(np.array(row["lag"][1:]) + 2.0 * take(2))])
-        gaits.append({"frequency": row["frequency"], "amplitude": rounded(amplitude), "lag": rounded(lag)})
-    return {"parameters": values, "young": young, "gaits": gaits}
-
-
-SIZE = 6 + 3 + 1 + 6 + 15
-
-
-def swum(record: dict, level=LEVEL, seconds=SECONDS) -> list[Midline]:
-    """The three gaits on the body of a record."""
-    fish = make_fish("tetrahedral", level=level, young=record["young"], **record["parameters"])
-    return swim_midlines(fish, gaits_of(record), [row.speed for row in TROUT], seconds, BEATS)
-
-
-def cost_at(point) -> float:
-    """The cost at a point of the search."""
-    strong = 0.0
-    try:
-        record = decoded(point)
-        strong = beyond(max(record["gaits"][2]["amplitude"]), 0.97) ** 2
-        return cost(swum(record)) + 5.0 * strong + 0.02 * float(np.sum(np.square(point)))
-    except ValueError:
-        return 2e3
-
-
-def calibrate(generations: int, seed: int) -> None:
-    """Search, and write the best."""
-    with multiprocessing.get_context("spawn").Pool() as pool:
-        point, cost = minimise(cost_at, np.zeros(SIZE), SIGMA, generations, seed, POPULATION,
-                               partial(pool.map, chunksize=1))  # fmt: skip
-    about = provenance(COMMAND) | {"cost": cost, "evaluations": POPULATION * generations, "seed": seed}
-    FILE.write_text(json.dumps({"provenance": about} | decoded(point), indent=2) + "\n")
-
-
 BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", ""), ("two_layer", ""))
 
 
@@ -262,17 +124,10 @@ def draw(rows) -> None:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="only measure what is shipped")
-    parser.add_argument("--generations", type=int, default=GENERATIONS, help=f"of {POPULATION} bodies")
-    parser.add_argument("--seed", type=int, default=1, help="of the search")
-    chosen = parser.parse_args()
-    if not chosen.check:
-        calibrate(chosen.generations, chosen.seed)
-        return
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     rows = check()
-    print(write_csv("living_fish.csv", rows, f"{COMMAND} --check"))
-    print(write_csv("gait.csv", check_best_gait(), f"{COMMAND} --check"))
+    print(write_csv("living_fish.csv", rows, COMMAND))
+    print(write_csv("gait.csv", check_best_gait(), COMMAND))
     draw(rows)
     fill_page(rows)
 
