@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from fish_env.kernels.compile import INDEX, kernel
-from fish_env.kernels.simd import Kind, Vectors, vec3
+from fish_env.kernels.simd import Kind, Vectors, dot, vec3
 from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards, turns
 from fish_env.tasks.measures import measure_strain
@@ -16,8 +16,8 @@ from fish_env.tasks.turns import ANGLE_SIGNED, WAIT, CommandedTurns
 ANGLE = Option(0.0, math.pi, "size of the commanded turn, rad")
 SPEED = Option(0.0, 3.0, "speed of the glide at the start, body lengths per second")
 AWAY, IN_TIME = 0.5, 0.8  # body lengths to be made good along the command, and s after it
-START = 0.3  # s after the command in which the acceleration is measured
-OVER = 0.04  # s over which it is averaged
+START = 0.3  # s after the command in which the start is recorded
+OVER = 0.04  # s over which the acceleration is averaged
 
 
 @kernel
@@ -36,6 +36,9 @@ def write_terms(tank, pose, task, b, terms):
             task.centre[b, INDEX(k)] = pose.centre[b]
             task.velocity[b, INDEX(k)] = pose.velocity[b]
             task.facing[b, INDEX(k)] = course.facing[b]
+        if course.since[b] <= IN_TIME + 0.5 * task.interval:
+            way = dot(pose.centre[b] - task.centre[b, 0], task.heading[b]) / tank.length
+            task.farthest[b] = max(task.farthest[b], way)
 
 
 class FastStartTask(CommandedTurns):
@@ -70,11 +73,12 @@ class FastStartTask(CommandedTurns):
 
     def fields(self):
         """Data that the kernels read and write: after the command, the start is recorded, NaN until then."""
-        b, steps = len(self._before), 1 + self.steps(IN_TIME)
+        b, steps = len(self._before), 1 + self.steps(START)
         self.centre, self.velocity = (np.zeros((b, steps, 3)) for _ in range(2))  # m and m/s, of the centre of mass
         self.facing = np.zeros((b, steps))  # rad
+        self.farthest = np.zeros(b)  # body lengths made good in time
         vectors = {name: Vectors(getattr(self, name), Kind(1)) for name in ("centre", "velocity")}
-        return super().fields() | vectors | {"facing": self.facing}
+        return super().fields() | vectors | {"facing": self.facing, "farthest": self.farthest}
 
     def steps(self, seconds: float) -> int:
         """Whole environment steps nearest to a time, at least one."""
@@ -90,6 +94,7 @@ class FastStartTask(CommandedTurns):
         self._heading[i] = 0.0
         for array in (self.centre, self.velocity, self.facing):
             array[i] = np.nan
+        self.farthest[i] = 0.0
         if course.wait[i, 0] < 0.5 * self.interval:
             course.stage[i] = 1
             course.heading[i] = rewards.wrap_angle(course.heading[i] + course.angle[i, 0])
@@ -108,11 +113,9 @@ class FastStartTask(CommandedTurns):
     def metrics(self, tank: Tank, i, seconds):
         """Angles, distance, speed and acceleration of the start, and how far it got; angles in degrees."""
         length, course = tank.fish.length, self.course
-        way = (self.centre[i] - self.centre[i, 0]) / length  # body lengths
-        path = np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))
+        path = np.cumsum(np.linalg.norm(np.diff(self.centre[i], axis=0), axis=1)) / length
         over = self.steps(OVER)
-        velocity = self.velocity[i, : 1 + self.steps(START)]
-        change = np.linalg.norm(velocity[over:] - velocity[:-over], axis=1)
+        change = np.linalg.norm(self.velocity[i, over:] - self.velocity[i, :-over], axis=1)
         side = 1.0 if course.angle[i, 0] > 0.0 else -1.0
         angles = {
             f"angle_{ms}ms": float(np.degrees(side * (self.facing[i, self.steps(ms / 1000)] - self.facing[i, 0])))
@@ -120,7 +123,7 @@ class FastStartTask(CommandedTurns):
         }
         turning = super().metrics(tank, i, seconds)
         return {
-            "success": bool((way @ self._heading[i] >= AWAY).any()),
+            "success": bool(self.farthest[i] >= AWAY),
             "escape_distance": float((self._before[i] - self.centre[i, 0]) @ self._heading[i] / length),
             **angles,
             "distance_200ms": float(path[self.steps(0.2) - 1]),
