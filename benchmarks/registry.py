@@ -193,7 +193,7 @@ CALIBRATION = (
     ),
     Result(
         "calibration.motor_controllers", "tables of the motor controllers",
-        "-m benchmarks.calibration.motor_controllers --search", 5, (MOTOR,), by_name=True,
+        "-m benchmarks.calibration.motor_controllers --search", 10, (MOTOR,), by_name=True,
         follows=EVERY_TASK,
     ),
 )  # fmt: skip
