@@ -46,9 +46,9 @@ def recorded() -> np.ndarray:
     return np.load(FILE)["contraction"].astype(float)
 
 
-def training_scenes(seed: int) -> np.ndarray:
-    """What bodies are fitted to: the recorded commands of the tasks, and scenes of every family of TRAINING."""
-    parts = list(recorded())
+def training_scenes(seed: int, strength: float) -> np.ndarray:
+    """What bodies are fitted to: recorded commands of tasks, times `strength`, and scenes of every family."""
+    parts = list(strength * recorded())
     parts += [drawn(family, seed + k, EACH[name]) for k, (name, family) in enumerate(TRAINING.items())]
     return np.concatenate(parts)
 

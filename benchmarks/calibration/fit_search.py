@@ -143,7 +143,7 @@ def beginning(body: str, water: str) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def living(fish: Fish, water: str) -> np.ndarray:
-    """How far the finest body's three gaits, swum by this body, and its turns and starts are from living fish, (45,)."""
+    """How far this body, with the finest one's three gaits, its turns and its starts are from living fish, (45,)."""
     try:
         return aims(perform(fish, living_gaits(water)))
     except ArithmeticError:

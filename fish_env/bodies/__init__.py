@@ -4,8 +4,8 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
 from fish_env.bodies.fitted import WATERS
+from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
 from fish_env.bodies.planar import make_planar
 from fish_env.bodies.tetrahedral import make_tetrahedral
 from fish_env.bodies.two_layer import make_two_layer

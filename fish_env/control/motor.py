@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from fish_env.bodies import Fish
+from fish_env.bodies.fitted import check_level
 from fish_env.checks import finite_array, positive_array, real
 from fish_env.kernels.data import data
 
@@ -129,8 +130,12 @@ class MotorTables:
         finite_array(self.lag, (3,), "lag (rad)")
 
 
-def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
+def load_tables(path: Path = MOTOR_FILE, water: str | None = None) -> MotorTables:
     """The tables of a file, by default those of the default fish.
+
+    Args:
+        path: of the file. It holds tables, or tables for each level of water.
+        water: "drag" or "reactive"; None: the default one.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -142,6 +147,7 @@ def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
         if len(text) > LARGEST:
             raise ValueError(f"it has more than {LARGEST:,} bytes")
         found = json.loads(text)
+        found = found if "turns" in found else found[check_level(water)]
         turns, starts = (
             [kind(np.radians(row["angle"]), *(row[f.name] for f in fields(kind)[1:])) for row in rows]
             for kind, rows in ((Turn, found["turns"]), (Start, found.get("starts", [])))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fish_env.bodies.fitted import level_of
 from fish_env.control.motor import (
     MotorTables,
     Table,
@@ -293,7 +294,7 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habi
 
     Args:
         env: the environment that it is to act in.
-        tables: of the motor controllers; None for those of the default fish.
+        tables: of the motor controllers; None for those of the default fish in water of that level.
         habits: when turns begin, and how small errors are corrected; None for those of the task.
 
     Raises:
@@ -316,7 +317,12 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habi
     else:
         names = ", ".join(sorted(cls.__name__ for cls in HABITS))
         raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
-    return make(env, aim, load_tables() if tables is None else tables, HABITS[kind] if habits is None else habits)
+    return make(
+        env,
+        aim,
+        load_tables(water=level_of(env.tank.world)) if tables is None else tables,
+        HABITS[kind] if habits is None else habits,
+    )
 
 
 def random_actions(env: FishVectorEnv, seed: int = 0) -> Callable[[np.ndarray, float], np.ndarray]:

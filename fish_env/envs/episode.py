@@ -13,7 +13,14 @@ from fish_env.bodies import Fish
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.observation import make_sensors, make_told, observe_nodes, observe_sensors
-from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_truth, checked_water, fish_for
+from fish_env.envs.options import (
+    UnknownOptionError,
+    checked_limit,
+    checked_seed,
+    checked_truth,
+    checked_water,
+    fish_for,
+)
 from fish_env.envs.senses import begin, checked_senses, make_memory, pack_memory
 from fish_env.envs.state import Stateful
 from fish_env.envs.step import (

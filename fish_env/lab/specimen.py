@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env.bodies import BODIES, Fish
+from fish_env.bodies import BODIES, Fish, fitted
 from fish_env.bodies.detail import carry_over
 from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.checks import is_whole
@@ -155,7 +155,7 @@ class Specimen:
         self.entry, self.thing, self.fixed = entry, make_thing(entry), []
         self.surfaces: list[Surface] = surfaces(self.thing)
         self.rest_volume = enclosed_volume(self.thing, self.surfaces, self.thing.body.position)
-        self.swimming, self._gait = False, best_gait(level_of(thing.water))
+        self.swimming, self._gait = False, best_gait(fitted.level_of(self.thing.water))
         self.numbers, self.walls, self.step = numbers, walls, step
         self._make(numbers, walls, step, [])
 

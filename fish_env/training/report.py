@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from fish_env.bodies.fitted import level_of
 from fish_env.control import (
     EPISODES,
     FIRST_SEED,
@@ -21,7 +22,6 @@ from fish_env.control import (
     random_actions,
     scripted,
 )
-from fish_env.bodies.fitted import level_of
 from fish_env.control.files import write_text
 from fish_env.control.printing import print_means
 from fish_env.envs import FishVectorEnv
