@@ -26,10 +26,10 @@ def present(body: Body, world: World) -> bool:
 
 def make_cache(body: Body, world: World, kind) -> Pack:
     """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction."""
-    count, length = len(body.faces.nodes), np.ptp(body.position, axis=0).max()
+    count, friction = len(body.faces.nodes), world.friction / math.sqrt(np.ptp(body.position, axis=0).max())
     return Pack(
         "water", normal=kind.vectors(count), size=kind.numbers(count), push=kind.numbers(count),
-        pull=kind.vectors(count), mobility=kind.scalars(mobility(body)), friction=world.friction / math.sqrt(length),
+        pull=kind.vectors(count if friction else 0), mobility=kind.scalars(mobility(body)), friction=friction,
     )  # fmt: skip
 
 
