@@ -26,11 +26,16 @@ def present(body: Body, world: World) -> bool:
 
 def make_cache(body: Body, world: World, kind) -> Pack:
     """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction."""
-    count, length = len(body.faces.nodes), np.ptp(body.position, axis=0).max()
+    count, friction = len(body.faces.nodes), world.friction / math.sqrt(length(body))
     return Pack(
         "water", normal=kind.vectors(count), size=kind.numbers(count), push=kind.numbers(count),
-        pull=kind.vectors(count), mobility=kind.scalars(mobility(body)), friction=world.friction / math.sqrt(length),
+        pull=kind.vectors(count if friction else 0), mobility=kind.scalars(mobility(body)), friction=friction,
     )  # fmt: skip
+
+
+def length(body: Body) -> float:
+    """Length of the body in the Reynolds number of its friction, m: its largest extent along an axis, at rest."""
+    return float(np.ptp(body.position, axis=0).max()) or 1.0  # a point has no friction
 
 
 def mobility(body: Body) -> np.ndarray:
