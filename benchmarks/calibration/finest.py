@@ -1,30 +1,25 @@
-"""Calibrate the finest body, its water and three gaits to living fish: `performance.py` says what is compared.
+"""Calibrate the finest body, its water and three gaits to living fish (CMA-ES): `performance.py` says what is compared.
 
-Nonlinear least squares (scipy's) in the logarithms of factors on START. The material is the same at every level of the
-body of tetrahedra: the search is mostly at level 1, and ends at level 2.
+The material is the same at every level of the body of tetrahedra; it is searched at level 1. Searched are logarithms of
+factors on START, which is near what an earlier search ended with.
 """
 
 import multiprocessing
 from functools import partial
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from benchmarks.calibration.keep import PACKAGE, kept, publish, rounded
 from benchmarks.calibration.performance import TROUT, perform, residuals
+from benchmarks.common.search import minimise
 from fish_env import make_fish
 from fish_env.bodies import Fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 
-SEARCHES = ((1, 16), (2, 4))
-"""Level and steps of one search after another."""
-SPREAD, DIFFERENCE, ENOUGH = 0.02, 4e-3, 2e-3
-"""Of the logarithms: standard deviation of where a search begins, differences of the Jacobian; least gain of a step."""
-NEAR = 0.05  # weight of the distance from the start: of parameters that nothing depends on, the first are kept
-NOWHERE, RESIDUALS = 10.0, 45  # residual where there is no fish, and how many there are
-STEEP = 150.0  # the largest derivative: at the edge of failure, differences are no slopes
-FAR = 1.6  # the most that a logarithm may change
+LEVEL, GENERATIONS, POPULATION, SPREAD = 1, 60, 20, 0.04
+"""Of the search; the last is the standard deviation of its first points."""
+NEAR = 0.01  # weight of the distance from the start: of parameters that nothing depends on, the first are kept
 CONTRACTED = 0.6, 0.95
 """Least and largest contracted length of a muscle."""
 FRICTION = 1.0, 4.0
@@ -81,55 +76,31 @@ def decoded(point: np.ndarray, start: dict) -> dict:
     return {"parameters": parameters, "young": young, "gaits": gaits}
 
 
-def bounds(start: dict) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest point of a search from a record."""
-    low, high, place = np.full(SIZE, -FAR), np.full(SIZE, FAR), 0
-    for name, part in FREE.items():
-        count = len(range(6)[part])
-        if name == "friction":
-            low[place], high[place] = np.log(np.array(FRICTION) / start["parameters"]["friction"]) + (-1e-6, 1e-6)
-        if name == "contracted":
-            span = np.log((1.0 - np.array(CONTRACTED[::-1])) / (1.0 - np.array(start["parameters"][name]))[:, None])
-            low[place : place + count], high[place : place + count] = span.T + np.array([[-1e-6], [1e-6]])
-        place += count
-    return low, high
-
-
-def slopes(at, pool, point: np.ndarray) -> np.ndarray:
-    """Derivatives of `at` by forward differences, each in one of the processes of a pool; steep ones are limited."""
-    moved = point + DIFFERENCE * np.eye(point.size)
-    here, *there = pool.map(at, [point, *moved], chunksize=1)
-    return np.clip((np.array(there) - here).T / DIFFERENCE, -STEEP, STEEP)
-
-
-def misfit(point: np.ndarray, start: dict, water: str, level: int) -> np.ndarray:
-    """What least squares are taken of at a point; NOWHERE where there is no such body, or it cannot swim."""
+def cost(point: np.ndarray, start: dict, water: str, level: int) -> float:
+    """What the search minimises; a large number where there is no such body, or it cannot swim."""
     try:
         record = decoded(point, start)
         with np.errstate(all="ignore"):
             found = residuals(perform(fish_of(record, water, level), gaits_of(record)))
     except (ValueError, ArithmeticError):
-        found = np.full(RESIDUALS, NOWHERE)
-    return np.concatenate([np.nan_to_num(found, nan=NOWHERE), NEAR * np.asarray(point)])
+        return 1e4
+    friction = record["parameters"]["friction"]
+    outside = 3.0 * (friction - np.clip(friction, *FRICTION))
+    total = float((found**2).sum() + outside**2 + ((NEAR * np.asarray(point)) ** 2).sum())
+    return total if np.isfinite(total) else 1e4
 
 
-def improve(start: dict, water: str, level: int, steps: int, seed: int) -> dict:
-    """The record that least squares from a record find, with its "cost": half the squares."""
-    begin = SPREAD * np.random.default_rng(seed).standard_normal(SIZE)
-    low, high = bounds(start)
+def search(start: dict, water: str, seed: int) -> dict:
+    """The record that a search from a record finds, with its "cost"."""
     with multiprocessing.get_context("spawn").Pool() as pool:
-        at = partial(misfit, start=start, water=water, level=level)
-        found = least_squares(
-            at, np.clip(begin, low, high), partial(slopes, at, pool), bounds=(low, high), ftol=ENOUGH, xtol=1e-4,
-            gtol=None, max_nfev=steps,
-        )  # fmt: skip
-    return decoded(found.x, start) | {"cost": float(found.cost)}
+        at = partial(cost, start=start, water=water, level=LEVEL)
+        point, least = minimise(at, np.zeros(SIZE), SPREAD, GENERATIONS, seed, POPULATION,
+                                partial(pool.map, chunksize=1))  # fmt: skip
+    return decoded(point, start) | {"cost": least}
 
 
 def calibrate(water: str, seed=1) -> None:
-    """Ship what the searches find, one after another."""
-    record = START[water]
-    for level, steps in SEARCHES:
-        record = kept("finest", improve, record, water, level, steps, seed)
-        print(f"finest body, level {level}: half the squares {record['cost']:.3f}", flush=True)
+    """Ship what the search finds."""
+    record = kept("finest", search, START[water], water, seed)
+    print(f"finest body: squares of {record['cost']:.3f}", flush=True)
     publish(PACKAGE / "bodies" / "tetrahedral.json", water, record | {"seed": seed})

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from tqdm import tqdm
 
-from benchmarks.calibration.finest import RESIDUALS, living_gaits
+from benchmarks.calibration.finest import living_gaits
 from benchmarks.calibration.performance import beyond, perform
 from benchmarks.calibration.performance import residuals as aims
 from benchmarks.common.motion import Motion, play, residuals
@@ -143,11 +143,11 @@ def beginning(body: str, water: str) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def living(fish: Fish, water: str) -> np.ndarray:
-    """How far this body, with the finest one's three gaits, its turns and its starts are from living fish, (45,)."""
+    """How far this body, with the finest one's three gaits, its turns and its starts are from living fish, (51,)."""
     try:
         return aims(perform(fish, living_gaits(water)))
     except ArithmeticError:
-        return np.full(RESIDUALS, 2.0)
+        return np.full(51, 2.0)
 
 
 def inaccuracy(fish: Fish) -> float:

@@ -57,6 +57,8 @@ class Performance(NamedTuple):
     start: dict[str, float]
     kept: np.ndarray
     """(FISH,4) least part of its area, seen from above, that each section kept under changing commands."""
+    volume: np.ndarray
+    """(FISH,6) least part of its volume that an element of each section kept; ones where there are none."""
     failed: float
     """Part of the time of these commands that was lost by failures."""
 
@@ -74,8 +76,8 @@ def perform(fish: Fish, gaits: list[Gait]) -> Performance:
     return Performance(cruises, turned, scenes.start(fish, *STAGES), *bear(fish))
 
 
-def bear(fish: Fish) -> tuple[np.ndarray, float]:
-    """`kept` and `failed` of fish of which one side pulls, then the other: square waves, and at random."""
+def bear(fish: Fish) -> tuple[np.ndarray, np.ndarray, float]:
+    """`kept`, `volume` and `failed` of fish of which one side pulls, then the other: square waves, and at random."""
     times, goals = fish.control_interval * np.arange(INTERVALS), []
     for k in range(FISH):
         generator = np.random.default_rng([7, k])
@@ -84,11 +86,26 @@ def bear(fish: Fish) -> tuple[np.ndarray, float]:
         goals.append(np.where(side[:, None], fish.sides > 0, fish.sides < 0).astype(float))
     tank = Tank(fish, FISH, water=fish.water, threads=1)
     rest, kept, dead = areas(fish.points(fish.body.position[None])), np.ones((FISH, 4)), 0
+    natural, volume = volumes(fish, fish.body.position[None]), np.ones((FISH, 6))
     for goal in np.stack(goals, axis=1):
         tank.drive(goal, steps_of(fish))
         kept = np.minimum(kept, areas(fish.points(tank.position)) / rest)
+        volume = np.minimum(volume, volumes(fish, tank.position) / natural)
         dead += (~tank.alive).sum()
-    return np.nan_to_num(kept, nan=-1.0), dead / FISH / INTERVALS
+    return np.nan_to_num(kept, nan=-1.0), np.clip(np.nan_to_num(volume, nan=-1.0), -1.0, 1.0), dead / FISH / INTERVALS
+
+
+def volumes(fish: Fish, position: np.ndarray) -> np.ndarray:
+    """Least volume (B,6) of an element of each section, over its mean there at rest; ones for a fish without any."""
+    tets = fish.body.tets
+    if tets is None:
+        return np.ones((len(position), 6))
+    rest = fish.body.position
+    layers = np.array([rest[fish.landmarks.node[nodes[0]], 0] for nodes in tu.LAYERS])
+    section = np.clip(np.searchsorted(-layers, -rest[tets.nodes, 0].mean(axis=1)) - 1, 0, 5)
+    a, b, c, d = (position[:, tets.nodes[:, k]] for k in range(4))
+    each = (np.cross(b - a, c - a) * (d - a)).sum(axis=2) / (6.0 * tets.volume)
+    return np.stack([each[:, section == k].min(axis=1) for k in range(6)], axis=1)
 
 
 def beyond(value, limit):
@@ -97,7 +114,7 @@ def beyond(value, limit):
 
 
 def residuals(found: Performance) -> np.ndarray:
-    """What is beyond the aims, and a little of what is within them, (39,): a calibration minimises the squares."""
+    """What is beyond the aims, and a little of what is within them, (51,): a calibration minimises the squares."""
     rows = []
     for k, (one, real) in enumerate(zip(found.midlines, TROUT, strict=True)):
         off = np.log([max(one.speed, 0.02) / real.speed, max(one.sweep, 0.005) / real.sweep])
@@ -116,7 +133,10 @@ def residuals(found: Performance) -> np.ndarray:
         1.5 * beyond(np.log(1.05 * ANGLE / max(start["best angle"], 1.0)), 0.0),
         1.0 * beyond(np.log(1.05 * ACCELERATION / start["best acceleration"]), 0.0), 5.5 * np.sqrt(found.failed),
     ])  # fmt: skip
-    return np.concatenate([*rows, 3.0 * np.sqrt((beyond(KEPT, found.kept) ** 2).mean(axis=0))])
+    folded = (weight * np.sqrt((beyond(KEPT, part) ** 2).mean(axis=0)) for weight, part in (
+        (5.0, found.kept), (3.0, found.volume)
+    ))  # fmt: skip
+    return np.concatenate([*rows, *folded])
 
 
 def outside(value, free):
