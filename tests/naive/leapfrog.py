@@ -21,7 +21,7 @@ def water_pushes(body, world, duration, x, v, ahead):
     """Forces of the water (N,3) at v, and their change when v becomes `ahead`, each face's drag on itself implicit.
 
     A face that its push would turn around in this time is pushed no more than stops it. Friction
-    is implicit in both, as if all faces around had the same.
+    stops no face within a step, as if all faces around had the same.
     """
     first, change = np.zeros_like(x), np.zeros_like(x)
     for corners, share, factor in zip(body.faces.nodes, body.faces.share, body.faces.drag, strict=True):
@@ -37,11 +37,12 @@ def water_pushes(body, world, duration, x, v, ahead):
         if outward > 0:
             slope = factor * size * (world[0] + world[1] * (speed + outward**2 / speed))
             differs /= 1.0 + mobility * slope
-        rough, along = face_friction(body, corners, share, world, x, v)
-        pull = -rough / (1.0 + 2.0 * mobility * rough) * along
-        push = push + pull
-        rough, along = face_friction(body, corners, share, world, x, ahead)
-        differs += (-rough * along - pull) / (1.0 + 2.0 * mobility * rough)
+        most = 0.25 / mobility if mobility else np.inf
+        pulls = []
+        for speeds in (v, ahead):
+            rough, along = face_friction(body, corners, share, world, x, speeds)
+            pulls.append(-min(rough, most) * along)
+        push, differs = push + pulls[0], differs + pulls[1] - pulls[0]
         for node, part in zip(corners, share, strict=True):
             first[node] += part * push
             change[node] += part * differs

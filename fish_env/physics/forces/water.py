@@ -113,6 +113,13 @@ def resistance(friction, w, size):
 
 
 @kernel
+def limited(rough, h, mobility):
+    """Friction over velocity that does not stop a face within a step, if all faces around it have the same."""
+    most = 0.5 / (h * mobility)
+    return select(rough < most, rough, most)
+
+
+@kernel
 def along(n, w):
     """Part of a velocity along a face."""
     return fma(-dot(n, w), n, w)
@@ -135,7 +142,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
     """Add the force of the water on every face, and store the data of `add_change`.
 
     A force that would reverse its face's motion within half a step is limited to the force that stops it. Otherwise the
-    prediction, from which the change is computed, would grow from step to step.
+    prediction, from which the change is computed, would grow from step to step. Friction is limited too.
     """
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
@@ -147,8 +154,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
         push = select(push < stopping, stopping, push)  # (38)
         g = push * n
         if cache.friction > 0.0:
-            rough = resistance(friction, w, size)
-            pull = (-rough / fma(h * cache.mobility[k], rough, 1.0)) * along(n, w)
+            pull = -limited(resistance(friction, w, size), h, cache.mobility[k]) * along(n, w)
             cache.pull[k] = pull
             g = g + pull
         scatter(body, k, g, f)
@@ -161,7 +167,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
 def add_change(body, world, control, x, v, f, cache):
     """Add the change of the force when the velocities become v, half a step later, at the stored positions.
 
-    Each face's drag is implicit, as if it were the only force on the face; and so is its friction.
+    Each face's drag is implicit, as if it were the only force on the face. Friction, which is small, is explicit.
     """
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
@@ -175,8 +181,8 @@ def add_change(body, world, control, x, v, f, cache):
         ahead = change * (speed / fma((half * cache.mobility[k]) * area, slope, speed))  # (38)
         g = select(outward > 0.0, ahead, -push) * n
         if cache.friction > 0.0:
-            rough = resistance(friction, w, size)
-            g = fma(1.0 / fma(h * cache.mobility[k], rough, 1.0), fma(-rough, along(n, w), -cache.pull[k]), g)
+            rough = limited(resistance(friction, w, size), h, cache.mobility[k])
+            g = fma(-rough, along(n, w), g - cache.pull[k])
         scatter(body, k, g, f)
 
 
