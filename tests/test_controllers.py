@@ -145,5 +145,5 @@ def test_strokes_of_full_amplitude_swim():
     """The search of the swimming table tries strokes whose contraction is 1 and a rounding error."""
     r1, f, r2 = 0.9981 * (1.0 + 2**-52), 2.5, 0.7131
     stroke = np.array([[0.0, r1, f, r2, f]])
-    speed, effort = motor_controllers.steady(motor_controllers.gait_tables(), stroke, seconds=1.0, measured=0.5)
+    speed, effort = motor_controllers.steady(motor_controllers.gait_tables("drag"), stroke, "drag", 1.0, 0.5)
     assert 0.5 < speed[0] < 3.0 and 0.0 < effort[0] <= 1.0

@@ -23,7 +23,7 @@ from fish_env.tasks import TASKS
 
 FISH = make_fish()
 B = FISH.body
-PARAMETERS = {name: np.array(value) for name, value in calibrated().items()}
+PARAMETERS = {name: np.array(value) for name, value in calibrated().items() if value is not None}
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 SURFACE = np.array([[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [2, 0, 3, 3]])
 MATERIALS = {name: np.array(value) for name, value in vars(RING).items() if value is not None}

@@ -23,7 +23,7 @@ from fish_env.bodies import Fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.physics.integrators import limits
 
-LIMIT = {"drag": 0.00075, "reactive": 0.0003}
+LIMIT = {"drag": 0.00075, "reactive": 0.0002}
 """Stable step of symplectic Euler, s, that a body must have: stiffness and damping that hardly move it are expensive,
 and Tu's method has the same limit. At the first, the default method needs four stages a step."""
 PREDICTABLE = 50.0
@@ -86,13 +86,13 @@ SEARCHED: dict[str, dict[str, dict[str, Range]]] = {
     },
     "reactive": {
         "mass_spring": {
-            "stiffness": Range([2006.0, 4352.0, 1058.0], 25.0, 40_000.0),
-            "taper": Range([0.5, 0.4, 0.2, 0.15, 0.12, 0.4], 0.02, 3.0),
-            "contracted": Range([0.75, 0.75, 0.75], 0.6, 0.97),
-            "damping_taper": Range([1.0, 1.5, 1.5, 1.5, 1.5, 1.0], 0.05, 20.0),
-            "mass_factor": Range([1.0] * 7, 0.25, 4.0),
+            "stiffness": Range([2556.0, 5306.0, 2938.0], 25.0, 40_000.0),
+            "taper": Range([0.9341, 0.1317, 0.08663, 0.1372, 0.1254, 0.398], 0.02, 3.0),
+            "contracted": Range([0.74, 0.74, 0.74], 0.6, 0.97),
+            "damping_taper": Range([0.6617, 0.5046, 0.9002, 0.3757, 4.613, 0.2355], 0.02, 20.0),
+            "mass_factor": Range([0.2994, 0.5163, 0.9651, 0.8908, 0.5425, 0.788, 0.8531], 0.1, 4.0),
             "water_place": Range([0.5] * 6, 0.02, 0.98),
-            "water_drag": Range([1.0] * 6, 0.1, 6.0),
+            "water_drag": Range([1.326, 2.466, 1.367, 1.047, 1.406, 1.022], 0.1, 6.0),
         },
         "planar": {
             "bending": Range([1.0] * 5, 0.2, 5.0),
