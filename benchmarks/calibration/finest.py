@@ -17,7 +17,7 @@ from fish_env.bodies import Fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 
-LEVEL, GENERATIONS, POPULATION, SPREAD = 1, 60, 20, 0.04
+LEVEL, GENERATIONS, POPULATION, SPREAD = 1, 20, 20, 0.03
 """Of the search; the last is the standard deviation of its first points."""
 NEAR = 0.01  # weight of the distance from the start: of parameters that nothing depends on, the first are kept
 CONTRACTED = 0.6, 0.95
@@ -27,7 +27,28 @@ FRICTION = 1.0, 4.0
 ADDED_MASS = 0.91, 0.92
 """Lateral and vertical added mass of an ellipsoid as slender as a trout, over that of slender-body theory."""
 
-START: dict[str, dict] = {}
+START: dict[str, dict] = {
+    "reactive": {
+        "parameters": {
+            "stiffness": [1.0, 539.7, 779.0],
+            "taper": [1.0, 0.5807, 1.339, 0.3475, 0.4257, 0.8341],
+            "contracted": [0.66, 0.6655, 0.66],
+            "relaxation_time": 0.0004812,
+            "contraction_time": 0.04,
+            "drag_coefficient": 1.326,
+            "friction": 3.924,
+            "added_mass": [0.91, 0.92],
+            "outline": "trout",
+            "time_step": 0.001667,
+        },
+        "young": [69700.0, 58550.0, 25260.0, 82980.0, 141200.0, 3468000.0],
+        "gaits": [
+            {"frequency": 2.48, "amplitude": [0.2707, 0.06013, 0.4867], "lag": [0.0, 1.613, 2.851]},
+            {"frequency": 3.18, "amplitude": [0.4171, 0.3236, 0.5055], "lag": [0.0, 1.644, 2.597]},
+            {"frequency": 4.23, "amplitude": [0.1368, 0.4293, 0.8291], "lag": [0.0, 1.049, 2.268]},
+        ],
+    },
+}
 
 
 def gaits_of(record: dict) -> list[Gait]:

@@ -4,7 +4,7 @@ python -m benchmarks.calibration.fit       tests what is shipped: results/fit_te
 
 `python -m benchmarks.calibrate` fits the bodies, in the order in which they depend on each other.
 
-The finest body is that of tetrahedra at level 3. Its motions and the searches that have ended are kept in
+The finest body is that of tetrahedra at level 2, which moves as level 3 does. Its motions and the searches that have ended are kept in
 `runs/calibration`, under the digest of what they depend on, so that only the first fit waits for them. Fitted are
 stiffness, damping, muscles and drag, and where on a section the water is felt (`benchmarks/calibration/fit_search.py`);
 the masses keep the outline's mass, centre and yaw inertia. Several searches begin near one start, and the best is
@@ -31,7 +31,7 @@ from fish_env.bodies import Fish
 from fish_env.bodies.fitted import WATERS, read_calibration
 
 COMMAND = "python -m benchmarks.calibration.fit"
-FINEST = {"body": "tetrahedral", "level": 3}
+FINEST = {"body": "tetrahedral", "level": 2}
 BODIES = ("mass_spring", "planar", "two_layer")
 SEED = 100  # of the families' training scenes
 TESTED, TEST_SEED = 12, 61_000  # scenes of each task, and the first's seed: neither trained nor fitted on
