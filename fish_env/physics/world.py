@@ -52,8 +52,8 @@ def make_water(
     heavy = real(density) * factors if inertia else None
     height = (RIGHTING if inertia else 0.0) if righting is None else righting
     upright = GRAVITY * float(finite_array(height, (), "righting (body lengths)"))
-    rough = 0.5 * real(density) * BLASIUS * math.sqrt(real(viscosity)) * real(friction)
-    if rough == math.inf:
+    rough = 0.5 * BLASIUS * real(friction) * real(density) * math.sqrt(real(viscosity))
+    if not rough < math.inf:
         raise ValueError(f"friction {friction!r} times density {density!r} is infinite; give less")
     still = World(0.0, 0.0, flow, added_mass=heavy, righting=upright, friction=rough)
     if law == "linear":
