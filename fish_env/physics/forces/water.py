@@ -25,11 +25,17 @@ def present(body: Body, world: World) -> bool:
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction."""
+    """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction.
+
+    `loaded` is the mobility with the water that moves with the face.
+    """
     count, friction = len(body.faces.nodes), world.friction / math.sqrt(length(body))
+    inverse = body.inverse_mass.max(axis=1)
+    own, loaded = mobility(body, inverse), mobility(body, inverse * own_part(body, world))
     return Pack(
         "water", normal=kind.vectors(count), size=kind.numbers(count), push=kind.numbers(count),
-        pull=kind.vectors(count if friction else 0), mobility=kind.scalars(mobility(body)), friction=friction,
+        pull=kind.vectors(count if friction else 0), mobility=kind.scalars(own), loaded=kind.scalars(loaded),
+        friction=friction,
     )  # fmt: skip
 
 
@@ -38,15 +44,24 @@ def length(body: Body) -> float:
     return float(np.ptp(body.position, axis=0).max()) or 1.0  # a point has no friction
 
 
-def mobility(body: Body) -> np.ndarray:
+def own_part(body: Body, world: World) -> np.ndarray:
+    """Mass of each node (N,) over that with which it moves sideways: its section's with its water's."""
+    sections, part = body.sections, np.ones(len(body.mass))
+    if world.added_mass is not None and sections is not None:
+        section = np.repeat(np.arange(sections.lateral.size), np.diff(sections.first))
+        own = np.bincount(section, body.mass[sections.nodes])
+        part[sections.nodes] = (own / (own + world.added_mass[0] * sections.lateral))[section]
+    return part
+
+
+def mobility(body: Body, inverse: np.ndarray) -> np.ndarray:
     """Velocity (F,) m/s that a face gains in 1 s from a force of 1 N, if half the faces around it have the same force.
 
-    Half, because about half of a swimming fish's faces move outward.
+    Half, because about half of a swimming fish's faces move outward. `inverse` (N,) is one over the nodes' masses.
     """
     faces = body.faces
     carried = np.zeros(len(body.mass))
     np.add.at(carried, faces.nodes, faces.share)
-    inverse = body.inverse_mass.max(axis=1)
     return 0.5 * (faces.share * (carried * inverse)[faces.nodes]).sum(axis=1)
 
 
@@ -141,8 +156,9 @@ def add_force(body, world, control, x, v, f, cache):
 def add_force_cached(body, world, control, x, v, f, cache):
     """Add the force of the water on every face, and store the data of `add_change`.
 
-    A force that would reverse its face's motion within half a step is limited to the force that stops it. Otherwise the
-    prediction, from which the change is computed, would grow from step to step. Friction is limited too.
+    A force that would reverse the motion of its face, and of the water with it, within half a step is limited to the
+    force that stops it. Otherwise the prediction, from which the change is computed, would grow from step to step. Friction
+    is limited too.
     """
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
@@ -150,7 +166,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
     for k in range(body.faces.nodes.shape[0]):
         n, w, size, push = push_on(body, linear, quadratic, current, x, v, k)
         outward = dot(n, w)
-        stopping = select(outward > 0.0, -outward / (half * cache.mobility[k]), 0.0)
+        stopping = select(outward > 0.0, -outward / (half * cache.loaded[k]), 0.0)
         push = select(push < stopping, stopping, push)  # (38)
         g = push * n
         if cache.friction > 0.0:
