@@ -1,37 +1,49 @@
-"""Every body beside living fish, with the gaits of the finest one; and the best open-loop gait.
+"""Every body beside living fish, in the water it is calibrated for; turns and starts by strength; the best gait.
 
-python -m benchmarks.calibration.living_fish      living_fish.csv, living_fish.svg and gait.csv (minutes)
+python -m benchmarks.calibration.living_fish      living_fish.csv, living_fish.svg, strength.csv and gait.csv (10 min)
 
-Tail sweep and speed, the sway of the midline, the nose's sway over the tail's, the Strouhal number, work, turns and
-starts (`performance.py`). The best gait of the default fish is measured at its own step, and by RK4 at an eighth of it.
+All bodies swim the three gaits of the finest one. With a part of their strength and with all of it, they turn while
+they cruise, and start from rest (`performance.py`). The best gait of the default fish is measured at its own step, and
+by RK4 at an eighth of it.
 """
 
 import argparse
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from benchmarks.calibration.finest import living_gaits
+from benchmarks.calibration.fit_search import inaccuracy
 from benchmarks.calibration.midline import Midline, swim_gait, swim_midlines
-from benchmarks.calibration.performance import ENVELOPE, STATION, TROUT, beyond
+from benchmarks.calibration.performance import ENVELOPE, STATION, TROUT, bear, beyond
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.tables import RESULTS, write_csv
+from benchmarks.water import scenes
 from fish_env import make_fish
+from fish_env.bodies import Fish
+from fish_env.bodies.fitted import WATERS
 from fish_env.control import best_gait
 
 COMMAND = "python -m benchmarks.calibration.living_fish"
+SHOWN = "reactive"  # in the chart
 PAGE = Path(__file__).parents[2] / "docs" / "validation.md"
+STRENGTHS = (0.4, 0.6, 0.8, 1.0)  # parts of the contraction that muscles have
+STRONG = (("mass_spring", ""), ("tetrahedral", 2))  # bodies of which turns and starts are measured
 BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", ""), ("two_layer", ""))
 
 
-def rows_of(name: str, level, found: list[Midline]) -> list[dict]:
+def rows_of(water: str, name: str, level, found: list[Midline]) -> list[dict]:
     """A row for each of the trout's speeds."""
     return [
         {
-            "body": name, "level": level, "frequency_hz": real.frequency, "speed_trout": real.speed,
+            "water": water, "body": name, "level": level, "frequency_hz": real.frequency, "speed_trout": real.speed,
             "speed": round(one.speed, 3), "sweep_trout": round(real.sweep, 4), "sweep": round(one.sweep, 4),
             "nose_over_tail": round(one.nose, 3), "strouhal": round(one.strouhal, 3), "stride": round(one.stride, 3),
             "envelope_off": round(float(np.abs(one.amplitude - 0.5 * real.sweep * ENVELOPE).max()), 4),
+            "work": round(one.work, 3), "lost": round(one.lost, 3),
             **{f"amplitude_{k}": round(float(a), 4) for k, a in enumerate(one.amplitude)},
             **{f"phase_{k}": round(float(a), 3) for k, a in enumerate(one.phase)}, "failure": one.failure,
         }
@@ -39,12 +51,36 @@ def rows_of(name: str, level, found: list[Midline]) -> list[dict]:
     ]  # fmt: skip
 
 
+def make(name: str, level, water: str) -> Fish:
+    """A body of BODIES."""
+    return make_fish(name, water=water, **({"level": level} if level else {}))
+
+
 def check() -> list[dict]:
     """Every body with the gaits of the finest one."""
+    rows, speeds = [], [row.speed for row in TROUT]
+    for water, (name, level) in tqdm(list(product(WATERS, BODIES)), "bodies"):
+        fish, gaits = make(name, level, water), living_gaits(water)
+        rows += rows_of(water, name, level, swim_midlines(fish, gaits, speeds, 5.0, 4, energy=True))
+    return rows
+
+
+def check_strength() -> list[dict]:
+    """Turns while cruising and starts from rest, by the part of their contraction that muscles may have."""
     rows = []
-    for name, level in BODIES:
-        fish = make_fish(name, **({"level": level} if level else {}))
-        rows += rows_of(name, level, swim_midlines(fish, living_gaits(), [row.speed for row in TROUT], 5.0, 4))
+    for water, (name, level), strength in tqdm(list(product(WATERS, STRONG, STRENGTHS)), "strength"):
+        fish = make(name, level, water)
+        fish = replace(fish, contracted=1.0 - strength * (1.0 - fish.contracted))
+        turned, started = scenes.turn(fish, living_gaits(water)[1]), scenes.start(fish)
+        kept, _, failed = bear(fish)
+        rows.append({
+            "water": water, "body": name, "level": level, "strength": strength,
+            "strain": round(1.0 - float(fish.contracted.min()), 3), "rate": round(turned["rate"], 1),
+            "radius": round(turned["radius"], 3), "angle": round(started["best angle"], 1),
+            "acceleration": round(started["best acceleration"], 2), "kept": round(float(kept.min()), 3),
+            "failed": failed,
+            "error_percent": round(100.0 * inaccuracy(fish), 3) if name == "mass_spring" else "",
+        })  # fmt: skip
     return rows
 
 
@@ -60,18 +96,30 @@ GAIT = {  # of the best gait: attribute, lowest and highest of living fish, or o
 
 def check_best_gait() -> list[dict]:
     """A row for each quantity of the best gait: at the fish's own step, by RK4 at an eighth of it, and the range."""
-    fish, gait = make_fish(), best_gait()
+    return [row for water in WATERS for row in _of_best_gait(water)]
+
+
+def _of_best_gait(water: str) -> list[dict]:
+    fish, gait = make_fish(water=water), best_gait(water)
     swum, exact = swim_gait(fish, gait), swim_gait(fish, gait, integrator="rk4", dt=fish.time_step / 8)
     return [
         {
-            "quantity": name, "ours": round(value := getattr(swum, key), 4), "reference": round(getattr(exact, key), 4),
+            "water": water, "quantity": name, "ours": round(value := getattr(swum, key), 4),
+            "reference": round(getattr(exact, key), 4),
             "lowest": low, "highest": high, "within": bool(low <= value <= high),
         }
         for name, (key, low, high) in GAIT.items()
     ]  # fmt: skip
 
 
-COLUMNS = {"speed": ".2f", "sweep": ".3f", "nose_over_tail": ".2f", "strouhal": ".2f", "envelope_off": ".3f"}
+COLUMNS = {
+    "speed": ".2f",
+    "sweep": ".3f",
+    "nose_over_tail": ".2f",
+    "strouhal": ".2f",
+    "envelope_off": ".3f",
+    "work": ".2f",
+}
 
 
 def table(rows) -> str:
@@ -86,22 +134,41 @@ def table(rows) -> str:
         return " | ".join(found)
 
     lines = [
-        "| | speed, BL/s | tail sweep, BL | nose over tail | Strouhal | midline off, BL |", "|---|---|---|---|---|---|",
-        f"| trout | {cells(trout).replace('|  |', '| 0.10 to 0.14 |', 1)} |",
+        "| | speed, BL/s | tail sweep, BL | nose over tail | Strouhal | midline off, BL | work, J/kg/m |",
+        "|---|---|---|---|---|---|---|",
+        f"| trout | {cells(trout | {'work': []}).replace('|  |', '| 0.10 to 0.14 |', 1)[:-1]} -, 0.6, 0.9 |",
     ]  # fmt: skip
-    for name, level in BODIES:
-        mine = [row for row in rows if (row["body"], row["level"]) == (name, level)]
-        label = f"`{name}`{f', level {level}' if level else ''}"
+    for water, (name, level) in product(WATERS, BODIES):
+        mine = [row for row in rows if (row["water"], row["body"], row["level"]) == (water, name, level)]
+        label = f"{water}, `{name}`{f', level {level}' if level else ''}"
         lines.append(f"| {label} | {cells({key: [row[key] for row in mine] for key in COLUMNS})} |")
     return "\n".join(lines)
 
 
-def fill_page(rows) -> None:
-    """Put the table between the marks of the page."""
-    text = PAGE.read_text()
-    before, rest = text.split("<!-- living -->\n", 1)
+STRENGTH_HEAD = (
+    "| water, body, part of the contraction | strain | rate, °/s | radius, BL | angle in 0.3 s, ° | "
+    "acceleration, m/s² | least area of a section | error of the step, % |\n|---|---|---|---|---|---|---|---|"
+)
+
+
+def strength_table(rows) -> str:
+    """The table of turns and starts."""
+    lines = [STRENGTH_HEAD]
+    for row in rows:
+        label = f"{row['water']}, `{row['body']}`, {row['strength']:g}"
+        lines.append(
+            f"| {label} | {row['strain']:.2f} | {row['rate']:.0f} | {row['radius']:.2f} | {row['angle']:.0f} | "
+            f"{row['acceleration']:.1f} | {row['kept']:.2f} | {row['error_percent']} |"
+        )
+    return "\n".join(lines)
+
+
+def fill_page(name: str, text: str) -> None:
+    """Put a table between the marks of the page."""
+    page = PAGE.read_text()
+    before, rest = page.split(f"<!-- {name} -->\n", 1)
     after = rest.split("<!-- end -->", 1)[1]
-    PAGE.write_text(f"{before}<!-- living -->\n\n{table(rows)}\n\n<!-- end -->{after}")
+    PAGE.write_text(f"{before}<!-- {name} -->\n\n{text}\n\n<!-- end -->{after}")
 
 
 def draw(rows) -> None:
@@ -114,7 +181,7 @@ def draw(rows) -> None:
         panel.fill_between(STATION, beyond(wanted - 0.02, 0.0), wanted + 0.02, color="0.9", label="living fish, ± 0.02")
         panel.plot(STATION, wanted, color="0.3")
         for (name, level), look in looks.items():
-            row = [r for r in rows if (r["body"], r["level"]) == (name, level)][k]
+            row = [r for r in rows if (r["water"], r["body"], r["level"]) == (SHOWN, name, level)][k]
             panel.plot(STATION, [row[f"amplitude_{i}"] for i in range(7)], look, ms=4, label=f"{name} {level}".strip())
         panel.set(title=f"{real.speed:g} BL/s, {real.frequency:g} Hz", xlabel="from the nose, BL")
     panels[0].set(ylabel="half the sway, BL", ylim=(0, None))
@@ -125,11 +192,13 @@ def draw(rows) -> None:
 def main() -> None:
     """The command line."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rows = check()
+    rows, strong = check(), check_strength()
     print(write_csv("living_fish.csv", rows, COMMAND))
+    print(write_csv("strength.csv", strong, COMMAND))
     print(write_csv("gait.csv", check_best_gait(), COMMAND))
     draw(rows)
-    fill_page(rows)
+    fill_page("living", table(rows))
+    fill_page("strength", strength_table(strong))
 
 
 if __name__ == "__main__":
