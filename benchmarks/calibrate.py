@@ -18,9 +18,9 @@ STEPS: dict[str, tuple[float, Callable[[str], None]]] = {
     "the finest body": (30.0, finest.calibrate),
     "mass_spring": (25.0, lambda water: fit.fit("mass_spring", water)),
     "planar": (10.0, lambda water: fit.fit("planar", water)),
-    "two_layer": (20.0, lambda water: fit.fit("two_layer", water)),
     "the best gait": (5.0, gait_search.calibrate),
     "motor controllers": (20.0, motor_controllers.calibrate),
+    "two_layer": (20.0, lambda water: fit.fit("two_layer", water)),
 }
 """What is calibrated, in order: minutes on two cores, about, and how."""
 

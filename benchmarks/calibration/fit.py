@@ -4,12 +4,12 @@ python -m benchmarks.calibration.fit       tests what is shipped: results/fit_te
 
 `python -m benchmarks.calibrate` fits the bodies, in the order in which they depend on each other.
 
-The finest body is that of tetrahedra at level 2, which moves as level 3 does. Its motions and the searches that have ended are kept in
-`runs/calibration`, under the digest of what they depend on, so that only the first fit waits for them. Fitted are
-stiffness, damping, muscles and drag, and where on a section the water is felt (`benchmarks/calibration/fit_search.py`);
-the masses keep the outline's mass, centre and yaw inertia. Several searches begin near one start, and the best is
-shipped. A body is trained on the commands of all tasks and of four families, and swims the gaits with which the finest
-one swims like a trout; it is tested on other seeds of the tasks and on four families it has not seen.
+The finest body is that of tetrahedra at level 2, which moves as level 3 does. Its motions are kept in
+`runs/calibration` as the searches are. Fitted are stiffness, damping, muscles and drag, and where on a section the
+water is felt (`benchmarks/calibration/fit_search.py`); the masses keep the outline's mass, centre and yaw inertia.
+Several searches begin near one start, and the best is shipped. A body is trained on the commands of all tasks and of
+four families, and is to do what living fish do; it is tested on other seeds of the tasks and on four families it has
+not seen.
 """
 
 import argparse
@@ -46,7 +46,8 @@ def digest_of(fish: Fish, contractions: np.ndarray) -> str:
     """Names what a body is and is told."""
     body, text = fish.body, hashlib.sha256()
     parts = [body.position, body.mass, *body.springs, fish.contracted, np.array(fish.activation_time)]
-    parts += [np.array([fish.water.quadratic, fish.time_step, fish.contraction_time]), contractions]
+    parts += [np.array([*fish.water[:2], fish.water.friction, fish.time_step, fish.contraction_time]), contractions]
+    parts += [] if fish.water.added_mass is None else [fish.water.added_mass]
     parts += [] if body.tets is None else [part for part in body.tets if isinstance(part, np.ndarray)]
     for part in parts:
         text.update(np.ascontiguousarray(part).tobytes())

@@ -19,9 +19,9 @@ from benchmarks.calibration.finest import living_gaits
 from benchmarks.calibration.fit_search import inaccuracy
 from benchmarks.calibration.midline import Midline, swim_gait, swim_midlines
 from benchmarks.calibration.performance import ENVELOPE, STATION, TROUT, bear, beyond
+from benchmarks.common import scenes
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.tables import RESULTS, write_csv
-from benchmarks.water import scenes
 from fish_env import make_fish
 from fish_env.bodies import Fish
 from fish_env.bodies.fitted import WATERS

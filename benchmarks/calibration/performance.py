@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.calibration.midline import Midline, swim_midlines
+from benchmarks.common import scenes
 from benchmarks.common.motion import areas
 from benchmarks.common.problems import steps_of
-from benchmarks.water import scenes
 from fish_env import Tank
 from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu

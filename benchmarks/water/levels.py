@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.common import scenes
 from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, pyplot, save
 from benchmarks.common.tables import RESULTS, ROOT, read_table, write_csv
 from benchmarks.common.trout import trout
-from benchmarks.water import scenes
 from fish_env import make_fish
 from fish_env.bodies import Fish
 from fish_env.control import evaluate, make_eval_env, scripted

@@ -157,8 +157,8 @@ def add_force_cached(body, world, control, x, v, f, cache):
     """Add the force of the water on every face, and store the data of `add_change`.
 
     A force that would reverse the motion of its face, and of the water with it, within half a step is limited to the
-    force that stops it. Otherwise the prediction, from which the change is computed, would grow from step to step. Friction
-    is limited too.
+    force that stops it. Otherwise the prediction, from which the change is computed, would grow from step to step.
+    Friction is limited too.
     """
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
