@@ -18,7 +18,7 @@ def kept(tmp_path, monkeypatch):
 
 
 def test_a_search_of_one_generation(tmp_path, monkeypatch, kept):
-    """It writes what it found, near where it began, with its provenance, and nothing of the package; then it is kept."""
+    """It writes what it found, near where it began, with its provenance; the package stays; found again, it is kept."""
     pytest.importorskip("cma")
     shipped, path = best_gait(), tmp_path / "gait.json"
     monkeypatch.setattr(gait_search, "GAIT_FILE", path)
