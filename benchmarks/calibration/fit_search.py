@@ -35,7 +35,7 @@ KEPT = {"drag": 0.75, "reactive": 0.3}
 """Part of its area that a section must keep, seen from above: one that is inverted never comes back."""
 UPRIGHT = 0.03
 """Roll, rad, that is free in strong gaits: the finest fish stays upright (`benchmarks.common.roll`)."""
-LIVING, STEP, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 0.7, 4.0, 0.5, 1.5, 2.0, 1.0, 0.003
+LIVING, STEP, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 5.0, 1.5, 3.0, 2.0, 1.0, 0.003
 """Weights: of living fish, of a stable step that is too short, of magnification, of the error of the default step, of
 sections that are nearly inverted, of roll, and of how far the search has gone."""
 FIXED: dict[str, dict] = {
@@ -86,13 +86,13 @@ SEARCHED: dict[str, dict[str, dict[str, Range]]] = {
     },
     "reactive": {
         "mass_spring": {
-            "stiffness": Range([2556.0, 5306.0, 2938.0], 25.0, 40_000.0),
-            "taper": Range([0.9341, 0.1317, 0.08663, 0.1372, 0.1254, 0.398], 0.02, 3.0),
-            "contracted": Range([0.74, 0.74, 0.74], 0.6, 0.97),
-            "damping_taper": Range([0.6617, 0.5046, 0.9002, 0.3757, 4.613, 0.2355], 0.02, 20.0),
-            "mass_factor": Range([0.2994, 0.5163, 0.9651, 0.8908, 0.5425, 0.788, 0.8531], 0.1, 4.0),
-            "water_place": Range([0.5] * 6, 0.02, 0.98),
-            "water_drag": Range([1.326, 2.466, 1.367, 1.047, 1.406, 1.022], 0.1, 6.0),
+            "stiffness": Range([1822.0, 4240.0, 3119.0], 25.0, 40_000.0),
+            "taper": Range([2.419, 0.1406, 0.09855, 0.09851, 0.1185, 0.3379], 0.02, 3.0),
+            "contracted": Range([0.7204, 0.7331, 0.7338], 0.6, 0.97),
+            "damping_taper": Range([0.6393, 0.3709, 1.138, 0.693, 7.044, 0.0208], 0.02, 20.0),
+            "mass_factor": Range([0.2808, 0.5492, 0.4189, 0.8016, 0.7236, 0.7368, 0.5271], 0.1, 4.0),
+            "water_place": Range([0.6584, 0.1548, 0.5426, 0.5934, 0.5822, 0.6124], 0.01, 0.99),
+            "water_drag": Range([1.338, 3.621, 2.09, 1.559, 1.842, 0.9368], 0.1, 8.0),
         },
         "planar": {
             "bending": Range([1.0] * 5, 0.2, 5.0),
