@@ -86,13 +86,13 @@ SEARCHED: dict[str, dict[str, dict[str, Range]]] = {
     },
     "reactive": {
         "mass_spring": {
-            "stiffness": Range([1822.0, 4240.0, 3119.0], 25.0, 40_000.0),
-            "taper": Range([2.419, 0.1406, 0.09855, 0.09851, 0.1185, 0.3379], 0.02, 3.0),
-            "contracted": Range([0.7204, 0.7331, 0.7338], 0.6, 0.97),
-            "damping_taper": Range([0.6393, 0.3709, 1.138, 0.693, 7.044, 0.0208], 0.02, 20.0),
-            "mass_factor": Range([0.2808, 0.5492, 0.4189, 0.8016, 0.7236, 0.7368, 0.5271], 0.1, 4.0),
-            "water_place": Range([0.6584, 0.1548, 0.5426, 0.5934, 0.5822, 0.6124], 0.01, 0.99),
-            "water_drag": Range([1.338, 3.621, 2.09, 1.559, 1.842, 0.9368], 0.1, 8.0),
+            "stiffness": Range([1829.0, 4192.0, 3094.0], 25.0, 40_000.0),
+            "taper": Range([2.295, 0.1453, 0.1008, 0.09748, 0.1198, 0.338], 0.02, 3.0),
+            "contracted": Range([0.7232, 0.7278, 0.7354], 0.6, 0.97),
+            "damping_taper": Range([0.634, 0.366, 1.142, 0.691, 7.106, 0.02051], 0.01, 20.0),
+            "mass_factor": Range([0.2807, 0.5413, 0.4292, 0.8053, 0.7253, 0.743, 0.5181], 0.1, 4.0),
+            "water_place": Range([0.6686, 0.1615, 0.5262, 0.5753, 0.5658, 0.6227], 0.01, 0.99),
+            "water_drag": Range([1.339, 3.717, 2.12, 1.556, 1.871, 0.9345], 0.1, 8.0),
         },
         "planar": {
             "bending": Range([1.0] * 5, 0.2, 5.0),
@@ -214,6 +214,15 @@ class Search:
             BUCKLING * beyond(KEPT[self.water], np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
             [STEP * max(limit, 0.0), MAGNIFIED * max(wild, 0.0), INACCURATE * max(off, 0.0)], near,
         ])  # fmt: skip
+
+    def squares(self, point) -> float:
+        """The sum of their squares; a large number where there is no such body."""
+        if (np.asarray(point) < self.low).any() or (np.asarray(point) > self.high).any():
+            return 1e4
+        try:
+            return float((self.residuals(point) ** 2).sum())
+        except ValueError:
+            return 1e4
 
     def jacobian(self, point) -> np.ndarray:
         """Their derivatives: forward differences, backward at an upper limit, zero where there is no such body."""
