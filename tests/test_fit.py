@@ -11,6 +11,7 @@ from benchmarks.calibration.keep import rounded
 from benchmarks.common.motion import FAILED, Motion, areas, errors, play, residuals
 from benchmarks.common.roll import roll, strong_gaits
 from fish_env import Tank, make_fish
+from fish_env.bodies import BODIES
 from fish_env.bodies import mass_spring as tu
 
 
@@ -115,6 +116,8 @@ def test_shipped_bodies_are_what_a_search_may_find():
     """The fitted parameters in the package lie within the ranges of the search."""
     for water, bodies in SEARCHED.items():
         for body, ranges in bodies.items():
+            if water not in BODIES[body].waters:
+                continue
             kept = fit_search.shipped(body, water)
             for name, (start, least, most) in ranges.items():
                 value = np.ravel(kept[name])

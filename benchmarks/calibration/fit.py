@@ -28,6 +28,7 @@ from benchmarks.common.search import minimise
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import write_csv
 from fish_env import TASKS, make_fish
+from fish_env.bodies import BODIES as KINDS
 from fish_env.bodies import Fish
 from fish_env.bodies.fitted import WATERS, read_calibration
 
@@ -177,7 +178,7 @@ def main() -> None:
     rows = []
     for water in WATERS:
         scenes = test_scenes(water)
-        for body in BODIES:
+        for body in (name for name in BODIES if water in KINDS[name].waters):
             found = tested(make_fish(body, water=water), scenes, water)
             text = " ".join(f"{r['scene']} {100 * float(r['distance']):.1f}" for r in found if r["quantity"] == "all")
             print(f"{water}, {body}: {text} %", flush=True)

@@ -23,6 +23,7 @@ from benchmarks.common import scenes
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.tables import RESULTS, write_csv
 from fish_env import make_fish
+from fish_env.bodies import BODIES as KINDS
 from fish_env.bodies import Fish
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import best_gait
@@ -51,6 +52,11 @@ def rows_of(water: str, name: str, level, found: list[Midline]) -> list[dict]:
     ]  # fmt: skip
 
 
+def calibrated() -> list[tuple[str, tuple]]:
+    """Each level of water with each of BODIES that is calibrated for it."""
+    return [(water, body) for water, body in product(WATERS, BODIES) if water in KINDS[body[0]].waters]
+
+
 def make(name: str, level, water: str) -> Fish:
     """A body of BODIES."""
     return make_fish(name, water=water, **({"level": level} if level else {}))
@@ -59,7 +65,7 @@ def make(name: str, level, water: str) -> Fish:
 def check() -> list[dict]:
     """Every body with the gaits of the finest one."""
     rows, speeds = [], [row.speed for row in TROUT]
-    for water, (name, level) in tqdm(list(product(WATERS, BODIES)), "bodies"):
+    for water, (name, level) in tqdm(calibrated(), "bodies"):
         fish, gaits = make(name, level, water), living_gaits(water)
         rows += rows_of(water, name, level, swim_midlines(fish, gaits, speeds, 5.0, 4, energy=True))
     return rows
@@ -138,7 +144,7 @@ def table(rows) -> str:
         "|---|---|---|---|---|---|---|",
         f"| trout | {cells(trout | {'work': []}).replace('|  |', '| 0.10 to 0.14 |', 1)[:-1]} -, 0.6, 0.9 |",
     ]  # fmt: skip
-    for water, (name, level) in product(WATERS, BODIES):
+    for water, (name, level) in calibrated():
         mine = [row for row in rows if (row["water"], row["body"], row["level"]) == (water, name, level)]
         label = f"{water}, `{name}`{f', level {level}' if level else ''}"
         lines.append(f"| {label} | {cells({key: [row[key] for row in mine] for key in COLUMNS})} |")
@@ -181,7 +187,11 @@ def draw(rows) -> None:
         panel.fill_between(STATION, beyond(wanted - 0.02, 0.0), wanted + 0.02, color="0.9", label="living fish, ± 0.02")
         panel.plot(STATION, wanted, color="0.3")
         for (name, level), look in looks.items():
-            row = [r for r in rows if (r["water"], r["body"], r["level"]) == (SHOWN, name, level)][k]
+            (row,) = [r for r in rows if (r["water"], r["body"], r["level"]) == (SHOWN, name, level)][k : k + 1] or [
+                None
+            ]
+            if row is None:  # not calibrated for this water
+                continue
             panel.plot(STATION, [row[f"amplitude_{i}"] for i in range(7)], look, ms=4, label=f"{name} {level}".strip())
         panel.set(title=f"{real.speed:g} BL/s, {real.frequency:g} Hz", xlabel="from the nose, BL")
     panels[0].set(ylabel="half the sway, BL", ylim=(0, None))

@@ -20,8 +20,11 @@ def read_calibration(body: str, water: str | None = None) -> dict:
     Raises:
         ValueError: for another level of water.
     """
-    found = json.loads(data("fish_env.bodies", f"{body}.json").read_text())
-    return found[check_level(water)]
+    found, level = json.loads(data("fish_env.bodies", f"{body}.json").read_text()), check_level(water)
+    if level not in found:
+        known = ", ".join(f"water={name!r}" for name in found)
+        raise ValueError(f"the {body} fish is not calibrated for water={level!r}; give {known}")
+    return found[level]
 
 
 def check_level(water: str | None) -> str:
@@ -43,7 +46,7 @@ def fitted_parameters(body: str, water: str | None, *given) -> list[np.ndarray]:
     Raises:
         ValueError: for an array of another shape, or a number that is not positive.
     """
-    found = read_calibration(body, water)["parameters"]
+    found = read_calibration(body, water)["parameters"] if any(value is None for value in given) else {}
     return [
         positive_array(found[name] if value is None else value, shape, name)
         for (name, shape), value in zip(SHAPES.items(), given, strict=True)
