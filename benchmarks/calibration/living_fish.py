@@ -187,12 +187,10 @@ def draw(rows) -> None:
         panel.fill_between(STATION, beyond(wanted - 0.02, 0.0), wanted + 0.02, color="0.9", label="living fish, ± 0.02")
         panel.plot(STATION, wanted, color="0.3")
         for (name, level), look in looks.items():
-            (row,) = [r for r in rows if (r["water"], r["body"], r["level"]) == (SHOWN, name, level)][k : k + 1] or [
-                None
-            ]
-            if row is None:  # not calibrated for this water
-                continue
-            panel.plot(STATION, [row[f"amplitude_{i}"] for i in range(7)], look, ms=4, label=f"{name} {level}".strip())
+            found = [row for row in rows if (row["water"], row["body"], row["level"]) == (SHOWN, name, level)]
+            for row in found[k : k + 1]:  # none of a body that is not calibrated for this water
+                sway = [row[f"amplitude_{i}"] for i in range(7)]
+                panel.plot(STATION, sway, look, ms=4, label=f"{name} {level}".strip())
         panel.set(title=f"{real.speed:g} BL/s, {real.frequency:g} Hz", xlabel="from the nose, BL")
     panels[0].set(ylabel="half the sway, BL", ylim=(0, None))
     panels[0].legend(frameon=False, fontsize=8)
