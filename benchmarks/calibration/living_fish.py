@@ -4,7 +4,7 @@ python -m benchmarks.calibration.living_fish      living_fish.csv, living_fish.s
 
 All bodies swim the three gaits of the finest one. With a part of their strength and with all of it, they turn while
 they cruise, and start from rest (`performance.py`). The best gait of the default fish is measured at its own step, and
-by RK4 at an eighth of it.
+by RK4 at a 32nd of it.
 """
 
 import argparse
@@ -101,13 +101,13 @@ GAIT = {  # of the best gait: attribute, lowest and highest of living fish, or o
 
 
 def check_best_gait() -> list[dict]:
-    """A row for each quantity of the best gait: at the fish's own step, by RK4 at an eighth of it, and the range."""
+    """A row for each quantity of the best gait: at the fish's own step, by RK4 at a 32nd of it, and the range."""
     return [row for water in WATERS for row in _of_best_gait(water)]
 
 
 def _of_best_gait(water: str) -> list[dict]:
     fish, gait = make_fish(water=water), best_gait(water)
-    swum, exact = swim_gait(fish, gait), swim_gait(fish, gait, integrator="rk4", dt=fish.time_step / 8)
+    swum, exact = swim_gait(fish, gait), swim_gait(fish, gait, integrator="rk4", dt=fish.time_step / 32)
     return [
         {
             "water": water, "quantity": name, "ours": round(value := getattr(swum, key), 4),
