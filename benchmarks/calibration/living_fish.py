@@ -162,8 +162,9 @@ def strength_table(rows) -> str:
     lines = [STRENGTH_HEAD]
     for row in rows:
         label = f"{row['water']}, `{row['body']}`, {row['strength']:g}"
+        radius = f"{row['radius']:.2f}".replace("nan", "-")  # hardly turned
         lines.append(
-            f"| {label} | {row['strain']:.2f} | {row['rate']:.0f} | {row['radius']:.2f} | {row['angle']:.0f} | "
+            f"| {label} | {row['strain']:.2f} | {row['rate']:.0f} | {radius} | {row['angle']:.0f} | "
             f"{row['acceleration']:.1f} | {row['kept']:.2f} | {row['error_percent']} |"
         )
     return "\n".join(lines)
