@@ -171,7 +171,7 @@ CALIBRATION = (
     ),
     Result(
         "calibration.all", "bodies, gaits and motor controllers of a level of water, from the outline",
-        "-m benchmarks.calibrate", 110, (*CALIBRATED, GAIT, MOTOR), by_name=True,
+        "-m benchmarks.calibrate", 50, (*CALIBRATED, GAIT, MOTOR), by_name=True,
         follows=EVERY_BODY,
     ),
 )  # fmt: skip
