@@ -161,7 +161,7 @@ CALIBRATED = tuple(f"fish_env/bodies/{name}.json" for name in ("tetrahedral", "m
 CALIBRATION = (
     Result(
         "calibration.living_fish", "every body and the best gait beside living fish: speed, sweep, sway of the midline",
-        "-m benchmarks.calibration.living_fish", 3, csv("living_fish", "gait", "living_fish.svg"),
+        "-m benchmarks.calibration.living_fish", 6, csv("living_fish", "strength", "gait", "living_fish.svg"),
         follows=EVERY_BODY,
     ),
     Result(

@@ -13,6 +13,7 @@ from benchmarks.common.roll import roll, strong_gaits
 from fish_env import Tank, make_fish
 from fish_env.bodies import BODIES
 from fish_env.bodies import mass_spring as tu
+from fish_env.bodies.fitted import read_calibration
 
 
 def drawn_motion(seed, scenes=3, intervals=120) -> Motion:
@@ -118,7 +119,7 @@ def test_shipped_bodies_are_what_a_search_may_find():
         for body, ranges in bodies.items():
             if water not in BODIES[body].waters:
                 continue
-            kept = fit_search.shipped(body, water)
+            kept = read_calibration(body, water)["parameters"]
             for name, (start, least, most) in ranges.items():
                 value = np.ravel(kept[name])
                 assert value.size == len(start)
@@ -133,7 +134,7 @@ def test_the_search_finds_the_way_back():
     for k, frequency in enumerate((2.0, 3.0)):
         wave = np.sin(2 * np.pi * (frequency * times[:, None] - 0.2 * fish.segments))
         swum[k] = 0.5 * (1.0 + fish.sides * wave)
-    problem, kept = Search("planar", "drag", swum, play(fish, swum)), fit_search.shipped("planar", "drag")
+    problem, kept = Search("planar", "drag", swum, play(fish, swum)), read_calibration("planar", "drag")["parameters"]
     point = np.concatenate([fit_search.logarithms(name, np.ravel(kept[name])) for name in SEARCHED["drag"]["planar"]])
     motion = slice(0, swum.shape[0] * (2 + 3 * swum.shape[1]))
     assert np.abs(problem.residuals(point)[motion]).max() < 1e-12

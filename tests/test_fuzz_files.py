@@ -101,7 +101,7 @@ def test_layouts_and_tables(place, data):
     call_file(load_tables, place.with_suffix(".json"))
 
 
-TABLES = json.loads(MOTOR_FILE.read_text())
+TABLES = json.loads(MOTOR_FILE.read_text())["drag"]
 
 
 @examples(80)
