@@ -10,7 +10,6 @@ from dataclasses import dataclass
 RESULTS, IMAGES = "benchmarks/results/", "docs/images/"
 GAIT = "fish_env/control/gait.json"
 MOTOR = "fish_env/control/motor_controllers.json"
-FINEST = "fish_env/bodies/tetrahedral.json"
 DEFAULT, EVERY_BODY, EVERY_TASK = ("body mass_spring",), ("body *",), ("body mass_spring", "task *")
 FINEST_BODY = ("body tetrahedral",)
 TRAINED = (*EVERY_TASK, "policy *")
@@ -158,43 +157,22 @@ OBJECTS = (
     ),
 )  # fmt: skip
 
-COMMANDS = "benchmarks/calibration/task_commands.npz"
+CALIBRATED = tuple(f"fish_env/bodies/{name}.json" for name in ("tetrahedral", "mass_spring", "planar", "two_layer"))
 CALIBRATION = (
     Result(
         "calibration.living_fish", "every body and the best gait beside living fish: speed, sweep, sway of the midline",
-        "-m benchmarks.calibration.living_fish --check", 3, csv("living_fish", "gait", "living_fish.svg"),
+        "-m benchmarks.calibration.living_fish", 6, csv("living_fish", "strength", "gait", "living_fish.svg"),
         follows=EVERY_BODY,
     ),
     Result(
         "calibration.fit_tests", "the fitted bodies on seeds and families of commands that they were not fitted to",
-        "-m benchmarks.calibration.fit --test", 8, csv("fit_tests"),
+        "-m benchmarks.calibration.fit", 16, csv("fit_tests"),
         follows=EVERY_BODY,
     ),
     Result(
-        "calibration.finest", "material of the finest body, and three gaits, calibrated to living fish",
-        "-m benchmarks.calibration.living_fish", 8, (FINEST,), by_name=True,
-        follows=FINEST_BODY,
-    ),
-    Result(
-        "calibration.commands", "adds what the motor controllers command in each task to what bodies are fitted to",
-        "-m benchmarks.calibration.commands", 1, (COMMANDS,), by_name=True,
-        follows=EVERY_TASK,
-    ),
-    Result(
-        "calibration.fit", "parameters of the other bodies, fitted in motion to the finest one",
-        "-m benchmarks.calibration.fit", 18,
-        tuple(f"fish_env/bodies/{name}.json" for name in ("mass_spring", "planar", "two_layer")), by_name=True,
+        "calibration.all", "bodies, gaits and motor controllers of a level of water, from the outline",
+        "-m benchmarks.calibrate", 50, (*CALIBRATED, GAIT, MOTOR), by_name=True,
         follows=EVERY_BODY,
-    ),
-    Result(
-        "calibration.gait_search", "the best open-loop gait",
-        "-m benchmarks.calibration.gait_search", 4, (GAIT,),
-        by_name=True,
-    ),
-    Result(
-        "calibration.motor_controllers", "tables of the motor controllers",
-        "-m benchmarks.calibration.motor_controllers --search", 5, (MOTOR,), by_name=True,
-        follows=EVERY_TASK,
     ),
 )  # fmt: skip
 

@@ -135,7 +135,7 @@ def rings():
 
 def world_with_all(body, current=(0.8, 0.6, 0.7), offset=-100.0, drag=0.2):
     """Water, gravity, air, two anchors on one node and one on another, and walls: far below, unless told otherwise."""
-    water = make_water(current=current, drag_coefficient=drag)
+    water = make_water(current=current, drag_coefficient=drag, friction=20.0)
     world = make_world((0.3, -0.2, -2.0), [((0, 0, 1), offset, 0.4), ((1, 0, 2), offset, 0.7)], 0.3, water)
     node = [2, 2, min(6, len(body.mass) - 1)]
     point = body.position[node] + [[0.03, -0.05, 0.1], [-0.04, -0.02, 0.06], [0.02, 0.03, -0.01]]

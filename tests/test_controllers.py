@@ -1,15 +1,25 @@
 """The motor controllers without learning: tables, symmetry, the batch, and that they do what each task asks."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.calibration import motor_controllers
-from fish_env.control import Habits, evaluate, load_tables, make_eval_env, random_actions, scripted
-from fish_env.control.motor import MOTOR_FILE, Swim, Table, Turn, scaled_turns, turn_mc
+from fish_env.control import (
+    Habits,
+    best_gait,
+    evaluate,
+    gait_controller,
+    load_tables,
+    make_eval_env,
+    random_actions,
+    scripted,
+)
+from fish_env.control.motor import MOTOR_FILE, Start, Swim, Table, Turn, scaled_turns, start_mc, turn_mc
 
-TASKS = ("Swim", "Turn", "LeftAfterRight", "Target", "Avoid")
+TASKS = ("Swim", "Turn", "LeftAfterRight", "Target", "Avoid", "FastStart")
 
 
 def make(task, num_envs, **options):
@@ -22,7 +32,7 @@ def test_tables_are_read_as_written():
 
     Half the smallest angle of the table is half its bend, for as long.
     """
-    tables, written = load_tables(), json.loads(MOTOR_FILE.read_text())
+    tables, written = load_tables(water="drag"), json.loads(MOTOR_FILE.read_text())["drag"]
     assert [row["angle"] for row in written["turns"]] == [30, 45, 60, 90] and written["provenance"]["command"]
     first, second = tables.turns.values[:2]
     assert first[0] == pytest.approx(np.radians(30)) and first[5] == written["turns"][0]["hold"]
@@ -36,6 +46,9 @@ def test_bad_rows_are_refused():
     """Contractions beyond 1, times that are not positive, rows out of order and single rows say what is allowed."""
     good = {"front": 0.5, "middle": 0.5, "tail": 0.1, "strokes": 0.5, "hold": 0.1, "straighten": 0.1, "phase": 0.0}
     row = Turn(1.0, **good)
+    for bad in ([-0.1], [1.0, 1.2], [1.0, 0.5, 0.5, 0.5, np.inf]):
+        with pytest.raises(ValueError, match="give"):
+            Start(*bad, *[0.1] * (10 - len(bad)))
     for bad in ({"front": 1.2}, {"tail": -1.1}, {"hold": 0.0}, {"phase": np.nan}):
         with pytest.raises(ValueError, match="give"):
             Turn(1.0, **(good | bad))
@@ -47,12 +60,27 @@ def test_bad_rows_are_refused():
 
 
 def test_turns_are_mirror_images():
-    """right-turn-MC contracts on the right what left-turn-MC contracts on the left."""
-    rows = scaled_turns(load_tables().turns, np.radians([30.0, 50.0, 90.0]))
-    for since in (0.0, 0.1, 0.4, 0.8):
-        left, right = (turn_mc(rows, side * np.ones(3), np.full(3, since))[0] for side in (1, -1))
-        np.testing.assert_array_equal(left, right[:, :, ::-1])
-        assert left.any() == (since < 0.7)
+    """Turns and fast starts to the right contract on the right what those to the left contract on the left."""
+    turns = scaled_turns(load_tables().turns, np.radians([30.0, 50.0, 90.0]))
+    starts = Table([Start(a, 0.9, 0.8, 0.7, 0.1, 0.3, 0.2, 0.1, 0.2, 0.0) for a in (1.0, 2.0)]).at(np.ones(3))
+    for since in (0.0, 0.1, 0.28, 0.4, 0.8):
+        for make, rows, end in ((turn_mc, turns, 0.7), (start_mc, starts, 0.3)):
+            left, right = (make(rows, side * np.ones(3), np.full(3, since))[0] for side in (1, -1))
+            np.testing.assert_array_equal(left, right[:, :, ::-1])
+            assert left.any() == (since < end)
+    assert left.shape == (3, 3, 2)
+    np.testing.assert_allclose(start_mc(starts, np.ones(3), np.full(3, 0.1))[0][0], [[0.9, 0], [0.8, 0], [0.7, 0]])
+    np.testing.assert_allclose(start_mc(starts, np.ones(3), np.full(3, 0.2))[0][0], [[0, 0.3], [0, 0.2], [0, 0.1]])
+
+
+def test_fast_starts_get_away():
+    """A C-start gets farther along the command than the best gait; tables without them are refused."""
+    env = make("FastStart", 40)
+    controllers = scripted(env), gait_controller(best_gait(), env)
+    started, swum = (evaluate(env, each, 11)["escape_distance"].mean() for each in controllers)
+    assert started > swum + 0.2
+    with pytest.raises(ValueError, match="have no fast starts; search them"):
+        scripted(env, replace(load_tables(), starts=None))
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -90,6 +118,8 @@ def test_every_task_is_played(task, groups):
         assert scores["speed"].min() > 1.5
     elif task == "Target":
         assert scores["targets"].mean() > 3
+    elif task == "FastStart":
+        assert scores["escape_distance"].mean() > 0.4
     else:
         assert scores["success"].mean() >= 0.5
 
@@ -115,5 +145,5 @@ def test_strokes_of_full_amplitude_swim():
     """The search of the swimming table tries strokes whose contraction is 1 and a rounding error."""
     r1, f, r2 = 0.9981 * (1.0 + 2**-52), 2.5, 0.7131
     stroke = np.array([[0.0, r1, f, r2, f]])
-    speed, effort = motor_controllers.steady(motor_controllers.gait_tables(), stroke, seconds=1.0, measured=0.5)
+    speed, effort = motor_controllers.steady(motor_controllers.gait_tables("drag"), stroke, "drag", 1.0, 0.5)
     assert 0.5 < speed[0] < 3.0 and 0.0 < effort[0] <= 1.0

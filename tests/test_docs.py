@@ -17,7 +17,7 @@ from pages import ROOT, blocks
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode
 from fish_env.physics.failures import FAILURES
-from fish_env.tasks import TASKS, avoid, start, target, turns
+from fish_env.tasks import TASKS, avoid, fast_start, start, target, turns
 from fish_env.tasks.options import keywords_of
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -276,6 +276,10 @@ FACTS = [
     ("left_after_right", r"at the latest after (\d+) s", turns.PATIENCE),
     ("target", r"(\d+) targets are drawn", target.DRAWN),
     ("avoid", r"a fish at (\d+) body lengths per second", avoid.CRUISE),
+    ("fast_start", r"whether ([\d.]+) body lengths were made good", fast_start.AWAY),
+    ("fast_start", r"heading within ([\d.]+) s of the command", fast_start.IN_TIME),
+    ("fast_start", r"within ([\d.]+) s of the command, m", fast_start.START),
+    ("fast_start", r"averaged over (\d+) ms", 1000 * fast_start.OVER),
 ]
 
 

@@ -23,7 +23,7 @@ def scene(name: str, inertia: bool):
     """A fish and its water: with inertia, a trout; its tail fin of tetrahedra is too soft for that as it is."""
     stiff = {"young": [1, 1, 1, 1, 1, 5] * np.array(read_calibration(name)["young"])} if name == "tetrahedral" else {}
     fish = make_fish(name, outline="trout", **stiff) if inertia else make_fish(name)
-    return fish, make_water(drag_coefficient=1.0, current=CURRENT, inertia=inertia)
+    return fish, make_water(drag_coefficient=1.0, current=CURRENT, inertia=inertia, friction=4.0)
 
 
 def swim(tank: Tank, seconds: float = SECONDS) -> None:

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration import commands, fit_search
-from benchmarks.calibration.fit_search import SEARCHED, Problem, beginning, parameters, rounded
+from benchmarks.calibration.fit_search import SEARCHED, Search, beginning, parameters
+from benchmarks.calibration.keep import rounded
 from benchmarks.common.motion import FAILED, Motion, areas, errors, play, residuals
 from benchmarks.common.roll import roll, strong_gaits
 from fish_env import Tank, make_fish
+from fish_env.bodies import BODIES
 from fish_env.bodies import mass_spring as tu
+from fish_env.bodies.fitted import read_calibration
 
 
 def drawn_motion(seed, scenes=3, intervals=120) -> Motion:
@@ -80,43 +83,47 @@ def test_play_reports_the_least_area():
     assert (kept[1] > 0.5).all() and kept[1, :3].max() < 0.99  # the three segments with muscles
 
 
-@pytest.mark.parametrize("body", SEARCHED)
-def test_parameters_at_the_beginning(body):
+@pytest.mark.parametrize(("water", "body"), [(water, body) for water in SEARCHED for body in SEARCHED[water]])
+def test_parameters_at_the_beginning(water, body):
     """A search begins at the values of its table, which are within their ranges and make a body."""
-    start, low, high = beginning(body)
+    start, low, high = beginning(body, water)
     assert ((low < start) & (start < high)).all()
-    given = parameters(body, start)
-    for name, (values, least, most) in SEARCHED[body].items():
+    given = parameters(body, water, start)
+    for name, (values, least, most) in SEARCHED[water][body].items():
         np.testing.assert_allclose(given[name], values[0] if len(values) == 1 else values, rtol=1e-12)
         assert least < min(values) and max(values) < most
-    assert make_fish(body, **rounded(given)).body.mass.sum() > 0.0
-    assert rounded({"a": [0.123456, 12345.6], "b": 0.000123456}) == {"a": [0.1235, 12350.0], "b": 0.0001235}
+    assert make_fish(body, water=water, **rounded(given)).body.mass.sum() > 0.0
+    short = {"a": [0.1235, 12350.0], "b": 0.0001235, "c": "trout", "d": None}
+    assert rounded({"a": [0.123456, 12345.6], "b": 0.000123456, "c": "trout", "d": None}) == short
 
 
 def test_scenes_that_count_more():
     """A weight multiplies the rows of its scene, and those alone; the scenes of a task come in a row."""
-    swum, point = np.zeros((2, 75, 12)), beginning("planar")[0]
+    swum, point = np.zeros((2, 75, 12)), beginning("planar", "drag")[0]
     swum[1, :, ::2] = 0.5
     finest = play(make_fish("mass_spring"), swum)
-    plain, weighted = (Problem("planar", swum, finest, weights=w).residuals(point) for w in (None, [1.0, 3.0]))
+    plain, weighted = (Search("planar", "drag", swum, finest, weights=w).residuals(point) for w in (None, [1.0, 3.0]))
     size = 2 + 3 * swum.shape[1]
     np.testing.assert_array_equal(weighted[:size], plain[:size])
     np.testing.assert_allclose(weighted[size : 2 * size], 3.0 * plain[size : 2 * size], rtol=1e-12)
     np.testing.assert_array_equal(weighted[2 * size :], plain[2 * size :])
     assert np.abs(plain[size : 2 * size]).max() > 0.0
     found = commands.weights()
-    assert found.size == len(commands.training_scenes(0)) and set(found) == {1.0, 2.0}
+    assert found.size == len(commands.training_scenes(0, 1.0)) and set(found) == {1.0, 2.0}
     assert (found[-commands.EACH["sprints"] :] == 2.0).all()
 
 
 def test_shipped_bodies_are_what_a_search_may_find():
     """The fitted parameters in the package lie within the ranges of the search."""
-    for body, ranges in SEARCHED.items():
-        kept = fit_search.shipped(body)
-        for name, (start, least, most) in ranges.items():
-            value = np.ravel(kept[name])
-            assert value.size == len(start)
-            assert (value >= least * (1 - 1e-3)).all() and (value <= most * (1 + 1e-3)).all(), (body, name)
+    for water, bodies in SEARCHED.items():
+        for body, ranges in bodies.items():
+            if water not in BODIES[body].waters:
+                continue
+            kept = read_calibration(body, water)["parameters"]
+            for name, (start, least, most) in ranges.items():
+                value = np.ravel(kept[name])
+                assert value.size == len(start)
+                assert (value >= least * (1 - 1e-3)).all() and (value <= most * (1 + 1e-3)).all(), (body, name)
 
 
 def test_the_search_finds_the_way_back():
@@ -127,8 +134,8 @@ def test_the_search_finds_the_way_back():
     for k, frequency in enumerate((2.0, 3.0)):
         wave = np.sin(2 * np.pi * (frequency * times[:, None] - 0.2 * fish.segments))
         swum[k] = 0.5 * (1.0 + fish.sides * wave)
-    problem, kept = Problem("planar", swum, play(fish, swum)), fit_search.shipped("planar")
-    point = np.concatenate([fit_search.logarithms(name, np.ravel(kept[name])) for name in SEARCHED["planar"]])
+    problem, kept = Search("planar", "drag", swum, play(fish, swum)), read_calibration("planar", "drag")["parameters"]
+    point = np.concatenate([fit_search.logarithms(name, np.ravel(kept[name])) for name in SEARCHED["drag"]["planar"]])
     motion = slice(0, swum.shape[0] * (2 + 3 * swum.shape[1]))
     assert np.abs(problem.residuals(point)[motion]).max() < 1e-12
     searched, changed = [1, 7, 10], point.copy()  # bending, muscles and drag of a section

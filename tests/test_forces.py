@@ -23,6 +23,7 @@ from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.forces.springs import MOST_COMPRESSED
 from fish_env.physics.linalg import rates
 from fish_env.physics.records import World
+from fish_env.physics.tank_options import apply_variation
 from fish_env.physics.world import VACUUM, make_anchors, make_world
 
 seeds = st.integers(0, 2**32 - 1)
@@ -68,7 +69,7 @@ def reference_force(part, body, world, x, v, rest):
         case "springs":
             return naive.spring_force(body.springs, rest, x, v)
         case "water":
-            return naive.water_force(body.faces, world, x, v)
+            return naive.water_force(body, world, x, v)
         case "pressure":
             return naive.gas_force(body.compartments, x)
         case "barriers":
@@ -98,7 +99,8 @@ def test_force(name, part, seed):
 @each_body
 def test_energies(name):
     """The energies are the textbook's; the gradient of their sum is minus the force on a body that does not move."""
-    body, world, (x, v, rest) = BODIES[name], WORLDS[name]._replace(linear=0.0, quadratic=0.0), random_state(name, 5)
+    body, (x, v, rest) = BODIES[name], random_state(name, 5)
+    world = WORLDS[name]._replace(linear=0.0, quadratic=0.0, friction=0.0)
     evaluator, still = Evaluator(body, world, names_of(name)), np.zeros_like(x)
     found = evaluator.energies(rest, x, v)
     wanted = {
@@ -138,7 +140,7 @@ def test_total(name):
     close(found, naive.total_force(body, still, rest, x, v))  # the drag of the air acts by itself
     if len(body.faces.nodes):
         later = v + 0.1 * np.abs(v).max() * np.random.default_rng(4).normal(size=v.shape)
-        change = naive.water_force(body.faces, world, x, later) - naive.water_force(body.faces, world, x, v)
+        change = naive.water_force(body, world, x, later) - naive.water_force(body, world, x, v)
         close(block.add("add_change", v=later), change)
 
 
@@ -250,7 +252,7 @@ def test_variation_is_a_scaled_body(seed):
     rng, (x, v, _), world = np.random.default_rng(seed), random_state("two layers", seed), WORLDS["two layers"]
     (stiffness, mass, drag), current = rng.uniform(0.5, 2.0, 3), rng.uniform(-1, 1, 3)
     found = Block(None, ALL, world, variation=[stiffness, mass, drag, *current]).set(x, v).add("add_force")
-    around = world._replace(quadratic=world.quadratic * drag, current=world.current + current)
+    _, around = apply_variation(ALL, world, [stiffness, mass, drag, *current])
     body = scale_body(ALL, stiffness, stiffness, mass)
     close(mass * found, naive.total_force(body, around, ALL.springs.rest_length, x, v))
 
@@ -379,12 +381,41 @@ def test_flat_plate(faces, seed, size, speed, outward):
         np.testing.assert_allclose(f, -wanted * outward * normal, rtol=0, atol=1e-12 * wanted)
 
 
+@pytest.mark.parametrize("law", ["quadratic", "linear"])
+@given(seed=seeds, length=st.floats(0.05, 5.0), speed=st.floats(1e-3, 10.0), angle=st.floats(0.0, 6.3))
+def test_plate_along_itself(law, seed, length, speed, angle):
+    """A plate moved along itself, however turned, has a factor times the friction of Blasius; at rest it has none."""
+    turn, world = small_bodies.turned(np.random.default_rng(seed)), make_water(998.0, 1.17, law, friction=2.5)
+    plate = make_body(length * SQUARE, np.ones(4), [], [], [], [], [(0, 1, 2, 3)], drag=[0.3])
+    ahead = turn @ [np.cos(angle), np.sin(angle), 0.0]
+    f = force("water", plate, world, length * SQUARE @ turn.T, np.tile(speed * ahead, (4, 1))).sum(axis=0)
+    drag = 0.5 * 998.0 * 2.5 * 1.328 / np.sqrt(speed * length / 1e-6) * length**2 * speed**2
+    np.testing.assert_allclose(f, -drag * ahead, rtol=0, atol=1e-9 * drag)
+    still = Evaluator(plate, world)
+    assert not still.force(np.zeros(0), length * SQUARE, np.zeros((4, 3))).any()
+    assert not np.any(still.jacobian(np.zeros(0), length * SQUARE, np.zeros((4, 3))))
+
+
+@pytest.mark.parametrize("length", [0.05, 0.6])
+def test_friction_of_any_size_only_slows(length):
+    """A fish shot along itself is slowed by the default method at its own step, also by friction of any size."""
+    fish = make_fish(length=length)
+    for factor in (100.0, 1e5):
+        tank, energy = Tank(fish, 1, water=make_water(friction=factor), threads=1), []
+        tank.velocity[:, :, 0] = 3.0 * length
+        for _ in range(20):
+            energy.append(fish.body.mass @ (tank.velocity[0] ** 2).sum(axis=1))
+            tank.advance(1)
+        assert tank.alive.all() and max(energy) == energy[0] and energy[-1] < 0.3 * energy[0]
+
+
 def test_make_water():
     """Water holds the coefficient of its law and no other: half density times drag coefficient, or the linear one."""
     quadratic, linear = make_water(998.0, 1.2, current=(1, 2, 3)), make_water(drag_coefficient=3.0, law="linear")
     assert (quadratic.linear, quadratic.quadratic) == (0.0, 0.5 * 998.0 * 1.2)
     np.testing.assert_array_equal(quadratic.current, [1.0, 2.0, 3.0])
     assert (linear.linear, linear.quadratic) == (3.0, 0.0)
+    assert (quadratic.friction, linear.friction) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -394,6 +425,9 @@ def test_make_water():
         ({"density": -1.0}, "density is -1.0"),
         ({"density": float("nan")}, "density is nan"),
         ({"density": [1.0]}, "density is"),
+        ({"friction": -1.0}, "friction is -1.0; give a finite number, zero or positive"),
+        ({"viscosity": float("nan")}, "viscosity is nan"),
+        ({"friction": 1e308, "density": 1e9}, "friction .* is infinite; give less"),
         ({"drag_coefficient": float("inf")}, "drag_coefficient is inf"),
         ({"current": (0.0, 0.0)}, r"current \(m/s\) has shape \(2,\); give shape \(3,\)"),
         ({"current": (0.0, float("nan"), 0.0)}, r"current \(m/s\) is nan at \(1,\)"),

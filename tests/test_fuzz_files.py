@@ -28,7 +28,7 @@ from fish_env.control import (
     replay,
     write_film,
 )
-from fish_env.control.motor import MOTOR_FILE, load_tables, swim_mc, turn_mc
+from fish_env.control.motor import MOTOR_FILE, load_tables, start_mc, swim_mc, turn_mc
 from fish_env.control.recording import arrays_of
 
 FILES = (ValueError, FileNotFoundError, gym.error.Error)
@@ -101,14 +101,14 @@ def test_layouts_and_tables(place, data):
     call_file(load_tables, place.with_suffix(".json"))
 
 
-TABLES = json.loads(MOTOR_FILE.read_text())
+TABLES = json.loads(MOTOR_FILE.read_text())["drag"]
 
 
 @examples(80)
 @given(data=st.data())
 def test_tables_with_other_numbers(place, data):
     """Tables of which a number, a row or a part is another one: refused, or contractions that are numbers."""
-    found = copy.deepcopy({name: TABLES[name] for name in ("turns", "swims", "front", "lag")})
+    found = copy.deepcopy({name: TABLES[name] for name in ("turns", "swims", "front", "lag", "starts")})
     part = data.draw(st.sampled_from(list(found)))
     value = data.draw(st.one_of(JSON, st.floats(0.0, 1.0), st.sampled_from([1, True, "0.5", [1], np.nan, -1.0])))
     if part == "front":
@@ -127,6 +127,8 @@ def test_tables_with_other_numbers(place, data):
             turn_mc(turns, np.array([1.0, -1.0]), np.array([0.0, 0.2]))[0],
             swim_mc(tables, swims, np.zeros((2, 2))),
         ]
+        starts = tables.starts.at(np.array([0.5, 2.0]))
+        added.append(start_mc(starts, np.array([1.0, -1.0]), np.array([0.0, 0.2]))[0])
         assert np.isfinite(added).all() and added[0].min() >= 0.0 and added[0].max() <= 1.0
 
 

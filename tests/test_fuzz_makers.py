@@ -23,7 +23,7 @@ from fish_env.tasks import TASKS
 
 FISH = make_fish()
 B = FISH.body
-PARAMETERS = {name: np.array(value) for name, value in calibrated().items()}
+PARAMETERS = {name: np.array(value) for name, value in calibrated().items() if value is not None}
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 SURFACE = np.array([[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [2, 0, 3, 3]])
 MATERIALS = {name: np.array(value) for name, value in vars(RING).items() if value is not None}
@@ -46,7 +46,8 @@ MAKERS = {
     "make_compartments": (make_compartments, {"position": CORNERS, "surfaces": [SURFACE], "pressure": 1.0},
                           {"ambient": 0.0}),
     "make_barriers": (make_barriers, {"position": CORNERS, "faces": [[1, 2, 3]], "inner": [0], "energy": 1.0}, {}),
-    "make_water": (make_water, {}, {"density": 1e3, "drag_coefficient": 1.0, "law": "linear", "current": np.zeros(3)}),
+    "make_water": (make_water, {}, {"density": 1e3, "drag_coefficient": 1.0, "law": "linear", "current": np.zeros(3),
+                                    "friction": 2.0, "viscosity": 1e-6}),
     "make_world": (make_world, {}, {"gravity": np.zeros(3), "planes": (((0, 0, 1), -1.0, 0.5),), "viscosity": 0.1,
                                     "water": make_water()}),
     "make_anchors": (make_anchors, {"node": [0, 5], "point": np.zeros((2, 3)), "stiffness": np.ones(2)},

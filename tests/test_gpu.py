@@ -204,7 +204,7 @@ def test_fewer_threads_than_fish():
 @pytest.mark.parametrize(
     "options",
     [
-        *({"task": task} for task in ("turn", "left_after_right", "target", "avoid")),
+        *({"task": task} for task in ("turn", "left_after_right", "target", "avoid", "fast_start")),
         *({"body": body} for body in BODIES[1:]),
         *({"integrator": name} for name in METHODS),
         {"dtype": "float32"},

@@ -73,10 +73,12 @@ def test_inconsistent_parts(name):
 @pytest.mark.parametrize("change", [{"node": np.array([-1])}, {"node": np.array([23])}, {"stiffness": np.ones(2)},
                                     {"point": np.array([[np.inf, 0.0, 0.0]])}])  # fmt: skip
 def test_inconsistent_anchors(change):
-    """Anchors of missing nodes, or with inconsistent arrays, raise an error."""
+    """Anchors of missing nodes, or with inconsistent arrays, raise an error; so does friction that drives."""
     anchors = make_anchors([0], [(0.0, 0.0, 0.0)], 1.0)._replace(**change)
     with pytest.raises(ValueError, match="anchors"):
         Tank(FISH, 1, water=FISH.water._replace(anchors=anchors))
+    with pytest.raises(ValueError, match="friction of the water"):
+        Tank(FISH, 1, water=FISH.water._replace(friction=-1.0))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ STUB = "FishEnv/Stub-v0"
 
 @pytest.mark.parametrize(
     ("id", "keywords"),
-    [*((f"FishEnv/{name}-v0", {}) for name in ("Turn", "LeftAfterRight", "Target", "Avoid")),
+    [*((f"FishEnv/{name}-v0", {}) for name in ("Turn", "LeftAfterRight", "Target", "Avoid", "FastStart")),
      (STUB, {"speed": 1.0}), (STUB, {"body": "planar"})],
 )  # fmt: skip
 def test_parts_follow_one_another(id, keywords):

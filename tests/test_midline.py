@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from benchmarks.validation import friction
+from benchmarks.validation import robot
 from fish_env import make_fish, make_water, prescribe
 from fish_env.physics.forces import FORCES
 from fish_env.physics.world import VACUUM
@@ -56,18 +56,17 @@ def check_balance(found, fish):
 def test_towed_straight():
     """A straight body that is towed meets the drag of its faces and puts in no power."""
     found, speed = prescribe(FISH, np.zeros((1, 4)), PERIOD, speed=0.3), np.tile((0.3, 0.0, 0.0), (len(MASS), 1))
-    by_hand = naive.water_force(FISH.body.faces, FISH.water, FISH.body.position, speed).sum(axis=0)[:2]
+    by_hand = naive.water_force(FISH.body, FISH.water, FISH.body.position, speed).sum(axis=0)[:2]
     assert by_hand[0] < 0.0 == found.power.max() == found.sweep.max() == found.strouhal
     np.testing.assert_allclose(found.force, np.tile(by_hand, (len(found.time), 1)), rtol=1e-12, atol=1e-15)
     assert (found.speed, found.relative_speed) == pytest.approx((0.3, 0.3 / LENGTH))
 
 
-def test_friction(monkeypatch):
-    """A user's own force acts: friction pulls a towed plane backward by the part of its surface that is along it."""
-    monkeypatch.setitem(FORCES, "friction", friction)
-    coefficient, speed = friction.blasius(40_000.0), 0.3
-    assert coefficient == pytest.approx(0.00664)
-    rough = friction.with_friction(FISH.water, FISH.body, coefficient)
+def test_own_force(monkeypatch):
+    """A user's own force acts: a bluff front pulls a towed body backward, by the surface along its motion."""
+    monkeypatch.setitem(FORCES, "front", robot)
+    coefficient, speed = 0.1, 0.3
+    rough = robot.with_bluff_front(FISH, FISH.water, coefficient)
     smooth, found = (prescribe(FISH, np.zeros((1, 4)), PERIOD, water=w, speed=speed).force[0, 0]
                      for w in (FISH.water, rough))  # fmt: skip
     p, q, r, s = FISH.body.position[FISH.body.faces.nodes.T]
@@ -80,7 +79,7 @@ def test_heaving():
     """The power of a body that heaves is that of its mass and of the water on its faces."""
     found = prescribe(FISH, heave, PERIOD, speed=0.0)
     rate = SHIFT * LENGTH * OMEGA * np.cos(OMEGA * found.time)
-    water = [naive.water_force(FISH.body.faces, FISH.water, FISH.body.position, v) for v in
+    water = [naive.water_force(FISH.body, FISH.water, FISH.body.position, v) for v in
              rate[:, None, None] * np.tile((0.0, 1.0, 0.0), (len(MASS), 1))]  # fmt: skip
     water = np.array(water).sum(axis=1)[:, 1]
     lift = -MASS.sum() * SHIFT * LENGTH * OMEGA**2 * np.sin(OMEGA * found.time)
@@ -98,8 +97,7 @@ def test_free(body):
     fish = make_fish(body)
     found, mass = prescribe(fish, wave, PERIOD), fish.body.mass
     v = check_balance(found, fish)
-    faces = fish.body.faces
-    lost = [(naive.water_force(faces, fish.water, *at) * at[1]).sum() for at in zip(found.position, v, strict=True)]
+    lost = [(naive.water_force(fish.body, fish.water, *at) * at[1]).sum() for at in zip(found.position, v, strict=True)]
     stored = change_of(0.5 * (mass @ (v**2).sum(axis=2).T))
     np.testing.assert_allclose(found.power, stored - lost, atol=0.02 * found.power.max())
     assert found.power.mean() > 0.0 and found.speed > 0.1 and found.strouhal == pytest.approx(

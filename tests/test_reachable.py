@@ -84,7 +84,8 @@ def tank(name, held=False):
 """
 
 
-CALLS = [f"env('FishEnv/{task}-v0', {single})" for task in ("Swim", "Turn", "LeftAfterRight", "Target", "Avoid")
+CALLS = [f"env('FishEnv/{task}-v0', {single})"
+         for task in ("Swim", "Turn", "LeftAfterRight", "Target", "Avoid", "FastStart")
          for single in ("True", "False, muscle_groups='pairs'")]  # fmt: skip
 CALLS += ["tank('mass_spring')", "tank('mass_spring', True)", "tank('ring')"]
 

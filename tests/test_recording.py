@@ -11,7 +11,7 @@ from fish_env.control.evaluation import evaluation_options, policy_controller
 from fish_env.control.recording import SHAPES, Recording, arrays_of
 
 VARIED = {"stiffness": (0.5, 2.0), "mass": (0.8, 1.2), "drag": 1.3, "current": (0.2, 0.5), "roll": 0.4}
-TASKS = ("Swim", "Turn", "LeftAfterRight", "Target", "Avoid")
+TASKS = ("Swim", "Turn", "LeftAfterRight", "Target", "Avoid", "FastStart")
 CASES = [
     *((f"FishEnv/{task}-v0", {"variation": VARIED}, {}) for task in TASKS),
     ("FishEnv/Stub-v0", {}, {}),

@@ -44,6 +44,7 @@ OF_TASKS = {
     "Turn": {"angle": 0.5, "wait": 3.0},
     "LeftAfterRight": {"angle": 1.5, "severity": 0.2, "part": 0.9, "dwell": 0.5, "wait": 3.0, "reversals": 2},
     "Target": {"distance": 4.0, "bearing": 0.1},
+    "FastStart": {"angle": 1.5, "speed": 2.5, "wait": 3.0},
     "Avoid": {"gap": 4.0, "aside": 0.0, "drift": 2.5, "sweeping": 1.0, "turning": 1.0, "angle": 0.3, "wait": 5.0},
 }
 

@@ -71,7 +71,9 @@ def everything():
         barriers=make_barriers(x, faces[:, ::-1] if np.dot(p, np.cross(q, r)) < 0 else faces, inner, 0.1),
     )  # fmt: skip
     anchors = make_anchors([0, 7], [[0.1, 0.2, 0.3], [-0.1, 0.0, 0.2]], [20.0, 30.0], rest_length=[0.0, 0.1])
-    world = make_world((0.0, 0.0, -9.81), water=make_water(current=(0.2, 0.3, -0.1)))._replace(anchors=anchors)
+    world = make_world((0.0, 0.0, -9.81), water=make_water(current=(0.2, 0.3, -0.1), friction=9.0))._replace(
+        anchors=anchors
+    )
     bent = x + 0.002 * rng.normal(size=x.shape)
     bent[inner] += 0.8 * (x[faces].mean(axis=1) - x[inner])  # so near the faces that the barriers push
     return body, world, bent

@@ -102,10 +102,12 @@ def fits():
 
 
 def gait():
-    """The best gait, at the default step and by RK4."""
-    for row in read_table("gait.csv"):
-        digits = ".1f" if "speed" in row["quantity"] else ".2f"
-        yield line(row["quantity"], *(f"{row[key]:{digits}}" for key in ("ours", "reference")), "")[:-2]
+    """The best gait in both waters, at the default step and by RK4."""
+    found = {(row["water"], row["quantity"]): row for row in read_table("gait.csv")}
+    for name in living_fish.GAIT:
+        digits = ".1f" if "speed" in name else ".2f"
+        values = (found[water, name][key] for water in ("drag", "reactive") for key in ("ours", "reference"))
+        yield line(name, *(f"{value:{digits}}" for value in values), "")[:-2]
 
 
 def rates():
@@ -216,7 +218,11 @@ PAGES = {
     "choosing-an-integrator": (methods, own_steps, least_prices, failures),
     "choosing-a-body": (bodies, fits),
     "choosing-the-water": (water_tables,),
-    "validation": (gait, lambda: [living_fish.table(read_table("living_fish.csv"))]),
+    "validation": (
+        gait,
+        lambda: [living_fish.table(read_table("living_fish.csv"))],
+        lambda: [living_fish.strength_table(read_table("strength.csv"))],
+    ),
     "performance": (rates, peers),
     "soft-objects": (scenes, collapse, limits, beam, strains, moved_solids),
 }

@@ -218,6 +218,52 @@ def test_swaying_is_no_overshoot():
         assert found["heading_error"] < 0.03 * 8.0
 
 
+# Fast start
+
+
+@pytest.mark.parametrize("interval", [0.02, 0.04])
+def test_fast_start_is_measured_as_it_is_defined(interval):
+    """Metrics and reward are those that numpy finds from the positions and velocities of the nodes, at each step."""
+    env = FishVectorEnv(2, task="fast_start", control_interval=interval, max_episode_steps=100)
+    body, line, length = env.tank.fish.body, env.tank.fish.line, env.tank.fish.length
+    turn, told = (2.0, -1.2), (0, math.ceil(0.1 / interval))  # environment steps until the command
+    for i in range(2):
+        options = {"yaw": 3.0, "turn": turn[i], "wait": told[i] * interval, "speed": 1.5}
+        env.reset(seed=i, options={**options, "reset_mask": np.arange(2) == i})
+    seen = [[env.tank.position.copy(), env.tank.velocity.copy(), env.task.vectors(env.tank, env._pose)[:, 0]]]
+    for action in np.random.default_rng(0).uniform(-1, 1, (50, 2, 12)):
+        env.step(action)
+        seen.append([env.tank.position.copy(), env.tank.velocity.copy(), env.task.vectors(env.tank, env._pose)[:, 0]])
+    position, velocity, commands = map(np.array, zip(*seen, strict=True))
+    for i, k in enumerate(told):
+        centre, speed = (body.mass @ each[:, i] / body.mass.sum() for each in (position, velocity))
+        yaw = np.unwrap(np.arctan2(*(line @ position[:, i])[:, 1::-1].T))
+        way = heading_after(3.0 + turn[i], commands[:, i], k)
+        after = {seconds: k + int(seconds / interval + 0.5) for seconds in (0.04, 0.1, 0.2, 0.3, 0.8)}
+        along = (centre - centre[k]) @ way / length
+        over = after[0.04] - k
+        change = [np.linalg.norm(speed[j + over] - speed[j]) for j in range(k, after[0.3] - over + 1)]
+        found = env.episode_info(i)
+        angles = np.degrees(np.sign(turn[i]) * (yaw - yaw[k]))
+        wanted = {f"angle_{1000 * t:.0f}ms": angles[after[t]] for t in (0.1, 0.2, 0.3)} | {
+            "distance_200ms": np.linalg.norm(np.diff(centre[k : after[0.2] + 1], axis=0), axis=1).sum() / length,
+            "speed_200ms": np.linalg.norm(speed[after[0.2]]) / length,
+            "peak_acceleration": max(change) / (over * interval), "escape_distance": along[-1],
+            "success": along[k : after[0.8] + 1].max() >= 0.5,
+        }  # fmt: skip
+        assert {name: found[name] for name in wanted} == pytest.approx(wanted, rel=1e-6, abs=1e-6)
+        assert found["terms"]["progress"] == pytest.approx(along[-1], rel=1e-9)
+        assert np.linalg.norm(speed[0]) == pytest.approx(1.5 * length, rel=0.01)
+
+
+def heading_after(angle, commands, step):
+    """The direction of an angle, after a check that the fish is told it from a step on, and nothing before."""
+    way = start.heading_vector(angle)
+    assert (commands[:step] == 0.0).all()
+    np.testing.assert_allclose(commands[step:], np.broadcast_to(way, commands[step:].shape), atol=1e-9)
+    return way
+
+
 # Strain and energy
 
 

@@ -17,9 +17,10 @@ import numpy as np
 from benchmarks.common.families import bang_bang, bends, chirp, gaits, held, reversals, sprints, square, wandering
 from benchmarks.common.motion import SECONDS, record
 from benchmarks.common.tables import provenance
-from fish_env import TASKS, make_fish
+from fish_env import make_fish
 
 FILE = Path(__file__).with_name("task_commands.npz")
+RECORDED = ("swim", "turn", "left_after_right", "target", "avoid")  # tasks, in the order of the file
 FIRST_SEED, SEEDS = 7_000, 8  # of the recorded scenes of each task
 WEIGHTS = {"left_after_right": 2.0, "sprints": 2.0}
 """On the errors of a task's or a family's scenes: the manoeuvre in which methods are compared, and what a search for
@@ -45,23 +46,23 @@ def recorded() -> np.ndarray:
     return np.load(FILE)["contraction"].astype(float)
 
 
-def training_scenes(seed: int) -> np.ndarray:
-    """What bodies are fitted to: the recorded commands of the tasks, and scenes of every family of TRAINING."""
-    parts = list(recorded())
+def training_scenes(seed: int, strength: float) -> np.ndarray:
+    """What bodies are fitted to: recorded commands of tasks, times `strength`, and scenes of every family."""
+    parts = list(strength * recorded())
     parts += [drawn(family, seed + k, EACH[name]) for k, (name, family) in enumerate(TRAINING.items())]
     return np.concatenate(parts)
 
 
 def weights() -> np.ndarray:
     """Factors (scenes,) on the errors of the scenes of `training_scenes`."""
-    names = [*np.tile(np.repeat(list(TASKS), SEEDS), len(recorded())), *np.repeat(list(TRAINING), list(EACH.values()))]
+    names = [*np.tile(np.repeat(RECORDED, SEEDS), len(recorded())), *np.repeat(list(TRAINING), list(EACH.values()))]
     return np.array([WEIGHTS.get(name, 1.0) for name in names])
 
 
 def main() -> None:
-    """Record what the motor controllers command."""
+    """Record what the motor controllers command in the RECORDED tasks."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    found = np.concatenate([record(task, SEEDS, FIRST_SEED) for task in TASKS])[None]
+    found = np.concatenate([record(task, SEEDS, FIRST_SEED) for task in RECORDED])[None]
     found = np.concatenate([recorded(), found]) if FILE.exists() else found
     about = json.dumps(provenance("python -m benchmarks.calibration.commands"))
     np.savez_compressed(FILE, contraction=found.astype(np.float16), provenance=about)

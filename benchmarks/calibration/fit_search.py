@@ -6,42 +6,45 @@ They are the errors of every scene (`benchmarks.common.motion.residuals`); how f
 gaits of the finest one; and what is beyond the limits of the stable step and of the magnification.
 """
 
-import json
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from tqdm import tqdm
 
-import fish_env.bodies
-from benchmarks.calibration.living_fish import BEATS, ENVELOPE, SECONDS, TROUT, beyond, living_gaits
-from benchmarks.calibration.midline import swim_midlines
+from benchmarks.calibration.finest import living_gaits
+from benchmarks.calibration.performance import beyond, perform
+from benchmarks.calibration.performance import residuals as aims
 from benchmarks.common.motion import Motion, play, residuals
-from benchmarks.common.problems import DISTURBANCE, left_after_right
+from benchmarks.common.problems import DISTURBANCE, Problem, distance, left_after_right, run, steps_of
 from benchmarks.common.roll import roll
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
+from fish_env.bodies.fitted import read_calibration
 from fish_env.physics.integrators import limits
 
-FOLDER = Path(fish_env.bodies.__file__).parent
-LIMIT = 0.00075
+LIMIT = {"drag": 0.00075, "reactive": 0.0002}
 """Stable step of symplectic Euler, s, that a body must have: stiffness and damping that hardly move it are expensive,
-and Tu's method has the same limit. At this one, the default method needs four stages a step."""
+and Tu's method has the same limit. At the first, the default method needs four stages a step."""
 PREDICTABLE = 50.0
 """Times that the abrupt manoeuvre may magnify a disturbance: a fish that buckles does so a millionfold, and nobody can
 say where it ends (the finest body: 5 times)."""
-KEPT = 0.75
+ACCURATE, FINE = 0.007, 48
+"""Error of the abrupt manoeuvre that is free, body lengths, and the steps a control interval that it is taken from."""
+KEPT = {"drag": 0.75, "reactive": 0.3}
 """Part of its area that a section must keep, seen from above: one that is inverted never comes back."""
 UPRIGHT = 0.03
 """Roll, rad, that is free in strong gaits: the finest fish stays upright (`benchmarks.common.roll`)."""
-SWIMS_OFF, SWAYS_OFF, NOSE = 0.08, 0.015, (0.09, 0.185)
-"""Of the three gaits: what is free of the logarithms of speed and sweep, of the sway along the midline in body lengths,
-and the range of the nose's sway over the tail's."""
-LIVING, STEP, MAGNIFIED, BUCKLING, ROLLING, NEAR = 5.0, 4.0, 0.5, 2.0, 1.0, 0.003
-"""Weights: of the gaits, of a stable step that is too short, of magnification, of sections that are nearly inverted, of
-roll, and of how far the search has gone."""
-RELAXATION_TIME = 0.001  # s, to which `damping_taper` is relative
+LIVING, STEP, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 5.0, 1.5, 3.0, 2.0, 1.0, 0.003
+"""Weights: of living fish, of a stable step that is too short, of magnification, of the error of the default step, of
+sections that are nearly inverted, of roll, and of how far the search has gone."""
+FIXED: dict[str, dict] = {
+    "drag": {"relaxation_time": 0.001},
+    "reactive": {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout"},
+}
+"""Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time. Its water is
+that of the finest body."""
+OF_WATER = ("drag_coefficient", "friction", "added_mass")
 DIFFERENCE, SPREAD = 1e-3, 0.02
 """Of the logarithms: for the Jacobian, and the standard deviation of where the searches begin."""
 MOST_STEPS, TIMES, ENOUGH = 20, 3, 2e-3  # a search that is held up by a rough place goes on with longer steps
@@ -55,29 +58,56 @@ class Range(NamedTuple):
     most: float
 
 
-SEARCHED: dict[str, dict[str, Range]] = {
-    "mass_spring": {
-        "stiffness": Range([162.0, 2260.0, 555.0], 25.0, 12_000.0),
-        "taper": Range([0.897, 0.287, 0.0857, 0.108, 0.112, 0.203], 0.02, 1.5),
-        "contracted": Range([0.875, 0.888, 0.81], 0.7, 0.97),
-        "damping_taper": Range([1.07, 1.92, 1.86, 1.76, 8.49, 1.83], 0.1, 20.0),
-        "mass_factor": Range([0.615, 0.595, 1.26, 1.4, 0.786, 0.744, 0.827], 0.25, 4.0),
-        "water_place": Range([0.243, 0.375, 0.941, 0.207, 0.316, 0.705], 0.02, 0.98),
-        "water_drag": Range([0.504, 4.24, 0.367, 2.39, 4.01, 1.09], 0.1, 6.0),
+SEARCHED: dict[str, dict[str, dict[str, Range]]] = {
+    "drag": {
+        "mass_spring": {
+            "stiffness": Range([162.0, 2260.0, 555.0], 25.0, 12_000.0),
+            "taper": Range([0.897, 0.287, 0.0857, 0.108, 0.112, 0.203], 0.02, 1.5),
+            "contracted": Range([0.875, 0.888, 0.81], 0.7, 0.97),
+            "damping_taper": Range([1.07, 1.92, 1.86, 1.76, 8.49, 1.83], 0.1, 20.0),
+            "mass_factor": Range([0.615, 0.595, 1.26, 1.4, 0.786, 0.744, 0.827], 0.25, 4.0),
+            "water_place": Range([0.243, 0.375, 0.941, 0.207, 0.316, 0.705], 0.02, 0.98),
+            "water_drag": Range([0.504, 4.24, 0.367, 2.39, 4.01, 1.09], 0.1, 6.0),
+        },
+        "planar": {
+            "bending": Range([1.0] * 5, 0.3, 3.0),
+            "shear": Range([1.0], 0.3, 3.0),
+            "pull": Range([1.0] * 3, 0.5, 2.0),
+            "drag": Range([1.0] * 6, 0.2, 3.0),
+            "damping": Range([1.0], 0.2, 5.0),
+        },
+        "two_layer": {
+            "bending": Range([1.6, 1.05, 0.66, 0.66, 1.5], 0.2, 5.0),
+            "shear": Range([1.6], 0.3, 5.0),
+            "pull": Range([1.2, 1.3, 1.25], 0.5, 2.0),
+            "drag": Range([0.6, 0.6, 0.9, 0.9, 1.6, 0.9], 0.1, 6.0),
+            "damping": Range([0.4], 0.05, 5.0),
+        },
     },
-    "planar": {
-        "bending": Range([1.0] * 5, 0.3, 3.0),
-        "shear": Range([1.0], 0.3, 3.0),
-        "pull": Range([1.0] * 3, 0.5, 2.0),
-        "drag": Range([1.0] * 6, 0.2, 3.0),
-        "damping": Range([1.0], 0.2, 5.0),
-    },
-    "two_layer": {
-        "bending": Range([1.6, 1.05, 0.66, 0.66, 1.5], 0.2, 5.0),
-        "shear": Range([1.6], 0.3, 5.0),
-        "pull": Range([1.2, 1.3, 1.25], 0.5, 2.0),
-        "drag": Range([0.6, 0.6, 0.9, 0.9, 1.6, 0.9], 0.1, 6.0),
-        "damping": Range([0.4], 0.05, 5.0),
+    "reactive": {
+        "mass_spring": {
+            "stiffness": Range([1829.0, 4192.0, 3094.0], 25.0, 40_000.0),
+            "taper": Range([2.295, 0.1453, 0.1008, 0.09748, 0.1198, 0.338], 0.02, 3.0),
+            "contracted": Range([0.7232, 0.7278, 0.7354], 0.6, 0.97),
+            "damping_taper": Range([0.634, 0.366, 1.142, 0.691, 7.106, 0.02051], 0.01, 20.0),
+            "mass_factor": Range([0.2807, 0.5413, 0.4292, 0.8053, 0.7253, 0.743, 0.5181], 0.1, 4.0),
+            "water_place": Range([0.6686, 0.1615, 0.5262, 0.5753, 0.5658, 0.6227], 0.01, 0.99),
+            "water_drag": Range([1.339, 3.717, 2.12, 1.556, 1.871, 0.9345], 0.1, 8.0),
+        },
+        "planar": {
+            "bending": Range([1.0] * 5, 0.2, 5.0),
+            "shear": Range([1.0], 0.2, 5.0),
+            "pull": Range([1.0] * 3, 0.5, 2.0),
+            "drag": Range([1.0] * 6, 0.2, 3.0),
+            "damping": Range([1.0], 0.2, 5.0),
+        },
+        "two_layer": {
+            "bending": Range([1.0] * 5, 0.2, 5.0),
+            "shear": Range([1.0], 0.2, 5.0),
+            "pull": Range([1.0] * 3, 0.5, 2.0),
+            "drag": Range([1.0] * 6, 0.1, 6.0),
+            "damping": Range([1.0], 0.05, 5.0),
+        },
     },
 }
 """Near what earlier searches ended with; `planar` and `two_layer` are factors on `mass_spring`."""
@@ -88,12 +118,13 @@ def logarithms(name: str, values) -> np.ndarray:
     return np.log(1.0 - np.asarray(values)) if name == "contracted" else np.log(values)
 
 
-def parameters(body: str, point) -> dict:
+def parameters(body: str, water: str, point) -> dict:
     """The parameters at a point of the search."""
     given, used = {}, 0
     if body == "mass_spring":
-        given["relaxation_time"] = RELAXATION_TIME
-    for name, (start, *_) in SEARCHED[body].items():
+        known = read_calibration("tetrahedral", water)["parameters"]
+        given = FIXED[water] | {name: known[name] for name in OF_WATER if name in known}
+    for name, (start, *_) in SEARCHED[water][body].items():
         value = np.exp(point[used : used + len(start)])
         used += len(start)
         value = (1.0 - value if name == "contracted" else value).tolist()
@@ -101,46 +132,30 @@ def parameters(body: str, point) -> dict:
     return given
 
 
-def rounded(given: dict, digits=4) -> dict:
-    """Parameters of so many significant digits, as they are shipped."""
-    short = {name: [float(f"{v:.{digits}g}") for v in np.ravel(value)] for name, value in given.items()}
-    return {name: value[0] if np.ndim(given[name]) == 0 else value for name, value in short.items()}
-
-
-def shipped(body: str) -> dict:
-    """The parameters that the package has."""
-    return json.loads((FOLDER / f"{body}.json").read_text())["parameters"]
-
-
-def beginning(body: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def beginning(body: str, water: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The point at which the search begins, and the lowest and the highest point."""
     columns = []
-    for name, (start, least, most) in SEARCHED[body].items():
+    for name, (start, least, most) in SEARCHED[water][body].items():
         ends = sorted([float(logarithms(name, least)), float(logarithms(name, most))])
         columns.append(np.array([logarithms(name, start), *(np.full(len(start), end) for end in ends)]))
     start, low, high = np.concatenate(columns, axis=1)
     return start, low, high
 
 
-def off_trout(fish: Fish) -> np.ndarray:
-    """How far beyond what is free the finest body's three gaits, swum by this body, are from a living trout, (27,)."""
-    rows = []
-    for found, real in zip(
-        swim_midlines(fish, living_gaits(), [row.speed for row in TROUT], SECONDS, BEATS), TROUT, strict=True
-    ):
-        if found.failure or not np.isfinite(found.sweep):
-            rows.append(np.full(9, 2.0))
-            continue
-        off = np.log([max(found.speed, 0.02) / real.speed, max(found.sweep, 0.005) / real.sweep])
-        sway = found.amplitude[:6] - 0.5 * real.sweep * ENVELOPE[:6]
-        nose = 3.0 * (beyond(found.nose, NOSE[1]) - beyond(NOSE[0], found.nose))
-        rows.append(np.array([*_outside(off, SWIMS_OFF), *(10.0 * _outside(sway, SWAYS_OFF)), nose]))
-    return np.concatenate(rows)
+def living(fish: Fish, water: str) -> np.ndarray:
+    """How far this body, with the finest one's three gaits, its turns and its starts are from living fish, (51,)."""
+    try:
+        return aims(perform(fish, living_gaits(water)))
+    except ArithmeticError:
+        return np.full(51, 2.0)
 
 
-def _outside(value, free):
-    """What is beyond -free to free."""
-    return value - np.clip(value, -free, free)
+def inaccuracy(fish: Fish) -> float:
+    """Largest distance of any node in the abrupt manoeuvre at the fish's own step from a finer one, body lengths."""
+    scene = Problem("turn", "left after right", fish, fish.water, left_after_right(fish))
+    fine, reference = run(scene, fish.integrator, FINE)
+    path, tank = run(scene, fish.integrator, steps_of(fish), refine=fish.refine)
+    return distance(fish, path, fine) if tank.alive[0] and reference.alive[0] else 1.0
 
 
 def magnification(fish: Fish) -> float:
@@ -157,22 +172,23 @@ def magnification(fish: Fish) -> float:
     return moved / (DISTURBANCE * fish.length) if tank.alive.all() else 1e7
 
 
-class Problem:
+class Search:
     """The residuals of a body at the points of a search.
 
     Args:
         body: its name.
+        water: the level of water that it is fitted for.
         contractions: (S,K,M) that it is told.
         finest: what the finest body makes of them.
         base: parameters of the body that are other than those of the package, and that are not searched.
         weights: (S,) factors on the errors of the scenes; None for ones.
     """
 
-    def __init__(self, body: str, contractions: np.ndarray, finest: Motion, base=None, weights=None):
-        self.body, self.contractions, self.finest = body, contractions, finest
+    def __init__(self, body: str, water: str, contractions: np.ndarray, finest: Motion, base=None, weights=None):
+        self.body, self.water, self.contractions, self.finest = body, water, contractions, finest
         self.weights = np.ones(len(contractions)) if weights is None else np.asarray(weights)
         self.base = {} if base is None else base
-        self.start, self.low, self.high = beginning(body)
+        self.start, self.low, self.high = beginning(body, water)
 
     def fish(self, point) -> Fish:
         """The body at a point.
@@ -180,21 +196,33 @@ class Problem:
         Raises:
             ValueError: where there is none, since no masses have the outline's inertia.
         """
-        return make_fish(self.body, **self.base, **parameters(self.body, point))
+        return make_fish(self.body, water=self.water, **self.base, **parameters(self.body, self.water, point))
 
     def residuals(self, point) -> np.ndarray:
         """What least squares are taken of."""
         fish = self.fish(point)
         motion = play(fish, self.contractions)
-        limit = np.log(LIMIT / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
+        limit = np.log(LIMIT[self.water] / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
+        wild, off = (np.log10(max(value, 1e-9) / free) for value, free in (
+            (magnification(fish), PREDICTABLE), (inaccuracy(fish), ACCURATE)
+        ))  # fmt: skip
         near = NEAR * np.sqrt(len(self.contractions)) * (np.asarray(point) - self.start)
         apart = self.weights[:, None] * residuals(motion, self.finest, fish.control_interval)
         return np.concatenate([
-            apart.ravel(), LIVING * off_trout(fish),
+            apart.ravel(), LIVING * living(fish, self.water),
             ROLLING * np.maximum(np.log10(np.maximum(roll(fish), 1e-9) / UPRIGHT), 0.0),
-            BUCKLING * beyond(KEPT, np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
-            [STEP * max(limit, 0.0), MAGNIFIED * max(np.log10(magnification(fish) / PREDICTABLE), 0.0)], near,
+            BUCKLING * beyond(KEPT[self.water], np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
+            [STEP * max(limit, 0.0), MAGNIFIED * max(wild, 0.0), INACCURATE * max(off, 0.0)], near,
         ])  # fmt: skip
+
+    def squares(self, point) -> float:
+        """The sum of their squares; a large number where there is no such body."""
+        if (np.asarray(point) < self.low).any() or (np.asarray(point) > self.high).any():
+            return 1e4
+        try:
+            return float((self.residuals(point) ** 2).sum())
+        except ValueError:
+            return 1e4
 
     def jacobian(self, point) -> np.ndarray:
         """Their derivatives: forward differences, backward at an upper limit, zero where there is no such body."""

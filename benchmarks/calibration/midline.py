@@ -32,6 +32,10 @@ class Midline:
     wobble: float
     """Largest sway of the tail's upper tip against the lower one, over the sweep: a fish that rolls shows it."""
     failure: str
+    work: float = np.nan
+    """Net work of the muscles, J for each kg and metre; nan unless it was asked for."""
+    lost: float = np.nan
+    """Part of it that is lost in the body's damping; nan unless it was asked for."""
 
     @property
     def sweep(self) -> float:
@@ -55,7 +59,7 @@ class Midline:
 
 
 def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: int, noise=0.0, integrator=None,
-                  dt=None) -> list[Midline]:  # fmt: skip
+                  dt=None, energy=False) -> list[Midline]:  # fmt: skip
     """Swim gaits side by side, and measure the last beats.
 
     Args:
@@ -67,17 +71,18 @@ def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: i
         noise: of the node velocities at the start, body lengths/s, so that an unstable gait has something to grow from.
         integrator: a method; None is the fish's own.
         dt: longest step, s; None is the fish's own.
+        energy: whether work and losses are measured too.
     """
     refine = fish.refine if integrator is None and dt is None else None
     steps = int(np.ceil(INTERVAL / (dt or fish.time_step) - 1e-9))
-    tank = Tank(fish, len(gaits), integrator, INTERVAL / steps, fish.water, threads=1, refine=refine)
+    tank = Tank(fish, len(gaits), integrator, INTERVAL / steps, fish.water, threads=1, refine=refine, energy=energy)
     shaken = np.random.default_rng(0).normal(0.0, noise * fish.length, tank.velocity[0].shape)
     tank.velocity[:] += shaken * (fish.body.inverse_mass > 0.0)
     tank.velocity[:, :, 0] += np.asarray(start)[:, None] * fish.length
     count = round(seconds / INTERVAL)
     times = INTERVAL * np.arange(1, count + 1)
     contraction = np.stack([gait.contraction(fish, times) for gait in gaits], axis=1)
-    stations, tips, centre = [], [], []
+    stations, tips, centre, work, lost = [], [], [], [], []
     mass = fish.body.mass / fish.body.mass.sum()
     layer = np.zeros((7, 23))
     for k, nodes in enumerate(tu.LAYERS):
@@ -92,13 +97,16 @@ def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: i
             stations.append(np.einsum("ln,bnk->blk", layer, points))
             tips.append(points[:, tu.TAIL[0]] - points[:, tu.TAIL[1]])
             centre.append(mass @ tank.position)
+            work.append(tank.work.copy())
+            lost.append(tank.flows["damping"].copy() if energy else np.full(len(gaits), np.nan))
     found = []
     for i, gait in enumerate(gaits):
         if not tank.alive[i] or not centre:
             found.append(Midline(gait.frequency, 0.0, np.full(7, np.inf), np.zeros(7), np.inf, str(tank.failure[i])))
             continue
         last = round(beats / gait.frequency / INTERVAL) + 1
-        found.append(_measured(fish, gait, *(np.array(rows)[-last:, i] for rows in (stations, tips, centre))))
+        samples = (np.array(rows)[-last:, i] for rows in (stations, tips, centre, work, lost))
+        found.append(_measured(fish, gait, *samples))
     return found
 
 
@@ -108,8 +116,8 @@ def swim_gait(fish: Fish, gait: Gait, **method) -> Midline:
     return swim_midlines(fish, [gait], start, seconds, MEASURED, NOISE, **method)[0]
 
 
-def _measured(fish, gait, stations, tips, centre) -> Midline:
-    """The midline of one fish, of samples (S,7,3), (S,3) and (S,3) m over a whole number of beats."""
+def _measured(fish, gait, stations, tips, centre, work, lost) -> Midline:
+    """The midline of one fish, of samples (S,7,3), (S,3), (S,3) m, (S,) and (S,) J over a whole number of beats."""
     path = centre[-1] - centre[0]
     along = path * (1.0, 1.0, 0.0) / np.linalg.norm(path[:2])
     across = np.cross([0.0, 0.0, 1.0], along)
@@ -124,4 +132,8 @@ def _measured(fish, gait, stations, tips, centre) -> Midline:
     forward = np.sign(path @ (stations[-1, 0] - stations[-1, -1]))
     wobble = np.ptp(tips @ across / fish.length) / np.ptp(swung[:, -1])
     speed = forward * np.linalg.norm(path[:2]) / time / fish.length
-    return Midline(gait.frequency, float(speed), 0.5 * np.ptp(swung, axis=0), phase, float(wobble), "")
+    done, way = work[-1] - work[0], fish.body.mass.sum() * np.linalg.norm(path[:2])
+    return Midline(
+        gait.frequency, float(speed), 0.5 * np.ptp(swung, axis=0), phase, float(wobble), "", float(done / way),
+        float((lost[-1] - lost[0]) / done),
+    )  # fmt: skip

@@ -30,9 +30,9 @@ class Motion(NamedTuple):
     kept: np.ndarray | None = None  # (S,4) least part of its area that a section between square layers kept
 
 
-def record(task: str, seeds: int, first_seed: int) -> np.ndarray:
+def record(task: str, seeds: int, first_seed: int, water: str | None = None) -> np.ndarray:
     """Contractions (S,K,M) commanded by the motor controllers in a task, on the default fish: a scene for each seed."""
-    env = FishVectorEnv(seeds, task=task, max_episode_steps=10_000)
+    env = FishVectorEnv(seeds, task=task, water=water, max_episode_steps=10_000)
     control = scripted(env)
     obs, _ = env.reset(seed=first_seed)
     steps, found = round(SECONDS / env.control_interval), []

@@ -57,6 +57,13 @@ UNITS = {
     "avoided_possible": ("avoided where possible, %", 100, 1),
     "passed": ("passed, %", 100, 1),
     "clearance": ("clearance, BL", 1, 2),
+    "escape_distance": ("got away, BL", 1, 2),
+    "angle_100ms": ("turned in 0.1 s, °", 1, 0),
+    "angle_200ms": ("in 0.2 s, °", 1, 0),
+    "angle_300ms": ("in 0.3 s, °", 1, 0),
+    "distance_200ms": ("path in 0.2 s, BL", 1, 2),
+    "speed_200ms": ("speed after 0.2 s, BL/s", 1, 2),
+    "peak_acceleration": ("peak acceleration, m/s²", 1, 1),
     "return": ("return", 1, 1),
     "failed": ("physics failed, %", 100, 2),
 }
@@ -82,6 +89,9 @@ TURNING = ("success", "latency", "overshoot", "radius", "turning_rate", "speed_l
 TARGETS = ("targets", "success", "time_per_target")
 AVOIDING = ("avoided", "avoided_possible", "passed", "success", "clearance", "work", "peak_strain")
 TURNS = ("success", "latency", "overshoot", "radius", "speed_lost", "work")
+ANGLES = ("angle_100ms", "angle_200ms", "angle_300ms")
+STARTING = ("success", "escape_distance", *ANGLES, "distance_200ms", "speed_200ms", "peak_acceleration", "latency",
+            "turning_rate", "work", "peak_strain")  # fmt: skip
 PUBLICATIONS = {
     "swim": Publication(
         "swim along a commanded heading", ("speed",), ("speed", "sideways"), ("speed", "sideways", "return")
@@ -105,6 +115,11 @@ PUBLICATIONS = {
         "pass a sudden obstacle, perhaps in a turn, and come back to the heading", ("avoided", "success"), AVOIDING,
         ("avoided", "passed", "success", "clearance", "return"),
         {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
+    ),
+    "fast_start": Publication(
+        "get away in a commanded direction, from rest or a glide", ("escape_distance",), STARTING,
+        ("success", "escape_distance", *ANGLES, "distance_200ms", "peak_acceleration"),
+        {"90 degrees, from rest": ({"speed": 0.0, "wait": 0.0}, {"turn": math.pi / 2})},
     ),
 }  # fmt: skip
 EVERYWHERE = ("motor controllers", "PPO")
@@ -264,8 +279,10 @@ def curve_rows(run: Path) -> list[dict]:
 def draw_curves(path: Path) -> None:
     """Score against environment steps for every task: a thin line for each seed, their interquartile mean bold."""
     plt = pyplot()
-    figure, grid = plt.subplots(2, 3, figsize=(10, 5.4), layout="constrained")
-    for axes, task in zip(grid.flat, CONFIGS, strict=True):
+    figure, grid = plt.subplots(2, (len(CONFIGS) + 1) // 2, figsize=(12, 5.4), layout="constrained")
+    for axes in grid.flat[len(CONFIGS) :]:
+        axes.axis("off")
+    for axes, task in zip(grid.flat, CONFIGS, strict=False):
         lines = {}
         for row in (row for row in read_stored("curves") if row["task"] == task):
             lines.setdefault(row["seed"], []).append((float(row["timesteps"]) / 1e6, float(row["score"])))

@@ -11,8 +11,8 @@ import numpy as np
 
 from benchmarks.common.charts import GREY, measure_and_draw, panels, save
 from benchmarks.common.tables import RESULTS, read_table, write_csv
-from benchmarks.validation.friction import blasius, with_friction
-from fish_env import Fish, make_fish, prescribe
+from fish_env import Fish, make_fish, make_water, prescribe
+from fish_env.physics.world import BLASIUS
 
 COMMAND = "python -m benchmarks.validation.coasting"
 DENSITY, VISCOSITY = 1000.0, 1.0e-6  # kg/m3, m2/s
@@ -34,9 +34,9 @@ def measure() -> None:
     rows = []
     for name, options in BODIES.items():
         fish = make_fish(**options)
+        rough = fish.water._replace(friction=make_water(DENSITY, friction=1.0, viscosity=VISCOSITY).friction)
         for reynolds in REYNOLDS:
             speed = reynolds * VISCOSITY / fish.length
-            rough = with_friction(fish.water, fish.body, blasius(reynolds))
             for level, water in (("drag", fish.water), ("drag, friction", rough)):
                 pull = -prescribe(fish, np.zeros((1, 4)), 1.0, water=water, speed=speed).force[0, 0]
                 coefficient = pull / (0.5 * DENSITY * speed**2 * surface(fish))
@@ -52,7 +52,7 @@ def draw() -> None:
         for level in ("drag", "drag, friction"):
             own = [row for row in rows if (row["fish"], row["water"]) == (name, level)]
             panel.plot([row["reynolds"] for row in own], [row["coefficient"] for row in own], "o-", label=level)
-        panel.plot(REYNOLDS, [blasius(each) for each in REYNOLDS], ":", color=GREY, label="laminar flat plate")
+        panel.plot(REYNOLDS, BLASIUS / np.sqrt(REYNOLDS), ":", color=GREY, label="laminar flat plate")
         panel.errorbar([AT], [COEFFICIENT], [SPREAD], fmt="kD", capsize=4, label="bluegill, coasting")
         panel.set(title=name, xscale="log", xlabel="Reynolds number", ylim=(0, 0.03))
     axes[0].set_ylabel("drag coefficient, wetted surface")

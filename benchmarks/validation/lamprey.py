@@ -48,7 +48,7 @@ def angle(places, time):
 def measure() -> None:
     """Write the table."""
     fish, rows = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline()), []
-    for name, water in waters(fish, SPEED * LENGTH**2 / VISCOSITY).items():
+    for name, water in waters(fish, VISCOSITY).items():
         swum = prescribe(fish, by_angle(angle), 1.0 / FREQUENCY, water=water)
         rows.append({
             "water": name, "speed_bl_s": round(swum.relative_speed, 3), "published": SPEED,

@@ -10,18 +10,24 @@ coincide. The robot's electronics, motor shaft and tendon arms are bluff and sta
 cannot follow from it: a coefficient on the surface before the tail's joint stands for it, and is the number fitted.
 """
 
+import sys
+from typing import NamedTuple
+
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import fminbound
 
 from benchmarks.common.charts import GREY, measure_and_draw, panels, save
 from benchmarks.common.tables import RESULTS, read_table, write_csv
-from benchmarks.validation.friction import blasius, with_friction
 from benchmarks.validation.waters import COLOURS
 from fish_env import Fish, World, make_fish, make_water, prescribe
+from fish_env.kernels.compile import kernel
+from fish_env.kernels.simd import dot, sqrt
+from fish_env.physics.forces import FORCES, water
+from fish_env.physics.records import Body
 
 COMMAND = "python -m benchmarks.validation.robot"
-LENGTH, REYNOLDS = 0.559, 56_000.0  # m; at 0.1 m/s
+LENGTH = 0.559  # m
 FREQUENCY = (0.377, 0.56, 0.75, 0.94, 1.127, 1.313, 1.5, 1.659)  # Hz
 SPEED = (0.0227, 0.0496, 0.0805, 0.1039, 0.1292, 0.1602, 0.2018, 0.2227)  # m/s
 SWAY = (0.1006, 0.104, 0.1104, 0.1057, 0.0996, 0.1051, 0.1025, 0.0983)  # m, half of the fin marker's
@@ -40,6 +46,31 @@ OUTLINE = np.array([
 """Place, half width and half depth, m. The depths are the robot's; the widths give each part its mass."""
 
 
+class Front(NamedTuple):
+    """Parameters of the force of the bluff front, in `World.extra`."""
+
+    coefficient: np.ndarray  # (F,) half the density of the water times each face's coefficient, kg/m3
+
+
+ANYWHERE = True
+
+
+def present(body: Body, world: World) -> bool:
+    """Return True if the world has a bluff front."""
+    return "front" in (world.extra or {})
+
+
+@kernel
+def add_force(body, world, control, x, v, f, cache):
+    """Add the drag of the front on every face, against the part of its velocity through the water along the face."""
+    current = world.current[0] + control.current[0]
+    for k in range(body.faces.nodes.shape[0]):
+        a, w = water.area_vector(body, x, k), water.velocity(body, current, v, k)
+        size = sqrt(dot(a, a))
+        ahead = water.along((1.0 / size) * a, w)
+        water.scatter(body, k, (-world.front.coefficient[k] * size * sqrt(dot(w, w))) * ahead, f)
+
+
 def stroke(trial: int):
     """Midline of a trial in the axes of the head, as `prescribe` takes it."""
     place = np.array([0.0, JOINT, *MARKER]) / LENGTH
@@ -48,22 +79,23 @@ def stroke(trial: int):
     return lambda places, time: shape(places) @ (np.cos(turn * time), np.sin(turn * time))
 
 
-def speed(fish: Fish, water: World, trial: int) -> float:
+def speed(fish: Fish, world: World, trial: int) -> float:
     """Speed in a trial, m/s."""
-    return prescribe(fish, stroke(trial), 1.0 / FREQUENCY[trial], water=water).speed
+    return prescribe(fish, stroke(trial), 1.0 / FREQUENCY[trial], water=world).speed
 
 
-def with_bluff_front(fish: Fish, water: World, coefficient: float) -> World:
-    """The water with drag along the surface before the joint, and a laminar boundary layer's friction behind it."""
+def with_bluff_front(fish: Fish, world: World, coefficient: float) -> World:
+    """The world with drag along the surface before the joint too, a force of one's own."""
+    FORCES["front"] = sys.modules[__name__]
     place = -fish.body.position[fish.body.faces.nodes, 0].mean(axis=1)
-    return with_friction(water, fish.body, np.where(place < JOINT, coefficient, blasius(REYNOLDS)))
+    return world._replace(extra={"front": Front(np.where(place < JOINT, 500.0 * coefficient, 0.0))})
 
 
-def fitted(fish: Fish, water: World) -> float:
+def fitted(fish: Fish, world: World) -> float:
     """Coefficient of the front with which two trials are nearest to the measured speeds."""
 
     def cost(logarithm: float) -> float:
-        bluff = with_bluff_front(fish, water, np.exp(logarithm))
+        bluff = with_bluff_front(fish, world, np.exp(logarithm))
         return sum((speed(fish, bluff, trial) - SPEED[trial]) ** 2 for trial in FITTED)
 
     return float(np.exp(fminbound(cost, *np.log((0.01, 2.0)), xtol=0.01)))
@@ -73,10 +105,11 @@ def measure() -> None:
     """Write the table."""
     fish, rows = make_fish("tetrahedral", level=2, length=LENGTH, outline=OUTLINE / LENGTH), []
     for name, inertia in (("drag", False), ("reactive", True)):
-        water = make_water(drag_coefficient=fish.water.quadratic / 500.0, inertia=inertia)
-        coefficient = fitted(fish, water)
-        bluff = with_bluff_front(fish, water, coefficient)
-        for level, number, around in ((name, "", water), (f"{name}, friction", round(coefficient, 3), bluff)):
+        smooth, rough = (make_water(drag_coefficient=fish.water.quadratic / 500.0, inertia=inertia, friction=factor)
+                         for factor in (0.0, 1.0))  # fmt: skip
+        coefficient = fitted(fish, rough)
+        bluff = with_bluff_front(fish, rough, coefficient)
+        for level, number, around in ((name, "", smooth), (f"{name}, friction", round(coefficient, 3), bluff)):
             for trial, frequency in enumerate(FREQUENCY):
                 found = speed(fish, around, trial)
                 rows.append({

@@ -73,7 +73,7 @@ def swim(name: str) -> list[dict]:
     """A row of every level of water."""
     given, rows = SWIMMERS[name], []
     fish = make_fish("tetrahedral", level=4, length=LENGTH, outline=np.transpose(given.outline))
-    for level, water in waters(fish, REYNOLDS).items():
+    for level, water in waters(fish, given.speed * LENGTH**2 / REYNOLDS).items():
         swum = prescribe(fish, by_curvature(given.curvature), 1.0, water=water)
         torque = 0.5 * np.ptp(swum.torque, axis=0) / UNIT
         peak = int(torque.argmax())

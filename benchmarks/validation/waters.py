@@ -6,7 +6,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from benchmarks.common.charts import BLUE, GREY, ORANGE
-from benchmarks.validation.friction import blasius, with_friction
 from fish_env import World, make_water
 from fish_env.bodies import Fish
 
@@ -15,16 +14,14 @@ COLOURS = {"drag": ORANGE, "drag, friction": "#E69F00", "reactive": BLUE, "react
 """Colour of each level of water. Reactive water has the drag as well."""
 
 
-def waters(fish: Fish, reynolds: float, **options) -> dict[str, World]:
-    """The levels of water with the fish's own drag, with and without friction at a Reynolds number by its length.
-
-    Options are those of `make_water` for water with inertia.
-    """
+def waters(fish: Fish, viscosity: float) -> dict[str, World]:
+    """The levels of water with the fish's own drag, with and without laminar friction, at a viscosity, m2/s."""
     drag = fish.water.quadratic / 500.0
-    plain = {"drag": make_water(drag_coefficient=drag),
-             "reactive": make_water(drag_coefficient=drag, inertia=True, **options)}  # fmt: skip
-    rough = {f"{name}, friction": with_friction(water, fish.body, blasius(reynolds)) for name, water in plain.items()}
-    return {name: {**plain, **rough}[name] for name in COLOURS}
+    return {
+        name: make_water(drag_coefficient=drag, inertia="reactive" in name, friction=float("friction" in name),
+                         viscosity=viscosity)
+        for name in COLOURS
+    }  # fmt: skip
 
 
 def by_angle(angle: Callable) -> Callable:

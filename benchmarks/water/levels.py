@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.common import scenes
 from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, pyplot, save
 from benchmarks.common.tables import RESULTS, ROOT, read_table, write_csv
 from benchmarks.common.trout import trout
-from benchmarks.water import scenes
 from fish_env import make_fish
 from fish_env.bodies import Fish
 from fish_env.control import evaluate, make_eval_env, scripted
@@ -97,14 +97,14 @@ def scenes_of(fish: Fish, swims: bool) -> dict[str, tuple[dict[str, float], str]
 
 
 def controlled() -> list[dict]:
-    """Rows of the shipped motor controllers, which were made for drag, on the default fish in both waters."""
+    """Rows of the motor controllers, with the calibrated fish of each level."""
     rows = []
     for level in LEVELS[1:]:
         for task, (score, unit) in CONTROLLED.items():
             env = make_eval_env(f"FishEnv/{task}-v0", EPISODES, {"water": level})
             value = float(np.nanmean(evaluate(env, scripted(env), SEED)[score]))
             rows.append({
-                "fish": "default", "water": level, "scene": f"motor controllers, {task}", "quantity": score,
+                "fish": "calibrated", "water": level, "scene": f"motor controllers, {task}", "quantity": score,
                 "unit": unit, "value": round(value, 3), "living": "", "source": "", "gait": "",
             })  # fmt: skip
     return rows

@@ -15,11 +15,11 @@ from fish_env.control import (
     make_eval_env,
     record,
     run_episodes,
+    shipped_policies,
     write_film,
     write_video,
 )
 from fish_env.control.policy import PRETRAINED
-from fish_env.training.config import CONFIGS
 
 ROOT = Path(__file__).parents[2]
 MOMENTS = (0.08, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed
@@ -51,10 +51,10 @@ def picture() -> None:
 
 
 def videos() -> None:
-    """A short video of every task, slower than real time."""
+    """A short video of every shipped policy, slower than real time."""
     folder = ROOT / "docs" / "videos"
     folder.mkdir(parents=True, exist_ok=True)
-    for task in CONFIGS:
+    for task in shipped_policies():
         times, frames = zip(*list(play(task, SECONDS))[::EVERY], strict=True)
         small = [np.asarray(Image.fromarray(frame).resize(SIZE, Image.Resampling.LANCZOS)) for frame in frames]
         write_video(small, 1 / ((times[1] - times[0]) * SLOWER), folder / f"{task}.mp4")

@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from fish_env.bodies.fitted import WATERS
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
 from fish_env.bodies.planar import make_planar
 from fish_env.bodies.tetrahedral import make_tetrahedral
@@ -21,6 +22,8 @@ class BodyKind:
     name: str
     description: str
     make: Callable[..., Fish]
+    waters: tuple[str, ...] = WATERS
+    """Levels of water that it is calibrated for."""
 
 
 BODIES: dict[str, BodyKind] = {
@@ -28,10 +31,12 @@ BODIES: dict[str, BodyKind] = {
     for record in (
         BodyKind("mass_spring", "23 nodes, 91 springs, 12 muscles, calibrated to swim, SI units", make_mass_spring),
         BodyKind("planar", "the same fish in the plane: 12 or 24 nodes, 12 muscles", make_planar),
-        BodyKind("two_layer", "the same fish as two skins with gas inside and between, 46 nodes", make_two_layer),
+        BodyKind(
+            "two_layer", "the same fish as two skins with gas inside and between, 46 nodes", make_two_layer, ("drag",)
+        ),
         BodyKind("tetrahedral", "the same fish as corotational finite elements, 49 nodes or more", make_tetrahedral),
         BodyKind(
-            "published", "the same topology with the published masses and constants, graphics units", make_published
+            "published", "the same topology with the published masses and constants, graphics units", make_published, ()
         ),
     )
 }

@@ -6,22 +6,47 @@ import numpy as np
 
 from fish_env.checks import positive_array
 from fish_env.kernels.data import data
+from fish_env.physics.records import World
 
+WATERS = ("drag", "reactive")
+"""Levels of water that fish are calibrated for: each has its own parameters, gaits and tables of motor controllers."""
+DEFAULT_WATER = "drag"
 SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 
 
-def read_calibration(body: str) -> dict:
-    """Contents of a body's file: its "parameters", and how they were found."""
-    return json.loads(data("fish_env.bodies", f"{body}.json").read_text())
+def read_calibration(body: str, water: str | None = None) -> dict:
+    """Part of a body's file for a level of WATERS: its "parameters", and how they were found.
+
+    Raises:
+        ValueError: for another level of water.
+    """
+    found, level = json.loads(data("fish_env.bodies", f"{body}.json").read_text()), check_level(water)
+    if level not in found:
+        known = ", ".join(f"water={name!r}" for name in found)
+        raise ValueError(f"the {body} fish is not calibrated for water={level!r}; give {known}")
+    return found[level]
 
 
-def fitted_parameters(body: str, *given) -> list[np.ndarray]:
+def check_level(water: str | None) -> str:
+    """Return a level of WATERS, by default DEFAULT_WATER; ValueError for another."""
+    level = DEFAULT_WATER if water is None else water
+    if not isinstance(level, str) or level not in WATERS:
+        raise ValueError(f"no fish is calibrated for water={water!r}; choose from {', '.join(map(repr, WATERS))}")
+    return level
+
+
+def level_of(water: World) -> str:
+    """The level of WATERS that water is of."""
+    return "drag" if water.added_mass is None else "reactive"
+
+
+def fitted_parameters(body: str, water: str | None, *given) -> list[np.ndarray]:
     """Parameters as arrays, in the order and of the shapes of SHAPES; None is replaced by the fitted value.
 
     Raises:
         ValueError: for an array of another shape, or a number that is not positive.
     """
-    found = read_calibration(body)["parameters"]
+    found = read_calibration(body, water)["parameters"] if any(value is None for value in given) else {}
     return [
         positive_array(found[name] if value is None else value, shape, name)
         for (name, shape), value in zip(SHAPES.items(), given, strict=True)

@@ -17,7 +17,7 @@ from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish
-from fish_env.physics.records import Body
+from fish_env.physics.records import Body, World
 from fish_env.physics.world import make_water
 
 NOSE, TAIL = 0, (21, 22)
@@ -119,6 +119,10 @@ class MassSpringParameters:
     """Rest length at full contraction over natural length, for the three muscle segments."""
     drag_coefficient: float
     """Drag coefficient of the fish's own water, of a face moving along its normal."""
+    friction: float
+    """Skin friction of that water, over that of a laminar boundary layer on a flat plate."""
+    added_mass: tuple[float, float] | None
+    """Factors on the lateral and the vertical added mass of that water; None: it has no inertia."""
     contraction_time: float
     """Shortest time from natural length to full contraction, s, where there is no activation time. Unless it is given,
     it grows with the length to the power of 0.52, and so does `activation_time`."""
@@ -143,9 +147,9 @@ class MassSpringParameters:
             object.__setattr__(self, name, tuple(values.tolist()))
         for name in (
             "length", "tail_half_span", "drag_coefficient", "contraction_time", "time_step", "control_interval",
-            "relaxation_time",
+            "relaxation_time", "friction",
         ):  # fmt: skip
-            value = positive_array(getattr(self, name), (), name, zero=name == "relaxation_time")
+            value = positive_array(getattr(self, name), (), name, zero=name in ("relaxation_time", "friction"))
             object.__setattr__(self, name, float(value))
         rise, fall = positive_array(self.activation_time, (2,), "activation_time", zero=True)
         object.__setattr__(self, "activation_time", (float(rise), float(fall)))  # a list, as it comes from JSON
@@ -169,9 +173,12 @@ class MassSpringParameters:
 OUTLINED = ("half_depth", "half_width", "tail_half_span")
 
 
-def calibrated() -> dict:
-    """The calibrated parameters, from `mass_spring.json` (which also says how they were found)."""
-    return read_calibration("mass_spring")["parameters"]
+def calibrated(water: str | None = None) -> dict:
+    """The parameters calibrated for a level of water, from `mass_spring.json` (which also says how they were found).
+
+    Those for reactive water have an outline, and lack what follows from it, which is then that for drag.
+    """
+    return read_calibration("mass_spring", "drag")["parameters"] | read_calibration("mass_spring", water)["parameters"]
 
 
 def place_nodes(stations, half_depths, half_widths, end, half_span) -> np.ndarray:
@@ -231,7 +238,9 @@ def shares(faces, behind, place) -> np.ndarray:
     return (1.0 - place)[:, None] * ends[0] + place[:, None] * ends[1]
 
 
-def check_parameters(body: str, parameters: dict, own: dict | None = None) -> MassSpringParameters:
+def check_parameters(
+    body: str, parameters: dict, water: str | None = None, own: dict | None = None
+) -> MassSpringParameters:
     """Replace some of the calibrated parameters; ValueError, which names the body, for one there is not.
 
     A length outside the range in which the model is meant is warned of.
@@ -239,19 +248,21 @@ def check_parameters(body: str, parameters: dict, own: dict | None = None) -> Ma
     Args:
         body: its name.
         parameters: what a user gave. Times that were not given are those of the fish's length (`sizes.py`).
+        water: the level of water that the fish is calibrated for; None: the default one.
         own: what replaces the default fish's parameters in this body, unless a user gave them.
     """
     allowed = [field.name for field in fields(MassSpringParameters)]
     for name in parameters:
         if name not in allowed:
             raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
-    standard = calibrated()
-    if parameters.get("outline") is not None:
-        for name in OUTLINED:
-            if name in parameters:
-                raise ValueError(f"{name} and an outline, which has it, are both given; give one of them")
-        outline = read_outline(parameters["outline"])
-        standard["layer_position"] = layers_for(outline, standard["layer_position"])
+    standard = calibrated(water)
+    shaped = [name for name in OUTLINED if name in parameters]
+    if shaped and parameters.get("outline") is not None:
+        raise ValueError(f"{shaped[0]} and an outline, which has it, are both given; give one of them")
+    outline = parameters.get("outline", None if shaped else standard.get("outline"))
+    standard["outline"] = outline
+    if outline is not None:
+        standard["layer_position"] = layers_for(read_outline(outline), standard["layer_position"])
     p = MassSpringParameters(**(standard | (own or {}) | parameters))
     check_length(p.length)
     return p if p.length == REFERENCE_LENGTH else _of_size(p, parameters)
@@ -268,13 +279,17 @@ def _of_size(p: MassSpringParameters, given: dict) -> MassSpringParameters:
     return replace(p, **{name: time for name, time in times.items() if name not in given})
 
 
-def make_mass_spring(**parameters) -> Fish:
+def make_mass_spring(water=None, **parameters) -> Fish:
     """The default fish, in SI units; keywords are the fields of `MassSpringParameters`.
+
+    Args:
+        water: "drag" or "reactive", the water that it is calibrated for; None: the default one.
+        parameters: those that are to be other than calibrated.
 
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    p = check_parameters("mass_spring", parameters)
+    p = check_parameters("mass_spring", parameters, water)
     pairs, classes, sections, faces = topology()
     position = shape(p)
     stiffness = np.array(p.stiffness)[classes] * along(p.taper, sections) * (p.length / REFERENCE_LENGTH)
@@ -316,8 +331,14 @@ def common_fields(p: MassSpringParameters) -> dict:
     """Fields of `Fish` that every body takes from the parameters as they are, and its own water."""
     return {
         "length": p.length, "contraction_time": p.contraction_time, "activation_time": p.activation_time,
-        "control_interval": p.control_interval, "water": make_water(WATER_DENSITY, p.drag_coefficient),
+        "control_interval": p.control_interval, "water": water_of(p),
     }  # fmt: skip
+
+
+def water_of(p: MassSpringParameters) -> World:
+    """The fish's own water."""
+    inertia = {} if p.added_mass is None else {"inertia": True, "added_mass": p.added_mass}
+    return make_water(WATER_DENSITY, p.drag_coefficient, friction=p.friction, **inertia)
 
 
 def _fish(name: str, body: Body, contracted, **others) -> Fish:

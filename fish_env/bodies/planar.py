@@ -21,7 +21,7 @@ NODES = [(0, 0), *((k, k + 1) for k in range(1, 11, 2)), (11, 11)]
 """Left and right node of each layer, nose to tail; of nose and tail the one there is, twice."""
 
 
-def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **parameters) -> Fish:
+def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, water=None, **parameters) -> Fish:
     """The flat fish of 12 nodes.
 
     Args:
@@ -30,13 +30,14 @@ def make_planar(bending=None, pull=None, shear=None, drag=None, damping=None, **
         shear: factor on the stiffness of the diagonals; None: as fitted.
         drag: factors on the drag of the six sections, (6,); None: as fitted.
         damping: factor on the relaxation time of every spring; None: as fitted.
+        water: "drag" or "reactive", the water that it is fitted for; None: the default one.
         parameters: fields of `MassSpringParameters`.
 
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    p = tu.check_parameters("planar", parameters)
-    bending, pull, shear, drag, damping = fitted_parameters("planar", bending, pull, shear, drag, damping)
+    p = tu.check_parameters("planar", parameters, water)
+    bending, pull, shear, drag, damping = fitted_parameters("planar", water, bending, pull, shear, drag, damping)
     chord, diagonal, across, active = project_stiffness(p)
     chord[1:] *= bending
     diagonal[1:] *= bending

@@ -25,7 +25,7 @@ POISSON = 0.4
 
 
 def make_tetrahedral(
-    level=1, young=None, poisson=POISSON, strain="corotational", lumping="matched", **parameters
+    level=1, young=None, poisson=POISSON, strain="corotational", lumping="matched", water=None, **parameters
 ) -> Fish:
     """The fish of tetrahedra: 49 nodes and 116 elements with level 1, some 8 times as many with every doubling.
 
@@ -36,13 +36,14 @@ def make_tetrahedral(
         strain: "corotational"; "linear", which swells when it turns; or "green_lagrange" (`make_tets`).
         lumping: "matched", masses with the inertia of the outline; "quarter" of each element's mass to its corners, or
             "uniform".
+        water: "drag" or "reactive", the water that it is calibrated for; None: the default one.
         parameters: fields of `MassSpringParameters`; those of this body's own material are in `tetrahedral.json`.
 
     Raises:
         ValueError: for another level, an unknown parameter or a value that is not allowed.
     """
-    level, own = whole(level, "level", 1, MOST), read_calibration("tetrahedral")
-    p = tu.check_parameters("tetrahedral", parameters, own["parameters"])
+    level, own = whole(level, "level", 1, MOST), read_calibration("tetrahedral", water)
+    p = tu.check_parameters("tetrahedral", parameters, water, own["parameters"])
     young = positive_array(own["young"] if young is None else young, (6,), "young")
     mesh, section = make_mesh(p, level)
     modulus = (young * softening(mesh, section, poisson))[section]

@@ -33,7 +33,7 @@ REACH = 0.1  # how far the inner skin reaches into the head and into the tail fi
 
 def make_two_layer(
     bending=None, pull=None, shear=None, drag=None, damping=None, inner_size=0.5, inner_stiffness=0.3, inner_mass=0.87,
-    pressure=1000.0, gap_pressure=1000.0, barrier_energy=3e-3, **parameters,
+    pressure=1000.0, gap_pressure=1000.0, barrier_energy=3e-3, water=None, **parameters,
 ) -> Fish:  # fmt: skip
     """The pressurised fish: 46 nodes, 239 springs, two compartments.
 
@@ -50,17 +50,18 @@ def make_two_layer(
         gap_pressure: the same between the skins, Pa.
         barrier_energy: scale of the barrier that keeps the inner skin inside the outer one, J, for a fish of 0.2 m; it
             grows as the cube of the length.
+        water: "drag" or "reactive", the water that it is fitted for; None: the default one.
         parameters: fields of `MassSpringParameters`.
 
     Raises:
         ValueError: for an unknown parameter or a value that is not allowed.
     """
-    p = tu.check_parameters("two_layer", parameters)
+    p = tu.check_parameters("two_layer", parameters, water)
     for name, value in (("inner_size", inner_size), ("inner_mass", inner_mass)):
         if not 0.0 < float(positive_array(value, (), name)) < 1.0:
             raise ValueError(f"{name} is {value!r}; give a number between 0 and 1")
     inner_stiffness = float(positive_array(inner_stiffness, (), "inner_stiffness"))
-    bending, pull, shear, drag, damping = fitted_parameters("two_layer", bending, pull, shear, drag, damping)
+    bending, pull, shear, drag, damping = fitted_parameters("two_layer", water, bending, pull, shear, drag, damping)
     topology, classes, sections, faces = tu.topology()
     skin = Skin(tu.shape(p), edges_of(faces.tolist()), faces)
     body = two_skins(

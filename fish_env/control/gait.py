@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fish_env.bodies import Fish
+from fish_env.bodies.fitted import check_level
 from fish_env.kernels.data import data
 
 GAIT_FILE = data("fish_env.control", "gait.json")
@@ -45,7 +46,11 @@ class Gait:
         return 2.0 * self.contraction(fish, time) - 1.0
 
 
-def best_gait() -> Gait:
-    """The fastest open-loop gait of the default fish."""
-    found = json.loads(GAIT_FILE.read_text())["gait"]
+def best_gait(water: str | None = None) -> Gait:
+    """The fastest open-loop gait of the default fish in drag or in reactive water, by default the default one.
+
+    Raises:
+        ValueError: for another level of water.
+    """
+    found = json.loads(GAIT_FILE.read_text())[check_level(water)]["gait"]
     return Gait(found["frequency"], tuple(found["amplitude"]), tuple(found["lag"]))

@@ -1,4 +1,6 @@
-"""Tu's motor controllers: swim, turn and glide by tables (Tu 1996, ch. 5). `sequencer.py` decides when each acts.
+"""Tu's motor controllers: swim, turn and glide by tables (Tu 1996, ch. 5), and a C-start, which he had not.
+
+`sequencer.py` decides when each acts.
 
 swim-MC has an amplitude r and a frequency s for the anterior and one for the posterior swimming segment, read from a
 table of speeds; the foremost segment takes a part of r1, since the best gait does. The turns are read from a table of
@@ -17,11 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from fish_env.bodies import Fish
+from fish_env.bodies.fitted import check_level
 from fish_env.checks import finite_array, positive_array, real
 from fish_env.kernels.data import data
 
 MOTOR_FILE = data("fish_env.control", "motor_controllers.json")
-LARGEST = 2**20  # bytes of such a file; that of the default fish has 4,000
+LARGEST = 2**20  # bytes of such a file; that of the default fish has 6,000
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,30 @@ class Turn:
             raise ValueError(f"{self}; give a positive angle, hold and straightening time")
         if not (min(self.front, self.middle, self.strokes) >= 0 and self.tail >= -1 and max(numbers[1:5]) <= 1):
             raise ValueError(f"{self}; give contractions and strokes from 0 to 1, the tail's contraction from -1 to 1")
+
+
+@dataclass(frozen=True)
+class Start:
+    """One row of left-start-MC's table: a C-start in two stages, after which the fish swims (Weihs 1973).
+
+    First the fish bends to the left, then it strikes to the right.
+    """
+
+    angle: float  # rad: direction in which it is to get away
+    front: float  # contraction of the left muscles of segment 0 in the first stage, 0 to 1
+    middle: float  # the same of segment 1
+    tail: float  # the same of segment 2
+    bend: float  # s, duration of the first stage
+    front_back: float  # contraction of the right muscles of segment 0 in the second stage, 0 to 1
+    middle_back: float  # the same of segment 1
+    tail_back: float  # the same of segment 2
+    strike: float  # s, duration of the second stage
+    phase: float  # beats: phase of the beat with which swimming begins
+
+    def __post_init__(self):
+        numbers = np.array([real(getattr(self, field.name)) for field in fields(self)])
+        if not np.isfinite(numbers).all() or (numbers[:-1] < 0).any() or (numbers[[1, 2, 3, 5, 6, 7]] > 1).any():
+            raise ValueError(f"{self}; give contractions from 0 to 1, finite times and an angle, none of them negative")
 
 
 @dataclass(frozen=True)
@@ -95,14 +122,20 @@ class MotorTables:
     """Amplitude of segment 0 when swimming, as a part of r1."""
     lag: tuple[float, float, float]
     """Phase lags of the three segments when swimming, rad."""
+    starts: Table | None = None
+    """None where a file has no fast starts."""
 
     def __post_init__(self):
         positive_array(self.front, (), "front", zero=True)
         finite_array(self.lag, (3,), "lag (rad)")
 
 
-def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
+def load_tables(path: Path = MOTOR_FILE, water: str | None = None) -> MotorTables:
     """The tables of a file, by default those of the default fish.
+
+    Args:
+        path: of the file. It holds tables, or tables for each level of water.
+        water: "drag" or "reactive"; None: the default one.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -114,9 +147,14 @@ def load_tables(path: Path = MOTOR_FILE) -> MotorTables:
         if len(text) > LARGEST:
             raise ValueError(f"it has more than {LARGEST:,} bytes")
         found = json.loads(text)
-        turns = [Turn(np.radians(row["angle"]), *(row[f.name] for f in fields(Turn)[1:])) for row in found["turns"]]
+        found = found if "turns" in found else found[check_level(water)]
+        turns, starts = (
+            [kind(np.radians(row["angle"]), *(row[f.name] for f in fields(kind)[1:])) for row in rows]
+            for kind, rows in ((Turn, found["turns"]), (Start, found.get("starts", [])))
+        )
         swims = [Swim(**row) for row in found["swims"]]
-        return MotorTables(Table(turns), Table(swims), found["front"], tuple(found["lag"]))
+        lag, started = tuple(found["lag"]), Table(starts) if "starts" in found else None
+        return MotorTables(Table(turns), Table(swims), found["front"], lag, started)
     except FileNotFoundError:
         raise
     except (OSError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError) as error:
@@ -143,6 +181,19 @@ def turn_mc(rows: np.ndarray, side: np.ndarray, since: np.ndarray) -> tuple[np.n
     bend[b, 0, inside], bend[b, 1, inside] = front, middle
     bend[b, 2, np.where(tail > 0, inside, 1 - inside)] = np.abs(tail)
     return bend * (1.0 - done)[:, None, None], strokes + (1.0 - strokes) * done
+
+
+def start_mc(rows: np.ndarray, side: np.ndarray, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """left-start-MC (side +1) and right-start-MC (side -1), `since` (B,) s after their start, for table rows (B,10).
+
+    Returns contractions (B,3,2), and whether (B,) the second stage is not over yet.
+    """
+    bend, strike = rows[:, 4], rows[:, 8]
+    stages = np.stack([rows[:, 1:4], rows[:, 5:8]], axis=2)  # (B,3,2) as if each side had a stage of its own
+    first, second = since <= bend + 1e-9, since <= bend + strike + 1e-9
+    going = np.stack([first, second & ~first], axis=1)[:, None]
+    left = stages * going
+    return np.where((side > 0)[:, None, None], left, left[:, :, ::-1]), second
 
 
 def scaled_turns(table: Table, angle: np.ndarray) -> np.ndarray:

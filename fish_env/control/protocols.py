@@ -18,7 +18,10 @@ from fish_env.physics.tank_options import checked_count
 
 FIRST_SEED = 7_000_000  # far from the seeds of training and of evaluation
 
-SCORES = {"swim": "speed", "turn": "success", "left_after_right": "success", "target": "targets", "avoid": "success"}
+SCORES = {
+    "swim": "speed", "turn": "success", "left_after_right": "success", "target": "targets", "avoid": "success",
+    "fast_start": "escape_distance",
+}  # fmt: skip
 """The metric of each task by which it is judged; more is better."""
 
 TRAINING: dict[str, Any] = {

@@ -10,9 +10,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.control.motor import MotorTables, glide_mc, load_tables, scaled_turns, spread, swim_mc, turn_mc
+from fish_env.bodies.fitted import level_of
+from fish_env.control.motor import (
+    MotorTables,
+    Table,
+    glide_mc,
+    load_tables,
+    scaled_turns,
+    spread,
+    start_mc,
+    swim_mc,
+    turn_mc,
+)
 from fish_env.envs import FishVectorEnv, Layout
 from fish_env.tasks.avoid import AvoidTask
+from fish_env.tasks.fast_start import FastStartTask
 from fish_env.tasks.rewards import wrap_angle
 from fish_env.tasks.swim import SwimTask
 from fish_env.tasks.target import TargetTask
@@ -150,6 +162,45 @@ class Sequencer:
         return np.clip(spread(self.fish, pairs) + lift[:, self.level], 0.0, 1.0)
 
 
+class Starter(Sequencer):
+    """Glides until it is told where to; then a C-start, and from its end on what the sequencer does.
+
+    Raises:
+        ValueError: for tables without fast starts.
+    """
+
+    def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
+        if tables.starts is None:
+            raise ValueError(
+                "the tables of the motor controllers have no fast starts; search them: "
+                "python -m benchmarks.calibration.motor_controllers --starts"
+            )
+        self.starts: Table = tables.starts
+        super().__init__(env, aim, tables, habits)
+
+    def begin(self, error: np.ndarray) -> None:
+        """Clear the memory: the fish wait for a command."""
+        super().begin(error)
+        self.told = np.zeros(error.size, dtype=bool)
+        self.start, self.start_side = self.starts.at(np.zeros(error.size)), np.ones(error.size)
+        self.elapsed = np.full(error.size, np.inf)
+
+    def contract(self, aim: Aim) -> np.ndarray:
+        """Contraction of every muscle at the end of the coming interval, (B,M) in [0, 1]."""
+        usual = super().contract(aim)
+        new = ~self.told & (aim.speed > 0.0)
+        self.told |= new
+        self.start = np.where(new[:, None], self.starts.at(np.abs(aim.error)), self.start)
+        self.start_side = np.where(new, np.where(aim.error < 0.0, -1.0, 1.0), self.start_side)
+        self.elapsed = np.where(new, 0.0, self.elapsed) + self.interval
+        pairs, going = start_mc(self.start, self.start_side, self.elapsed)
+        self.turning &= ~going  # what it has seen until now is no reason to turn
+        self.errors[going] = aim.error[going, None]
+        phase = self.start[:, 9] + 0.25 * (1.0 - self.start_side)  # the mirror image: half a beat later
+        self.beats = np.where(going[:, None], phase[:, None], self.beats)
+        return np.where(going[:, None], spread(self.fish, pairs), usual)
+
+
 def bearing(vector: np.ndarray) -> np.ndarray:
     """Angle (B,) rad of vectors (B,3) from straight ahead, positive to the left."""
     return np.arctan2(vector[:, 1], vector[:, 0])
@@ -165,6 +216,12 @@ def aim_heading(obs: np.ndarray, layout: Layout) -> Aim:
     """Aim at the commanded heading, as fast as possible."""
     wanted = layout.read(obs, "commanded heading").astype(float)
     return Aim(bearing(wanted), climb(wanted), np.full(len(obs), np.inf))
+
+
+def aim_start(obs: np.ndarray, layout: Layout) -> Aim:
+    """Aim at the commanded heading, as fast as possible, and glide while there is none."""
+    commanded = np.linalg.norm(layout.read(obs, "commanded heading").astype(float), axis=1) > 0.5
+    return aim_heading(obs, layout)._replace(speed=np.where(commanded, np.inf, 0.0))
 
 
 def aim_velocity(obs: np.ndarray, layout: Layout, mass: np.ndarray, gain: float = 2.0) -> Aim:
@@ -227,6 +284,7 @@ HABITS = {
     CommandedTurns: Habits(),
     TargetTask: Habits(pitch=2.0),
     AvoidTask: Habits(),
+    FastStartTask: Habits(),
 }
 """The best settings for each task, tried by hand on episodes that are neither those of training nor of evaluation."""
 
@@ -236,13 +294,14 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habi
 
     Args:
         env: the environment that it is to act in.
-        tables: of the motor controllers; None for those of the default fish.
+        tables: of the motor controllers; None for those of the default fish in water of that level.
         habits: when turns begin, and how small errors are corrected; None for those of the task.
 
     Raises:
-        ValueError: for a task that they cannot do.
+        ValueError: for a task that they cannot do, or a fast start with tables that have none.
     """
     task, mass, layout = env.task, env.tank.fish.landmarks.mass, env.layout
+    make = Starter if isinstance(task, FastStartTask) else Sequencer
     if isinstance(task, TargetTask):
         kind, aim = TargetTask, partial(aim_target, layout=layout, dimensions=task.dimensions)
     elif isinstance(task, AvoidTask):
@@ -251,12 +310,19 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habi
         kind, aim = SwimTask, partial(aim_heading, layout=layout)
         if task.speed is not None:
             aim = partial(aim_velocity, layout=layout, mass=mass)
+    elif isinstance(task, FastStartTask):
+        kind, aim = FastStartTask, partial(aim_start, layout=layout)
     elif isinstance(task, CommandedTurns):
         kind, aim = CommandedTurns, partial(aim_heading, layout=layout)
     else:
         names = ", ".join(sorted(cls.__name__ for cls in HABITS))
         raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
-    return Sequencer(env, aim, load_tables() if tables is None else tables, HABITS[kind] if habits is None else habits)
+    return make(
+        env,
+        aim,
+        load_tables(water=level_of(env.tank.world)) if tables is None else tables,
+        HABITS[kind] if habits is None else habits,
+    )
 
 
 def random_actions(env: FishVectorEnv, seed: int = 0) -> Callable[[np.ndarray, float], np.ndarray]:

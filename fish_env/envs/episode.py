@@ -9,11 +9,18 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
-from fish_env.bodies import Fish, make_fish
+from fish_env.bodies import Fish
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.observation import make_sensors, make_told, observe_nodes, observe_sensors
-from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_truth, checked_water
+from fish_env.envs.options import (
+    UnknownOptionError,
+    checked_limit,
+    checked_seed,
+    checked_truth,
+    checked_water,
+    fish_for,
+)
 from fish_env.envs.senses import begin, checked_senses, make_memory, pack_memory
 from fish_env.envs.state import Stateful
 from fish_env.envs.step import (
@@ -82,7 +89,7 @@ class Episodes(Stateful, ReadOnly):
     ):
         self.task, self._task_options = self._make_task(task, task_options), copy.deepcopy(task_options)
         self.max_episode_steps = max_episode_steps
-        fish = body if isinstance(body, Fish) else make_fish(body)
+        fish = body if isinstance(body, Fish) else fish_for(body, water)
         water = checked_water(water, fish)
         num_envs = checked_count(num_envs, "num_envs")
         limit = self.max_episode_steps or self.task.episode_steps

@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from fish_env.bodies import BODIES, make_fish
 from fish_env.checks import is_whole
 from fish_env.envs.layout import row_of
 from fish_env.envs.variation import checked_variation
@@ -126,12 +127,20 @@ def checked_picture(width, height, camera, panel) -> dict[str, Any]:
     return {"width": int(width), "height": int(height), "camera": camera, "panel": bool(panel)}
 
 
+def fish_for(body: str, water: Any) -> Fish:
+    """The fish of a name in BODIES, calibrated for the water if that is a level for which it is."""
+    named = isinstance(body, str) and body in BODIES
+    calibrated = named and isinstance(water, str) and water in BODIES[body].waters
+    return make_fish(body, water=water) if calibrated else make_fish(body)
+
+
 def checked_water(given: str | Mapping[str, Any] | World | None, fish: Fish) -> World:
     """Water of a name in WATERS, of keywords of `make_water`, as it is, or the fish's own; else ValueError."""
     if given is None or isinstance(given, World):
         return fish.water if given is None else given
     own = fish.water._replace(added_mass=None, righting=0.0)
-    levels: dict[str, World] = dict(zip(WATERS, (VACUUM, own, with_inertia(own)), strict=True))
+    inert = with_inertia(own) if fish.water.added_mass is None else fish.water
+    levels: dict[str, World] = dict(zip(WATERS, (VACUUM, own, inert), strict=True))
     try:
         return levels[given] if isinstance(given, str) else make_water(**given)
     except (KeyError, TypeError) as error:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fish_env.bodies.fitted import level_of
 from fish_env.control.evaluation import Controller, gait_controller, policy_controller
 from fish_env.control.gait import best_gait
 from fish_env.control.policy import load_policy, shipped_policy
@@ -104,7 +105,9 @@ def make_driver(name: str, num_fish: int) -> tuple[Waters, Controller]:
     waters = Waters(num_fish, task=goal, threads=1, autoreset_mode="Disabled", **options)
     if task:
         return waters, policy_controller(load_policy(shipped_policy(task)), waters)
-    return waters, gait_controller(best_gait(), waters) if name.startswith("gait") else scripted(waters)
+    return waters, gait_controller(best_gait(level_of(waters.tank.world)), waters) if name.startswith(
+        "gait"
+    ) else scripted(waters)
 
 
 class School:

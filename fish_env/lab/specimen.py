@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env.bodies import BODIES, Fish
+from fish_env.bodies import BODIES, Fish, fitted
 from fish_env.bodies.detail import carry_over
 from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.checks import is_whole
@@ -132,8 +132,9 @@ def change_world(thing: ElasticObject, numbers: dict[str, float], walls: str) ->
         planes = [(side * axis, -size, numbers["restitution"]) for axis in axes for side in (1.0, -1.0)]
     current = thing.length * np.array([numbers["current_x"], numbers["current_y"], 0.0])
     water = own._replace(
-        linear=own.linear * numbers["water"], quadratic=own.quadratic * numbers["water"], current=own.current + current
-    )
+        linear=own.linear * numbers["water"], quadratic=own.quadratic * numbers["water"],
+        friction=own.friction * numbers["water"], current=own.current + current,
+    )  # fmt: skip
     return make_world(numbers["gravity"] * down_of(thing), planes, own.viscosity, water)
 
 
@@ -154,7 +155,7 @@ class Specimen:
         self.entry, self.thing, self.fixed = entry, make_thing(entry), []
         self.surfaces: list[Surface] = surfaces(self.thing)
         self.rest_volume = enclosed_volume(self.thing, self.surfaces, self.thing.body.position)
-        self.swimming, self._gait = False, best_gait()
+        self.swimming, self._gait = False, best_gait(fitted.level_of(self.thing.water))
         self.numbers, self.walls, self.step = numbers, walls, step
         self._make(numbers, walls, step, [])
 

@@ -33,7 +33,7 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
         faces: surface, (F,4); a triangle gives its third node twice.
         share: point of each face at which the water acts, as the weights of its corners, (F,4), rows of sum 1; None:
             its middle.
-        drag: factor on the force of the water on each face, (F,), positive; None: 1.
+        drag: factor on the drag of each face, (F,), positive; None: 1.
         depth: height of the upright faces of a flat body, (F,) m; None if there are none.
         tets: result of `make_tets` for these positions, or None.
         compartments: result of `make_compartments`, or None.

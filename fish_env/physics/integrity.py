@@ -7,7 +7,7 @@ evaluated.
 
 import numpy as np
 
-from fish_env.checks import finite_array
+from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import joined
 from fish_env.physics.fish import ElasticObject, Fish
 from fish_env.physics.linalg import ldlt
@@ -101,6 +101,7 @@ def check_world(world: World, nodes: int) -> None:
     if world.added_mass is not None:
         finite_array(world.added_mass, (2,), "added_mass of the water (kg/m3)")
     finite_array(world.righting, (), "righting of the water (m/s2)")
+    positive_array(world.friction, (), "friction of the water (kg s^-1/2 m^-2)", zero=True)
     if world.planes is not None:
         finite_array(world.planes, (len(world.planes), 5), "planes of the water")
     if world.anchors is not None:

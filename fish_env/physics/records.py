@@ -35,7 +35,7 @@ class Faces(NamedTuple):
 
     nodes: np.ndarray  # (F,4) counter-clockwise seen from outside
     share: np.ndarray  # (F,4) part of the face's force each corner carries; rows sum to 1
-    drag: np.ndarray  # (F,) factor on the force of the water, which acts at one point of the face
+    drag: np.ndarray  # (F,) factor on the drag; the water acts at one point of the face
     depth: np.ndarray  # (F,) m along z; zero for the face of a solid body
     upright: bool = False  # True if any face is upright
 
@@ -166,3 +166,4 @@ class World(NamedTuple):
     added_mass: np.ndarray | None = None  # (2,) kg/m3, density times a factor on lateral and on vertical added mass
     righting: float = 0.0  # m/s2, gravity times the height of buoyancy above weight over the body's length
     extra: dict[str, NamedTuple] | None = None  # parameters of other forces; kernels read them as `world.<name>`
+    friction: float = 0.0  # of faces along themselves, kg s^-1/2 m^-2, over the root of the body's length

@@ -338,7 +338,7 @@ def _given(value, default: np.ndarray, name: str) -> np.ndarray:
 
 def _still(world: World) -> bool:
     """Return True if the water exerts no force on a body without motion."""
-    return not (world.current.any() and (world.linear or world.quadratic))
+    return not (world.current.any() and (world.linear or world.quadratic or world.friction))
 
 
 def _free(body: Body) -> np.ndarray:

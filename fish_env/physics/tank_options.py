@@ -145,8 +145,9 @@ def apply_variation(body: Body, world: World, row) -> tuple[Body, World]:
     """Apply the factors and the current of a row of `Tank.variation` to a body and its world."""
     stiffness, mass, drag = (float(factor) for factor in row[:3])
     return scale_body(body, stiffness, stiffness, mass), world._replace(
-        linear=world.linear * drag, quadratic=world.quadratic * drag, current=world.current + row[3:]
-    )
+        linear=world.linear * drag, quadratic=world.quadratic * drag, friction=world.friction * drag,
+        current=world.current + row[3:],
+    )  # fmt: skip
 
 
 PART = 0.5  # ratio of the default step to the largest stable step

@@ -10,19 +10,20 @@ from fish_env.physics.records import Anchors, World
 
 GRAVITY = 9.81  # m/s2
 RIGHTING = 0.005  # body lengths: without it, commands that differ above and below roll the fish over
+BLASIUS = 1.328  # mean friction coefficient of a laminar boundary layer times the root of the Reynolds number
 VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
 
 
 def make_water(
     density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0), inertia=False,
-    added_mass=(1.0, 1.0), righting=None,
+    added_mass=(1.0, 1.0), righting=None, friction=0.0, viscosity=1.0e-6,
 ) -> World:  # fmt: skip
     """Still or uniformly moving water that resists outward-moving faces (docs/physics.md, eq. 11-13).
 
     Args:
-        density: density of the water, kg/m3 (quadratic law).
+        density: density of the water, kg/m3 (quadratic law, inertia and friction).
         drag_coefficient: drag coefficient of a face moving along its normal, dimensionless (quadratic law). For the
-            linear law, it is the coefficient itself, kg/(m2 s), and `density` is not used.
+            linear law, it is the coefficient itself, kg/(m2 s), whatever the density.
         law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994) or "linear" (Tu & Terzopoulos 1994).
         current: velocity of the water, (3,) m/s.
         inertia: True for reactive water, which also resists the acceleration of the body's sections, by their added
@@ -31,13 +32,17 @@ def make_water(
             positive; for water with inertia.
         righting: height of the centre of buoyancy above the centre of mass, body lengths: a couple that turns the fish
             upright. None: 0.005 for water with inertia, else zero.
+        friction: skin friction over that of a laminar boundary layer on a flat plate of the body's length
+            (docs/physics.md, eq. 90), beside either law; 0 is none. On a swimming fish, the layer is thinner.
+        viscosity: kinematic viscosity of the water, m2/s, for friction; 1.0e-6 is that of water at 20 degrees Celsius.
 
     Raises:
         ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
     """
     if not isinstance(law, str) or law not in ("quadratic", "linear"):
         raise ValueError(f"unknown water law {law!r}; choose 'quadratic' or 'linear'")
-    for name, value in (("density", density), ("drag_coefficient", drag_coefficient)):
+    for name, value in (("density", density), ("drag_coefficient", drag_coefficient), ("friction", friction),
+                        ("viscosity", viscosity)):  # fmt: skip
         if not 0.0 <= real(value) < math.inf:
             raise ValueError(f"{name} is {value!r}; give a finite number, zero or positive")
     flow = finite_array(current, (3,), "current (m/s)")
@@ -47,16 +52,20 @@ def make_water(
     heavy = real(density) * factors if inertia else None
     height = (RIGHTING if inertia else 0.0) if righting is None else righting
     upright = GRAVITY * float(finite_array(height, (), "righting (body lengths)"))
+    rough = 0.5 * BLASIUS * real(friction) * real(density) * math.sqrt(real(viscosity))
+    if not rough < math.inf:
+        raise ValueError(f"friction {friction!r} times density {density!r} is infinite; give less")
+    still = World(0.0, 0.0, flow, added_mass=heavy, righting=upright, friction=rough)
     if law == "linear":
-        return World(real(drag_coefficient), 0.0, flow, added_mass=heavy, righting=upright)
+        return still._replace(linear=real(drag_coefficient))
     quadratic = 0.5 * real(density) * real(drag_coefficient)
     if quadratic == math.inf:
         raise ValueError(f"density {density!r} times drag_coefficient {drag_coefficient!r} is infinite; give less")
-    return World(0.0, quadratic, flow, added_mass=heavy, righting=upright)
+    return still._replace(quadratic=quadratic)
 
 
 def with_inertia(water: World, density=1000.0, added_mass=(1.0, 1.0), righting=None) -> World:
-    """Return water with the same drag and current that has inertia too; arguments as in `make_water`."""
+    """Return water with the same drag, friction and current that has inertia too; arguments as in `make_water`."""
     heavy = make_water(density, inertia=True, added_mass=added_mass, righting=righting)
     return water._replace(added_mass=heavy.added_mass, righting=heavy.righting)
 

@@ -9,6 +9,7 @@ from fish_env.bodies import Fish
 from fish_env.physics.pose import Pose
 from fish_env.physics.tank import Tank
 from fish_env.tasks.avoid import AvoidTask
+from fish_env.tasks.fast_start import FastStartTask
 from fish_env.tasks.left_after_right import LeftAfterRightTask
 from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS, place
@@ -81,4 +82,5 @@ TASKS: dict[str, type[Task]] = {
     "left_after_right": LeftAfterRightTask,
     "target": TargetTask,
     "avoid": AvoidTask,
+    "fast_start": FastStartTask,
 }

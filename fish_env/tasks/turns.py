@@ -1,4 +1,4 @@
-"""Commanded turns: when each is commanded, how well it is followed, and what it costs. Three tasks are made of them.
+"""Commanded turns: when each is commanded, how well it is followed, and what it costs. Four tasks are made of them.
 
 Legend: b fish; k turn or axis; angles positive to the left.
 """

@@ -125,12 +125,13 @@ CONFIGS: dict[str, TrainConfig] = {
     "target": TrainConfig("FishEnv/Target-v0", {}, {"patience": 3.0}, timesteps=6_000_000),
     "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, {"patience": 3.0}, timesteps=8_000_000),
     "avoid": TrainConfig("FishEnv/Avoid-v0", slower(6.0), timesteps=3_500_000),
+    "fast_start": TrainConfig("FishEnv/FastStart-v0", timesteps=6_000_000, horizon=2.0),
 }
 """A task of the package, or one of its forms, by its name in the command line."""
 
 SCORES = {
     "swim": "speed", "turn": "success", "left_after_right": "success", "target": "targets", "target_3d": "success",
-    "avoid": "success",
+    "avoid": "success", "fast_start": "escape_distance",
 }  # fmt: skip
 """The metric that ranks the seeds of a task; more is better. Other environments have "return"."""
 

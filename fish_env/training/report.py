@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from fish_env.bodies.fitted import level_of
 from fish_env.control import (
     EPISODES,
     FIRST_SEED,
@@ -31,7 +32,7 @@ def baselines(env: FishVectorEnv) -> dict[str, Controller]:
     """The controllers without learning; motor controllers for the tasks that they can do."""
     found: dict[str, Controller] = {
         "random": random_actions(env),
-        "best open-loop gait": gait_controller(best_gait(), env),
+        "best open-loop gait": gait_controller(best_gait(level_of(env.tank.world)), env),
     }
     with suppress(ValueError):  # a task of somebody else's
         found["motor controllers"] = scripted(env)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from naive.elements import barrier_stiffness, gas_volume, tet_blocks
-from naive.springs_and_water import area_vector, face_force
+from naive.springs_and_water import area_vector, face_force, face_friction
 from naive.sums import highest_rate, stiffness_matrix, total_force
 from naive.surroundings import anchor_rates, anchors_of, at, constrain
 
@@ -20,7 +20,8 @@ def face_mobility(body, duration, corners, share):
 def water_pushes(body, world, duration, x, v, ahead):
     """Forces of the water (N,3) at v, and their change when v becomes `ahead`, each face's drag on itself implicit.
 
-    A face that its push would turn around in this time is pushed no more than stops it.
+    A face that its push would turn around in this time is pushed no more than stops it. Friction
+    stops no face within a step, as if all faces around had the same.
     """
     first, change = np.zeros_like(x), np.zeros_like(x)
     for corners, share, factor in zip(body.faces.nodes, body.faces.share, body.faces.drag, strict=True):
@@ -36,6 +37,12 @@ def water_pushes(body, world, duration, x, v, ahead):
         if outward > 0:
             slope = factor * size * (world[0] + world[1] * (speed + outward**2 / speed))
             differs /= 1.0 + mobility * slope
+        most = 0.25 / mobility if mobility else np.inf
+        pulls = []
+        for speeds in (v, ahead):
+            rough, along = face_friction(body, corners, share, world, x, speeds)
+            pulls.append(-min(rough, most) * along)
+        push, differs = push + pulls[0], differs + pulls[1] - pulls[0]
         for node, part in zip(corners, share, strict=True):
             first[node] += part * push
             change[node] += part * differs
@@ -112,7 +119,7 @@ def leapfrog_chebyshev(body, world, rest, t, h, x, v):
     matrix = filtered_matrix(body, world, lengths, h, least, middle)
     filtering, _, _ = chebyshev_filter(stages, inverse[:, None] * matrix)
     pushed, _ = water_pushes(body, world, 0.5 * h, middle, v, v)
-    dry = world._replace(linear=0.0, quadratic=0.0)
+    dry = world._replace(linear=0.0, quadratic=0.0, friction=0.0)
     acceleration = total_force(body, dry, lengths, middle, v, pushed).ravel() * inverse
     kick = constrain(world.planes, middle, v, h, (filtering @ acceleration).reshape(x.shape))
     _, change = water_pushes(body, world, 0.5 * h, middle, v, v + 0.5 * h * kick)

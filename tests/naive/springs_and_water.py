@@ -37,7 +37,7 @@ def shares(corners):
 
 
 def face_force(corners, share, world, x, v):
-    """Force of the water on one face, (3,): nothing on a face that moves inward."""
+    """Force of the water along the normal of one face, (3,): nothing on a face that moves inward."""
     linear, quadratic, current = world[:3]
     area = area_vector(x[corners])
     size = np.linalg.norm(area)
@@ -48,11 +48,24 @@ def face_force(corners, share, world, x, v):
     return min(0.0, -pressure) * size * normal
 
 
-def water_force(faces, world, x, v):
+def face_friction(body, corners, share, world, x, v):
+    """Friction of the water on one face over its velocity along itself, N s/m, and that velocity (3,)."""
+    area = area_vector(x[corners])
+    size = np.linalg.norm(area)
+    velocity = share @ v[corners] - world.current
+    length = max(np.ptp(body.position[:, axis]) for axis in range(3))
+    coefficient = world.friction / np.sqrt(length)
+    along = velocity - np.dot(velocity, area) * area / size**2
+    return coefficient * size * np.linalg.norm(velocity) ** 0.5, along
+
+
+def water_force(body, world, x, v):
     """Force of the water on every node, (N,3)."""
-    force = np.zeros_like(x)
+    force, faces = np.zeros_like(x), body.faces
     for corners, share, factor in zip(faces.nodes, faces.share, faces.drag, strict=True):
         push = factor * face_force(corners, share, world, x, v)
+        rough, along = face_friction(body, corners, share, world, x, v)
+        push -= rough * along
         for node, part in zip(corners, share, strict=True):
             force[node] += part * push
     return force

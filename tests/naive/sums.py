@@ -3,13 +3,13 @@
 import numpy as np
 
 from naive.elements import barrier_force, gas_force, gas_volume, tet_blocks, tet_force
-from naive.springs_and_water import area_vector, spring_force, water_force
+from naive.springs_and_water import area_vector, face_friction, spring_force, water_force
 from naive.surroundings import anchor_force, anchors_of, with_reaction
 
 
 def other_force(body, world, x, v):
     """All but the springs, the anchors and the walls, (N,3): what Tu's method takes explicitly."""
-    force = water_force(body.faces, world, x, v)
+    force = water_force(body, world, x, v)
     if body.tets is not None:
         force += tet_force(body, x, v)
     if body.compartments is not None:
@@ -51,7 +51,7 @@ def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False
 
     Of the tetrahedra they are those of linear elasticity, turned with them; of the anchors, along them or along all
     axes. The air damps every node. `projected` takes a negative eta as zero; `wet` adds to D what the normal velocity
-    of a face changes in its force along the normal.
+    of a face changes in its force along the normal, and the ratio of friction to the velocity along the face.
     """
     nodes, springs = len(x), body.springs
     stiffness, damping = np.zeros((nodes, 3, nodes, 3)), np.zeros((nodes, 3, nodes, 3))
@@ -71,11 +71,12 @@ def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False
         size = np.linalg.norm(area)
         velocity = share @ v[corners] - world[2]
         outward, speed = np.dot(velocity, area) / size, np.linalg.norm(velocity)
-        if outward > 0:
-            drag = factor * size * (world[0] + world[1] * (speed + outward**2 / speed))
-            for p, part_p in zip(corners, share, strict=True):
-                for q, part_q in zip(corners, share, strict=True):
-                    damping[p, :, q] += part_p * part_q * drag * np.outer(area, area) / size**2
+        normal = np.outer(area, area) / size**2
+        drag = factor * size * (world[0] + world[1] * (speed + outward**2 / speed)) if outward > 0 else 0.0
+        rough, _ = face_friction(body, corners, share, world, x, v)
+        for p, part_p in zip(corners, share, strict=True):
+            for q, part_q in zip(corners, share, strict=True):
+                damping[p, :, q] += part_p * part_q * (drag * normal + rough * (np.eye(3) - normal))
     for t, corners, block, turning in tet_blocks(body, x, v, projected) if body.tets is not None else ():
         for a, p in enumerate(corners):
             for b, q in enumerate(corners):

@@ -280,7 +280,8 @@ def add_change(body, world, control, x, v, f, cache):
     """Add the change of the force when the velocities become v, half a step later, at the stored frames.
 
     The change itself changes those velocities: the sections account for that by ROUNDS iterations, and the shedding is
-    implicit, as if it were the only force on the tail.
+    implicit, as if it were the only force on the tail. It pulls the tail along the body the more, the faster the tail
+    moves that way, and no filter slows that: the change of this velocity is divided as that of a force on a light tail.
     """
     half = 0.5 * control.plans[control.row[0], H]
     set_speeds(body, world, control, v, cache)
@@ -299,7 +300,10 @@ def add_change(body, world, control, x, v, f, cache):
     cache.bend[0] = cache.bend[0] - cache.twist[0]
     last = INDEX(cache.n.size - 1)
     t, speed = cache.t[last], cache.speed[last]
-    cache.speed[last] = fma(cache.advance[0] - dot(speed, t), t, speed)
+    edge = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing
+    change = dot(speed, t) - cache.advance[0]
+    kept = change / fma(half * edge * dot(t, cache.give[last] * t), sqrt(dot(speed, speed)), 1.0)  # (91)
+    cache.speed[last] = fma(kept - change, t, speed)
     wake, slope = shed(body, world, control, cache)
     scatter_wake(body, cache, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (82)
     scatter_all(body, cache.later, cache.bend, f)

@@ -5,10 +5,13 @@ matrices are summed to a sparse one. `_pieces` cannot split a force that a user 
 are computed for the whole body, some columns at a time.
 """
 
+import math
+
 import numpy as np
 from scipy.sparse import coo_array
 
 from fish_env.physics import forces
+from fish_env.physics.forces import water
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.linalg import rates
 from fish_env.physics.records import Body, World
@@ -79,7 +82,10 @@ def _pieces(body: Body, world: World, rest_length):
             springs=parts[0], faces=parts[1], tets=parts[2], barriers=parts[3],
             compartments=gas and gas._replace(faces=local[gas.faces]), sections=None,
         )  # fmt: skip
-        around = world._replace(anchors=pull and pull._replace(node=local[pull.node]))
+        around = world._replace(
+            anchors=pull and pull._replace(node=local[pull.node]),
+            friction=world.friction * math.sqrt(water.length(piece) / water.length(body)),  # the whole body's
+        )
         yield nodes, piece, around, rest_length[share(len(springs.nodes), p)]
 
 

@@ -1,10 +1,13 @@
-"""Water on the surface: every face that moves outward through the water is resisted along its normal.
+"""Water on the surface: every face that moves outward is resisted along its normal, and every face along itself.
 
 The linear law is Tu & Terzopoulos 1994; the quadratic one Terzopoulos, Tu & Grzeszczuk 1994 with half the density
-times a drag coefficient in place of their unit constant. No lift, added mass, friction or wake.
+times a drag coefficient in place of their unit constant. Skin friction, if the world has it, is that of a laminar
+boundary layer on a flat plate (Blasius 1908) times a factor. No lift, added mass or wake.
 
 Legend: a area vector (area times outward normal n); w velocity of the face through the water; p, q, r, s its corners.
 """
+
+import math
 
 import numpy as np
 
@@ -18,25 +21,47 @@ ANYWHERE = IN_WATER = True
 
 def present(body: Body, world: World) -> bool:
     """Return True if water acts on the body."""
-    return (world.linear != 0.0 or world.quadratic != 0.0) and len(body.faces.nodes) > 0
+    return (world.linear != 0.0 or world.quadratic != 0.0 or world.friction != 0.0) and len(body.faces.nodes) > 0
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Data of `add_change`: each face's normal, area times factor, push, and its mobility (F,)."""
-    count = len(body.faces.nodes)
-    return Pack("water", normal=kind.vectors(count), area=kind.numbers(count), push=kind.numbers(count),
-                mobility=kind.scalars(mobility(body)))  # fmt: skip
+    """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction.
+
+    `loaded` is the mobility with the water that moves with the face.
+    """
+    count, friction = len(body.faces.nodes), world.friction / math.sqrt(length(body))
+    inverse = body.inverse_mass.max(axis=1)
+    own, loaded = mobility(body, inverse), mobility(body, inverse * own_part(body, world))
+    return Pack(
+        "water", normal=kind.vectors(count), size=kind.numbers(count), push=kind.numbers(count),
+        pull=kind.vectors(count if friction else 0), mobility=kind.scalars(own), loaded=kind.scalars(loaded),
+        friction=friction,
+    )  # fmt: skip
 
 
-def mobility(body: Body) -> np.ndarray:
+def length(body: Body) -> float:
+    """Length of the body in the Reynolds number of its friction, m: its largest extent along an axis, at rest."""
+    return float(np.ptp(body.position, axis=0).max()) or 1.0  # a point has no friction
+
+
+def own_part(body: Body, world: World) -> np.ndarray:
+    """Mass of each node (N,) over that with which it moves sideways: its section's with its water's."""
+    sections, part = body.sections, np.ones(len(body.mass))
+    if world.added_mass is not None and sections is not None:
+        section = np.repeat(np.arange(sections.lateral.size), np.diff(sections.first))
+        own = np.bincount(section, body.mass[sections.nodes])
+        part[sections.nodes] = (own / (own + world.added_mass[0] * sections.lateral))[section]
+    return part
+
+
+def mobility(body: Body, inverse: np.ndarray) -> np.ndarray:
     """Velocity (F,) m/s that a face gains in 1 s from a force of 1 N, if half the faces around it have the same force.
 
-    Half, because about half of a swimming fish's faces move outward.
+    Half, because about half of a swimming fish's faces move outward. `inverse` (N,) is one over the nodes' masses.
     """
     faces = body.faces
     carried = np.zeros(len(body.mass))
     np.add.at(carried, faces.nodes, faces.share)
-    inverse = body.inverse_mass.max(axis=1)
     return 0.5 * (faces.share * (carried * inverse)[faces.nodes]).sum(axis=1)
 
 
@@ -78,48 +103,79 @@ def scatter(body, k, g, f):
 
 
 @kernel
-def laws(world, control):
-    """Coefficients of the linear and the quadratic law, and the current."""
+def laws(world, control, cache):
+    """Coefficients of the linear law, of the quadratic law and of friction, and the current."""
     drag = control.drag[0]
-    return world.linear * drag, world.quadratic * drag, world.current[0] + control.current[0]
+    linear, quadratic, friction = world.linear * drag, world.quadratic * drag, cache.friction * drag
+    return linear, quadratic, friction, world.current[0] + control.current[0]
 
 
 @kernel
 def push_on(body, linear, quadratic, current, x, v, k):
-    """Normal of face k, its area times its factor, and the force along the normal, zero if the face moves inward."""
+    """Normal of face k, its velocity and area, and the force along the normal, zero if the face moves inward."""
     a, w = area_vector(body, x, k), velocity(body, current, v, k)
     size = sqrt(dot(a, a))
     n, area = (1.0 / size) * a, body.faces.drag[k] * size
     outward, speed = dot(n, w), sqrt(dot(w, w))
-    return n, area, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
+    return n, w, size, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
+
+
+@kernel
+def resistance(friction, w, size):
+    """Friction on a face over its velocity along itself."""
+    square = dot(w, w)
+    return select(square > 0.0, friction * size * sqrt(sqrt(square)), 0.0)  # (90)
+
+
+@kernel
+def limited(rough, h, mobility):
+    """Friction over velocity that does not stop a face within a step, if all faces around it have the same."""
+    most = 0.5 / (h * mobility)
+    return select(rough < most, rough, most)
+
+
+@kernel
+def along(n, w):
+    """Part of a velocity along a face."""
+    return fma(-dot(n, w), n, w)
 
 
 @kernel
 def add_force(body, world, control, x, v, f, cache):
     """Add the force of the water on every face."""
-    linear, quadratic, current = laws(world, control)
+    linear, quadratic, friction, current = laws(world, control, cache)
     for k in range(body.faces.nodes.shape[0]):
-        n, _, push = push_on(body, linear, quadratic, current, x, v, k)
-        scatter(body, k, push * n, f)
+        n, w, size, push = push_on(body, linear, quadratic, current, x, v, k)
+        g = push * n
+        if cache.friction > 0.0:
+            g = fma(-resistance(friction, w, size), along(n, w), g)
+        scatter(body, k, g, f)
 
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
     """Add the force of the water on every face, and store the data of `add_change`.
 
-    A force that would reverse its face's motion within half a step is limited to the force that stops it. Otherwise the
-    prediction, from which the change is computed, would grow from step to step.
+    A force that would reverse the motion of its face, and of the water with it, within half a step is limited to the
+    force that stops it. Otherwise the prediction, from which the change is computed, would grow from step to step.
+    Friction is limited too.
     """
-    linear, quadratic, current = laws(world, control)
-    half = 0.5 * control.plans[control.row[0], H]
+    linear, quadratic, friction, current = laws(world, control, cache)
+    h = control.plans[control.row[0], H]
+    half = 0.5 * h
     for k in range(body.faces.nodes.shape[0]):
-        n, area, push = push_on(body, linear, quadratic, current, x, v, k)
-        outward = dot(n, velocity(body, current, v, k))
-        stopping = select(outward > 0.0, -outward / (half * cache.mobility[k]), 0.0)
+        n, w, size, push = push_on(body, linear, quadratic, current, x, v, k)
+        outward = dot(n, w)
+        stopping = select(outward > 0.0, -outward / (half * cache.loaded[k]), 0.0)
         push = select(push < stopping, stopping, push)  # (38)
-        scatter(body, k, push * n, f)
+        g = push * n
+        if cache.friction > 0.0:
+            pull = -limited(resistance(friction, w, size), h, cache.mobility[k]) * along(n, w)
+            cache.pull[k] = pull
+            g = g + pull
+        scatter(body, k, g, f)
         cache.normal[k] = n
-        cache.area[k] = area
+        cache.size[k] = size
         cache.push[k] = push
 
 
@@ -127,28 +183,36 @@ def add_force_cached(body, world, control, x, v, f, cache):
 def add_change(body, world, control, x, v, f, cache):
     """Add the change of the force when the velocities become v, half a step later, at the stored positions.
 
-    Each face's drag is implicit, as if it were the only force on the face.
+    Each face's drag is implicit, as if it were the only force on the face. Friction, which is small, is explicit.
     """
-    linear, quadratic, current = laws(world, control)
-    half = 0.5 * control.plans[control.row[0], H]
-    for k in range(cache.area.size):
-        n, area, push, w = cache.normal[k], cache.area[k], cache.push[k], velocity(body, current, v, k)
-        outward, square = dot(n, w), dot(w, w)
+    linear, quadratic, friction, current = laws(world, control, cache)
+    h = control.plans[control.row[0], H]
+    half = 0.5 * h
+    for k in range(cache.size.size):
+        n, size, push, w = cache.normal[k], cache.size[k], cache.push[k], velocity(body, current, v, k)
+        area, outward, square = body.faces.drag[k] * size, dot(n, w), dot(w, w)
         speed = sqrt(square)
         change = -(fma(quadratic, speed, linear) * outward * area) - push
         slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
         ahead = change * (speed / fma((half * cache.mobility[k]) * area, slope, speed))  # (38)
-        scatter(body, k, select(outward > 0.0, ahead, -push) * n, f)
+        g = select(outward > 0.0, ahead, -push) * n
+        if cache.friction > 0.0:
+            rough = limited(resistance(friction, w, size), h, cache.mobility[k])
+            g = fma(-rough, along(n, w), g - cache.pull[k])
+        scatter(body, k, g, f)
 
 
 @kernel
 def loss(body, world, control, x, v, f, cache):
     """Power of all faces on the water, W."""
-    linear, quadratic, current = laws(world, control)
+    linear, quadratic, friction, current = laws(world, control, cache)
     total = zero(control.stiffness)
     for k in range(body.faces.nodes.shape[0]):
-        n, _, push = push_on(body, linear, quadratic, current, x, v, k)
-        total = fma(-push, dot(n, velocity(body, current, v, k)), total)
+        n, w, size, push = push_on(body, linear, quadratic, current, x, v, k)
+        total = fma(-push, dot(n, w), total)
+        if cache.friction > 0.0:
+            u = along(n, w)
+            total = fma(resistance(friction, w, size), dot(u, u), total)
     return total
 
 
@@ -156,20 +220,25 @@ def loss(body, world, control, x, v, f, cache):
 def add_damping(body, world, control, x, v, a, cache):
     """Add h D to the matrix a, as `springs.add_system`.
 
-    D is the symmetric, positive semi-definite part of -df/dv: the derivative of the force along a face's normal with
-    respect to its outward velocity.
+    D is a symmetric, positive semi-definite part of -df/dv: the derivative of the force along a face's normal with
+    respect to its outward velocity, and the ratio of friction to the velocity along the face.
     """
-    linear, quadratic, current = laws(world, control)
+    linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], INNER]
     first, start = body.profile.first, body.profile.start
     nodes, share = body.faces.nodes, body.faces.share
     for k in range(nodes.shape[0]):
-        n, area, _ = push_on(body, linear, quadratic, current, x, v, k)
-        w = velocity(body, current, v, k)
-        outward, speed = dot(n, w), sqrt(dot(w, w))
+        n, w, size, _ = push_on(body, linear, quadratic, current, x, v, k)
+        area, outward, speed = body.faces.drag[k] * size, dot(n, w), sqrt(dot(w, w))
         slope = fma(quadratic, fma(outward, outward, speed * speed), linear * speed) / speed
         drag = select(outward > 0.0, h * area * slope, 0.0)  # (27)
-        columns = ((drag * n.x) * n, (drag * n.y) * n, (drag * n.z) * n)
+        rough, none = h * resistance(friction, w, size), zero(control.drag)
+        across = drag - rough
+        columns = (
+            fma(across * n.x, n, vec3(rough, none, none)),
+            fma(across * n.y, n, vec3(none, rough, none)),
+            fma(across * n.z, n, vec3(none, none, rough)),
+        )
         for m in range(4):
             for p in range(4):
                 row, column = nodes[k, m], nodes[k, p]

@@ -125,17 +125,17 @@ def cruise(fish: Fish, gait: Gait, speed: float) -> dict[str, float]:
     return cruises(fish, [gait], speed, 12.0, count=6)[0]
 
 
-def phases(gait: Gait) -> list[Gait]:
-    """The gait in PHASES phases."""
-    shifts = 2 * np.pi * np.arange(PHASES) / PHASES
+def phases(gait: Gait, count=PHASES) -> list[Gait]:
+    """The gait in so many phases."""
+    shifts = 2 * np.pi * np.arange(count) / count
     return [Gait(gait.frequency, gait.amplitude, tuple(lag - shift for lag in gait.lag)) for shift in shifts]
 
 
-def cruising(fish: Fish, gait: Gait | None, speed: float) -> Tank:
-    """A tank of PHASES fish after about SETTLING s of cruising, each in another phase; without a gait they glide."""
-    tank = tank_of(fish, PHASES, speed)
+def cruising(fish: Fish, gait: Gait | None, speed: float, count=PHASES, settling=SETTLING) -> Tank:
+    """A tank of fish after about `settling` s of cruising, each in another phase; without a gait they glide."""
+    tank = tank_of(fish, count, speed)
     if gait is not None:
-        drive(tank, beats(fish, phases(gait), round(SETTLING * gait.frequency) / gait.frequency))
+        drive(tank, beats(fish, phases(gait, count), round(settling * gait.frequency) / gait.frequency))
     return tank
 
 
@@ -150,19 +150,19 @@ def peak_rate(yaw: np.ndarray, interval: float) -> np.ndarray:
     return np.degrees(np.abs(np.diff(yaw, axis=0)).max(axis=0) / interval)
 
 
-def turn(fish: Fish, gait: Gait | None, speed=1.0) -> dict[str, float]:
+def turn(fish: Fish, gait: Gait | None, speed=1.0, count=PHASES, settling=SETTLING) -> dict[str, float]:
     """Pull one side while cruising, then glide for 0.8 s.
 
     Values are 'angle' after 0.3 s, 'kept' at the end, the 'rate' at most, and the 'radius': the path over the angle
     until 90 % of the angle at the end, nan where less than 5 degrees are kept.
     """
-    tank = cruising(fish, gait, speed)
-    swum = drive(tank, pulls(fish, PHASES, 1, 0, 0, 0, 0))
+    tank = cruising(fish, gait, speed, count, settling)
+    swum = drive(tank, pulls(fish, count, 1, 0, 0, 0, 0))
     yaw = swum.yaw - swum.yaw[0]
     yaw *= np.sign(yaw[PULL].mean())
     kept, radius = yaw[-1], []
     way = np.linalg.norm(np.diff(swum.centre, axis=0), axis=2).cumsum(axis=0) / fish.length
-    for b in range(PHASES):
+    for b in range(count):
         end = int(np.argmax(yaw[:, b] >= 0.9 * kept[b]))
         radius.append(way[end - 1, b] / yaw[end, b] if kept[b] > np.radians(5.0) else np.nan)
     late = round(0.3 / fish.control_interval)
@@ -196,13 +196,15 @@ def acceleration(velocity: np.ndarray, interval: float) -> np.ndarray:
     return np.linalg.norm(velocity[apart:] - velocity[:-apart], axis=2).max(axis=0) / (apart * interval)
 
 
-def start(fish: Fish) -> dict[str, float]:
+def start(fish: Fish, first=range(2, 12), second=range(12)) -> dict[str, float]:
     """Start from rest by one side for 0.2 s, and by the best of a grid of two stages, for each quantity the best.
+
+    `first` and `second` are the control intervals that the stages may last.
 
     'angle' and 'distance' (body lengths) are those after 0.3 s, 'acceleration' the largest mean over 40 ms.
     """
     interval, end = fish.control_interval, round(0.3 / fish.control_interval)
-    first, second = (grid.ravel() for grid in np.meshgrid(np.arange(2, 12), np.arange(0, 12)))
+    first, second = (grid.ravel() for grid in np.meshgrid(first, second))
     first, second = np.append(PULL, first), np.append(0, second)
     k = np.arange(end)[:, None]
     side = np.where(k < first, 1, np.where(k < first + second, -1, 0))

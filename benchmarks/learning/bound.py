@@ -1,0 +1,306 @@
+"""What is the best that the muscles can do? Commands by optimal control, beside motor controllers and shipped policy.
+
+    python -m benchmarks.learning.bound                                      results/learning/bound.csv
+    python -m benchmarks.learning.bound turn --budget 20 --water reactive    other tasks, efforts or fish: only prints
+
+A start is a fish that the motor controllers have swum with until the last command of an evaluation episode, in Swim
+until it is steady. From this state the motor controllers go on, the shipped policy takes over, and CMA-ES searches for
+commands. It begins with the better ones of the two, which it never falls behind, and changes them every 40 ms in each
+segment, to the left or to the right. Fast strokes are unstable without feedback. A steady swimmer therefore executes
+only the beginning of a plan, and plans again from there (a receding horizon); the controller that it began with
+goes on after the plan.
+
+A search shows what can be reached. How far its seeds are apart tells how far it may be from the best.
+"""
+
+import argparse
+from collections.abc import Callable
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.common.search import minimise
+from benchmarks.common.statistics import interval_of, rounded
+from benchmarks.common.tables import write_csv
+from fish_env import BODIES
+from fish_env.bodies.fitted import WATERS
+from fish_env.control import FIRST_SEED, Controller, as_controller, scripted, shipped_policies
+from fish_env.envs import FishState, FishVectorEnv
+from fish_env.tasks.fast_start import FastStartTask
+from fish_env.tasks.rewards import wrap_angle
+from fish_env.tasks.turns import COMPLETE, MEAN_TIME, SETTLED, CommandedTurns
+
+POPULATION = 256  # fish that try commands, each its own
+HELD = 0.04  # s for which a change of the commands is held
+SPREAD, MOST = 0.5, 2.0  # of the changes of actions: standard deviation at first; bound, from one end to the other
+LONGEST = 2.0  # s after its command that a turn is followed
+WRONG = 5.0  # s that a radian beyond the tolerance costs in a search
+CRUISE, STEADY = 2.5, 1.5  # s that a fish swims before and after the start; at their end those that are measured
+HORIZON, PLANNED, AGAIN = 1.0, 0.4, 0.12  # s that a plan looks ahead, that it changes, and that are executed of it
+SHARE = 0.1  # of the budget, for each plan
+
+
+class Start(NamedTuple):
+    """A fish at its command."""
+
+    seed: int  # of the episode
+    state: FishState
+    commands: np.ndarray  # (K,A) actions of the motor controllers from there on, as long as is measured
+    wanted: float  # rad, the commanded turn, positive to the left; NaN if none is commanded
+
+
+class Swum(NamedTuple):
+    """What B fish have done in K control intervals from a start; NaN for those that the physics failed."""
+
+    turned: np.ndarray  # (K+1,B) rad
+    way: np.ndarray  # (K+1,B) body lengths along the commanded heading
+    interval: float  # s
+    commands: np.ndarray  # (K,A) actions of the first fish
+
+
+Found = tuple[np.ndarray, np.ndarray]
+"""A quantity of B fish, (B,), NaN where it is not reached, and what a search minimises in its place, (B,)."""
+
+
+def measure_latency(swum: Swum, wanted: float) -> Found:
+    """Time to 90 % of the turn as the task measures it, s, interpolated within the control interval."""
+    left = np.abs(wrap_angle(wanted - swum.turned))
+    part = np.maximum(swum.turned / wanted, 1.0 - left / abs(wanted))
+    first, each = (part >= COMPLETE).argmax(axis=0), np.arange(part.shape[1])
+    before, after = part[first - 1, each], part[first, each]
+    steps = np.where(first > 0, first - (after - COMPLETE) / np.where(first > 0, after - before, 1.0), np.nan)
+    lacking = (len(part) - 1) * swum.interval + COMPLETE - part.max(axis=0)
+    return steps * swum.interval, np.where(first > 0, steps * swum.interval, lacking)
+
+
+def measure_settled(swum: Swum, wanted: float) -> Found:
+    """The same for fish whose mean heading over the next beat is as near to the command as the task wants."""
+    (value, cost), last = measure_latency(swum, wanted), len(swum.turned) - 1
+    first = np.nan_to_num(np.ceil(value / swum.interval - 1e-9), nan=last).astype(int)
+    steps = first + np.arange(1, 1 + round(MEAN_TIME / swum.interval))[:, None]
+    error = swum.turned[np.minimum(steps, last), np.arange(first.size)].mean(axis=0) - wanted
+    beyond = np.where(steps[-1] <= last, np.maximum(np.abs(wrap_angle(error)) - SETTLED, 0.0), np.pi)
+    return np.where(beyond > 0.0, np.nan, value), cost + WRONG * beyond
+
+
+def measure_way(swum: Swum, wanted: float) -> Found:
+    """Distance along the commanded heading, body lengths."""
+    return swum.way[-1], -swum.way[-1]
+
+
+def measure_speed(swum: Swum, wanted: float) -> Found:
+    """Speed along the commanded heading of a fish that has swum steadily for a while, body lengths/s."""
+    begin, end = (round(time / swum.interval) for time in (CRUISE - STEADY, CRUISE))
+    speed = (swum.way[end] - swum.way[begin]) / STEADY
+    return speed, -speed
+
+
+Measure = Callable[[Swum, float], Found]
+TURNS: dict[str, Measure] = {"latency": measure_latency, "latency, then settled": measure_settled}
+GOALS: dict[str, dict[str, Measure]] = {
+    "turn": TURNS,
+    "left_after_right": TURNS,
+    "fast_start": {"escape distance": measure_way},
+    "swim": {"speed": measure_speed},
+}
+"""What is measured in each task."""
+
+
+def find_starts(env: FishVectorEnv) -> list[Start]:
+    """The starts of the first evaluation episodes, one a fish, under the motor controllers.
+
+    Raises:
+        ArithmeticError: if the physics fails.
+    """
+    task, interval, controller, actions, begun = env.task, env.control_interval, scripted(env), [], {}
+    turns = isinstance(task, CommandedTurns)
+    length = round((LONGEST if turns else CRUISE + HORIZON) / interval)
+    obs, _ = env.reset(seed=FIRST_SEED)
+    while len(begun) < env.num_envs or len(actions) < max(end for _, end, *_ in begun.values()):
+        k = len(actions)
+        told = task.course.stage == task.course.count if turns else [k >= round(CRUISE / interval)] * env.num_envs
+        for i in set(np.flatnonzero(told).tolist()) - begun.keys():
+            end = task.episode_steps if isinstance(task, FastStartTask) else k + length
+            wanted = float(task.course.angle[i, task.course.count[i] - 1]) if turns else np.nan
+            begun[i] = k, end, env.get_state([i]), wanted
+        actions.append(controller(obs, k * interval))
+        obs, _, terminated, *_ = env.step(actions[-1])
+        if terminated.any():
+            raise ArithmeticError(f"the physics fails under the motor controllers: {env.tank.failure}")
+    commands = np.array(actions)
+    return [
+        Start(FIRST_SEED + i, state, commands[k:end, i], wanted) for i, (k, end, state, wanted) in sorted(begun.items())
+    ]
+
+
+def drive(env: FishVectorEnv, state: FishState, control: Controller, steps: int) -> Swum:
+    """Let all fish go on from a state by a controller, whose time begins with it."""
+    obs, interval, pose = env.set_state(state), env.control_interval, env._pose
+    failed, begin, heading = np.zeros(env.num_envs, dtype=bool), pose.centre.copy(), env._vectors[:, 0].copy()
+    yaw, way, commands = [], [], []
+    for k in range(steps + 1):
+        yaw.append(np.arctan2(pose.axes[:, 0, 1], pose.axes[:, 0, 0]))
+        way.append(((pose.centre - begin) * heading).sum(axis=1) / env.tank.fish.length)
+        if k < steps:
+            action = np.broadcast_to(control(obs, k * interval), env.action_space.shape)
+            commands.append(action[0].copy())
+            obs, _, terminated, *_ = env.step(action)
+            failed |= terminated
+    turned = np.unwrap(yaw, axis=0)
+    turned, way = (np.where(failed, np.nan, values) for values in (turned - turned[0], way))
+    return Swum(turned, way, interval, np.array(commands))
+
+
+def recorded(commands: np.ndarray, interval: float) -> Controller:
+    """The controller that gives commands (K,A) by the time alone."""
+    return lambda obs, time: commands[round(time / interval)]
+
+
+class Search(NamedTuple):
+    """A search for changes of what a controller commands from a start.
+
+    A point (N,) has a number for each segment and each time of HELD: positive ones contract the left side, and relax
+    the right one.
+    """
+
+    env: FishVectorEnv
+    start: Start
+    control: Controller
+    measure: Measure
+    steps: int  # control intervals that are swum
+    changed: int  # the first of them, in which commands are changed
+
+    def swim(self, points: np.ndarray) -> Swum:
+        """Swim with the changes of points (B,N), or (1,N) for all fish."""
+        fish, first, interval = self.env.tank.fish, self.env.first_muscle_of_group, self.env.control_interval
+        change = np.reshape(points, (len(points), -1, fish.segments.max() + 1)).swapaxes(0, 1)
+        change = fish.sides[first] * change[..., fish.segments[first]]
+
+        def act(obs: np.ndarray, time: float) -> np.ndarray:
+            action, k = self.control(obs, time), round(time / interval)
+            return np.clip(action + change[int(k * interval / HELD + 1e-9)], -1.0, 1.0) if k < self.changed else action
+
+        return drive(self.env, self.start.state, act, self.steps)
+
+    def best(self, budget: int, seed: int, begin: np.ndarray | None = None) -> np.ndarray:
+        """The best point that is found, or the one to begin with; without it, nothing is changed at first."""
+        if begin is None:
+            times = int(np.ceil(self.changed * self.env.control_interval / HELD - 1e-9))
+            begin = np.zeros(times * (self.env.tank.fish.segments.max() + 1))
+
+        def costs(points) -> np.ndarray:
+            return np.nan_to_num(self.measure(self.swim(np.array(points)), self.start.wanted)[1], nan=1e3)
+
+        point, least = minimise(
+            costs, begin, SPREAD, budget, seed, self.env.num_envs,
+            each=lambda costs, points: costs(points), bounds=[-MOST, MOST],
+        )  # fmt: skip
+        return point if least < costs([begin])[0] else begin
+
+
+def swim_planned(env: FishVectorEnv, start: Start, control: Controller, budget: int, seed: int) -> Swum:
+    """Swim by plans: changes of the next commands with which a fish comes farthest if the controller then goes on."""
+    interval = env.control_interval
+    total, horizon, changed, again = (round(time / interval) for time in (CRUISE, HORIZON, PLANNED, AGAIN))
+    commands, state, point = [], start.state, None
+    while len(commands) < total:
+        begun = len(commands) * interval
+        plan = Search(
+            env, start._replace(state=state), lambda obs, time, begun=begun: control(obs, begun + time), measure_way,
+            horizon, changed,
+        )  # fmt: skip
+        point = plan.best(max(1, round(SHARE * budget)), seed, point)
+        commands += list(plan._replace(steps=again).swim(point[None]).commands)
+        state, past = env.get_state([0]), round(point.size * AGAIN / PLANNED)
+        point = np.append(point[past:], np.zeros(past))
+    return drive(env, start.state, recorded(np.array(commands), interval), total)
+
+
+def search(env: FishVectorEnv, start: Start, control: Controller, measure: Measure, budget: int, seed: int) -> Swum:
+    """Swim as well as a search finds, which begins with what a controller commands from a start."""
+    if measure is measure_speed:
+        return swim_planned(env, start, control, budget, seed)
+    steps, interval = len(start.commands), env.control_interval
+    swum = drive(env, start.state, control, steps)
+    if measure in TURNS.values():
+        latency = measure_latency(swum, start.wanted)[0][0]
+        after = 2 * MEAN_TIME if measure is measure_settled else 0.0
+        if np.isfinite(latency):  # what comes later does not count
+            steps = min(steps, int(np.ceil((latency + after) / interval - 1e-9)))
+    found = Search(env, start, recorded(swum.commands, interval), measure, steps, steps)
+    return found.swim(found.best(budget, seed)[None])
+
+
+def score(swum: Swum, measure: Measure, wanted: float) -> tuple[float, float]:
+    """Cost and value of the first fish."""
+    value, cost = measure(swum, wanted)
+    return float(np.nan_to_num(cost[0], nan=1e3)), float(value[0])
+
+
+def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[dict]:
+    """A row for each quantity and start of a task; `options` are keywords of the environment."""
+    few, env = (FishVectorEnv(count, task=task, **options) for count in (starts, POPULATION))
+    policy, rows = shipped_policies().get(task), []
+    for start in find_starts(few):
+        controls = {"motor_controllers": recorded(start.commands, env.control_interval)}
+        if policy is not None:
+            controls["policy"] = as_controller(policy, env)
+        known = {who: drive(env, start.state, control, len(start.commands)) for who, control in controls.items()}
+        found = {}
+        for quantity, measure in GOALS[task].items():
+            better = min(known, key=lambda who: score(known[who], measure, start.wanted))
+            found[quantity] = [search(env, start, controls[better], measure, budget, seed + 1) for seed in range(seeds)]
+        for quantity, measure in GOALS[task].items():  # what one search finds may be the best for another quantity
+            values = {who: score(swum, measure, start.wanted)[1] for who, swum in known.items()}
+            everything = [*known.values(), *chain.from_iterable(found.values())]
+            values["bound"] = min(score(swum, measure, start.wanted) for swum in everything)[1]
+            values["seeds_apart"] = np.ptp([score(swum, measure, start.wanted)[1] for swum in found[quantity]])
+            about = {"task": task, "quantity": quantity, "seed": start.seed, "turn": rounded(np.degrees(start.wanted))}
+            rows.append(about | {"policy": ""} | {name: rounded(value) for name, value in values.items()})
+    for each in (few, env):
+        each.close()
+    return rows
+
+
+def summarise(rows: list[dict]) -> str:
+    """A line for each task and quantity: the bound's mean over the starts with its interval, and others beside it."""
+    lines, columns = [], ("bound", "seeds_apart", "motor_controllers", "policy")
+    for task, quantity in dict.fromkeys((row["task"], row["quantity"]) for row in rows):
+        chosen = [row for row in rows if (row["task"], row["quantity"]) == (task, quantity)]
+        table = np.array([[np.nan if row[name] == "" else row[name] for name in columns] for row in chosen], float)
+        table = table[np.isfinite(table[:, 0])]
+        line = f"{task}, {quantity}: reached in {len(table)} of {len(chosen)} starts"
+        if len(table):
+            line += ", bound {:.3f} ({:.3f} to {:.3f})".format(*interval_of(table[:, 0]))
+            line += f", seeds apart by at most {np.fmax.reduce(table[:, 1]):.3f}"
+        for name, values in zip(columns[2:], table[:, 2:].T, strict=True):
+            if (both := np.isfinite(values)).any():
+                ratio = values[both].mean() / table[both, 0].mean()
+                line += f"; {name} {values[both].mean():.3f} in {both.sum()}, {ratio:.3f} times the bound"
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tasks", nargs="*", default=list(GOALS), help=f"{', '.join(GOALS)}; all")
+    parser.add_argument("--budget", type=int, default=100, help="generations of a search, 100")
+    parser.add_argument("--starts", type=int, default=8, help="evaluation episodes of each task, 8")
+    parser.add_argument("--seeds", type=int, default=2, help="searches from each start, 2")
+    parser.add_argument("--water", choices=WATERS, help="the default fish's own")
+    parser.add_argument("--body", choices=BODIES, default="mass_spring")
+    chosen = parser.parse_args()
+    if unknown := set(chosen.tasks) - GOALS.keys():
+        parser.error(f"unknown tasks {', '.join(sorted(unknown))}; choose from {', '.join(GOALS)}")
+    rows = []
+    for task in chosen.tasks:
+        rows += rows_of(task, chosen.starts, chosen.budget, chosen.seeds, water=chosen.water, body=chosen.body)
+    print(summarise(rows))
+    if chosen == parser.parse_args([]):
+        print(write_csv("learning/bound.csv", rows, "python -m benchmarks.learning.bound"))
+
+
+if __name__ == "__main__":
+    main()

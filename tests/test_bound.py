@@ -1,0 +1,136 @@
+"""The bound by optimal control: what it measures is what the tasks measure, and what is found is never worse."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks.learning import bound
+from benchmarks.learning.bound import GOALS, Search, Swum, find_starts, measure_latency, measure_settled, recorded
+from fish_env.envs import FishVectorEnv
+from fish_env.tasks.turns import SETTLED
+
+TURNS = ("turn", "left_after_right")
+FISH = 16
+
+
+@pytest.fixture(scope="module", params=GOALS)
+def scene(request):
+    """A task, its batch, and the start of an episode."""
+    few, env = (FishVectorEnv(count, task=request.param, threads=1) for count in (2, FISH))
+    return request.param, env, find_starts(few)[1]
+
+
+def random_search(env, start, measure=measure_latency):
+    """A search over all that is measured, and points for it."""
+    steps = len(start.commands)
+    search = Search(env, start, recorded(start.commands, env.control_interval), measure, steps, steps)
+    points = np.random.default_rng(0).normal(0.0, 0.4, (FISH, -(-steps // 2) * 3))
+    return search, points * (np.arange(FISH) > 0)[:, None]
+
+
+def test_measures_are_those_of_the_tasks(scene):
+    """Latency, rounded up to a control interval, and distances equal the metrics of the same fish."""
+    task, env, start = scene
+    search, points = random_search(env, start)
+    env.set_state(start.state)
+    before = env.task.metrics(env.tank, 0, 1.0)
+    swum = search.swim(points)
+    after = [env.task.metrics(env.tank, i, 1.0) for i in range(FISH)]
+    np.testing.assert_array_equal(swum.commands, start.commands)
+    if task in TURNS:
+        value, _ = measure_latency(swum, start.wanted)
+        assert np.isfinite(value).sum() > FISH // 2
+        rounded_up = np.ceil(value / swum.interval - 1e-9) * swum.interval
+        np.testing.assert_allclose(rounded_up, [metrics["latency"] for metrics in after], atol=1e-9)
+    elif task == "fast_start":
+        np.testing.assert_allclose(swum.way[-1], [metrics["escape_distance"] for metrics in after], atol=1e-12)
+    else:
+        np.testing.assert_allclose(swum.way[-1], [m["speed"] - before["speed"] for m in after], atol=1e-12)
+
+
+def ramp(*degrees):
+    """A fish whose heading is at these degrees after 0, 1, 2, ... environment steps of 20 ms, and then stays."""
+    turned = np.radians([*degrees, *([degrees[-1]] * 13)])[:, None]
+    return Swum(turned, np.zeros_like(turned), 0.02, np.zeros((len(turned) - 1, 12)))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "wanted", "latency", "settled"),
+    [
+        ((0, 40, 80, 100), 100, 0.05, True),
+        ((0, -40, -80, -100), -100, 0.05, True),
+        ((0, -200, -260), 100, 0.11 / 3, True),  # the other way round
+        ((0, 45, 80, 100), 50, 0.02, False),  # too far
+        ((0, 40, 80, 85), 100, np.nan, False),
+    ],
+)
+def test_latency(degrees, wanted, latency, settled):
+    """It is interpolated, to either side; a turn that goes too far has not settled; one that is not made costs more."""
+    swum, wanted = ramp(*degrees), np.radians(wanted)
+    value, cost = measure_latency(swum, wanted)
+    np.testing.assert_allclose(value, latency, atol=1e-12)
+    assert cost == value if np.isfinite(latency) else cost > 0.02 * (len(swum.turned) - 1)
+    kept, dearer = measure_settled(swum, wanted)
+    assert kept == value if settled else np.isnan(kept) and dearer > cost
+    if settled:
+        late = swum.turned.copy()
+        late[-5:] += 13.0 / 5.0 * (SETTLED + 0.05)
+        assert np.isnan(measure_settled(swum._replace(turned=late), wanted)[0])
+
+
+def test_what_is_found_is_better_and_repeated(scene):
+    """Few generations find better commands than none; the same seed finds the same, bit for bit, and another others."""
+    pytest.importorskip("cma")
+    task, env, start = scene
+    measure = bound.measure_way if task == "swim" else next(iter(GOALS[task].values()))
+    search, _ = random_search(env, start, measure)
+    search = search._replace(control=lambda obs, time: np.zeros(12))
+    found, again, other = (search.best(3, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(found, again)
+    assert not np.array_equal(found, other)
+    _, known = measure(search.swim(0.0 * found[None]), start.wanted)
+    swum = search.swim(found[None])
+    _, better = measure(swum, start.wanted)
+    assert (better < known).all() and np.abs(swum.commands).max() <= 1.0
+    np.testing.assert_array_equal(better, better[0])
+
+
+@pytest.mark.parametrize("task", ["turn", "fast_start", "swim"])
+def test_rows(task, monkeypatch):
+    """A row for each quantity, the bound no worse than motor controllers and policy; the same again."""
+    pytest.importorskip("cma")
+    monkeypatch.setattr(bound, "POPULATION", FISH)
+    monkeypatch.setattr(bound, "CRUISE", 1.6)
+    rows, again = (bound.rows_of(task, 1, 1, 2, threads=1) for _ in range(2))
+    assert rows == again and [row["quantity"] for row in rows] == list(GOALS[task])
+    for row in rows:
+        sign = 1 if task == "turn" else -1
+        known = [row[who] for who in ("motor_controllers", "policy") if row[who] != ""]
+        assert known and all(sign * row["bound"] <= sign * value for value in known)
+        assert row["seeds_apart"] == "" or row["seeds_apart"] >= 0.0
+
+
+def test_command_line(monkeypatch, capsys):
+    """Means and ratios of what was reached are printed; only the whole table is written; other tasks are refused."""
+    about = {"task": "turn", "quantity": "latency"}
+    rows = [
+        about | {"motor_controllers": 0.6, "policy": "", "bound": 0.5, "seeds_apart": 0.01},
+        about | {"motor_controllers": "", "policy": "", "bound": 0.3, "seeds_apart": ""},
+        about | {"motor_controllers": "", "policy": "", "bound": "", "seeds_apart": ""},
+    ]
+    written = []
+    monkeypatch.setattr(bound, "rows_of", lambda *_, **options: rows)
+    monkeypatch.setattr(bound, "write_csv", lambda *given: written.append(given))
+    monkeypatch.setattr(sys, "argv", ["bound", "turn"])
+    bound.main()
+    expected = "turn, latency: reached in 2 of 3 starts, bound 0.400 (0.300 to 0.500), seeds apart by at most 0.010"
+    assert capsys.readouterr().out == f"{expected}; motor_controllers 0.600 in 1, 1.200 times the bound\n"
+    assert not written
+    monkeypatch.setattr(sys, "argv", ["bound"])
+    bound.main()
+    assert len(written) == 1 and len(written[0][1]) == 3 * len(GOALS)
+    monkeypatch.setattr(sys, "argv", ["bound", "nothing"])
+    with pytest.raises(SystemExit):
+        bound.main()
+    assert "unknown tasks nothing; choose from turn, left_after_right" in capsys.readouterr().err
