@@ -24,8 +24,6 @@ CONTRACTED = 0.6, 0.95
 """Least and largest contracted length of a muscle."""
 FRICTION = 1.0, 4.0
 """Skin friction of a swimming fish over that of a flat plate: its boundary layer is thinner."""
-ADDED_MASS = 0.91, 0.92
-"""Lateral and vertical added mass of an ellipsoid as slender as a trout, over that of slender-body theory."""
 
 START: dict[str, dict] = {
     "reactive": {
