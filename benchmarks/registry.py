@@ -72,7 +72,7 @@ ACCURACY = (
         "accuracy.held_out", "errors and prices of methods on 64 random scenes that nothing was fitted to, every body",
         "-m benchmarks.accuracy.held_out", 15,
         csv("held_out", "held_out.svg"),
-        one_core=True, follows=(*EVERY_BODY, "water reactive"),
+        one_core=True, follows=(*EVERY_BODY, "water drag"),
     ),
     Result(
         "accuracy.finite_elements", "tetrahedra against beam theory; measures of strain in rotation and bending",
@@ -184,22 +184,22 @@ VALIDATION = (
     Result(
         "validation.lamprey", "the midline of a lamprey imposed on its body: speed and sweep",
         "-m benchmarks.validation.lamprey", 0.5, csv("validation/lamprey.csv", "validation/lamprey.svg"),
-        follows=(*FINEST_BODY, "water reactive"),
+        follows=FINEST_BODY,
     ),
     Result(
         "validation.eel", "the midline of a computed eel imposed on its body: speed",
         "-m benchmarks.validation.eel", 0.3, csv("validation/eel.csv", "validation/eel.svg"),
-        follows=(*FINEST_BODY, "water reactive"),
+        follows=FINEST_BODY,
     ),
     Result(
         "validation.torque", "the midlines of a mackerel and an eel imposed on their bodies: bending torque",
         "-m benchmarks.validation.torque", 1, csv("validation/torque.csv", "validation/torque.svg"),
-        follows=(*FINEST_BODY, "water reactive"),
+        follows=FINEST_BODY,
     ),
     Result(
         "validation.robot", "the strokes of a robot imposed on its body: one number fitted to two trials, six told",
         "-m benchmarks.validation.robot", 1, csv("validation/robot.csv", "validation/robot.svg"),
-        follows=(*FINEST_BODY, "water reactive"),
+        follows=FINEST_BODY,
     ),
     Result(
         "validation.coasting", "drag coefficient of straight bodies, beside coasting fish",

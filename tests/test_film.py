@@ -229,7 +229,7 @@ def test_numbers_of_any_size(one, name, number, ending, tmp_path):
         assert re.search("too large or too small|add up to", str(error)) and not list(tmp_path.iterdir())
     else:
         if ending == ".html":
-            assert not re.search(r"NaN|Infinity", json.dumps(data_of((tmp_path / "film.html").read_text())))
+            json.dumps(data_of((tmp_path / "film.html").read_text()), allow_nan=False)  # else an error
 
 
 @pytest.mark.parametrize(("radius", "count"), [(0.15, 1), (100.0, 1), (1e200, 1), (1.0, 26)])

@@ -72,7 +72,7 @@ def test_single_precision_far_away(far):
     assert there.alive.all()
     allowed = 1e-5 + 4 * np.spacing(abs(far)) / FISH.length
     assert np.abs(there.position - far - near.position).max() / FISH.length < allowed
-    walled = FISH.water._replace(planes=np.array([[0.0, 0.0, 1.0, -1e9, 0.5]]))
+    walled = FISH.water._replace(added_mass=None, planes=np.array([[0.0, 0.0, 1.0, -1e9, 0.5]]))
     with_walls = Tank(FISH, 2, water=walled, threads=1, dtype="float32")
     with_walls.position[1] += far
     with_walls.advance(6)

@@ -76,10 +76,11 @@ def test_own_force(monkeypatch):
 
 
 def test_heaving():
-    """The power of a body that heaves is that of its mass and of the water on its faces."""
-    found = prescribe(FISH, heave, PERIOD, speed=0.0)
+    """The power of a body that heaves is that of its mass and of the water on its faces, if that has no inertia."""
+    still = FISH.water._replace(added_mass=None, righting=0.0)
+    found = prescribe(FISH, heave, PERIOD, water=still, speed=0.0)
     rate = SHIFT * LENGTH * OMEGA * np.cos(OMEGA * found.time)
-    water = [naive.water_force(FISH.body, FISH.water, FISH.body.position, v) for v in
+    water = [naive.water_force(FISH.body, still, FISH.body.position, v) for v in
              rate[:, None, None] * np.tile((0.0, 1.0, 0.0), (len(MASS), 1))]  # fmt: skip
     water = np.array(water).sum(axis=1)[:, 1]
     lift = -MASS.sum() * SHIFT * LENGTH * OMEGA**2 * np.sin(OMEGA * found.time)
@@ -92,9 +93,9 @@ def test_heaving():
 def test_free(body):
     """Force changes momentum, no torque acts on either end, and the torque bends with the power that goes in.
 
-    That power changes the kinetic energy and is lost to the water.
+    That power changes the kinetic energy of the body and is lost to the water, which has none itself.
     """
-    fish = make_fish(body)
+    fish = make_fish(body, water="drag")
     found, mass = prescribe(fish, wave, PERIOD), fish.body.mass
     v = check_balance(found, fish)
     lost = [(naive.water_force(fish.body, fish.water, *at) * at[1]).sum() for at in zip(found.position, v, strict=True)]

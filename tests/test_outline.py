@@ -104,7 +104,7 @@ def test_finer_meshes_follow_the_outline():
 
 def test_without_an_outline_every_bit_is_as_before():
     """The straight outline through seven layers, of rectangles, gives the sums that it always gave."""
-    p = parameters()
+    p = tu.check_parameters("mass_spring", {}, "drag")
     x, width, depth = p.length * np.array([
         [0.0, *(-np.array(p.layer_position)), -1.0], [0.0, *p.half_width, 0.0],
         [0.0, *p.half_depth, p.tail_half_span],

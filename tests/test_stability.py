@@ -62,9 +62,12 @@ def test_limit_of_rk4_undamped():
 
 @pytest.mark.parametrize("name", tiered((n for n in FIXED if INTEGRATORS[n].kind != "explicit"), STABILISED))
 def test_no_linear_limit(name):
-    """A method that solves for, or filters, all stiffness is stable at any step on a hundredfold stiff body at rest."""
-    body = scaled(FISH, stiffness=100.0).body
-    assert np.isinf(linear.linear_limit(name, body, LONGEST)) == (name != "semi_implicit")
+    """A method that solves for, or filters, all stiffness is stable at long steps on a hundredfold stiff body at rest.
+
+    Up to 30 ms the leapfrog's 1000 stages do.
+    """
+    body, longest = scaled(FISH, stiffness=100.0).body, 1.5 * FISH.control_interval
+    assert np.isinf(linear.linear_limit(name, body, longest)) == (name != "semi_implicit")
 
 
 # The survey

@@ -63,7 +63,7 @@ def test_a_slower_policy_moves_the_same_in_shorter_steps(groups):
     """A policy for steps of 40 ms moves the fish alike in environments with steps of 40 ms and of 20 ms."""
     options = {"muscle_groups": groups, "control_interval": 0.04, "max_episode_steps": 125}
     config = replace(CONFIGS["turn"], env_options=options, training_options={})
-    policy = export_policy(shaken_model(config, 2, 0.8), {"env_options": options})
+    policy = export_policy(shaken_model(config, 2, 0.4), {"env_options": options})
     places = []
     for chosen in (options, evaluation_options(options)):
         env = make_eval_env(config.env_id, 2, chosen)

@@ -12,7 +12,6 @@ a control interval of one fish in a batch on one core, over all scenes from star
 """
 
 import time
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +22,6 @@ from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, pyplot, sav
 from benchmarks.common.families import bang_bang, gaits, sprints, square
 from benchmarks.common.problems import DISTURBANCE, NotConvergedError, left_after_right, steps_of
 from benchmarks.common.tables import RESULTS, read_table, write_csv
-from benchmarks.common.trout import WATERS as TROUT_WATERS
-from benchmarks.common.trout import trout
 from fish_env import INTEGRATORS, make_fish
 from fish_env.bodies import Fish
 from fish_env.physics.records import World
@@ -55,20 +52,7 @@ class Setting(NamedTuple):
     """(S+1,K,M) contractions in [0, 1]."""
 
 
-def drag(body: str) -> tuple[Fish, World]:
-    """A body as it is made, the tetrahedral one at level 1, in its own water."""
-    fish = make_fish(body, **({"level": 1} if body == "tetrahedral" else {}))
-    assert fish.water is not None
-    return fish, fish.water
-
-
-def reactive(body: str) -> tuple[Fish, World]:
-    """A trout as a body, in water with inertia."""
-    return trout(body), TROUT_WATERS["reactive"]
-
-
-WATERS: dict[str, Callable[[str], tuple[Fish, World]]] = {"drag": drag, "reactive": reactive}
-SETTINGS = [("drag", body) for body in BODIES] + [("reactive", body) for body in ("mass_spring", "planar")]
+SETTINGS = [("reactive", body) for body in ("mass_spring", "planar")] + [("drag", body) for body in BODIES]
 """Waters and bodies. References of the other bodies in reactive water would take most of an hour."""
 
 
@@ -83,15 +67,15 @@ FAMILIES = ((held, 16), (bang_bang, 16), (square, 16), (gaits, 8), (sprints, 8))
 
 
 def setting(body: str, water: str) -> Setting:
-    """A body in a water with its scenes."""
-    fish, world = WATERS[water](body)
+    """A body that is calibrated for a water, in it, with its scenes."""
+    fish = make_fish(body, water=water, **({"level": 1} if body == "tetrahedral" else {}))
     times = fish.control_interval * np.arange(1, round(SECONDS / fish.control_interval) + 1)
     goals = [
         family(fish, np.random.default_rng([SEED + k, scene]), times)
         for k, (family, count) in enumerate(FAMILIES)
         for scene in range(count)
     ]
-    return Setting(fish, world, np.stack([*goals, left_after_right(fish)[: len(times)]]))
+    return Setting(fish, fish.water, np.stack([*goals, left_after_right(fish)[: len(times)]]))
 
 
 class Motion(NamedTuple):

@@ -37,7 +37,7 @@ START: dict[str, dict] = {
             "friction": 3.924,
             "added_mass": [0.91, 0.92],
             "outline": "trout",
-            "time_step": 0.001667,
+            "time_step": 0.02 / 12,
         },
         "young": [69700.0, 58550.0, 25260.0, 82980.0, 141200.0, 3468000.0],
         "gaits": [

@@ -1,4 +1,4 @@
-"""Fit an inexpensive body in motion to the finest one (least squares): the same commands, the least distance.
+"""Fit an inexpensive body in motion to the finest one (CMA-ES): the same commands, the least distance.
 
 python -m benchmarks.calibration.fit       tests what is shipped: results/fit_tests.csv
 
@@ -7,9 +7,8 @@ python -m benchmarks.calibration.fit       tests what is shipped: results/fit_te
 The finest body is that of tetrahedra at level 2, which moves as level 3 does. Its motions are kept in
 `runs/calibration` as the searches are. Fitted are stiffness, damping, muscles and drag, and where on a section the
 water is felt (`benchmarks/calibration/fit_search.py`); the masses keep the outline's mass, centre and yaw inertia.
-Several searches begin near one start, and the best is shipped. A body is trained on the commands of all tasks and of
-four families, and is to do what living fish do; it is tested on other seeds of the tasks and on four families it has
-not seen.
+A body is trained on the commands of all tasks and of four families, and is to do what living fish do; it is tested on
+other seeds of the tasks and on four families it has not seen.
 """
 
 import argparse
@@ -21,7 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.calibration.commands import TRAINING, UNSEEN, drawn, training_scenes, weights
-from benchmarks.calibration.fit_search import SEARCHED, Search, logarithms, parameters
+from benchmarks.calibration.fit_search import Search, parameters
 from benchmarks.calibration.keep import KEPT, PACKAGE, kept, publish, rounded
 from benchmarks.common.motion import Motion, errors, play, record
 from benchmarks.common.search import minimise
@@ -41,11 +40,9 @@ UNSEEN_SEED, UNSEEN_EACH = 9_300, 24  # some square waves are ten times as far o
 OLD_STRENGTH = {"drag": 1.0, "reactive": 0.5}
 """Factor on recorded commands: they were recorded on a fish that contracts half as far as that of reactive water."""
 EVERY = {"two_layer": 10}  # it takes twenty times as long as the others, and is fitted to every tenth scene
-SEEDS = {"mass_spring": (1, 2), "planar": (1, 2), "two_layer": (1,)}
-
-
-POLISH, POLISHED = {"mass_spring": 70, "planar": 25}, 0.015
-"""Generations of the search that follows the least squares of a body, and the spread of its first points."""
+GENERATIONS = {"mass_spring": 100, "planar": 50, "two_layer": 60}
+SPREAD = {"mass_spring": 0.02, "planar": 0.05, "two_layer": 0.1}
+"""Of the search for a body, and the spread of its first points."""
 
 
 def digest_of(fish: Fish, contractions: np.ndarray) -> str:
@@ -94,34 +91,14 @@ def training(body: str, water: str) -> tuple[np.ndarray, Motion, np.ndarray]:
     return contractions[part], Motion(*(values[part] for values in finest[:5])), weights()[part]
 
 
-def search(job) -> tuple[float, dict]:
-    """One search: half its squares, and the parameters there.
-
-    Args:
-        job: the body, the level of water, the seed, the parameters of `mass_spring` that the body is made of, and those
-            of the finest body.
-    """
-    body, water, seed, base, _ = job
-    contractions, finest, counts = training(body, water)
-    found = Search(body, water, contractions, finest, base, counts).solve(seed)
-    return float(found.cost), rounded(parameters(body, water, found.x))
-
-
-def searches(jobs: list) -> list[tuple[float, dict]]:
-    """What the searches find, some at the same time; the finest body moves first, for all of them."""
-    finest_motion(training_scenes(SEED, OLD_STRENGTH[jobs[0][1]]), jobs[0][1])
-    with multiprocessing.get_context("spawn").Pool() as pool:
-        return pool.map(partial(kept, "fit", search), jobs, chunksize=1)
-
-
-def polish(body: str, water: str, base: dict, given: dict, generations: int) -> dict:
-    """Parameters near some others with smaller squares: CMA-ES, since where bodies fold, differences are no slopes."""
+def search(body: str, water: str, base: dict, generations: int) -> dict:
+    """The best parameters that are found, made of those of `mass_spring` in `base`, and their squares."""
     contractions, finest, counts = training(body, water)
     problem = Search(body, water, contractions, finest, base, counts)
-    point = np.concatenate([logarithms(name, np.ravel(given[name])) for name in SEARCHED[water][body]])
     with multiprocessing.get_context("spawn").Pool() as pool:
-        found, least = minimise(problem.squares, point, POLISHED, generations, 1, 16, partial(pool.map, chunksize=1))
-    return {"half": 0.5 * least, "parameters": rounded(parameters(body, water, found))}
+        each = partial(pool.map, chunksize=1)
+        found, least = minimise(problem.squares, problem.start, SPREAD[body], generations, 1, 16, each)
+    return {"squares": least, "parameters": rounded(parameters(body, water, found))}
 
 
 def trained(body: str, fish: Fish, water: str) -> float:
@@ -156,20 +133,16 @@ def tested(fish: Fish, scenes: dict, water: str) -> list[dict]:
 
 
 def fit(body: str, water: str) -> None:
-    """Ship the best of the searches of a body; `planar` and `two_layer` are made of `mass_spring`."""
-    finest = read_calibration("tetrahedral", water)["parameters"]
+    """Ship what the search for a body finds; `planar` and `two_layer` are made of `mass_spring`."""
     base = {} if body == "mass_spring" else read_calibration("mass_spring", water)["parameters"]
-    found = searches([(body, water, seed, base, finest) for seed in SEEDS[body]])
-    best = int(np.argmin([cost for cost, _ in found]))
-    given = found[best][1]
-    if body in POLISH:
-        ended = kept("polish", polish, body, water, base, given, POLISH[body])
-        given = ended["parameters"]
-        print(f"{body}: half the squares {found[best][0]:.4f}, polished {ended['half']:.4f}", flush=True)
+    finest = read_calibration("tetrahedral", water)["parameters"]
+    found = kept("fit", lambda *job: search(*job[:-1]), body, water, base, GENERATIONS[body], finest)
+    given = found["parameters"]
     distance = trained(body, make_fish(body, water=water, **given), water)
-    print(f"{body}: half the squares {', '.join(f'{cost:.4f}' for cost, _ in found)}; {100 * distance:.2f} %")
-    record = {"seed": SEEDS[body][best], "distance_percent": rounded(100 * distance), "parameters": given}
-    publish(PACKAGE / "bodies" / f"{body}.json", water, record)
+    print(f"{body}: squares {found['squares']:.4f}; {100 * distance:.2f} %")
+    publish(
+        PACKAGE / "bodies" / f"{body}.json", water, {"distance_percent": rounded(100 * distance), "parameters": given}
+    )
 
 
 def main() -> None:

@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.common.trout import WATERS, trout
 from fish_env import BODIES, TASKS, Fish, Tank, World, make_fish
 from fish_env.bodies.objects import OBJECTS
 from fish_env.control import load_policy, scripted, shipped_policies
@@ -65,7 +64,7 @@ def act(name: str) -> float:
 
 TRAJECTORIES: dict[str, Callable[[], float]] = {
     **{f"body {name}": lambda name=name: swim(make_fish(name)) for name in BODIES},
-    "water reactive": lambda: swim(trout(), WATERS["reactive"]),
+    "water drag": lambda: swim(make_fish(water="drag")),
     **{f"task {name}": lambda name=name: perform(name) for name in TASKS},
     **{f"object {name}": lambda name=name: fall(name) for name in OBJECTS},
     **{f"policy {name}": lambda name=name: act(name) for name in shipped_policies()},

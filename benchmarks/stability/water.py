@@ -1,45 +1,40 @@
 """What water with inertia does to stability: fish attacked, the largest steps of methods, and the abrupt turn.
 
-    taskset -c 1 python -m benchmarks.stability.water      fish with a trout's outline, beside drag alone (12 min)
+    taskset -c 1 python -m benchmarks.stability.water      every body, calibrated for it and for drag (12 min)
 
 Fish whose nodes move a little are driven for 10 s: every muscle at random, or all or nothing at random (bang-bang);
 segments and sides all or nothing at the body's natural frequencies (resonant); all muscles of one side or of the other,
 alternating by chance, or as square waves of 1 to 12 Hz. A fish that fails is run again with RK4 at an eighth of the
 step. Roll is about the long axis, pitch that of the long axis.
 Largest steps are those of `benchmarks.stability.survey`. The abrupt turn's error is the largest distance of any node at
-any time from RK4, and its magnification that of a small disturbance, for factors on stiffness and on relaxation time.
+any time from RK4, and its magnification that of a small disturbance, for factors on stiffness and on damping.
 """
 
 import argparse
 import math
 from collections import Counter
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.measures import pose_of
-from benchmarks.common.problems import Problem, distance, left_after_right, magnified, reference, run, steps_of
+from benchmarks.common.problems import Problem, distance, left_after_right, magnified, reference, run, scaled, steps_of
 from benchmarks.common.tables import write_csv
-from benchmarks.common.trout import RELAXATION, STIFFNESS, WATERS, trout
 from benchmarks.stability.cases import explained, own_settings, tank_at
 from benchmarks.stability.mistreatment import GOALS, INTERVALS, LEVELS, at_rest, noise
 from benchmarks.stability.survey import limits
 from fish_env import make_fish
 from fish_env.bodies import Fish
-from fish_env.bodies.fitted import read_calibration
-from fish_env.physics.world import with_inertia
+from fish_env.bodies.fitted import WATERS
 
 COMMAND = "python -m benchmarks.stability.water"
 FISH = {"mass_spring": 1024, "planar": 256, "two_layer": 64, "tetrahedral": 32}  # of each body and kind of command
 BATCH, EXPLAINED = 256, 16  # fish at a time; failures that are run again
 NOISE = 0.05  # body lengths/s: node velocities at the start, so that an unstable roll has something to grow from
 TILTED = 60.0  # degrees
-FIN = 5.0  # factor on the stiffness of the tail fin's tissue, without which elements fold in water with inertia
-STIFFER = {"stiffness": 4.0, "relaxation": 2.0}  # with which the abrupt turn is the most accurate
 SUBSTEPS = (3, 4, 6, 8, 12, 24, 48)  # of the abrupt turn, a control interval
-FACTORS = [(k, d) for k in (1.5, 2.0, 2.5, 3.0, 4.0) for d in (1.0, 2.0, 3.0)]  # on stiffness and relaxation time
+FACTORS = [(k, d) for k in (0.7, 1.0, 1.4) for d in (0.7, 1.0, 1.4)]  # on the stiffness and the damping of springs
 
 
 def bang_bang_goals(fish, count, generator):
@@ -121,33 +116,18 @@ def attack(fish: Fish, kind: str, count: int) -> dict:
 
 
 def attacked() -> list[dict]:
-    """Rows of every body with a trout's outline, and of the default fish, in both waters."""
-    default, known = make_fish(), np.array(read_calibration("tetrahedral")["young"])
-    finned = trout("tetrahedral", young=STIFFNESS * np.append(known[:-1], FIN * known[-1]))
-    fish = [
-        *(("trout", trout(body)) for body in FISH),
-        ("trout, stiff tail fin", finned),
-        ("trout, stiffer", trout(**STIFFER)),
-    ]
-    cases = [(label, replace(one, water=water), name) for label, one in fish for name, water in WATERS.items()]
-    cases += [
-        ("default", default, "drag"),
-        ("default", replace(default, water=with_inertia(default.water)), "reactive"),
-    ]
+    """Rows of every body, in each water that it is calibrated for."""
     rows = []
-    for label, one, water in tqdm(cases, "attack"):
-        about = {"fish_name": label, "body": one.name, "water": water, "step_s": round(one.time_step, 7)}
-        rows += [about | attack(one, kind, FISH[one.name]) for kind in KINDS]
+    for water, body in tqdm([(water, body) for water in WATERS for body in FISH], "attack"):
+        fish = make_fish(body, water=water)
+        about = {"body": body, "water": water, "step_s": round(fish.time_step, 7)}
+        rows += [about | attack(fish, kind, FISH[body]) for kind in KINDS]
     return rows
 
 
 def margins() -> list[dict]:
-    """Rows of every method's largest stable step in the abrupt turn of the trout, in both waters."""
-    return [
-        {"water": name} | row
-        for name, water in tqdm(WATERS.items(), "margins")
-        for row in limits(replace(trout(), water=water))
-    ]
+    """Rows of every method's largest stable step in the abrupt turn, in both waters."""
+    return [{"water": water} | row for water in tqdm(WATERS, "margins") for row in limits(make_fish(water=water))]
 
 
 def turn(fish: Fish) -> dict:
@@ -162,18 +142,14 @@ def turn(fish: Fish) -> dict:
 
 
 def turns() -> list[dict]:
-    """Rows of the abrupt turn: every factor on stiffness and relaxation time in reactive water, with failures there.
-
-    The first two are the trout of `benchmarks/common/trout.py`, and the stiffer one, in water with drag alone.
-    """
-    beside = ((STIFFNESS, RELAXATION), tuple(STIFFER.values()))
-    cases = [*(("drag", *factors) for factors in beside), *(("reactive", *factors) for factors in FACTORS)]
+    """Rows of the abrupt turn: the fish for drag, and that for reactive water with its neighbours, with failures."""
+    cases = [("drag", 1.0, 1.0), *(("reactive", *factors) for factors in FACTORS)]
     rows = []
-    for name, stiffness, relaxation in tqdm(cases, "turns"):
-        fish = replace(trout(stiffness=stiffness, relaxation=relaxation), water=WATERS[name])
+    for water, stiffness, damping in tqdm(cases, "turns"):
+        fish = scaled(make_fish(water=water), stiffness, damping)
         found = [attack(fish, kind, BATCH) for kind in KINDS]
         rows.append(
-            {"water": name, "stiffness": stiffness, "relaxation": relaxation} | turn(fish)
+            {"water": water, "stiffness": stiffness, "damping": damping} | turn(fish)
             | {"fish": BATCH * len(KINDS), "failures": sum(row["failures"] for row in found),
                "rolled_percent": max(row["rolled_percent"] for row in found)}
         )  # fmt: skip

@@ -34,10 +34,11 @@ def measure() -> None:
     rows = []
     for name, options in BODIES.items():
         fish = make_fish(**options)
-        rough = fish.water._replace(friction=make_water(DENSITY, friction=1.0, viscosity=VISCOSITY).friction)
+        smooth = fish.water._replace(friction=0.0, added_mass=None, righting=0.0)
+        rough = smooth._replace(friction=make_water(DENSITY, friction=1.0, viscosity=VISCOSITY).friction)
         for reynolds in REYNOLDS:
             speed = reynolds * VISCOSITY / fish.length
-            for level, water in (("drag", fish.water), ("drag, friction", rough)):
+            for level, water in (("drag", smooth), ("drag, friction", rough)):
                 pull = -prescribe(fish, np.zeros((1, 4)), 1.0, water=water, speed=speed).force[0, 0]
                 coefficient = pull / (0.5 * DENSITY * speed**2 * surface(fish))
                 rows.append({"fish": name, "water": level, "reynolds": reynolds, "coefficient": round(coefficient, 5)})

@@ -15,7 +15,7 @@ from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, panel
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
-from fish_env.bodies import mass_spring as tu
+from fish_env.bodies.fitted import level_of
 from fish_env.control import Gait
 from fish_env.control.gait import best_gait
 
@@ -23,11 +23,7 @@ COMMAND = "python -m benchmarks.validation.sizes"
 LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.6)  # m
 FREQUENCIES = 10.0 * np.geomspace(0.08, 1.25, 28)  # Hz, for a fish of 0.2 m; for others in proportion to 1/length
 BEATS, MEASURED = 14, 6
-FISH = {
-    "default": {},
-    "trout": {"outline": "trout", "stiffness": tuple(3.0 * np.array(tu.calibrated()["stiffness"]))},
-}
-"""By their names, what is given to `make_fish`. A trout's mass asks for stiffer springs than the default fish's."""
+FISH = ("drag", "reactive")  # the levels of water that they are calibrated for
 
 
 def webb_frequency(length, speed):
@@ -50,7 +46,7 @@ def swim(fish: Fish, frequencies) -> list[dict]:
 
     Power is the net work of the muscles, over the time and the mass of the fish.
     """
-    known = best_gait()
+    known = best_gait(level_of(fish.water))
     gaits = [Gait(float(f), known.amplitude, known.lag) for f in frequencies]
     tank = Tank(fish, len(gaits), water=fish.water)
     steps, interval = 3, 3 * tank.dt
@@ -79,7 +75,7 @@ def swim(fish: Fish, frequencies) -> list[dict]:
 def fastest(name: str, length: float) -> dict:
     """A row of the table: the fastest of a fish's gaits, and living fish of its length, speed and frequency."""
     frequencies = FREQUENCIES * 0.2 / length
-    swum = swim(make_fish(length=length, **FISH[name]), frequencies)
+    swum = swim(make_fish(length=length, water=name), frequencies)
     best = max(swum, key=lambda row: row["speed"])
     return {
         "fish": name, "length_m": length, **{key: round(float(value), 4) for key, value in best.items()},

@@ -3,9 +3,8 @@
     taskset -c 1 python -m benchmarks.water.levels            table, page and chart (4 min)
     taskset -c 1 python -m benchmarks.water.levels --draw     page and chart again, from the tables
 
-The fish have a trout's outline; once with the default fish's muscles, once with strong ones, which shorten by a quarter
-in 40 ms. The default fish is in the table too. Nothing is calibrated to reactive water. Gaits are searched for every
-fish and level: those of least net work a metre at a speed, at the frequency of trout and at any (`scenes.py`).
+Each level has the fish that is calibrated for it; that of reactive water is also put into drag. Gaits are searched for
+every fish and level: those of least net work a metre at a speed, at the frequency of trout and at any (`scenes.py`).
 """
 
 from collections.abc import Callable
@@ -18,20 +17,17 @@ from tqdm import tqdm
 from benchmarks.common import scenes
 from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, pyplot, save
 from benchmarks.common.tables import RESULTS, ROOT, read_table, write_csv
-from benchmarks.common.trout import trout
 from fish_env import make_fish
 from fish_env.bodies import Fish
+from fish_env.bodies.fitted import WATERS
 from fish_env.control import evaluate, make_eval_env, scripted
-from fish_env.physics.world import VACUUM, with_inertia
+from fish_env.physics.world import VACUUM
 
 COMMAND = "python -m benchmarks.water.levels"
 PAGE = ROOT / "docs" / "choosing-the-water.md"
 LEVELS = ("none", "drag", "reactive")
-FISH: dict[str, Callable[[], Fish]] = {
-    "trout": trout,
-    "strong trout": lambda: trout(contracted=(0.75,) * 3, contraction_time=0.04),
-    "default": make_fish,
-}
+CASES = (("drag", "drag"), ("reactive", "reactive"), ("reactive", "drag"), ("reactive", "none"))
+"""The level that a fish is calibrated for, and the level that it is in."""
 CRUISES = ((1.0, 3.18), (2.0, 4.23))  # body lengths/s, and the tail beats of a trout of 19.6 cm (Drucker & Lauder), Hz
 
 
@@ -74,9 +70,9 @@ UNITS = {
 
 
 def fish_in(name: str, level: str) -> Fish:
-    """A fish in a level of water."""
-    fish = FISH[name]()
-    worlds = {"none": VACUUM, "drag": fish.water, "reactive": with_inertia(fish.water)}
+    """The fish that is calibrated for a level, in a level."""
+    fish = make_fish(water=name)
+    worlds = {"none": VACUUM, "drag": fish.water._replace(added_mass=None, righting=0.0), name: fish.water}
     return replace(fish, water=worlds[level])
 
 
@@ -113,8 +109,7 @@ def controlled() -> list[dict]:
 def measure() -> None:
     """Write the table."""
     rows = controlled()
-    cases = [(name, level) for name in FISH for level in LEVELS if level != "none" or name == "trout"]
-    for name, level in tqdm(cases):
+    for name, level in tqdm(CASES):
         for scene, (values, gait) in scenes_of(fish_in(name, level), swims=level != "none").items():
             for quantity, value in values.items():
                 living = LIVING.get((scene, quantity), Living("", ""))
@@ -150,7 +145,12 @@ ROWS = (  # of the table of the page: scene, quantity, label, digits
     ("station", "drift", "station in a current of 1 BL/s: drift in 2 s, BL", 2),
     ("station", "carried", "at rest in a current from the side: part of its speed after 0.5 s", 2),
 )
-COLUMNS = [(name, level) for name in ("default", "trout", "strong trout") for level in ("drag", "reactive")]
+PRICED = {
+    ("drag", "drag"): "drag", ("drag", "none"): "the same fish in vacuum",
+    ("drag", "reactive"): "the same in reactive water", ("reactive", "reactive"): "reactive",
+}  # fmt: skip
+"""Cases of the table of prices; the first is the one of price 1."""
+COLUMNS = {CASES[0]: "drag", CASES[1]: "reactive", CASES[2]: "the fish for reactive water, in drag"}
 
 
 MISSED = 0.05  # part of its speed by which a cruise must not miss it, else no gait has it
@@ -169,7 +169,7 @@ def values_of(rows: list[dict]) -> dict[tuple[str, str, str, str], float]:
 def levels_table(rows: list[dict]) -> list[str]:
     """Lines of the page's table: a row for each quantity, a column for each fish and level, and living fish."""
     values = values_of(rows)
-    head = " | ".join(f"{name}, {level}" for name, level in COLUMNS)
+    head = " | ".join(COLUMNS.values())
     lines = [f"| | {head} | living fish |", "|---" * (len(COLUMNS) + 2) + "|"]
     for scene, quantity, label, digits in ROWS:
         cells = [f"{values[name, level, scene, quantity]:.{digits}f}".replace("nan", "-") for name, level in COLUMNS]
@@ -189,14 +189,13 @@ def controllers_table(rows: list[dict]) -> list[str]:
 
 
 def prices_table(rows: list[dict]) -> list[str]:
-    """Lines of the page's table of prices: of a step of one fish, and of 256, over that in water with drag alone."""
-    ratio = {(row["fish"], row["count"], row["dtype"], row["water"]): row["over_drag"] for row in rows}
-    lines = ["| | none | drag | reactive | reactive, float32 |", "|---|---|---|---|---|"]
-    for name in ("default", "trout"):
-        for count, label in ((256, "256 together"), (1, "alone")):
-            cells = [ratio[name, count, "float64", level] for level in LEVELS]
-            cells.append(ratio[name, count, "float32", "reactive"])
-            lines.append(f"| {name}, {label} | {' | '.join(f'{cell:.2f}' for cell in cells)} |")
+    """Lines of the page's table of prices: of a step of one fish, and of 256, over that of the fish for drag."""
+    found = {(row["count"], row["dtype"], row["fish"], row["water"]): row for row in rows}
+    lines = [f"| | {' | '.join(PRICED.values())} |", "|---" * (len(PRICED) + 1) + "|"]
+    for count, label in ((256, "256 together"), (1, "alone")):
+        for dtype in ("float64", "float32"):
+            cells = (f"{found[(count, dtype, *case)]['over_drag']:.2f}" for case in PRICED)
+            lines.append(f"| {label}, {dtype} | {' | '.join(cells)} |")
     return lines
 
 
@@ -205,12 +204,11 @@ def stability_table(rows: list[dict]) -> list[str]:
     lines = [
         "| | failed: drag | reactive | rolled under the worst commands: drag | reactive |", "|---|---|---|---|---|",
     ]  # fmt: skip
-    for name, body in dict.fromkeys((row["fish_name"], row["body"]) for row in rows):
-        mine = {level: [row for row in rows if (row["fish_name"], row["body"], row["water"]) == (name, body, level)]
-                for level in ("drag", "reactive")}  # fmt: skip
+    for body in dict.fromkeys(row["body"] for row in rows):
+        mine = {level: [row for row in rows if (row["body"], row["water"]) == (body, level)] for level in WATERS}
         lost = [f"{sum(r['failures'] for r in own)} of {sum(r['fish'] for r in own):,}" for own in mine.values()]
         rolled = [f"{max(row['rolled_percent'] for row in own):.1f} %" for own in mine.values()]
-        lines.append(f"| {name}, `{body}` | {' | '.join(lost)} | {' | '.join(rolled)} |")
+        lines.append(f"| `{body}` | {' | '.join(lost)} | {' | '.join(rolled)} |")
     return lines
 
 
@@ -221,7 +219,7 @@ def turn_table(rows: list[dict]) -> list[str]:
     lines.append("|---" * (len(steps) + 4) + "|")
     for row in rows:
         errors = [f"{100 * row[f'at_{k}']:.2g} %" for k in steps]
-        factors = f"x {row['stiffness']:g}, x {row['relaxation']:g}"
+        factors = f"x {row['stiffness']:g}, x {row['damping']:g}"
         lines.append(
             f"| {factors} | {row['water']} | {' | '.join(errors)} | {row['magnified']:.0f} | {row['failures']} |"
         )
@@ -266,21 +264,18 @@ def draw() -> None:
     fill_page()
     values = values_of(read_table("water_levels.csv"))
     figure, panels = pyplot().subplots(2, 4, figsize=(14, 6.4), layout="constrained")
-    names = list(dict.fromkeys(name for name, _ in COLUMNS))
     for panel, (scene, quantity, title) in zip(panels.flat, PANELS, strict=True):
-        for shift, level, colour in ((-0.2, "drag", ORANGE), (0.2, "reactive", BLUE)):
-            places = [k + shift for k in range(len(names))]
-            heights = [values[name, level, scene, quantity] for name in names]
-            panel.bar(places, heights, 0.38, color=colour, label=level)
+        for place, (case, colour) in enumerate(zip(COLUMNS, (ORANGE, BLUE, "#f0c9a0"), strict=True)):
+            panel.bar([place], [values[(*case, scene, quantity)]], 0.7, color=colour, label=COLUMNS[case])
         living = LIVING.get((scene, quantity), Living("", "")).value
         if living:
             low, *_, high = map(float, [living, living] if " to " not in living else living.split(" to "))
             panel.axhspan(low, high + 1e-9, color=GREY, alpha=0.35, linewidth=1.5, zorder=0, label="living fish")
         panel.set_title(title, fontsize=10)
-        panel.set_xticks(range(len(names)), [name.replace(" ", "\n") for name in names])
+        panel.set_xticks([])
         panel.grid(axis="y", alpha=0.2)
     handles, labels = panels.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     save(figure, RESULTS / "water_levels.svg")
 
 

@@ -1,4 +1,4 @@
-"""Price of each level of water: a step of fish that swim, over that of water with drag alone.
+"""Price of each level of water: a step of fish that swim, over that of the fish that is calibrated for drag.
 
     taskset -c 1 python -m benchmarks.water.prices      one fish and 256, float64 and float32, on one core (1 min)
 
@@ -15,23 +15,21 @@ import numpy as np
 from benchmarks.common.problems import BEAT, steps_of, swimming
 from benchmarks.common.tables import write_csv
 from benchmarks.common.timing import interleaved
-from benchmarks.common.trout import WATERS, trout
+from benchmarks.water.levels import PRICED
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
 from fish_env.physics.world import VACUUM, with_inertia
 
 COMMAND = "python -m benchmarks.water.prices"
-LEVELS = ("drag", "none", "reactive")  # the first is the one of ratio 1
 SETS, ROUNDS = 3, 21
 SAMPLE = 30_000  # steps of a fish in a round, about
 
 
-def fish_in(name: str) -> dict[str, Fish]:
-    """The default fish, or the trout, in each level of water."""
-    fish = make_fish() if name == "default" else trout()
-    drag = make_fish().water if name == "default" else WATERS["drag"]
-    worlds = {"drag": drag, "none": VACUUM, "reactive": with_inertia(drag)}
-    return {level: replace(fish, water=worlds[level]) for level in LEVELS}
+def fish_in(name: str, level: str) -> Fish:
+    """The fish that is calibrated for a level, in a level."""
+    fish = make_fish(water=name)
+    worlds = {"none": VACUUM, "drag": fish.water, "reactive": with_inertia(fish.water)} | {name: fish.water}
+    return replace(fish, water=worlds[level])
 
 
 class Swim:
@@ -60,13 +58,11 @@ class Swim:
         return self.start, partial(self.run, self.beats), count
 
 
-def prices(name: str, count: int, dtype: str) -> list[dict]:
-    """A row for each level of water."""
-    found = [
-        interleaved([Swim(fish, count, dtype).timed() for fish in fish_in(name).values()], ROUNDS) for _ in range(SETS)
-    ]
+def prices(count: int, dtype: str) -> list[dict]:
+    """A row for each of PRICED."""
+    found = [interleaved([Swim(fish_in(*case), count, dtype).timed() for case in PRICED], ROUNDS) for _ in range(SETS)]
     rows = []
-    for k, level in enumerate(LEVELS):
+    for k, (name, level) in enumerate(PRICED):
         time, ratio = (np.median([getattr(cost[k], key) for cost in found], axis=0) for key in ("time", "ratio"))
         rows.append({
             "fish": name, "count": count, "dtype": dtype, "water": level, "us_per_step": round(float(time[1]), 4),
@@ -79,13 +75,7 @@ def prices(name: str, count: int, dtype: str) -> list[dict]:
 def main() -> None:
     """Write the table."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rows = [
-        row
-        for name in ("default", "trout")
-        for count in (256, 1)
-        for dtype in ("float64", "float32")
-        for row in prices(name, count, dtype)
-    ]
+    rows = [row for count in (256, 1) for dtype in ("float64", "float32") for row in prices(count, dtype)]
     print(write_csv("water_prices.csv", rows, COMMAND))
 
 

@@ -31,9 +31,7 @@ BODIES: dict[str, BodyKind] = {
     for record in (
         BodyKind("mass_spring", "23 nodes, 91 springs, 12 muscles, calibrated to swim, SI units", make_mass_spring),
         BodyKind("planar", "the same fish in the plane: 12 or 24 nodes, 12 muscles", make_planar),
-        BodyKind(
-            "two_layer", "the same fish as two skins with gas inside and between, 46 nodes", make_two_layer, ("drag",)
-        ),
+        BodyKind("two_layer", "the same fish as two skins with gas inside and between, 46 nodes", make_two_layer),
         BodyKind("tetrahedral", "the same fish as corotational finite elements, 49 nodes or more", make_tetrahedral),
         BodyKind(
             "published", "the same topology with the published masses and constants, graphics units", make_published, ()

@@ -10,7 +10,7 @@ from fish_env.physics.records import World
 
 WATERS = ("drag", "reactive")
 """Levels of water that fish are calibrated for: each has its own parameters, gaits and tables of motor controllers."""
-DEFAULT_WATER = "drag"
+DEFAULT_WATER = "reactive"
 SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": ()}
 
 

@@ -137,6 +137,9 @@ class MassSpringParameters:
     rectangular cross-sections, straight from layer to layer."""
 
     def __post_init__(self):
+        layers = positive_array(self.layer_position, (5,), "layer_position")
+        if np.any(np.diff([0.0, *layers, 1.0]) <= 0):
+            raise ValueError(f"layer_position is {self.layer_position}; give increasing numbers between 0 and 1")
         if self.outline is not None:
             self._follow(read_outline(self.outline))
         for name, size in (
@@ -153,9 +156,6 @@ class MassSpringParameters:
             object.__setattr__(self, name, float(value))
         rise, fall = positive_array(self.activation_time, (2,), "activation_time", zero=True)
         object.__setattr__(self, "activation_time", (float(rise), float(fall)))  # a list, as it comes from JSON
-        stations = np.array([0.0, *self.layer_position, 1.0])
-        if np.any(np.diff(stations) <= 0):
-            raise ValueError(f"layer_position is {self.layer_position}; give increasing numbers between 0 and 1")
         if np.any(np.array(self.water_place) >= 1):
             raise ValueError(f"water_place is {self.water_place}; give fractions below 1")
         if np.any(np.array(self.contracted) >= 1):
