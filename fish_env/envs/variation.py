@@ -13,7 +13,7 @@ from fish_env.tasks.start import POSE_OPTIONS
 VARIATIONS: dict[str, Option] = {
     "stiffness": Option(0.5, 2.0, "factor on the stiffness and damping of every spring"),
     "mass": Option(0.5, 2.0, "factor on the mass"),
-    "drag": Option(0.5, 2.0, "factor on the force of the water"),
+    "drag": Option(0.5, 2.0, "factor on the drag and the friction of the water"),
     "strength": Option(0.25, 1.25, "factor on how far the muscles contract"),
     "contraction_time": Option(0.5, 2.0, "factor on the time that a contraction takes"),
     "length": Option(0.5, 2.0, "factor on the length of a fish of the same tissue: its motion counts in its lengths"),
