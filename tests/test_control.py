@@ -56,12 +56,13 @@ def test_gait_swims():
 
 
 BARS = {
-    "swim": ("speed", 2.45),
+    "swim": ("speed", 4.9),
     "turn": ("success", 0.98),
-    "left_after_right": ("success", 0.95),
-    "target": ("targets", 12.0),
-    "target_3d": ("success", 0.9),
+    "left_after_right": ("success", 0.98),
+    "target": ("targets", 27.0),
+    "target_3d": ("success", 0.97),
     "avoid": ("avoided", 0.95),
+    "fast_start": ("escape_distance", 3.6),
 }
 """What a shipped policy must reach on the mean of the evaluation episodes."""
 

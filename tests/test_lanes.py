@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fish_env
-from benchmarks.common.problems import left_after_right
+from benchmarks.common.problems import left_after_right, steps_of
 from fish_env.envs import FishVectorEnv
 from fish_env.physics.tank import Tank
 
@@ -53,7 +53,7 @@ def test_single_precision_is_near():
     }.items():  # fmt: skip
         tank, path = Tank(FISH, 4, water=FISH.water, threads=1, **options), []
         for goal in goals:
-            tank.drive(np.tile(goal, (4, 1)), 6)
+            tank.drive(np.tile(goal, (4, 1)), steps_of(FISH))
             path.append(tank.position.copy())
         paths[name] = np.array(path)
     assert paths["single"].tobytes() == paths["alone"].tobytes()
@@ -116,11 +116,11 @@ def test_refined_steps_are_the_half_ones():
 
 
 def test_refining_rescues_a_fish():
-    """A base step far too long for a stiff fish, six times the default, is survived by refining it, and not without."""
+    """A base step far too long for a stiff fish, four times the default, is survived by refining it, and not without."""
     commands = np.random.default_rng(0).choice([-1.0, 1.0], (60, 9, FISH.num_muscles))
 
     def survivors(refine):
-        tank = Tank(FISH, 9, refine=refine, dt=FISH.control_interval, water=FISH.water)
+        tank = Tank(FISH, 9, refine=refine, dt=FISH.control_interval / 2, water=FISH.water)
         for i in range(9):
             tank.vary(i, stiffness=2.0)
         for command in commands:

@@ -337,7 +337,8 @@ def table_of(rows: list[dict], metrics: Iterable[str]) -> str:
     """The results of a task as Markdown, a line for each method and condition, and a column for each metric."""
     lines = {}
     for row in rows:
-        method = row["method"] if row["method"] != "PPO" else f"PPO, {row['seeds']} seeds"
+        several = "s" * (str(row["seeds"]) != "1")
+        method = row["method"] if row["method"] != "PPO" else f"PPO, {row['seeds']} seed{several}"
         lines.setdefault((row["condition"], method), {})[row["metric"]] = cell(row)
     metrics = list(metrics)
     head = f"| | {' | '.join(UNITS[metric][0] for metric in metrics)} |\n|---|{'---|' * len(metrics)}\n"
