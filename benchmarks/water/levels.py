@@ -214,7 +214,7 @@ def stability_table(rows: list[dict]) -> list[str]:
 
 def turn_table(rows: list[dict]) -> list[str]:
     """Lines of the page's table of the abrupt turn: errors in % of the length, magnification, failures."""
-    steps = (6, 12, 24)
+    steps = (6, 8, 12, 24)
     lines = [f"| stiffness, damping | water | {' | '.join(f'{k} steps' for k in steps)} | magnified | failed |"]
     lines.append("|---" * (len(steps) + 4) + "|")
     for row in rows:
