@@ -158,7 +158,7 @@ def stub(**options):
     [
         (lambda: evaluate(load_policy("swim"), stub()), ValueError, r"the policy after it: evaluate\(env, policy\)"),
         (lambda: evaluate("swim", stub()), ValueError, r"the environment is 'swim'; give a batch of fish"),
-        (lambda: evaluate(stub(), "swym"), FileNotFoundError, "no policy file swym; .* shipped: avoid, left"),
+        (lambda: evaluate(stub(), "swym"), FileNotFoundError, "no policy file swym; .* shipped: avoid, fast"),
         (lambda: evaluate(stub(), 3), ValueError, "the policy is a int; give the name of a shipped policy"),
         (lambda: evaluate(stub(), "swim", episodes=3), ValueError, "episodes is 3, and the batch has 2 fish"),
         (lambda: evaluate(stub(muscle_groups="pairs"), "swim"), ValueError, "numbers into 12 actions; the environment"),

@@ -116,7 +116,7 @@ def test_refined_steps_are_the_half_ones():
 
 
 def test_refining_rescues_a_fish():
-    """A base step far too long for a stiff fish, four times the default, is survived by refining it, and not without."""
+    """A base step far too long for a stiff fish, four times the default, is survived by refining, and not without."""
     commands = np.random.default_rng(0).choice([-1.0, 1.0], (60, 9, FISH.num_muscles))
 
     def survivors(refine):

@@ -102,9 +102,12 @@ def make_driver(name: str, num_fish: int) -> tuple[Waters, Controller]:
     """The environment and the controller of an entry of DRIVERS."""
     goal, task = DRIVERS[name]
     options: dict[str, Any] = {"patience": PATIENCE} if goal == "target" else {}
+    policy = load_policy(shipped_policy(task)) if task else None
+    if policy is not None:
+        options["muscle_groups"] = policy.about["env_options"].get("muscle_groups", "muscles")
     waters = Waters(num_fish, task=goal, threads=1, autoreset_mode="Disabled", **options)
-    if task:
-        return waters, policy_controller(load_policy(shipped_policy(task)), waters)
+    if policy is not None:
+        return waters, policy_controller(policy, waters)
     return waters, gait_controller(best_gait(level_of(waters.tank.world)), waters) if name.startswith(
         "gait"
     ) else scripted(waters)
