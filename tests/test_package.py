@@ -39,7 +39,7 @@ assert len(ids) == 7
 for id in ids:
     assert gym.make(id).observation_space.shape == (fish_env.observation_layout(id).size,)
 policies = {task: load_policy(path) for task, path in shipped_policies().items()}
-assert len(policies) == 6 and all(policy.about["task"] == task for task, policy in policies.items())
+assert len(policies) == 7 and all(policy.about["task"] == task for task, policy in policies.items())
 assert not {"torch", "stable_baselines3", "pygame"} & set(sys.modules)
 kept = record(gym.make("FishEnv/Stub-v0"), policies["swim"], 0, steps=3)
 assert write_film(kept, film).stat().st_size > 100_000
