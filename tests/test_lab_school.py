@@ -74,7 +74,7 @@ def test_a_target_that_is_put_is_reached(driver, count):
 
 def test_an_obstacle_that_is_put_is_passed():
     """An obstacle that is put is passed: one that the fish would else swim into."""
-    school, blind = swum("policy avoid", 1, 1.0), swum("policy turn", 1, 1.0)
+    school, blind = swum("policy avoid", 1, 1.0), swum("policy swim", 1, 1.0)
     goal = school.shown_positions()[0].mean(axis=0) + school.fish.length * np.array([2.0, 0.05, 0.0])
     school.put(goal)
     room = {}

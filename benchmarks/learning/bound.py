@@ -25,7 +25,7 @@ from benchmarks.common.statistics import interval_of, rounded
 from benchmarks.common.tables import write_csv
 from fish_env import BODIES
 from fish_env.bodies.fitted import WATERS
-from fish_env.control import FIRST_SEED, Controller, as_controller, scripted, shipped_policies
+from fish_env.control import FIRST_SEED, Controller, as_controller, load_policy, scripted, shipped_policies
 from fish_env.envs import FishState, FishVectorEnv
 from fish_env.tasks.fast_start import FastStartTask
 from fish_env.tasks.rewards import wrap_angle
@@ -238,6 +238,17 @@ def score(swum: Swum, measure: Measure, wanted: float) -> tuple[float, float]:
     return float(np.nan_to_num(cost[0], nan=1e3)), float(value[0])
 
 
+def muscle_by_muscle(path, env: FishVectorEnv, task: str, options: dict) -> Controller:
+    """The policy of a file as a controller of an environment with an action for each muscle."""
+    groups = load_policy(path).about["env_options"].get("muscle_groups", "muscles")
+    if groups == "muscles":
+        return as_controller(path, env)
+    paired = FishVectorEnv(1, task=task, **options | {"muscle_groups": groups})
+    control, fish = as_controller(path, paired), env.tank.fish
+    paired.close()
+    return lambda obs, time: control(obs, time)[:, 2 * fish.segments + (fish.sides < 0)]
+
+
 def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[dict]:
     """A row for each quantity and start of a task; `options` are keywords of the environment."""
     few, env = (FishVectorEnv(count, task=task, **options) for count in (starts, POPULATION))
@@ -245,7 +256,7 @@ def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[
     for start in find_starts(few):
         controls = {"motor_controllers": recorded(start.commands, env.control_interval)}
         if policy is not None:
-            controls["policy"] = as_controller(policy, env)
+            controls["policy"] = muscle_by_muscle(policy, env, task, options)
         known = {who: drive(env, start.state, control, len(start.commands)) for who, control in controls.items()}
         found = {}
         for quantity, measure in GOALS[task].items():
