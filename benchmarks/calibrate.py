@@ -16,7 +16,7 @@ from benchmarks.calibration import finest, fit, gait_search, motor_controllers
 
 STEPS: dict[str, tuple[float, Callable[[str], None]]] = {
     "the finest body": (3.0, finest.calibrate),
-    "mass_spring": (5.0, lambda water: fit.fit("mass_spring", water)),
+    "mass_spring": (8.0, lambda water: fit.fit("mass_spring", water)),
     "planar": (3.0, lambda water: fit.fit("planar", water)),
     "the best gait": (3.0, gait_search.calibrate),
     "motor controllers": (8.0, motor_controllers.calibrate),

@@ -216,7 +216,7 @@ VALIDATION = (
 LEARNING = (
     Result(
         "learning.all", "every task trained with all its seeds; reuses finished runs, replaces the shipped policies",
-        "train.py all", 80,
+        "train.py all", 160,
         csv("learning/seeds.csv", "learning/methods.csv", "learning/curves.csv") + images("curves.svg"), by_name=True,
         follows=TRAINED,
     ),

@@ -78,14 +78,12 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
 def test_compare(capsys):
     """Two policies are compared in the same episodes, with intervals; one stands beside simple controllers."""
     assert command_line.main(["compare", "left_after_right", "turn"]) == 0
-    found = compare("left_after_right", "turn")["speed"]
+    found = compare("left_after_right", "turn")["heading_error"]
     cells = [f"{value:.4g} ({low:.4g} to {high:.4g})" for value, low, high in found]
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
-    assert (
-        lines["left_after_right"].split() == ["left_after_right", "turn", "difference"]
-        and found.difference.low < found.difference.high
-    )
-    assert re.split("  +", lines["speed"].strip()) == ["speed", *cells]
+    assert lines["left_after_right"].split() == ["left_after_right", "turn", "difference"]
+    assert found.difference.low > 1.0
+    assert re.split("  +", lines["heading_error"].strip()) == ["heading_error", *cells]
     assert command_line.main(["compare", "swim", "--integrator", "semi_implicit"]) == 0
     assert "motor controllers        swim" in capsys.readouterr().out
 

@@ -91,7 +91,7 @@ def training(body: str, water: str) -> tuple[np.ndarray, Motion, np.ndarray]:
     return contractions[part], Motion(*(values[part] for values in finest[:5])), weights()[part]
 
 
-def search(body: str, water: str, base: dict, generations: int) -> dict:
+def search(body: str, water: str, base: dict, generations: int, _finest: dict) -> dict:
     """The best parameters that are found, made of those of `mass_spring` in `base`, and their squares."""
     contractions, finest, counts = training(body, water)
     problem = Search(body, water, contractions, finest, base, counts)
@@ -136,7 +136,7 @@ def fit(body: str, water: str) -> None:
     """Ship what the search for a body finds; `planar` and `two_layer` are made of `mass_spring`."""
     base = {} if body == "mass_spring" else read_calibration("mass_spring", water)["parameters"]
     finest = read_calibration("tetrahedral", water)["parameters"]
-    found = kept("fit", lambda *job: search(*job[:-1]), body, water, base, GENERATIONS[body], finest)
+    found = kept("fit", search, body, water, base, GENERATIONS[body], finest)
     given = found["parameters"]
     distance = trained(body, make_fish(body, water=water, **given), water)
     print(f"{body}: squares {found['squares']:.4f}; {100 * distance:.2f} %")
