@@ -2,7 +2,7 @@
 
 python train.py swim                      train a policy: the same as fish_env train swim
 python train.py all                       train every task with all its seeds; can be stopped and resumed
-python train.py all --integrator rk4      the same with another integrator, three seeds a task
+python train.py all --integrator rk4      the same with another integrator
 python train.py compare --integrators     replay the shipped policies with every integrator
 python train.py play runs/swim/<time>     as fish_env does; also evaluate, compare, report, and all the others
 """
@@ -30,7 +30,7 @@ def make_parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     command.add_argument("--tasks", nargs="+", help="only these")
     command.add_argument("--jobs", type=int, help="runs side by side (default one on each processor)")
     command.add_argument("--ray", metavar="ADDRESS", help="on a Ray cluster (local: one that is begun here)")
-    command.add_argument("--integrator", help="with this method, three seeds a task, in runs/all_<integrator>")
+    command.add_argument("--integrator", help="with this method, in runs/all_<integrator>")
     command.add_argument("--dt", type=float, help="by steps of so many s (default those of the method)")
     command = commands.choices["compare"]
     command.add_argument("--integrators", action="store_true", help="under every integrator, RK4 as the reference")

@@ -19,7 +19,6 @@ from fish_env.control.files import writable_folder
 from fish_env.training.config import change_simulation
 
 POLL = 2.0  # s between two looks at the runs
-FEWER = 3  # seeds of each task with another integrator than the default one
 
 
 def train_all(
@@ -38,7 +37,7 @@ def train_all(
             is resumed from its last checkpoint.
         tasks: keys of `CONFIGS`; None for all.
         jobs: runs side by side; None for one on each processor.
-        integrator: a key of `fish_env.INTEGRATORS` to train with, FEWER seeds; None for the fish's own.
+        integrator: a key of `fish_env.INTEGRATORS` to train with; None for the fish's own.
         dt: its step, s; None for its default step.
         ray: address of a Ray cluster to run them on, "local" for one that is begun here; None for this machine without.
         stopped: returns True to save and end the runs, as by Ctrl-C.
@@ -56,11 +55,9 @@ def train_all(
         raise ValueError(f"jobs is {jobs}; give a whole number, at least 1")
     if os.name == "nt":
         raise RuntimeError("train.py all is for Linux and macOS; train the tasks one by one here")
-    seeds = {task: min(SEEDS[task], FEWER) if integrator or dt else SEEDS[task] for task in tasks}
     work = [  # the first seed of every task before the second of any: a run that is stopped has something of each
         Job(task, seed, root / task / f"seed_{seed}", change_simulation(CONFIGS[task], None, integrator, dt))
-        for seed, task in itertools.product(range(max(seeds.values())), tasks)
-        if seed < seeds[task]
+        for seed, task in itertools.product(range(SEEDS), tasks)
     ]
     writable_folder(root)
     for job in work:

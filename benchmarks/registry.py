@@ -216,7 +216,7 @@ VALIDATION = (
 LEARNING = (
     Result(
         "learning.all", "every task trained with all its seeds; reuses finished runs, replaces the shipped policies",
-        "train.py all", 160,
+        "train.py all", 80,
         csv("learning/seeds.csv", "learning/methods.csv", "learning/curves.csv") + images("curves.svg"), by_name=True,
         follows=TRAINED,
     ),
@@ -235,6 +235,11 @@ LEARNING = (
         "learning.sensing", "what sensors cost, and what policies keep under held-out conditions; trains 18 policies",
         "-m benchmarks.learning.sensing", 35,
         csv("learning/sensing.csv", "learning/held_out.csv") + images("held_out.svg"), follows=TRAINED,
+    ),
+    Result(
+        "learning.bound", "what optimal control reaches in turns, fast starts and swimming, beside the shipped policies",
+        "-m benchmarks.learning.bound", 12, csv("learning/bound.csv"),
+        follows=TRAINED,
     ),
     Result(
         "learning.reversal", "one turn begun before another is over: path, heading, strain",

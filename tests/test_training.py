@@ -165,7 +165,6 @@ def started(monkeypatch):
 def test_training_everything_can_be_stopped_and_resumed(started, trained, tmp_path, monkeypatch):
     """`train.py all` leaves finished runs unchanged, resumes stopped ones, and names those that fail."""
     monkeypatch.setattr(train_all, "CONFIGS", {"swim": replace(CONFIGS["swim"], **SHORT)})
-    monkeypatch.setattr(train_all, "SEEDS", {"swim": 3})
     for seed in range(2):
         shutil.copytree(trained, tmp_path / f"swim/seed_{seed}")
     (tmp_path / "swim/seed_0/results.json").write_text("{}")
@@ -182,7 +181,7 @@ def test_training_everything_can_be_stopped_and_resumed(started, trained, tmp_pa
 
 
 def test_another_integrator_for_all(started, tmp_path):
-    """With another integrator, every task has at most three seeds; each run is told method and step, or resumed."""
+    """With another integrator, each run is told method and step, or resumed."""
     with pytest.raises(RuntimeError, match="6 of 6 runs failed"):
         train_all.train_all(tmp_path, ["swim", "turn"], 1, "semi_implicit", 0.001)
     assert [(words[2], words[4]) for words in started] == [(t, str(k)) for k in range(3) for t in ("swim", "turn")]

@@ -138,7 +138,7 @@ def publish(root: Path, tasks=None) -> None:
     for folder in (PRETRAINED, LEARNING, IMAGES, PAGE.parent, README.parent):
         writable_folder(folder)
     for task in CONFIGS if tasks is None else tasks:
-        seeds = [root / task / f"seed_{seed}" for seed in range(SEEDS[task])]
+        seeds = [root / task / f"seed_{seed}" for seed in range(SEEDS)]
         runs = [run for run in seeds if (run / "results.json").exists()]
         if not runs:
             raise FileNotFoundError(
