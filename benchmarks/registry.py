@@ -237,7 +237,7 @@ LEARNING = (
         csv("learning/sensing.csv", "learning/held_out.csv") + images("held_out.svg"), follows=TRAINED,
     ),
     Result(
-        "learning.bound", "what optimal control reaches in turns, fast starts and swimming, beside the shipped policies",
+        "learning.bound", "what optimal control reaches in turns, fast starts and swimming, beside shipped policies",
         "-m benchmarks.learning.bound", 12, csv("learning/bound.csv"),
         follows=TRAINED,
     ),
