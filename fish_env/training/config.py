@@ -123,7 +123,7 @@ DENSER = {**slower(3.0), "wait": (0.3, 1.0)}
 
 CONFIGS: dict[str, TrainConfig] = {
     "swim": TrainConfig("FishEnv/Swim-v0", hidden=(32, 32)),
-    "turn": TrainConfig("FishEnv/Turn-v0", TURNING, DENSER, timesteps=9_000_000, horizon=2.0),
+    "turn": TrainConfig("FishEnv/Turn-v0", TURNING, DENSER, timesteps=4_000_000, horizon=2.0),
     "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", TURNING, DENSER, timesteps=6_000_000, horizon=2.0),
     "target": TrainConfig("FishEnv/Target-v0", {}, {"patience": 3.0}, timesteps=6_000_000),
     "target_3d": TrainConfig("FishEnv/Target-v0", {"dimensions": 3}, {"patience": 3.0}, timesteps=8_000_000),
