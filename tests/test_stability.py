@@ -89,8 +89,8 @@ def test_the_survey_covers_every_body():
 
 
 def test_limit_of_tus_method():
-    """A sweep finds the limit that the table has, of the fish for drag."""
-    fish = make_fish(water="drag")
+    """A sweep finds the limit that the table has."""
+    fish = make_fish()
     (row,) = [row for row in read_table("stability_limits.csv") if row["body"] == fish.name and row["stiffness"] == 1.0
               and row["integrator"] == "semi_implicit"]  # fmt: skip
     found = survey.sweep(fish, "semi_implicit", survey.reference_energy(fish))
