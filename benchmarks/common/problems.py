@@ -153,7 +153,7 @@ def magnified(problem: Problem, reference_path: np.ndarray, substeps: int) -> fl
     return largest
 
 
-def reference(problem: Problem, fewest=1024, most=32768) -> tuple[np.ndarray, int, float]:
+def reference(problem: Problem, fewest=1024, most=131_072) -> tuple[np.ndarray, int, float]:
     """The reference solution (K,N,3): RK4 with its steps halved until nothing changes by more than CONVERGED.
 
     Returns the path, its steps a control interval and the last change, body lengths.
