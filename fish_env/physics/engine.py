@@ -23,7 +23,7 @@ from fish_env.physics.integrators import Integrator
 from fish_env.physics.records import Anchors, World
 
 MOST_KEYS = 10_000  # stiffnesses whose step coefficients are cached
-DEEPEST = 3  # how often steps are halved at most
+DEEPEST = 6  # how often steps are halved at most
 COUNTED = 3  # force evaluations, factorisations and solves of a step
 FARTHEST = 1000.0  # body lengths from the origin, in float32, if a force depends on the position: resolution 6e-5 BL
 FACTORISATIONS = 1  # index of the count that reused factors reduce
