@@ -6,6 +6,7 @@ import pytest
 import fish_env
 from benchmarks.common.problems import left_after_right, steps_of
 from fish_env.envs import FishVectorEnv
+from fish_env.physics.engine import DEEPEST
 from fish_env.physics.tank import Tank
 
 FISH = fish_env.make_fish()
@@ -104,15 +105,15 @@ def test_steps_are_shortened_where_needed():
 
 
 def test_refined_steps_are_the_half_ones():
-    """An interval that is refined once is the interval with twice the steps, bit for bit."""
+    """An interval that is refined as often as it can be is the interval with the shortest steps, bit for bit."""
     position, command = FISH.body.position * (1.0, 1.2, 1.0), np.ones(FISH.num_muscles)
     tanks = [Tank(FISH, 1, dt=FISH.time_step / part, refine=refine, water=FISH.water)
-             for part, refine in ((1, 1e-9), (8, np.inf))]  # fmt: skip
+             for part, refine in ((1, 1e-9), (2**DEEPEST, np.inf))]  # fmt: skip
     for tank in tanks:
         tank.position[0] = position
         tank.swim(command, FISH.control_interval)
     np.testing.assert_array_equal(tanks[0].position, tanks[1].position)
-    assert tanks[0].counters["refinements"][0] == 3  # 1/2, 1/4, 1/8
+    assert tanks[0].counters["refinements"][0] == DEEPEST  # 1/2, 1/4, ...
 
 
 def test_refining_rescues_a_fish():
