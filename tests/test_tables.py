@@ -40,8 +40,10 @@ def held_out(row):
 
 def methods():
     """Methods on the held-out scenes of the default fish."""
-    for name, steps in (("leapfrog_chebyshev", (6, 8, 12, 24, 48)), ("symplectic_euler", (48,)),
-                        ("semi_implicit", (48,)), ("rosenbrock", (24,)), ("midpoint", (96,)), ("rk4", (32,))):  # fmt: skip
+    for name, steps in (
+        ("leapfrog_chebyshev", (6, 8, 12, 24, 48)), ("symplectic_euler", (48,)), ("semi_implicit", (48,)),
+        ("rosenbrock", (24,)), ("midpoint", (96,)), ("rk4", (32,)),
+    ):  # fmt: skip
         for k in steps:
             row = select("held_out.csv", body="mass_spring", water="reactive", integrator=name, substeps=k)[0]
             assert not row["failed"]
