@@ -20,7 +20,7 @@ def select(table, /, **wanted):
 
 def short(value, digits=2):
     """A number with a few significant digits."""
-    return f"{float(f'{value:.{digits}g}'):,.10g}" if value >= 10 else f"{value:#.{digits}g}"
+    return f"{float(f'{value:.{digits}g}'):,.10g}" if value >= 10 else f"{value:#.{digits}g}".rstrip(".")
 
 
 HELD_OUT = (("reactive", "mass_spring"), ("reactive", "planar"), ("drag", "mass_spring"), ("drag", "tetrahedral"))
@@ -35,7 +35,7 @@ def held_out(row):
     """Price and errors of a method at a step: over the held-out scenes, and on the abrupt turn."""
     errors = (row[key] for key in ("geometric_mean", "ninety_percent", "worst", "turn"))
     percent = (np.format_float_positional(float(f"{100 * error:.2g}"), trim="-") for error in errors)
-    return short(row["us_per_interval"]).rstrip("."), *(f"{error} %" for error in percent)
+    return short(row["us_per_interval"]), *(f"{error} %" for error in percent)
 
 
 def methods():
@@ -65,7 +65,7 @@ def least_prices():
         cells = []
         for water, body in HELD_OUT:
             row = least_expensive(select("held_out.csv", body=body, water=water), percent / 100, "ninety_percent")
-            cells.append(f"`{row['integrator']}` {row['substeps']}: {short(row['us_per_interval']).rstrip('.')}")
+            cells.append(f"`{row['integrator']}` {row['substeps']}: {short(row['us_per_interval'])}")
         yield line(f"{percent:g} %", *cells)
 
 
@@ -97,9 +97,11 @@ def bodies():
 def fits():
     """Distances of the fitted bodies on other seeds."""
     names = {"swim": "Swim", "turn": "Turn", "left_after_right": "LeftAfterRight", "target": "Target", "avoid": "Avoid",
-             "square": "square waves", "chirp": "chirps", "gaits": "gaits up to 6 Hz"}  # fmt: skip
+             "fast_start": "FastStart", "square": "square waves", "chirp": "chirps",
+             "gaits": "gaits up to 6 Hz"}  # fmt: skip
     for scene, name in names.items():
-        found = {row["body"]: row["distance"] for row in select("fit_tests.csv", scene=scene, quantity="all")}
+        rows = select("fit_tests.csv", water="reactive", scene=scene, quantity="all")
+        found = {row["body"]: row["distance"] for row in rows}
         yield line(name, *(short(100 * found[body]) for body in ("mass_spring", "planar", "two_layer")))
 
 
@@ -119,7 +121,7 @@ def rates():
     yield f"| {round(steps[0], -2):,.0f} |"
     yield from (f"| {round(value, -3):,.0f} |" for value in steps[1:])
     times = [value for name, value in found.items() if name.startswith("a control interval")]
-    yield from (f"| {short(value).rstrip('.')} |" for value in times)
+    yield from (f"| {short(value)} |" for value in times)
     first = [value for name, value in found.items() if name.startswith("first make")]
     yield f"take {first[0]:.1f} s with nothing compiled, and {first[1]:.1f} s after that"
     yield f"one environment takes {found['memory of a process with one environment, MB']:.0f} MB"
