@@ -105,6 +105,22 @@ def fits():
         yield line(name, *(short(100 * found[body]) for body in ("mass_spring", "planar", "two_layer")))
 
 
+def transfers():
+    """What the shipped policies and the motor controllers do on every body."""
+    for task, metric, text in (
+        ("swim", "speed", "Swim: speed, BL/s"), ("turn", "success", "Turn: success, %"),
+        ("turn", "latency", "Turn: latency, s"), ("left_after_right", "success", "LeftAfterRight: success, %"),
+        ("left_after_right", "latency", "LeftAfterRight: latency, s"),
+        ("target", "time_per_target", "Target: time per target, s"), ("avoid", "avoided", "Avoid: avoided, %"),
+    ):  # fmt: skip
+        rows = select("transfer.csv", task=task, metric=metric)
+        scale, digits = (100, ".0f") if "%" in text else (1, ".2f")
+        found = {(row["who"], row["body"]): f"{scale * row['mean']:{digits}}" for row in rows}
+        bodies = ("planar", "mass_spring", "two_layer", "tetrahedral")
+        yield line(text, *(f"{found['policy', body]}; {found['motor controllers', body]}" for body in bodies))
+    assert not any(row["mean"] for row in select("transfer.csv", metric="failed"))
+
+
 def gait():
     """The best gait in both waters, at the default step and by RK4."""
     found = {(row["water"], row["quantity"]): row for row in read_table("gait.csv")}
@@ -220,7 +236,7 @@ def water_tables():
 
 PAGES = {
     "choosing-an-integrator": (methods, own_steps, least_prices, failures),
-    "choosing-a-body": (bodies, fits),
+    "choosing-a-body": (bodies, fits, transfers),
     "choosing-the-water": (water_tables,),
     "validation": (
         gait,
