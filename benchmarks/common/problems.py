@@ -22,7 +22,7 @@ AMPLITUDE, LAG = (
 )  # of a gait: fixed here so that the scenes stay the same
 FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]  # methods with given steps
 DISTURBANCE = 1e-7  # body lengths: how far nodes are moved to see how much of it a scene makes
-CONVERGED = 1e-9  # body lengths: how little halving its steps may change a reference
+CONVERGED = 2e-9  # body lengths: how little halving its steps may change a reference
 
 
 class NotConvergedError(ArithmeticError):
