@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.learning import bound
 from benchmarks.learning.bound import GOALS, Search, Swum, find_starts, measure_latency, measure_settled, recorded
+from fish_env.control import as_controller, evaluate, shipped_policies
 from fish_env.envs import FishVectorEnv
 from fish_env.tasks.turns import SETTLED
 
@@ -111,7 +112,20 @@ def test_rows(task, monkeypatch):
         assert row["seeds_apart"] == "" or row["seeds_apart"] >= 0.0
 
 
-def test_command_line(monkeypatch, capsys):
+def test_a_policy_for_pairs_does_the_same_muscle_by_muscle():
+    """A policy that commands pairs of muscles, at longer intervals, swims the same in an environment of single ones."""
+    policy, scores = shipped_policies()["left_after_right"], []
+    for groups in ("pairs", "muscles"):
+        env = FishVectorEnv(4, task="left_after_right", muscle_groups=groups, autoreset_mode="SameStep", threads=1,
+                            max_episode_steps=150)  # fmt: skip
+        control = as_controller(policy, env) if groups == "pairs" else bound.muscle_by_muscle(policy, env)
+        scores.append(evaluate(env, control))
+        env.close()
+    np.testing.assert_allclose(scores[1]["return"], scores[0]["return"], rtol=1e-4)
+    np.testing.assert_array_equal(scores[1]["latency"], scores[0]["latency"])
+
+
+def test_command_line(monkeypatch, capsys, tmp_path):
     """Means and ratios of what was reached are printed; only the whole table is written; other tasks are refused."""
     about = {"task": "turn", "quantity": "latency"}
     rows = [
@@ -120,16 +134,19 @@ def test_command_line(monkeypatch, capsys):
         about | {"motor_controllers": "", "policy": "", "bound": "", "seeds_apart": ""},
     ]
     written = []
+    monkeypatch.setattr(bound, "RESULTS", tmp_path)  # no table is there yet
     monkeypatch.setattr(bound, "rows_of", lambda *_, **options: rows)
     monkeypatch.setattr(bound, "write_csv", lambda *given: written.append(given))
     monkeypatch.setattr(sys, "argv", ["bound", "turn"])
     bound.main()
     expected = "turn, latency: reached in 2 of 3 starts, bound 0.400 (0.300 to 0.500), seeds apart by at most 0.010"
     assert capsys.readouterr().out == f"{expected}; motor_controllers 0.600 in 1, 1.200 times the bound\n"
-    assert not written
-    monkeypatch.setattr(sys, "argv", ["bound"])
+    (path, rows_written, _), *_ = written
+    assert path == bound.CSV and [row["task"] for row in rows_written] == ["turn"] * 3
+    monkeypatch.setattr(sys, "argv", ["bound", "turn", "--budget", "7"])
     bound.main()
-    assert len(written) == 1 and len(written[0][1]) == 3 * len(GOALS)
+    assert len(written) == 1  # another effort only prints
+    capsys.readouterr()
     monkeypatch.setattr(sys, "argv", ["bound", "nothing"])
     with pytest.raises(SystemExit):
         bound.main()

@@ -1,7 +1,8 @@
 """What is the best that the muscles can do? Commands by optimal control, beside motor controllers and shipped policy.
 
     python -m benchmarks.learning.bound                                      results/learning/bound.csv
-    python -m benchmarks.learning.bound turn --budget 20 --water reactive    other tasks, efforts or fish: only prints
+    python -m benchmarks.learning.bound turn                                 the rows of this task again
+    python -m benchmarks.learning.bound turn --budget 20 --water reactive    other efforts or fish: only prints
 
 A start is a fish that the motor controllers have swum with until the last command of an evaluation episode, in Swim
 until it is steady. From this state the motor controllers go on, the shipped policy takes over, and CMA-ES searches for
@@ -22,7 +23,7 @@ import numpy as np
 
 from benchmarks.common.search import minimise
 from benchmarks.common.statistics import interval_of, rounded
-from benchmarks.common.tables import write_csv
+from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import BODIES
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import FIRST_SEED, Controller, as_controller, load_policy, scripted, shipped_policies
@@ -31,6 +32,7 @@ from fish_env.tasks.fast_start import FastStartTask
 from fish_env.tasks.rewards import wrap_angle
 from fish_env.tasks.turns import COMPLETE, MEAN_TIME, SETTLED, CommandedTurns
 
+COMMAND, CSV = "python -m benchmarks.learning.bound", "learning/bound.csv"
 POPULATION = 256  # fish that try commands, each its own
 HELD = 0.04  # s for which a change of the commands is held
 SPREAD, MOST = 0.5, 2.0  # of the changes of actions: standard deviation at first; bound, from one end to the other
@@ -238,15 +240,25 @@ def score(swum: Swum, measure: Measure, wanted: float) -> tuple[float, float]:
     return float(np.nan_to_num(cost[0], nan=1e3)), float(value[0])
 
 
-def muscle_by_muscle(path, env: FishVectorEnv, task: str, options: dict) -> Controller:
+def muscle_by_muscle(path, env: FishVectorEnv) -> Controller:
     """The policy of a file as a controller of an environment with an action for each muscle."""
-    groups = load_policy(path).about["env_options"].get("muscle_groups", "muscles")
-    if groups == "muscles":
-        return as_controller(path, env)
-    paired = FishVectorEnv(1, task=task, **options | {"muscle_groups": groups})
-    control, fish = as_controller(path, paired), env.tank.fish
-    paired.close()
-    return lambda obs, time: control(obs, time)[:, 2 * fish.segments + (fish.sides < 0)]
+    policy = load_policy(path)
+    about, fish = policy.about["env_options"], env.tank.fish
+    if about.get("muscle_groups", "muscles") == "muscles":
+        return as_controller(policy, env)
+    group, goal = fish.grouping(about["muscle_groups"]), np.zeros(env.action_space.shape)
+    every = round(about.get("control_interval", env.control_interval) / env.control_interval)
+
+    def act(obs: np.ndarray, time: float) -> np.ndarray:
+        """Contractions go evenly to what the policy wants at the end of its longer interval."""
+        nonlocal goal
+        since = round(time / env.control_interval) % every
+        if since == 0:
+            goal = policy(obs)[:, group]
+        present = 2.0 * env.tank.contraction - 1.0
+        return (present + (goal - present) / (every - since)).astype(np.float32)
+
+    return act
 
 
 def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[dict]:
@@ -256,7 +268,7 @@ def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[
     for start in find_starts(few):
         controls = {"motor_controllers": recorded(start.commands, env.control_interval)}
         if policy is not None:
-            controls["policy"] = muscle_by_muscle(policy, env, task, options)
+            controls["policy"] = muscle_by_muscle(policy, env)
         known = {who: drive(env, start.state, control, len(start.commands)) for who, control in controls.items()}
         found = {}
         for quantity, measure in GOALS[task].items():
@@ -309,8 +321,10 @@ def main() -> None:
     for task in chosen.tasks:
         rows += rows_of(task, chosen.starts, chosen.budget, chosen.seeds, water=chosen.water, body=chosen.body)
     print(summarise(rows))
-    if chosen == parser.parse_args([]):
-        print(write_csv("learning/bound.csv", rows, "python -m benchmarks.learning.bound"))
+    if vars(chosen) | {"tasks": []} == vars(parser.parse_args([])) | {"tasks": []}:
+        kept = read_table(CSV) if (RESULTS / CSV).exists() else []
+        rows += [row for row in kept if row["task"] not in chosen.tasks]
+        print(write_csv(CSV, sorted(rows, key=lambda row: list(GOALS).index(row["task"])), COMMAND))
 
 
 if __name__ == "__main__":
