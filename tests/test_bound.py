@@ -126,7 +126,7 @@ def test_a_policy_for_pairs_does_the_same_muscle_by_muscle():
 
 
 def test_command_line(monkeypatch, capsys, tmp_path):
-    """Means and ratios of what was reached are printed; only the whole table is written; other tasks are refused."""
+    """Means and ratios of what was reached are printed; the table is written with the default effort alone."""
     about = {"task": "turn", "quantity": "latency"}
     rows = [
         about | {"motor_controllers": 0.6, "policy": "", "bound": 0.5, "seeds_apart": 0.01},
@@ -136,11 +136,11 @@ def test_command_line(monkeypatch, capsys, tmp_path):
     written = []
     monkeypatch.setattr(bound, "RESULTS", tmp_path)  # no table is there yet
     monkeypatch.setattr(bound, "rows_of", lambda *_, **options: rows)
-    monkeypatch.setattr(bound, "write_csv", lambda *given: written.append(given))
+    monkeypatch.setattr(bound, "write_csv", lambda *given: written.append(given) or "the table")
     monkeypatch.setattr(sys, "argv", ["bound", "turn"])
     bound.main()
     expected = "turn, latency: reached in 2 of 3 starts, bound 0.400 (0.300 to 0.500), seeds apart by at most 0.010"
-    assert capsys.readouterr().out == f"{expected}; motor_controllers 0.600 in 1, 1.200 times the bound\n"
+    assert capsys.readouterr().out == f"{expected}; motor_controllers 0.600 in 1, 1.200 times the bound\nthe table\n"
     (path, rows_written, _), *_ = written
     assert path == bound.CSV and [row["task"] for row in rows_written] == ["turn"] * 3
     monkeypatch.setattr(sys, "argv", ["bound", "turn", "--budget", "7"])
