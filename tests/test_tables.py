@@ -121,6 +121,25 @@ def transfers():
     assert not any(row["mean"] for row in select("transfer.csv", metric="failed"))
 
 
+def bounds():
+    """The best that was found, beside the motor controllers and the policy: means of the starts in which both are."""
+    names = {"turn": "Turn", "left_after_right": "Left after right", "fast_start": "Fast start", "swim": "Swim"}
+    rows = read_table("learning/bound.csv")
+    for task, quantity in dict.fromkeys((row["task"], row["quantity"]) for row in rows):
+        mine = [row for row in rows if (row["task"], row["quantity"]) == (task, quantity)]
+        cells = [f"{np.mean([row['bound'] for row in mine]):.2f}"]
+        for who in ("motor_controllers", "policy"):
+            both = [(row[who], row["bound"]) for row in mine if row[who] != ""]
+            ratio = np.sum(both, axis=0)[0] / np.sum(both, axis=0)[1] if both else np.nan
+            few = f", in {len(both)} of {len(mine)}" if len(both) < len(mine) else ""
+            cells.append(f"{ratio:.2f} times{few}" if both else "-")
+        apart = max(row["seeds_apart"] for row in mine)
+        yield line(f"{names[task]}: {quantity}{UNITS[quantity]}", *cells, f"{apart:.3f}")
+
+
+UNITS = {"latency": ", s", "latency, then settled": ", s", "escape distance": ", BL", "speed": ", BL/s"}
+
+
 def gait():
     """The best gait in both waters, at the default step and by RK4."""
     found = {(row["water"], row["quantity"]): row for row in read_table("gait.csv")}
@@ -238,6 +257,7 @@ PAGES = {
     "choosing-an-integrator": (methods, own_steps, least_prices, failures),
     "choosing-a-body": (bodies, fits, transfers),
     "choosing-the-water": (water_tables,),
+    "results": (bounds,),
     "validation": (
         gait,
         lambda: [living_fish.table(read_table("living_fish.csv"))],
