@@ -85,7 +85,7 @@ ACCURACY = (
 STABILITY = (
     Result(
         "stability.survey", "step-size limits of every method, on every body and against stiffness",
-        "-m benchmarks.stability.survey", 6, csv("stability_limits", "stability.svg"),
+        "-m benchmarks.stability.survey", 20, csv("stability_limits", "stability.svg"),
         one_core=True, follows=EVERY_BODY,
     ),
     Result(
@@ -222,7 +222,7 @@ LEARNING = (
     ),
     Result(
         "learning.integrators", "the shipped policies under every method and step",
-        "train.py compare --integrators", 20,
+        "train.py compare --integrators", 30,
         csv("integrators_policies", "integrators_policies.svg"),
         follows=TRAINED,
     ),
@@ -238,7 +238,7 @@ LEARNING = (
     ),
     Result(
         "learning.bound", "what optimal control reaches in turns, fast starts and swimming, beside shipped policies",
-        "-m benchmarks.learning.bound", 12, csv("learning/bound.csv"),
+        "-m benchmarks.learning.bound", 40, csv("learning/bound.csv"),
         follows=TRAINED,
     ),
     Result(

@@ -1,6 +1,6 @@
 """Step-size limits of every method: against stiffness, on the abrupt manoeuvre, and by linear theory.
 
-    taskset -c 1 python -m benchmarks.stability.survey          every method, step and stiffness (6 min): CSV and chart
+    taskset -c 1 python -m benchmarks.stability.survey          every method, step and stiffness (20 min): CSV and chart
     taskset -c 1 python -m benchmarks.stability.survey --draw   the chart again, from the CSV
 
 A run is stable if the fish does not fail and its energy, kinetic and elastic, never exceeds BOUND times the reference
