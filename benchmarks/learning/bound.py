@@ -240,35 +240,19 @@ def score(swum: Swum, measure: Measure, wanted: float) -> tuple[float, float]:
     return float(np.nan_to_num(cost[0], nan=1e3)), float(value[0])
 
 
-def muscle_by_muscle(path, env: FishVectorEnv) -> Controller:
-    """The policy of a file as a controller of an environment with an action for each muscle."""
-    policy = load_policy(path)
-    about, fish = policy.about["env_options"], env.tank.fish
-    if about.get("muscle_groups", "muscles") == "muscles":
-        return as_controller(policy, env)
-    group, goal = fish.grouping(about["muscle_groups"]), np.zeros(env.action_space.shape)
-    every = round(about.get("control_interval", env.control_interval) / env.control_interval)
-
-    def act(obs: np.ndarray, time: float) -> np.ndarray:
-        """Contractions go evenly to what the policy wants at the end of its longer interval."""
-        nonlocal goal
-        since = round(time / env.control_interval) % every
-        if since == 0:
-            goal = policy(obs)[:, group]
-        present = 2.0 * env.tank.contraction - 1.0
-        return (present + (goal - present) / (every - since)).astype(np.float32)
-
-    return act
-
-
 def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[dict]:
-    """A row for each quantity and start of a task; `options` are keywords of the environment."""
-    few, env = (FishVectorEnv(count, task=task, **options) for count in (starts, POPULATION))
-    policy, rows = shipped_policies().get(task), []
+    """A row for each quantity and start of a task; `options` are keywords of the environment.
+
+    Muscles are grouped as the shipped policy commands them; a search changes whole segments of a side anyway.
+    """
+    path, rows = shipped_policies().get(task), []
+    policy = None if path is None else load_policy(path)
+    groups = "muscles" if policy is None else policy.about["env_options"].get("muscle_groups", "muscles")
+    few, env = (FishVectorEnv(count, task=task, muscle_groups=groups, **options) for count in (starts, POPULATION))
     for start in find_starts(few):
         controls = {"motor_controllers": recorded(start.commands, env.control_interval)}
         if policy is not None:
-            controls["policy"] = muscle_by_muscle(policy, env)
+            controls["policy"] = as_controller(policy, env)
         known = {who: drive(env, start.state, control, len(start.commands)) for who, control in controls.items()}
         found = {}
         for quantity, measure in GOALS[task].items():
