@@ -112,12 +112,12 @@ def test_rows(task, monkeypatch):
 
 
 def test_the_policy_is_at_home(monkeypatch):
-    """A policy that commands pairs of muscles turns from the starts as fast as in its own task: under half a second."""
+    """A policy that commands pairs of muscles turns from the starts as fast as in its own task: in 0.3 s, and not 0.48."""
     pytest.importorskip("cma")
     monkeypatch.setattr(bound, "POPULATION", FISH)
     rows = bound.rows_of("left_after_right", 4, 1, 1, threads=1)
     latencies = [row["policy"] for row in rows if row["quantity"] == "latency"]
-    assert len(latencies) == 4 and max(latencies) < 0.5
+    assert len(latencies) == 4 and max(latencies) < 0.35
 
 
 def test_command_line(monkeypatch, capsys, tmp_path):
