@@ -112,7 +112,7 @@ def test_rows(task, monkeypatch):
 
 
 def test_the_policy_is_at_home(monkeypatch):
-    """A policy that commands pairs of muscles turns from the starts as fast as in its own task: in 0.3 s, and not 0.48."""
+    """From the starts, a policy for pairs of muscles turns in 0.3 s; by the muscles of another fish: 0.48."""
     pytest.importorskip("cma")
     monkeypatch.setattr(bound, "POPULATION", FISH)
     rows = bound.rows_of("left_after_right", 4, 1, 1, threads=1)
