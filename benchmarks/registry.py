@@ -142,7 +142,7 @@ OBJECTS = (
     Result(
         "objects.survey", "elastic objects dropped, thrown and dragged; largest steps and errors of Song's methods",
         "-m benchmarks.objects.survey", 3,
-        csv("objects_scenes", "objects_methods", "objects_methods.svg") + images("objects.webp"),
+        csv("objects_scenes", "objects_methods", "objects_methods.svg"),
         follows=("object *",),
     ),
     Result(

@@ -16,7 +16,7 @@ pytest.importorskip("pygame")
 from fish_env import __main__ as command_line
 from fish_env.control import film, load_policy, load_recording, play, record, shipped_policy, write_film
 from fish_env.control.recording import Recording, arrays_of
-from fish_env.render.skin import skin_of
+from fish_env.scene.skin import skin_of
 
 
 def recorded(id="FishEnv/Target-v0", steps=12, seed=5, **keywords) -> Recording:
@@ -80,13 +80,14 @@ def test_page_holds_what_was_recorded(one, tmp_path):
         unpacked(reel["command"], states, 3)[-1], direction / np.linalg.norm(direction), atol=1e-4
     )
     rest = fish.points(fish.body.position)
-    skin = skin_of(rest, fish.landmarks.faces, fish.landmarks.muscles)
-    weights = unpacked(data["skin"]["weights"], len(skin.weights) + 2, len(rest))
-    np.testing.assert_allclose(
-        weights @ rest, np.concatenate([skin.weights, skin.eyes]) @ rest, atol=1e-4 * fish.length
-    )
-    quads = np.frombuffer(base64.b64decode(data["skin"]["quads"]), "<u2").reshape(-1, 4)
-    np.testing.assert_array_equal(quads, skin.quads)
+    skin, wanted_eyes = skin_of(rest, fish.landmarks.faces, fish.landmarks.muscles)
+    (surface,) = data["look"]["surfaces"]
+    weights = unpacked(surface["weights"], len(skin.weights), len(rest))
+    eyes = unpacked(data["look"]["eyes"], 2, len(rest))
+    for found, wanted in ((weights, skin.weights), (eyes, wanted_eyes)):
+        np.testing.assert_allclose(found @ rest, wanted @ rest, atol=1e-4 * fish.length)
+    quads = np.frombuffer(base64.b64decode(surface["faces"]), "<u2").reshape(-1, 4)
+    np.testing.assert_array_equal(quads, skin.faces)
     assert rest[data["nose"], 0] == rest[:, 0].max() and rest[data["tail"], 0] == rest[:, 0].min()
 
 
@@ -95,7 +96,7 @@ def test_other_bodies(body, tmp_path):
     """Flat and solid fish are shown by their landmarks; a page names why the physics failed."""
     one = recorded("FishEnv/Stub-v0", 2, body=body)
     data = data_of(write_film(replace(one, failure=one.failure + 2), tmp_path / "film.html").read_text())
-    assert len(data["skin"]["weights"]["low"]) == 23 and not data["touchable"]
+    assert len(data["look"]["surfaces"][0]["weights"]["low"]) == 23 and not data["touchable"]
     assert data["reels"][0]["sphereCount"] == 0 and data["reels"][0]["note"] == "torn"
     assert data["reels"][0]["spheres"]["data"] == ""
 

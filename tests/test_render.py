@@ -5,7 +5,6 @@ import pickle
 import subprocess
 import sys
 import warnings
-from dataclasses import replace
 
 import gymnasium as gym
 import moviepy
@@ -16,10 +15,13 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import AddRenderObservation, RecordVideo
 
 import fish_env
+from fish_env.bodies.objects import OBJECTS
 from fish_env.envs.options import CAMERAS
 from fish_env.render import Format, Frame, Renderer, WindowClosed, draw, make_frame
 from fish_env.render.labels import CENTRE, HEIGHT, PANEL, SCALE, SIDE_UNIT, UNIT, WIDTH
-from fish_env.render.skin import normals, skin_of
+from fish_env.scene.frame import Arrow, Body, command_arrows
+from fish_env.scene.look import look_of
+from fish_env.scene.skin import normals, skin_of
 
 
 @pytest.fixture
@@ -49,14 +51,26 @@ def run_python(code, **changes):
 
 
 def contracted(frame, value):
-    """The frame with every muscle contracted by the same value."""
-    return frame._replace(contraction=np.full(len(frame.contraction), value))
+    """The frame with every muscle contracted by the same value, or by values (M,)."""
+    (body,) = frame.bodies
+    return frame._replace(bodies=[body._replace(contraction=np.broadcast_to(value, body.contraction.shape))])
+
+
+def commanded(frame, command):
+    """The frame with the arrow of a command (3,)."""
+    return frame._replace(arrows=command_arrows(frame.middle, command, frame.length, frame.spheres, frame.touchable))
 
 
 def with_sphere(frame, offset, radius, touchable):
     """The frame without command and with one sphere, offset (3,) body lengths from the fish, radius in body lengths."""
-    centre = frame.path[-1] + np.multiply(offset, frame.length)
-    return frame._replace(commands=np.zeros((0, 3)), spheres=np.array([[*centre, radius]]), touchable=touchable)
+    centre = frame.middle + np.multiply(offset, frame.length)
+    return frame._replace(arrows=[], spheres=np.array([[*centre, radius]]), touchable=touchable)
+
+
+def at_rest(frame, fish):
+    """The frame with its fish at rest at the origin, nose towards x, and no path."""
+    body = frame.bodies[0]._replace(position=fish.body.position)
+    return frame._replace(bodies=[body], middle=fish.points(fish.body.position).mean(axis=0), path=np.zeros((0, 3)))
 
 
 def test_one_picture_a_fish(batch):
@@ -75,9 +89,9 @@ def test_one_picture_a_fish(batch):
 def test_the_right_side_turns_red(batch, side):
     """Seen from above, contracted left muscles are red to the left of the fish's axis, right ones to its right."""
     fish = batch.tank.fish
-    frame = make_frame(batch, 0)._replace(position=fish.body.position, path=np.zeros((0, 3)))  # nose to the right
+    frame = at_rest(make_frame(batch, 0), fish)  # nose to the right
     relaxed = draw(contracted(frame, 0.0)).astype(int)
-    tense = draw(frame._replace(contraction=(fish.sides == side).astype(float))).astype(int)
+    tense = draw(contracted(frame, (fish.sides == side).astype(float))).astype(int)
     changed = (relaxed != tense).any(axis=2)
     redness = (tense - relaxed) @ (2, -1, -1)
     assert 100 < changed.sum() < 0.1 * changed.size and redness[changed].mean() > 50
@@ -91,8 +105,8 @@ def test_skin_faces_out_and_keeps_the_ends(batch):
     fish = batch.tank.fish
     rest, faces, muscles = fish.body.position, fish.body.faces.nodes, fish.body.springs.nodes[fish.muscles]
     for given in (faces, faces[:, ::-1]):
-        skin = skin_of(rest, given, muscles)
-        points, closed = skin.weights @ rest, skin.quads[: skin.num_closed]
+        skin, _ = skin_of(rest, given, muscles)
+        points, closed = skin.weights @ rest, skin.faces[: skin.closed]
         middle = points[closed].mean(axis=1)
         outward = (normals(points, closed) * middle * (0, 1, 1)).sum(axis=1)
         assert (outward > 0).mean() > 0.95
@@ -119,10 +133,10 @@ def test_path_grows_and_is_forgotten(batch):
 def test_commands_show(batch):
     """Each command is an arrow towards where it points; none, no arrow; a null vector is passed over."""
     frame = make_frame(batch, 0)
-    bare = draw(frame._replace(commands=np.zeros((0, 3))))
-    assert np.array_equal(bare, draw(frame._replace(commands=np.zeros((1, 3)))))
+    bare = draw(frame._replace(arrows=[]))
+    assert np.array_equal(bare, draw(commanded(frame, np.zeros(3))))
     for command, (x, y) in (((2.0, 0.0, 0.0), (1, 0)), ((0.0, 1.0, 0.0), (0, -1))):
-        rows, columns = np.nonzero((bare != draw(frame._replace(commands=np.array([command])))).any(axis=2))
+        rows, columns = np.nonzero((bare != draw(commanded(frame, command))).any(axis=2))
         ahead = np.array([columns.mean() - CENTRE[0], rows.mean() - CENTRE[1]])
         assert ahead @ (x, y) > 100 and abs(ahead @ (y, x)) < 5
 
@@ -131,7 +145,7 @@ def test_commands_show(batch):
 @pytest.mark.parametrize("offset", [(0.0, 0.6, 0.0), (-0.7, -0.5, 0.1)])
 def test_spheres_show(batch, offset, touchable):
     """A sphere changes the picture where it is seen from above (a stone's shadow: a little further), and only there."""
-    frame = make_frame(batch, 0)._replace(commands=np.zeros((0, 3)))
+    frame = make_frame(batch, 0)._replace(arrows=[])
     assert frame.spheres.shape == (0, 4)
     radius = 0.15
     changed = (draw(frame) != draw(with_sphere(frame, offset, radius, touchable))).any(axis=2)
@@ -147,7 +161,7 @@ def test_spheres_show(batch, offset, touchable):
 
 def test_spheres_show_from_the_side(batch):
     """A sphere above the fish is in the inset, over the fish; one far off, or nowhere, is not in the picture."""
-    frame = make_frame(batch, 0)._replace(commands=np.zeros((0, 3)))
+    frame = make_frame(batch, 0)._replace(arrows=[])
     bare = draw(frame)
     for touchable in (True, False):
         changed = (bare != draw(with_sphere(frame, (0.0, 0.0, 0.2), 0.1, touchable))).any(axis=2)
@@ -160,7 +174,7 @@ def test_spheres_show_from_the_side(batch):
 
 def test_solid_spheres_hide_what_is_below(batch):
     """From above, a stone over the fish veils it and one under it does not; a target never does."""
-    frame = make_frame(batch, 0)._replace(commands=np.zeros((0, 3)))
+    frame = make_frame(batch, 0)._replace(arrows=[])
     for height, touchable, hidden in ((0.3, False, True), (-0.3, False, False), (0.3, True, False)):
         with_it = with_sphere(frame, (0.0, 0.0, height), 0.2, touchable)
         tense, relaxed = (draw(contracted(with_it, value)).astype(int) for value in (1.0, 0.0))
@@ -184,7 +198,7 @@ def test_tasks_show_their_spheres(name):
     way = env._pose.centre[1] + task.vectors(env.tank, env._pose)[1, -1] * frame.length
     where = way if name == "Target" else (0.1, 0.2, 0.3)
     np.testing.assert_allclose(frame.spheres, [[*where, task.radius]], atol=1e-12)
-    assert frame.touchable == (name == "Target") and frame.commands.shape == (1, 3)
+    assert frame.touchable == (name == "Target") and len(frame.arrows) == 1
     env.close()
 
 
@@ -192,21 +206,34 @@ def test_no_arrow_past_the_target(batch):
     """Near a target no arrow is drawn, which would point from beyond it."""
     for distance, shown in ((0.5, False), (1.2, True)):
         silent = with_sphere(make_frame(batch, 0), (0.0, distance, 0.0), 0.15, True)
-        told = silent._replace(commands=np.array([[0.0, distance, 0.0]]))
-        assert shown != np.array_equal(draw(told), draw(silent))
+        assert shown == bool(commanded(silent, (0.0, distance, 0.0)).arrows)
 
 
 def test_draws_any_frame(batch):
     """`draw` needs no environment: another body in other units, a caption, no path and no command."""
     published = fish_env.make_fish("published")
-    body = published.body
-    frame = Frame(
-        body.position, body.position, body.faces.nodes, body.springs.nodes[published.muscles], np.zeros(12),
-        published.length, np.zeros((0, 3)), np.zeros((0, 3)), 1.0, 0.5,
-    )  # fmt: skip
+    x = published.body.position
+    frame = Frame([Body(look_of(published), x, np.zeros(12))], x.mean(axis=0), [])
     picture = draw(frame)
     assert not np.array_equal(picture, draw(frame._replace(caption="torn")))
-    assert not np.array_equal(picture, draw(frame._replace(position=body.position @ np.diag((-1.0, -1.0, 1.0)))))
+    turned = Body(look_of(published), x @ np.diag((-1.0, -1.0, 1.0)), np.zeros(12))
+    assert not np.array_equal(picture, draw(frame._replace(bodies=[turned])))
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_draws_objects(name):
+    """Elastic objects are drawn from the same record, where they are."""
+    thing = OBJECTS[name].make()
+    look, x = look_of(thing), thing.body.position
+    bare = draw(Frame([Body(look, x + 99.0)], np.zeros(3), []))
+    places = []
+    for shift in (0.0, 0.2 * thing.length):
+        rows, columns = np.nonzero(
+            (draw(Frame([Body(look, x + shift * np.eye(3)[0])], np.zeros(3), [])) != bare).any(2)
+        )
+        assert len(rows) > (200 if name == "string" else 2000)
+        places.append(columns.mean())
+    assert places[1] - places[0] == pytest.approx(0.2 * UNIT, abs=0.12 * UNIT)
 
 
 def turned(frame, angle):
@@ -214,7 +241,9 @@ def turned(frame, angle):
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)])
     spheres = np.column_stack([frame.spheres[:, :3] @ turn, frame.spheres[:, 3]])
-    return frame._replace(position=frame.position @ turn, commands=frame.commands @ turn, spheres=spheres)
+    bodies = [body._replace(position=body.position @ turn) for body in frame.bodies]
+    arrows = [Arrow(arrow.start @ turn, arrow.way @ turn) for arrow in frame.arrows]
+    return frame._replace(bodies=bodies, arrows=arrows, spheres=spheres, middle=frame.middle @ turn)
 
 
 def place_of_change(before, after, form):
@@ -237,10 +266,8 @@ SEEN = {  # to the right and upwards in the picture: what is ahead of the fish, 
 def test_cameras(batch, camera, size):
     """A target and a command are where the camera sees them; those of "follow" and "side" turn with the fish."""
     form, fish = Format(*size, camera, panel=False), batch.tank.fish
-    frame = make_frame(batch, 0)._replace(
-        position=fish.points(fish.body.position), path=np.zeros((0, 3)), commands=np.zeros((0, 3)), touchable=True
-    )
-    middle = frame.position.mean(axis=0)
+    frame = at_rest(make_frame(batch, 0), fish)._replace(arrows=[], touchable=True)
+    middle = frame.middle
     for angle in (0.0, 2.0):
         bare = draw(turned(frame, angle), form)
         assert bare.shape == (*size[::-1], 3)
@@ -251,9 +278,9 @@ def test_cameras(batch, camera, size):
             target = frame._replace(spheres=np.array([[*(middle + 0.7 * fish.length * way), 0.15]]))
             found = place_of_change(bare, draw(turned(target, angle), form), form)
             np.testing.assert_allclose(found, 0.7 * back @ seen, atol=0.05)
-            found = place_of_change(bare, draw(turned(frame._replace(commands=way[None]), angle), form), form)
+            found = place_of_change(bare, draw(turned(commanded(frame, way), angle), form), form)
             if any(seen):
-                np.testing.assert_allclose(found, 0.65 * back @ seen, atol=0.05)
+                np.testing.assert_allclose(found, 0.66 * back @ seen, atol=0.05)
             else:
                 assert found is None
 
@@ -415,18 +442,6 @@ def test_pickles_after_drawing():
     env.reset(seed=0)
     picture = env.render()
     assert np.array_equal(pickle.loads(pickle.dumps(env)).render(), picture)
-
-
-def test_an_object_is_painted_in_its_room():
-    """The pictures of an elastic object show the walls around it: without any it says so, before a window opens."""
-    from fish_env.bodies.objects import make_ring
-    from fish_env.physics.world import VACUUM
-    from fish_env.render.elastic_object import Painter
-
-    ring = make_ring(nodes=8)
-    assert Painter(ring).reach > 0
-    with pytest.raises(ValueError, match=r"has no walls around it; give it a room"):
-        Painter(replace(ring, water=VACUUM))
 
 
 FAR_AWAY = """

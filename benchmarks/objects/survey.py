@@ -1,7 +1,7 @@
 """Elastic objects dropped, thrown and dragged, and Song's methods on hers (Song 2009, ch. 5 and 7).
 
-    python -m benchmarks.objects.survey             tables, chart and picture (about 3 min)
-    python -m benchmarks.objects.survey --draw      chart and picture again
+    python -m benchmarks.objects.survey             tables and chart (about 3 min)
+    python -m benchmarks.objects.survey --draw      chart again
 
 Steps that survive are those of a sixtieth of a second divided by a whole number with which an object passes through
 all three scenes: nothing fails, no inner node leaves the outer layer, and the energy grows by less than SURVIVES.
@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, panels, save
-from benchmarks.common.tables import IMAGES, RESULTS, read_table, write_csv
+from benchmarks.common.tables import RESULTS, read_table, write_csv
 from benchmarks.objects.methods import errors, largest_stable, largest_surviving, line_of, reference
 from benchmarks.objects.scenes import FRAME, SCENES, energy_of_fall, outside, play, stage, watched
 from fish_env.bodies.objects import OBJECTS, SONG
@@ -25,11 +25,6 @@ PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # steps of a sixtie
 SECONDS = 1.3  # of a scene that a step is to survive
 SURVIVES = 0.01  # of the energy of the fall
 FRAMES = 60  # of each object that are timed
-ROWS = (("ring", "dropped", (0.0, 0.2, 0.28, 0.36, 0.5, 0.7)),
-        ("uniform sphere", "thrown", (0.05, 0.12, 0.2, 0.3, 0.45, 0.8)),
-        ("sphere", "dragged", (0.3, 0.6, 0.8, 1.15, 1.25, 1.6)),
-        ("beam", "thrown", (0.2, 0.32, 0.4, 0.5, 0.8, 1.2)))  # fmt: skip
-"""Object, scene and moments, s, of each row of the picture."""
 
 
 def real_time(thing: InRoom, scene) -> float:
@@ -97,7 +92,7 @@ def measure() -> None:
 
 
 def draw() -> None:
-    """Draw the chart, error over the step on each object, and the picture."""
+    """Draw the chart: error over the step on each object."""
     figure, axes = panels(len(SONG), (14.0, 3.9))
     for row in read_table("objects_methods.csv"):
         panel, (colour, marker) = axes[list(SONG).index(row["object"])], METHOD_STYLE[row["method"]]
@@ -111,27 +106,6 @@ def draw() -> None:
     axes[0].set_ylabel("error, object's lengths")
     axes[-1].legend(frameon=False, fontsize=8)
     save(figure, RESULTS / "objects_methods.svg")
-    picture()
-
-
-def picture() -> None:
-    """Write the picture of the documentation: a row for each object of ROWS."""
-    from PIL import Image
-
-    from fish_env.render.elastic_object import Painter
-
-    strips = []
-    for kind, scene, moments in ROWS:
-        thing, wanted, row = OBJECTS[kind].make(), list(moments), []
-        painter = Painter(thing)
-        for now in play(thing, SCENES[scene]):
-            if wanted and now.time >= wanted[0] - 1e-9:
-                wanted.pop(0)
-                row.append(painter.picture(now.position, now.hand)[:, 90:550])
-        strips.append(np.concatenate(row, axis=1))
-    whole = Image.fromarray(np.concatenate(strips))
-    whole = whole.resize((1080, round(1080 * whole.height / whole.width)), Image.Resampling.LANCZOS)
-    whole.save(IMAGES / "objects.webp", quality=85)
 
 
 def main() -> None:

@@ -1,10 +1,9 @@
 """Recorded episodes as a film: a video, or one HTML page that turns in 3-D and needs neither network nor server.
 
 The page has the landmarks of every state in 16 bits a coordinate and the skin as weights of landmarks. A renderer in
-plain JavaScript and WebGL draws them (film.js, film_player.js).
+plain JavaScript and WebGL draws them (`scene/renderer.js`, `film_player.js`).
 """
 
-import base64
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,14 +18,15 @@ from fish_env.control.video import SLOWER, SPEED, VIDEOS, load_writer, write_vid
 from fish_env.envs import FishEnv
 from fish_env.kernels.data import data
 from fish_env.physics.failures import FAILURES
+from fish_env.scene.frame import AHEAD, REACH, Body, Frame, command_arrows, task_name
+from fish_env.scene.look import PALETTE, as_text, look_of, pack_look, pack_numbers
 
 PAGE = ".html"
 HERE = data("fish_env.control")
-SCRIPTS = ("film.js", "film_player.js")
+SCRIPTS = (data("fish_env.scene", "renderer.js"), HERE / "film_player.js")
 LARGEST = 3_000_000  # bytes of a page
 STATES = 10_000  # of all episodes together: a page with more leaves out every second, third ... one
 AREA = 25.0  # body lengths squared: pictures of such spheres take 100 MB
-STEPS = 65535  # of a number in 16 bits
 
 
 class Reel(NamedTuple):
@@ -111,8 +111,6 @@ def _make_scenes(recordings: Sequence[Recording]) -> tuple[Cast, list[Reel]]:
 
 
 def _cast(recording: Recording) -> Cast:
-    from fish_env.render.frame import task_name  # pygame is loaded only when something is drawn
-
     env = env_of(recording.about)
     bare = env.unwrapped
     assert isinstance(bare, FishEnv)  # `record` and the checks of a file allow no other
@@ -156,60 +154,41 @@ def _reel(recording: Recording, fish: Any) -> Reel:
 
 def _pictures(cast: Cast, reel: Reel):
     """Every state as a picture (H,W,3) uint8."""
-    from fish_env.render import Format, Frame, draw
+    from fish_env.render import Format, draw  # pygame is loaded only when something is drawn
 
-    fish, form, last = cast.fish, Format(**cast.picture), len(reel.points) - 1
+    form, last = Format(**cast.picture), len(reel.points) - 1
+    look = look_of(cast.fish, form.levels).of_landmarks()
     for t in range(1, len(reel.points)):
-        spheres, note = reel.spheres[t], reel.note if t == last else ""
+        spheres, note, middle = reel.spheres[t], reel.note if t == last else "", reel.centre[t]
+        spheres = spheres[spheres[:, 3] > 0.0]
         yield draw(Frame(
-            position=reel.points[t], rest=fish.points(fish.body.position), faces=fish.landmarks.faces,
-            muscles=fish.landmarks.muscles, contraction=reel.contraction[t], length=fish.length,
-            path=reel.centre[: t + 1], commands=reel.command[t : t + 1], time=float(reel.time[t]),
+            [Body(look, reel.points[t], reel.contraction[t])], middle,
+            command_arrows(middle, reel.command[t], look.length, spheres, cast.touchable),
+            path=reel.centre[: t + 1], spheres=spheres, touchable=cast.touchable, time=float(reel.time[t]),
             speed=float(reel.speed[t]), caption=f"{SPEED}, {note}" if note else SPEED, task=cast.task,
-            spheres=spheres[spheres[:, 3] > 0.0], touchable=cast.touchable,
         ), form)  # fmt: skip
 
 
 def page_text(cast: Cast, reels: Sequence[Reel]) -> str:
     """The template with the renderer and the data put in."""
     every = -(-sum(len(reel.points) for reel in reels) // STATES)
-    rest = cast.fish.points(cast.fish.body.position)
+    look = look_of(cast.fish).of_landmarks()
     data = {
         "task": cast.task,
-        "length": float(cast.fish.length),
+        "palette": PALETTE,
         "touchable": cast.touchable,
-        "nose": int(rest[:, 0].argmax()),
-        "tail": int(rest[:, 0].argmin()),
-        "skin": _skin(cast.fish),
+        "arrow": [AHEAD, AHEAD + REACH],
+        "nose": int(look.rest[:, 0].argmax()),
+        "tail": int(look.rest[:, 0].argmin()),
+        "look": pack_look(look),
         "reels": [_pack_reel(reel, every) for reel in reels],
     }
     text = (HERE / "film.html").read_text(encoding="utf-8")
-    script = "".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    script = "".join(part.read_text(encoding="utf-8") for part in SCRIPTS)
     parts = {"/*SCRIPT*/": script, "/*DATA*/": json.dumps(data).replace("</", "<\\/")}  # no end of the script within it
     for place, part in parts.items():
         text = text.replace(place, part)
     return text
-
-
-def _skin(fish: Any) -> dict[str, Any]:
-    """The skin as weights of landmarks, its quadrilaterals, colours, and what each muscle colours."""
-    from fish_env.render.skin import skin_of
-
-    skin = skin_of(fish.points(fish.body.position), fish.landmarks.faces, fish.landmarks.muscles)
-    count = np.zeros(len(skin.weights))
-    colour, influence = np.zeros((len(count), 3)), np.zeros((len(count), skin.influence.shape[1]))
-    for corner in skin.quads.T:  # of a point: the mean over the quadrilaterals that meet there
-        np.add.at(count, corner, 1.0)
-        np.add.at(colour, corner, skin.colour)
-        np.add.at(influence, corner, skin.influence)
-    share = 1.0 / np.maximum(count, 1.0)[:, None]
-    return {
-        "weights": pack_numbers(np.concatenate([skin.weights, skin.eyes])),
-        "quads": _base64(skin.quads.astype("<u2")),
-        "colour": _base64(np.clip(colour * share, 0, 255).astype(np.uint8)),
-        "influence": _base64(np.clip(255 * influence * share, 0, 255).round().astype(np.uint8)),
-        "muscles": skin.influence.shape[1],
-    }
 
 
 def _pack_reel(reel: Reel, every: int) -> dict[str, Any]:
@@ -224,24 +203,8 @@ def _pack_reel(reel: Reel, every: int) -> dict[str, Any]:
         "centre": pack_numbers(reel.centre[::every]),
         "speed": pack_numbers(reel.speed[::every, None]),
         "gained": pack_numbers(reel.gained[::every, None]),
-        "contraction": _base64((255 * reel.contraction[::every]).round().astype(np.uint8)),
+        "contraction": as_text((255 * reel.contraction[::every]).round().astype(np.uint8)),
         "command": pack_numbers((reel.command / np.maximum(size, 1e-300))[::every]),
         "spheres": pack_numbers(reel.spheres[::every]),
         "sphereCount": reel.spheres.shape[1],
     }
-
-
-def pack_numbers(array: np.ndarray) -> dict[str, Any]:
-    """Numbers (..., K) in 16 bits, from the lowest to the highest of each of the K columns.
-
-    The error is at most half of `step`: of 10 m of water it is 0.08 mm.
-    """
-    columns = np.asarray(array, dtype=np.float64).reshape(-1, array.shape[-1])
-    low = columns.min(axis=0) if len(columns) else np.zeros(columns.shape[1])
-    step = (columns.max(axis=0) - low if len(columns) else low) / STEPS
-    whole = np.round((columns - low) / np.where(step > 0.0, step, 1.0)).astype("<u2")
-    return {"low": low.tolist(), "step": step.tolist(), "data": _base64(whole)}
-
-
-def _base64(array: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

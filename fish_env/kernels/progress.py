@@ -47,6 +47,13 @@ PATIENCE = 1.0  # s
 _progress: list[Progress] = []
 
 
+def compiled() -> tuple[int, int | None] | None:
+    """How many kernels have been compiled, and about how many there are; None while nothing is compiled."""
+    for listener in _progress:
+        return listener.count, listener.total
+    return None
+
+
 def has_bar() -> bool:
     """Return True while a progress bar of tqdm is shown, which is that of Stable-Baselines3, too."""
     return "tqdm" in sys.modules and len(getattr(sys.modules["tqdm"].tqdm, "_instances", ())) > 0

@@ -11,8 +11,8 @@ except ImportError as error:
     raise DependencyNotInstalled('drawing the fish needs pygame: pip install "fish_env[render]"') from error
 
 from fish_env.render.flat import draw
-from fish_env.render.frame import Frame, make_frame
 from fish_env.render.labels import Format
 from fish_env.render.renderer import Renderer, WindowClosed
+from fish_env.scene.frame import Frame, make_frame
 
 __all__ = ["Format", "Frame", "Renderer", "WindowClosed", "draw", "make_frame"]

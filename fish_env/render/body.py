@@ -1,17 +1,17 @@
-"""Drawing the skin of a fish on a surface, as seen along any direction."""
+"""Drawing a body on a surface, as seen along any direction."""
 
 from typing import NamedTuple
 
 import numpy as np
 import pygame
 
-from fish_env.render.frame import Frame
-from fish_env.render.skin import CONTRACTED, EYE_HEIGHT, LEVELS, Skin, normals, skin_of
+from fish_env.scene.frame import Body
+from fish_env.scene.look import PALETTE, Look
+from fish_env.scene.skin import CONTRACTED, EYE_HEIGHT, normals
 
 MARGIN, LARGEST = 8, 4096  # pixels
-COARSE, COARSE_LEVELS = 200, 1  # a body of fewer pixels is subdivided so many times
 FAR = 16384  # pixels: pygame visits every row of a polygon, also outside the picture, and counts in 32 bits
-EYE_RADIUS, EYE_WHITE, PUPIL = 0.018, (250, 246, 220), (18, 26, 34)  # radius in body lengths
+EYE_RADIUS = 0.018  # body lengths
 
 
 class View(NamedTuple):
@@ -30,24 +30,27 @@ class View(NamedTuple):
         return np.clip(seen[:, :2] * (self.scale, -self.scale) + self.origin, -FAR, FAR), seen[:, 2]
 
 
-def body_picture(frame: Frame, view: View, up: np.ndarray) -> tuple[pygame.Surface, tuple[int, int]]:
-    """The fish, its back towards `up` (3,), on a transparent surface just large enough, and where that belongs.
-
-    The place is that of the surface's upper left corner.
-    """
-    levels = COARSE_LEVELS if view.scale * frame.length < COARSE else LEVELS
-    skin = skin_of(frame.rest, frame.faces, frame.muscles, levels)
-    pixels, depth = view.project(skin.weights @ frame.position)
-    surface, low = surface_over(pixels, MARGIN)
-    pixels = pixels - low
-    normal = normals(np.column_stack([pixels * (1, -1), view.scale * depth]), skin.quads)
-    thin = np.arange(len(normal)) >= skin.num_closed
-    order = np.flatnonzero(thin | (normal[:, 2] > 0))
-    order = order[np.argsort(depth[skin.quads[order]].mean(axis=1), kind="stable")]
-    colours = shade(normal[order], thin[order], muscle_colour(frame, skin)[order], view.light)
-    draw_quads(surface, colours, pixels[skin.quads[order]])
-    draw_eyes(surface, frame, skin, up, view._replace(origin=(view.origin[0] - low[0], view.origin[1] - low[1])))
-    return surface, low
+def body_picture(body: Body, view: View) -> tuple[pygame.Surface, tuple[int, int]]:
+    """A body on a transparent surface just large enough, and the place of that surface's upper left corner."""
+    look, marks = body.look, body.look.marks(body.position)
+    _, low = canvas = surface_over(view.project(marks)[0], MARGIN + round(0.12 * look.length * view.scale))
+    view = view._replace(origin=(view.origin[0] - low[0], view.origin[1] - low[1]))
+    for skin in reversed(look.surfaces):  # from the inside out
+        pixels, depth = view.project(marks if skin.weights is None else skin.weights @ marks)
+        normal = normals(np.column_stack([pixels * (1, -1), view.scale * depth]), skin.faces)
+        thin = np.arange(len(normal)) >= skin.closed
+        order = np.flatnonzero(thin | (normal[:, 2] > 0))
+        order = order[np.argsort(depth[skin.faces[order]].mean(axis=1), kind="stable")]
+        warmth = np.clip(skin.influence @ body.contraction, 0.0, 1.0)[:, None]
+        colour = (skin.colour + warmth * (CONTRACTED - skin.colour))[order]
+        draw_quads(canvas[0], shade(normal[order], thin[order], colour, view.light), pixels[skin.faces[order]])
+    if not look.surfaces:
+        pixels, _ = view.project(body.position)
+        for start, end in pixels[look.springs].tolist():
+            pygame.draw.line(canvas[0], PALETTE["layers"][0], start, end, max(1, round(6 * view.pen)))
+    if len(look.eyes):
+        draw_eyes(canvas[0], look, marks, view)
+    return canvas
 
 
 def surface_over(pixels: np.ndarray, margin: int) -> tuple[pygame.Surface, tuple[int, int]]:
@@ -74,12 +77,6 @@ def groups(array: np.ndarray, *sizes: int):
     return numbers
 
 
-def muscle_colour(frame: Frame, skin: Skin) -> np.ndarray:
-    """Colour of each quadrilateral (Q,3): its own, turned to red as far as the muscles below contract."""
-    warmth = np.clip(skin.influence @ frame.contraction, 0.0, 1.0)[:, None]
-    return skin.colour + warmth * (CONTRACTED - skin.colour)
-
-
 def shade(normal: np.ndarray, thin: np.ndarray, colour: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Colours (Q,3) uint8 under light from one side, with a wet gleam and darker rims; normals in the axes of the view.
 
@@ -93,24 +90,24 @@ def shade(normal: np.ndarray, thin: np.ndarray, colour: np.ndarray, light: np.nd
     return np.clip(colour * bright[:, None] + gleam[:, None], 0, 255).astype(np.uint8)
 
 
-def draw_eyes(surface, frame: Frame, skin: Skin, up: np.ndarray, view: View) -> None:
+def draw_eyes(surface, look: Look, marks: np.ndarray, view: View) -> None:
     """The eyes that are on the side of the viewer."""
-    places = skin.eyes @ frame.position
+    places = look.eyes @ marks
     pixels, _ = view.project(places)
     outward = (places - places[::-1]) @ view.axes.T
     outward /= max(float(np.linalg.norm(outward[0])), 1e-300)
-    radius = EYE_RADIUS * frame.length * view.scale
-    lift = EYE_HEIGHT * float(view.axes[2] @ up)  # they sit above the middle of the flank
+    radius = EYE_RADIUS * look.length * view.scale
+    lift = EYE_HEIGHT * float(view.axes[2] @ rotation(look, marks)[2])  # they sit above the middle of the flank
     for place, out in zip(pixels, outward, strict=True):
         if out[2] + lift > 0:
-            pygame.draw.circle(surface, EYE_WHITE, place, radius)
-            pygame.draw.circle(surface, PUPIL, place, 0.7 * radius)
-            pygame.draw.circle(surface, EYE_WHITE, place - 0.25 * radius, 0.2 * radius)
+            pygame.draw.circle(surface, PALETTE["eye"], place, radius)
+            pygame.draw.circle(surface, PALETTE["pupil"], place, 0.7 * radius)
+            pygame.draw.circle(surface, PALETTE["eye"], place - 0.25 * radius, 0.2 * radius)
 
 
-def rotation(frame: Frame) -> np.ndarray:
-    """Rotation (3,3) that best maps the body at rest onto the present one: rows forward, left, up, unit vectors."""
-    rest, now = (nodes - nodes.mean(axis=0) for nodes in (frame.rest, frame.position))
+def rotation(look: Look, marks: np.ndarray) -> np.ndarray:
+    """Rotation (3,3) that best maps a body at rest onto the present one: rows forward, left, up, unit vectors."""
+    rest, now = (nodes - nodes.mean(axis=0) for nodes in (look.rest, marks))
     u, _, v = np.linalg.svd(rest.T @ now)
     u[:, 2] *= np.sign(np.linalg.det(u @ v))  # no mirror images
     return u @ v

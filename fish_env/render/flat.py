@@ -5,13 +5,13 @@ import pygame
 
 from fish_env.render import labels, water
 from fish_env.render.body import View, body_picture, rotation
-from fish_env.render.frame import Frame, clip_positions, place_of
-from fish_env.render.labels import FOAM, INK, OVER, PANEL, SIDE_UNIT, TRAIL, Format
+from fish_env.render.labels import FOAM, OVER, PANEL, SIDE_UNIT, Format
 from fish_env.render.spheres import sphere_pictures
+from fish_env.scene.frame import Frame, clip_positions
+from fish_env.scene.look import PALETTE
 
 SOFT, SOFT_SMALL = 8, 3  # a shadow is made so many times smaller, that in a small picture at least so many
 FADE = 1.1  # body lengths over which the path fades to a third
-ARROW = (0.56, 0.74)  # body lengths ahead of the fish where the arrow of a command begins and ends
 ABOVE_LIGHT, SIDE_LIGHT = (np.array(v) / np.linalg.norm(v) for v in ((-0.5, 0.6, 0.8), (-0.3, 0.9, 0.55)))
 STANDARD = Format()
 
@@ -48,36 +48,37 @@ def draw_inset(canvas, frame: Frame, camera: str, form: Format) -> None:
     """Draw a second view, of the fish and the spheres alone, in a frame."""
     box, unit = labels.enlarged(form.place(PANEL)), OVER * SIDE_UNIT * form.part
     inset = pygame.Surface(box.size, 0, 32)
-    draw_view(inset, frame._replace(path=frame.path[-1:], commands=frame.commands[:0]), camera, unit,
-              (box.width / 2, box.height / 2), form.part)  # fmt: skip
+    draw_view(inset, frame._replace(path=frame.path[:0], arrows=[]), camera, unit, (box.width / 2, box.height / 2),
+              form.part)  # fmt: skip
     canvas.blit(inset, box)
     rim = round(6 * form.part)
     pygame.draw.rect(canvas, FOAM, box.inflate(rim, rim), max(1, rim), border_radius=round(14 * form.part))
 
 
 def draw_view(canvas, frame: Frame, camera: str, unit: float, origin, pen: float) -> None:
-    """Water, shadows, path, spheres, command and fish; unit is pixels a body length, pen the width of lines."""
-    place, body_axes = place_of(frame), rotation(frame)
-    here, axes = place / frame.length, view_axes(body_axes[0], camera)
-    light = SIDE_LIGHT if camera == "side" else ABOVE_LIGHT
-    view = View(axes, place, tuple(origin), unit / frame.length, light, pen)
+    """Water, shadows, path, spheres, arrows and bodies; unit is pixels a body length, pen the width of lines."""
+    first = frame.bodies[0]
+    here, forward = frame.middle / frame.length, rotation(first.look, first.look.marks(first.position))[0]
+    axes, light = view_axes(forward, camera), SIDE_LIGHT if camera == "side" else ABOVE_LIGHT
+    view = View(axes, frame.middle, tuple(origin), unit / frame.length, light, pen)
     if camera == "side":
         water.draw_depths(canvas, unit, here[2], origin[1], pen)
     elif camera == "follow":
         water.draw_turned_bed(canvas, unit, here[:2], origin, pen, np.arctan2(axes[0, 1], axes[0, 0]))
     else:
         water.draw_bed(canvas, unit, here[:2], origin, pen)
-    body, corner = body_picture(frame, view, body_axes[2])
+    bodies = [body_picture(body, view) for body in frame.bodies]
     behind, front = sphere_pictures(frame, view, canvas.get_size())
     if camera != "side":
         stones = [] if frame.touchable else behind + front  # a bubble lets the light through
-        for what in [*stones, (body, corner)]:
+        for what in [*stones, *bodies]:
             draw_shadow(canvas, *what, unit, pen)
     draw_path(canvas, frame, view)
     canvas.fblits(behind)
-    draw_commands(canvas, frame, view)
-    canvas.blit(body, corner)
-    canvas.fblits(front)
+    for arrow in frame.arrows:  # one out of the plane of the picture is foreshortened
+        tail, tip = view.project(np.array([arrow.start, arrow.start + arrow.way]))[0]
+        draw_arrow(canvas, tail, tip, unit, pen, PALETTE[arrow.colour])
+    canvas.fblits(bodies + front)
 
 
 def view_axes(forward: np.ndarray, camera: str) -> np.ndarray:
@@ -114,31 +115,14 @@ def draw_path(canvas, frame: Frame, view: View) -> None:
     step = np.linalg.norm(np.diff(path, axis=0), axis=1) / frame.length
     age = np.cumsum(step[::-1])[::-1]
     strength = np.exp(-age / FADE)
-    colours = (water.DEEP + strength[:, None] * (np.array(TRAIL) - water.DEEP)).astype(np.uint8)
+    colours = (water.DEEP + strength[:, None] * (np.array(PALETTE["path"]) - water.DEEP)).astype(np.uint8)
     width = 3 + 7 * strength * np.clip(age / 0.15, 0.0, 1.0)
     width = np.maximum(1, np.round(view.pen * width)).astype(int).tolist()
     for k in np.flatnonzero(strength > 0.04).tolist():
         pygame.draw.line(canvas, colours[k], pixels[k], pixels[k + 1], width[k])
 
 
-def draw_commands(canvas, frame: Frame, view: View) -> None:
-    """An arrow for each command, ahead of the fish; one out of the plane of the picture is foreshortened.
-
-    None for a fish that is near its target: the arrow would point from beyond it.
-    """
-    far = np.linalg.norm(frame.spheres[:, :3] - view.centre, axis=1) / frame.length - frame.spheres[:, 3]
-    if frame.touchable and (far < ARROW[1]).any():
-        return
-    unit = view.scale * frame.length
-    for command in frame.commands:
-        size = np.linalg.norm(command)
-        if size > 0:
-            along = unit * (view.axes[:2] @ (command / size)) * (1, -1)
-            tail, tip = (np.array(view.origin) + reach * along for reach in ARROW)
-            draw_arrow(canvas, tail, tip, unit, view.pen)
-
-
-def draw_arrow(canvas, tail, tip, unit, pen) -> None:
+def draw_arrow(canvas, tail, tip, unit, pen, colour) -> None:
     """An arrow with a dark rim."""
     along = tip - tail
     size = np.linalg.norm(along)
@@ -154,4 +138,4 @@ def draw_arrow(canvas, tail, tip, unit, pen) -> None:
     ]  # fmt: skip
     corners = [tuple(point) for point in outline]
     pygame.draw.polygon(canvas, FOAM, corners, max(1, round(9 * pen)))
-    pygame.draw.polygon(canvas, INK, corners)
+    pygame.draw.polygon(canvas, colour, corners)

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import pygame
 
-from fish_env.render.frame import Frame
-from fish_env.render.skin import CONTRACTED, FLANK
+from fish_env.scene.frame import Frame
+from fish_env.scene.look import PALETTE
+from fish_env.scene.skin import CONTRACTED, FLANK, LEVELS
 
 WIDTH, HEIGHT = 640, 480  # of the standard picture, to which the other numbers belong
 OVER = 2  # drawn so many times larger, then scaled down: smooth edges
@@ -16,8 +17,9 @@ PANEL = pygame.Rect(428, 350, 200, 118)  # the second view
 SIDE_UNIT = 165  # a body length there
 NUMBERS = pygame.Rect(12, 12, 132, 76)  # the card with speed and time
 SCALE = pygame.Rect(12, HEIGHT - 92, UNIT + 24, 80)  # the card with the scale and the colours of the muscles
-INK, FOAM, TRAIL = (16, 56, 72), (255, 255, 255), (18, 104, 134)
+INK, FOAM = PALETTE["command"], (255, 255, 255)
 FINE = 4  # letters are drawn so many times larger, for even spacing
+COARSE = 100  # pixels a body length, below which a skin is coarse
 SMALLEST = 13  # height of letters
 NAMES = {"above": "from above", "side": "from the side", "follow": "from above, nose up"}
 """What each camera sees, in words."""
@@ -39,6 +41,11 @@ class Format(NamedTuple):
     def unit(self) -> float:
         """Pixels a body length: the shorter side of the picture is two."""
         return UNIT * min(self.size) / HEIGHT
+
+    @property
+    def levels(self) -> int:
+        """Subdivisions of a fish's skin: few in a small picture."""
+        return 1 if self.unit < COARSE else LEVELS
 
     @property
     def part(self) -> float:

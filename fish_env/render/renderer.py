@@ -7,8 +7,9 @@ import numpy as np
 import pygame
 
 from fish_env.render.flat import draw_surface, pixels_of
-from fish_env.render.frame import make_frame
 from fish_env.render.labels import Format
+from fish_env.scene.frame import make_frame
+from fish_env.scene.look import look_of
 
 PATH_POINTS = 1000  # older points of a path are dropped: they have faded by then
 WINDOW_FISH = 4  # a window shows the first ones of a batch; more could not be drawn in real time
@@ -28,6 +29,7 @@ class Renderer:
 
     def __init__(self, env):
         self.env, self.form = env, Format(**env.picture)
+        self._look = look_of(env.tank.fish, self.form.levels)
         self._paths: list[deque[bytes]] = [deque(maxlen=PATH_POINTS) for _ in range(env.num_envs)]
         self._window: pygame.Surface | None = None
         self._clock = pygame.time.Clock()
@@ -70,7 +72,7 @@ class Renderer:
                 path.append(place)
 
     def _picture(self, i: int) -> pygame.Surface:
-        return draw_surface(make_frame(self.env, i, self.path(i)), self.form)
+        return draw_surface(make_frame(self.env, i, self.path(i), self._look), self.form)
 
     def _show(self) -> None:
         """Draw to the window, answer its events, and wait until the next picture is due."""

@@ -6,11 +6,12 @@ import numpy as np
 import pygame
 
 from fish_env.render.body import View
-from fish_env.render.frame import Frame
 from fish_env.render.water import from_pixels
+from fish_env.scene.frame import Frame
+from fish_env.scene.look import PALETTE
 
-BUBBLE, RIM, GLINT = np.array([(255, 214, 128), (255, 166, 28), (255, 252, 232)], dtype=float)
-STONE, STONE_PATCH, STONE_SHADE = np.array([(136, 94, 88), (194, 148, 126), (44, 36, 52)], dtype=float)
+BUBBLE, RIM, GLINT = np.array([(255, 214, 128), PALETTE["target"], (255, 252, 232)], dtype=float)
+STONE, STONE_PATCH, STONE_SHADE = np.array([PALETTE["obstacle"], (194, 148, 126), (44, 36, 52)], dtype=float)
 RIM_WIDTH = 9.0  # pixels of the canvas of the standard picture
 MADE = 480  # pixels of the canvas: the radius of the largest sphere of the tasks, seen from above
 LARGEST = 1500  # pixels of the canvas: no sphere is drawn with a larger radius

@@ -5,8 +5,10 @@ from functools import lru_cache
 import numpy as np
 import pygame
 
+from fish_env.scene.look import PALETTE
+
 SHALLOW, DEEP, SIDE_TOP, SIDE_BOTTOM = np.array(
-    [(164, 220, 222), (112, 190, 200), (150, 212, 216), (40, 112, 138)], dtype=float
+    [PALETTE["shine"], PALETTE["floor"], (150, 212, 216), (40, 112, 138)], dtype=float
 )
 GRID, LAYER_LINE = (196, 234, 234), (112, 176, 190)
 LAYER = 0.25  # body lengths between the lines of equal depth

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.render.mesh import smooth
+from fish_env.scene.mesh import smooth
 
 LEVELS = 3  # of subdivision: 24 faces become some 1400, small enough not to be told apart
 BACK, FLANK, BELLY, TAIL_FIN, OTHER_FINS, CONTRACTED = np.array(
@@ -22,25 +22,28 @@ LEFT, RIGHT = np.array([0.0, 1.0, -0.35]), np.array([0.0, -1.0, -0.35])
 EYE_STATION, EYE_HEIGHT = 0.085, 0.35  # body lengths behind the nose; slope of the line of sight above the horizontal
 
 
-class Skin(NamedTuple):
-    """V points, Q quadrilaterals of which the last ones are thin fins, M muscles."""
+class Surface(NamedTuple):
+    """V points and Q faces of a body that has L landmarks and M muscles; its last faces may be thin fins."""
 
-    weights: np.ndarray  # (V,N) points from node positions
-    quads: np.ndarray  # (Q,4) corners, counter-clockwise seen from outside
-    colour: np.ndarray  # (Q,3) of the relaxed fish, 0..255
-    influence: np.ndarray  # (Q,M) share of each muscle's contraction in the colour of a quadrilateral
-    num_closed: int  # the quadrilaterals before this one enclose the body; later ones are fins, seen from both sides
-    eyes: np.ndarray  # (2,N) weights of the left and the right eye
+    weights: np.ndarray | None  # (V,L) points from landmarks; None if the landmarks are the points
+    faces: np.ndarray  # (Q,4) corners, counter-clockwise seen from outside; a triangle gives its third point twice
+    colour: np.ndarray  # (Q,3) of the relaxed body, 0 to 255
+    influence: np.ndarray  # (Q,M) share of each muscle's contraction in the colour of a face, 0 to 1
+    closed: int  # the faces before this one enclose the body; later ones are fins, seen from both sides
+    opacity: float = 1.0
 
 
-def skin_of(rest: np.ndarray, faces: np.ndarray, muscles: np.ndarray, levels: int = LEVELS) -> Skin:
-    """The skin of a body at rest (N,3) with faces (F,4) and muscle node pairs (M,2), subdivided so many times."""
+def skin_of(rest, faces, muscles, levels: int = LEVELS) -> tuple[Surface, np.ndarray]:
+    """The skin of a body at rest (L,3) with faces (F,4) and muscle landmark pairs (M,2), and weights (2,L) of its eyes.
+
+    It is subdivided so many times; the left eye is the first.
+    """
     parts = (np.ascontiguousarray(rest, dtype=float), np.asarray(faces, np.int64), np.asarray(muscles, np.int64))
     return _skin(*(part.tobytes() for part in parts), levels)
 
 
 @lru_cache(maxsize=8)
-def _skin(rest: bytes, faces: bytes, muscles: bytes, levels: int) -> Skin:
+def _skin(rest: bytes, faces: bytes, muscles: bytes, levels: int) -> tuple[Surface, np.ndarray]:
     nodes, corners = np.frombuffer(rest).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 4)
     pairs = np.frombuffer(muscles, np.int64).reshape(-1, 2)
     x, length = nodes[:, 0], np.ptp(nodes[:, 0])
@@ -51,14 +54,14 @@ def _skin(rest: bytes, faces: bytes, muscles: bytes, levels: int) -> Skin:
     colour = countershading(weights @ nodes, quads, length)
     influence = muscle_influence((weights @ nodes)[quads].mean(axis=1), nodes[pairs], length)
     extra, fin_quads = fins(weights, weights @ nodes, length)
-    return Skin(
+    skin = Surface(
         np.concatenate([weights, extra]),
         np.concatenate([quads, fin_quads]),
         np.concatenate([colour, np.broadcast_to(OTHER_FINS, (len(fin_quads), 3))]),
         np.concatenate([influence, np.zeros((len(fin_quads), len(pairs)))]),
         len(quads),
-        eyes(weights, weights @ nodes, length),
     )
+    return skin, eyes(weights, weights @ nodes, length)
 
 
 def fork_tail(weights, nodes, corners, tail, length) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""How bodies look, without anything that draws: the window, the film and the laboratory draw the same records."""
