@@ -98,7 +98,10 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     command = add("replay", replay_file, "simulate a recorded episode again, compare bit for bit", module)
     command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
     command.add_argument("--save", type=Path, help="show it too: a page or a video")
-    command = add("lab", lambda given: serve(given.host, given.port), "open the laboratory, for this machine only")
+    command = add("lab", open_laboratory, "open the laboratory, for this machine only", module)
+    command.add_argument("--task", metavar="ID", help="an environment of your own, registered by --task-module")
+    command.add_argument("--policy", help="a policy of your own, a file or the folder of a run")
+    command.add_argument("--body", help="a body of your own: a name, or FILE.py:function that makes one")
     command.add_argument("--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK}, which only "
                          "this machine can open; at 0.0.0.0, all that reach it can, without a password)")  # fmt: skip
     command.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
@@ -283,6 +286,16 @@ def replay_file(arguments: argparse.Namespace) -> int:
     if arguments.save is not None:
         print(f"written to {write_film(recording, arguments.save)}")
     return 0 if found.same else 1
+
+
+def open_laboratory(arguments: argparse.Namespace) -> None:
+    """Open the laboratory until it is interrupted."""
+    own = None
+    if any((arguments.task, arguments.policy, arguments.body)):
+        from fish_env.lab.own import own_things
+
+        own = own_things(arguments.task, arguments.policy, arguments.body)
+    serve(arguments.host, arguments.port, own)
 
 
 def compile_kernels(arguments: argparse.Namespace) -> None:

@@ -102,7 +102,7 @@ def test_module_id():
     code = """import sys, gymnasium as gym; env = gym.make("fish_env:FishEnv/Swim-v0")
 from fish_env.control import load_policy, shipped_policy
 print(load_policy(shipped_policy("swim"))(env.reset(seed=0)[0]).shape)
-print({"torch", "stable_baselines3", "pygame", "matplotlib", "viser", "moviepy"} & set(sys.modules))"""
+print({"torch", "stable_baselines3", "pygame", "matplotlib", "websockets", "moviepy"} & set(sys.modules))"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split("\n")[:2] == ["(12,)", "set()"]
 

@@ -1,123 +1,128 @@
-"""The bench: up to three objects side by side, pulled by a hand, measured, and started again when one fails.
+"""The bench: up to three objects side by side, pulled by a hand and measured."""
 
-It knows nothing of the page; all requests of the page are checked here.
-"""
-
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
-from fish_env.bodies import Fish
-from fish_env.bodies.distorted import DISTORTIONS, distort, out_of_shape
-from fish_env.checks import is_whole
+from fish_env.bodies import BODIES, Fish
+from fish_env.bodies.detail import LevelOfDetail
+from fish_env.bodies.distorted import distort, out_of_shape
+from fish_env.bodies.objects import OBJECTS
 from fish_env.lab.hand import Hand
-from fish_env.lab.settings import BODY, SETTINGS, WALLS, checked_choice, checked_point, checked_setting
-from fish_env.lab.specimen import Entry, Readings, Specimen, checked_entry, cost_of_step, down_of, make_thing, room_size
+from fish_env.lab.measures import arrows
+from fish_env.lab.settings import BODY, SETTINGS, WALLS
+from fish_env.lab.specimen import MOTIONS, Entry, Specimen, cost_of_step, down_of, level_of, room_size
+from fish_env.lab.stage import Control, Plot, Pointer, Stage, muscle_names, sliders
+from fish_env.physics.integrators import INTEGRATORS
+from fish_env.scene.frame import NOTHING, Arrow, Body, Frame
 
-MOST = 3  # objects side by side
+MOST, FINEST = 3, 24  # objects side by side; of a whole number that an object is made with
 MANY = 600  # nodes of an object that one processor does not move in real time by steps of its own
 LONGER, DRIVEN = 4.0, 2.0  # times its own: the step of such an object, and of such a fish, if its method is stabilised
-KEPT = 400  # readings
-BETWEEN = 0.05  # s of the simulation between two readings
 SETTLED = 3.0  # s after which what was distorted is to be back in its shape
 BACK = 0.3  # of its size: what lies on the floor by its weight is out of shape by up to half of this
-FAR = 100.0  # lengths of the object: a point of the page further away is not accepted
+UPRIGHT = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
+HANGING = np.array([(0.0, 1.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0)])
+"""Turn what falls along -y, and what hangs along x, upright."""
+DETAILED = "uniform sphere"
+"""The object whose level of detail its distance from the camera can choose."""
+OWN, NONE = "its own", "none"
+MEASURES: dict[str, Callable[[Specimen], float]] = {
+    "energy since the start (J)": Specimen.gained, "largest strain": Specimen.strain,
+    "volume over rest": Specimen.volume,
+}  # fmt: skip
+"""Plots with a line for each object."""
+FLOWS, APART = "energy of the first (J)", "distance from the first (lengths)"
+"""Where the muscles' work and the energy of motion went, and how far the others are from the first object."""
 
 
-class Bench:
-    """One to three objects that are looked at and touched, all under the same conditions."""
+class Bench(Stage):
+    """One to three objects that are looked at and touched, all under the same conditions.
 
-    def __init__(self, entries: Sequence[Entry] = (Entry("uniform sphere"),)):
-        self.same_cost, self.strength = False, 1.0
+    Args:
+        entries: the objects.
+        title, hint: of the scene.
+        motion: what fish do, one of MOTIONS.
+        same_cost: whether the others take steps that cost as much as the first one's.
+    """
+
+    def __init__(self, entries: Sequence[Entry] = (Entry("uniform sphere"),), title="Soft objects", hint="",
+                 motion="rest", same_cost=False):  # fmt: skip
+        self.title, self.hint, self.motion = title, hint, motion
+        self.same_cost, self.strength, self.fixing = bool(same_cost), 1.0, False
+        self.show = {"skin": True, "springs": False, "nodes": False, "strain": False, "forces": False}
         self.hand: Hand | None = None
-        self.messages: deque[str] = deque(maxlen=20)
-        """Messages to the user: the method that failed, and the reason."""
+        self.by_distance, self.version = False, 0
         self.choose(entries)
 
-    def choose(self, entries: Sequence[Entry], same_cost: bool | None = None) -> None:
-        """Put other objects on the bench, at rest; ValueError, and the bench is as before, for what is not allowed."""
-        if not 1 <= len(entries) <= MOST:
-            raise ValueError(f"{len(entries)} objects; give 1 to {MOST}")
-        same_cost = self.same_cost if same_cost is None else bool(same_cost)
-        thing = make_thing(checked_entry(entries[0]))
+    def choose(self, entries: Sequence[Entry]) -> None:
+        """Put other objects on the bench, at rest; ValueError, and the bench is as before, for too many nodes."""
         numbers = {name: setting.default for name, setting in SETTINGS.items()}
-        gravity = thing.water.gravity
+        specimens = [Specimen(entry, numbers, "own", 1.0) for entry in entries]
+        gravity = specimens[0].thing.water.gravity
         numbers["gravity"] = 0.0 if gravity is None else round(float(np.linalg.norm(gravity)), 6)
-        specimens = [Specimen(checked_entry(entry), numbers, "own", 1.0) for entry in entries]
         if any(len(each.position) > MANY for each in specimens) and all(
             each.tank.integrator.kind == "stabilised" for each in specimens
         ):
             numbers["step"] = DRIVEN if any(each.is_fish for each in specimens) else LONGER
-        self.specimens, self.numbers, self.walls, self.same_cost = specimens, numbers, "own", same_cost
-        self.hand, self.clock = None, 0.0
+        self.specimens, self.numbers, self.walls = specimens, numbers, "own"
+        self.defaults, self.hand = dict(numbers), None
+        self.looks, self.upright = [each.look for each in specimens], bool(abs(down_of(specimens[0].thing)[2]) < 0.5)
         self._set_steps()
-        self._clear()
+        self.move(self.motion)
+        self._arrange()
+        self.reset()
+        self.version += 1
 
-    def warm(self) -> None:
-        """Have compiled, or read, what a drag needs, so that the first one does not wait."""
-        for specimen in self.specimens:
-            copy = Specimen(specimen.entry, specimen.numbers, specimen.walls, specimen.step)
-            copy.pull(Hand(0, 0, copy.position[0]), self.strength)
-            copy.tank.advance(1)
-
-    @property
-    def nodes(self) -> int:
-        """Number of nodes of all objects together."""
-        return sum(len(specimen.position) for specimen in self.specimens)
-
-    @property
-    def reach(self) -> float:
-        """Largest distance of a point of the page from the origin, m."""
-        return FAR * max(specimen.thing.length for specimen in self.specimens)
+    def _arrange(self) -> None:
+        """Set camera and plots for what is on the bench."""
+        first = self.specimens[0]
+        near = 1.9 if first.is_fish else 1.8 * room_size(first.thing) / self.length
+        self.distance = near + 0.8 * (len(self.specimens) - 1) * self.spacing / self.length
+        self.yaw, self.pitch = (-np.pi / 2, 0.12) if self.upright else (-2.0, 0.45)
+        names = [
+            f"{k}. {each.thing.name}, {f'water: {each.entry.water}' if each.entry.water else each.method}"
+            for k, each in enumerate(self.specimens, 1)
+        ]
+        solid = all(np.isfinite(each.rest_volume) for each in self.specimens)
+        self.plots = [Plot(title, names) for title in MEASURES if solid or title != "volume over rest"]
+        self.plots.append(Plot(FLOWS, ["motion", "stored", *(["muscles' work"] if first.is_fish else []), "lost"]))
+        if len(self.specimens) > 1:
+            self.plots.append(Plot(APART, names[1:]))
 
     @property
     def spacing(self) -> float:
         """Distance between objects that are shown side by side, m."""
-        return 2.2 * max(room_size(specimen.thing) for specimen in self.specimens)
+        size = max(each.thing.length if each.is_fish else 2.2 * room_size(each.thing) for each in self.specimens)
+        return 0.9 * size if self.specimens[0].is_fish else size
 
-    def set_detail(self, number: int, level: int) -> None:
-        """Make an object of layers again with another level of detail, while it moves."""
-        self.let_go()
-        self.specimens[number] = self._specimen(number).at_level(level)
-
-    def set(self, name, value) -> None:
-        """Change a number while the objects move; ValueError, and nothing has changed, for one that is not allowed."""
-        numbers = self.numbers | {name: checked_setting(name, value)}
+    def set(self, name: str, value: float) -> None:
+        """Change a number while the objects move; ValueError, and nothing has changed, if that is not possible."""
+        numbers = self.numbers | {name: float(value)}
         self._change_all(lambda specimen: specimen.change(numbers=numbers))
         self.numbers = numbers
         if name in BODY or name == "step":
             self._set_steps()
 
-    def set_walls(self, walls) -> None:
+    def set_walls(self, walls: str) -> None:
         """Choose the walls, one of WALLS."""
-        walls = checked_choice(walls, WALLS, "walls")
         self._change_all(lambda specimen: specimen.change(walls=walls))
         self.walls = walls
 
-    def set_strength(self, value) -> None:
-        """Set the strength of the hand, a factor from 0.1 to 20."""
-        if not (isinstance(value, int | float) and 0.1 <= value <= 20.0):
-            raise ValueError(f"strength of the hand is {value!r}; give a number from 0.1 to 20")
-        self.strength = float(value)
-
-    def swim(self, swimming) -> None:
-        """Let fish beat their tails by the open-loop gait, or not."""
+    def move(self, motion: str) -> None:
+        """Let fish do one of MOTIONS."""
+        self.motion, first = motion, self.specimens[0].by_hand
         for specimen in self.specimens:
-            specimen.swimming = bool(swimming)
+            specimen.motion = motion
+            specimen.by_hand = first if specimen.by_hand.size == first.size else specimen.by_hand
 
     def grab(self, number: int, point) -> int:
         """Take hold of the node of an object nearest to a point (3,) m; returns the node."""
-        specimen = self._specimen(number)
-        node = specimen.tank.nearest(checked_point(point, self.reach))
+        node = self.specimens[number].tank.nearest(point)
         self.let_go()
-        self.hand = Hand(number, node, specimen.position[node])
+        self.hand = Hand(number, node, self.specimens[number].position[node])
         return node
-
-    def drag(self, point) -> None:
-        """Have the hand follow the pointer, which is now at a point (3,) m."""
-        if self.hand is not None:
-            self.hand.aim(checked_point(point, self.reach))
 
     def let_go(self) -> None:
         """End a drag."""
@@ -128,8 +133,7 @@ class Bench:
 
     def fix(self, number: int, point) -> int:
         """Fix the node of an object nearest to a point, or release it, in all objects that have it; returns it."""
-        specimen = self._specimen(number)
-        node = specimen.tank.nearest(checked_point(point, self.reach))
+        node = self.specimens[number].tank.nearest(point)
         self.let_go()
         for each in self._matching(number):
             each.toggle(node)
@@ -142,57 +146,76 @@ class Bench:
 
     def reset(self, velocity=(0.0, 0.0, 0.0)) -> None:
         """Start again at rest, or with a velocity (3,) m/s."""
-        velocity = checked_point(velocity, 1e6)
         self.let_go()
         for specimen in self.specimens:
             specimen.reset(velocity)
-        self.clock = 0.0
-        self._clear()
+        self.time, self.failure, self.failed, self.note, self._distorted = 0.0, "", (-1, -1), "", ""
 
     def throw(self) -> None:
         """Start again with a velocity obliquely upward, five lengths of the object a second."""
-        thing = self.specimens[0].thing
-        up, along = -down_of(thing), np.array([1.0, 0.0, 0.0])
-        self.reset(thing.length * (5.0 * along + 8.0 * up * (abs(up @ along) < 0.5)))
+        up, along = -down_of(self.specimens[0].thing), np.array([1.0, 0.0, 0.0])
+        self.reset(self.length * (5.0 * along + 8.0 * up * (abs(up @ along) < 0.5)))
 
     def distort(self, how: str) -> None:
         """Start again at rest, but twisted or inverted, one of DISTORTIONS; ValueError, and nothing changes, if not."""
-        checked_choice(how, DISTORTIONS, "pose")
         poses = [distort(specimen.thing, how) for specimen in self.specimens]
         self.reset()
         for specimen, pose in zip(self.specimens, poses, strict=True):
             specimen.place(pose)
         self._distorted = how
 
+    def can_distort(self, how: str) -> bool:
+        """Return True if the objects can be twisted, or inverted."""
+        try:
+            return bool([distort(specimen.thing, how) for specimen in self.specimens])
+        except ValueError:
+            return False
+
     def advance(self, seconds: float) -> None:
-        """Move on by a part of a second; what fails is named, and all start again."""
-        self.clock += seconds
+        """Move on by a part of a second."""
+        self.time += seconds
         if self.hand is not None:
             self.hand.advance(seconds)
             for specimen in self._matching(self.hand.specimen):
                 specimen.pull(self.hand, self.strength)
-        for specimen in self.specimens:
-            specimen.advance(self.clock)
-        failed = [specimen for specimen in self.specimens if not specimen.tank.alive[0]]
-        if failed:
-            self.messages.extend(self.explain(specimen) for specimen in failed)
-            self.reset()
-            return
-        if self.clock >= self._measured + BETWEEN:
-            self.measure()
-        if self._distorted and self.clock >= SETTLED:
+        for number, specimen in enumerate(self.specimens):
+            specimen.advance(self.time)
+            if not specimen.tank.alive[0] and not self.failure:
+                self.failure, self.failed = self.explain(specimen), (number, specimen.worst_node())
+        if self._distorted and self.time >= SETTLED:
             self._report_shapes()
+
+    def step(self) -> None:
+        """Move on by one step of the first object."""
+        self.advance(self.specimens[0].tank.dt)
+
+    def halve_step(self) -> None:
+        """Halve the step of every object."""
+        self.set("step", max(0.5 * self.numbers["step"], SETTINGS["step"].low))
+
+    def seen(self, away: float, focal: float) -> None:
+        """Give a uniform sphere the level for a camera so many lengths away, of a focal length in pixels, if asked to.
+
+        A node that is dragged or fixed keeps the level.
+        """
+        first = self.specimens[0]
+        if not self.by_distance or first.entry.thing != DETAILED or self.hand is not None or first.fixed:
+            return
+        level = LevelOfDetail(radius=0.5 * self.length).choose(away * self.length, focal)
+        if level != (level_of(DETAILED) | dict(first.entry.level))["level"]:
+            self.specimens[0] = first.at_level(level)
+            self.looks[0], self.version = self.specimens[0].look, self.version + 1
 
     def explain(self, specimen: Specimen) -> str:
         """Explanation of the failure of an object, in one sentence."""
         tank = specimen.tank
-        limit = tank.integrator.limit(tank.fish.body)
-        about = f"the largest step that is stable at rest is {1e3 * limit:.3g} ms" if np.isfinite(limit) else ""
-        if tank.integrator.kind not in ("explicit", "semi-implicit"):
-            about = f"a {tank.integrator.kind} method of order {tank.integrator.order}"
+        limit, kind = tank.integrator.limit(tank.fish.body), tank.integrator.kind
+        about = f"; the largest step that is stable at rest is {1e3 * limit:.3g} ms" if np.isfinite(limit) else ""
+        if kind not in ("explicit", "semi-implicit"):
+            about = f"; a {kind} method of order {tank.integrator.order}"
         return (
             f"{tank.integrator.name} failed on the {specimen.thing.name} after {specimen.time:.2f} s: "
-            f"{tank.failure[0]} (step {1e3 * tank.dt:.3g} ms; {about}). All objects start again."
+            f"{tank.failure[0]} (step {1e3 * tank.dt:.3g} ms{about})"
         )
 
     def _report_shapes(self) -> None:
@@ -200,45 +223,29 @@ class Bench:
         for specimen in self.specimens:
             off = out_of_shape(specimen.thing.body, specimen.position)
             if off > BACK:
-                self.messages.append(
+                self.note = (
                     f"The {specimen.thing.name} was {self._distorted} and has not come back to its shape after "
-                    f"{SETTLED:g} s by {specimen.method}: a node is {off:.2f} of its size from its place. It may be in "
-                    "another equilibrium; Drop starts again at rest."
+                    f"{SETTLED:g} s by {specimen.method}: a node is {off:.2f} of its size from its place."
                 )
         self._distorted = ""
 
-    def measure(self) -> None:
-        """Record the readings of every object, and how far the others are from the first."""
-        self._measured = self.clock
-        self.history.append([specimen.readings() for specimen in self.specimens])
-        self.distances.append([self.distance(k) for k in range(1, len(self.specimens))])
-
-    def distance(self, number: int) -> float:
+    def distance_of(self, number: int) -> float:
         """Distance of an object from the first one, in lengths of the first.
 
         Root mean square over landmarks of fish or over as many nodes; of other objects, between the centres of mass.
         """
-        first, other = self.specimens[0], self._specimen(number)
-        if isinstance(first.thing, Fish) and isinstance(other.thing, Fish):
-            a, b = first.thing.points(first.position), other.thing.points(other.position)
-        elif len(first.position) == len(other.position):
-            a, b = first.position, other.position
-        else:
-            a, b = ((each.tank.fish.body.mass @ each.position)[None] for each in (first, other))
-            a, b = a / first.tank.fish.body.mass.sum(), b / other.tank.fish.body.mass.sum()
-        return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean())) / first.thing.length
-
-    def _specimen(self, number) -> Specimen:
-        if not (is_whole(number) and 0 <= number < len(self.specimens)):
-            raise ValueError(f"object is {number!r}; give a whole number from 0 to {len(self.specimens) - 1}")
-        return self.specimens[number]
+        first, other = self.specimens[0], self.specimens[number]
+        a, b = ((each.look.marks(each.position) if each.is_fish else each.position) for each in (first, other))
+        if len(a) != len(b):
+            a, b = (np.average(each.position, 0, each.thing.body.mass)[None] for each in (first, other))
+        return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean())) / self.length
 
     def _matching(self, number: int) -> list[Specimen]:
         """The object and those with as many nodes: what is done to a node of one is done to that of all."""
         nodes = len(self.specimens[number].position)
         return [specimen for specimen in self.specimens if len(specimen.position) == nodes]
 
-    def _change_all(self, change) -> None:
+    def _change_all(self, change: Callable[[Specimen], None]) -> None:
         """Change every object, or none if one of them cannot be changed."""
         self.let_go()
         before = [(each, each.numbers, each.walls, each.step, each.fixed) for each in self.specimens]
@@ -246,8 +253,8 @@ class Bench:
             for specimen in self.specimens:
                 change(specimen)
         except ValueError:
-            for specimen, numbers, walls, step, fixed in before:
-                specimen.change(numbers, walls, step, fixed)
+            for specimen, *old in before:
+                specimen.change(*old)
             raise
 
     def _set_steps(self) -> None:
@@ -255,25 +262,170 @@ class Bench:
         self._change_all(lambda specimen: specimen.change(step=self.numbers["step"]))
         if not self.same_cost or len(self.specimens) == 1:
             return
-        costs = [cost_of_step(specimen) for specimen in self.specimens]
-        budget = costs[0] / self.specimens[0].tank.dt
-        steps = [cost / budget / specimen.own_step() for cost, specimen in zip(costs, self.specimens, strict=True)]
-        for specimen, step in zip(self.specimens[1:], steps[1:], strict=True):
-            specimen.change(step=step)
+        budget = cost_of_step(self.specimens[0]) / self.specimens[0].tank.dt
+        for specimen in self.specimens[1:]:
+            specimen.change(step=cost_of_step(specimen) / budget / specimen.own_step())
 
-    def _clear(self) -> None:
-        self.history: deque[list[Readings]] = deque(maxlen=KEPT)
-        self.distances: deque[list[float]] = deque(maxlen=KEPT)
-        self._measured, self._distorted = -np.inf, ""
+    # For the page
 
-    def series(self, name: str) -> list[np.ndarray]:
-        """The readings of a name over time, one row for each object, and first their times, s.
+    def point(self, pointer: Pointer) -> None:
+        """Drag a node, or fix it."""
+        if pointer.phase == "end":
+            self.let_go()
+        number = pointer.body if self.hand is None or pointer.phase == "start" else self.hand.specimen
+        place = (pointer.point - self._offset(number)) @ self._turn()
+        if pointer.phase == "start" and number >= 0:
+            (self.fix if self.fixing else self.grab)(number, place)
+        elif pointer.phase == "move" and self.hand is not None:
+            self.hand.aim(place)
 
-        "power", W, is the mean of the muscles' power since the reading before.
-        """
-        if name == "power":
-            times, *rows = self.series("work")
-            return [times[1:], *(np.diff(row) / np.diff(times) for row in rows)]
-        rows = list(self.history)
-        times = np.array([row[0].time for row in rows])
-        return [times, *(np.array([getattr(row[k], name) for row in rows]) for k in range(len(self.specimens)))]
+    def _offset(self, number: int) -> np.ndarray:
+        """Offset (3,) m at which object `number` is shown: side by side, fish across their way."""
+        place = (number - 0.5 * (len(self.specimens) - 1)) * self.spacing
+        return np.array([0.0, -place, 0.0] if self.specimens[0].is_fish else [place, 0.0, 0.0])
+
+    def _turn(self) -> np.ndarray:
+        down = down_of(self.specimens[0].thing)
+        return HANGING if down[0] > 0.5 else UPRIGHT if self.upright else np.eye(3)
+
+    def _shown(self, number: int, points: np.ndarray) -> np.ndarray:
+        return points @ self._turn().T + self._offset(number)
+
+    def frame(self) -> Frame:
+        """Every object, forces, the hand, fixed nodes and walls; followed are fish, or the lower half of a room."""
+        bodies, found_arrows, balls, walls = [], [], [], []
+        for k, each in enumerate(self.specimens):
+            x = self._shown(k, each.position)
+            tone = each.tone() if self.show["strain"] or self.show["springs"] else NOTHING
+            bodies.append(Body(each.look, x, each.contraction(), tone))
+            if self.show["forces"]:
+                nodes, ways = arrows(each.forces(), each.tank.fish.body.mass)
+                ways = each.thing.length * ways @ self._turn().T
+                found_arrows += [Arrow(x[n], way, "force", 0.4) for n, way in zip(nodes, ways, strict=True)]
+            balls += [(x[n], 0.03, "node") for n in each.fixed]
+            if self.hand is not None and self.hand.specimen == k:
+                point = self._shown(k, self.hand.point)
+                balls.append((point, 0.035, "hand"))
+                found_arrows.append(Arrow(x[self.hand.node], point - x[self.hand.node], "hand", 0.5))
+            walls += self._walls(k)
+        first, size = self.specimens[0], room_size(self.specimens[0].thing)
+        middle = np.mean([body.position.mean(axis=0) for body in bodies], axis=0)
+        return Frame(
+            bodies, middle if first.is_fish else np.array([0.0, 0.0, -0.55 * size]), found_arrows, balls=tuple(balls),
+            walls=tuple(walls), floor=-0.5 * self.length if first.is_fish else -size - 0.002 * self.length,
+            show=self.shown(), time=self.time,
+        )  # fmt: skip
+
+    def _walls(self, number: int) -> list[np.ndarray]:
+        """Corners (4,3) m of each wall of an object but its floor."""
+        planes, turn, sheets = self.specimens[number].tank.world.planes, self._turn(), []
+        size, depth = room_size(self.specimens[number].thing), 0.4 if self.upright else 1.0
+        for plane in planes if planes is not None else []:
+            outward = turn @ plane[:3]
+            if outward[2] > 0.5:
+                continue
+            across = depth * np.array([0.0, 1.0, 0.0]) if abs(outward[0]) > 0.5 else np.array([1.0, 0.0, 0.0])
+            up = np.array([0.0, 0.0, 1.0]) if abs(outward[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
+            middle = outward * plane[3] + self._offset(number)
+            corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) @ (size * np.array([across, up]))
+            sheets.append(middle + corners)
+        return sheets
+
+    def readings(self) -> list[list[float]]:
+        """Measurements of every object, in the order of the plots."""
+        first, found = self.specimens[0], [[MEASURES[plot.title](each) for each in self.specimens]
+                                           for plot in self.plots if plot.title in MEASURES]  # fmt: skip
+        motion, total, work = first.kinetic(), first.gained(), [first.work()] if first.is_fish else []
+        found.append([motion, total - motion, *work, sum(work) - total])
+        return found + [[self.distance_of(k) for k in range(1, len(self.specimens))]] * (len(self.specimens) > 1)
+
+    def controls(self) -> list[Control]:
+        """Those that apply to what is on the bench."""
+        first, fish = self.specimens[0], any(each.is_fish for each in self.specimens)
+        found = [
+            Control("choice", "motion", "The fish", self.move, value=self.motion, default="rest", options=list(MOTIONS))
+            if fish else Control("button", "throw", "Throw", lambda _: self.throw(), key="t")
+        ]  # fmt: skip
+        found += [
+            Control("button", how, name, lambda _, how=how: self.distort(how), help=words)
+            for how, name, words in (("twisted", "Twist", "at rest, turned by half a turn from end to end"),
+                                     ("inverted", "Invert", "at rest, turned inside out"))
+            if self.can_distort(how)
+        ]  # fmt: skip
+        found += [
+            Control("switch", "fixing", "Press fixes a node", self._assign("fixing"), value=self.fixing, default=False,
+                    help="or lets it go again; else a press drags it"),
+            Control("slider", "strength", "Strength of the hand", self._assign("strength"), value=self.strength,
+                    default=1.0, low=0.1, high=20.0, step=0.1),
+        ]  # fmt: skip
+        if any(each.fixed for each in self.specimens):
+            found.append(Control("button", "release", "Let all nodes go", lambda _: self.release_all()))
+        for number in range(min(len(self.specimens) + 1, MOST)):
+            found += self._choices(number)
+        if first.entry.thing == DETAILED:
+            found.append(Control("switch", "by_distance", "Level by distance", self._assign("by_distance"), "Objects",
+                                 self.by_distance, False, help="as coarse as nobody sees from the camera"))  # fmt: skip
+        if len(self.specimens) > 1:
+            found.append(Control("switch", "same_cost", "Steps of the same cost", self._share, "Objects",
+                                 self.same_cost, False, help="a second costs as much of the processor"))  # fmt: skip
+        found += [
+            Control("slider", name, setting.label, lambda value, name=name: self.set(name, value),
+                    "Body" if name in BODY else "Method" if name == "step" else "Surroundings", self.numbers[name],
+                    self.defaults[name], setting.low, setting.high, help=setting.meaning)
+            for name, setting in SETTINGS.items() if self._applies(name)
+        ]  # fmt: skip
+        if all(each.thing.water.added_mass is None for each in self.specimens):  # water with inertia knows no walls
+            found.append(Control("choice", "walls", "Walls", self.set_walls, "Surroundings", self.walls, "own",
+                                 options=list(WALLS)))  # fmt: skip
+        if self.motion == "by hand" and isinstance(first.thing, Fish):
+            found += sliders(muscle_names(first.thing), first.by_hand)
+        return found + self.view_controls()
+
+    def _assign(self, name: str) -> Callable[[Any], None]:
+        return lambda value: setattr(self, name, value)
+
+    def _share(self, on: bool) -> None:
+        self.same_cost = on
+        self._set_steps()
+
+    def _applies(self, name: str) -> bool:
+        """Return True if a number changes anything on the bench."""
+        things = [each.thing for each in self.specimens]
+        wet = any(np.any(thing.water.quadratic) or np.any(thing.water.linear) for thing in things)
+        return {
+            "pressure": any(thing.body.compartments is not None for thing in things),
+            "inner_density": any(len(getattr(thing, "inner", ())) for thing in things),
+            "water": wet, "current_x": wet, "current_y": wet,
+            "restitution": self.walls == "closed room" or (self.walls == "own" and things[0].water.planes is not None),
+        }.get(name, True)  # fmt: skip
+
+    def _choices(self, number: int) -> list[Control]:
+        """The controls that choose an object, its method and its resolution; of one that is not there, the first."""
+        entries = [each.entry for each in self.specimens]
+        entry = entries[number] if number < len(entries) else None
+
+        def thing(name: str) -> None:
+            self.choose(entries[:number] if name == NONE else [*entries[:number], Entry(name), *entries[number + 1 :]])
+
+        def change(**changes) -> None:
+            chosen = [each._replace(**changes) if k == number else each for k, each in enumerate(entries)]
+            self.choose(chosen)
+
+        label, kinds = f"The {('first', 'second', 'third')[number]}", [*([NONE] * (number > 0)), *OBJECTS, *BODIES]
+        found = [Control("choice", f"thing {number}", label, thing, "Objects", entry.thing if entry else NONE,
+                         options=kinds)]  # fmt: skip
+        if entry is None:
+            return found
+        found.append(
+            Control("choice", f"integrator {number}", "  its method",
+                    lambda value: change(integrator="" if value == OWN else value), "Objects",
+                    entry.integrator or OWN, OWN, options=[OWN, *INTEGRATORS])
+        )  # fmt: skip
+        defaults, level = level_of(entry.thing), dict(entry.level)
+        found += [
+            Control("slider", f"{name} {number}", f"  its {name}",
+                    lambda value, name=name: change(level=tuple((level | {name: int(value)}).items())), "Objects",
+                    level.get(name, default), default, 0, FINEST, 1)
+            for name, default in defaults.items()
+        ]  # fmt: skip
+        return found

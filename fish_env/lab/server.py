@@ -1,71 +1,55 @@
-"""The page's server: one session for each browser, on this machine only unless another address is given."""
+"""The laboratory's server: one page, and a websocket for each browser that opens it, on this machine only."""
 
 import asyncio
-import socket
-import sys
+import json
+import logging
 import threading
-import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from http import HTTPStatus
+from typing import Any
 
-import viser
+from websockets import Headers, Request, Response
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
 
-from fish_env.lab.bench import Bench
-from fish_env.lab.door import Door
-from fish_env.lab.session import Session
+from fish_env.kernels.data import data
+from fish_env.kernels.progress import compiled
+from fish_env.lab.access import Access, check_address
+from fish_env.lab.own import Own
+from fish_env.lab.session import Session, say
 
-MOST = 8  # sessions at once: each takes a thread
-READING = 5.0  # s to read that there are too many
-SHADE, BRIGHTNESS = (110, 110, 120), 3.5  # of the light from below, and of that from above
-UPRIGHT = (0.5**0.5, 0.5**0.5, 0.0, 0.0)  # turns the direction of y to that of z
-
-warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # of a session whose page has just been closed
-
-
-class PrivateServer(viser.ViserServer):
-    """viser's server behind a door, and without its public tunnel, which any page could otherwise ask for.
-
-    Raises:
-        RuntimeError: if viser opens its port in a way that the door does not know.
-    """
-
-    def __init__(self, host: str, port: int):
-        door = Door(host)
-        with door.guarding():
-            super().__init__(host=host, port=port, label="fish_env laboratory", verbose=False)
-        self.get_event_loop().set_exception_handler(report)
-        if not door.guards:
-            self.stop()
-            raise RuntimeError(f"the laboratory cannot guard its page with viser {viser.__version__}; install 1.1.1")
-
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """Reject."""
-        return None
-
-    async def send_away(self, client: viser.ClientHandle, reason: str) -> None:
-        """Close the connection of a page, which may already be closed."""
-        connection = self._websock_server._live_connections.get(client.client_id)
-        if connection is not None:
-            await connection.close(1013, reason)
+MOST = 8  # sessions at once
+LARGEST = 4096  # bytes of a message of the page
+OPENING = 10.0  # s that a request may take to come in
+PAUSE = 0.3  # s, after which a page is told why it waits
+TRIED = 20  # ports
+LOGGER = logging.getLogger(__name__)
+LOGGER.addFilter(lambda record: not record.getMessage().startswith("opening handshake failed"))
+HEADERS = {
+    "Content-Type": "text/html; charset=utf-8",
+    "X-Frame-Options": "DENY",
+    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "connect-src 'self'; img-src data: blob:; media-src blob:; base-uri 'none'; form-action 'none'",
+}
 
 
-def report(loop: asyncio.AbstractEventLoop, context: dict) -> None:
-    """Say in one line that viser could do nothing with what a page sent."""
-    print(f"laboratory: {context['message']}: {context.get('exception')!r:.200}", file=sys.stderr)
+def page() -> bytes:
+    """The page with its scripts put in."""
+    names = (("fish_env.scene", "renderer.js"), ("fish_env.lab", "page.js"))
+    script = "".join(data(*name).read_text(encoding="utf-8") for name in names)
+    return data("fish_env.lab", "page.html").read_text(encoding="utf-8").replace("/*SCRIPT*/", script).encode()
 
 
-def check_address(host: str) -> None:
-    """Raise ValueError unless this machine can listen at an address: viser would try other ports, and wait for ever."""
-    failure: Exception = OSError("no such address")
-    try:
-        for family, kind, protocol, _, address in socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM):
-            try:
-                with socket.socket(family, kind, protocol) as tried:
-                    tried.bind(address)
-                    return
-            except OSError as error:
-                failure = error
-    except (OSError, UnicodeError) as error:  # no such name
-        failure = error
-    raise ValueError(f"cannot listen at {host!r} ({failure}); give an address of this machine") from failure
+async def wait_for(connection: ServerConnection, work: Callable[..., Any], *given: Any) -> Any:
+    """The result of what is done in a thread; a page that waits for long is told what is compiled."""
+    doing = asyncio.create_task(asyncio.to_thread(work, *given))
+    while not (await asyncio.wait({doing}, timeout=PAUSE))[0]:
+        count, total = compiled() or (0, None)
+        text = f"Compiling kernels, once per scene: {count} of about {max(total, count)}" if total else "Preparing ..."
+        with suppress(ConnectionClosed, ConnectionError):  # the work is not left half done
+            await connection.send(say("busy", {"text": text, "part": count / max(total, count) if total else None}))
+    return doing.result()
 
 
 class Laboratory:
@@ -77,42 +61,60 @@ class Laboratory:
         ValueError: if the address cannot be listened at.
     """
 
-    def __init__(self, host: str, port: int):
-        self.sessions: dict[int, Session] = {}
-        Bench().warm()  # of the first page; compiled here if it has never been
-        self._closed = threading.Event()
+    def __init__(self, host: str, port: int, own: Own | None = None):
         check_address(host)
-        self.server = PrivateServer(host, port)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
-        self._light()
-        self.server.on_client_connect(self._enter)
-        self.server.on_client_disconnect(self._leave)
+        self.host, self.own, self.access = host, own, Access(host)
+        self.sessions: dict[Any, Session] = {}
+        self._page, self._loop = page(), asyncio.new_event_loop()
+        self._closed, self._closing = threading.Event(), threading.Lock()
+        self._server = self._loop.run_until_complete(self._open(port))
+        self.port: int = next(iter(self._server.sockets)).getsockname()[1]
+        self._thread = threading.Thread(target=self._loop.run_forever, name="laboratory", daemon=True)
+        self._thread.start()
 
-    def _light(self) -> None:
-        """Light the scene from above and below; viser's environment takes seconds without a graphics card."""
-        self.server.scene.configure_environment_map(hdri=None)
-        # the sky of the light is in the direction of y: turn that up
-        self.server.scene.add_light_hemisphere("/light", ground_color=SHADE, intensity=BRIGHTNESS, wxyz=UPRIGHT)
+    async def _open(self, port: int) -> Server:
+        for number in range(port, port + TRIED):
+            try:
+                return await serve(
+                    self._enter, self.host, number, process_request=self._answer, max_size=LARGEST,
+                    open_timeout=OPENING, compression=None, logger=LOGGER,
+                )  # fmt: skip
+            except OSError as error:
+                failure = error
+        raise ValueError(f"ports {port} to {port + TRIED - 1} are in use ({failure}); give another port")
 
-    @property
-    def port(self) -> int:
-        """The port that it listens at."""
-        return self.server.get_port()
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Refuse a request, hand out the page, or let a websocket open."""
+        refusal = self.access.refusal(request.headers, self.port)
+        if refusal:
+            return connection.respond(HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        if request.path == "/socket":
+            return None
+        if request.path != "/":
+            return connection.respond(HTTPStatus.NOT_FOUND, "There is nothing here; the laboratory is at /.\n")
+        headers = Headers(HEADERS)
+        headers["Content-Length"] = str(len(self._page))
+        return Response(HTTPStatus.OK, "OK", headers, self._page)
 
-    async def _enter(self, client: viser.ClientHandle) -> None:
+    async def _enter(self, connection: ServerConnection) -> None:
+        """Answer the messages of a page, one after another, until it leaves."""
         if len(self.sessions) >= MOST:
-            text = f"{MOST} pages are open already."
-            client.add_notification("The laboratory is full", text, color="red", auto_close_seconds=READING)
-            await asyncio.sleep(READING)
-            await self.server.send_away(client, "the laboratory is full")
+            await connection.send(say("full", f"{MOST} pages are open already; close one and load this page again."))
             return
-        session = Session(client)
-        self.sessions[client.client_id] = session
-        session.start()
-
-    async def _leave(self, client: viser.ClientHandle) -> None:
-        session = self.sessions.pop(client.client_id, None)
-        if session is not None:
+        self.sessions[connection] = session = await wait_for(connection, Session, self.own)
+        try:
+            async for raw in connection:
+                try:
+                    message = json.loads(raw)
+                except (ValueError, RecursionError):
+                    await connection.close(1008, "the laboratory's page sends no such message")
+                    return
+                for reply in await wait_for(connection, session.answer, message):
+                    await connection.send(reply)
+        except (ConnectionClosed, ConnectionError):
+            pass
+        finally:
+            del self.sessions[connection]
             session.close()
 
     def wait(self) -> None:
@@ -124,7 +126,15 @@ class Laboratory:
 
     def close(self) -> None:
         """End all sessions and the server."""
-        self._closed.set()
-        for session in self.sessions.values():
-            session.close()
-        self.server.stop()
+        with self._closing:
+            if self._closed.is_set():
+                return
+            self._closed.set()
+
+        async def end() -> None:
+            self._server.close()
+            await self._server.wait_closed()
+
+        asyncio.run_coroutine_threadsafe(end(), self._loop).result(10.0)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(10.0)

@@ -1,160 +1,169 @@
-"""A session: the bench of one browser, its thread, and the requests of the page, executed between frames.
+"""A session: the stage of one page, its clock, and the answers to the page's messages.
 
-The page's events come on the server's event loop. They only put requests into a queue, so that the event loop never
-waits for the simulation, and the simulation is touched by one thread alone.
+The page asks for every picture, so that a slow one gets fewer, and one that nobody sees costs nothing. A message is
+answered before the next one is read: one thread at a time touches the stage.
 """
 
+import json
 import sys
-import threading
 import time
 import traceback
-from collections import deque
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Mapping
+from typing import Any
 
-import viser
+import numpy as np
 
-from fish_env.lab.bench import Bench
-from fish_env.lab.drawing import Drawing
-from fish_env.lab.panel import Panel
-from fish_env.lab.school import School
-from fish_env.lab.school_drawing import SchoolDrawing
-from fish_env.lab.settings import checked_point
+from fish_env.checks import is_whole, real
+from fish_env.lab.own import Own
+from fish_env.lab.scenes import SCENES, make_scene
+from fish_env.lab.stage import Control, Pointer, Stage
+from fish_env.scene.frame import pack_frame
+from fish_env.scene.look import PALETTE, pack_look
 
-FAST, SLOW = 1 / 60, 1 / 30  # s between two pictures of few nodes, and of many
-MANY = 100  # nodes from which pictures come less often
-PAUSE = 0.002  # s that are always left to the event loop between two frames
 LATEST = 0.1  # s: what lies further behind real time is left out
-WAITING = 1000  # requests of the page that may wait; the oldest are left out
-NOTES, RECENT = 50, 10.0  # messages shown at most in so many seconds: a page that does not read them lets them pile up
+FAR = 1e6  # lengths and pixels: a camera is not further away
+REACH = 100.0  # lengths from the middle of the picture: a point of the page further away is not accepted
+PHASES = ("hover", "start", "move", "end")
+Message = str | bytes
 
 
 class Session:
-    """State and requests of one browser."""
+    """State of one page; `own` is what the command line gave."""
 
-    def __init__(self, client: viser.ClientHandle):
-        self.client = client
-        self.bench = Bench()
-        self.school: School | None = None
-        self.school_drawing: SchoolDrawing | None = None
-        self.paused, self.speed, self.frames = False, 1.0, 0
-        self._requests: deque[Callable[[], None]] = deque(maxlen=WAITING)
-        self._told: deque[float] = deque(maxlen=NOTES)
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"laboratory {client.client_id}", daemon=True)
+    def __init__(self, own: Own | None = None):
+        self.own = own or Own()
+        self.scene = next(iter(self.scenes()))
+        self.stage: Stage = make_scene(self.scene, self.own)
+        self.paused, self.speed = False, 1.0
+        self._last, self._told = 0.0, ""
+        self._known: tuple[Any, int] = (None, 0)  # the stage that the page knows, and its version
 
-    def start(self) -> None:
-        """Build the page and begin."""
-        self._thread.start()
+    def scenes(self) -> list[str]:
+        """Names of the scenes, the first one first."""
+        return [*(["your own"] if self.own.given else []), *SCENES]
+
+    def answer(self, message: Any) -> list[Message]:
+        """What the page is sent for a message of it; never raises for what a page may send."""
+        try:
+            replies: list[Message] = self._answer(message if isinstance(message, Mapping) else {})
+        except ValueError as error:
+            replies = [say("tell", str(error))]
+        except Exception:  # a mistake of the laboratory: for who runs it, in full
+            print(traceback.format_exc(), file=sys.stderr)
+            replies = [say("tell", "The laboratory made a mistake; its terminal says which.")]
+        if self._known != (self.stage, self.stage.version):
+            moved = self._known[0] is self.stage
+            self._known = (self.stage, self.stage.version)
+            replies.insert(0, say("stage", self._about() | {"again": moved}))
+        shown = say("controls", [control.shown() for control in self.controls()])
+        if shown != self._told:
+            self._told = shown
+            replies.append(shown)
+        return replies
+
+    def _answer(self, message: Mapping[str, Any]) -> list[Message]:
+        match message.get("do"):
+            case "frame":
+                away, focal = real(message.get("away")), real(message.get("focal"))
+                if away > 0.0 and focal > 0.0:
+                    self.stage.seen(min(away, FAR), min(focal, FAR))
+                passed = real(message.get("passed"))
+                return [self.frame(passed if passed >= 0.0 else None)]
+            case "scene":
+                self.choose(message.get("name"))
+            case "set":
+                self.set(message.get("name"), message.get("value"))
+            case "point":
+                self.point(*(message.get(name) for name in ("phase", "point", "body")))
+            case "save":
+                return [say("download", self.stage.film())]
+            case other:
+                raise ValueError(f"the page cannot ask for {other!r}")
+        return []
+
+    def choose(self, name: Any) -> None:
+        """Show another scene; ValueError, and the present one stays, for one that there is not."""
+        if name not in self.scenes():
+            raise ValueError(f"unknown scene {name!r}; choose from {', '.join(self.scenes())}")
+        stage = make_scene(name, self.own)
+        self.stage.close()
+        self.scene, self.stage = name, stage
+        self.paused, self.speed = False, 1.0
+
+    def set(self, name: Any, value: Any) -> None:
+        """Set a control, by its name."""
+        control = next((each for each in self.controls() if each.name == name), None)
+        if control is None:
+            raise ValueError(f"there is no control {name!r} now")
+        control.set(value)
+
+    def point(self, phase: Any, point: Any, body: Any) -> None:
+        """Hand a pointer at a point (3,), in lengths, to the stage."""
+        frame = self.stage.frame()
+        if phase not in PHASES or not is_whole(body) or not -1 <= body < len(frame.bodies):
+            raise ValueError(f"phase is {phase!r}, body {body!r}; give one of {PHASES}, and the number of a body or -1")
+        numbers = list(map(real, point)) if isinstance(point, list) and len(point) == 3 else [np.nan]
+        place = self.stage.length * np.array(numbers)
+        if not (np.abs(place - frame.middle) <= REACH * self.stage.length).all():
+            raise ValueError(f"point is {point!r}; give three numbers, at most {REACH:g} lengths from the middle")
+        self.stage.point(Pointer(phase, place, body))
+
+    def controls(self) -> list[Control]:
+        """All that apply now: those of time, then those of the stage."""
+        stage = self.stage
+
+        def begin(value=None) -> None:
+            stage.reset()
+            self.paused = False
+
+        def one_step(value=None) -> None:
+            self.paused = True
+            stage.step()
+
+        def halve(value=None) -> None:
+            stage.halve_step()
+            begin()
+
+        rescue = [Control("button", "halve", "Halve the step", halve, "Time")] if stage.failure else []
+        return [
+            Control("switch", "pause", "Pause", lambda on: setattr(self, "paused", on), "Time", self.paused, False,
+                    key=" ", help="the space bar too"),
+            Control("button", "one_step", "One step", one_step, "Time", key="n"),
+            Control("button", "reset", "Start again", begin, "Time", key="r"),
+            *rescue,
+            Control("slider", "speed", "Speed", lambda value: setattr(self, "speed", float(value)), "Time",
+                    self.speed, 1.0, 0.02, 2.0, 0.02, help="over real time: below 1 is slow motion"),
+            *stage.controls(),
+        ]  # fmt: skip
+
+    def frame(self, passed: float | None = None) -> bytes:
+        """Move on by so many seconds, at most LATEST, or the time since the last picture; describe the picture."""
+        now, stage = time.monotonic(), self.stage
+        elapsed, self._last = min(now - self._last if passed is None else passed, LATEST), now
+        if elapsed > 0.0 and not self.paused and not stage.failure:
+            stage.advance(self.speed * elapsed)
+            self.paused = bool(stage.failure)
+        header, numbers = pack_frame(stage.frame(), stage.looks)
+        values = [[value if np.isfinite(value) else None for value in row] for row in stage.readings()]
+        about = {"paused": self.paused, "failure": stage.failure, "failed": stage.failed, "note": stage.note}
+        text = json.dumps(header | about | {"values": values}).encode()
+        text += b" " * (-len(text) % 4)
+        return len(text).to_bytes(4, "little") + text + numbers.tobytes()
+
+    def _about(self) -> dict[str, Any]:
+        stage = self.stage
+        return {
+            "scene": self.scene, "scenes": self.scenes(), "title": stage.title, "hint": stage.hint,
+            "camera": {"yaw": stage.yaw, "pitch": stage.pitch, "distance": stage.distance},
+            "looks": [pack_look(look) for look in stage.looks], "plots": [plot._asdict() for plot in stage.plots],
+            "upright": stage.upright, "palette": PALETTE, "follows": stage.follows, "films": stage.films,
+        }  # fmt: skip
 
     def close(self) -> None:
-        """End the simulation; dragged nodes are released."""
-        self._closed.set()
+        """Free the stage."""
+        self.stage.close()
 
-    @property
-    def alive(self) -> bool:
-        """Return True while its thread runs."""
-        return self._thread.is_alive()
 
-    def ask(self, request: Callable[[], None]) -> None:
-        """Execute a request between two frames; its ValueError is shown to the user."""
-        self._requests.append(request)
-
-    def ask_at(self, request: Callable[..., None], **vectors) -> None:
-        """Have `request(*vectors)` done with the points or directions (3,) of a message, named by keyword, if valid."""
-        self.ask(lambda: request(*(checked_point(value, what=what) for what, value in vectors.items())))
-
-    def tell(self, text: str, title: str = "Not possible") -> None:
-        """Show a message on the page, unless there have been NOTES in the last RECENT seconds."""
-        now = time.monotonic()
-        if len(self._told) == NOTES and now < self._told[0] + RECENT:
-            return
-        self._told.append(now)
-        self.client.add_notification(title, text, auto_close_seconds=10.0, color="orange")
-
-    def wait(self, text: str) -> None:
-        """Say why the page will not answer for a while."""
-        self.panel.status.content = text
-        self.client.flush()
-
-    def show_bench(self) -> None:
-        """Draw what is now on the bench from scratch; nothing is steered any more."""
-        self._drop_school()
-        self.drawing.build()
-        self.panel.refresh()
-
-    def look(self) -> None:
-        """Turn the camera to the objects."""
-        (self.school_drawing or self.drawing).look()
-
-    def turn_camera(self, position, look_at) -> None:
-        """Put the camera at a point and look at another one, unless the page reports an invalid camera."""
-        camera = self.client.camera
-        with suppress(TypeError, ValueError):  # viser continues from the camera that the page reported last
-            camera.position, camera.look_at = position, look_at
-
-    def show_school(self, school: School) -> None:
-        """Show fish that are steered, in place of the bench."""
-        self._drop_school()
-        self.bench.let_go()
-        self.drawing.clear()
-        self.school, self.school_drawing = school, SchoolDrawing(self, school)
-        self.panel.refresh()
-
-    def _drop_school(self) -> None:
-        if self.school is not None and self.school_drawing is not None:
-            self.school_drawing.clear()
-            self.school.close()
-        self.school = self.school_drawing = None
-
-    def step(self) -> None:
-        """One integrator step of the first object while paused, or one environment step of what is steered."""
-        if self.school is not None:
-            self.school.advance(self.school.interval)
-        else:
-            self.bench.advance(self.bench.specimens[0].tank.dt)
-
-    def _run(self) -> None:
-        self.drawing = Drawing(self)
-        with self.client.atomic():  # the browser builds all controls at once
-            self.panel = Panel(self)
-        self.drawing.build()
-        last = time.monotonic()
-        while not self._closed.is_set():
-            self._answer()
-            now = time.monotonic()
-            elapsed, last = min(now - last, LATEST), now
-            if not self.paused:
-                (self.school or self.bench).advance(self.speed * elapsed)
-            self._report()
-            with self.client.atomic():
-                if self.school_drawing is not None:
-                    self.school_drawing.update(elapsed)
-                else:
-                    self.drawing.update()
-            self.panel.update(now)
-            self.frames += 1
-            frame = FAST if self.school or self.bench.nodes <= MANY else SLOW
-            self._closed.wait(max(PAUSE, now + frame - time.monotonic()))
-        self._drop_school()
-        self.bench.let_go()
-
-    def _answer(self) -> None:
-        """Execute the requests of the page since the last frame; none of them ends the session."""
-        for _ in range(len(self._requests)):  # those that come meanwhile are for the next frame
-            if self._closed.is_set():
-                return
-            try:
-                self._requests.popleft()()
-            except ValueError as error:
-                self.tell(str(error))
-                self.panel.refresh()
-            except Exception:  # a mistake of the laboratory: for who runs it, in full
-                print(traceback.format_exc(), file=sys.stderr)
-                self.tell("The laboratory made a mistake; its terminal says which.", "An error")
-
-    def _report(self) -> None:
-        """Tell the user what failed."""
-        messages = (self.school or self.bench).messages
-        while messages:
-            self.tell(messages.popleft(), "The simulation failed")
+def say(what: str, value: Any) -> str:
+    """A message to the page."""
+    return json.dumps({what: value})

@@ -4,19 +4,16 @@ import inspect
 import time
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env.bodies import BODIES, Fish, fitted
+from fish_env.bodies import BODIES, Fish, fitted, make_fish
 from fish_env.bodies.detail import carry_over
 from fish_env.bodies.objects import OBJECTS, Layered
-from fish_env.checks import is_whole
 from fish_env.control.gait import best_gait
-from fish_env.lab.geometry import Surface, enclosed_volume, spring_strain, surfaces, tet_strain
 from fish_env.lab.hand import Hand
-from fish_env.lab.settings import checked_choice
+from fish_env.lab.measures import enclosed_volume, spring_strain, tet_strain, tone
 from fish_env.physics.body import scale_body, with_rates
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.evaluate import Evaluator
@@ -25,14 +22,17 @@ from fish_env.physics.records import Body, World
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import own_step
 from fish_env.physics.world import make_world
+from fish_env.scene.look import look_of
 
 PULL = 0.4  # drag spring: its pull, over the object's weight on Earth, at a distance of the object's length
 DAMPING = 0.05  # s, damping of the drag spring over its stiffness
 LARGEST = 1100  # nodes of an object that is moved as it is looked at
-FINEST = 24  # of a whole number that an object is made with
-TRIAL = 0.02  # s of processor time for the measurement of a cost
-STEPS = 16  # whose cost is measured at once
+TRIAL, STEPS = 0.02, 16  # s of processor time for the measurement of a cost, and steps that are measured at once
+MOTIONS = ("rest", "gait", "abrupt turns", "by hand")
+"""What a fish does: nothing, the best gait of its water, all muscles of one side and then the other, or sliders."""
+RIGHT, LEFT, REPEATED = 0.2, 0.3, 1.6  # s of the abrupt turns, and after which they begin again
 ROOM = 1.5  # half the width of a closed room, in lengths of an object that has no walls of its own
+TABLE: dict[str, Any] = {**BODIES, **OBJECTS}
 
 
 class Entry(NamedTuple):
@@ -41,19 +41,7 @@ class Entry(NamedTuple):
     thing: str  # a key of BODIES or OBJECTS
     integrator: str = ""  # a key of INTEGRATORS; "" for the object's own
     level: tuple[tuple[str, int], ...] = ()  # whole numbers that it is made with, such as ("level", 2)
-
-
-class Readings(NamedTuple):
-    """Measurements of an object at one time; NaN where there is nothing to measure."""
-
-    time: float  # s
-    energy: float  # of motion and of all that stores any, J
-    work: float  # of the muscles so far, J
-    volume: float  # over that at rest
-    strain: float  # largest of a spring or tetrahedron
-
-
-TABLE: dict[str, Any] = {**BODIES, **OBJECTS}
+    water: str = ""  # of a fish: "drag" or "reactive", which it is calibrated for; "" for the default
 
 
 def level_of(name: str) -> dict[str, int]:
@@ -62,44 +50,23 @@ def level_of(name: str) -> dict[str, int]:
     return {each.name: each.default for each in parameters if type(each.default) is int}
 
 
-def make_thing(entry: Entry) -> ElasticObject:
-    """The object of an entry; ValueError for a name or a number that is not allowed."""
-    checked_choice(entry.thing, TABLE, "object")
-    unknown = [name for name, _ in entry.level if name not in level_of(entry.thing)]
-    if unknown:
-        known = ", ".join(level_of(entry.thing)) or "no number"
-        raise ValueError(f"{entry.thing!r} is made with {known}, and not with {unknown[0]!r}; give one of these")
-    return make_once(entry.thing, entry.level)
-
-
 @lru_cache(maxsize=8)
-def make_once(name: str, level: tuple[tuple[str, int], ...]) -> ElasticObject:
-    """An object that all who choose it share: it is not changed."""
-    return TABLE[name].make(**dict(level))
-
-
-def checked_entry(entry: Entry) -> Entry:
-    """An entry whose names exist and whose numbers are in their range, or ValueError."""
-    if entry.integrator:
-        checked_choice(entry.integrator, INTEGRATORS, "integrator")
-    for name, value in entry.level:
-        if not is_whole(value) or not 0 <= value <= FINEST:
-            raise ValueError(f"{name} is {value!r}; give a whole number from 0 to {FINEST}")
-    thing = make_thing(entry)
+def make_thing(name: str, level: tuple[tuple[str, int], ...], water: str) -> ElasticObject:
+    """An object that all who choose it share: it is not changed; ValueError for one with too many nodes."""
+    thing = make_fish(name, water=water, **dict(level)) if water else TABLE[name].make(**dict(level))
     if thing.body.mass.size > LARGEST:
         raise ValueError(
-            f"{entry.thing} would have {thing.body.mass.size} nodes; the laboratory moves at most {LARGEST}: give "
-            f"smaller numbers than {', '.join(f'{name} {value}' for name, value in chain(entry.level))}"
+            f"{name} would have {thing.body.mass.size} nodes; the laboratory moves at most {LARGEST}: give smaller "
+            f"numbers than {', '.join(f'{number} {value}' for number, value in level)}"
         )
-    return entry
+    return thing
 
 
 def change_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
     """Apply the numbers of the settings to the body of an object, and return the new body."""
     body = scale_body(thing.body, numbers["stiffness"], numbers["damping"], numbers["density"])
-    gas, inner = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64))
-    if gas is not None and numbers["pressure"] != 1.0:
-        factor = numbers["pressure"]
+    gas, inner, factor = body.compartments, getattr(thing, "inner", np.zeros(0, np.int64)), numbers["pressure"]
+    if gas is not None and factor != 1.0:
         weaker = gas._replace(gas=gas.gas * factor, ambient=gas.ambient * factor) if factor else None  # may be flat
         body = body._replace(compartments=weaker)
     if len(inner) and numbers["inner_density"] != 1.0:
@@ -107,7 +74,7 @@ def change_body(thing: ElasticObject, numbers: dict[str, float]) -> Body:
         mass[inner] *= numbers["inner_density"]
         inverse[inner] /= numbers["inner_density"]
         body = body._replace(mass=mass, inverse_mass=inverse)
-    return with_rates(body) if numbers["pressure"] != 1.0 or numbers["inner_density"] != 1.0 else body
+    return with_rates(body) if factor != 1.0 or numbers["inner_density"] != 1.0 else body
 
 
 def down_of(thing: ElasticObject) -> np.ndarray:
@@ -123,13 +90,11 @@ def room_size(thing: ElasticObject) -> float:
 
 def change_world(thing: ElasticObject, numbers: dict[str, float], walls: str) -> World:
     """Apply the numbers of the settings and the walls that are chosen to the world of an object; the new world."""
-    own, size = thing.water, room_size(thing)
-    planes = [] if own.planes is None else [(row[:3], row[3], numbers["restitution"]) for row in own.planes]
-    if walls == "none":
-        planes = []
-    elif walls == "closed room":
+    own, bounce = thing.water, numbers["restitution"]
+    planes = [] if own.planes is None or walls == "none" else [(row[:3], row[3], bounce) for row in own.planes]
+    if walls == "closed room":
         axes = np.eye(3)[: 2 if thing.flat else 3]
-        planes = [(side * axis, -size, numbers["restitution"]) for axis in axes for side in (1.0, -1.0)]
+        planes = [(side * axis, -room_size(thing), bounce) for axis in axes for side in (1.0, -1.0)]
     current = thing.length * np.array([numbers["current_x"], numbers["current_y"], 0.0])
     water = own._replace(
         linear=own.linear * numbers["water"], quadratic=own.quadratic * numbers["water"],
@@ -148,15 +113,17 @@ class Specimen:
         step: the integrator's step over its own.
 
     Raises:
-        ValueError: for what is not allowed, or a method that cannot move the object there.
+        ValueError: for too many nodes, or a method that cannot move the object there.
     """
 
     def __init__(self, entry: Entry, numbers: dict[str, float], walls: str, step: float):
-        self.entry, self.thing, self.fixed = entry, make_thing(entry), []
-        self.surfaces: list[Surface] = surfaces(self.thing)
-        self.rest_volume = enclosed_volume(self.thing, self.surfaces, self.thing.body.position)
-        self.swimming, self._gait = False, best_gait(fitted.level_of(self.thing.water))
-        self.numbers, self.walls, self.step = numbers, walls, step
+        self.entry, self.thing = entry, make_thing(entry.thing, entry.level, entry.water)
+        self.look = look_of(self.thing)
+        self._at_first = 0.0
+        self.rest_volume = enclosed_volume(self.thing, self.look, self.thing.body.position)
+        self.motion, self.by_hand = "rest", np.zeros(0)
+        if isinstance(self.thing, Fish):
+            self.by_hand, self._gait = np.zeros(self.thing.num_muscles), best_gait(fitted.level_of(self.thing.water))
         self._make(numbers, walls, step, [])
 
     @property
@@ -180,15 +147,13 @@ class Specimen:
 
     def _make(self, numbers, walls, step, fixed) -> None:
         """Make the tank; nothing is changed if that cannot be done."""
-        body = change_body(self.thing, numbers)
-        thing = replace(self.thing, body=body)
+        thing, name = replace(self.thing, body=change_body(self.thing, numbers)), self.entry.integrator or None
         world = change_world(self.thing, numbers, walls)
-        name = self.entry.integrator or None
         own = step == 1.0 and name in (None, thing.integrator)
         tank = Tank(thing, integrator=name, dt=None if own else step * self.own_step(thing), water=world, threads=1)
         self.tank: Tank[Any] = tank
         self.numbers, self.walls, self.step, self.fixed = numbers, walls, step, fixed
-        self._evaluator: Evaluator | None = None
+        self._evaluator = Evaluator(thing.body, world)  # without the hand, which is outside of what is measured
 
     def own_step(self, thing: ElasticObject | None = None) -> float:
         """The step of its method if none is given, s."""
@@ -205,19 +170,18 @@ class Specimen:
         for new, kept in zip(self.tank.state, old.state, strict=True):
             new[...] = kept
         self.tank.rest_length[...] = old.rest_length
+        self._hold()
+
+    def _hold(self) -> None:
         if self.fixed:
             self.tank.fix(self.fixed)
 
     def at_level(self, level: int) -> "Specimen":
-        """This object with another level of detail, in the same motion, nothing fixed; ValueError without layers."""
+        """This object of two layers with another level of detail, in the same motion, nothing fixed."""
         numbers = dict(self.entry.level) | {"level": level}
-        entry = checked_entry(self.entry._replace(level=tuple(numbers.items())))
-        other = Specimen(entry, self.numbers, self.walls, self.step)
+        other = Specimen(self.entry._replace(level=tuple(numbers.items())), self.numbers, self.walls, self.step)
         before, after = self.thing, other.thing
-        if not (isinstance(before, Layered) and isinstance(after, Layered)):
-            raise ValueError(
-                f"{self.entry.thing!r} has no layers, whose motion could be carried over; give one that has"
-            )
+        assert isinstance(before, Layered) and isinstance(after, Layered)
         other.tank.position[0] = carry_over(before, after, self.position)
         other.tank.velocity[0] = carry_over(before, after, self.tank.velocity[0])
         other.tank.time[0] = self.tank.time[0]
@@ -231,26 +195,25 @@ class Specimen:
         """Put it back to rest at the middle of its room, or give all nodes a velocity (3,) m/s there."""
         self.tank.reset()
         self.tank.velocity[0] = np.where(self.tank.fish.body.inverse_mass > 0.0, velocity, 0.0)
+        self._at_first = self.energy()
 
     def place(self, position: np.ndarray) -> None:
         """Put its nodes, which are at rest, at positions (N,3) m; those that are fixed are fixed there."""
         self.tank.position[0] = position
-        if self.fixed:
-            self.tank.fix(self.fixed)
+        self._hold()
+        self._at_first = self.energy()
 
-    def pull(self, hand: Hand, strength: float, damping: float = DAMPING) -> None:
+    def pull(self, hand: Hand, strength: float) -> None:
         """Let a hand pull at its node, or take the node along if that is fixed."""
         if hand.node in self.fixed:
             self.tank.move([hand.node], hand.velocity)
             return
-        mass = float(self.tank.fish.body.mass.sum())
-        stiffness = strength * mass * 9.81 / (PULL * self.thing.length)
-        self.tank.grab(hand.node, hand.start, stiffness, damping * stiffness, velocity=hand.velocity)
+        stiffness = strength * float(self.tank.fish.body.mass.sum()) * 9.81 / (PULL * self.thing.length)
+        self.tank.grab(hand.node, hand.start, stiffness, DAMPING * stiffness, velocity=hand.velocity)
 
     def let_go(self) -> None:
         """End the pull."""
-        if self.fixed:
-            self.tank.fix(self.fixed)
+        self._hold()
         if self.tank.world.anchors is not None:
             self.tank.release()
 
@@ -259,38 +222,69 @@ class Specimen:
         steps = int((until - self.time) / self.tank.dt + 1e-6)
         if steps < 1 or not self.tank.alive[0]:
             return
-        if self.swimming and isinstance(self.thing, Fish):
+        if self.motion != "rest" and isinstance(self.thing, Fish):
             then = self.time + steps * self.tank.dt
-            self.tank.command(self._gait.contraction(self.thing, np.array([then])), steps * self.tank.dt)
+            self.tank.command(self._contraction(self.thing, then)[None], steps * self.tank.dt)
         self.tank.advance(steps)
 
-    def spring_strain(self) -> np.ndarray:
-        """Strain of every spring (E,)."""
-        return spring_strain(self.tank.fish.body.springs, self.tank.rest_length[0], self.position)
+    def _contraction(self, fish: Fish, then: float) -> np.ndarray:
+        """Contraction (M,) that is commanded at a time, s."""
+        if self.motion == "by hand":
+            return self.by_hand
+        if self.motion == "gait":
+            return self._gait.contraction(fish, then)
+        since = then % REPEATED
+        side = -1.0 if since < RIGHT else 1.0 if since < RIGHT + LEFT else 0.0
+        return np.where(fish.sides == side, 1.0, 0.0)
 
-    def tet_strain(self) -> np.ndarray:
-        """Strain of every tetrahedron (T,)."""
-        tets = self.tank.fish.body.tets
-        return np.zeros(0) if tets is None else tet_strain(tets, self.position)
+    def strains(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes (K,n) of what is strained, tetrahedra or else springs, and its strains (K,)."""
+        body = self.tank.fish.body
+        if body.tets is not None:
+            return body.tets.nodes, tet_strain(body.tets, self.position)
+        return body.springs.nodes, spring_strain(body.springs, self.tank.rest_length[0], self.position)
+
+    def strain(self) -> float:
+        """The largest strain; NaN without any."""
+        return float(np.abs(self.strains()[1]).max(initial=0.0))
+
+    def tone(self) -> np.ndarray:
+        """Strain at every node (N,), from -1, shortened, to 1, stretched."""
+        return tone(len(self.position), *self.strains())
+
+    def contraction(self) -> np.ndarray:
+        """Contraction (M,) of the muscles of a fish, 0 natural, 1 full; none of other objects."""
+        return np.clip(self.tank.contraction[0], 0.0, 1.0) if self.is_fish else np.zeros(0)
 
     def forces(self) -> np.ndarray:
         """The force on every node, (N,3) N."""
-        return self._evaluate().force(self.tank.rest_length[0], self.position, self.tank.velocity[0])
+        return self._evaluator.force(self.tank.rest_length[0], self.position, self.tank.velocity[0])
 
-    def readings(self) -> Readings:
-        """Current measurements."""
-        state = (self.tank.rest_length[0], self.position, self.tank.velocity[0])
-        energy = sum(self._evaluate().energies(*state).values())
-        volume = enclosed_volume(self.thing, self.surfaces, self.position) / self.rest_volume
-        strains = (self.spring_strain(), self.tet_strain())
-        strain = max((float(np.abs(each).max()) for each in strains if each.size), default=np.nan)
-        return Readings(self.time, energy, float(self.tank.work[0]), volume, strain)
+    def energy(self) -> float:
+        """Energy of motion and of all that stores any, J."""
+        return sum(self._evaluator.energies(self.tank.rest_length[0], self.position, self.tank.velocity[0]).values())
 
-    def _evaluate(self) -> Evaluator:
-        if self._evaluator is None:
-            world = self.tank.world._replace(anchors=None)  # the hand is outside of what is measured
-            self._evaluator = Evaluator(self.tank.fish.body, world)
-        return self._evaluator
+    def kinetic(self) -> float:
+        """Energy of motion, J; of the water's inertia none."""
+        return 0.5 * float(self.tank.fish.body.mass @ (self.tank.velocity[0] ** 2).sum(axis=1))
+
+    def gained(self) -> float:
+        """Energy over that at the start, J."""
+        return self.energy() - self._at_first
+
+    def work(self) -> float:
+        """Work of the muscles so far, J."""
+        return float(self.tank.work[0])
+
+    def volume(self) -> float:
+        """Volume over that at rest."""
+        return enclosed_volume(self.thing, self.look, self.position) / self.rest_volume
+
+    def worst_node(self) -> int:
+        """The node at which it failed: one that is nowhere, or else of the spring that is strained most."""
+        lost = ~np.isfinite(self.position).all(axis=1)
+        nodes, strain = self.strains() if not lost.any() else (np.zeros((0, 2)), np.zeros(0))
+        return int(lost.argmax()) if lost.any() or not strain.size else int(nodes[np.abs(strain).argmax(), 0])
 
 
 def cost_of_step(specimen: Specimen) -> float:

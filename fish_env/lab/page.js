@@ -1,0 +1,363 @@
+// The laboratory's page: asks for pictures over a websocket, draws them, and sends what is chosen and touched.
+const canvas = $("view"), KEPT = 20, view = { yaw: -2.3, pitch: 0.5, distance: 2.6 };
+const css = (colour) => `rgb(${colour.join()})`;
+let stage = null, renderer = null, looks = [], controls = [], socket = null, history = [], shown = null, back = 0;
+let legend = [], middle = [0, 0, 0], ratio = Math.min(window.devicePixelRatio || 1, 2), asked = 0, slow = 0, seen = null;
+
+// The laboratory as it is shown: also for scripts and tests, which may set the time that passes between two pictures,
+// take the panels away, and hear of every picture.
+const lab = { drawn: 0, passed: null, bare: false, heard: null, get stage() { return stage; }, get controls() { return controls; }, get frame() { return shown; }, get camera() { return seen; }, get plots() { return history; }, view };
+window.lab = lab;
+
+const send = (message) => { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
+const set = (name, value = null) => send({ do: "set", name, value });
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/socket`);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => { asked = performance.now(); send({ do: "frame" }); };
+  socket.onclose = () => busy("The laboratory has been closed. Start it again, and load this page again.");
+  socket.onmessage = ({ data }) => {
+    if (data instanceof ArrayBuffer) { take(data); return; }
+    const message = JSON.parse(data);
+    if (message.stage) enter(message.stage);
+    if (message.controls) { controls = message.controls; arrange(); }
+    if (message.tell) tell(message.tell);
+    if (message.busy) busy(message.busy.text, message.busy.part);
+    if (message.full) busy(message.full);
+    if (message.download) save(new Blob([message.download.text], { type: "text/html" }), message.download.name);
+  };
+}
+
+function busy(text, part) {  // a bar as far as it is known how much there is to do
+  const bar = $("busy").querySelector("progress");
+  $("busy").hidden = !text;
+  if (part || part === 0) bar.value = part; else bar.removeAttribute("value");
+  if (text) $("doing").textContent = text;
+}
+
+function tell(text) {
+  $("toast").textContent = text;
+  $("toast").hidden = false;
+  clearTimeout(tell.timer);
+  tell.timer = setTimeout(() => { $("toast").hidden = true; }, 8000);
+}
+
+function enter(about) {  // another scene, or other bodies in it
+  const again = about.again && stage?.upright === about.upright;
+  stage = about;
+  renderer ??= makeRenderer(canvas, stage.palette);
+  if (!renderer) { $("sorry").hidden = false; return; }
+  looks = stage.looks.map((data) => new Look(data, stage.palette));
+  if (!again) {
+    Object.assign(view, stage.camera);
+    if (canvas.clientWidth < 760) view.distance *= 1.25;
+    middle = null;
+  }
+  history = []; shown = null; back = 0;
+  $("scrub").value = 1000;
+  $("title").textContent = stage.title;
+  $("hint").textContent = stage.hint;
+  $("film").hidden = !stage.films;
+  $("scenes").replaceChildren(...stage.scenes.map((name) => button(name, () => send({ do: "scene", name }), name === stage.scene)));
+  legend = stage.plots.find((plot) => plot.lines.length > 1)?.lines ?? [];
+  const shared = stage.plots.filter((plot) => plot.lines.every((name) => legend.includes(name))).length > 1;
+  $("plots").replaceChildren(...stage.plots.map((plot, k) => {
+    const figure = document.createElement("figure"), chart = document.createElement("canvas");
+    if (shared && k === 0) figure.append(namesOf(plot, true));
+    figure.append(namesOf(plot, false, !shared || !legend.includes(plot.lines[0])), chart);
+    return figure;
+  }));
+}
+
+// The title of a chart and the names of its lines, or names alone; lines of the same name have one colour in all charts.
+function namesOf(plot, alone, named = true) {
+  const caption = document.createElement("figcaption");
+  if (!alone) caption.append(plot.title, named && plot.lines.length > 1 ? ":" : "");
+  if (named && plot.lines.length > 1) plot.lines.forEach((name, j) => {
+    const mark = document.createElement(alone ? "div" : "span");
+    mark.textContent = ` ${name}`;
+    mark.style.color = css(colourOf(plot, j));
+    caption.append(mark);
+  });
+  return caption;
+}
+
+const colourOf = (plot, j) => stage.palette.lines[Math.max(legend.indexOf(plot.lines[j]), legend.includes(plot.lines[j]) ? 0 : j)];
+
+function button(label, action, pressed) {
+  const made = document.createElement("button");
+  made.textContent = label;
+  if (pressed !== undefined) made.setAttribute("aria-pressed", pressed);
+  made.addEventListener("click", action);
+  return made;
+}
+
+const changed = (control) => control.default !== null && control.value !== control.default;
+
+function widget(control) {
+  if (control.kind === "button") {
+    const made = button(control.label, () => set(control.name));
+    if (control.key) made.title = `key ${keyName(control.key)}`;
+    if (control.help) made.title = `${control.help}${made.title && `, ${made.title}`}`;
+    return made;
+  }
+  if (control.kind === "switch") {
+    const made = button(control.label, () => set(control.name, !controls.find((c) => c.name === control.name).value), control.value);
+    made.classList.toggle("on", control.value);
+    made.title = control.help;
+    return made;
+  }
+  const row = document.createElement("div"), label = document.createElement("label"), id = `control ${control.name}`;
+  row.className = "row";
+  label.textContent = control.label; label.htmlFor = id; label.title = control.help;
+  let input;
+  if (control.kind === "choice") {
+    input = document.createElement("select");
+    control.options.forEach((name) => input.add(new Option(name + (name === control.default ? " (default)" : ""), name)));
+    input.value = control.value;
+    input.addEventListener("change", () => { set(control.name, input.value); input.blur(); });
+    row.append(label, input);
+  } else {
+    input = document.createElement("input");
+    const output = document.createElement("output");
+    Object.assign(input, { type: "range", min: control.low, max: control.high, step: control.step, value: control.value });
+    output.textContent = Number(control.value).toFixed(control.step < 1 ? 2 : 0);
+    input.addEventListener("input", () => {
+      output.textContent = Number(input.value).toFixed(control.step < 1 ? 2 : 0);
+      if (control.name !== "fish" && control.group !== "Objects") set(control.name, Number(input.value));
+    });
+    input.addEventListener("change", () => set(control.name, Number(input.value)));
+    row.append(label, output, input);
+  }
+  input.id = id;
+  row.classList.toggle("moved", changed(control));
+  label.addEventListener("dblclick", () => { if (control.default !== null) set(control.name, control.default); });
+  return row;
+}
+
+const GROUPS = { Act: true, Time: true, Fish: true, Objects: true };
+function arrange() {  // controls in groups; one that is being used stays as it is
+  const box = $("controls"), held = document.activeElement?.id.startsWith("control ") ? document.activeElement : null;
+  const open = Object.fromEntries([...box.children].map((group) => [group.dataset.group, group.open]));
+  const groups = [...new Set(["Act", ...controls.map((c) => c.group)])].filter((name) => controls.some((c) => c.group === name));
+  const old = held?.closest(".row");
+  box.replaceChildren(...groups.map((name) => {
+    const group = document.createElement("details"), summary = document.createElement("summary"), buttons = document.createElement("div");
+    group.dataset.group = summary.textContent = name;
+    group.open = open[name] ?? GROUPS[name] ?? false;
+    buttons.className = "buttons";
+    group.append(summary, buttons);
+    const mine = controls.filter((c) => c.group === name);
+    for (const control of mine) {
+      const made = `control ${control.name}` === held?.id ? old : widget(control);
+      (control.kind === "button" || control.kind === "switch" ? buttons : group).append(made);
+    }
+    if (mine.some(changed)) group.append(button("Back to defaults", () => mine.filter(changed).forEach((c) => set(c.name, c.default))));
+    return group;
+  }));
+  if (held) held.focus();
+  $("rescue").replaceChildren(...controls.filter((c) => ["reset", "halve"].includes(c.name)).map(widget));
+  const keys = controls.filter((c) => c.key).map((c) => [c.key, c.label, c.help]);
+  $("keylist").replaceChildren(...[...keys, ["F1", "This help", ""]].map(([key, label, help]) => {
+    const row = document.createElement("tr"), sign = document.createElement("kbd");
+    sign.textContent = keyName(key);
+    row.append(document.createElement("td"), document.createElement("td"), document.createElement("td"));
+    row.children[0].append(sign); row.children[1].append(label); row.children[2].append(help);
+    return row;
+  }));
+}
+
+const keyName = (key) => ({ " ": "space", ArrowLeft: "←", ArrowRight: "→" })[key] ?? key.toUpperCase();
+
+// Pictures
+function take(buffer) {
+  const size = new DataView(buffer).getUint32(0, true), header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  let at = 4 + size;
+  const numbers = (count) => { const part = new Float32Array(buffer, at, count); at += 4 * count; return part; };
+  header.bodies = header.bodies.map(([look, nodes, muscles, tones]) => ({ look, x: numbers(3 * nodes), contraction: muscles ? numbers(muscles) : null, tone: tones ? numbers(tones) : null }));
+  if (header.time < (history.at(-1)?.time ?? 0) - 1e-9) history = [];
+  if (!history.length || header.time > history.at(-1).time) history.push(header); else history[history.length - 1] = header;
+  while (history.length > 2 && header.time - history[0].time > KEPT) history.shift();
+  busy("");
+  requestAnimationFrame(() => {
+    try {
+      show();
+      if (lab.heard && shown) lab.heard();
+    } finally {
+      slow = 0.9 * slow + 0.1 * (performance.now() - asked);  // as few pixels as 20 pictures a second need
+      if (slow > 60 && ratio > 0.4 && !lab.bare) { ratio *= 0.85; slow = 40; }
+      asked = performance.now();
+      send({ do: "frame", passed: lab.passed, away: view.distance, focal: 1.18 * canvas.clientHeight });
+    }
+  });
+}
+
+function frameAt() {
+  if (!back) return history.at(-1);
+  const then = history.at(-1).time - back;
+  return history.find((frame) => frame.time >= then) ?? history[0];
+}
+
+function show() {
+  if (!stage || !renderer || !history.length) return;
+  shown = frameAt();
+  const { bodies } = shown;
+  if (bodies.some((body) => body.look >= looks.length)) return;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(ratio * side)));
+  if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+  follow(shown.middle);
+  const wide = canvas.clientWidth > 760 && !lab.bare, covered = stage.plots.length > 2 ? 254 : 0;  // by many charts
+  const panel = wide ? (340 - covered) / canvas.clientWidth : 0, free = wide ? 1 - (340 + covered) / canvas.clientWidth : 1;
+  const target = wide || lab.bare ? middle : add(middle, [0, 0, -0.25 * view.distance * Math.cos(view.pitch)]);
+  seen = makeCamera(view, target, width / height, panel);
+  for (const { x } of bodies.length <= 3 ? bodies : []) {  // bodies that move apart are kept in the picture
+    const [across, up] = project(seen, x.reduce((sum, value, k) => { sum[k % 3] += 3 * value / x.length; return sum; }, [0, 0, 0]));
+    if (Math.max(Math.abs(across + panel) / free, Math.abs(up)) > 0.8) { view.distance = Math.min(1.02 * view.distance, 60); break; }
+  }
+  const failed = shown.failed[0] >= 0 ? bodies[shown.failed[0]]?.x.subarray(3 * shown.failed[1], 3 * shown.failed[1] + 3) : null;
+  renderer.draw({
+    ...shown, middle,
+    bodies: bodies.map((body) => ({ ...body, look: looks[body.look], tone: body.tone, show: shown.show })),
+    balls: [...shown.balls, ...(failed ? [{ at: [...failed], radius: 0.06, colour: [220, 40, 0] }] : [])],
+  }, seen);
+  lab.drawn += 1;
+  if (lab.drawn % 6 === 0 || shown.failure) write();
+  pointerHover();
+}
+
+let followed = 0;
+function follow(there) {  // the camera follows softly, and never by more than a third of a length behind
+  const now = performance.now(), part = 1 - Math.exp(-(now - followed) / 250);
+  followed = now;
+  const way = middle ? sub(there, middle) : null, far = way ? Math.hypot(...way) : 0;
+  middle = way && far < 5 ? add(middle, way, Math.max(part, far > 0.35 ? 1 - 0.35 / far : 0)) : there;
+}
+
+let counted = [0, performance.now()];
+function write() {  // words and charts
+  const now = performance.now(), rate = 1000 * (lab.drawn - counted[0]) / (now - counted[1]);
+  if (now - counted[1] > 1000 || !$("state").textContent) {
+    $("state").dataset.rate = rate.toFixed(0);
+    counted = [lab.drawn, now];
+  }
+  $("state").textContent = `${shown.time.toFixed(2)} s${shown.paused ? ", paused" : ""}, ${$("state").dataset.rate ?? ""} pictures a second`;
+  $("note").textContent = shown.note;
+  $("trouble").hidden = !shown.failure;
+  $("reason").textContent = shown.failure;
+  $("when").textContent = back ? `−${back.toFixed(1)} s` : "now";
+  [...$("plots").querySelectorAll("canvas")].forEach((chart, k) => plot(chart, k));
+}
+
+function plot(chart, k) {
+  const [width, height] = [chart.clientWidth, chart.clientHeight], pen = chart.getContext("2d"), lines = stage.plots[k].lines.length;
+  if (!width) return;
+  chart.width = 2 * width; chart.height = 2 * height;
+  pen.scale(2, 2);
+  pen.font = "11px system-ui";
+  const until = history.at(-1).time, from = Math.max(history[0].time, until - KEPT), rows = history.filter((f) => f.values[k]);
+  const every = Math.max(1, Math.floor(rows.length / width)), few = rows.filter((_, i) => i % every === 0);
+  let low = Infinity, high = -Infinity;
+  for (const { values } of few) for (const value of values[k]) if (value !== null) { low = Math.min(low, value); high = Math.max(high, value); }
+  if (low > high) return;
+  if (high - low < 1e-9) { low -= 0.5; high += 0.5; }
+  const left = 46, x = (t) => left + (width - left - 4) * (t - from) / Math.max(until - from, 0.1), y = (v) => height - 14 - (height - 20) * (v - low) / (high - low);
+  pen.strokeStyle = "#b8c8ce"; pen.fillStyle = "#3b5a66";
+  for (const value of [low, high]) {
+    pen.beginPath(); pen.moveTo(left, y(value)); pen.lineTo(width - 4, y(value)); pen.stroke();
+    pen.fillText(value.toFixed(Math.max(0, Math.min(4, 2 - Math.floor(Math.log10(high - low))))).slice(0, 7), 0, y(value) + 4);
+  }
+  pen.fillText(`${from.toFixed(1)} s`, left, height - 1);
+  pen.textAlign = "right"; pen.fillText(`${until.toFixed(1)} s`, width - 4, height - 1); pen.textAlign = "left";
+  pen.lineWidth = 1.6;
+  for (let j = 0; j < lines; j++) {
+    pen.strokeStyle = css(colourOf(stage.plots[k], j));
+    pen.beginPath();
+    for (const { time, values } of few) if (values[k][j] !== null && values[k][j] !== undefined) pen.lineTo(x(time), y(values[k][j]));
+    pen.stroke();
+  }
+  if (back) { pen.strokeStyle = "#c43b00"; pen.beginPath(); pen.moveTo(x(shown.time), 0); pen.lineTo(x(shown.time), height - 14); pen.stroke(); }
+}
+
+// Pointers
+function touched(x, y) {  // the body and the node nearest to a place in the picture, and the node's place
+  let best = { body: -1, far: (canvas.clientWidth > 760 ? 26 : 40) / canvas.clientHeight };
+  const aspect = canvas.clientWidth / canvas.clientHeight;
+  shown.bodies.forEach((body, k) => {
+    for (let n = 0; n < body.x.length / 3; n++) {
+      const p = [body.x[3 * n], body.x[3 * n + 1], body.x[3 * n + 2]], [px, py, depth] = project(seen, p);
+      const far = Math.hypot((px - x) * aspect, py - y) / 2;
+      if (depth > 0 && far < best.far) best = { body: k, far, p, depth };
+    }
+  });
+  return best;
+}
+
+function onWater(x, y) {  // where a line of sight hits the plane in which the fish swim
+  const way = ray(seen, x, y), height = shown.middle[2], reach = (height - seen.eye[2]) / way[2];
+  return reach > 0 && reach < 60 ? add(seen.eye, way, reach) : null;
+}
+
+const point = (phase, p, body = -1) => send({ do: "point", phase, point: [...p], body });
+let hover = null;
+function pointerHover() {
+  if (hover && stage.follows) { const p = onWater(...hover); if (p) point("hover", p); hover = null; }
+}
+
+const { turn, zoom, place } = steerCamera(canvas, view, { lowest: 0.02, nearest: 0.9, farthest: 60 }, (x, y) => {
+  if (!shown || back) return null;
+  if (stage.follows) {
+    const p = onWater(x, y);
+    if (p) point("start", p);
+    return null;
+  }
+  const found = touched(x, y);
+  if (found.body < 0) return null;
+  point("start", found.p, found.body);
+  return { move: (a, b) => point("move", add(seen.eye, ray(seen, a, b), found.depth), found.body), end: () => point("end", found.p, found.body) };
+});
+canvas.addEventListener("pointermove", (e) => { if (e.buttons === 0 || e.pointerType === "touch") hover = place(e); });
+
+// Time, keys, what is saved
+$("scrub").addEventListener("input", () => {
+  const whole = history.length ? Math.min(KEPT, history.at(-1).time - history[0].time) : 0;
+  back = $("scrub").value >= 1000 ? 0 : whole * (1 - $("scrub").value / 1000);
+  if (back && !controls.find((c) => c.name === "pause").value) set("pause", true);
+});
+$("fold").addEventListener("click", () => $("panel").classList.toggle("folded"));
+$("help").addEventListener("click", () => $("keys").showModal());
+$("film").addEventListener("click", () => send({ do: "save" }));
+
+function save(blob, name) {
+  const link = document.createElement("a");
+  Object.assign(link, { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+$("picture").addEventListener("click", () => { show(); canvas.toBlob((blob) => save(blob, "fish_env.png")); });
+let recorder = null;
+$("record").addEventListener("click", () => {
+  if (recorder) { recorder.stop(); return; }
+  const pieces = [];
+  recorder = new MediaRecorder(canvas.captureStream());
+  recorder.ondataavailable = (e) => pieces.push(e.data);
+  recorder.onstop = () => { save(new Blob(pieces, { type: "video/webm" }), "fish_env.webm"); recorder = null; $("record").textContent = "Record a video"; };
+  recorder.start();
+  $("record").textContent = "Stop recording";
+});
+
+window.addEventListener("keydown", (e) => {
+  if (e.key === "F1") { e.preventDefault(); $("keys").showModal(); return; }
+  if (e.ctrlKey || e.metaKey || e.altKey || ["SELECT", "INPUT"].includes(e.target.tagName) || $("keys").open) return;
+  const control = controls.find((c) => c.key && c.key.toLowerCase() === e.key.toLowerCase());
+  if (control) set(control.name, control.kind === "switch" ? !control.value : null);
+  else if (e.key === "ArrowUp" || e.key === "ArrowDown") turn(0, e.key === "ArrowUp" ? 20 : -20);
+  else if (e.key === "+" || e.key === "-") zoom(e.key === "+" ? 0.9 : 1.1);
+  else return;
+  e.preventDefault();
+});
+setInterval(() => {  // should a picture not have come, ask again
+  if (stage && $("busy").hidden && performance.now() - asked > 3000) { asked = performance.now(); send({ do: "frame" }); }
+}, 1000);
+window.addEventListener("resize", () => { ratio = Math.min(window.devicePixelRatio || 1, 2); });
+connect();

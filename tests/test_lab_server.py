@@ -1,0 +1,198 @@
+"""Who may open the laboratory, by real requests and websockets."""
+
+import json
+import socket
+import threading
+import time
+from http.client import HTTPConnection
+
+import pytest
+
+pytest.importorskip("websockets", reason='needs pip install -e ".[lab]"')
+
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from fish_env.lab import serve, server
+from fish_env.lab.access import Access
+
+PATIENCE = 60.0  # s; no time is asserted, but a test that waits in vain ends
+
+
+def until(condition):
+    """Wait until a condition holds, and return its value."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.01)
+    raise AssertionError("waited in vain")
+
+
+@pytest.fixture(scope="module")
+def laboratory():
+    """A laboratory at a port of its own."""
+    laboratory = server.Laboratory("127.0.0.1", 18600)
+    yield laboratory
+    laboratory.close()
+
+
+def enter(laboratory, host="127.0.0.1", **options):
+    """A websocket of a page, with the headers that a browser sends."""
+    name = f"{host}:{laboratory.port}"
+    options.setdefault("origin", f"http://{name}")
+    return connect(f"ws://127.0.0.1:{laboratory.port}/socket", additional_headers={}, max_size=None, **options)
+
+
+def ask(page, message) -> list:
+    """Send a message, and read until its picture comes: the messages."""
+    page.send(json.dumps(message))
+    page.send(json.dumps({"do": "frame"}))
+    found = [page.recv(PATIENCE)]
+    while not isinstance(found[-1], bytes):
+        found.append(page.recv(PATIENCE))
+    return [one for one in found if isinstance(one, bytes) or "busy" not in json.loads(one)]
+
+
+def get(laboratory, path="/", **headers):
+    """Status, headers and text of a request."""
+    connection = HTTPConnection("127.0.0.1", laboratory.port, timeout=PATIENCE)
+    connection.putrequest("GET", path, skip_host=True)
+    for name, value in ({"Host": f"127.0.0.1:{laboratory.port}"} | headers).items():
+        connection.putheader(name.replace("_", "-"), value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    return answer.status, dict(answer.getheaders()), answer.read().decode()
+
+
+def test_the_page_stands_alone(laboratory):
+    """The page loads nothing from anywhere, cannot be framed, and there is no other path."""
+    status, headers, text = get(laboratory)
+    assert status == 200 and headers["X-Frame-Options"] == "DENY" and "connect-src 'self'" in str(headers)
+    assert text.count("href=") == text.count('href="data:,"') == 1
+    for loaded in ("src=", "import(", "fetch(", "url(", "//cdn"):
+        assert loaded not in text, loaded
+    assert "/*SCRIPT*/" not in text and "makeRenderer" in text
+    assert get(laboratory, "/etc/passwd")[0] == 404
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.2", "localhost.evil.example", ""])
+def test_a_name_of_another_is_refused(laboratory, host):
+    """A name that leads here but is not of this machine gets nothing."""
+    assert get(laboratory, Host=f"{host}:{laboratory.port}")[0] == 403
+    assert get(laboratory, Host="127.0.0.1:1")[0] == 403
+    assert get(laboratory, Host=f"LOCALHOST:{laboratory.port}")[0] == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", None])
+def test_a_page_of_another_origin_is_refused(laboratory, origin):
+    """A websocket is opened by the laboratory's own page alone."""
+    with pytest.raises(InvalidStatus, match="403"):
+        enter(laboratory, origin=origin)
+    with enter(laboratory) as page:
+        assert "stage" in json.loads(ask(page, {"do": "frame"})[0])
+
+
+def test_everywhere_is_opened_by_numbers_and_the_name_of_the_machine():
+    """At all addresses, numeric ones and the machine's name are known; other names are not."""
+    here = Access("0.0.0.0")
+    assert all(here.knows(name) for name in ("10.0.0.7", "[fe80::1]", socket.gethostname().lower(), "localhost"))
+    assert not any(here.knows(name) for name in ("evil.example", "10.0.0.7.evil.example", ""))
+    assert not Access("127.0.0.1").knows("10.0.0.7")
+
+
+def test_pages_are_independent_and_end(laboratory):
+    """Two pages have sessions of their own; a page that vanishes takes its session along."""
+    with enter(laboratory) as one, enter(laboratory) as two:
+        ask(one, {"do": "scene", "name": "soft objects"})
+        ask(two, {"do": "set", "name": "pause", "value": True})
+        scenes = sorted(session.scene for session in laboratory.sessions.values())
+        assert scenes == ["follow me", "soft objects"]
+        assert sorted(session.paused for session in laboratory.sessions.values()) == [False, True]
+    until(lambda: not laboratory.sessions)
+
+
+@pytest.mark.parametrize("raw", ["{", b"\x00\xff", "[" * 3000, "x" * 5000])
+def test_what_is_no_message_ends_its_session_alone(laboratory, raw):
+    """A page that sends what is not JSON, or too much of it, is sent away; the other one goes on."""
+    with enter(laboratory) as page, enter(laboratory) as other:
+        ask(other, {"do": "frame"})
+        with pytest.raises(ConnectionClosed):
+            page.send(raw)
+            for _ in range(10):
+                page.recv(PATIENCE)
+        assert ask(other, {"do": "frame"})
+
+
+def test_a_page_that_reads_nothing_holds_up_nobody(laboratory):
+    """Thousands of requests whose answers are not read wait for their reader; another page is answered meanwhile."""
+    with enter(laboratory) as deaf, enter(laboratory) as other:
+
+        def flood():
+            with pytest.MonkeyPatch.context():
+                try:
+                    for _ in range(20_000):
+                        deaf.send('{"do": "frame"}')
+                except (ConnectionClosed, OSError):
+                    pass
+
+        thread = threading.Thread(target=flood, daemon=True)
+        thread.start()
+        for _ in range(20):
+            assert ask(other, {"do": "frame"})
+        deaf.socket.close()
+    until(lambda: not laboratory.sessions)
+
+
+def test_one_too_many_is_told(laboratory, monkeypatch):
+    """More pages than there may be are told so."""
+    monkeypatch.setattr(server, "MOST", 1)
+    with enter(laboratory) as page:
+        ask(page, {"do": "frame"})
+        with enter(laboratory) as other:
+            assert "open already" in json.loads(other.recv(PATIENCE))["full"]
+        assert ask(page, {"do": "frame"})
+    until(lambda: not laboratory.sessions)
+
+
+def test_it_waits_until_it_is_closed():
+    """`wait` ends when the laboratory is closed; the next free port is taken."""
+    first, second = server.Laboratory("127.0.0.1", 18650), server.Laboratory("127.0.0.1", 18650)
+    assert second.port > first.port
+    thread = threading.Thread(target=first.wait)
+    thread.start()
+    first.close()
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+    second.close()
+    second.close()
+
+
+@pytest.mark.parametrize("host", ["no.such.name.invalid", "8.8.8.8", ""])
+def test_an_address_that_cannot_be_listened_at_is_refused(host):
+    """An address of another machine, or none, is refused at once."""
+    with pytest.raises(ValueError, match="give an address of this machine"):
+        server.Laboratory(host or "256.1.1.1", 18690)
+
+
+@pytest.mark.parametrize(("host", "warned"), [("127.0.0.1", False), ("localhost", False), ("0.0.0.0", True)])
+def test_another_address_than_this_machine_is_warned_of(host, warned, monkeypatch, capsys):
+    """Another address than this machine's own is warned of before the page opens there."""
+    opened = []
+
+    class Opened:
+        port = 9000
+
+        def __init__(self, host, port, own):
+            opened.append((host, port, own))
+            assert ("WARNING" in capsys.readouterr().err) == warned
+
+        def wait(self):
+            pass
+
+    monkeypatch.setattr(server, "Laboratory", Opened)
+    serve(host, 9000)
+    assert opened == [(host, 9000, None)]
+    with pytest.raises(ValueError, match="1024 to 65535"):
+        serve(port=80)
