@@ -1,6 +1,6 @@
-"""The pictures, videos and film of the documentation, from the shipped policies.
+"""The picture and the film of the documentation, from the shipped policies.
 
-python docs/site/task_pictures.py     writes docs/images/swim.png, docs/videos/<task>.mp4 and left_after_right.html
+python docs/site/task_pictures.py     writes docs/images/swim.png and docs/videos/left_after_right.html
 """
 
 from pathlib import Path
@@ -15,17 +15,12 @@ from fish_env.control import (
     make_eval_env,
     record,
     run_episodes,
-    shipped_policies,
     write_film,
-    write_video,
 )
 from fish_env.control.policy import PRETRAINED
 
 ROOT = Path(__file__).parents[2]
 MOMENTS = (0.08, 2.0, 2.12)  # s: setting off, and the two halves of a tail beat at full speed
-SIZE = (480, 360)  # of a video
-SECONDS = 4.0  # of the episode
-EVERY, SLOWER = 2, 2  # environment steps between frames; so many times slower than real time
 
 
 def play(task: str, seconds: float):
@@ -50,17 +45,6 @@ def picture() -> None:
     print(f"{path}: {path.stat().st_size // 1000} kB")
 
 
-def videos() -> None:
-    """A short video of every shipped policy, slower than real time."""
-    folder = ROOT / "docs" / "videos"
-    folder.mkdir(parents=True, exist_ok=True)
-    for task in shipped_policies():
-        times, frames = zip(*list(play(task, SECONDS))[::EVERY], strict=True)
-        small = [np.asarray(Image.fromarray(frame).resize(SIZE, Image.Resampling.LANCZOS)) for frame in frames]
-        write_video(small, 1 / ((times[1] - times[0]) * SLOWER), folder / f"{task}.mp4")
-        print(f"{folder / task}.mp4: {(folder / f'{task}.mp4').stat().st_size // 1000} kB")
-
-
 def film(task: str = "left_after_right", episodes: int = 3) -> None:
     """A page with episodes of the shipped policy, in 3-D."""
     policy = load_policy(PRETRAINED / task / "policy.npz")
@@ -75,7 +59,6 @@ def film(task: str = "left_after_right", episodes: int = 3) -> None:
 def main() -> None:
     """Write all of them."""
     picture()
-    videos()
     film()
 
 
