@@ -105,7 +105,7 @@ def test_kernels_are_in_the_rooms_that_name_the_folder(package):
     for path in package.rglob("*.py"):
         text, inside = path.read_text(), path.relative_to(package).parts[0] in _cache.ROOMS
         assert inside or not re.search(r"kernels\.compile|import njit|numba\.(c?jit|njit|vectorize)", text), path
-    for name, same in (("lab/panel.py", True), ("control/film.py", True), ("envs/step.py", False)):
+    for name, same in (("lab/bench.py", True), ("control/film.py", True), ("envs/step.py", False)):
         path = package / name
         path.write_text(path.read_text() + "\n")
         assert (_cache.source_hash(package, _cache.ROOMS) == first) == same

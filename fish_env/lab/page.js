@@ -243,6 +243,10 @@ function write() {  // words and charts
   }
   $("state").textContent = `${shown.time.toFixed(2)} s${shown.paused ? ", paused" : ""}, ${$("state").dataset.rate ?? ""} pictures a second`;
   $("note").textContent = shown.note;
+  const strained = shown.show.strain || shown.show.springs, [low, bar, high] = $("legend").children;
+  $("legend").hidden = !strained && !looks.some((look) => look.muscles.length);
+  [low.textContent, high.textContent] = strained ? ["30 % shorter", "30 % longer"] : ["relaxed", "contracted"];
+  bar.style.background = `linear-gradient(90deg, ${(strained ? stage.palette.strain : [stage.palette.relaxed, stage.palette.contracted]).map(css)})`;
   $("trouble").hidden = !shown.failure;
   $("reason").textContent = shown.failure;
   $("when").textContent = back ? `−${back.toFixed(1)} s` : "now";
