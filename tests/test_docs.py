@@ -170,8 +170,8 @@ def test_page_begins_with_its_picture(task):
     """The first thing on a page is a picture of the task, not too large to load at once."""
     lines = page(task).splitlines()
     assert lines[0].startswith("# ")
-    assert re.fullmatch(rf"!\[.+\]\(\.\./images/{task}\.png\)", lines[2])
-    assert (ROOT / f"docs/images/{task}.png").stat().st_size < 250_000
+    assert re.fullmatch(rf"!\[.+\]\(\.\./images/gallery/env_{task}\.webp\)", lines[2])
+    assert (ROOT / f"docs/images/gallery/env_{task}.webp").stat().st_size < 600_000
 
 
 @every_task

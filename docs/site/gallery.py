@@ -1,7 +1,7 @@
-"""The gallery: moving pictures of every environment and of every scene of the laboratory.
+"""The gallery: moving pictures of every environment and of every scene of the laboratory, and a film.
 
-python docs/site/gallery.py                    writes docs/images/gallery/
-python docs/site/gallery.py ring turn          these only
+python docs/site/gallery.py                    writes docs/images/gallery/ and docs/videos/left_after_right.html
+python docs/site/gallery.py ring env_turn      these only
 
 Needs the extra [browser] and Chromium; FISH_ENV_CHROMIUM names one that is installed.
 """
@@ -19,17 +19,20 @@ from typing import Any
 import gymnasium as gym
 from PIL import Image
 from playwright.sync_api import sync_playwright
-from task_pictures import play
 
-from fish_env.control import load_policy, record, shipped_policies
+from fish_env.control import load_policy, record, shipped_policies, write_film
 from fish_env.control.film import film_text
 from fish_env.control.recording import Recording
 from fish_env.lab.own import Own, own_things
 from fish_env.lab.server import Laboratory
 
 FOLDER = Path(__file__).parents[1] / "images" / "gallery"
+FILM = Path(__file__).parents[1] / "videos" / "left_after_right.html"
+COMMANDS = {"left_after_right": {"yaw": 2.2, "side": -1, "first": 2.0, "second": 2.2, "part": 0.7, "wait": 0.8}}
+"""With what an episode of a task begins; of others as usual."""
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SIZE, RATE, SECONDS = (420, 300), 15, 4.0  # pixels, pictures a second, s
+EPISODE = 2.8  # s of an environment, played at half speed
 PAINTERS = "painters"
 LARGEST = 600_000  # bytes
 PATIENCE = 180e3  # ms
@@ -43,6 +46,30 @@ TAKE = """([count, passed]) => new Promise((done) => {
 })"""
 ABOVE = "Object.assign(VIEW, { yaw: -Math.PI / 2, pitch: 1.5707, distance: 2.365 })"  # two lengths wide, x to the right
 CLEAN = "#facts, #panel, #bottom, #plots, #toast, #busy { display: none !important; }"
+
+
+def play(task: str) -> list[Image.Image]:
+    """Pictures of an episode with the shipped policy, one after every second environment step."""
+    policy, frames = load_policy(task), []
+    env = gym.make(policy.about["env_id"], render_mode="rgb_array", **policy.about["env_options"])
+    obs, _ = env.reset(seed=0, options=COMMANDS.get(task))
+    for step in range(round(EPISODE / env.unwrapped.fish.control_interval)):
+        obs, _, terminated, truncated, _ = env.step(policy(obs))
+        if terminated or truncated:
+            break
+        if env.unwrapped.fish.control_interval > 0.03 or step % 2:
+            frames.append(Image.fromarray(env.render()).resize((420, 315), Image.Resampling.LANCZOS))
+    env.close()
+    return frames
+
+
+def film(task="left_after_right", episodes=3) -> None:
+    """Write a page with episodes of the shipped policy, in 3-D."""
+    policy = load_policy(task)
+    env = gym.make(policy.about["env_id"], **policy.about["env_options"])
+    path = write_film([record(env, policy, seed) for seed in range(episodes)], FILM)
+    env.close()
+    print(f"{path}: {path.stat().st_size // 1000} kB")
 
 
 @contextmanager
@@ -205,8 +232,8 @@ def main() -> None:
     """The command line."""
     tasks = [f"env_{task}" for task in shipped_policies()]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join([PAINTERS, *SCENES, *tasks])}")
-    everything = [PAINTERS, *SCENES, *tasks]
+    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(['film', PAINTERS, *SCENES, *tasks])}")
+    everything = ["film", PAINTERS, *SCENES, *tasks]
     names = parser.parse_args().names or everything
     if unknown := set(names) - set(everything):
         parser.error(f"unknown {', '.join(sorted(unknown))}; choose from {', '.join(everything)}")
@@ -214,8 +241,9 @@ def main() -> None:
         if name == PAINTERS:
             save(name, [side_by_side(three_painters(30))], 1.0)
         if name in tasks:
-            frames = [Image.fromarray(frame) for _, frame in play(name.removeprefix("env_"), SECONDS)][::2]
-            save(name, [frame.resize((420, 315), Image.Resampling.LANCZOS) for frame in frames], 12.5)
+            save(name, play(name.removeprefix("env_")), 12.5)
+        if name == "film":
+            film()
     shown = [name for name in names if name in SCENES]
     if shown:
         with opened() as page:
