@@ -83,7 +83,7 @@ function namesOf(plot, alone, named = true) {
   return caption;
 }
 
-const colourOf = (plot, j) => stage.palette.lines[Math.max(legend.indexOf(plot.lines[j]), legend.includes(plot.lines[j]) ? 0 : j)];
+const colourOf = ({ lines }, j) => stage.palette.lines[legend.includes(lines[j]) ? legend.indexOf(lines[j]) : j];
 
 function button(label, action, pressed) {
   const made = document.createElement("button");
