@@ -175,7 +175,6 @@ def test_a_method_that_fails_is_named_and_waits():
     assert "explicit_euler failed on the ring" in bench.failure and "step" in bench.failure
     assert bench.failed[0] == 0 and 0 <= bench.failed[1] < 24
     bench.halve_step()
-    bench.reset()
     assert bench.numbers["step"] == 25.0 and not bench.failure and bench.specimens[0].tank.alive.all()
 
 

@@ -215,6 +215,25 @@ def test_a_drag_moves_the_node(visit):
     until(lambda: stage.hand is None)
 
 
+def test_what_is_shown_is_drawn(visit):
+    """Without skin, or with strains, the picture is another one; shown again, it is as it was."""
+    visitor = visit()
+    visitor.open("finite elements")
+    visitor.session.stage.distort("twisted")
+    visitor.session.paused = True
+    pictures = []
+    for name in ("skin", "skin", "strain", "strain"):
+        visitor.watch(20, 0.0)  # the camera has come to rest
+        visitor.page.evaluate("ratio = 0.5")
+        visitor.watch(2, 0.0)
+        pictures.append(visitor.page.evaluate("canvas.toDataURL()"))
+        visitor.page.evaluate(
+            "(name) => set(`show ${name}`, !controls.find((c) => c.name === `show ${name}`).value)", name
+        )
+    visitor.watch(2, 0.0)
+    assert pictures[0] != pictures[1] and pictures[2] != pictures[3] and len(set(pictures)) == 3
+
+
 def test_time_can_be_looked_back_at(visit):
     """The slider shows an earlier moment and pauses; at its end the present is shown again."""
     visitor = visit()

@@ -130,12 +130,11 @@ def test_a_page_that_reads_nothing_holds_up_nobody(laboratory):
     with enter(laboratory) as deaf, enter(laboratory) as other:
 
         def flood():
-            with pytest.MonkeyPatch.context():
-                try:
-                    for _ in range(20_000):
-                        deaf.send('{"do": "frame"}')
-                except (ConnectionClosed, OSError):
-                    pass
+            try:
+                for _ in range(20_000):
+                    deaf.send('{"do": "frame"}')
+            except (ConnectionClosed, OSError):
+                pass
 
         thread = threading.Thread(target=flood, daemon=True)
         thread.start()
@@ -150,10 +149,35 @@ def test_one_too_many_is_told(laboratory, monkeypatch):
     monkeypatch.setattr(server, "MOST", 1)
     with enter(laboratory) as page:
         ask(page, {"do": "frame"})
-        with enter(laboratory) as other:
-            assert "open already" in json.loads(other.recv(PATIENCE))["full"]
+        with enter(laboratory) as other, pytest.raises(ConnectionClosed, match="open already"):
+            other.recv(PATIENCE)
         assert ask(page, {"do": "frame"})
     until(lambda: not laboratory.sessions)
+
+
+def test_pages_that_come_at_once_are_counted(laboratory, monkeypatch):
+    """The limit holds while sessions are being made."""
+    monkeypatch.setattr(server, "MOST", 2)
+    pages = [enter(laboratory) for _ in range(6)]
+    until(lambda: len(laboratory.sessions) == 2)
+    told = []
+    for page in pages:
+        try:
+            ask(page, {"do": "frame"})
+        except ConnectionClosed as error:
+            told.append(str(error))
+        page.close()
+    assert len(told) == 4 and all("open already" in text for text in told)
+    until(lambda: not laboratory.sessions)
+
+
+def test_the_last_port_in_use_is_told():
+    """After the last port there is none to try."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 65535))
+        taken.listen()
+        with pytest.raises(ValueError, match="in use"):
+            server.Laboratory("127.0.0.1", 65535)
 
 
 def test_it_waits_until_it_is_closed():

@@ -147,6 +147,22 @@ def test_a_failure_is_one_message_and_pauses(session):
     assert not header["failure"] and not header["paused"] and session.stage.numbers["step"] == 25.0
 
 
+def test_a_refused_choice_is_shown_as_it_was(session):
+    """What the page chose in vain is sent again; after a failure another choice moves at once."""
+    session.answer({"do": "scene", "name": "soft objects"})
+    session.answer({"do": "set", "name": "thing 0", "value": "ring"})
+    refused = told(session.answer({"do": "set", "name": "integrator 0", "value": "dop853"}))
+    shown = {control["name"]: control["value"] for control in refused["controls"]}
+    assert refused["tell"] and shown["integrator 0"] == "its own"
+    session.answer({"do": "set", "name": "integrator 0", "value": "explicit_euler"})
+    session.answer({"do": "set", "name": "step", "value": 50.0})
+    session.stage.throw()
+    while not session.stage.failure:
+        session.answer({"do": "frame", "passed": 0.05})
+    session.answer({"do": "set", "name": "integrator 0", "value": "rk4"})
+    assert picture(session.answer({"do": "frame", "passed": 0.05}))[0]["time"] == pytest.approx(0.05)
+
+
 def test_a_pause_and_one_step():
     """While paused nothing moves but by single steps; a slider makes time slower."""
     session = Session()

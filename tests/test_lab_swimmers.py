@@ -172,6 +172,16 @@ def test_a_fish_that_fails_is_told_of_with_its_node():
     assert school.waters.tank.alive.all() and school.time == 0.0 and not school.failure
 
 
+def test_every_fish_has_its_arrow():
+    """A target that is near one fish takes the arrows of no other."""
+    school = made("policy for targets", 9)
+    for i in range(9):
+        school.task.target[i] = school.waters.tank.position[i].mean(axis=0) + 2.0 * school.length * np.eye(3)[0]
+    assert len(school.frame().arrows) == 9
+    school.task.target[4] -= 1.6 * school.length * np.eye(3)[0]
+    assert len(school.frame().arrows) == 8
+
+
 def test_film():
     """The last seconds of one fish are a page that stands alone; of two there is none."""
     school = swum(seconds=0.5)

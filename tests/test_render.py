@@ -125,7 +125,6 @@ def test_path_grows_and_is_forgotten(batch):
     assert [len(path) for path in renderer._paths] == [41, 41]
     swum = make_frame(batch, 1, renderer.path(1))
     assert not np.array_equal(draw(swum), draw(swum._replace(path=swum.path[-1:])))
-    assert np.array_equal(draw(swum), draw(swum._replace(path=swum.path[:, :2])))
     batch.reset(seed=3, options={"reset_mask": np.array([True, False])})
     assert [len(path) for path in renderer._paths] == [0, 41]
 

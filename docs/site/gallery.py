@@ -49,7 +49,7 @@ CLEAN = "#facts, #panel, #bottom, #plots, #toast, #busy { display: none !importa
 
 
 def play(task: str) -> list[Image.Image]:
-    """Pictures of an episode with the shipped policy, one after every second environment step."""
+    """Pictures of an episode with the shipped policy, one every 0.04 s."""
     policy, frames = load_policy(task), []
     env = gym.make(policy.about["env_id"], render_mode="rgb_array", **policy.about["env_options"])
     obs, _ = env.reset(seed=0, options=COMMANDS.get(task))
@@ -201,9 +201,8 @@ def side_by_side(images) -> Image.Image:
 
 def moving(page, scene: str, actions: list[tuple[float, Callable]]) -> list[Image.Image]:
     """Pictures of a scene."""
-    page.evaluate("lab.passed = 0")
-    page.evaluate("(name) => { send({ do: 'scene', name }); }", scene)
-    page.wait_for_function("(name) => lab.stage.scene === name && lab.frame", arg=scene)
+    page.evaluate("(name) => { lab.before = lab.stage; send({ do: 'scene', name }); }", scene)
+    page.wait_for_function("lab.stage !== lab.before && lab.frame")
     frames, done = [], 0.0
     for time, action in [*actions, (SECONDS, lambda page: None)]:
         if time > done:

@@ -17,7 +17,9 @@ from fish_env.lab.stage import Control, Plot, Pointer, Stage, muscle_names, slid
 from fish_env.physics.integrators import INTEGRATORS
 from fish_env.scene.frame import NOTHING, Arrow, Body, Frame
 
-MOST, FINEST = 3, 24  # objects side by side; of a whole number that an object is made with
+MOST = 3  # objects side by side
+FINEST = {"level": 4, "layers": 2, "nodes": 64, "slices": 24, "stacks": 16, "cells": 18, "across": 6}
+"""Largest whole numbers that an object is made with; cells of what has as many in all directions are 9 at most."""
 MANY = 600  # nodes of an object that one processor does not move in real time by steps of its own
 LONGER, DRIVEN = 4.0, 2.0  # times its own: the step of such an object, and of such a fish, if its method is stabilised
 SETTLED = 3.0  # s after which what was distorted is to be back in its shape
@@ -68,6 +70,7 @@ class Bench(Stage):
             numbers["step"] = DRIVEN if any(each.is_fish for each in specimens) else LONGER
         self.specimens, self.numbers, self.walls = specimens, numbers, "own"
         self.defaults, self.hand = dict(numbers), None
+        self._detail = LevelOfDetail(radius=0.5 * specimens[0].thing.length)
         self.looks, self.upright = [each.look for each in specimens], bool(abs(down_of(specimens[0].thing)[2]) < 0.5)
         self._set_steps()
         self.move(self.motion)
@@ -190,8 +193,9 @@ class Bench(Stage):
         self.advance(self.specimens[0].tank.dt)
 
     def halve_step(self) -> None:
-        """Halve the step of every object."""
+        """Halve the step of every object, and start again."""
         self.set("step", max(0.5 * self.numbers["step"], SETTINGS["step"].low))
+        self.reset()
 
     def seen(self, away: float, focal: float) -> None:
         """Give a uniform sphere the level for a camera so many lengths away, of a focal length in pixels, if asked to.
@@ -201,7 +205,7 @@ class Bench(Stage):
         first = self.specimens[0]
         if not self.by_distance or first.entry.thing != DETAILED or self.hand is not None or first.fixed:
             return
-        level = LevelOfDetail(radius=0.5 * self.length).choose(away * self.length, focal)
+        level = self._detail.choose(away * self.length, focal)
         if level != (level_of(DETAILED) | dict(first.entry.level))["level"]:
             self.specimens[0] = first.at_level(level)
             self.looks[0], self.version = self.specimens[0].look, self.version + 1
@@ -223,9 +227,9 @@ class Bench(Stage):
         for specimen in self.specimens:
             off = out_of_shape(specimen.thing.body, specimen.position)
             if off > BACK:
-                self.note = (
+                self.note += (
                     f"The {specimen.thing.name} was {self._distorted} and has not come back to its shape after "
-                    f"{SETTLED:g} s by {specimen.method}: a node is {off:.2f} of its size from its place."
+                    f"{SETTLED:g} s by {specimen.method}: a node is {off:.2f} of its size from its place. "
                 )
         self._distorted = ""
 
@@ -321,12 +325,12 @@ class Bench(Stage):
         planes, turn, sheets = self.specimens[number].tank.world.planes, self._turn(), []
         size, depth = room_size(self.specimens[number].thing), 0.4 if self.upright else 1.0
         for plane in planes if planes is not None else []:
-            outward = turn @ plane[:3]
-            if outward[2] > 0.5:
+            inward = turn @ plane[:3]
+            if inward[2] > 0.5:
                 continue
-            across = depth * np.array([0.0, 1.0, 0.0]) if abs(outward[0]) > 0.5 else np.array([1.0, 0.0, 0.0])
-            up = np.array([0.0, 0.0, 1.0]) if abs(outward[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
-            middle = outward * plane[3] + self._offset(number)
+            across = depth * np.array([0.0, 1.0, 0.0]) if abs(inward[0]) > 0.5 else np.array([1.0, 0.0, 0.0])
+            up = np.array([0.0, 0.0, 1.0]) if abs(inward[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
+            middle = inward * plane[3] + self._offset(number)
             corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) @ (size * np.array([across, up]))
             sheets.append(middle + corners)
         return sheets
@@ -358,6 +362,8 @@ class Bench(Stage):
             Control("slider", "strength", "Strength of the hand", self._assign("strength"), value=self.strength,
                     default=1.0, low=0.1, high=20.0, step=0.1),
         ]  # fmt: skip
+        if self.failure:
+            found.append(Control("button", "halve", "Halve the step", lambda _: self.halve_step(), "Time"))
         if any(each.fixed for each in self.specimens):
             found.append(Control("button", "release", "Let all nodes go", lambda _: self.release_all()))
         for number in range(min(len(self.specimens) + 1, MOST)):
@@ -425,7 +431,7 @@ class Bench(Stage):
         found += [
             Control("slider", f"{name} {number}", f"  its {name}",
                     lambda value, name=name: change(level=tuple((level | {name: int(value)}).items())), "Objects",
-                    level.get(name, default), default, 0, FINEST, 1)
+                    level.get(name, default), default, 0, 9 if entry.thing in ("block", "ball") else FINEST[name], 1)
             for name, default in defaults.items()
         ]  # fmt: skip
         return found

@@ -38,6 +38,11 @@ def spring_strain(springs, rest_length, x) -> np.ndarray:
     return np.linalg.norm(x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]], axis=1) / rest_length - 1.0
 
 
+def most_strained(nodes: np.ndarray, strain: np.ndarray) -> int:
+    """A node of the element (K,n) that is strained (K,) most; -1 without elements."""
+    return int(nodes[np.abs(np.nan_to_num(strain)).argmax(), 0]) if strain.size else -1
+
+
 def tet_strain(tets, x) -> np.ndarray:
     """The largest principal strain of every tetrahedron by magnitude, (T,): a principal stretch less 1."""
     gradient = np.matmul(tets.gradient[:, 1:].transpose(0, 2, 1), x[tets.nodes[:, 1:]] - x[tets.nodes[:, :1]])

@@ -32,7 +32,7 @@ class Own(NamedTuple):
 
 
 def own_things(task: str | None, policy: str | Path | None, body: str | None) -> Own:
-    """What the words of the command line name: an id, a policy file, and a body or FILE.py:function that makes one.
+    """What the command line names: an id, a policy (a file, or a shipped one), and a body or FILE.py:function for one.
 
     Raises:
         FileNotFoundError: if there is no such policy file.

@@ -1,8 +1,9 @@
 // The laboratory's page: asks for pictures over a websocket, draws them, and sends what is chosen and touched.
-const canvas = $("view"), KEPT = 20, view = { yaw: -2.3, pitch: 0.5, distance: 2.6 };
+const canvas = $("view"), KEPT = 20, MOST = 2000, view = { yaw: -2.3, pitch: 0.5, distance: 2.6 };
 const css = (colour) => `rgb(${colour.join()})`;
+const sharp = () => Math.min(window.devicePixelRatio || 1, 2);  // pixels drawn for a pixel of the page
 let stage = null, renderer = null, looks = [], controls = [], socket = null, history = [], shown = null, back = 0;
-let legend = [], middle = [0, 0, 0], ratio = Math.min(window.devicePixelRatio || 1, 2), asked = 0, slow = 0, seen = null;
+let legend = [], middle = [0, 0, 0], ratio = sharp(), waiting = false, asked = 0, slow = 0, seen = null;
 
 // The laboratory as it is shown: also for scripts and tests, which may set the time that passes between two pictures,
 // take the panels away, and hear of every picture.
@@ -10,13 +11,16 @@ const lab = { drawn: 0, passed: null, bare: false, heard: null, get stage() { re
 window.lab = lab;
 
 const send = (message) => { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
-const set = (name, value = null) => send({ do: "set", name, value });
+const set = (name, value = null) => {
+  if (name !== "pause" || !value) { back = 0; $("scrub").value = 1000; }
+  send({ do: "set", name, value });
+};
 
 function connect() {
   socket = new WebSocket(`ws://${location.host}/socket`);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => { asked = performance.now(); send({ do: "frame" }); };
-  socket.onclose = () => busy("The laboratory has been closed. Start it again, and load this page again.");
+  socket.onclose = ({ reason }) => busy(reason || "The laboratory has been closed. Start it again, and load this page again.");
   socket.onmessage = ({ data }) => {
     if (data instanceof ArrayBuffer) { take(data); return; }
     const message = JSON.parse(data);
@@ -24,7 +28,6 @@ function connect() {
     if (message.controls) { controls = message.controls; arrange(); }
     if (message.tell) tell(message.tell);
     if (message.busy) busy(message.busy.text, message.busy.part);
-    if (message.full) busy(message.full);
     if (message.download) save(new Blob([message.download.text], { type: "text/html" }), message.download.name);
   };
 }
@@ -37,6 +40,7 @@ function busy(text, part) {  // a bar as far as it is known how much there is to
 }
 
 function tell(text) {
+  if (document.activeElement?.id.startsWith("control ")) document.activeElement.blur();  // it shows what was refused
   $("toast").textContent = text;
   $("toast").hidden = false;
   clearTimeout(tell.timer);
@@ -48,7 +52,7 @@ function enter(about) {  // another scene, or other bodies in it
   stage = about;
   renderer ??= makeRenderer(canvas, stage.palette);
   if (!renderer) { $("sorry").hidden = false; return; }
-  looks = stage.looks.map((data) => new Look(data, stage.palette));
+  looks = stage.looks.map((data) => new Look(data, stage.palette, stage.looks[0].length));
   if (!again) {
     Object.assign(view, stage.camera);
     if (canvas.clientWidth < 760) view.distance *= 1.25;
@@ -132,7 +136,7 @@ function widget(control) {
   }
   input.id = id;
   row.classList.toggle("moved", changed(control));
-  label.addEventListener("dblclick", () => { if (control.default !== null) set(control.name, control.default); });
+  label.addEventListener("dblclick", () => { input.blur(); if (control.default !== null) set(control.name, control.default); });
   return row;
 }
 
@@ -159,7 +163,7 @@ function arrange() {  // controls in groups; one that is being used stays as it 
   if (held) held.focus();
   $("rescue").replaceChildren(...controls.filter((c) => ["reset", "halve"].includes(c.name)).map(widget));
   const keys = controls.filter((c) => c.key).map((c) => [c.key, c.label, c.help]);
-  $("keylist").replaceChildren(...[...keys, ["F1", "This help", ""]].map(([key, label, help]) => {
+  $("keylist").replaceChildren(...[...keys, ["↑ ↓", "Turn the view", ""], ["+ −", "Zoom", ""], ["F1", "This help", ""]].map(([key, label, help]) => {
     const row = document.createElement("tr"), sign = document.createElement("kbd");
     sign.textContent = keyName(key);
     row.append(document.createElement("td"), document.createElement("td"), document.createElement("td"));
@@ -178,15 +182,19 @@ function take(buffer) {
   header.bodies = header.bodies.map(([look, nodes, muscles, tones]) => ({ look, x: numbers(3 * nodes), contraction: muscles ? numbers(muscles) : null, tone: tones ? numbers(tones) : null }));
   if (header.time < (history.at(-1)?.time ?? 0) - 1e-9) history = [];
   if (!history.length || header.time > history.at(-1).time) history.push(header); else history[history.length - 1] = header;
-  while (history.length > 2 && header.time - history[0].time > KEPT) history.shift();
+  while (history.length > 2 && (header.time - history[0].time > KEPT || history.length > MOST)) history.shift();
   busy("");
+  if (waiting) return;
+  waiting = true;
   requestAnimationFrame(() => {
+    waiting = false;
     try {
       show();
       if (lab.heard && shown) lab.heard();
     } finally {
-      slow = 0.9 * slow + 0.1 * (performance.now() - asked);  // as few pixels as 20 pictures a second need
+      slow = 0.9 * slow + 0.1 * Math.min(performance.now() - asked, 150);  // as few pixels as 20 pictures a second need
       if (slow > 60 && ratio > 0.4 && !lab.bare) { ratio *= 0.85; slow = 40; }
+      if (slow < 20 && ratio < sharp()) ratio = Math.min(1.02 * ratio, sharp());
       asked = performance.now();
       send({ do: "frame", passed: lab.passed, away: view.distance, focal: 1.18 * canvas.clientHeight });
     }
@@ -215,10 +223,10 @@ function show() {
     const [across, up] = project(seen, x.reduce((sum, value, k) => { sum[k % 3] += 3 * value / x.length; return sum; }, [0, 0, 0]));
     if (Math.max(Math.abs(across + panel) / free, Math.abs(up)) > 0.8) { view.distance = Math.min(1.02 * view.distance, 60); break; }
   }
-  const failed = shown.failed[0] >= 0 ? bodies[shown.failed[0]]?.x.subarray(3 * shown.failed[1], 3 * shown.failed[1] + 3) : null;
+  const failed = shown.failed[1] >= 0 ? bodies[shown.failed[0]]?.x.subarray(3 * shown.failed[1], 3 * shown.failed[1] + 3) : null;
   renderer.draw({
     ...shown, middle,
-    bodies: bodies.map((body) => ({ ...body, look: looks[body.look], tone: body.tone, show: shown.show })),
+    bodies: bodies.map((body) => ({ ...body, look: looks[body.look], show: shown.show })),
     balls: [...shown.balls, ...(failed ? [{ at: [...failed], radius: 0.06, colour: [220, 40, 0] }] : [])],
   }, seen);
   lab.drawn += 1;
@@ -243,7 +251,7 @@ function write() {  // words and charts
   }
   $("state").textContent = `${shown.time.toFixed(2)} s${shown.paused ? ", paused" : ""}, ${$("state").dataset.rate ?? ""} pictures a second`;
   $("note").textContent = shown.note;
-  const strained = shown.show.strain || shown.show.springs, [low, bar, high] = $("legend").children;
+  const strained = shown.bodies.some((body) => body.tone), [low, bar, high] = $("legend").children;
   $("legend").hidden = !strained && !looks.some((look) => look.muscles.length);
   [low.textContent, high.textContent] = strained ? ["30 % shorter", "30 % longer"] : ["relaxed", "contracted"];
   bar.style.background = `linear-gradient(90deg, ${(strained ? stage.palette.strain : [stage.palette.relaxed, stage.palette.contracted]).map(css)})`;
@@ -310,15 +318,16 @@ function pointerHover() {
 
 const { turn, zoom, place } = steerCamera(canvas, view, { lowest: 0.02, nearest: 0.9, farthest: 60 }, (x, y) => {
   if (!shown || back) return null;
-  if (stage.follows) {
-    const p = onWater(x, y);
-    if (p) point("start", p);
-    return null;
-  }
   const found = touched(x, y);
-  if (found.body < 0) return null;
+  if (stage.follows || found.body < 0) return null;
   point("start", found.p, found.body);
   return { move: (a, b) => point("move", add(seen.eye, ray(seen, a, b), found.depth), found.body), end: () => point("end", found.p, found.body) };
+});
+let down = [0, 0];
+canvas.addEventListener("pointerdown", (e) => { down = [e.clientX, e.clientY]; });
+canvas.addEventListener("click", (e) => {  // on the water, unless it ends a drag
+  const p = stage?.follows && shown && !back && Math.hypot(e.clientX - down[0], e.clientY - down[1]) < 6 ? onWater(...place(e)) : null;
+  if (p) point("start", p);
 });
 canvas.addEventListener("pointermove", (e) => { if (e.buttons === 0 || e.pointerType === "touch") hover = place(e); });
 
@@ -361,7 +370,7 @@ window.addEventListener("keydown", (e) => {
   e.preventDefault();
 });
 setInterval(() => {  // should a picture not have come, ask again
-  if (stage && $("busy").hidden && performance.now() - asked > 3000) { asked = performance.now(); send({ do: "frame" }); }
+  if (stage && $("busy").hidden && !document.hidden && !waiting && performance.now() - asked > 3000) { asked = performance.now(); send({ do: "frame" }); }
 }, 1000);
-window.addEventListener("resize", () => { ratio = Math.min(window.devicePixelRatio || 1, 2); });
+window.addEventListener("resize", () => { ratio = sharp(); });
 connect();

@@ -1,10 +1,11 @@
-"""The laboratory's server: one page, and a websocket for each browser that opens it, on this machine only."""
+"""The laboratory's server: one page, and a websocket for each browser that opens it."""
 
 import asyncio
 import json
 import logging
 import threading
 from collections.abc import Callable
+from concurrent.futures import TimeoutError as FutureTimeout  # its own until Python 3.11
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
@@ -65,6 +66,7 @@ class Laboratory:
         check_address(host)
         self.host, self.own, self.access = host, own, Access(host)
         self.sessions: dict[Any, Session] = {}
+        self._pages: set[Any] = set()  # and those whose session is being made
         self._page, self._loop = page(), asyncio.new_event_loop()
         self._closed, self._closing = threading.Event(), threading.Lock()
         self._server = self._loop.run_until_complete(self._open(port))
@@ -73,7 +75,7 @@ class Laboratory:
         self._thread.start()
 
     async def _open(self, port: int) -> Server:
-        for number in range(port, port + TRIED):
+        for number in range(port, min(port + TRIED, 65536)):
             try:
                 return await serve(
                     self._enter, self.host, number, process_request=self._answer, max_size=LARGEST,
@@ -81,7 +83,7 @@ class Laboratory:
                 )  # fmt: skip
             except OSError as error:
                 failure = error
-        raise ValueError(f"ports {port} to {port + TRIED - 1} are in use ({failure}); give another port")
+        raise ValueError(f"ports {port} to {number} are in use ({failure}); give another port")
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Refuse a request, hand out the page, or let a websocket open."""
@@ -98,11 +100,12 @@ class Laboratory:
 
     async def _enter(self, connection: ServerConnection) -> None:
         """Answer the messages of a page, one after another, until it leaves."""
-        if len(self.sessions) >= MOST:
-            await connection.send(say("full", f"{MOST} pages are open already; close one and load this page again."))
+        if len(self._pages) >= MOST:
+            await connection.close(1013, f"{MOST} pages are open already; close one and load this page again.")
             return
-        self.sessions[connection] = session = await wait_for(connection, Session, self.own)
+        self._pages.add(connection)
         try:
+            self.sessions[connection] = session = await wait_for(connection, Session, self.own)
             async for raw in connection:
                 try:
                     message = json.loads(raw)
@@ -114,8 +117,10 @@ class Laboratory:
         except (ConnectionClosed, ConnectionError):
             pass
         finally:
-            del self.sessions[connection]
-            session.close()
+            self._pages.discard(connection)
+            ended = self.sessions.pop(connection, None)
+            if ended:
+                ended.close()
 
     def wait(self) -> None:
         """Wait until it is interrupted; then close all sessions."""
@@ -135,6 +140,7 @@ class Laboratory:
             self._server.close()
             await self._server.wait_closed()
 
-        asyncio.run_coroutine_threadsafe(end(), self._loop).result(10.0)
+        with suppress(TimeoutError, FutureTimeout):  # something takes long; it ends with the process
+            asyncio.run_coroutine_threadsafe(end(), self._loop).result(10.0)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(10.0)

@@ -48,6 +48,7 @@ class Session:
             replies: list[Message] = self._answer(message if isinstance(message, Mapping) else {})
         except ValueError as error:
             replies = [say("tell", str(error))]
+            self._told = ""  # what was chosen in vain is shown again as it was
         except Exception:  # a mistake of the laboratory: for who runs it, in full
             print(traceback.format_exc(), file=sys.stderr)
             replies = [say("tell", "The laboratory made a mistake; its terminal says which.")]
@@ -120,17 +121,11 @@ class Session:
             self.paused = True
             stage.step()
 
-        def halve(value=None) -> None:
-            stage.halve_step()
-            begin()
-
-        rescue = [Control("button", "halve", "Halve the step", halve, "Time")] if stage.failure else []
         return [
             Control("switch", "pause", "Pause", lambda on: setattr(self, "paused", on), "Time", self.paused, False,
                     key=" ", help="the space bar too"),
             Control("button", "one_step", "One step", one_step, "Time", key="n"),
             Control("button", "reset", "Start again", begin, "Time", key="r"),
-            *rescue,
             Control("slider", "speed", "Speed", lambda value: setattr(self, "speed", float(value)), "Time",
                     self.speed, 1.0, 0.02, 2.0, 0.02, help="over real time: below 1 is slow motion"),
             *stage.controls(),
@@ -142,7 +137,6 @@ class Session:
         elapsed, self._last = min(now - self._last if passed is None else passed, LATEST), now
         if elapsed > 0.0 and not self.paused and not stage.failure:
             stage.advance(self.speed * elapsed)
-            self.paused = bool(stage.failure)
         header, numbers = pack_frame(stage.frame(), stage.looks)
         values = [[value if np.isfinite(value) else None for value in row] for row in stage.readings()]
         about = {"paused": self.paused, "failure": stage.failure, "failed": stage.failed, "note": stage.note}

@@ -13,7 +13,7 @@ from fish_env.bodies.detail import carry_over
 from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.control.gait import best_gait
 from fish_env.lab.hand import Hand
-from fish_env.lab.measures import enclosed_volume, spring_strain, tet_strain, tone
+from fish_env.lab.measures import enclosed_volume, most_strained, spring_strain, tet_strain, tone
 from fish_env.physics.body import scale_body, with_rates
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.evaluate import Evaluator
@@ -185,6 +185,7 @@ class Specimen:
         other.tank.position[0] = carry_over(before, after, self.position)
         other.tank.velocity[0] = carry_over(before, after, self.tank.velocity[0])
         other.tank.time[0] = self.tank.time[0]
+        other._at_first = other.energy() - self.gained()
         return other
 
     def toggle(self, node: int) -> None:
@@ -245,7 +246,7 @@ class Specimen:
         return body.springs.nodes, spring_strain(body.springs, self.tank.rest_length[0], self.position)
 
     def strain(self) -> float:
-        """The largest strain; NaN without any."""
+        """The largest strain."""
         return float(np.abs(self.strains()[1]).max(initial=0.0))
 
     def tone(self) -> np.ndarray:
@@ -281,10 +282,8 @@ class Specimen:
         return enclosed_volume(self.thing, self.look, self.position) / self.rest_volume
 
     def worst_node(self) -> int:
-        """The node at which it failed: one that is nowhere, or else of the spring that is strained most."""
-        lost = ~np.isfinite(self.position).all(axis=1)
-        nodes, strain = self.strains() if not lost.any() else (np.zeros((0, 2)), np.zeros(0))
-        return int(lost.argmax()) if lost.any() or not strain.size else int(nodes[np.abs(strain).argmax(), 0])
+        """The node at which it failed: of what is strained most; -1 without strains."""
+        return most_strained(*self.strains())
 
 
 def cost_of_step(specimen: Specimen) -> float:

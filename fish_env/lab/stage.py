@@ -141,10 +141,6 @@ class Stage(ABC):
         """Adapt to a camera that is so many lengths away, with a focal length in pixels."""
         return
 
-    def halve_step(self) -> None:
-        """Halve the integrator's step; ValueError if that is not possible."""
-        raise ValueError("this scene has the fish's own step; start again")
-
     def film(self) -> dict[str, str]:
         """The last seconds as a film: name and text of a page; ValueError if there is none."""
         raise ValueError("a film shows one fish that is steered; choose such a scene")

@@ -17,6 +17,7 @@ from fish_env.control.gait import best_gait
 from fish_env.control.policy import load_policy, shipped_policy
 from fish_env.control.sequencer import scripted
 from fish_env.envs import FishVectorEnv
+from fish_env.lab.measures import most_strained, spring_strain
 from fish_env.lab.stage import Control, Plot, Pointer, Stage, muscle_names, sliders
 from fish_env.scene.frame import Arrow, Body, Frame, command_arrows
 from fish_env.scene.look import look_of
@@ -106,7 +107,7 @@ GAIT, YOU = "best gait, cannot steer", "you, muscle by muscle"
 class Swimmers(Stage):
     """B fish, 1 to MOST_FISH, that a driver, a key of DRIVERS, steers; `follow`: whether to where the pointer is."""
 
-    follows = films = True
+    follows = True
 
     def __init__(self, title, hint, driver="policy for turns", num_fish=1, follow=True):
         self.title, self.hint, self.follow, self.version = title, hint, follow, 0
@@ -138,7 +139,7 @@ class Swimmers(Stage):
         self.offset = APART * self.fish.length * np.column_stack([-place[:, 0], place[:, 1], np.zeros(num_fish)])
         """Offset at which each fish is shown, from its position in its own water, (B,3) m."""
         self.distance = 2.6 + 1.5 * APART * (np.sqrt(num_fish) - 1.0)
-        self.version += 1
+        self.films, self.version = num_fish == 1, self.version + 1
         self.reset()
 
     def reset(self) -> None:
@@ -216,8 +217,9 @@ class Swimmers(Stage):
                                  heading_vector(self.aim()[0]), self._spheres().copy()))  # fmt: skip
         lost = np.flatnonzero(~tank.alive)
         if lost.size:
-            node = int(np.argmax(~np.isfinite(tank.position[lost[0]]).all(axis=1)))
-            reason, self.failed = str(tank.failure[lost[0]]), (int(lost[0]), node)
+            springs, first = self.fish.body.springs, lost[0]
+            strain = spring_strain(springs, tank.rest_length[first], tank.position[first])
+            reason, self.failed = str(tank.failure[first]), (int(first), most_strained(springs.nodes, strain))
             self.failure = f"{lost.size} of {self.num_fish} fish failed after {self.time:.2f} s: {reason}"
 
     def _follow(self) -> None:
@@ -275,8 +277,8 @@ class Swimmers(Stage):
         """Every fish with where it is to go, targets and obstacles, and the path of a single fish."""
         x, contraction, touchable = self.shown_positions(), self._contraction(), self.goal == "target"
         spheres, arrows = self._spheres(), list[Arrow]()
-        for centre, aim in zip(x.mean(axis=1), self.aim(), strict=True):
-            arrows += command_arrows(centre, heading_vector(aim), self.length, spheres, touchable)
+        for i, (centre, aim) in enumerate(zip(x.mean(axis=1), self.aim(), strict=True)):
+            arrows += command_arrows(centre, heading_vector(aim), self.length, spheres[i : i + 1], touchable)
         return Frame(
             [Body(self.looks[0], *each) for each in zip(x, contraction, strict=True)], x.mean(axis=(0, 1)), arrows,
             path=np.reshape(list(self._path)[::4] if self.num_fish == 1 else [], (-1, 3)), spheres=spheres,

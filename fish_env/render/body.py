@@ -35,13 +35,14 @@ def body_picture(body: Body, view: View) -> tuple[pygame.Surface, tuple[int, int
     look, marks = body.look, body.look.marks(body.position)
     _, low = canvas = surface_over(view.project(marks)[0], MARGIN + round(0.12 * look.length * view.scale))
     view = view._replace(origin=(view.origin[0] - low[0], view.origin[1] - low[1]))
+    none = np.zeros(len(look.muscles))
     for skin in reversed(look.surfaces):  # from the inside out
         pixels, depth = view.project(marks if skin.weights is None else skin.weights @ marks)
         normal = normals(np.column_stack([pixels * (1, -1), view.scale * depth]), skin.faces)
         thin = np.arange(len(normal)) >= skin.closed
         order = np.flatnonzero(thin | (normal[:, 2] > 0))
         order = order[np.argsort(depth[skin.faces[order]].mean(axis=1), kind="stable")]
-        warmth = np.clip(skin.influence @ body.contraction, 0.0, 1.0)[:, None]
+        warmth = np.clip(skin.influence @ (body.contraction if body.contraction.size else none), 0.0, 1.0)[:, None]
         colour = (skin.colour + warmth * (CONTRACTED - skin.colour))[order]
         draw_quads(canvas[0], shade(normal[order], thin[order], colour, view.light), pixels[skin.faces[order]])
     if not look.surfaces:
@@ -61,8 +62,8 @@ def surface_over(pixels: np.ndarray, margin: int) -> tuple[pygame.Surface, tuple
 
 
 def draw_quads(surface: pygame.Surface, colours: np.ndarray, corners: np.ndarray) -> None:
-    """Draw quadrilaterals with corners (Q,4,2), in pixels, in colours (Q,3) or (Q,4), the first one first."""
-    for colour, places in zip(groups(colours, colours.shape[1]), groups(corners, 2, 4), strict=True):
+    """Draw quadrilaterals with corners (Q,4,2), in pixels, in colours (Q,3), the first one first."""
+    for colour, places in zip(groups(colours, 3), groups(corners, 2, 4), strict=True):
         pygame.draw.polygon(surface, colour, places)
 
 

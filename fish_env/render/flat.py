@@ -109,10 +109,8 @@ def draw_path(canvas, frame: Frame, view: View) -> None:
     places = frame.path[::-every][::-1]
     if len(places) < 2:
         return
-    path = np.zeros((len(places), 3))
-    path[:, : places.shape[1]] = places
-    pixels, _ = view.project(path)
-    step = np.linalg.norm(np.diff(path, axis=0), axis=1) / frame.length
+    pixels, _ = view.project(places)
+    step = np.linalg.norm(np.diff(places, axis=0), axis=1) / frame.length
     age = np.cumsum(step[::-1])[::-1]
     strength = np.exp(-age / FADE)
     colours = (water.DEEP + strength[:, None] * (np.array(PALETTE["path"]) - water.DEEP)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Frame: all that a picture may know of one moment. The window, the film and the laboratory draw it."""
+"""Frame: all that a picture may know of one moment. The window, videos and the laboratory draw it."""
 
 from typing import Any, NamedTuple
 
@@ -36,13 +36,13 @@ class Frame(NamedTuple):
     bodies: list[Body]
     middle: np.ndarray  # (3,) m, what the camera follows
     arrows: list[Arrow]
-    path: np.ndarray = np.zeros((0, 3))  # (K,3) or (K,2) m, places so far, the present one last
+    path: np.ndarray = np.zeros((0, 3))  # (K,3) m, places so far, the present one last
     spheres: np.ndarray = np.zeros((0, 4))  # (S,4) targets or obstacles: centres, m, and radii, body lengths
     touchable: bool = False  # whether the spheres are targets, to be touched, or obstacles
     balls: tuple[tuple[np.ndarray, float, str], ...] = ()  # marks: place, m, radius, body lengths, key of PALETTE
     walls: tuple[np.ndarray, ...] = ()  # corners (4,3) m of each
     floor: float = -np.inf  # height, m; -inf: half a body length below the middle
-    show: tuple[str, ...] = ("skin",)  # of "skin", "springs", "nodes", "strain"
+    show: tuple[str, ...] = ("skin",)  # of "skin", "springs", "nodes", "strain", "forces"
     time: float = 0.0  # s
     speed: float = 0.0  # of the centre of mass, body lengths per second
     caption: str = ""  # a short remark
@@ -106,8 +106,7 @@ def clip_positions(frame: Frame) -> Frame:
     middle = np.clip(np.nan_to_num(frame.middle), -furthest, furthest)
 
     def near(points: np.ndarray) -> np.ndarray:
-        centre = middle[: points.shape[1]]
-        return np.clip(np.nan_to_num(points), centre - far, centre + far)
+        return np.clip(np.nan_to_num(points), middle - far, middle + far)
 
     bodies = [
         body._replace(position=near(body.position), contraction=np.clip(np.nan_to_num(body.contraction), 0.0, 1.0))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.scene.skin import BACK, CONTRACTED, FLANK, LEVELS, Surface, skin_of
+from fish_env.scene.skin import CONTRACTED, FLANK, LEVELS, Surface, skin_of
 
 STEPS = 65535  # of a number in 16 bits
 SIDES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])
@@ -19,7 +19,7 @@ PALETTE: dict[str, Any] = {
     "relaxed": tuple(FLANK.astype(int).tolist()), "contracted": tuple(CONTRACTED.astype(int).tolist()),
     "strain": ((0, 90, 160), (86, 160, 215), (225, 225, 225), (236, 150, 60), (200, 80, 0)),
     "lines": ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167)),
-    "layers": ((228, 62, 104), (255, 178, 44)), "solid": (142, 172, 196), "back": tuple(BACK.astype(int).tolist()),
+    "layers": ((228, 62, 104), (255, 178, 44)), "solid": (142, 172, 196),
 }  # fmt: skip
 """Colours, 0 to 255. "strain" goes from shortened over rest to stretched, "layers" are an outer and an inner skin;
 "lines" of a chart tell several apart, also for the colour-blind (Okabe & Ito 2008)."""

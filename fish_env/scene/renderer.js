@@ -81,11 +81,15 @@ class Surface {
   mesh(marks, contraction, tone, look) {  // bent by the landmarks; contracted muscles warm its colour, strains replace it
     const corners = new Float32Array(10 * this.count), palette = look.palette;
     for (let v = 0; v < this.count; v++) {
-      for (let j = this.first[v]; j < this.first[v + 1]; j++) for (let c = 0; c < 3; c++) corners[10 * v + c] += this.weight[j] * marks[3 * this.which[j] + c];
+      let strain = 0;
+      for (let j = this.first[v]; j < this.first[v + 1]; j++) {
+        for (let c = 0; c < 3; c++) corners[10 * v + c] += this.weight[j] * marks[3 * this.which[j] + c];
+        if (tone) strain += this.weight[j] * tone[look.node[this.which[j]]];
+      }
       let warm = 0;
       for (let m = 0; m < this.muscles && contraction; m++) warm += this.influence[v * this.muscles + m] * contraction[m] / 255;
       warm = Math.min(1, warm);
-      const strained = tone && along(palette.strain, 0.5 + 0.5 * tone[Math.min(v, tone.length - 1)]);
+      const strained = tone && along(palette.strain, 0.5 + 0.5 * strain);
       for (let c = 0; c < 3; c++) {
         const own = strained ? strained[c] : this.colour[3 * v + c];
         corners[10 * v + 6 + c] = (own + warm * (palette.contracted[c] - own)) / 255;
@@ -107,9 +111,9 @@ class Surface {
 
 // How a body looks: its surfaces, eyes, springs and muscles, and the nodes that its landmarks lie on.
 class Look {
-  constructor(data, palette) {
+  constructor(data, palette, unit = data.length) {  // unit: the length of the first body, m
     Object.assign(this, { length: data.length, palette, node: words(data.node), springs: words(data.springs), muscles: words(data.muscles) });
-    this.height = data.height.map((h) => h / data.length);
+    this.height = data.height.map((h) => h / unit);
     this.surfaces = data.surfaces.map((part) => new Surface(part, this.node.length));
     this.eyes = data.eyes ? unpack(data.eyes) : null;
   }
@@ -273,14 +277,14 @@ function makeRenderer(canvas, palette) {
 
   function collect(scene) {  // the meshes of a scene: solid, translucent, marks
     const solid = [], clear = [], marks = new Mesh(), stones = new Mesh();
-    for (const { look, x, contraction, tone, show = {} } of scene.bodies) {
+    for (const { look, x, contraction, tone, show = { skin: true } } of scene.bodies) {
       const landmarks = look.marks(x), see = show.springs || show.forces;
-      if (show.skin !== false) for (const surface of look.surfaces) {
+      if (show.skin) for (const surface of look.surfaces) {
         const mesh = surface.mesh(landmarks, contraction, tone, look);
         if (see) for (let k = 9; k < mesh.corners.length; k += 10) mesh.corners[k] = 0.25 * surface.opacity;
         (see || surface.opacity < 1 ? clear : solid).push(mesh);
       }
-      if (look.eyes && show.skin !== false && !see) eyes(marks, look, landmarks);
+      if (look.eyes && show.skin && !see) eyes(marks, look, landmarks);
       const at = (places, k) => places.subarray(3 * k, 3 * k + 3);
       const line = (places, a, b, colour, radius) => {
         const way = sub(at(places, b), at(places, a)), size = Math.hypot(...way);
@@ -290,7 +294,7 @@ function makeRenderer(canvas, palette) {
         const [a, b] = look.springs.subarray(k, k + 2), strain = tone ? 0.5 * (tone[a] + tone[b]) : 0;
         line(x, a, b, along(palette.strain, 0.5 + 0.5 * strain), look.surfaces.length ? 0.004 : 0.02);
       }
-      if (show.springs || show.skin === false) for (let k = 0; k < look.muscles.length; k += 2)
+      if (show.springs || !show.skin) for (let k = 0; k < look.muscles.length; k += 2)
         line(landmarks, look.muscles[k], look.muscles[k + 1], along([palette.relaxed, palette.contracted], contraction ? contraction[k / 2] : 0), 0.009);
       if (show.nodes || !look.surfaces.length) for (let k = 0; k < x.length / 3; k++) ball(marks, at(x, k), look.surfaces.length ? 0.012 : 0.04, paint(palette.node), 4);
     }
@@ -301,7 +305,6 @@ function makeRenderer(canvas, palette) {
   }
 
   return {
-    gl,
     draw(scene, seen) {
       const { solid, clear, marks, stones } = collect(scene);
       gl.viewport(0, 0, canvas.width, canvas.height);
