@@ -111,17 +111,18 @@ def measure(jobs: int) -> None:
 
 
 def draw() -> None:
-    """Draw the held-out scores as shares of the score under no change."""
+    """Draw the held-out scores, over that of the shipped policy under no change."""
     figure, axes = panels(len(TASKS), (11.0, 5.0), sharey=True)
     for axis, task in zip(axes, TASKS, strict=True):
         rows = [row for row in read_table("learning/held_out.csv") if row["task"] == task]
+        whole = next(row["value"] for row in rows if (row["policy"], row["condition"]) == ("shipped", "as built"))
         for name, colour, shift in (("shipped", BLUE, -0.2), (ROBUST, ORANGE, 0.2)):
             mine = [row for row in rows if row["policy"] == name]
             label = "trained without" if name == "shipped" else "trained with noise, delays and variation"
-            axis.barh(np.arange(len(mine)) + shift, [row["share"] for row in mine], 0.38, color=colour, label=label)
+            axis.barh(np.arange(len(mine)) + shift, [row["value"] / whole for row in mine], 0.38, color=colour, label=label)
         axis.set_yticks(range(len(mine)), [row["condition"] for row in mine])
         axis.axvline(0.9, color="black", lw=0.8, ls=":")
-        axis.set(title=task.replace("_", " "), xlabel="share of the score as built", xlim=(0.0, 1.45))
+        axis.set(title=task.replace("_", " "), xlabel="score over the shipped policy's as built", xlim=(0.0, 1.2))
     axes[0].invert_yaxis()
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     save(figure, IMAGES / "held_out.svg")
