@@ -119,7 +119,8 @@ def draw() -> None:
         for name, colour, shift in (("shipped", BLUE, -0.2), (ROBUST, ORANGE, 0.2)):
             mine = [row for row in rows if row["policy"] == name]
             label = "trained without" if name == "shipped" else "trained with noise, delays and variation"
-            axis.barh(np.arange(len(mine)) + shift, [row["value"] / whole for row in mine], 0.38, color=colour, label=label)
+            scores = [row["value"] / whole for row in mine]
+            axis.barh(np.arange(len(mine)) + shift, scores, 0.38, color=colour, label=label)
         axis.set_yticks(range(len(mine)), [row["condition"] for row in mine])
         axis.axvline(0.9, color="black", lw=0.8, ls=":")
         axis.set(title=task.replace("_", " "), xlabel="score over the shipped policy's as built", xlim=(0.0, 1.2))
