@@ -135,7 +135,8 @@ def test_fixed_nodes_keep_their_velocity(name):
         path += n * h * velocity
     assert tank.alive[0], tank.failure[0]
     np.testing.assert_allclose(tank.position[0, :2], path, rtol=0, atol=1e-14 * FISH.length)
-    assert np.abs(tank.position[0] - body.position)[2:].max() > 1e-4 * FISH.length
+    moved = np.abs(tank.position[0] - body.position).max(axis=1)
+    assert moved[2:].max() > 0.05 * moved[:2].max()
 
 
 def test_rates_of_free_degrees():

@@ -204,7 +204,7 @@ def test_many_nodes_take_longer_steps():
 
 @pytest.mark.slow
 def test_longer_steps_are_as_good():
-    """With twice its own step a fish of 841 nodes swims the same motion to 0.001 BL, and lasts."""
+    """With twice its own step a fish of 841 nodes swims the same motion to 0.002 BL, and lasts."""
     fine = Entry("tetrahedral", "", (("level", 3),))
     long, own = Bench([fine]), Bench([fine])
     own.set("step", 1.0)
@@ -214,7 +214,7 @@ def test_longer_steps_are_as_good():
     a, b = long.specimens[0], own.specimens[0]
     assert a.time == pytest.approx(b.time) and a.tank.alive[0]
     assert np.abs(a.position - a.thing.body.position).max() > 0.05 * a.thing.length
-    assert np.sqrt(((a.position - b.position) ** 2).sum(axis=1).mean()) < 1e-3 * a.thing.length
+    assert np.sqrt(((a.position - b.position) ** 2).sum(axis=1).mean()) < 2e-3 * a.thing.length
     advance(long, 50)
     assert not long.failure and long.time > 2.0  # with four times its own step it is torn after 0.8 s
 

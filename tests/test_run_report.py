@@ -195,7 +195,7 @@ def test_in_a_browser(runs, tmp_path):
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto(path.as_uri())
         widths = page.eval_on_selector_all("svg", "found => found.map(one => one.getBoundingClientRect().width)")
-        assert len(widths) == 3 and min(widths) > 900
+        assert len(widths) == 4 and min(widths) > 900
         film = page.frames[1]
         film.wait_for_function("film.drawn > 2 && film.time > 0.02")
         assert not said
