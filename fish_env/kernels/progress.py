@@ -48,7 +48,7 @@ _progress: list[Progress] = []
 
 
 def compiled() -> tuple[int, int | None] | None:
-    """How many kernels have been compiled, and about how many there are; None while nothing is compiled."""
+    """Number of kernels compiled, and about how many there are; None while nothing is compiled."""
     for listener in _progress:
         return listener.count, listener.total
     return None

@@ -43,7 +43,7 @@ class Session:
         return [*(["your own"] if self.own.given else []), *SCENES]
 
     def answer(self, message: Any) -> list[Message]:
-        """What the page is sent for a message of it; never raises for what a page may send."""
+        """Replies to a message of the page; never raises for what a page may send."""
         try:
             replies: list[Message] = self._answer(message if isinstance(message, Mapping) else {})
         except ValueError as error:
