@@ -36,7 +36,7 @@ MEASURES: dict[str, Callable[[Specimen], float]] = {
 }  # fmt: skip
 """Plots with a line for each object."""
 FLOWS, APART = "energy of the first (J)", "distance from the first (lengths)"
-"""Where the muscles' work and the energy of motion went, and how far the others are from the first object."""
+"""Plots of energy flows, and of distances from the first object."""
 
 
 class Bench(Stage):
@@ -431,7 +431,8 @@ class Bench(Stage):
         found += [
             Control("slider", f"{name} {number}", f"  its {name}",
                     lambda value, name=name: change(level=tuple((level | {name: int(value)}).items())), "Objects",
-                    level.get(name, default), default, 0, 9 if entry.thing in ("block", "ball") else FINEST[name], 1)
+                    level.get(name, default), default, 0, 9 if entry.thing in ("block", "ball") else FINEST.get(name, 24),
+                    1)
             for name, default in defaults.items()
         ]  # fmt: skip
         return found

@@ -19,7 +19,7 @@ DEFAULT_TASK = "FishEnv/Swim-v0"
 
 
 class Own(NamedTuple):
-    """What the command line gave; None for what it did not."""
+    """Things of the user from the command line; None for what was not given."""
 
     task: str | None = None  # the id of a registered environment
     policy: Policy | None = None
@@ -32,7 +32,7 @@ class Own(NamedTuple):
 
 
 def own_things(task: str | None, policy: str | Path | None, body: str | None) -> Own:
-    """What the command line names: an id, a policy (a file, or a shipped one), and a body or FILE.py:function for one.
+    """Things that the command line names: an id, a policy (a file, or a shipped one), a body or FILE.py:function.
 
     Raises:
         FileNotFoundError: if there is no such policy file.

@@ -67,7 +67,7 @@ class Plot(NamedTuple):
 
 
 class Pointer(NamedTuple):
-    """What a mouse or a finger does: `phase` is "hover", "start", "move" or "end"."""
+    """Action of a mouse or a finger: `phase` is "hover", "start", "move" or "end"."""
 
     phase: str
     point: np.ndarray  # (3,) m, on what was touched, or at the height of the bodies
@@ -82,7 +82,7 @@ class Stage(ABC):
     looks: list[Look]
     plots: list[Plot]
     show: dict[str, bool]
-    """What is drawn of a body: see `Frame.show`."""
+    """Parts of a body that are drawn: see `Frame.show`."""
     films = False
     """Whether there may be a film."""
     version = 1
