@@ -431,8 +431,8 @@ class Bench(Stage):
         found += [
             Control("slider", f"{name} {number}", f"  its {name}",
                     lambda value, name=name: change(level=tuple((level | {name: int(value)}).items())), "Objects",
-                    level.get(name, default), default, 0, 9 if entry.thing in ("block", "ball") else FINEST.get(name, 24),
-                    1)
+                    level.get(name, default), default, 0,
+                    9 if entry.thing in ("block", "ball") else FINEST.get(name, 24), 1)
             for name, default in defaults.items()
         ]  # fmt: skip
         return found
