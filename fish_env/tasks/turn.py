@@ -6,7 +6,7 @@ from fish_env.tasks import turns
 from fish_env.tasks.start import POSE_OPTIONS
 from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns
 
-OVERSHOOT_WEIGHT = turns.OVERSHOOT_WEIGHT._replace(default=60.0)  # with less, a quick turn goes a bit too far
+OVERSHOOT_WEIGHT = turns.OVERSHOOT_WEIGHT._replace(default=15.0)  # with 60, fish stop short of the command
 
 
 class TurnTask(CommandedTurns):
