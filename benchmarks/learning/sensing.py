@@ -1,6 +1,7 @@
 """What sensing costs, and what policies keep under conditions that they were not trained for.
 
     python -m benchmarks.learning.sensing [--jobs N]
+    python -m benchmarks.learning.sensing turn          the rows of this task again
 
 It trains Swim, Turn and LeftAfterRight with sensors, two seeds each, on all processors, and evaluates them and the
 shipped policies, which observe nodes, on the usual seeds and on the held-out protocol (`fish_env.protocols`). Finished
@@ -57,12 +58,12 @@ def train(task: str, sensing: str, seed: int) -> None:
     export_policy(model, {"env_id": config.env_id, "env_options": options}).save(policy_file(task, sensing, seed))
 
 
-def train_all(jobs: int) -> None:
+def train_all(tasks: list[str], jobs: int) -> None:
     """Train what is missing, a process each."""
     RUNS.mkdir(parents=True, exist_ok=True)
     missing = [
         (task, sensing, seed)
-        for seed in SEEDS for task in reversed(TASKS) for sensing in SENSING
+        for seed in SEEDS for task in reversed(tasks) for sensing in SENSING
         if not policy_file(task, sensing, seed).exists()
     ]  # fmt: skip
 
@@ -86,11 +87,11 @@ def score(policy: Policy, task: str) -> float:
     return found
 
 
-def measure(jobs: int) -> None:
-    """Train, evaluate and write both tables."""
-    train_all(jobs)
+def measure(tasks: list[str], jobs: int) -> None:
+    """Train, evaluate and write both tables; the rows of other tasks stay."""
+    train_all(tasks, jobs)
     rows, held_out = [], []
-    for task in TASKS:
+    for task in tasks:
         shipped = load_policy(task)
         trained = {sensing: [load_policy(policy_file(task, sensing, seed)) for seed in SEEDS] for sensing in SENSING}
         nodes = score(shipped, task)
@@ -106,8 +107,9 @@ def measure(jobs: int) -> None:
                 numbers = {key: [row[key] for row in same] for key in ("value", "share", "failed")}
                 means_of = {key: round(float(np.mean(values)), 4) for key, values in numbers.items()}
                 held_out.append({"task": task, "policy": name, "condition": same[0]["condition"]} | means_of)
-    write_csv("learning/sensing.csv", rows, COMMAND)
-    write_csv("learning/held_out.csv", held_out, COMMAND)
+    for name, made in (("learning/sensing.csv", rows), ("learning/held_out.csv", held_out)):
+        kept = [row for row in read_table(name) if row["task"] not in tasks] if set(tasks) != set(TASKS) else []
+        write_csv(name, sorted(made + kept, key=lambda row: TASKS.index(row["task"])), COMMAND)
 
 
 def draw() -> None:
@@ -132,13 +134,16 @@ def draw() -> None:
 def main() -> None:
     """Train, measure and draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tasks", nargs="*", help=f"only these: {', '.join(TASKS)}")
     parser.add_argument("--jobs", type=int, default=available_processors(), help="trainings side by side")
     parser.add_argument("--train", nargs=3, metavar=("TASK", "SENSING", "SEED"), help="train one policy only")
     given = parser.parse_args()
+    if unknown := set(given.tasks) - set(TASKS):
+        parser.error(f"unknown tasks {', '.join(sorted(unknown))}; choose from {', '.join(TASKS)}")
     if given.train:
         train(given.train[0], given.train[1], int(given.train[2]))
     else:
-        measure(given.jobs)
+        measure(given.tasks or list(TASKS), given.jobs)
         draw()
 
 
