@@ -1,7 +1,8 @@
 """Check that no policy exploits the integrator: replay it under RK4 at an eighth of the step, and every other method.
 
-`python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg. The last rows of
-the table are those of many more episodes, by the reference and the default method alone.
+`python train.py compare --integrators` writes benchmarks/results/integrators_policies.csv and .svg; with the name of a
+shipped policy, its rows again. The last rows of the table are those of many more episodes, by the reference and the
+default method alone.
 """
 
 from collections.abc import Iterable
@@ -12,7 +13,7 @@ from tqdm import tqdm
 
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.statistics import rounded
-from benchmarks.common.tables import RESULTS, write_csv
+from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import INTEGRATORS
 from fish_env.control import Scores, load_policy, make_policy_env, run_episodes, shipped_policies
 from fish_env.control.evaluation import episode_scores, scores_by_name
@@ -21,7 +22,7 @@ from fish_env.envs import FishVectorEnv
 
 EPISODES = 50
 MANY = 1000  # for the default method: its difference is smaller than the standard error of fifty episodes
-COMMAND = "python train.py compare --integrators"
+COMMAND, TABLE = "python train.py compare --integrators", "integrators_policies.csv"
 TICKS = (0.01, 0.1, 1.0, 10.0)  # ms, of the chart
 FINER = 8  # the reference takes this part of the fish's own step
 
@@ -45,7 +46,7 @@ def settings(fish) -> list[tuple[str, float, float | None]]:
     return found
 
 
-def replay(path: Path, how: tuple[str, float, float | None], episodes: int) -> tuple[Scores, np.ndarray]:
+def replay(path: str | Path, how: tuple[str, float, float | None], episodes: int) -> tuple[Scores, np.ndarray]:
     """Scores (B,) and path (T,B,3), body lengths, of the policy under one of `settings`; the path ends in NaN."""
     integrator, dt, refine = how
     policy = load_policy(path)
@@ -64,7 +65,7 @@ def places(env: FishVectorEnv) -> np.ndarray:
     return np.tensordot(mass, env.tank.position, (0, 1)) / mass.sum() / env.tank.fish.length
 
 
-def replays(path: Path, hows: Iterable[tuple[str, float, float | None]], episodes: int) -> list[dict]:
+def replays(path: str | Path, hows: Iterable[tuple[str, float, float | None]], episodes: int) -> list[dict]:
     """A row for each of some `settings`: scores of the policy, and their differences from those of the first."""
     rows, reference, task = [], None, load_policy(path).about["task"]
     for how in tqdm(hows, desc=task, unit=" settings"):
@@ -76,17 +77,26 @@ def replays(path: Path, hows: Iterable[tuple[str, float, float | None]], episode
     return rows
 
 
-def compare_integrators(paths: list[Path] | None = None, episodes: int = EPISODES) -> list[dict]:
-    """Replay policies under every method and print what changes; of the shipped ones, write table and chart too."""
-    if not paths:
+def compare_integrators(names: list[str | Path] | None = None, episodes: int = EPISODES) -> list[dict]:
+    """Replay policies under every method and print what changes; write the rows of shipped ones, and the chart, too.
+
+    Args:
+        names: of shipped policies, or files of others, of which nothing is published; None for all shipped ones.
+        episodes: under each method.
+    """
+    shipped = shipped_policies()
+    published = not names or {str(name) for name in names} <= shipped.keys()
+    if published:
         writable_folder(RESULTS)
-    fish = {path: make_policy_env(load_policy(path), 1).tank.fish for path in paths or shipped_policies().values()}
+    fish = {path: make_policy_env(load_policy(path), 1).tank.fish for path in names or shipped}
     rows = [row for path in fish for row in replays(path, settings(fish[path]), episodes)]
-    if not paths:  # of other policies nothing is published
-        draw(rows, RESULTS / "integrators_policies.svg")
+    if published:
         for path, own in fish.items():
             rows += replays(path, (settings(own)[0], (own.integrator, own.time_step, own.refine)), MANY)
-        write_csv("integrators_policies.csv", rows, COMMAND)
+        kept = [row for row in read_table(TABLE) if row["task"] not in fish] if set(fish) != set(shipped) else []
+        rows = sorted(rows + kept, key=lambda row: (row["episodes"] == MANY, list(shipped).index(row["task"])))
+        write_csv(TABLE, rows, COMMAND)
+        draw([row for row in rows if row["episodes"] != MANY], RESULTS / "integrators_policies.svg")
     print_rows(rows)
     return rows
 
