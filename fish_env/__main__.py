@@ -3,7 +3,7 @@
 fish_env list                         list environments, bodies, integrators and the policies that are shipped
 fish_env train swim                   train a policy (extra [train]); also of an environment of yours, my_module:My-v0
 fish_env play turn                    watch a policy in a window (or --save FILE.html, .mp4, .webp or .gif)
-fish_env evaluate turn runs/swim/...  evaluate policies on fixed seeds
+fish_env evaluate turn runs/swim/...  evaluate policies on fixed seeds (--env-kwargs angle=3.0: in another task)
 fish_env compare swim runs/swim/...   compare two policies with intervals, or one with the controllers without learning
 fish_env report runs/swim/...         write one HTML page of a run, or of several beside each other
 fish_env replay FILE.npz              simulate a recorded episode again and compare bit for bit
@@ -49,10 +49,11 @@ from fish_env.control.replaying import replay
 from fish_env.control.statistics import compare
 from fish_env.envs.ahead import compile_ahead, stored_kernels
 from fish_env.lab import LOOPBACK, serve
-from fish_env.training.config import CONFIGS, FINE_TUNING, as_tuples
+from fish_env.training.config import CONFIGS, FINE_TUNING, GIVEN, as_tuples
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+PAIRS: dict[str, Any] = {"nargs": "+", "default": [], "metavar": "NAME=VALUE"}
 FILES = "an .html page that turns in 3-D, an .mp4, .webp or .gif video, or an .npz recording"
 
 
@@ -71,6 +72,8 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     simulation.add_argument("--body", help=f"on another body: {', '.join(fish_env.BODIES)}")
     simulation.add_argument("--integrator", help="with another integrator than the body's own, or that of the training")
     simulation.add_argument("--dt", type=float, help="and with another step, s")
+    text = "keywords of the environment: speed=1.0 'variation={\"mass\": [0.8, 1.2]}' (JSON, or text)"
+    simulation.add_argument("--env-kwargs", **PAIRS, help=text)
     known = f"a shipped policy ({', '.join(shipped_policies())}), a policy file, or the folder of a run"
     policies.add_argument("policies", nargs="*", metavar="policy", help=known)
     policies.add_argument("--policy", type=Path, help="a policy file, whatever its name")
@@ -117,11 +120,8 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
 def add_training_options(command: argparse.ArgumentParser) -> None:
     """Add what `train` takes beside body, integrator, step and module."""
     command.add_argument("task", help=f"{', '.join(CONFIGS)}, the id of an environment, or module:Id")
-    pairs: dict[str, Any] = {"nargs": "+", "default": [], "metavar": "NAME=VALUE"}
-    text = "keywords of the environment: speed=1.0 'variation={\"mass\": [0.8, 1.2]}' (JSON, or text)"
-    command.add_argument("--env-kwargs", **pairs, help=text)
     text = "settings of the training: learning_rate=3e-4 rollout=64 hidden=[32,32]"
-    command.add_argument("--hyperparameters", **pairs, help=text)
+    command.add_argument("--hyperparameters", **PAIRS, help=text)
     command.add_argument("--seed", type=int, help="of the learner (default 0)")
     command.add_argument("--timesteps", type=int, help="environment steps to train for (default that of the task)")
     command.add_argument("--num-envs", type=int, help="fish trained side by side (default 256)")
@@ -217,9 +217,13 @@ def load_policies(arguments: argparse.Namespace) -> dict[str, Policy]:
     return found
 
 
-def simulation(arguments: argparse.Namespace) -> dict[str, str | float | None]:
-    """Changes of the simulation that the command line asks for."""
-    return {name: getattr(arguments, name) for name in ("body", "integrator", "dt")}
+def simulation(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Changes of the environment that the command line asks for; ValueError for those that a command sets itself."""
+    keywords = settings_from("--env-kwargs", arguments.env_kwargs)
+    if taken := sorted(GIVEN & keywords.keys()):
+        raise ValueError(f"{', '.join(taken)} cannot be options of the environment here; leave them out")
+    options = {name: getattr(arguments, name) for name in ("body", "integrator", "dt")}
+    return options | keywords | {name: value for name, value in options.items() if value is not None}
 
 
 def play_policy(arguments: argparse.Namespace) -> None:

@@ -73,6 +73,10 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert "FishEnv/Swim-v0: mean over 2" in printed and "FishEnv/Turn-v0: mean over 2" in printed
     speed = f"{wanted['speed']:.4g}"
     assert next(line.split() for line in printed.splitlines() if "  speed " in line) == ["speed", speed, speed]
+    short = ["--env-kwargs", "max_episode_steps=3", "body=planar", "--to", str(file)]
+    assert command_line.main(["evaluate", "swim", "--episodes", "2", *short]) == 0
+    record = json.loads(file.read_text())
+    assert record["body"] == "planar" and record["means"]["seconds"] == pytest.approx(3 * env.control_interval)
 
 
 def test_compare(capsys):
@@ -131,6 +135,8 @@ def test_play_is_told_what_the_command_line_says(tmp_path, monkeypatch):
         (["play", "swim", "--policy", str(shipped_policy("turn"))], "cannot be played at once; give one policy"),
         (["evaluate", "swim", "--policy", "none.npz"], "there is no policy file none.npz"),
         (["evaluate", "swim", "--body", "eel"], "unknown body 'eel'"),
+        (["evaluate", "swim", "--env-kwargs", "fins=3"], "unexpected keyword argument 'fins'"),
+        (["evaluate", "swim", "--env-kwargs", "seed=3"], "seed cannot be options of the environment here"),
         (["evaluate", "swim", "--episodes", "0"], "episodes is 0; give a whole number, at least 1"),
         (["evaluate", "swim", "--seed", "-5"], "seed is -5; give a whole number, zero or more"),
         (["play", "swim", "--to", "swim.avi"], "give a name that ends in .mp4 or .webp or .gif"),
