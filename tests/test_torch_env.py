@@ -187,7 +187,7 @@ def test_benchmark_without_a_gpu(capsys):
     if torch.cuda.is_available():
         pytest.skip("there is a GPU")
     assert gpu.main([]) == 1
-    assert capsys.readouterr().out.startswith("error: device is 'cuda', but torch")
+    assert "\nerror: device is 'cuda', but torch" in capsys.readouterr().out
 
 
 @needs_compiler

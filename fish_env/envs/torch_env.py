@@ -4,6 +4,8 @@ In the manner of Isaac Lab's and Brax's environments for torch: all fish are ste
 begin again within the step, and a step returns tensors on the device.
 """
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -227,12 +229,18 @@ def launch_blocks(num_fish: int, device: torch.device) -> int:
 
 def launcher(episodes: Episodes, env_type, blocks: int, device: torch.device):
     """The compiled kernel `launch(address, count, n, duration)` on a GPU, in the stream that torch works in."""
-    with exactly() as cuda:
-        cuda.select_device(device.index)
-        compiled = cuda.jit(SIGNATURE)(launch_for(episodes, env_type))
+    cuda, compiled = compile_for(launch_for(episodes, env_type), device.index)
 
     def launch(*arguments):
         stream = cuda.external_stream(torch.cuda.current_stream(device).cuda_stream)
         compiled[blocks, BLOCK * WARP, stream](*arguments)
 
     return launch
+
+
+@cache
+def compile_for(launch: Callable, index: int) -> tuple[Any, Any]:
+    """`numba.cuda`, and a kernel of `launch_for` compiled for the GPU of that number: once, it takes seconds."""
+    with exactly() as cuda:
+        cuda.select_device(index)
+        return cuda, cuda.jit(SIGNATURE)(launch)
