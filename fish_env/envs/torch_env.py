@@ -4,6 +4,7 @@ In the manner of Isaac Lab's and Brax's environments for torch: all fish are ste
 begin again within the step, and a step returns tensors on the device.
 """
 
+import warnings
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -241,6 +242,7 @@ def launcher(episodes: Episodes, env_type, blocks: int, device: torch.device):
 @cache
 def compile_for(launch: Callable, index: int) -> tuple[Any, Any]:
     """`numba.cuda`, and a kernel of `launch_for` compiled for the GPU of that number: once, it takes seconds."""
+    warnings.filterwarnings("ignore", "Grid size .* under-utilization")  # few fish are allowed
     with exactly() as cuda:
         cuda.select_device(index)
         return cuda, cuda.jit(SIGNATURE)(launch)
