@@ -5,9 +5,11 @@ import numpy as np
 STEP = 1e-30  # of a derivative by a complex step, which has no error of cancellation
 
 
-def length_of(a):
-    """Length of a vector, analytic in its complex parts."""
-    return np.sqrt((a * a).sum())
+def direction_of(a, usual):
+    """Direction of a vector, analytic in its complex parts; it fades where less is left than half the usual length."""
+    square, short = (a * a).sum(), 0.25 * usual**2
+    lacking = max(0.0, short - square, key=lambda number: number.real)
+    return a / np.sqrt(square + 0.5 * lacking**2 / short)
 
 
 def sections_of(body):
@@ -20,13 +22,13 @@ def moving_water(body, world, x):
     """Of each section: its nodes, their shares, its tangent, and lateral and vertical added mass with directions."""
     s = body.sections
     middle = [share @ x[nodes] for nodes, share in sections_of(body)]
-    rise = (x[s.upper] - x[s.lower]).sum(axis=0) + np.array([0.0, 0.0, s.height])
+    above = np.array([0.0, 0.0, s.height])
+    rise, usual = ((at[s.upper] - at[s.lower]).sum(axis=0) + above for at in (x, body.position))
     for k, (nodes, share) in enumerate(sections_of(body)):
         begin = min(max(k - 1, 0), len(middle) - 3)
         tangent = s.slope[k] @ np.array(middle[begin : begin + 3])
-        t = tangent / length_of(tangent)
-        side = np.cross(t, rise)
-        n = side / length_of(side)
+        t = direction_of(tangent, 1.0)
+        n = direction_of(np.cross(t, rise), np.linalg.norm(usual))
         lateral, vertical = world.added_mass * (s.lateral[k], s.vertical[k])
         yield nodes, share, t, ((lateral, n), (vertical, np.cross(n, t)))
 

@@ -24,6 +24,7 @@ from fish_env.physics.records import Body, World
 ANYWHERE = IN_WATER = True
 TURNING = 0.3  # strain whose steps are as inaccurate as those of a turn of 1 rad
 ROUNDS = 1  # of the iteration for the velocities at the middle of a kick
+SHORT = 0.5  # of their length at rest: tangent and upward direction of a section fade where they are shorter
 TINY = 1e-30  # m2/s2, so that a tail at rest divides by no zero
 
 
@@ -40,12 +41,14 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     carry = share[:, None] * body.inverse_mass[nodes]
     give = np.add.reduceat(share[:, None] * carry, first[:-1])
     turn = body.inverse_mass[edges].sum(axis=0, keepdims=True)
+    rise = body.position[upper].sum(axis=0) - body.position[lower].sum(axis=0) + [0.0, 0.0, body.sections.height]
     vectors = (
         "middle", "speed", "t", "n", "b", "td", "nd", "bd", "force", "later", "speed_ahead",
     )  # fmt: skip
-    numbers = ("per_length", "per_rise", "nn", "nb", "bn", "bb", "m", "q")
+    numbers = ("per_length", "per_rise", "kept_t", "kept_n", "nn", "nb", "bn", "bb", "m", "q")
     return Pack(
         "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), advance=kind.numbers(1),
+        short=float(SHORT**2 * (rise @ rise)),
         **{name: kind.vectors(1) for name in ("rise", "climb", "twist", "bend", "climb_ahead", "wake")},
         **{name: kind.vectors(count) for name in vectors}, **{name: kind.numbers(count) for name in numbers},
     )  # fmt: skip
@@ -95,6 +98,19 @@ def along(body, values, k):
 
 
 @kernel
+def directed(square, short):
+    """Factors that make a direction of a vector of this square, and its rate of one: `per` and `kept`.
+
+    With d = per v, the rate of d is per (dv - kept d (d . dv)). Where the square is below `short`, d fades smoothly: a
+    section at which the body is folded has no direction. Elsewhere d is a unit vector.
+    """
+    lacking = short - square
+    lacking = select(lacking > 0.0, lacking, 0.0 * lacking)
+    slack = (0.5 / short) * lacking
+    return 1.0 / sqrt(fma(slack, lacking, square)), fma(-2.0, slack, 1.0)  # (92)
+
+
+@kernel
 def set_frames(body, world, control, x, cache):
     """Store tangent, lateral and vertical direction of every section at positions x, and its added mass over a mass."""
     sections, light = body.sections, control.lightness[0]
@@ -104,10 +120,10 @@ def set_frames(body, world, control, x, cache):
     cache.rise[0] = rise
     for k in range(cache.n.size):
         tangent = along(body, cache.middle, k)
-        per_length = 1.0 / sqrt(dot(tangent, tangent))
+        per_length, cache.kept_t[k] = directed(dot(tangent, tangent), SHORT * SHORT)
         t = per_length * tangent
         side = cross(t, rise)
-        per_rise = 1.0 / sqrt(dot(side, side))
+        per_rise, cache.kept_n[k] = directed(dot(side, side), cache.short)
         n = per_rise * side
         b = cross(n, t)
         cache.per_length[k], cache.per_rise[k], cache.t[k], cache.n[k], cache.b[k] = per_length, per_rise, t, n, b
@@ -138,9 +154,9 @@ def set_rates(body, cache):
     for k in range(cache.n.size):
         t, n = cache.t[k], cache.n[k]
         change = along(body, cache.speed, k)
-        td = cache.per_length[k] * fma(-dot(change, t), t, change)
+        td = cache.per_length[k] * fma(-cache.kept_t[k] * dot(change, t), t, change)
         change = cross(td, cache.rise[0]) + cross(t, cache.climb[0])
-        nd = cache.per_rise[k] * fma(-dot(change, n), n, change)
+        nd = cache.per_rise[k] * fma(-cache.kept_n[k] * dot(change, n), n, change)
         cache.td[k], cache.nd[k], cache.bd[k] = td, nd, cross(nd, t) + cross(n, td)
 
 
@@ -182,9 +198,9 @@ def push(body, world, control, cache, force, twist):
         own = fma((lost * select(u < 0.0, u, 0.0 * u)) * y, b, own)  # (81)
         upward = (q * y) * speed
         side = fma(m * w, speed, cross(t, upward))
-        side = cache.per_rise[k] * fma(-dot(side, n), n, side)
+        side = cache.per_rise[k] * fma(-cache.kept_n[k] * dot(side, n), n, side)
         ahead = cross(cache.rise[0], side) + cross(upward, n)
-        ahead = cache.per_length[k] * fma(-dot(ahead, t), t, ahead)  # (79)
+        ahead = cache.per_length[k] * fma(-cache.kept_t[k] * dot(ahead, t), t, ahead)  # (79)
         turned += cross(side, t)
         force[k] = own
         j = nearest(body, k)
