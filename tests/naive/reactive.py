@@ -6,7 +6,7 @@ STEP = 1e-30  # of a derivative by a complex step, which has no error of cancell
 
 
 def direction_of(a, usual):
-    """Direction of a vector, analytic in its complex parts; it fades where less than a fifth of the usual length is left."""
+    """Direction of a vector, analytic in its complex parts; it fades below a fifth of the usual length."""
     square, short = (a * a).sum(), 0.04 * usual**2
     lacking = max(0.0, short - square, key=lambda number: number.real)
     return a / np.sqrt(square + 0.5 * lacking**2 / short)
