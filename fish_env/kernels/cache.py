@@ -1,7 +1,8 @@
 """Disk cache of compiled kernels: its folder, the names of its files, and their look-up.
 
 Numba's own cache checks only the file of a kernel, not those of the kernels that it calls. Here the folder's name is a
-hash of every source file of the rooms that have kernels, so a stale kernel cannot be found after an edit.
+hash of the sources of `fish_env.kernels`, and a file's name is one of all that the kernel is made of. So a stale kernel
+cannot be found after an edit, and an edit elsewhere costs nothing.
 """
 
 import contextlib
@@ -23,8 +24,8 @@ from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
 from fish_env.kernels.progress import begin_progress, end_progress
 
 CHECKSUM = 32  # bytes
-ROOMS = ("kernels", "physics", "tasks", "envs")
-"""Folders of the package whose files have kernels."""
+ROOMS = ("kernels",)
+"""Folders of the package whose functions `fingerprint` knows by their names; it has all others by value."""
 CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
@@ -132,7 +133,6 @@ class Place:
         package, _, _ = function.__module__.rpartition(".")
         outside = hashlib.sha256(os.path.dirname(os.path.abspath(file)).encode()).hexdigest()[:16]
         self._path = os.path.join(str(_FOLDER), package if package.split(".")[0] == "fish_env" else outside)
-        self._line = str(function.__code__.co_firstlineno)
 
     @classmethod
     def from_function(cls, function, file):
@@ -151,8 +151,8 @@ class Place:
         return ""
 
     def get_disambiguator(self) -> str:
-        """Line number, which distinguishes functions of one name."""
-        return self._line
+        """Return "": the fingerprint in a file's name distinguishes functions of one name."""
+        return ""
 
 
 class Stored(CompileResultCacheImpl):
@@ -170,29 +170,29 @@ class KeyedFiles(IndexDataCacheFile):
 
     def save(self, key, data):
         """Store compiled code."""
-        self._save_data(self._name(key), data)
+        name = self._name(key)
+        content = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(checksum(name, content) + content)
 
     def load(self, key):
         """Load compiled code; None if there is none."""
-        with contextlib.suppress(OSError):
-            return self._load_data(self._name(key))
-        return None
-
-    def _dump(self, obj):
-        data = super()._dump(obj)
-        return hashlib.sha256(data).digest() + data
-
-    def _load_data(self, name):
+        name = self._name(key)
         path = Path(self._data_path(name))
-        if others_write(path):
-            return None
-        content = path.read_bytes()
-        digest, data = content[:CHECKSUM], content[CHECKSUM:]
-        return pickle.loads(data) if hashlib.sha256(data).digest() == digest else None
+        with contextlib.suppress(OSError):
+            if not others_write(path):
+                digest, data = (content := path.read_bytes())[:CHECKSUM], content[CHECKSUM:]
+                return pickle.loads(data) if checksum(name, data) == digest else None
+        return None
 
     def _name(self, key) -> str:
         text = "\n".join(map(str, (numba.__version__, *key)))
         return self._index_name.removesuffix("nbi") + hashlib.sha256(text.encode()).hexdigest()[:32] + ".nbc"
+
+
+def checksum(name: str, data: bytes) -> bytes:
+    """Digest of a stored kernel and of its name: a file with the name of another one is none."""
+    return hashlib.sha256(name.encode() + data).digest()
 
 
 class SourceCache(FunctionCache):

@@ -135,8 +135,10 @@ def _value(value: Any, seen) -> Iterator[bytes]:
 
 
 def _is_known(function: FunctionType) -> bool:
-    """Return True for a function that its name identifies: one of this package or of a library."""
-    return (function.__module__ or "").split(".")[0] in ("fish_env", *LIBRARIES) and not function.__closure__
+    """Return True for a function that its name identifies: one of `fish_env.kernels` or of a library."""
+    home = function.__module__ or ""
+    ours = home.startswith("fish_env.kernels.")
+    return (ours or home.split(".")[0] in LIBRARIES) and not function.__closure__
 
 
 def _overloads(function: FunctionType) -> list[FunctionType]:
