@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fish_env.training.checkout import ROOT
 from fish_env.training.config import PARENT, TrainConfig, settings_of
-from fish_env.training.saved_run import not_through_link, read_curve, read_record
+from fish_env.training.saved_run import read_curve, read_record
 
 SCRIPT = ROOT / "train.py"
 
@@ -69,7 +69,7 @@ class Job:
 
         self.folder.mkdir(parents=True, exist_ok=True)
         # in a session of its own: Ctrl-C reaches it once, from here
-        with open(self.folder / "log.txt", "a", opener=not_through_link) as log:
+        with (self.folder / "log.txt").open("a") as log:
             self.process = subprocess.Popen(
                 self.command(), stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True,
                 env=os.environ | {PARENT: str(os.getpid())},

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from numbers import Real
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TypeGuard
 
 import numpy as np
@@ -110,24 +110,18 @@ def fits_memory(count: int, each: int, what: str) -> None:
 
 
 @cache
-def available_memory(root: Path = Path("/")) -> int | None:
-    """Bytes of memory of this machine, or fewer if the control groups of this process (containers) allow fewer.
-
-    None if the system does not report it.
+def available_memory(groups: Path = Path("/sys/fs/cgroup")) -> int | None:
+    """Bytes of memory of this machine, or of the container around this process; None if the system does not say.
 
     Args:
-        root: root of the file system.
+        groups: folder of the control groups, which shows a container its own limit.
     """
-    sizes, files = [], [root / "sys/fs/cgroup/memory/memory.limit_in_bytes"]  # of control groups, version 1
+    sizes = []
     with suppress(AttributeError, ValueError, OSError):  # not available on this system
         sizes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    with suppress(OSError):  # version 2: the group of this process, and those around it, which may allow less
-        for line in (root / "proc/self/cgroup").read_text().splitlines():
-            group = PurePosixPath(line.removeprefix("0::/"))
-            files += [root / "sys/fs/cgroup" / each / "memory.max" for each in (group, *group.parents)]
-    for file in files:
+    for name in ("memory.max", "memory/memory.limit_in_bytes"):
         with suppress(OSError, ValueError):  # "max" is not a number
-            sizes.append(int(file.read_text()))
+            sizes.append(int((groups / name).read_text()))
     return min(sizes, default=None)
 
 

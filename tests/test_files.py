@@ -29,7 +29,7 @@ from fish_env.control import (
 from fish_env.control import npz as reader
 from fish_env.control import recording as recordings
 from fish_env.control.files import replacing, writable_file, write_text
-from fish_env.control.npz import DEPTH, LARGEST, Npz, read_about, write_about
+from fish_env.control.npz import LARGEST
 
 STUB = "FishEnv/Stub-v0"
 
@@ -136,56 +136,36 @@ def test_files_are_tried_before_anything_is_computed(tmp_path):
 # Read: archives
 
 
-def head(shape, descr="<f4") -> bytes:
-    """The head of an array, whatever follows it."""
-    out = io.BytesIO()
-    np.lib.format.write_array_header_1_0(out, {"descr": descr, "fortran_order": False, "shape": shape})
-    return out.getvalue()
-
-
-def archive(path, *parts, repeat=1, **changes):
+def archive(path, parts, kind=zipfile.ZIP_DEFLATED, **changes):
     """An archive of parts (name, bytes, how often the bytes stand there), its list changed for the last part."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+    with zipfile.ZipFile(path, "w", kind) as file:
         for name, data, often in parts:
             with file.open(name, "w") as part:
                 for _ in range(often):
                     part.write(data)
         for name, value in changes.items():
             setattr(file.filelist[-1], name, value)
-        file.filelist *= repeat
 
 
-def array(shape, data=b"", descr="<f4", often=1):
+def array(shape, data=b"", descr="<f4"):
     """A part that says that it is an array of this shape and type, and holds these bytes."""
-    return "a.npy", head(shape, descr) + data, often
+    out = io.BytesIO()
+    np.lib.format.write_array_header_1_0(out, {"descr": descr, "fortran_order": False, "shape": shape})
+    return "a.npy", out.getvalue() + data, 1
 
 
-ONE, FOUR_MB = array((4,), bytes(16)), len(head((2**20,))) + 2**22
 MB = bytes(2**20)
-NO_NUMBERS = "not an array of numbers"
 BAD = {
     "unpacks to 100 MB": ([("a.npy", MB, 100)], {}, "says that it unpacks to 104,857,600; at most"),
     "many parts of 1 MB": ([(f"{k}.npy", MB, 1) for k in range(40)], {}, "says that it unpacks to"),
-    "is shorter than it says": ([array((2**20,), bytes(16))], {"file_size": FOUR_MB}, "EOF"),
-    "head of a larger array": ([array((2**40,), bytes(16))], {}, "its head says"),
-    "head of a smaller array": ([array((1,), bytes(16))], {}, "its head says"),
-    "head of huge axes": ([array((10**30, 10**30))], {}, "its head says"),
-    "nothing, of huge axes": ([array((0, 10**30))], {}, "too large|too big|exceeded"),
+    "unpacks to more than it says": ([("a.npy", MB, 100)], {"file_size": 1000}, "not an array|CRC|npz is"),
+    "is shorter than it says": ([array((2**20,), bytes(16))], {"file_size": 2**22}, "EOF|array data"),
+    "another compression": ([("a.npy", MB, 1)], {"kind": zipfile.ZIP_BZIP2}, "compressed otherwise"),
+    "nothing, of huge axes": ([array((0, 10**30))], {}, "too large|too big|exceeded|convert"),
     "very many axes": ([array((1,) * 100, bytes(4))], {}, "dimension"),
-    "a long list": ([(f"{k}.npy", b"", 1) for k in range(2000)], {}, "a few parts"),
-    "a part twice": ([ONE], {"repeat": 2}, "a part twice"),
-    "an encrypted part": ([ONE], {"flag_bits": 1}, "encrypted"),
-    "a part that is no array": ([("a.txt", b"text", 1)], {}, "no array"),
-    "objects": ([array((), b"cos\nsystem\n.", "|O")], {}, NO_NUMBERS),
-    "records": ([array((1,), bytes(4), [("x", "<f4")])], {}, NO_NUMBERS),
-    "an expression": ([("a.npy", head((4,)).replace(b"False", b"1 + 1"), 1)], {}, NO_NUMBERS),
-}  # fmt: skip
-
-
-def read_all(path) -> dict[str, np.ndarray]:
-    """All parts of an archive."""
-    with Npz(path, "file", "give another") as file:
-        return {name: file.read(name) for name in file.parts}
+    "an encrypted part": ([array((4,), bytes(16))], {"flag_bits": 1}, "encrypted"),
+    "objects": ([array((), b"cos\nsystem\n.", "|O")], {}, "allow_pickle=False"),
+}
 
 
 @pytest.mark.parametrize("kind", BAD)
@@ -193,67 +173,30 @@ def test_archives_that_are_not_what_they_say(kind, tmp_path):
     """Refused in a sentence that names the file, before more memory is taken than the largest honest file needs."""
     path = tmp_path / "file.npz"
     parts, changes, message = BAD[kind]
-    archive(path, *parts, **changes)
+    archive(path, parts, **changes)
     tracemalloc.start()
     try:
-        with pytest.raises(ValueError, match=rf"file\.npz is not a file, or is damaged or pickled .*({message})"):
-            read_all(path)
+        for read, name in ((load_policy, "policy file"), (load_recording, "recording")):
+            with pytest.raises(ValueError, match=rf"file\.npz is not a {name}, or is damaged or pickled .*({message})"):
+                read(path)
         assert tracemalloc.get_traced_memory()[1] < 2 * LARGEST
     finally:
         tracemalloc.stop()
-    for read in (load_policy, load_recording):
-        with pytest.raises(ValueError, match=r"file\.npz"):
-            read(path)
 
 
-ARRAYS = {
-    "int64": np.arange(6).reshape(2, 3), "float32": np.float32([[1, 2], [3, 4]]), "columns": np.ones((3, 2)).T,
-    "truths": np.array([True, False]), "text": np.array("Fisch \u00e9"), "none": np.zeros((0, 3)),
-    "number": np.array(2), "big-endian": np.arange(3, dtype=">f8"), "texts": np.array(["a", "bcd"]),
-    "columns of one": np.ones((1, 3)).T,
-}  # fmt: skip
+def test_an_array_that_is_not_there(tmp_path):
+    """A head of four terabytes over sixteen bytes is refused; nothing is written to such an array."""
+    archive(tmp_path / "file.npz", [array((2**40,), bytes(16))])
+    with pytest.raises(ValueError, match="is not a policy file, or is damaged"):
+        load_policy(tmp_path / "file.npz")
 
 
-@pytest.mark.parametrize("write", [np.savez, np.savez_compressed])
-def test_what_numpy_writes_is_read(write, tmp_path):
-    """Arrays of all kinds come back as numpy reads them, in the same order in memory."""
-    path = tmp_path / "file.npz"
-    write(path, **ARRAYS)
-    found = read_all(path)
-    with np.load(path) as wanted:
-        assert set(found) == set(wanted.files)
-        for name, array in wanted.items():
-            np.testing.assert_array_equal(found[name], array)
-            assert (found[name].dtype, found[name].shape) == (array.dtype, array.shape) and found[name].flags.writeable
-            assert found[name].flags.f_contiguous == array.flags.f_contiguous
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[" * 100_000, "nested more than"), ('{"a":' * (DEPTH + 1) + "1" + "}" * (DEPTH + 1), "nested more than"),
-        ('{"seed": ' + "9" * 5000 + "}", "digits"),
-        ('{"a": "' + "x" * 2**18 + '"}', "characters|an array"), ("[]", "is a list"), ("3", "is a int"),
-        ("", "Expecting"),
-    ],
-)  # fmt: skip
-def test_descriptions_that_are_not_read(text, message, tmp_path):
-    """A description that is deep, long, of huge numbers or no dictionary is refused; nor is such a one written."""
-    with pytest.raises(ValueError, match=message):
-        read_about(text)
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"seed": ' + "9" * 5000 + "}", "[]", "3", ""])
+def test_descriptions_that_are_not_read(text, tmp_path):
+    """A description that is deep, of huge numbers or no dictionary is refused."""
     np.savez(tmp_path / "policy.npz", format=2, layout=1, about=text, weight0=np.zeros((1, 1)), bias0=np.zeros(1))
-    with pytest.raises(ValueError, match=rf"policy\.npz .*{message}"):
+    with pytest.raises(ValueError, match=r"policy\.npz cannot be used: .*(about|Expecting|digits)"):
         load_policy(tmp_path / "policy.npz")
-    deep: dict = {}
-    for _ in range(DEPTH):
-        deep = {"a": deep}
-    for about in ({"deep": deep}, {"note": "x" * 2**18}):
-        with pytest.raises(ValueError, match="about"):
-            stub_policy(**about).save(tmp_path / "other.npz")
-        with pytest.raises(ValueError, match="about"):
-            stub_recording(**about).save(tmp_path / "other.npz")
-    assert not (tmp_path / "other.npz").exists()
-    assert read_about(write_about({"number": 10**99, "note": "\ud800"})) == {"number": 10**99, "note": "\ud800"}
 
 
 def test_a_large_recording_is_read_again(tmp_path, monkeypatch):
@@ -301,8 +244,7 @@ def test_wrong_files(kind, good, tmp_path):
     for bad in (*(data[:size] for size in (0, 10, 1000, len(data) - 30)), b"hello" * 100,
                 data[:half] + bytes([data[half] ^ 4]) + data[half + 1 :]):  # fmt: skip
         check_wrong(kind, bad, f"is not a {kind}, or is damaged or pickled", path)
-    others = {"policy file": ("recording", "not a policy file that this .* extra parts"),
-              "recording": ("policy file", "is no recording: it holds .*weight0")}  # fmt: skip
+    others = {"policy file": ("recording", "has format 1 and not 2 or 3"), "recording": ("policy file", "no recording")}
     check_wrong(kind, (good / f"{others[kind][0]}.npz").read_bytes(), others[kind][1], path)
 
 
@@ -310,35 +252,38 @@ def test_wrong_files(kind, good, tmp_path):
     ("kind", "name", "change", "message"),
     [
         ("policy file", "weight0", lambda array: np.array([{}], dtype=object), "damaged or pickled"),
-        ("policy file", "bias0", None, "not a policy file"),
+        ("policy file", "bias0", None, r"missing or extra parts \['bias0'\]"),
         ("policy file", "format", lambda array: 99, "format 99"),
-        ("policy file", "format", lambda array: 1, "format 1 .* format 2 or 3"),
+        ("policy file", "format", lambda array: np.zeros(2), "format"),
+        ("policy file", "format", lambda array: 1, "format 1 and not 2 or 3"),
         ("policy file", "layout", lambda array: 7,
          "version 7 of the observation layout; this package has version 1 .*: train the"),
-        ("policy file", "weight0", lambda array: array[:, :-1], "do not fit together"),
+        ("policy file", "weight0", lambda array: array[:, :-1], "does not fit the other"),
+        ("policy file", "weight0", lambda array: array.astype(int), "floating of shape"),
         ("policy file", "bias0", lambda array: array * np.nan, "not finite"),
         ("policy file", "about", lambda array: json.dumps({"env_id": "FishEnv/Other-v0"}), "trained for FishEnv/Other"),
         ("policy file", "about", lambda array: "{}", "does not say which environment it is for"),
+        ("policy file", "about", None, "about|Expecting"),
         ("policy file", "hidden", lambda array: "elu", "hidden is 'elu'; choose from tanh, relu"),
-        ("policy file", "output", lambda array: 3, "its part 'output' is an array"),
+        ("policy file", "output", lambda array: 3, "output is '3'"),
         ("policy file", "mean", None, "missing or extra parts .*deviation"),
-        ("policy file", "mean", lambda array: array[:-1], r"mean is of shape \(155,\); give floating-point numbers"),
+        ("policy file", "mean", lambda array: array[:-1], "does not fit the other"),
         ("policy file", "deviation", lambda array: 0.0 * array, "or deviations of zero or less"),
-        ("policy file", "limit", lambda array: np.nan, "not finite, or"),
-        ("policy file", "limit", lambda array: 3, r"limit is of shape \(\); give floating-point numbers"),
+        ("policy file", "limit", lambda array: np.nan, "no limit above zero, or"),
+        ("policy file", "limit", lambda array: 3, "no limit above zero, or"),
         ("recording", "reward", lambda array: np.array([{}], dtype=object), "damaged or pickled"),
         ("recording", "format", lambda array: 2, "has format 2; this package reads format 1: record the episode again"),
-        ("recording", "format", lambda array: np.zeros(2), r"its part 'format' is an array \(2,\)"),
-        ("recording", "velocity", None, "a recording holds .*'velocity'"),
-        ("recording", "extra", lambda array: np.zeros(2), "holds .*'extra'"),
+        ("recording", "format", lambda array: np.zeros(2), "has format"),
+        ("recording", "velocity", None, r"missing or extra parts \['velocity'\]"),
+        ("recording", "extra", lambda array: np.zeros(2), r"missing or extra parts \['extra'\]"),
         ("recording", "velocity", lambda array: array[:-1], "velocity has shape .* does not fit"),
         ("recording", "position", lambda array: array[:, :-1], "has shape .* does not fit"),
         ("recording", "terms", lambda array: array[:, :-1], "terms has shape .* does not fit"),
-        ("recording", "reward", lambda array: array.astype(np.float32), "reward is an array .*float32; .*float64"),
+        ("recording", "reward", lambda array: array.astype(np.float32), "reward is .*float32; it has float64"),
         ("recording", "position", lambda array: array * np.nan, "position holds numbers that are not finite"),
         ("recording", "failure", lambda array: array - 1, "failure holds numbers that name no failure"),
         ("recording", "failure", lambda array: array + 2**62, "failure holds numbers that name no failure"),
-        ("recording", "about", lambda array: "{", "damaged or pickled"),
+        ("recording", "about", lambda array: "{", "Expecting"),
         ("recording", "about", lambda array: "{}", "describes no episode"),
     ],
 )  # fmt: skip
@@ -446,7 +391,7 @@ def test_keywords_that_are_not_the_environments(options, message, tmp_path):
     stub_policy(env_options=options).save(tmp_path / "policy.npz")
     with pytest.raises(ValueError, match=rf"policy\.npz.*{message}"):
         load_policy(tmp_path / "policy.npz")
-    with pytest.raises(ValueError, match=rf"one\.npz describes no episode: .*env_options|one\.npz.*{message}"):
+    with pytest.raises(ValueError, match=rf"one\.npz cannot be used: .*{message}"):
         load_recording(stub_recording(env_options=options).save(tmp_path / "one.npz"))
 
 

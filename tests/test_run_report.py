@@ -96,7 +96,7 @@ def test_no_run(runs, tmp_path):
     for name in ("config.json", "policy.npz", "curve.csv"):
         shutil.copy(runs / "seed0" / name, bad)
     good = (bad / "config.json").read_text()
-    for text, message in (("{", "config.json cannot be used"), ("[]", "not an object"),
+    for text, message in (("{", "config.json cannot be used"), ("[]", "not a mapping"),
                           (good.replace('"task": "swim"', '"task": "fly"'), "unknown task 'fly'"),
                           (good.replace("Swim-v0", "Turn-v0"), "'FishEnv/Turn-v0' is not that of a task 'swim'"),
                           (good.replace("FishEnv/Swim-v0", "os:Swim-v0"), "'os:Swim-v0' is not that of"),
@@ -106,7 +106,7 @@ def test_no_run(runs, tmp_path):
         refused(message)
     (bad / "config.json").write_text(good)
     (bad / "curve.csv").write_text("timesteps,seconds\n1,2\n")
-    refused("line 1 of .*curve.csv is 'timesteps,seconds'")
+    refused("its head is 'timesteps,seconds'")
     (bad / "curve.csv").write_text("timesteps,seconds,episodes,score,return\n")
     assert run_report.write_report([bad], tmp_path / "empty.html", 2).exists()  # interrupted before the first row
     refused("--episodes is 0", episodes=0)

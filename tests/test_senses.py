@@ -1,5 +1,8 @@
 """What stands between a fish and its controller: noise, delays, history, sensors, goals and a privileged state."""
 
+import copy
+import pickle
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 import fish_env
 from fish_env.control import evaluate, record, replay
 from fish_env.envs import Layout
+from fish_env.tasks.target import GoalTask, TargetTask
 
 SWIM = "FishEnv/Swim-v0"
 ALL = {
@@ -228,6 +232,17 @@ def test_recorded_and_replayed():
     """An episode with noise and drawn delays is recorded and replayed to the bit."""
     with gym.make(SWIM, **ALL) as env:
         assert replay(record(env, ACTIONS[:, 0], seed=4)).same
+
+
+def test_a_task_with_goals_is_of_its_own_class():
+    """`TargetTask(goal_env=True)` is a `GoalTask`, also as a copy or a pickle; a class made of it cannot be one."""
+    task = TargetTask(goal_env=True, radius=0.2)
+    for each in (task, copy.deepcopy(task), pickle.loads(pickle.dumps(task))):
+        assert type(each) is GoalTask and each.radius == 0.2
+    assert type(TargetTask(goal_env=False)) is TargetTask and type(GoalTask(goal_env=True)) is GoalTask
+    for make, value in ((TargetTask, 1), (type("Other", (TargetTask,), {}), True)):
+        with pytest.raises(ValueError, match="goal_env is"):
+            make(goal_env=value)
 
 
 def test_goals():

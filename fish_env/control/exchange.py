@@ -12,12 +12,9 @@ from typing import Any
 import numpy as np
 
 from fish_env.control.files import replacing
-from fish_env.control.npz import read_about
 
 OPSET, IR = 17, 8
 """Versions of ONNX's operators and of its files: those of 2022, which every runtime in use reads."""
-WORDS = {"format", "layout", "about", "hidden", "output"}
-"""Parts of a policy that are the metadata of a model."""
 LAYERS = {"tanh": "Tanh", "relu": "Relu"}
 """Operators of the hidden activations."""
 
@@ -91,54 +88,25 @@ def write_onnx(parts: Mapping[str, Any], path: Path) -> None:
         partial.write_bytes(model.SerializeToString())
 
 
-class OnnxFile:
-    """File that `write_onnx` wrote, with the methods of `Npz`: `parts` by name, and ways to read them.
+def read_onnx(path: Path) -> tuple[dict[str, Any], Any]:
+    """The parts of a policy that `write_onnx` wrote, and the graph of its model.
 
     Raises:
         ImportError: without onnx.
-        ValueError: for another file, or a model whose graph is not that of its parts.
+        ValueError: for another file.
     """
-
-    def __init__(self, path: Path, what: str, advice: str):
-        onnx = load_onnx()
-        try:
-            model = onnx.load_model_from_string(path.read_bytes())
-            if any(part.data_location for part in model.graph.initializer):
-                raise ValueError("its numbers are in other files")
-            arrays = {part.name: onnx.numpy_helper.to_array(part) for part in model.graph.initializer}
-            words = {part.key: part.value for part in model.metadata_props}
-            if words.keys() != WORDS:
-                raise ValueError(f"its metadata are {', '.join(words)}")
-            self.parts: dict[str, Any] = arrays | words
-            numbers = {name: int(words[name]) for name in ("format", "layout")}
-            if onnx_model(self.parts).graph != model.graph:
-                raise ValueError("its graph is another one than Policy.to_onnx writes")
-            self.parts |= numbers
-        except Exception as error:  # what is damaged may raise anything
-            reason = (str(error).splitlines() or [""])[0]
-            raise ValueError(f"{path} is not a {what} that Policy.to_onnx wrote ({reason:.200}); {advice}") from error
-
-    def __enter__(self) -> "OnnxFile":
-        return self
-
-    def __exit__(self, *error) -> None:
-        pass
-
-    def read(self, name: str) -> np.ndarray:
-        """The array of a part."""
-        return self.parts[name]
-
-    def whole(self, name: str) -> int:
-        """A whole number."""
-        return self.parts[name]
-
-    def text(self, name: str) -> str:
-        """A text."""
-        return self.parts[name]
-
-    def about(self) -> dict[str, Any]:
-        """The part "about", JSON."""
-        return read_about(self.parts["about"])
+    onnx = load_onnx()
+    try:
+        model = onnx.load_model_from_string(path.read_bytes())
+        if any(part.data_location for part in model.graph.initializer):
+            raise ValueError("its numbers are in other files")
+        arrays = {part.name: onnx.numpy_helper.to_array(part) for part in model.graph.initializer}
+        words: dict[str, Any] = {part.key: part.value for part in model.metadata_props}
+        words |= {name: int(words[name]) for name in ("format", "layout")}
+    except Exception as error:  # what is damaged may raise anything
+        reason = (str(error).splitlines() or [""])[0]
+        raise ValueError(f"{path} is not a policy file that Policy.to_onnx wrote ({reason:.200})") from error
+    return words | {name: part if part.ndim else part.item() for name, part in arrays.items()}, model.graph
 
 
 def write_torchscript(parts: Mapping[str, Any], path: Path) -> None:

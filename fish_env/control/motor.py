@@ -24,7 +24,6 @@ from fish_env.checks import finite_array, positive_array, real
 from fish_env.kernels.data import data
 
 MOTOR_FILE = data("fish_env.control", "motor_controllers.json")
-LARGEST = 2**20  # bytes of such a file; that of the default fish has 6,000
 
 
 @dataclass(frozen=True)
@@ -142,11 +141,7 @@ def load_tables(path: Path = MOTOR_FILE, water: str | None = None) -> MotorTable
         ValueError: if it contains no tables of motor controllers, or cannot be read.
     """
     try:
-        with path.open("rb") as file:
-            text = file.read(LARGEST + 1)
-        if len(text) > LARGEST:
-            raise ValueError(f"it has more than {LARGEST:,} bytes")
-        found = json.loads(text)
+        found = json.loads(path.read_text())
         found = found if "turns" in found else found[check_level(water)]
         turns, starts = (
             [kind(np.radians(row["angle"]), *(row[f.name] for f in fields(kind)[1:])) for row in rows]

@@ -1,19 +1,10 @@
-"""Reading .npz files that anybody may have written: names, types and sizes are known before anything is unpacked.
-
-What is read is what `np.savez` writes of numbers, truth values and text. It is neither unpickled nor evaluated.
-"""
+"""Reading .npz files that anybody may have written: nothing is unpickled, and their sizes are known beforehand."""
 
 import json
-import math
-import os
-import re
-import struct
 import zipfile
-import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,154 +12,69 @@ LARGEST = 32 * 2**20
 """Bytes that any file may unpack to, about 17,000 states of the default fish."""
 RATIO = 4
 """Largest unpacked size of a file over its own size, if that is more."""
-TEXT = 2**18  # characters of a text: the description of a file has some hundreds
-DEPTH = 20  # of the description of a file: lists in lists
-HEAD = 2000  # bytes of the head of an array
-DIRECTORY = 2**16  # bytes of a zip file's list of parts, of which each takes about 60
-PARTS = re.compile(
-    r"\{'descr': '([<>|][biufcU]\d{1,12})', 'fortran_order': (?:True|False), 'shape': \(([\d, ]*)\), \} *\n"
-)
-"""The head of an array, as numpy writes it."""
-
-DAMAGED = (
-    ValueError, TypeError, LookupError, ArithmeticError, OSError, EOFError, RuntimeError, MemoryError, struct.error,
-    zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""Exceptions that Python raises for files that are truncated, encrypted, changed or something else."""
 
 
-class Part(NamedTuple):
-    """An array in a file, before it is read."""
-
-    info: zipfile.ZipInfo
-    dtype: np.dtype
-    shape: tuple[int, ...]
-
-
-class Npz:
-    """An opened .npz file: its `parts` by name, and `read`, which unpacks one of them.
+def read_npz(path: Path, what: str, advice: str) -> dict[str, Any]:
+    """The arrays of a file by name; single numbers and texts as those of Python.
 
     Raises:
-        ValueError: if it is truncated, damaged, pickled or encrypted, has a part twice, or unpacks to more than
-            `LARGEST` bytes and `RATIO` times its size.
+        ValueError: if it is truncated, damaged or pickled, or unpacks to more than `LARGEST` bytes and `RATIO` times
+            its size.
     """
-
-    def __init__(self, path: Path, what: str, advice: str):
-        self.path, self.what, self.advice = path, what, advice
-        with self._rejecting_damage():
-            self._file = path.open("rb")
-        try:
-            with self._rejecting_damage():
-                self._zip = _open_archive(self._file)
-                self.parts = {info.filename.removesuffix(".npy"): self._part(info) for info in self._zip.infolist()}
-        except BaseException:
-            self._file.close()
-            raise
-
-    def __enter__(self) -> "Npz":
-        return self
-
-    def __exit__(self, *error) -> None:
-        self._file.close()
-
-    @contextmanager
-    def _rejecting_damage(self) -> Iterator[None]:
-        """One exception for all that is wrong with a file."""
-        try:
-            yield
-        except DAMAGED as error:
-            raise ValueError(
-                f"{self.path} is not a {self.what}, or is damaged or pickled ({error}); {self.advice}"
-            ) from error
-
-    def _part(self, info: zipfile.ZipInfo) -> Part:
-        """The head of an array, whose size must be that of the part."""
-        with self._zip.open(info) as stream:
-            magic, length = struct.unpack("<8sH", stream.read(10))
-            found = PARTS.fullmatch(stream.read(min(length, HEAD)).decode("latin1"))
-        if magic != b"\x93NUMPY\x01\x00" or not found:
-            raise ValueError(f"its part {info.filename!r} is not an array of numbers or a text")
-        dtype, shape = np.dtype(found[1]), tuple(int(size) for size in re.findall(r"\d+", found[2]))
-        size = 10 + length + dtype.itemsize * math.prod(shape)
-        if size != info.file_size:
-            raise ValueError(f"its part {info.filename!r} has {info.file_size} bytes, and its head says {size}")
-        return Part(info, dtype, shape)
-
-    def read(self, name: str) -> np.ndarray:
-        """The array of a part."""
-        with self._rejecting_damage(), self._zip.open(self.parts[name].info) as stream:
-            return np.lib.format.read_array(stream, allow_pickle=False)
-
-    def whole(self, name: str) -> int | None:
-        """A whole number; None if the file has none of that name."""
-        return self._single(name, "iu", int)
-
-    def text(self, name: str) -> str | None:
-        """A text; None if the file has none of that name."""
-        return self._single(name, "U", str)
-
-    def _single(self, name: str, kinds: str, made: Any) -> Any:
-        part = self.parts.get(name)
-        if part is None:
-            return None
-        with self._rejecting_damage():
-            if part.shape or part.dtype.kind not in kinds or part.dtype.itemsize > 4 * TEXT:
-                raise ValueError(f"its part {name!r} is an array {part.shape} of {part.dtype}")
-            return made(self.read(name)[()])  # texts hold any number for a letter
-
-    def about(self) -> dict[str, Any]:
-        """The part "about", JSON."""
-        text = self.text("about")
-        with self._rejecting_damage():
-            return read_about(text or "")
+    try:
+        with path.open("rb") as file:
+            _check_sizes(zipfile.ZipFile(file).infolist(), file.seek(0, 2))
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as archive:
+                parts = {name: np.asarray(archive[name]) for name in archive.files}
+        return {name: part if part.ndim else part.item() for name, part in parts.items()}
+    except Exception as error:  # what is damaged may raise anything
+        raise ValueError(f"{path} is not a {what}, or is damaged or pickled ({error}); {advice}") from error
 
 
-def _open_archive(file: BinaryIO) -> zipfile.ZipFile:
-    """A zip file that holds arrays, each once, and does not unpack to very much."""
-    size = file.seek(0, os.SEEK_END)
-    file.seek(max(0, size - 42))
-    end = file.read()  # of the list of parts; of more than 4 GB another one before it
-    if end[-22:-18] != b"PK\5\6" or end[:4] == b"PK\6\7" or int.from_bytes(end[-10:-6], "little") > DIRECTORY:
-        raise ValueError("its end is not that of a zip file of a few parts")
-    found = zipfile.ZipFile(file)
-    names = found.namelist()
-    if len(set(names)) < len(names) or not all(name.endswith(".npy") for name in names):
-        raise ValueError("it holds a part twice, or one that is no array")
-    unpacked, most = sum(info.file_size for info in found.infolist()), max(LARGEST, RATIO * size)
+def _check_sizes(parts: list[zipfile.ZipInfo], size: int) -> None:
+    """ValueError unless a file of so many bytes unpacks to few, by its directory: reading stops at what that says."""
+    unpacked, most = sum(part.file_size for part in parts), max(LARGEST, RATIO * size)
     if unpacked > most:
         raise ValueError(f"it has {size:,} bytes and says that it unpacks to {unpacked:,}; at most {most:,} are read")
+    if any(part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for part in parts):
+        raise ValueError("it is compressed otherwise than numpy does")  # one step of such a method unpacks any size
+
+
+def read_about(text: Any) -> dict[str, Any]:
+    """The part "about" of a file, JSON; ValueError if it is no dictionary."""
+    try:
+        found = json.loads(str(text))
+    except RecursionError as error:
+        raise ValueError("its part 'about' is nested too deeply") from error
+    if not isinstance(found, dict):
+        raise ValueError(f"its part 'about' is a {type(found).__name__}, not a dictionary")
     return found
 
 
-def read_about(text: str) -> dict[str, Any]:
-    """Description of a file, from its JSON text.
+def check_arrays(parts: Mapping[str, Any], shapes: Mapping[str, tuple], types: Mapping[str, Any]) -> None:
+    """Check the arrays of a file.
+
+    Args:
+        parts: the arrays by name.
+        shapes: of every array; a text is a number that all its axes agree in, and "T+1" is one more than "T".
+        types: of numpy, by name; those that are not there are floating-point numbers.
 
     Raises:
-        ValueError: for other JSON than a dictionary, text of more than `TEXT` characters, or lists in lists more than
-            `DEPTH` deep.
+        ValueError: if one is missing or extra, of another type or shape, or not finite.
     """
-    if len(text) > TEXT:
-        raise ValueError(f"'about' has {len(text)} characters; at most {TEXT} are read")
-    try:
-        found = json.loads(text)  # ValueError for a number of thousands of digits
-    except RecursionError as error:
-        raise ValueError(f"'about' is nested more than {DEPTH} deep") from error
-    if not isinstance(found, dict):
-        raise ValueError(f"'about' is a {type(found).__name__}, not a dictionary")
-    _check_depth(found, DEPTH)
-    return found
-
-
-def write_about(about: Mapping[str, Any]) -> str:
-    """JSON that `read_about` can read, or ValueError."""
-    text = json.dumps(dict(about))
-    read_about(text)
-    return text
-
-
-def _check_depth(value: Any, levels: int) -> None:
-    if isinstance(value, dict | list):
-        if not levels:
-            raise ValueError(f"'about' is nested more than {DEPTH} deep")
-        for part in value.values() if isinstance(value, dict) else value:
-            _check_depth(part, levels - 1)
+    if parts.keys() != shapes.keys():
+        raise ValueError(f"it has missing or extra parts {sorted(parts.keys() ^ shapes.keys())}")
+    sizes: dict[str, int] = {}
+    for name, shape in shapes.items():
+        array, kind = parts[name], types.get(name, np.floating)
+        if not isinstance(array, np.ndarray) or not np.issubdtype(array.dtype, kind) or array.ndim != len(shape):
+            given = f"{array.shape} of {array.dtype}" if isinstance(array, np.ndarray) else repr(array)
+            raise ValueError(f"its part {name} is {given:.100}; it has {kind.__name__} of shape {shape}")
+        for axis, size in zip(shape, array.shape, strict=True):
+            late = axis == "T+1"
+            wanted = axis if isinstance(axis, int) else sizes.setdefault("T" if late else axis, size - late) + late
+            if size != wanted:
+                raise ValueError(f"its part {name} has shape {array.shape}, which does not fit the other arrays")
+        if not np.isfinite(array).all():
+            raise ValueError(f"its part {name} holds numbers that are not finite")

@@ -1,5 +1,6 @@
 """A trained policy as plain numbers: a multilayer perceptron in a `.npz` file that numpy alone can read and run."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +11,9 @@ from gymnasium.spaces import Box
 
 from fish_env.checks import as_floats
 from fish_env.control.environments import check_environment
-from fish_env.control.exchange import OnnxFile, write_onnx, write_torchscript
+from fish_env.control.exchange import onnx_model, read_onnx, write_onnx, write_torchscript
 from fish_env.control.files import replacing
-from fish_env.control.npz import Npz, write_about
+from fish_env.control.npz import check_arrays, read_about, read_npz
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.data import data
 
@@ -95,9 +96,6 @@ class Policy:
         """Write the policy, whole or not at all; nothing in the file is pickled.
 
         An `env_id` such as "module:Name-v0" loses its module: no file can have one imported.
-
-        Raises:
-            ValueError: for an `about` that could not be read again.
         """
         with replacing(Path(path)) as partial:
             np.savez(partial, **self.parts())
@@ -107,7 +105,7 @@ class Policy:
 
         Raises:
             ImportError: without onnx, of the extra [onnx].
-            ValueError: for another ending, or an `about` that could not be read again.
+            ValueError: for another ending.
         """
         write_onnx(self.parts(), _checked_ending(path, ".onnx"))
 
@@ -121,15 +119,11 @@ class Policy:
         write_torchscript(self.parts(), _checked_ending(path, ".pt"))
 
     def parts(self) -> dict[str, Any]:
-        """All that its file holds, by name: texts, whole numbers and arrays.
-
-        Raises:
-            ValueError: for an `about` that could not be read again.
-        """
+        """All that its file holds, by name: texts, whole numbers and arrays."""
         about = dict(self.about)
         if isinstance(about.get("env_id"), str):
             about["env_id"] = about["env_id"].rpartition(":")[2]
-        parts: dict[str, Any] = {"format": FORMAT, "layout": self.layout_version, "about": write_about(about)}
+        parts: dict[str, Any] = {"format": FORMAT, "layout": self.layout_version, "about": json.dumps(about)}
         parts |= {"hidden": self.hidden, "output": self.output}
         parts |= {f"weight{k}": weight for k, weight in enumerate(self.weights)}
         parts |= {f"bias{k}": bias for k, bias in enumerate(self.biases)}
@@ -187,86 +181,54 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
             f"there is no policy file {path}; give the policy.npz of a training, or one of those that are shipped: "
             f"{shipped}"
         )
-    kind = OnnxFile if path.name.lower().endswith(".onnx") else Npz
-    with kind(path, "policy file", "give the policy.npz of a training") as file:
-        return _read_policy(file, path, env_id)
-
-
-def _read_policy(file: Npz | OnnxFile, path: Path, env_id: str | None) -> Policy:
-    """The policy of an opened file, of which all is checked before it is read."""
-    version, layout = file.whole("format"), file.whole("layout")
-    layers = sum(name.startswith("weight") for name in file.parts)
-    names = [[f"{kind}{k}" for k in range(layers)] for kind in ("weight", "bias")]
-    words = ["hidden", "output"] if version == FORMAT else []
-    scales = [*Normalisation._fields] if version == FORMAT and "mean" in file.parts else []
-    extra = sorted(file.parts.keys() ^ {"format", "layout", "about", *words, *scales, *names[0], *names[1]})
-    if version not in (2, FORMAT) or extra:
-        raise ValueError(
-            f"{path} is not a policy file that this package reads: it has format {version} and missing or extra "
-            f"parts {extra}, and should have format 2 or {FORMAT}: train the policy again, or use the version of "
-            "fish_env that wrote it"
-        )
-    about = file.about()
-    _check_layout(path, layout)
-    _check_environment(path, about, env_id)
-    width = _check_layers(path, *([file.parts[name] for name in each] for each in names))
-    for name, shape in zip(scales, ((width,), (width,), ()), strict=bool(scales)):
-        if file.parts[name].dtype.kind != "f" or file.parts[name].shape != shape:
-            raise ValueError(
-                f"{path}: {name} is of shape {file.parts[name].shape}; give floating-point numbers {shape}"
-            )
-    weights, biases = (tuple(file.read(name) for name in each) for each in names)
-    read = [file.read(name) for name in scales]
-    normalisation = Normalisation(read[0], read[1], float(read[2])) if scales else None
-    _check_numbers(path, weights, biases, normalisation)
-    texts: dict[str, Any] = {name: file.text(name) for name in words}
+    parts, graph = (
+        read_onnx(path)
+        if path.name.lower().endswith(".onnx")
+        else (read_npz(path, "policy file", "give the policy.npz of a training"), None)
+    )
     try:
-        return Policy(weights, biases, about, normalisation=normalisation, **texts)
+        policy = _policy_of(parts, env_id)
+        if graph is not None and onnx_model(policy.parts()).graph != graph:
+            raise ValueError("its graph is another one than Policy.to_onnx writes")
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(f"{path} cannot be used: {error}; give the policy.npz of a training") from error
+    return policy
 
 
-def _check_numbers(path: Path, weights, biases, normalisation: Normalisation | None) -> None:
-    for k, arrays in enumerate(zip(weights, biases, strict=True)):
-        if not all(np.isfinite(array).all() for array in arrays):
-            raise ValueError(f"{path}: layer {k} holds numbers that are not finite")
-    if normalisation is not None:
-        mean, deviation, limit = normalisation
-        if not (np.isfinite(mean).all() and np.isfinite(deviation).all() and (deviation > 0.0).all() and limit > 0.0):
-            raise ValueError(
-                f"{path}: the normalisation has numbers that are not finite, or deviations of zero or less"
-            )
-
-
-def _check_layout(path: Path, layout: int | None) -> None:
-    if layout != LAYOUT_VERSION:
+def _policy_of(parts: dict[str, Any], env_id: str | None) -> Policy:
+    """The policy of these parts of a file, which are checked."""
+    version, layout = parts.get("format"), parts.get("layout")
+    if not isinstance(version, int) or version not in (2, FORMAT):
         raise ValueError(
-            f"{path} was trained with version {layout} of the observation layout; this package has version "
+            f"it has format {version} and not 2 or {FORMAT}; train the policy again, or use the version of fish_env "
+            "that wrote it"
+        )
+    if not isinstance(layout, int) or layout != LAYOUT_VERSION:
+        raise ValueError(
+            f"it was trained with version {layout} of the observation layout; this package has version "
             f"{LAYOUT_VERSION} (fish_env.envs.LAYOUT_VERSION): train the policy again, or use the version of fish_env "
             "that it was trained with"
         )
-
-
-def _check_layers(path: Path, weights: list[Any], biases: list[Any]) -> int:
-    """Width of the observation; ValueError unless layers, parts of a file, fit together."""
-    width = weights[0].shape[0] if weights and weights[0].shape else None
-    for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
-        if weight.dtype.kind != "f" or bias.dtype.kind != "f":
-            raise ValueError(f"{path}: layer {k} is of {weight.dtype} and {bias.dtype}; give floating-point numbers")
-        if len(weight.shape) != 2 or bias.shape != weight.shape[1:] or weight.shape[0] != width:
-            raise ValueError(f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}, which do not fit together")
-        width = weight.shape[1]
-    if width is None:
-        raise ValueError(f"{path} holds no layers; give the policy.npz of a training")
-    return weights[0].shape[0]
-
-
-def _check_environment(path: Path, about: Mapping[str, Any], env_id: str | None) -> None:
+    texts: dict[str, Any] = {name: str(parts.get(name)) for name in ("hidden", "output")} if version == FORMAT else {}
+    layers = sum(name.startswith("weight") for name in parts)
+    shapes = {f"weight{k}": (f"width {k}", f"width {k + 1}") for k in range(layers)}
+    shapes |= {f"bias{k}": (f"width {k + 1}",) for k in range(layers)}
+    scaled = version == FORMAT and "mean" in parts
+    shapes |= {"mean": ("width 0",), "deviation": ("width 0",)} if scaled else {}
+    apart = {"format", "layout", "about", *texts, *(["limit"] if scaled else [])}
+    check_arrays({name: part for name, part in parts.items() if name not in apart}, shapes, {})
+    if not layers:
+        raise ValueError("it holds no layers")
+    about = read_about(parts.get("about"))
     if "env_id" not in about:
-        raise ValueError(f"{path} does not say which environment it is for; give the policy.npz of a training")
-    try:
-        check_environment(about)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError("it does not say which environment it is for")
+    check_environment(about)
     if env_id is not None and about["env_id"] != env_id:
-        raise ValueError(f"{path} was trained for {about['env_id']}, not {env_id}; choose a policy of that environment")
+        raise ValueError(f"it was trained for {about['env_id']}, not {env_id}; choose a policy of that environment")
+    weights, biases = (tuple(parts[f"{kind}{k}"] for k in range(layers)) for kind in ("weight", "bias"))
+    scaling = None
+    if scaled:
+        scaling = Normalisation(parts["mean"], parts["deviation"], parts.get("limit", np.nan))
+        if not isinstance(scaling.limit, float) or not scaling.limit > 0.0 or not (scaling.deviation > 0.0).all():
+            raise ValueError("the normalisation has no limit above zero, or deviations of zero or less")
+    return Policy(weights, biases, about, normalisation=scaling, **texts)

@@ -1,9 +1,10 @@
 """An episode as a file: its environment, its actions, and every state, so that it can be plotted and replayed."""
 
+import json
 import math
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -13,9 +14,10 @@ import gymnasium as gym
 import numpy as np
 
 import fish_env
+from fish_env.checks import is_whole
 from fish_env.control.environments import check_environment, environment_of, make_checked_env
 from fish_env.control.files import replacing, writable_file
-from fish_env.control.npz import LARGEST, Npz, Part, write_about
+from fish_env.control.npz import LARGEST, check_arrays, read_about, read_npz
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.cache import source_hash
 from fish_env.physics.failures import FAILURES
@@ -24,9 +26,30 @@ FORMAT = 1
 """Format of a recording's file."""
 
 KIND = "fish_env recording"
-ABOUT = ("env_id", "env_options", "seed", "options", "control_interval", "length", "term_names", "versions")
 ENDING = ".npz"
-WORD = 200  # characters of a version, or of the name of a term
+
+
+def is_positive(value: Any) -> bool:
+    """Return True for a finite float above zero."""
+    return isinstance(value, float) and 0.0 < value < math.inf
+
+
+def are_words(values: Any) -> bool:
+    """Return True for texts that can be printed."""
+    return all(isinstance(word, str) and word.isprintable() for word in values)
+
+
+ABOUT: dict[str, Callable[[Any], bool]] = {
+    "env_id": lambda value: isinstance(value, str),
+    "env_options": lambda value: isinstance(value, dict),
+    "seed": lambda value: is_whole(value) and value >= 0,
+    "options": lambda value: isinstance(value, dict),
+    "control_interval": is_positive,
+    "length": is_positive,
+    "term_names": lambda value: isinstance(value, list) and are_words(value),
+    "versions": lambda value: isinstance(value, dict) and are_words(value.values()),
+}
+"""What the description of an episode holds, and whether a value may be that."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,10 +97,10 @@ class Recording:
         """Write an .npz file, whole or not at all; nothing in it is pickled.
 
         Raises:
-            ValueError: for another ending, a folder that cannot be written to, or an `about` that could not be read.
+            ValueError: for another ending, a folder that cannot be written to.
         """
         path = writable_file(path, (ENDING,))
-        parts: dict[str, Any] = {"kind": KIND, "format": FORMAT, "about": write_about(self.about)}
+        parts: dict[str, Any] = {"kind": KIND, "format": FORMAT, "about": json.dumps(dict(self.about))}
         arrays = arrays_of(self)
         large = sum(array.nbytes for array in arrays.values()) > LARGEST  # then it is not read if it shrinks too much
         with replacing(path) as partial:
@@ -107,8 +130,8 @@ SHAPES: dict[str, tuple[Any, ...]] = {
 }
 """Shape of every array; letters stand for numbers that the arrays agree in."""
 
-TYPES = {"failure": np.int64, "counters": np.int64, "terminated": np.bool_}
-"""Types of the arrays, where it is not float64."""
+TYPES = dict.fromkeys(SHAPES, np.float64) | {"failure": np.int64, "counters": np.int64, "terminated": np.bool_}
+"""Types of the arrays."""
 
 
 def versions() -> dict[str, str]:
@@ -149,73 +172,33 @@ def load_recording(path: str | Path) -> Recording:
     path = Path(path)
     if not os.path.isfile(path):  # also for names that are too long
         raise FileNotFoundError(f"there is no recording {path}; give a file that Recording.save wrote")
-    with Npz(path, "recording", "give a file that Recording.save wrote") as file:
-        number = file.whole("format")
-        if number is None or file.text("kind") != KIND:
+    parts = read_npz(path, "recording", "give a file that Recording.save wrote")
+    try:
+        if str(parts.pop("kind", None)) != KIND:
+            raise ValueError("it is no recording; give a file that Recording.save wrote")
+        number, about = parts.pop("format", None), read_about(parts.pop("about", None))
+        if not isinstance(number, int) or number != FORMAT:
             raise ValueError(
-                f"{path} is no recording: it holds {sorted(file.parts)}; give a file that Recording.save wrote"
-            )
-        if number != FORMAT:
-            raise ValueError(
-                f"{path} has format {number}; this package reads format {FORMAT}: record the episode again, or use the "
+                f"it has format {number}; this package reads format {FORMAT}: record the episode again, or use the "
                 "version of fish_env that wrote it"
             )
-        about = file.about()
-        _check_about(path, about)
-        parts = {name: part for name, part in file.parts.items() if name not in ("kind", "format", "about")}
-        _check_shapes(path, parts, len(about["term_names"]))
-        held = {name: file.read(name) for name in parts}
-    _check_numbers(path, held)
-    return Recording(about=about, **held)
+        _check_about(about)
+        check_arrays(parts, SHAPES | {"terms": ("T", len(about["term_names"]))}, TYPES)
+        if not all(0 <= index < len(FAILURES) for index in parts["failure"]):
+            raise ValueError("its part failure holds numbers that name no failure")
+    except ValueError as error:
+        raise ValueError(f"{path} cannot be used: {error}; record the episode again") from error
+    return Recording(about=about, **parts)
 
 
-def _check_about(path: Path, about: dict[str, Any]) -> None:
+def _check_about(about: dict[str, Any]) -> None:
     """ValueError unless it describes an episode."""
     if set(about) != set(ABOUT):
-        raise ValueError(f"{path} describes no episode: its part 'about' must be JSON with {', '.join(ABOUT)}")
-    seed, interval, names = about["seed"], about["control_interval"], about["term_names"]
-    types = {"env_id": str, "env_options": dict, "options": dict, "versions": dict, "term_names": list}
-    bad = [name for name, kind in types.items() if not isinstance(about[name], kind)]
-    bad += [] if isinstance(seed, int) and not isinstance(seed, bool) and seed >= 0 else ["seed"]
-    for name, number in (("control_interval", interval), ("length", about["length"])):
-        good = isinstance(number, float) and math.isfinite(number) and number > 0.0
-        bad += [] if good else [name]
-    for name, words in (("term_names", names), ("versions", list(about["versions"].values()) if not bad else [])):
-        bad += [] if bad or all(isinstance(w, str) and w.isprintable() and len(w) <= WORD for w in words) else [name]
-    if bad:
-        raise ValueError(f"{path} describes no episode: {bad[0]} is {about[bad[0]]!r}; record the episode again")
-    try:
-        check_environment(about)
-    except ValueError as error:
-        raise ValueError(f"{path} describes no episode: {error}") from error
-
-
-def _check_shapes(path: Path, parts: dict[str, Part], terms: int) -> None:
-    """ValueError unless the arrays are those of a recording, of the right kinds and of shapes that agree."""
-    if set(parts) != set(SHAPES):
-        raise ValueError(f"{path} holds {sorted(parts)}; a recording holds {sorted(SHAPES)}: record the episode again")
-    sizes: dict[Any, int] = {"K": terms}
-    for name, shape in SHAPES.items():
-        array, kind = parts[name], TYPES.get(name, np.float64)
-        if array.dtype != kind or len(array.shape) != len(shape):
-            raise ValueError(
-                f"{path}: {name} is an array {array.shape} of {array.dtype}; a recording has {kind.__name__} ({shape})"
-            )
-        for axis, size in zip(shape, array.shape, strict=True):
-            late = axis == "T+1"
-            wanted = axis if isinstance(axis, int) else sizes.setdefault("T" if late else axis, size - late) + late
-            if size != wanted:
-                raise ValueError(f"{path}: {name} has shape {array.shape}, which does not fit the other arrays")
-
-
-def _check_numbers(path: Path, held: dict[str, np.ndarray]) -> None:
-    """ValueError unless they are finite, and failures have names."""
-    for name, array in held.items():
-        if not np.isfinite(array).all():
-            raise ValueError(f"{path}: {name} holds numbers that are not finite; record the episode again")
-    failure = held["failure"]
-    if failure.size and not 0 <= failure.min() <= failure.max() < len(FAILURES):
-        raise ValueError(f"{path}: failure holds numbers that name no failure; record the episode again")
+        raise ValueError(f"it describes no episode: its part 'about' must be JSON with {', '.join(ABOUT)}")
+    check_environment(about)
+    for name, fits in ABOUT.items():
+        if not fits(about[name]):
+            raise ValueError(f"it describes no episode: {name} is {about[name]!r:.200}")
 
 
 def env_of(about: Mapping[str, Any]) -> gym.Env:

@@ -1,7 +1,7 @@
 """Options of a task: numbers with their range; a number outside raises an error at once."""
 
 from collections.abc import Mapping
-from inspect import Parameter, signature
+from inspect import signature
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,6 +75,6 @@ def check_options(given: Mapping[str, Any], allowed: Mapping[str, Option]) -> di
 
 def keywords_of(task: type) -> dict[str, Any]:
     """The keywords that a class of tasks takes, weights of its reward included, with their defaults."""
-    given = signature(task).parameters.values()
-    named = {each.name: each.default for each in given if each.kind is not Parameter.VAR_KEYWORD}
+    given = [*signature(task.__init__).parameters.values()][1:]
+    named = {each.name: each.default for each in given if each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)}
     return named | {name: option.default for name, option in getattr(task, "weights", {}).items()}

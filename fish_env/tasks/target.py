@@ -102,8 +102,8 @@ class TargetTask(CompiledTask):
         elevation: largest angle up or down to a new target, rad; only in three dimensions.
         radius: how near the nose must come, body lengths.
         patience: time after which a target counts as missed and the next one appears, s.
-        goal_env: one target an episode, observations as a dict with goals, and the reward of their distance alone
-            (`GoalTask`).
+        goal_env: one target an episode, observations as a dict with goals, and the reward of their distance alone:
+            then the task is a `GoalTask`.
         weights: of the reward, such as `reach_bonus`: keys of `weights`.
 
     Raises:
@@ -125,12 +125,15 @@ class TargetTask(CompiledTask):
     }
     settable: tuple[str, ...] = ("distance", "bearing", *weights)
 
+    def __new__(cls, *_, goal_env: bool = False, **__):
+        """An instance of the class for these keywords."""
+        if not isinstance(goal_env, bool | np.bool_) or (goal_env and not issubclass(GoalTask, cls)):
+            raise ValueError(f"goal_env is {goal_env!r}; give True or False, and False to a class made of this one")
+        chosen: Any = GoalTask if goal_env else cls
+        return super().__new__(chosen)
+
     def __init__(self, dimensions=2, distance=(1.0, 2.5), bearing=np.pi / 2, elevation=0.6, radius=0.15, patience=5.0,
-                 goal_env: bool = False, **weights):  # fmt: skip
-        if not isinstance(goal_env, bool | np.bool_):
-            raise ValueError(f"goal_env is {goal_env!r}; give True or False")
-        if goal_env:
-            object.__setattr__(self, "__class__", GoalTask)  # another reward and other metrics, with the same keywords
+                 *, goal_env: bool = False, **weights):  # fmt: skip
         super().__init__(**weights)
         self.dimensions = check_choice("dimensions", dimensions, (2, 3))
         self.distance = DISTANCE.checked_range("distance", distance)

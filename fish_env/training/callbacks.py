@@ -1,7 +1,4 @@
-"""Callbacks of a training: a progress bar, the learning curve, and a checkpoint to resume from.
-
-If the disk is full, training continues: a file that cannot be written is reported once and written later.
-"""
+"""Callbacks of a training: a progress bar, the learning curve, and a checkpoint to resume from."""
 
 import time
 from collections import deque
@@ -11,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger
 from tqdm import tqdm
 
 from fish_env.control.files import replacing, write_text
@@ -64,22 +60,10 @@ class Progress(Watcher):
         self._bar.close()
 
 
-def write_or_warn(write: Callable[[], None], what: object, failed: bool) -> bool:
-    """Write a file; return whether that failed. The first failure in a row is printed beside the progress bar."""
-    try:
-        write()
-    except OSError as error:
-        if not failed:
-            tqdm.write(f"Warning: {what} could not be written ({error.strerror or error}). Training continues. "
-                       "Free some space before it ends.")  # fmt: skip
-        return True
-    return False
-
-
 class LearningCurve(BaseCallback):
     """Appends (timesteps, seconds, episodes, score, return) of the episodes ended since the last row to a CSV file.
 
-    All their metrics go to TensorBoard. Rows that cannot be written, on a full disk for example, are written later.
+    All their metrics go to TensorBoard.
 
     Args:
         path: the file.
@@ -89,10 +73,9 @@ class LearningCurve(BaseCallback):
 
     def __init__(self, path: Path, score: str, min_episodes: int = 100):
         super().__init__()
-        self.path, self.score, self.min_episodes, self.failed = path, score, min_episodes, False
+        self.path, self.score, self.min_episodes = path, score, min_episodes
 
     def _on_training_start(self) -> None:
-        self.model.set_logger(Events(self.logger.dir, self.logger.output_formats))
         self._begin, self._infos = time.perf_counter(), []
         trained = self.num_timesteps  # rows beyond are of steps that the model was not trained on
         self._rows = [row for row in read_curve(self.path) if int(row.split(",")[0]) <= trained]
@@ -123,8 +106,7 @@ class LearningCurve(BaseCallback):
         score = total if self.score == "return" else np.mean([info[self.score] for info in self._infos])
         self._rows.append(f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}")
         self._infos = []
-        text = "\n".join([CURVE, *self._rows, ""])
-        self.failed = write_or_warn(lambda: write_text(self.path, text), self.path, self.failed)
+        write_text(self.path, "\n".join([CURVE, *self._rows, ""]))
 
 
 class Checkpoint(Watcher):
@@ -136,7 +118,7 @@ class Checkpoint(Watcher):
 
     def __init__(self, path: Path, seconds: float = 30.0):
         super().__init__()
-        self.path, self.seconds, self.trained_steps, self.failed = path, seconds, 0, False
+        self.path, self.seconds, self.trained_steps = path, seconds, 0
 
     def _on_training_start(self) -> None:
         self._last = time.perf_counter()
@@ -145,7 +127,7 @@ class Checkpoint(Watcher):
         check_finite(self.model)
         self.trained_steps = self.num_timesteps
         if time.perf_counter() - self._last > self.seconds:
-            self.failed = write_or_warn(lambda: save_model(self.model, self.path), self.path, self.failed)
+            save_model(self.model, self.path)
             self._last = time.perf_counter()
 
 
@@ -160,15 +142,6 @@ class EndsIf(BaseCallback):
         if self.condition():
             raise KeyboardInterrupt
         return True
-
-
-class Events(Logger):
-    """A log that is written up to the first event that cannot be written, which is reported."""
-
-    def dump(self, step: int = 0) -> None:
-        """Write what was recorded, as Stable-Baselines3 does."""
-        if write_or_warn(lambda: super(Events, self).dump(step), self.dir, False):
-            self.output_formats.clear()
 
 
 def check_finite(model) -> None:

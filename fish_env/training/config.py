@@ -101,13 +101,11 @@ def check_settings(config: TrainConfig) -> None:
     fits_memory(weights, WEIGHT, f"the number of weights of layers of {config.hidden!r:.100}")
 
 
-def as_tuples(value, deepest: int = 8):
-    """Lists as tuples, also inside of dicts: as they were before they became JSON; ValueError for deeper ones."""
-    if not deepest:
-        raise ValueError("they are nested too deeply")
+def as_tuples(value):
+    """Lists as tuples, also inside of dicts: as they were before they became JSON."""
     if isinstance(value, dict):
-        return {name: as_tuples(inner, deepest - 1) for name, inner in value.items()}
-    return tuple(as_tuples(inner, deepest - 1) for inner in value) if isinstance(value, list) else value
+        return {name: as_tuples(inner) for name, inner in value.items()}
+    return tuple(map(as_tuples, value)) if isinstance(value, list) else value
 
 
 def slower(seconds: float) -> dict[str, Any]:

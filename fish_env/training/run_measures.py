@@ -20,7 +20,7 @@ from fish_env.control import (
 )
 from fish_env.control.environments import environment_of, make_checked_env
 from fish_env.envs import FishEnv
-from fish_env.training.saved_run import CURVE, check_name, read_curve, read_record
+from fish_env.training.saved_run import CURVE, read_curve, read_record
 
 FILES = ("config.json", "curve.csv", "policy.npz")
 SHOWN = 3  # episodes whose motion is drawn
@@ -62,7 +62,6 @@ def read_run(folder: str | Path) -> Run:
     if missing:
         what = f"holds no {', '.join(missing)}" if folder.is_dir() else "is not a folder"
         raise ValueError(f"{folder} is not a training run: it {what}; give a folder that `fish_env train` has written")
-    check_name(folder)
     saved, names = read_record(folder / "config.json"), CURVE.split(",")
     rows = [[float(value) for value in row.split(",")] for row in read_curve(folder / "curve.csv")]
     table = np.array(rows).reshape(-1, len(names))

@@ -28,7 +28,6 @@ from fish_env.training.run_measures import (
     read_run,
     record_episodes,
 )
-from fish_env.training.saved_run import check_name
 
 TEMPLATE = data("fish_env.training", "run_report.html")
 WORST = 5  # episodes that are listed
@@ -72,7 +71,6 @@ def write_report(folders: Sequence[str | Path], path: Path | None = None, episod
         raise ValueError(f"there is no folder; give folders of runs, with {', '.join(FILES)}")
     if path is None:
         path = Path(os.path.commonpath([run.folder for run in runs])) / "report.html"
-    check_name(path)
     path = writable_file(path, (".html",))
     sections = []
     with mpl.rc_context(charts.STYLE):

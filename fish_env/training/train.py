@@ -14,7 +14,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 
 from fish_env.checks import is_whole
-from fish_env.control.files import write_text
+from fish_env.control.files import writable_folder, write_text
 from fish_env.training.build import export_policy, make_env, make_model, start_from
 from fish_env.training.callbacks import Checkpoint, EndsIf, LearningCurve, Progress, check_finite, save_model
 from fish_env.training.checkout import present_commit
@@ -29,7 +29,7 @@ from fish_env.training.config import (
     usual_settings,
 )
 from fish_env.training.report import report
-from fish_env.training.run_folder import check_folder, check_installed, lock_folder, new_folder
+from fish_env.training.run_folder import check_installed, lock_folder, new_folder
 from fish_env.training.saved_run import (
     append_version,
     read_curve,
@@ -186,13 +186,13 @@ def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]
 def _folder(request: Request) -> Path:
     """The folder of the run, made if it is missing; ValueError if it holds another run or cannot be written to."""
     if request.resume is not None:
-        return check_folder(Path(request.resume))
+        return writable_folder(Path(request.resume))
     if request.folder is None:
         return new_folder(Path(request.root), request.task)
     folder = Path(request.folder)
     if os.path.lexists(folder / "model.zip"):
         raise ValueError(f"{folder} holds a run; resume it with: fish_env train {request.task} --resume {folder}")
-    return check_folder(folder)
+    return writable_folder(folder)
 
 
 def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, start: PPO | None) -> PPO:
@@ -224,6 +224,11 @@ def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Ca
     except KeyboardInterrupt:
         model.num_timesteps = checkpoint.trained_steps  # steps since then have not been trained on
         return False
+    except OSError as error:
+        raise RuntimeError(
+            f"the training stopped after {model.num_timesteps:,} environment steps: {folder} could not be written to "
+            f"({error.strerror or error}); free some space there and resume: the last checkpoint is unharmed"
+        ) from error
     return True
 
 
