@@ -24,6 +24,7 @@ from fish_env.physics.body import make_body
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.tank_options import own_step
 from fish_env.physics.world import VACUUM
+from fish_env.tasks.start import rotation
 
 FOUR = ("mass_spring", "planar", "two_layer", "tetrahedral")
 FISH = TOPOLOGICAL | {name: make_fish(name) for name in FOUR[1:]}
@@ -302,13 +303,19 @@ def test_muscles_bend_towards_their_side(name, method):
 
 @pytest.mark.parametrize("method", tiered(INTEGRATORS))
 def test_motion_scales_with_length(method):
-    """A fish of 0.3 m moves, in body lengths, as one of 0.2 m does that is varied to 1.5 times the length."""
+    """A fish of 0.3 m moves, in body lengths, as one of 0.2 m does that is varied to 1.5 times the length.
+
+    The water has a linear law beside the quadratic one, inertia, friction and a righting couple; the fish is turned.
+    """
     short, long = make_fish(length=0.2), make_fish(length=0.3)
     np.testing.assert_allclose(long.body.mass, 1.5**3 * short.body.mass, rtol=1e-13)
     dt, allowed = own_step(short, INTEGRATORS[method]), 1e-10
     if INTEGRATORS[method].kind == "adaptive":
         allowed = 1e-6  # they err by 1e-10 a step, which this motion magnifies a thousandfold
-    tanks = [Tank(fish, 1, method, dt, make_water(current=(0.1 * fish.length, 0, 0))) for fish in (short, long)]
+    waters = [fish.water._replace(linear=3.0, current=np.array([0.1 * fish.length, 0, 0])) for fish in (short, long)]
+    tanks = [Tank(fish, 1, method, dt, water) for fish, water in zip((short, long), waters, strict=True)]
+    for tank in tanks:
+        tank.position[:] = tank.position @ rotation(0.0, 0.2, 0.7).T
     vary(tanks[0], 0, {"length": 1.5, "contraction_time": slowness(1.5)})
     for action in np.random.default_rng(1).uniform(-1, 1, (16, 12)):
         for tank in tanks:

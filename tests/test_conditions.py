@@ -228,7 +228,7 @@ def test_penalty_in_time(bent_fish):
     start, worst, size = body.position[task.nodes], 0.0, np.abs(task.displacement).max()
     for k in range(n):
         point = start + task.displacement * 0.5 * (1 - np.cos(np.pi * (k + 1) / n))
-        tank._set_anchors(pulling._replace(point=point))
+        tank._apply(tank._conditions._replace(drag=pulling._replace(point=point)))
         tank.advance(1)
         worst = max(worst, np.abs(tank.position[0, task.nodes] - point).max())
     assert tank.alive[0], tank.failure[0]

@@ -11,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 import fish_env
 from fish_env.control import evaluate, record, replay
 from fish_env.envs import Layout
+from fish_env.envs.variation import FACTORS
 from fish_env.tasks.target import GoalTask, TargetTask
 
 SWIM = "FishEnv/Swim-v0"
@@ -192,19 +193,17 @@ def test_privileged():
     assert infos[5]["variation"]["mass"][0] != infos[0]["variation"]["mass"][0]
     assert infos[5]["final_info"]["variation"]["mass"][0] == infos[0]["variation"]["mass"][0]
     one = gym.make(SWIM, privileged=True)
-    assert (
-        one.reset(seed=0)[1]["privileged"].shape == one.step(one.action_space.sample())[4]["privileged"].shape == (164,)
-    )
+    assert one.reset(seed=0)[1]["privileged"].shape == (165,)
+    one.unwrapped.tank.vary(0, mass=1.25, length=1.5)
+    told = one.step(one.action_space.sample())[4]["privileged"][-len(FACTORS) :]
+    assert dict(zip(FACTORS, told, strict=True))["mass"] == 1.25 and told[-1] == 1.5
     vec = fish_env.make_sb3_vec_env(SWIM, 2, seed=0, monitor=False, privileged=True)
     vec.reset()
-    assert vec.reset_infos[0]["privileged"].shape == vec.step(ACTIONS[0, :2])[3][1]["privileged"].shape == (164,)
+    assert vec.reset_infos[0]["privileged"].shape == vec.step(ACTIONS[0, :2])[3][1]["privileged"].shape == (165,)
 
 
 def test_varied_muscles_and_length():
-    """Strength scales the contraction, contraction_time its speed; length is that of a fish of the same tissue.
-
-    The water has no skin friction and no righting couple: viscosity and gravity tell a large fish from a small one.
-    """
+    """Strength scales the contraction, contraction_time its speed."""
     tank = fish_env.Tank(fish_env.make_fish(), 3)
     tank.vary(1, strength=0.5)
     tank.vary(2, contraction_time=2.0)
@@ -214,18 +213,45 @@ def test_varied_muscles_and_length():
     np.testing.assert_allclose(slow, 0.5 * plain)  # the muscles of this body contract at a limited rate
     tank.swim(np.ones(12), 2.0)
     np.testing.assert_allclose(tank.contraction[:, 0], [1.0, 0.5, 1.0], atol=1e-6)
-    as_fast = fish_env.make_fish(length=0.3, contraction_time=tank.fish.contraction_time)
-    water = as_fast.water._replace(friction=0.0, righting=0.0)
-    large = fish_env.Tank(as_fast, 1, water=water)
-    small = gym.make(SWIM, water=water, variation={"length": 1.5}).unwrapped
-    small.reset(seed=0)
-    large.position[:], large.velocity[:] = 1.5 * small.tank.position, 1.5 * small.tank.velocity
-    for action in ACTIONS[:, 0]:
-        small.step(action)
-        large.swim(action.astype(float), small.fish.control_interval)
-    np.testing.assert_allclose(large.position / 1.5, small.tank.position, rtol=1e-9, atol=1e-12)
-    with pytest.raises(ValueError, match="give factors from 0"):
-        tank.vary(0, strength=2.0)
+    for factors, message in (
+        ({"strength": 2.0}, "give factors from 0"), ({"length": 0.0}, "factors on stiffness, mass and length is 0.0"),
+        ({"length": 200.0}, "the factor on length is 200; give a number from 0.01 to 100"),
+        ({"stiffness": 1e9}, "stiffness over mass and squared length is 1e[+]09, too much for the shortest parts"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            tank.vary(0, **factors)
+    np.testing.assert_array_equal(tank.variation[0], [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("water", [None, "drag"])
+def test_varied_length(water):
+    """A fish varied to another length is the fish that is built so, in its own lengths: in a batch, alone, in a tank.
+
+    What differs is rounding, which a regular stroke does not magnify.
+    """
+    own = {} if water is None else {"water": water}
+    batch = gym.make_vec(SWIM, 4, **own).unwrapped
+    batch.reset(seed=0)
+    ratios, fish, interval = (0.5, 0.7, 1.5, 2.0), batch.tank.fish, batch.control_interval
+    alone = gym.make(SWIM, **own, variation={"length": 0.7, "contraction_time": 0.7**0.52}).unwrapped
+    alone.reset(seed=1)
+    batch.tank.position[1], batch.tank.velocity[1] = alone.tank.position[0], alone.tank.velocity[0]
+    tanks = []
+    for i, ratio in enumerate(ratios):
+        batch.tank.vary(i, length=ratio, contraction_time=ratio**0.52)
+        built = fish_env.make_fish(length=ratio * fish.length, **own)
+        tanks.append(fish_env.Tank(built, 1, dt=batch.tank.dt, water=built.water, threads=1))
+        tanks[i].position[:], tanks[i].velocity[:] = ratio * batch.tank.position[i], ratio * batch.tank.velocity[i]
+    for k in range(round(1.0 / interval)):
+        action = (fish.sides * np.sin(4.0 * np.pi * interval * k - fish.segments)).astype(np.float32)
+        batch.step(np.tile(action, (4, 1)))
+        alone.step(action)
+        for tank in tanks:
+            tank.swim(action.astype(float), interval)
+    found = [tank.position[0] / tank.fish.length for tank in tanks]
+    np.testing.assert_allclose(batch.tank.position / fish.length, found, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(alone.tank.position[0] / fish.length, found[1], rtol=0, atol=1e-9)
+    assert np.abs(found[1] - found[2]).max() > 0.01
 
 
 def test_recorded_and_replayed():

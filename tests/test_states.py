@@ -182,8 +182,6 @@ def test_refused(monkeypatch):
         env.get_state()
     env.reset(seed=0)
     good, before = env.get_state(), pickle.dumps(env.get_state())
-    quick, slow = FishVectorEnv(1, task="turn"), FishVectorEnv(1, task="turn", control_interval=0.04)
-    quick.reset(seed=0)
     cases = [
         (env, {"x": 1}, None, "state is a dict; give what get_state returned"),
         (env, [good, 3], None, "state is a list; give what get_state returned"),
@@ -192,15 +190,7 @@ def test_refused(monkeypatch):
         (env, good, [0, 1, 3], r"indices is \[0, 1, 3\]; give numbers from 0 to 2, or a boolean array \(3,\)"),
         (env, good, [True, False], "indices is"),
         (env, good, 1.5, "indices is 1.5"),
-        (StubVectorEnv(3, body="planar"), good, None, "body of the state is 'mass_spring, 0.2 m', and of these fish"),
         (StubVectorEnv(3, speed=1.0), good, None, "layout of the state is .*'commanded heading'.*'commanded velocity'"),
-        (FishVectorEnv(3, task="turn"), good, None, "task of the state is 'SwimTask', and of these fish 'TurnTask'"),
-        (
-            slow,
-            quick.get_state(),
-            None,
-            r"arrays of the state is \[\('task.course.history', \(25,\)\)\], and of these .*11",
-        ),
     ]
     for fish, given, indices, message in cases:
         with pytest.raises(ValueError, match=message) as caught:
@@ -208,5 +198,99 @@ def test_refused(monkeypatch):
         assert "\n" not in str(caught.value)
     assert pickle.dumps(env.get_state()) == before
     monkeypatch.setattr(state, "STATE_FORMAT", 0)
-    with pytest.raises(ValueError, match=r"format of the state is 1, and of these fish 0; .* by this version"):
+    with pytest.raises(ValueError, match=r"format of the state is 2, and of these fish 0; .* by this version"):
         StubVectorEnv(3).set_state(good)
+
+
+PATHS = {
+    "single": lambda **options: StubEnv(**options),
+    "batch": lambda **options: StubVectorEnv(2, **options),
+    "VecEnv": lambda **options: fish_env.make_sb3_vec_env("FishEnv/Stub-v0", 2, monitor=False, **options),
+}
+OTHERS = {
+    "body": ({"body": "planar"}, "mass_spring, 0.2 m, 0.086.*, and of these fish 'planar, 0.2 m"),
+    "fish of another water": ({"water": "drag"}, "0.0864 kg.*0.0443 kg"),
+    "outline": ({"body": fish_env.make_fish(outline=None)}, "0.0864 kg.*0.0443 kg"),
+    "muscles": ({"body": fish_env.make_fish(contraction_time=0.3)}, "body of the state is .*content .*content"),
+    "length": ({"body": fish_env.make_fish(length=0.3)}, "0.2 m, .*, and of these fish 'mass_spring, 0.3 m"),
+    "interval": ({"control_interval": 0.04}, "control interval, s, of the state is 0.02, and of these fish 0.04"),
+    "delay": ({"action_delay": 1}, r"delays of the state is .*'action_delay': \(0, 0\).*: \(1, 1\)"),
+    "history": ({"history": 1}, "history, noise and delays of the state is .*'history': 0.*'history': 1"),
+    "noise": ({"action_noise": 0.1}, "noise and delays of the state is .*'action_noise': 0.0.*'action_noise': 0.1"),
+    "muscle groups": ({"muscle_groups": "pairs"}, "arrays of the state is"),
+}
+
+
+def reset(env):
+    """Begin episodes, with another seed than those of the state."""
+    return env.reset(**({} if hasattr(env, "seed") else {"seed": 5}))
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_other_fish_are_refused(path):
+    """By what they are and not by their names; water, method, threads and options that may be set may differ."""
+    if path == "VecEnv":
+        pytest.importorskip("stable_baselines3")
+    taken = StubEnv()
+    taken.reset(seed=0)
+    taken.step(np.ones(12))
+    given = taken.get_state()
+    for options, message in OTHERS.values():
+        env = PATHS[path](**options)
+        reset(env)
+        with pytest.raises(ValueError, match=message) as caught:
+            env.set_state(given)
+        assert "\n" not in str(caught.value)
+    wanted = taken.step(np.zeros(12))[0]
+    for options in (
+        {"water": {"drag_coefficient": 1.0}}, {"integrator": "semi_implicit"}, {"dt": 0.0005}, {"threads": 2},
+        {"lanes": 1}, {"dtype": "float32"}, {"refine": np.inf}, {"effort_weight": 0.9}, {"variation": {"mass": 1.1}},
+        {"body": fish_env.make_fish(time_step=0.0005)},
+    ):  # fmt: skip
+        env = PATHS[path](**options)
+        reset(env)
+        env.set_state(given)
+        obs = env.step(np.zeros((2, 12)) if path != "single" else np.zeros(12))[0]
+        np.testing.assert_array_equal(obs if path == "single" else obs[1], wanted, err_msg=str(options))
+
+
+def test_other_tasks_are_refused(monkeypatch):
+    """By class and by what cannot be set while they run; a class of the same name in another module is another."""
+    turn, target = (FishVectorEnv(1, task=task) for task in ("turn", "target"))
+    turn.reset(seed=0)
+    target.reset(seed=0)
+    given = target.get_state()
+    with pytest.raises(ValueError, match=r"task of the state is 'fish_env.*TargetTask\(.*'fish_env.*TurnTask\("):
+        turn.set_state(given)
+    with pytest.raises(ValueError, match=r"goal_env=False.*goal_env=True"):
+        FishVectorEnv(1, task="target", goal_env=True).set_state(given)
+    namesake = type("TargetTask", (fish_env.TASKS["target"],), {"__module__": "elsewhere"})
+    monkeypatch.setitem(fish_env.TASKS, "target", namesake)
+    with pytest.raises(ValueError, match=r"and of these fish 'elsewhere.TargetTask\("):
+        FishVectorEnv(1, task="target").set_state(given)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled", "VecEnv"])
+def test_the_end_of_an_episode(mode):
+    """A state of it begins another episode, waits for a reset, or is refused where no step ends between the two."""
+    single = gym.make("FishEnv/Stub-v0", max_episode_steps=2)
+    single.reset(seed=0)
+    before = single.unwrapped.get_state()
+    single.step(np.zeros(12))
+    assert single.step(np.zeros(12))[3]
+    ended = single.unwrapped.get_state()
+    if mode == "VecEnv":
+        pytest.importorskip("stable_baselines3")
+    env = PATHS["VecEnv"]() if mode == "VecEnv" else StubVectorEnv(2, autoreset_mode=mode)
+    reset(env)
+    if mode in ("SameStep", "VecEnv"):
+        with pytest.raises(ValueError, match=r"the episodes of fish \[0\] of the state have ended, but in this batch"):
+            env.set_state([before, ended])
+    else:
+        env.set_state([before, ended])
+        if mode == "Disabled":
+            with pytest.raises(gym.error.ResetNeeded, match=r"fish \[1\] are at the end"):
+                env.step(np.zeros((2, 12)))
+            env.reset(options={"reset_mask": np.array([False, True])})
+        env.step(np.zeros((2, 12)))
+        assert env._elapsed.tolist() == [1, 1 if mode == "Disabled" else 0]

@@ -32,7 +32,7 @@ from fish_env.envs.step import (
     make_step,
     recall_all,
 )
-from fish_env.envs.variation import FACTORS, VARIATIONS, checked_variation, draw, factors_of, vary
+from fish_env.envs.variation import VARIATIONS, checked_variation, draw, factors_of, vary
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.physics.forces.control import MASS
 from fish_env.physics.pose import make_pose, packed_pose
@@ -115,17 +115,15 @@ class Episodes(Stateful, ReadOnly):
         self._seeds: list[int | None] = [None] * self.num_envs
         self._names = (*self.task.term_names, "failure")
         self._nodes = Layout(fish, self.task.directions)
-        made = self._make_arrays(self.num_envs)
-        self._arrays, self._memory, self._beside = made["episode"], made["memory"], made["beside"]
-        self._privileged, self._drawn, arrays = self._beside["privileged"], self._beside["drawn"], self._arrays
+        self._made = self._make_arrays(self.num_envs)
+        arrays, self._memory, self._pose, beside = self._made.values()
+        self._arrays, (self._vectors, self._privileged, self._drawn) = arrays, beside.values()
         self.failure_penalty = failure_penalty
         self._action, self._observation = arrays["action"], arrays["observation"]
         self._contraction, self._elapsed, self._limit = arrays["contraction"], arrays["elapsed"], arrays["limit"]
         self._reward = arrays["reward"]
         self._terminated, self._truncated = arrays["terminated"], arrays["truncated"]
         self._limit[:] = self.max_episode_steps or np.iinfo(np.int64).max
-        self._vectors = np.zeros((self.num_envs, len(self.task.directions), 3))
-        self._pose = make_pose(self.num_envs)
         self._begun, self._started = np.zeros(self.num_envs, dtype=bool), False
         self._compile()
 
@@ -145,14 +143,16 @@ class Episodes(Stateful, ReadOnly):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-    def _make_arrays(self, count: int) -> dict[str, dict[str, np.ndarray]]:
+    def _make_arrays(self, count: int) -> dict[str, Any]:
         """Arrays of the episodes of so many fish."""
-        actions, width = int(self.groups.max()) + 1, self._nodes.size + len(FACTORS)
+        actions = int(self.groups.max()) + 1
         return {
             "episode": make_arrays(count, len(self.task.term_names), self.groups, self.layout.size),
             "memory": make_memory(self._senses, self.layout, count, actions) if self._senses.remember else {},
+            "pose": make_pose(count),
             "beside": {
-                "privileged": np.zeros((count if self.privileged else 0, width), dtype=np.float32),
+                "vectors": np.zeros((count, len(self.task.directions), 3)),
+                "privileged": np.zeros((count if self.privileged else 0, self._nodes.size), dtype=np.float32),
                 "drawn": np.full((count, len(VARIATIONS)), np.nan),  # of every variation, NaN for the original
             },
         }
@@ -215,9 +215,16 @@ class Episodes(Stateful, ReadOnly):
         self._step = None
         if engine is not None:
             self._step = make_step(engine.names, engine.method.make_run, self._kernels, self._sensing, self._env.type)
+        self._engine = engine  # last: an interruption leaves it to `_follow_tank`
+
+    def _follow_tank(self) -> None:
+        """Take the engine that the tank has now: `grab`, `fix`, `move` and `release` of the tank make another."""
+        if self._engine is not self.tank._engine:
+            self._compile()
 
     def __getstate__(self):
-        return self.__dict__ | {"_env": None, "_envs": None, "_rows": None, "_measure_and_observe": None, "_step": None}
+        compiled = dict.fromkeys(("_env", "_envs", "_engine", "_rows", "_measure_and_observe", "_step"))
+        return self.__dict__ | compiled
 
     def __setstate__(self, state: dict[str, Any]):
         self.__dict__ |= own(state, state["_vectors"])
@@ -236,8 +243,6 @@ class Episodes(Stateful, ReadOnly):
             self.task.start(self.tank, i, generator, drawn)
             if self._memory:
                 begin(self._senses, self._memory, i, generator)
-            if self.privileged:
-                self._privileged[i, -len(FACTORS) :] = factors_of(self.tank, i)
         self._elapsed[mask] = 0
         self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
         self._arrays["totals"][:, mask] = self._arrays["path"][mask] = 0.0
@@ -279,6 +284,7 @@ class Episodes(Stateful, ReadOnly):
 
     def _move(self) -> bool:
         """Command, move, measure, reward and observe the fish; False, and nothing has moved, for a bad action."""
+        self._follow_tank()
         engine, step = self.tank._engine, self._step
         if engine is None or step is None or self.tank.conditioned:  # what is prescribed is imposed by `Tank`
             if not contract_all(self._env):
@@ -325,6 +331,7 @@ class Episodes(Stateful, ReadOnly):
 
     def _measure(self, mask: np.ndarray | None = None) -> None:
         """Bring poses and observations of the fish of a mask (B,), or of all, up to date with their positions."""
+        self._follow_tank()
         places = [(0, self.num_envs)]
         if mask is not None and not mask.all():
             places = [(p, p + 1) for p in np.flatnonzero(mask[self._env.order])]
@@ -379,7 +386,11 @@ class Episodes(Stateful, ReadOnly):
         """
         drawn = self.drawn(i)
         info = {"variation": drawn} if drawn else {}
-        return info | ({"privileged": self._privileged[i].copy()} if self.privileged else {})
+        return info | ({"privileged": self.observe_all(i)} if self.privileged else {})
+
+    def observe_all(self, i: int | slice = slice(None)) -> np.ndarray:
+        """The privileged observation (P,) of fish i, or (B,P) of all, with the present factors."""
+        return np.concatenate([self._privileged[i], factors_of(self.tank, i)], axis=-1, dtype=np.float32)
 
     def drawn(self, i: int) -> dict[str, float]:
         """What was drawn of `variation`, or set by options, for the episode of fish i."""

@@ -141,7 +141,8 @@ def pressure_on(tank, sensors, b, k):
     w = 0.25 * total - current
     a = cross(landmark(tank, b, r) - landmark(tank, b, p), landmark(tank, b, s) - landmark(tank, b, q))
     outward, speed = dot(a, w) / max(sqrt(dot(a, a)), TINY), sqrt(dot(w, w))
-    return factors[b, DRAG] * (sensors.linear + sensors.quadratic * speed) * max(outward, 0.0)
+    linear = sensors.linear / tank.length_variation[b]
+    return factors[b, DRAG] * (linear + sensors.quadratic * speed) * max(outward, 0.0)
 
 
 @kernel

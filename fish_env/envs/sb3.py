@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 try:
     from stable_baselines3.common.vec_env import VecEnv, VecMonitor
@@ -24,6 +25,7 @@ class FishVecEnv(VecEnv):
     def __init__(self, fish: FishVectorEnv, staggered: bool = False):
         check_render_mode(fish.render_mode, ["human", "rgb_array"])
         self.fish, self.staggered = fish, staggered
+        fish.autoreset_mode = AutoresetMode.SAME_STEP
         super().__init__(fish.num_envs, fish.single_observation_space, fish.single_action_space)
         self.metadata = fish.metadata
 

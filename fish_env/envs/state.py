@@ -5,20 +5,23 @@ of the task. They are found by comparison with those of a batch of another size.
 """
 
 import copy
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.seeding import np_random
+from gymnasium.vector import AutoresetMode
 
 from fish_env.envs.layout import LAYOUT_VERSION
-from fish_env.kernels.simd import Numbers, Pack, Vectors
-from fish_env.physics.pose import make_pose
+from fish_env.kernels.gpu.memory import arrays_of, fish_axes, memory_of
 from fish_env.physics.tank import Tank
+from fish_env.tasks.options import keywords_of
 
-STATE_FORMAT = 1
+STATE_FORMAT = 2
 """Format of the states. It is raised whenever a state of before would mean something else."""
 
 
@@ -27,7 +30,7 @@ class FishState:
     """State of K fish in their episodes, as `get_state` returns it: a copy, which can be pickled and set many times."""
 
     about: tuple[tuple[str, Any], ...]
-    """Names and values of what must be the same where it is set: format, task, body and layout."""
+    """Names and values of what must be the same where it is set, in words and by a hash of what they mean."""
     arrays: dict[str, np.ndarray]
     """Arrays (K,...) by name, such as "tank.x"."""
     generators: tuple[dict[str, Any], ...]
@@ -69,9 +72,13 @@ class Stateful:
         Returns:
             The observations of all fish, as `observe` returns them.
 
+        Water, method (`integrator`, `dt`, `refine`), `dtype`, `lanes`, `threads` and what is `settable` while it runs
+        may differ from those where it was taken.
+
         Raises:
-            ValueError: for a state of another task, body, layout or format, or of another number of fish; nothing has
-                changed then.
+            ValueError: for a state of another task, body, layout, control interval, history, noise, delay or format, or
+                of another number of fish; for one at the end of an episode, where the next begins in the same step
+                ("SameStep", `VecEnv`). Nothing has changed then.
         """
         return self._found_rows().put(state, indices)
 
@@ -85,14 +92,16 @@ class Rows:
     """Where a batch of episodes has what decides the future of a fish: views of its arrays, with the fish first."""
 
     def __init__(self, episodes):
-        self.episodes, tank, task = episodes, episodes.tank, episodes.task
+        self.episodes, task = episodes, episodes.task
         self.everyone = np.arange(episodes.num_envs)
-        axes = fish_axes(arrays_of(episodes), arrays_of_another(episodes))
+        parts = {"tank": episodes.tank.pack, **episodes._made, "task": vars(task)}
+        arrays, axes = arrays_of(parts), fish_axes(parts_of_another(episodes), parts)
         self.loose: dict[str, int] = {}
         """Arrays that a task in Python may replace by others, and their axes."""
         self.views: dict[str, np.ndarray] = {}
         places, loose = set(), {f"task.{name}" for name in vars(task)}
-        for name, (array, axis) in axes.items():
+        for name, axis in axes.items():
+            array = memory_of(arrays[name])
             place = address(array)
             if episodes._kernels is None and name in loose:
                 self.loose[name.removeprefix("task.")] = axis
@@ -103,8 +112,10 @@ class Rows:
         self.shapes = {name: view.shape[1:] for name, view in (*self.views.items(), *self.replaceable())}
         self.about = (
             ("format", STATE_FORMAT),  # first: the others may differ too if it does
-            ("task", type(task).__name__),
-            ("body", f"{tank.fish.name}, {tank.fish.length:g} m"),
+            ("task", text_of_task(task, episodes._task_options)),
+            ("body", text_of_fish(episodes.tank)),
+            ("control interval, s,", episodes.control_interval),
+            ("history, noise and delays", episodes._senses._asdict()),
             ("layout", (LAYOUT_VERSION, *((part.name, part.size) for part in episodes.layout))),
             ("arrays", tuple(self.shapes.items())),
         )
@@ -180,6 +191,10 @@ class Rows:
         for each in states:
             if each.about is not self.about and each.about != self.about:
                 raise other_fish(each.about, self.about)
+            over = np.flatnonzero(each.arrays["episode.terminated"] | each.arrays["episode.truncated"]).tolist()
+            if over and getattr(self.episodes, "autoreset_mode", None) is AutoresetMode.SAME_STEP:
+                why = "but in this batch the step that ends one begins the next; reset these fish instead"
+                raise ValueError(f"the episodes of fish {over} of the state have ended, {why}")
         number = sum(map(len, states))
         if number != count and not (number == 1 and count):
             raise ValueError(f"the state is of {number} fish; give that of one fish, or of {count}")
@@ -197,52 +212,47 @@ def other_fish(its: tuple, own: tuple) -> ValueError:
     if name == "arrays":
         one, other = (sorted(set(mine) - set(others)) for mine, others in ((one, other), (other, one)))
     return ValueError(
-        f"{name} of the state is {one!r}, and of these fish {other!r}; give a state of the same task, body and layout, "
-        "taken by this version of fish_env"
+        f"{name} of the state is {one!r}, and of these fish {other!r}; give a state of the same task, body, layout and "
+        "interval, taken by this version of fish_env"
     )
 
 
-def arrays_of(episodes) -> dict[str, np.ndarray]:
-    """All arrays of a batch, by their paths."""
-    parts = {"tank": episodes.tank.pack, "pose": episodes._pose, "vectors": episodes._vectors}
-    made = {"episode": episodes._arrays, "memory": episodes._memory, "beside": episodes._beside}
-    return arrays_in(parts | made | {"task": vars(episodes.task)})
-
-
-def arrays_of_another(episodes) -> dict[str, np.ndarray]:
-    """The arrays of a batch with another number of fish, which is otherwise the same."""
+def parts_of_another(episodes) -> dict[str, Any]:
+    """All that has the arrays of a batch with another number of fish, which is otherwise the same."""
     tank, task, count = episodes.tank, copy.deepcopy(episodes.task), 1 if episodes.num_envs > 1 else 2
     other = Tank(tank.fish, count, tank.integrator.name, tank.dt, tank.world, threads=1, refine=tank.refine)
     task.prepare(other, episodes.control_interval)
-    vectors = np.zeros((count, *episodes._vectors.shape[1:]))
-    parts = {"tank": other.pack, "pose": make_pose(count), "vectors": vectors}
-    return arrays_in(parts | episodes._make_arrays(count) | {"task": vars(task)})
+    return {"tank": other.pack, **episodes._make_arrays(count), "task": vars(task)}
 
 
-def arrays_in(value, path: str = "") -> dict[str, np.ndarray]:
-    """The arrays in packs, tuples, lists and dictionaries, by their paths."""
-    value = value.memory if isinstance(value, Numbers | Vectors) else value
-    if isinstance(value, np.ndarray):
-        return {path: value}
-    if isinstance(value, Pack):
-        value = value._kept
+NOT_THE_BODY = ("name", "water", "integrator", "time_step", "refine", "control_interval")
+
+
+def text_of_fish(tank: Tank) -> str:
+    """Name, length, mass and content of the fish of a tank, but its water, its method and conditions of its nodes."""
+    fish, body = tank.fish, tank._own._replace(max_stiffness_eigenvalue=0.0, max_damping_eigenvalue=0.0)
+    content = digest({name: part for name, part in vars(fish).items() if name not in NOT_THE_BODY} | {"body": body})
+    return f"{fish.name}, {fish.length:g} m, {body.mass.sum():.3g} kg, content {content}"
+
+
+def text_of_task(task, given: dict[str, Any]) -> str:
+    """Class, options and content of the options of a task that cannot be set while it runs."""
+    named, settable = keywords_of(type(task)) | given, getattr(task, "settable", ())
+    options = {name: getattr(task, name, value) for name, value in named.items() if name not in settable}
+    shown = " ".join(", ".join(f"{name}={value!r}" for name, value in options.items()).split())
+    return f"{type(task).__module__}.{type(task).__qualname__}({shown}), content {digest(options)}"
+
+
+def digest(value) -> str:
+    """Hash of arrays, numbers and others in tuples, lists and dictionaries; of floats, the first seven digits count."""
+    if isinstance(value, dict):
+        value = sorted((str(name), digest(part)) for name, part in value.items())
     elif isinstance(value, tuple | list):
-        value = dict(zip(getattr(value, "_fields", range(len(value))), value, strict=True))
-    if not isinstance(value, dict):
-        return {}
-    within = f"{path}." if path else ""
-    return {name: array for key, part in value.items() for name, array in arrays_in(part, f"{within}{key}").items()}
-
-
-def fish_axes(arrays, others) -> dict[str, tuple[np.ndarray, int]]:
-    """Arrays that have an axis for the fish, and that axis: the one in which they and those of another batch differ."""
-    found = {}
-    for name, array in arrays.items():
-        if name in others and others[name].ndim == array.ndim:
-            axes = np.flatnonzero(np.not_equal(array.shape, others[name].shape))
-            if axes.size:
-                found[name] = array, int(axes[0])
-    return found
+        value = [digest(part) for part in value]
+    elif isinstance(value, np.ndarray | Real):
+        array = np.asarray(value)
+        value = array.shape, (array.astype(np.float32) if array.dtype.kind == "f" else array).tobytes()
+    return hashlib.sha256(repr(value).encode()).hexdigest()[:12]
 
 
 def address(array: np.ndarray) -> tuple[int, int]:

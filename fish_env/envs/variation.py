@@ -16,7 +16,7 @@ VARIATIONS: dict[str, Option] = {
     "drag": Option(0.5, 2.0, "factor on the drag and the friction of the water"),
     "strength": Option(0.25, 1.25, "factor on how far the muscles contract"),
     "contraction_time": Option(0.5, 2.0, "factor on the time that a contraction takes"),
-    "length": Option(0.5, 2.0, "factor on the length of a fish of the same tissue: its motion counts in its lengths"),
+    "length": Option(0.5, 2.0, "factor on the length of a fish of the same tissue: all else counts in its lengths"),
     "current": Option(0.0, 1.0, "speed of the water, body lengths per second"),
     "current_heading": Option(-np.pi, np.pi, "where the water flows to, rad"),
     "pitch": POSE_OPTIONS["pitch"],
@@ -25,13 +25,13 @@ VARIATIONS: dict[str, Option] = {
 """Keys of the keyword `variation` and, in addition to the task's own, of `reset(options=...)`."""
 
 
-FACTORS = ("stiffness", "mass", "drag", "current x", "current y", "current z", "strength", "contraction_time")
-"""What a privileged observation ends with: factors of the fish, and its current, m/s."""
+FACTORS = ("stiffness", "mass", "drag", *(f"current {k}" for k in "xyz"), "strength", "contraction_time", "length")
+"""What a privileged observation ends with: factors of the fish (on stiffness over squared length), its current, m/s."""
 
 
-def factors_of(tank: Tank[Fish], i: int) -> np.ndarray:
-    """The values of FACTORS of fish i, (8,)."""
-    return np.concatenate([tank.variation[i], tank.muscle_variation[i]])
+def factors_of(tank: Tank[Fish], i: int | slice) -> np.ndarray:
+    """The present values of FACTORS of fish i, (9,), or of several, (K,9)."""
+    return np.concatenate([tank.variation[i], tank.muscle_variation[i], tank.length_variation[i, None]], axis=-1)
 
 
 def checked_variation(given: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
@@ -59,13 +59,10 @@ def draw(variation: Mapping[str, tuple[float, float]], generator: np.random.Gene
 def vary(tank: Tank[Fish], i: int, values: Mapping[str, float]) -> None:
     """Give fish i of the tank the body and the water of these values; values without a name are the original ones.
 
-    Counted in its own lengths, a fish of r times the length and the same tissue moves as one whose springs have 1/r^2
-    times the stiffness and damping: theirs grow as r, but mass times acceleration and drag as r^4 (docs/physics.md, eq.
-    73). Muscles stay as fast, since a key changes one thing: `make_fish(length=...)` slows them by r^0.52 (eq. 74).
+    A fish of r times the length has muscles as fast, since a key changes one thing: `make_fish(length=...)` slows them
+    by r^0.52 (docs/physics.md, eq. 74).
     """
-    names = ("stiffness", "mass", "drag", "strength", "contraction_time")
+    names = ("stiffness", "mass", "drag", "strength", "contraction_time", "length")
     factors = {name: values[name] for name in names if name in values}
-    if "length" in values:
-        factors["stiffness"] = factors.get("stiffness", 1.0) / values["length"] ** 2
     heading, speed = values.get("current_heading", 0.0), values.get("current", 0.0) * tank.fish.length
     tank.vary(i, **factors, current=(speed * np.cos(heading), speed * np.sin(heading), 0.0))

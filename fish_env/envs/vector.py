@@ -148,7 +148,7 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
             return self.step_info(i) | self.episode_info(i)
         if begins:
             return self.state_info(i)
-        return {"privileged": self._privileged[i].copy()} if self.privileged else {}
+        return {"privileged": self.observe_all(i)} if self.privileged else {}
 
     def _add_state_info(self, infos: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
         """Add what was drawn for the fish of the mask (B,), whose episodes begin, and what is privileged of all."""
@@ -156,7 +156,7 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
             for i in np.flatnonzero(mask).tolist():
                 infos = self._add_info(infos, {"variation": self.drawn(i)}, i)
         if self.privileged:
-            infos |= {"privileged": self._privileged.copy(), "_privileged": np.ones(self.num_envs, dtype=bool)}
+            infos |= {"privileged": self.observe_all(), "_privileged": np.ones(self.num_envs, dtype=bool)}
         return infos
 
     def step(self, actions: np.ndarray):

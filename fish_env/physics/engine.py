@@ -8,7 +8,7 @@ Legend: b fish; i node; k axis; m lane; e spring; d driven spring; p, q start an
 """
 
 from functools import cache, partial
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +16,13 @@ from fish_env.kernels.compile import INDEX, kernel, njit, part
 from fish_env.kernels.simd import Kind, Pack, block_size, dot, floats, lane, nowhere, packed, select, zero
 from fish_env.physics import forces
 from fish_env.physics.failures import NON_FINITE, OUT_OF_RANGE, UNTRUSTED_SOLVE
-from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.control import CURRENT, DRAG, MASS, STIFFNESS, make_control
-from fish_env.physics.forces.plan import H
-from fish_env.physics.integrators import Integrator
-from fish_env.physics.records import Anchors, World
+from fish_env.physics.forces.plan import STAGES, H
+from fish_env.physics.integrators.leapfrog_chebyshev import MOST_STAGES
+from fish_env.physics.records import Anchors
+
+if TYPE_CHECKING:
+    from fish_env.physics.tank import Tank
 
 MOST_KEYS = 10_000  # stiffnesses whose step coefficients are cached
 DEEPEST = 6  # how often steps are halved at most
@@ -39,7 +41,7 @@ def gather(tank, block, todo, p, q):
     control = block.control
     x, v, start, rate = floats(block.x), floats(block.v), floats(control.start), floats(control.rate)
     rest, stiffness, drag = floats(control.rest_length), floats(control.stiffness), floats(control.drag)
-    lightness, current = floats(control.lightness), floats(control.current)
+    lightness, shortness, current = floats(control.lightness), floats(control.shortness), floats(control.current)
     for m in range(block_size(block.x)):
         b = INDEX(todo[min(p + m, q - 1)])
         for k in range(3):
@@ -57,6 +59,7 @@ def gather(tank, block, todo, p, q):
         stiffness[0, m] = tank.variation[b, STIFFNESS] * light
         drag[0, m] = tank.variation[b, DRAG] * light
         lightness[0, m] = light
+        shortness[0, m] = 1.0 / tank.length_variation[b]
         for k in range(3):
             current[0, k, m] = tank.variation[b, CURRENT + k]
     for k in range(control.flows.total.size):
@@ -238,25 +241,6 @@ def with_flows(make_run):
     return partial(make_run, flows=True)
 
 
-class TankLike(Protocol):
-    """Attributes of a tank that an engine reads."""
-
-    @property
-    def fish(self) -> ElasticObject: ...
-
-    world: World
-    integrator: Integrator
-    num_fish: int
-    dt: float
-    refine: float
-    kind: Kind
-    energy: bool
-    flow: np.ndarray
-    variation: np.ndarray
-    pack: Pack
-    _chunks: int
-
-
 class Engine:
     """The compiled method of a tank, with its working memory.
 
@@ -264,7 +248,7 @@ class Engine:
         tank: the tank whose arrays it advances.
     """
 
-    def __init__(self, tank: TankLike):
+    def __init__(self, tank: "Tank"):
         fish, world, b = tank.fish, tank.world, tank.num_fish
         assert tank.integrator.method is not None  # tanks without one use `Integrator.advance`
         self.tank, self.method = tank, tank.integrator.method
@@ -318,6 +302,11 @@ class Engine:
         if self.row[i] != self._rows[key]:
             self._sorted = False
             self.row[i] = self._rows[key]
+
+    def too_stiff(self, row: np.ndarray) -> bool:
+        """Return True if even the shortest steps of a fish with these factors (6,) need too many stages."""
+        elastic, viscous = (rate * row[STIFFNESS] / row[MASS] for rate in self.bounds)
+        return self.method.plan(elastic, viscous, self.tank.dt / 2 ** (self.levels - 1))[STAGES] >= MOST_STAGES
 
     def update_anchors(self, anchors: Anchors) -> None:
         """Update the positions and velocities of the world's anchors, which stay the same otherwise."""

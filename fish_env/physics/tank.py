@@ -22,7 +22,7 @@ from fish_env.physics.forces.control import NOMINAL
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrity import check_numbers
 from fish_env.physics.muscles import command_all
-from fish_env.physics.records import COUNTERS, FLOWS, Anchors, Control, State, World
+from fish_env.physics.records import COUNTERS, FLOWS, Body, Control, State, World
 from fish_env.physics.world import VACUUM, make_anchors
 
 FISH_PER_THREAD = 16  # with fewer, a thread costs more than it saves
@@ -56,7 +56,8 @@ class Tank(ReadOnly, Generic[Elastic]):
     """
 
     READ_ONLY = ("fish", "world", "integrator", "dt", "refine", "num_fish", "threads", "kind", "energy", "state",
-                 "control", "natural", "span", "effort", "variation", "muscle_variation", "flow", "pack")  # fmt: skip
+                 "control", "natural", "span", "effort", "variation", "muscle_variation", "length_variation", "flow",
+                 "pack")  # fmt: skip
     pack: Pack
 
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
@@ -91,6 +92,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         """(B,6) factors and current of each fish (`vary`); read-only."""
         self.muscle_variation = np.ones((b, 2))
         """(B,2) factors on strength and contraction time of each fish (`vary`); read-only."""
+        self.length_variation = np.ones(b)
+        """(B,) factor on the length of each fish (`vary`); read-only."""
         self.flow = np.zeros((b, len(FLOWS) if self.energy else 0))
         """(B,4) energy flows, J, a column for each of FLOWS; (B,0) if they are not measured."""
         self._chunks = min(self.threads, max(1, b // FISH_PER_THREAD))
@@ -120,7 +123,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             x=state.x, v=state.v, position=Vectors(state.x, one), velocity=Vectors(state.v, one),
             clock=state.t, failure=state.failure, counters=state.counters, work=state.work,
             rest_length=control.rest_length, rate=control.rate, variation=self.variation, effort=self.effort,
-            muscle_variation=self.muscle_variation,
+            muscle_variation=self.muscle_variation, length_variation=self.length_variation,
             rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
             contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
             natural=self.natural, span=self.span, fibre_natural=natural, fibre_span=span,
@@ -199,8 +202,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         energy of the water that moves with the fish.
         """
         found, rest = [], self.control.rest_length
-        for row, length, x, v in zip(self.variation, rest, self.state.x, self.state.v, strict=True):
-            body, world = options.apply_variation(self.fish.body, self.world, row)
+        for i, (length, x, v) in enumerate(zip(rest, self.state.x, self.state.v, strict=True)):
+            body, world = self._varied(i, self.world)
             evaluator = Evaluator(body, world._replace(current=np.zeros(3)))
             found.append(evaluator.energies(length, x, v - world.current))
         return {name: np.array([each[name] for each in found]) for name in found[0]}
@@ -211,7 +214,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
 
     def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0), strength=1.0,
-             contraction_time=1.0) -> None:  # fmt: skip
+             contraction_time=1.0, length=1.0) -> None:  # fmt: skip
         """Set the factors and the current of fish i, 0 to B - 1; without arguments, restore their defaults.
 
         Args:
@@ -222,20 +225,31 @@ class Tank(ReadOnly, Generic[Elastic]):
             current: velocity of its water relative to that of the tank's, (3,) m/s.
             strength: factor on how far its muscles contract, 0.01 to 1.5.
             contraction_time: factor on the time that a contraction takes, or on its activation times, 0.01 to 100.
+            length: factor on its length, 0.01 to 100, at the same tissue and times. All else counts in its own lengths,
+                so that its metres are those of the tank's fish (docs/physics.md, eq. 93).
 
         Raises:
-            ValueError: for a missing fish, a factor out of range, or a current that is not finite.
+            ValueError: for a missing fish, a factor out of range or too large for the default method at any step, or a
+                current that is not finite.
         """
         if not (is_whole(i) and 0 <= i < self.num_fish):
             raise ValueError(f"fish is {i!r}; give a whole number from 0 to {self.num_fish - 1}")
         muscles = options.checked_muscle_variation(strength, contraction_time)
-        self._set_variation(int(i), options.checked_variation(stiffness, mass, drag, current))
-        self.muscle_variation[i] = muscles
+        row = options.checked_variation(stiffness, mass, drag, current, length)
+        if self._engine is not None and self._engine.too_stiff(row):
+            ratio = f"stiffness over mass and squared length is {row[0] / row[1]:g}"
+            raise ValueError(f"{ratio}, too much for the shortest parts of dt = {self.dt:g} s; give less, or less dt")
+        self._set_variation(int(i), row)
+        self.muscle_variation[i], self.length_variation[i] = muscles, length
 
     def _set_variation(self, i: int, row: np.ndarray) -> None:
         self.variation[i] = row
         if self._engine is not None:
             self._engine.choose_step(i)
+
+    def _varied(self, i: int, world: World) -> tuple[Body, World]:
+        """The body of fish i, and this world as it acts on it."""
+        return options.apply_variation(self.fish.body, world, self.variation[i], self.length_variation[i])
 
     def advance(self, steps: int) -> None:
         """Advance by `steps` steps of dt with constant controls. A fish that fails stops at its last valid state."""
@@ -289,8 +303,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         if self._engine is None:
             assert self.integrator.advance is not None  # a method without an engine has `advance`
             for i in range(self.num_fish):
-                body, world = options.apply_variation(self.fish.body, self.world, self.variation[i])
-                self.integrator.advance(body, world, *self._rows(i, i + 1), self.dt, steps)
+                one = (type(each)(*(array[i : i + 1] for array in each)) for each in (self.state, self.control))
+                self.integrator.advance(*self._varied(i, self.world), *one, self.dt, steps)
         else:
             self.share_out(self._engine.advance, steps)
         if self.world.anchors is not None and self.world.anchors.velocity.any():
@@ -306,9 +320,6 @@ class Tank(ReadOnly, Generic[Elastic]):
             return
         edges = np.linspace(0, self.num_fish, self._chunks + 1).astype(int).tolist()
         self._threads.run(work, [(i, first, last, *args) for i, (first, last) in enumerate(pairwise(edges))])
-
-    def _rows(self, lo: int, hi: int) -> tuple[State, Control]:
-        return State(*(array[lo:hi] for array in self.state)), Control(*(array[lo:hi] for array in self.control))
 
     def reset(self, mask=None) -> None:
         """Reset the fish (those of the boolean mask (B,), or all) to rest, relaxed, at time zero.
@@ -336,8 +347,8 @@ class Tank(ReadOnly, Generic[Elastic]):
     def get_state(self) -> dict[str, np.ndarray]:
         """Copies of all that determines the further motion, and of what was counted.
 
-        Their names are x, v, t, failure, counters, work, rest_length, variation and muscle_variation, and flow if it is
-        measured.
+        Their names are x, v, t, failure, counters, work, rest_length, variation, muscle_variation and length_variation,
+        and flow if it is measured.
         """
         return {name: array.copy() for name, array in self._named().items()}
 
@@ -345,11 +356,14 @@ class Tank(ReadOnly, Generic[Elastic]):
         """Arrays of the state, by name."""
         return self.state._asdict() | {
             "rest_length": self.control.rest_length, "variation": self.variation,
-            "muscle_variation": self.muscle_variation, **({"flow": self.flow} if self.energy else {}),
+            "muscle_variation": self.muscle_variation, "length_variation": self.length_variation,
+            **({"flow": self.flow} if self.energy else {}),
         }  # fmt: skip
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore a state that `get_state` returned, under the present boundary conditions (`grab`, `fix`, `move`).
+
+        It must be of the same body, of which only the shapes are checked.
 
         Raises:
             ValueError: if a part is missing, unknown, of another shape or not finite; the tank is then unchanged.
@@ -382,9 +396,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         """
         if not (is_whole(node) and 0 <= node < self.state.x.shape[1]):
             raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
-        self._set_anchors(make_anchors([node], [point], stiffness, damping, rest_length, velocity))
-
-    def _set_anchors(self, anchors: Anchors | None) -> None:
+        anchors = make_anchors([node], [point], stiffness, damping, rest_length, velocity)
         self._apply(self._conditions._replace(drag=anchors))
 
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
@@ -438,17 +450,14 @@ class Tank(ReadOnly, Generic[Elastic]):
         They keep their present velocity. Degrees of freedom that `fish_env.physics.body.fix` fixes remain fixed. A
         missing node raises ValueError.
         """
-        if nodes is None:
-            self._set_anchors(None)
-        else:
-            self._apply(self._conditions.without(node_numbers(self._own, nodes)))
+        now = self._conditions
+        self._apply(now._replace(drag=None) if nodes is None else now.without(node_numbers(self._own, nodes)))
 
     @property
     def conditioned(self) -> bool:
         """True if a node is fixed by elimination or an anchor moves; `advance` updates both."""
-        anchors, conditions = self.world.anchors, self._conditions
-        moving = anchors is not None and anchors.velocity.any()
-        return bool(conditions.motions or moving or conditions.held.any())
+        moving = self.world.anchors is not None and self.world.anchors.velocity.any()
+        return bool(self._conditions.motions or moving or self._conditions.held.any())
 
     @property
     def fixed(self) -> np.ndarray:
@@ -469,10 +478,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         names = tuple(name for name in forces.present(body, world) if not hasattr(forces.FORCES[name], "JUMPS"))
         bearing, rest = body.inverse_mass == 0.0, self.control.rest_length
         if bearing.any():
-            for i, row in enumerate(self.variation):
-                force = Evaluator(*options.apply_variation(body, world, row), names).force(
-                    rest[i], self.state.x[i], self.state.v[i]
-                )
+            for i in range(self.num_fish):
+                force = Evaluator(*self._varied(i, world), names).force(rest[i], self.state.x[i], self.state.v[i])
                 found[i][bearing] = -force[bearing]
         pulling = self._conditions.penalties
         if pulling is not None:
@@ -497,8 +504,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         self._conditions = new
         if self._engine is not None and not follows:
             self._engine = Engine(self)
-        elif self._engine is not None and world.anchors is not None:
-            self._engine.update_anchors(world.anchors)
+        self._update_anchors()
         self._impose()
 
     def _impose(self) -> None:

@@ -141,12 +141,12 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
     return kind
 
 
-def apply_variation(body: Body, world: World, row) -> tuple[Body, World]:
-    """Apply the factors and the current of a row of `Tank.variation` to a body and its world."""
-    stiffness, mass, drag = (float(factor) for factor in row[:3])
+def apply_variation(body: Body, world: World, row, length=1.0) -> tuple[Body, World]:
+    """Apply a row of `Tank.variation`, and a factor on length, to a body and its world."""
+    stiffness, mass, drag, viscous = (float(factor) for factor in (*row[:3], row[2] / length))
     return scale_body(body, stiffness, stiffness, mass), world._replace(
-        linear=world.linear * drag, quadratic=world.quadratic * drag, friction=world.friction * drag,
-        current=world.current + row[3:],
+        linear=world.linear * viscous, quadratic=world.quadratic * drag, friction=world.friction * viscous,
+        righting=float(world.righting / length), current=world.current + row[3:],
     )  # fmt: skip
 
 
@@ -190,6 +190,7 @@ def checked_state(state: dict, target: dict[str, np.ndarray]) -> dict[str, np.nd
         raise ValueError(f"state holds {held}; give {sorted(target)}, as get_state returns them")
     checked = {name: finite_array(state[name], array.shape, name) for name, array in target.items()}
     positive_array(checked["rest_length"], checked["rest_length"].shape, "rest_length")
+    positive_array(checked["length_variation"], checked["length_variation"].shape, "length_variation")
     for row in checked["variation"]:
         checked_variation(row[0], row[1], row[2], row[3:])
     for row in checked["muscle_variation"]:
@@ -212,9 +213,12 @@ def checked_muscle_variation(strength, contraction_time) -> np.ndarray:
     return row
 
 
-def checked_variation(stiffness, mass, drag, current) -> np.ndarray:
+def checked_variation(stiffness, mass, drag, current, length=1.0) -> np.ndarray:
     """Row (6,) of `Tank.variation`; ValueError for invalid values."""
-    factors = positive_array([stiffness, mass], (2,), "factors on stiffness and mass")
+    *factors, length = positive_array([stiffness, mass, length], (3,), "factors on stiffness, mass and length")
+    if not 0.01 <= length <= 100.0:
+        raise ValueError(f"the factor on length is {length:g}; give a number from 0.01 to 100")
+    factors[0] /= length**2  # (73)
     drag = positive_array([drag], (1,), "factor on drag", zero=True)
     row = np.concatenate([factors, drag, finite_array(current, (3,), "current (m/s)")])
     low, high = FACTORS

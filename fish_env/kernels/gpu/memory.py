@@ -30,15 +30,18 @@ def is_own(value) -> bool:
     return isinstance(value, Lanes) and (isinstance(value, Scratch) or value.kind.lanes == THREAD)
 
 
-def arrays_of(pack: Pack, prefix: str = "") -> dict[str, Any]:
-    """Arrays of a pack and its inner packs, by name: "tank.x" for example."""
-    found = {}
-    for name, value in pack._kept.items():
-        if isinstance(value, Pack):
-            found |= arrays_of(value, f"{prefix}{name}.")
-        elif isinstance(value, np.ndarray | Lanes):
-            found[prefix + name] = value
-    return found
+def arrays_of(value, path: str = "") -> dict[str, Any]:
+    """Arrays in packs, tuples, lists and dictionaries, by their paths: "tank.x" for example."""
+    if isinstance(value, np.ndarray | Lanes):
+        return {path: value}
+    if isinstance(value, Pack):
+        value = value._kept
+    elif isinstance(value, tuple | list):
+        value = dict(zip(getattr(value, "_fields", range(len(value))), value, strict=True))
+    if not isinstance(value, dict):
+        return {}
+    within = f"{path}." if path else ""
+    return {name: array for key, part in value.items() for name, array in arrays_of(part, f"{within}{key}").items()}
 
 
 def memory_of(value) -> np.ndarray:
@@ -46,14 +49,13 @@ def memory_of(value) -> np.ndarray:
     return value if isinstance(value, np.ndarray) else value.memory
 
 
-def fish_axes(one: Pack, many: Pack) -> dict[str, int]:
-    """Axis of the fish in each array that has one, by name: the axis in which packs of one and many fish differ."""
+def fish_axes(one, many) -> dict[str, int]:
+    """Axis of the fish in each array that has one, by its path: the axis in which it differs for one and many fish."""
     single, found = arrays_of(one), {}
     for name, value in arrays_of(many).items():
-        shapes = zip(memory_of(single[name]).shape, memory_of(value).shape, strict=True)
-        for axis, (length, longer) in enumerate(shapes):
-            if length != longer:
-                found[name] = axis
+        shape, other = memory_of(value).shape, memory_of(single[name]).shape if name in single else ()
+        if len(shape) == len(other) and shape != other:
+            found[name] = int(np.flatnonzero(np.not_equal(shape, other))[0])
     return found
 
 

@@ -43,9 +43,9 @@ systems, and one without `add_tangent` is not filtered. Exact derivatives follow
 others, so it acts after them, whatever its place in the list.
 
 `control` contains the data of each fish of the block: rest lengths, and factors on stiffness, drag and all other forces
-(`lightness`). Each is divided by the factor on the fish's mass, so that all fish have the same masses. A force without
-parameters in `Body` or `World` has them, a named tuple, in `World.extra` under its own name. It reads them as
-`world.<name>`.
+(`lightness`). Each is divided by the factor on the fish's mass, so that all fish have the same masses. `shortness` is
+the factor on forces that grow as the cube of the length, and not as its fourth power. A force without parameters in
+`Body` or `World` has them, a named tuple, in `World.extra` under its own name. It reads them as `world.<name>`.
 """
 
 from collections.abc import Callable

@@ -106,8 +106,8 @@ def scatter(body, k, g, f):
 def laws(world, control, cache):
     """Coefficients of the linear law, of the quadratic law and of friction, and the current."""
     drag = control.drag[0]
-    linear, quadratic, friction = world.linear * drag, world.quadratic * drag, cache.friction * drag
-    return linear, quadratic, friction, world.current[0] + control.current[0]
+    viscous, current = control.shortness[0] * drag, world.current[0] + control.current[0]  # (93)
+    return world.linear * viscous, world.quadratic * drag, cache.friction * viscous, current
 
 
 @kernel
