@@ -20,6 +20,7 @@ import json
 import os
 import platform
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from importlib import import_module
@@ -31,12 +32,13 @@ import gymnasium as gym
 
 import fish_env
 from fish_env.control.console import INSTALL, hear_first_signal, run_command
+from fish_env.control.environments import make_checked_batch
 from fish_env.control.evaluation import (
     EPISODES,
     FIRST_SEED,
     checked_episodes,
+    environment_for,
     evaluate,
-    make_policy_env,
     means,
 )
 from fish_env.control.files import writable_file, write_text
@@ -46,7 +48,7 @@ from fish_env.control.policy import Policy, load_policy, shipped_policies
 from fish_env.control.printing import print_comparison, print_means
 from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
-from fish_env.control.statistics import compare
+from fish_env.control.statistics import compare, same_environments
 from fish_env.envs.ahead import compile_ahead, stored_kernels
 from fish_env.lab import LOOPBACK, serve
 from fish_env.training.config import CONFIGS, FINE_TUNING, GIVEN, as_tuples
@@ -242,15 +244,15 @@ def evaluate_policies(arguments: argparse.Namespace) -> None:
         writable_file(arguments.to, (".json",))
     records, changes = [], simulation(arguments)
     for name, policy in load_policies(arguments).items():
-        env = make_policy_env(policy, arguments.episodes, **changes)
-        found = means(evaluate(env, policy, arguments.seed))
-        env.close()
-        about = {"env_id": policy.about["env_id"], "policy": name}
+        env_id, options = environment_for(policy, changes)
+        with closing(make_checked_batch(env_id, options, arguments.episodes)) as env:
+            found = means(evaluate(env, policy, arguments.seed))
+        about = {"env_id": env_id, "env_options": options, "policy": name}
         records.append(
             about | {"episodes": arguments.episodes, "first_seed": arguments.seed, **changes, "means": found}
         )
     for env_id in dict.fromkeys(record["env_id"] for record in records):
-        print_means(env_id, [record for record in records if record["env_id"] == env_id])
+        print_means([record for record in records if record["env_id"] == env_id])
     if arguments.to is not None:
         write_text(arguments.to, json.dumps(records[0] if len(records) == 1 else records, indent=2) + "\n")
 
@@ -263,16 +265,13 @@ def compare_policies(arguments: argparse.Namespace) -> None:
     policies = load_policies(arguments)
     if len(policies) == 2:
         first, second = policies.values()
-        if all(value is None for value in changes.values()):
-            found = compare(first, second)
-        else:
-            with closing(make_policy_env(first, EPISODES, **changes)) as env:
-                found = compare(first, second, env)
-        print_comparison(first.about["env_id"], list(policies), found)
+        found = compare(first, second, **changes)
+        print_comparison(same_environments([first, second], changes), list(policies), found)
     else:
-        from fish_env.training.report import compare_with_controllers
+        from fish_env.training.report import measure_policy
 
-        compare_with_controllers(policies, **changes)
+        for name, policy in policies.items():
+            print_means(measure_policy(name, policy, True, changes))
 
 
 def run_report(arguments: argparse.Namespace) -> None:
@@ -331,7 +330,9 @@ def run(parser: argparse.ArgumentParser, words: Sequence[str] | None, came: list
     arguments = parser.parse_args(words, argparse.Namespace(came=came))
     if arguments.task_module is not None:
         import_task_module(arguments.task_module)
-    return arguments.run(arguments) or 0
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *where, **more: print(f"Warning: {message}", file=sys.stderr)
+        return arguments.run(arguments) or 0
 
 
 def main(

@@ -70,7 +70,7 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert pytest.importorskip("train").main() == 0
     assert [record["means"] == wanted for record in json.loads(file.read_text())] == [True, True, False]
     printed = capsys.readouterr().out
-    assert "FishEnv/Swim-v0: mean over 2" in printed and "FishEnv/Turn-v0: mean over 2" in printed
+    assert "FishEnv/Swim-v0: mean over 2" in printed and "FishEnv/Turn-v0 with muscle_groups='pairs': mean" in printed
     speed = f"{wanted['speed']:.4g}"
     assert next(line.split() for line in printed.splitlines() if "  speed " in line) == ["speed", speed, speed]
     short = ["--env-kwargs", "max_episode_steps=3", "body=planar", "--to", str(file)]
@@ -206,7 +206,7 @@ def test_an_environment_of_the_user(tmp_path, monkeypatch, capsys):
     assert again.env_kwargs == keywords and again.hyperparameters == ["hidden=[8, 4]"]
     capsys.readouterr()
     assert command_line.main(["evaluate", str(folder), "--episodes", "1"]) == 0
-    assert f"{id}: mean over 1 episodes" in capsys.readouterr().out
+    assert f"{id} with speed=1.0, variation={{'mass': [0.8, 1.2]}}: mean over 1 episodes" in capsys.readouterr().out
     del gym.registry[id], sys.modules["swim_elsewhere"]
     for words in (["evaluate", str(folder)], ["report", str(folder)]):
         assert command_line.main(words) == 2

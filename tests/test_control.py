@@ -161,7 +161,8 @@ def stub(**options):
         (lambda: evaluate(stub(), "swym"), FileNotFoundError, "no policy file swym; .* shipped: avoid, fast"),
         (lambda: evaluate(stub(), 3), ValueError, "the policy is a int; give the name of a shipped policy"),
         (lambda: evaluate(stub(), "swim", episodes=3), ValueError, "episodes is 3, and the batch has 2 fish"),
-        (lambda: evaluate(stub(muscle_groups="pairs"), "swim"), ValueError, "numbers into 12 actions; the environment"),
+        (lambda: evaluate(stub(muscle_groups="pairs"), "swim"), ValueError,
+         "trained with muscle_groups='muscles', and the environment has 'pairs'; give"),
         (lambda: evaluate(gym.make("CartPole-v1"), "swim"), ValueError, "is a CartPoleEnv; give one fish"),
         (lambda: evaluate(gym.make_vec("FishEnv/Stub-v0", 2, autoreset_mode="Disabled"), "swim"),
          ValueError, "begin again by themselves"),
@@ -185,7 +186,7 @@ def test_a_policy_of_a_longer_interval(times):
     weight = np.random.default_rng(0).normal(size=(156, 6)).astype(np.float32)
     policy = Policy((weight,), (np.zeros(6, np.float32),), {"env_id": "FishEnv/Swim-v0"})
     fish, interval = fish_env.make_fish(activation_time=times), 0.04
-    slower = replace(policy, about=policy.about | {"env_options": {"control_interval": interval}})
+    slower = replace(policy, about=policy.about | {"env_options": {"control_interval": interval} | PAIRS})
     env = make_eval_env("FishEnv/Swim-v0", 4, {"body": fish, "variation": {"strength": 0.8}} | PAIRS)
     obs, _ = env.reset(seed=0)
     control, start = policy_controller(slower, env), env.tank.contraction.copy()

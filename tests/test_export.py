@@ -224,9 +224,9 @@ REFUSED = {
     "stacked before": (lambda: learner(single(lambda env: gym.wrappers.FrameStackObservation(env, 2))), "one vector"),
     "shifted": (lambda: learner(Shifted(fish())), "has a Shifted"),
     "shifted inside": (lambda: learner(VecMonitor(Shifted(fish()))), "has a Shifted"),
-    "shifted one by one": (lambda: learner(single(gym.wrappers.NormalizeObservation)), "has a ObservationWrapper"),
+    "shifted one by one": (lambda: learner(single(gym.wrappers.NormalizeObservation)), "has a NormalizeObservation"),
     "other actions": (lambda: learner(single(scaled_actions)), "are not from -1 to 1"),
-    "held actions": (lambda: learner(single(held_actions)), "has a ActionWrapper"),
+    "held actions": (lambda: learner(single(held_actions)), "has a StickyAction"),
     "delayed": (lambda: learner(single(lambda env: gym.wrappers.DelayObservation(env, 2))), "has a "),
     "no environment": (lambda: without_env(learner(fish())), "has no environment"),
     "diverged": (lambda: diverged(learner(fish())), "not finite"),
@@ -416,7 +416,7 @@ UNFIT = {
     "no environment": (lambda: without_env(learner(fish())), "the model has no environment"),
     "other actions": (
         lambda: learner(fish(muscle_groups="pairs")),
-        "trained for Box.*, and the environment has Box",
+        "trained with muscle_groups='pairs', and the environment has 'muscles'",
     ),
     "stacked": (lambda: learner(VecFrameStack(fish(), 2)), "has a VecFrameStack"),
 }

@@ -21,8 +21,11 @@ ID = re.compile(r"([\w-]{1,100}/)?[\w.-]{1,100}", re.ASCII)
 NOT_STATED = ("self", "id", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "autoreset_mode",
               "render_mode", "disable_env_checker")  # fmt: skip
 """Keywords that are not of the environment, but of those who make it."""
-WATCHING = ("RecordEpisodeStatistics", "RecordVideo", "HumanRendering", "RenderCollection", "TimeLimit")
-"""Gymnasium's wrappers that change neither observations, nor actions, nor rewards."""
+WATCHING = (
+    "TimeLimit", "OrderEnforcing", "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo", "HumanRendering",
+    "RenderCollection", "Monitor", "VecMonitor", "VecCheckNan", "VecVideoRecorder",
+)  # fmt: skip
+"""Wrappers of Gymnasium and of Stable-Baselines3 that change neither observations, nor actions, nor rewards."""
 MOST_STEPS = 100_000
 """Steps of the integrator in one environment step: about a second. Those of the bodies are at most 24."""
 
@@ -40,9 +43,19 @@ def check_environment(about: Mapping[str, Any]) -> None:
     for name in NOT_STATED:
         if name in options:
             raise ValueError(f"env_options has {name!r}; give keywords of the environment alone")
-    interval = options.get("control_interval")
-    if interval is not None and not SHORTEST <= real(interval) <= LONGEST:
-        raise ValueError(f"control_interval is {interval!r}; give a number of seconds from {SHORTEST:g} to {LONGEST:g}")
+    for each in (options, trained_of(about)):
+        interval = each.get("control_interval")
+        if interval is not None and not SHORTEST <= real(interval) <= LONGEST:
+            raise ValueError(f"control_interval is {interval!r}; give seconds from {SHORTEST:g} to {LONGEST:g}")
+
+
+def trained_of(about: Mapping[str, Any]) -> dict[str, Any]:
+    """The `interface` (`FishVectorEnv`) of its training that a policy names, empty for none; else ValueError."""
+    trained = about.get("trained", {})
+    kinds = {name: type(value) for name, value in trained.items()} if isinstance(trained, dict) else None
+    if kinds not in ({}, {"control_interval": float, "muscle_groups": str, "observation": dict}):
+        raise ValueError(f"trained is {trained!r:.200}; give the `interface` of the environment of the training")
+    return trained
 
 
 def environment_of(about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -97,13 +110,28 @@ def one_fish(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
         raise ValueError(f"the environment is a {type(bare).__name__}; give one fish: gym.make('FishEnv/Swim-v0')")
     if env.spec is None or bare.spec is None:
         raise ValueError("the environment was not made by gym.make alone; make it by its id")
-    for wrapper in env.spec.additional_wrappers:
-        if not wrapper.entry_point.startswith("gymnasium.wrappers.") or wrapper.name not in WATCHING:
-            raise ValueError(
-                f"the environment has a wrapper {wrapper.name}, which may change what the fish sees or does; give it "
-                f"without, or with {', '.join(WATCHING)} alone"
-            )
-    return bare, env.spec.id, {name: value for name, value in bare.spec.kwargs.items() if name != "render_mode"}
+    if changing := changing_wrapper(env):
+        raise ValueError(
+            f"the environment has a wrapper {changing}, which may change what the fish sees or does; give it without, "
+            f"or with {', '.join(WATCHING)} alone"
+        )
+    keywords = bare.spec.kwargs | getattr(bare.fish, "changed", {})
+    return bare, env.spec.id, {name: value for name, value in keywords.items() if name != "render_mode"}
+
+
+def watches(wrapper: object, names: tuple[str, ...] = WATCHING) -> bool:
+    """Whether this is a wrapper of Gymnasium or Stable-Baselines3 of these names, and no subclass of one."""
+    kind = type(wrapper)
+    return kind.__name__ in names and kind.__module__.startswith(("gymnasium.wrappers.", "stable_baselines3.common."))
+
+
+def changing_wrapper(env: gym.Env, names: tuple[str, ...] = WATCHING) -> str | None:
+    """Name of the outermost wrapper of an environment that is none of these; None if it has no other."""
+    while isinstance(env, gym.Wrapper):
+        if not watches(env, names):
+            return type(env).__name__
+        env = env.env
+    return None
 
 
 def _check_work(fish: FishVectorEnv) -> None:

@@ -24,7 +24,7 @@ except ImportError as error:
         'fish_env.control.equivariant needs torch and Stable-Baselines3: pip install "fish_env[train]"'
     ) from error
 
-from fish_env.control.models import check_spaces, normalisation_of
+from fish_env.control.models import check_spaces, normalisation_of, trained_with
 from fish_env.control.policy import Policy
 from fish_env.envs import FishVectorEnv
 
@@ -179,7 +179,8 @@ def export_policy(
         model: a PPO, A2C, SAC, TD3, DDPG, or a TQC of sb3-contrib, with the environment that it was trained in; or a
             policy alone, with `raw`. The policy is an `EquivariantPolicy` or an `MlpPolicy`, with `ScaledObservation`
             or without; its hidden layers have tanh or ReLU.
-        about: what the file says of it: env_id, env_options, and whatever else a reader should know.
+        about: what the file says of it: env_id, env_options, and whatever else a reader should know. The `interface`
+            of the model's environment is added as "trained".
         combine: matrix (A,A') from the policy's actions to those of the environment, if a wrapper combines them; None
             if they are the same.
         raw: the observations of a policy alone, which does not know its environment, are not normalised.
@@ -191,6 +192,7 @@ def export_policy(
     check_spaces(policy.observation_space, policy.action_space, combine is not None)
     if isinstance(model, BaseAlgorithm):
         normalisation = normalisation_of(model, combine is not None)
+        about = {**about, **trained_with(model)}
     elif not raw:
         raise ValueError("a policy does not know whether its observations are normalised; give the model, or raw=True")
     scaler, modules = actor_modules(policy)

@@ -1,6 +1,8 @@
 """Episodes on fixed seeds, measured, for policies and for any function of observations and time."""
 
-from collections.abc import Callable, Iterator
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, cast
@@ -10,12 +12,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from fish_env.checks import is_whole
-from fish_env.control.environments import environment_of, make_checked_batch, one_fish
+from fish_env.control.environments import environment_of, make_checked_batch, one_fish, trained_of
 from fish_env.control.gait import Gait
-from fish_env.control.models import is_model, normalisation_of
-from fish_env.control.policy import Policy, load_policy
+from fish_env.control.models import is_model, normalisation_of, trained_with
+from fish_env.control.policy import Normalisation, Policy, load_policy
 from fish_env.envs import FishVectorEnv
-from fish_env.envs.layout import Layout
+from fish_env.envs.senses import ACTED
 from fish_env.envs.vector import make_batch
 from fish_env.physics.tank_options import checked_count
 
@@ -58,10 +60,8 @@ def as_controller(policy: Any, env: FishVectorEnv) -> Controller:
     """
     if isinstance(policy, str | Path):
         policy = load_policy(policy)
-    if isinstance(policy, Policy):
+    if isinstance(policy, Policy) or is_model(policy):
         return policy_controller(policy, env)
-    if is_model(policy):
-        return model_controller(policy, env)
     if hasattr(policy, "predict"):
         raise ValueError(
             f"a {type(policy).__name__} does not know whether its observations are normalised; give the model"
@@ -74,20 +74,53 @@ def as_controller(policy: Any, env: FishVectorEnv) -> Controller:
     )
 
 
-def model_controller(model: Any, env: FishVectorEnv) -> Controller:
-    """A model of Stable-Baselines3 by its deterministic actions, observations normalised as in its training.
+def policy_controller(policy: Policy | Any, env: FishVectorEnv) -> Controller:
+    """A policy or a model in an environment whose control interval may be shorter than that of its training.
+
+    In between, commanded rest lengths change linearly towards the policy's last action, as within one long interval.
+    Muscles with first-order activation receive the action itself, and end where one long interval would have ended.
 
     Raises:
-        ValueError: for a model without an environment, or with wrappers that change observations or actions otherwise;
-            and if it does not fit the environment.
+        ValueError: if the policy's interval is not a whole multiple of the environment's; if the policy does not fit
+            the environment; and for a model without an environment, or with wrappers that change what it sees or does.
     """
-    normalisation, memory, trained = normalisation_of(model), None, None
-    with suppress(AttributeError):  # of an environment that is not of this package
-        trained = model.get_env().get_attr("layout")[0]
-    _check_parts(trained, env)
+    normalisation = None if isinstance(policy, Policy) else normalisation_of(policy)
+    trained = _trained(policy, env)
+    _check_trained(trained, env)
+    decide = _actions_of(policy, normalisation, env)
+    interval = trained.get("control_interval", env.control_interval)
+    every = steps_of(interval, env)
+    if not every:
+        raise ValueError(
+            f"the policy acts every {interval:g} s, the environment every {env.control_interval:g} s; "
+            f"give a control_interval of which {interval:g} s is a whole multiple"
+        )
+    goal, first_order = np.zeros(0), env.tank.fish.activation_time[0] > 0.0
+
+    def act(obs: np.ndarray, time: float) -> np.ndarray:
+        nonlocal goal
+        since = round(time / env.control_interval) % every
+        if since == 0:
+            goal = decide(obs, time)
+        if first_order:
+            return goal
+        present = (2.0 * _arrived(env) - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
+        return present + (goal - present) / (every - since)
+
+    return act
+
+
+def _actions_of(policy: Any, normalisation: Normalisation | None, env: FishVectorEnv) -> Controller:
+    """The deterministic actions of a policy or a model at the beginnings of its intervals."""
+    if isinstance(policy, Policy):
+        if isinstance(env.single_observation_space, gym.spaces.Dict):
+            raise ValueError("the environment observes goals, which policy files do not know; give it without goal_env")
+        policy.check(env.single_observation_space, env.single_action_space)
+        return lambda obs, time: policy(obs)
+    memory = None
     for wanted, given in (
-        (model.observation_space, env.single_observation_space),
-        (model.action_space, env.single_action_space),
+        (policy.observation_space, env.single_observation_space),
+        (policy.action_space, env.single_action_space),
     ):
         if wanted.shape != given.shape or (given.shape is None and wanted != given):  # a dict of goals has no shape
             raise ValueError(
@@ -99,67 +132,58 @@ def model_controller(model: Any, env: FishVectorEnv) -> Controller:
         nonlocal memory  # of a recurrent policy
         seen = obs if normalisation is None else normalisation(obs).astype(np.float32)
         begins = np.full(env.num_envs, time == 0.0)
-        actions, memory = model.predict(seen, state=memory, episode_start=begins, deterministic=True)
+        actions, memory = policy.predict(seen, state=memory, episode_start=begins, deterministic=True)
         return actions
 
     return act
 
 
-def policy_controller(policy: Policy, env: FishVectorEnv) -> Controller:
-    """A policy in an environment whose control interval may be shorter than the one it was trained with.
+def steps_of(interval: float, env: FishVectorEnv) -> int:
+    """How many environment steps an interval has, s; 0 if it is no whole multiple of one."""
+    steps = round(interval / env.control_interval)
+    return steps if abs(steps * env.control_interval - interval) <= 1e-9 else 0
 
-    In between, commanded rest lengths change linearly towards the policy's last action, as within one long interval.
-    Muscles with first-order activation receive the action itself, and end where one long interval would have ended.
 
-    Raises:
-        ValueError: if the policy's interval is not a whole multiple of the environment's, or the policy does not fit
-            the environment.
+def _arrived(env: FishVectorEnv) -> np.ndarray:
+    """Contractions (B,M), of what the strength of each fish allows, once all commands sent so far have arrived."""
+    found = env.tank.contraction / env.tank.muscle_variation[:, :1]
+    if env._memory:
+        fish, past, delay = np.arange(env.num_envs), env._memory["past_action"], env._memory["delay"][:, ACTED, None]
+        fastest = env.control_interval / (env.tank.fish.contraction_time * env.tank.muscle_variation[:, 1:])
+        for ago in range(delay.max(), 0, -1):
+            sent = past[fish, (env._elapsed - ago) % past.shape[1]][:, env.groups]
+            goal = np.where(env._elapsed[:, None] >= ago, 0.5 * (sent + 1.0), 0.0)
+            found += np.where(delay >= ago, np.clip(goal - found, -fastest, fastest), 0.0)  # (14)
+    return found
+
+
+def _trained(policy: Any, env: FishVectorEnv) -> Mapping[str, Any]:
+    """What a policy or a model was trained with (`FishVectorEnv.interface`), as far as it is known.
+
+    A file that does not say it has that of its environment, or at least an interval: the fish's own if it names none.
     """
-    _check_parts(_layout_of_training(policy), env)
-    observations = env.single_observation_space
-    if isinstance(observations, gym.spaces.Dict):
-        raise ValueError("the environment observes goals, which policy files do not know; give it without goal_env")
-    policy.check(observations, env.single_action_space)
-    interval = policy.about.get("env_options", {}).get("control_interval") or env.tank.fish.control_interval
-    every = round(interval / env.control_interval)
-    if every < 1 or abs(every * env.control_interval - interval) > 1e-9:
+    trained = trained_of(policy.about if isinstance(policy, Policy) else trained_with(policy))
+    if trained or not isinstance(policy, Policy):
+        return trained
+    with suppress(ValueError, gym.error.Error), closing(make_checked_batch(*environment_of(policy.about), 1)) as own:
+        return own.interface
+    interval = policy.about.get("env_options", {}).get("control_interval")
+    return {"control_interval": interval or env.tank.fish.control_interval}
+
+
+def _check_trained(trained: Mapping[str, Any], env: FishVectorEnv) -> None:
+    """ValueError if an environment has other actions, or shows other parts, than a policy was trained with."""
+    here, groups = env.interface, trained.get("muscle_groups")
+    if groups not in (None, here["muscle_groups"]):
         raise ValueError(
-            f"the policy acts every {interval:g} s, the environment every {env.control_interval:g} s; "
-            f"give a control_interval of which {interval:g} s is a whole multiple"
+            f"the policy was trained with muscle_groups={groups!r}, and the environment has "
+            f"{here['muscle_groups']!r}; give it muscle_groups={groups!r}, or train a new policy"
         )
-    goal, first_order = np.zeros(0), env.tank.fish.activation_time[0] > 0.0
-
-    def act(obs: np.ndarray, time: float) -> np.ndarray:
-        nonlocal goal
-        since = round(time / env.control_interval) % every
-        if since == 0:
-            goal = policy(obs)
-        if first_order:
-            return goal
-        contraction = env.tank.contraction / env.tank.muscle_variation[:, :1]  # of what the strength of the fish allows
-        present = (2.0 * contraction - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
-        return present + (goal - present) / (every - since)
-
-    return act
-
-
-def _layout_of_training(policy: Policy) -> Layout | None:
-    """Layout of the environment that a policy was trained in; None if it is not registered, or the file names none."""
-    try:
-        with closing(make_policy_env(policy, 1)) as env:
-            return env.layout
-    except (ValueError, gym.error.Error):
-        return None
-
-
-def _check_parts(trained: Layout | None, env: FishVectorEnv) -> None:
-    """ValueError if an environment does not show the parts of an observation that a policy was trained with."""
-    if trained is None:
-        return
-    seen, shown = ([f"{part.name} ({part.size})" for part in layout] for layout in (trained, env.layout))
+    shown = here["observation"]
+    seen = trained.get("observation", shown)
     if seen != shown:
         mine, its = (
-            ", ".join(name for name in one if name not in other) or "none"
+            ", ".join(f"{name} ({size})" for name, size in one.items() if other.get(name) != size) or "none"
             for one, other in ((seen, shown), (shown, seen))
         )
         raise ValueError(
@@ -190,6 +214,24 @@ def make_eval_env(env_id: str, num_envs: int, options: dict[str, Any]) -> FishVe
     return make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
 
 
+def environment_for(policy: Policy, changes: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Id and keywords of the environment in which a policy is evaluated; `changes` of None are ignored.
+
+    They are `evaluation_options` where the policy can act in the steps of the environment without those of its clock.
+
+    Raises:
+        ValueError: as `environment_of`.
+    """
+    env_id, options = environment_of(policy.about)
+    changed = {name: value for name, value in changes.items() if value is not None}
+    plain = evaluation_options(options)
+    if plain.keys() != options.keys():
+        with suppress(ValueError, gym.error.Error), closing(make_checked_batch(env_id, plain | changed, 1)) as env:
+            if env.max_episode_steps and steps_of(options.get("control_interval") or env.control_interval, env):
+                return env_id, plain | changed
+    return env_id, options | changed
+
+
 def make_policy_env(policy: str | Path | Policy, num_envs: int = EPISODES, **changes) -> FishVectorEnv:
     """Create the batch a policy is evaluated in; `changes` replace options of its training, None is ignored.
 
@@ -199,9 +241,7 @@ def make_policy_env(policy: str | Path | Policy, num_envs: int = EPISODES, **cha
         gymnasium.error.Error: for an environment without batches.
     """
     policy = load_policy(policy) if isinstance(policy, str | Path) else policy
-    env_id, options = environment_of(policy.about)
-    changed = {name: value for name, value in changes.items() if value is not None}
-    return make_checked_batch(env_id, evaluation_options(options) | changed, num_envs)
+    return make_checked_batch(*environment_for(policy, changes), num_envs)
 
 
 def run_episodes(
@@ -258,6 +298,9 @@ def evaluate(
         FileNotFoundError: if there is no such policy.
         ValueError: for an environment, seed, options or a number of episodes that are not allowed, and for a policy
             that does not fit the environment.
+
+    Warns:
+        UserWarning: if more than half of the episodes are ended by a failure of the physics.
     """
     if isinstance(env, gym.Env):
         _, id, keywords = one_fish(env)
@@ -268,11 +311,25 @@ def evaluate(
     if episodes is not None and isinstance(env, FishVectorEnv) and episodes != env.num_envs:
         raise ValueError(f"episodes is {episodes!r}, and the batch has {env.num_envs} fish: each runs one episode")
     results: list[dict[str, float]] = []
+    failures = []
     for ended, _, infos in run_episodes(env, policy, seed, options):
         results = results or [{}] * len(ended)
         for i in np.flatnonzero(ended).tolist():
-            results[i] = episode_scores(infos.get("final_info", infos), i)  # there where episodes begin again at once
+            last = infos.get("final_info", infos)  # there where episodes begin again at once
+            results[i] = episode_scores(last, i)
+            failures.append(last["failure"][i])
+    if said := mostly_failed(failures, env.tank.dt):
+        warnings.warn(said, UserWarning, stacklevel=2)
     return scores_by_name(results)
+
+
+def mostly_failed(failures: Sequence[str], dt: float) -> str | None:
+    """What to say of episodes of which more than half failed, by the failure of each, "" for none; else None."""
+    failed = [failure for failure in failures if failure]
+    if 2 * len(failed) <= len(failures):
+        return None
+    reason = Counter(failed).most_common(1)[0][0]
+    return f"{len(failed)} of {len(failures)} episodes failed ({reason}); give a dt smaller than {dt:g} s"
 
 
 def scores_by_name(results: list[dict[str, float]]) -> Scores:

@@ -1,27 +1,27 @@
 """Models of Stable-Baselines3 by what they can do, not by their types: nothing here loads the library."""
 
+import re
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import wrappers
 
+from fish_env.control.environments import WATCHING, changing_wrapper, watches
 from fish_env.control.policy import Normalisation
 
-HARMLESS = ("VecMonitor", "VecCheckNan", "VecVideoRecorder")
-"""Wrappers of Stable-Baselines3 that change neither observations nor actions."""
-CHANGING = {
-    "ObservationWrapper": gym.ObservationWrapper,
-    "ActionWrapper": gym.ActionWrapper,
-    "FrameStackObservation": wrappers.FrameStackObservation,
-    "DelayObservation": wrappers.DelayObservation,
-}
-"""Wrappers of Gymnasium that change one or the other."""
+HARMLESS = (*WATCHING, "NormalizeReward", "TransformReward", "ClipReward")
+"""Wrappers that change neither observations nor actions."""
 
 
 def is_model(given: Any) -> bool:
     """Whether this is a model of Stable-Baselines3, or acts as one: it has `predict` and a `policy`."""
     return hasattr(given, "predict") and hasattr(given, "policy")
+
+
+def trained_with(model: Any) -> dict[str, Any]:
+    """The `interface` of the environment of a model, as "trained"; nothing if it is not of this package."""
+    env = model.get_env().unwrapped
+    return {"trained": env.get_attr("interface", [0])[0]} if env.has_attr("interface") else {}
 
 
 def check_spaces(observations: gym.Space, actions: gym.Space, combined: bool = False) -> None:
@@ -57,22 +57,43 @@ def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None
     if env is None:
         raise ValueError("the model has no environment, which may normalise; give it one: model.set_env(env)")
     check_actions(model.action_space, combined)
-    for name, kind in CHANGING.items():
-        if any(env.env_is_wrapped(kind)):
-            raise ValueError(f"its environment has a {name}, which changes what the policy sees or does; leave it out")
     while hasattr(env, "venv"):
-        name, known = type(env).__name__, type(env).__module__.startswith("stable_baselines3.")
-        if known and name == "VecNormalize":
+        if watches(env, ("VecNormalize",)):
             if found is not None:
                 raise ValueError("its environment has VecNormalize twice; train with one of them")
             if env.norm_obs and isinstance(model.observation_space, gym.spaces.Dict):
                 raise ValueError("its environment has VecNormalize over a dict; train with norm_obs=False")
             if env.norm_obs:
                 found = Normalisation(env.obs_rms.mean, np.sqrt(env.obs_rms.var + env.epsilon), float(env.clip_obs))
-        elif not (known and name in HARMLESS) and not combined:
-            raise ValueError(f"its environment has a {name}, which may change what is seen or done; leave it out")
+        elif not watches(env, HARMLESS) and not combined:
+            _refuse(type(env).__name__)
         env = env.venv
+    _check_inside(env)
     wanted, given = model.observation_space.shape, env.observation_space.shape
     if wanted != given:
         raise ValueError(f"the policy expects observations of shape {wanted}, the environment returns {given}")
     return found
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(f"its environment has a {name}, which may change what is seen or done; leave it out")
+
+
+def _check_inside(env: Any) -> None:
+    """ValueError if single environments of a `VecEnv` have wrappers that may change what is seen or done.
+
+    Those of other processes are known by the names that an environment prints: <Monitor<TimeLimit<FishEnv<id>>>>.
+    """
+    if type(env).__module__ == "fish_env.envs.sb3":  # a batch, which has none
+        return
+    if watches(env, ("DummyVecEnv",)):
+        found = [changing_wrapper(each, HARMLESS) for each in env.envs]
+    elif watches(env, ("SubprocVecEnv",)):
+        texts = env.env_method("__str__")
+        chains = [re.fullmatch(r"((?:<\w+)*)<\w+(?: instance|<[^<>]+>)>+", text) for text in texts]
+        names = [chain[1].split("<")[1:] if chain else [text] for chain, text in zip(chains, texts, strict=True)]
+        found = [name for each in names for name in each if name not in HARMLESS]
+    else:
+        found = [type(env).__name__]
+    for name in filter(None, found):
+        _refuse(name)

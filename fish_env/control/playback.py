@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.control.environments import environment_of, make_checked_env
-from fish_env.control.evaluation import NOT_SCORES, checked_episodes, evaluation_options
+from fish_env.control.environments import make_checked_env
+from fish_env.control.evaluation import NOT_SCORES, checked_episodes, environment_for
 from fish_env.control.files import writable_file
 from fish_env.control.film import PAGE, write_film
 from fish_env.control.policy import Policy, load_policy
@@ -47,11 +47,9 @@ def play(
             "there is no display to open a window on; write a file: an .mp4, .webp or .gif video, or an .html page"
         )
     policy = load_policy(policy) if isinstance(policy, str | Path) else policy
-    env_id, options = environment_of(policy.about)
-    changed = {name: value for name, value in changes.items() if value is not None}
     mode = "human" if path is None else None
     found: list[Recording] = []
-    with closing(make_checked_env(env_id, evaluation_options(options) | changed, mode)) as env:
+    with closing(make_checked_env(*environment_for(policy, changes), mode)) as env:
         try:
             for episode in range(episodes):
                 one = record(env, policy, seed + episode)

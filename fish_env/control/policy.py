@@ -171,6 +171,8 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
     """
     if isinstance(path, str):  # one in a zip archive is no Path
         path = shipped_policies().get(path, Path(path))
+    if path.name.lower().endswith(".zip"):
+        raise ValueError(f"{path} is a Stable-Baselines3 model: load it and pass it, or give what export_policy makes")
     try:
         found = path.is_file()
     except OSError:  # of a name that is too long

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.control.evaluation import EPISODES, evaluate, evaluation_options, make_policy_env, means
+from fish_env.control.evaluation import EPISODES, evaluate, make_policy_env, means
 from fish_env.control.policy import Policy, load_policy
 from fish_env.envs import observation_layout
 from fish_env.physics.tank_options import checked_count
@@ -122,8 +122,10 @@ def fish_of(options: dict[str, Any], condition: Condition) -> Fish:
 
 def condition_options(policy: Policy, options: dict[str, Any], condition: Condition) -> dict[str, Any]:
     """What replaces options of a policy's training under a condition."""
-    interval = evaluation_options(options).get("control_interval") or fish_of(options, condition).control_interval
-    late = [round(seconds / interval) for seconds in condition.delay]
+    late = [0, 0]
+    if any(condition.delay):
+        with closing(make_policy_env(policy, 1, **condition.keywords)) as env:
+            late = [round(seconds / env.control_interval) for seconds in condition.delay]
     noise = noise_by_part(policy.about["env_id"], condition.noise, **options) if condition.noise else {}
     return {
         "variation": {}, "observation_noise": noise, "action_noise": 0.0, "observation_delay": late[0],

@@ -4,19 +4,25 @@ Interquartile means over runs, as Agarwal et al., "Deep reinforcement learning a
 (2021), recommend; of a multiple of four runs they are those of their library rliable.
 """
 
-from collections.abc import Sequence
-from contextlib import closing
+import inspect
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import gymnasium as gym
 import numpy as np
 
-from fish_env.control.evaluation import FIRST_SEED, PolicyLike, Scores, evaluate, make_policy_env
+from fish_env.control.environments import make_checked_batch
+from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, Scores, environment_for, evaluate
 from fish_env.control.policy import Policy, load_policy
 from fish_env.envs import FishVectorEnv
+from fish_env.envs.episode import Episodes
 
 RESAMPLES = 2000
+OWN = {"observation", "history", "muscle_groups", "privileged", "control_interval", "max_episode_steps"}
+"""Keywords that only say what a policy sees and how it acts: policies that differ in them meet the same episodes."""
 
 
 class Interval(NamedTuple):
@@ -101,6 +107,7 @@ def compare(
     env: FishVectorEnv | gym.Env | None = None,
     seed: int = FIRST_SEED,
     options: dict[str, float] | None = None,
+    **changes,
 ) -> dict[str, Comparison]:
     """Compare two policies, or two lists of policies that were trained with different seeds, on the same episodes.
 
@@ -108,10 +115,11 @@ def compare(
         policy: what `evaluate` takes, or a list of them.
         other: likewise.
         env: as for `evaluate`; None for 100 episodes in the environment that the first policy was trained in, or the
-            second if the first is no policy file. Policies of one id run with the options of their own training there,
-            so that they may observe different things.
+            second if the first is no policy file. There, what they observe and how they act (`OWN`) is that of their
+            own trainings.
         seed: of the first episode.
         options: of the resets.
+        changes: keywords of the environment instead of those of the trainings; None is ignored.
 
     Returns:
         For every metric its mean and interval for both, and for their difference: interquartile means over the policies
@@ -119,24 +127,23 @@ def compare(
 
     Raises:
         FileNotFoundError: if there is no such policy.
-        ValueError: without an environment; and what `evaluate` raises.
+        ValueError: without an environment; for policies that were trained with other options, unless they are changed;
+            for changes of a given environment; and what `evaluate` raises.
     """
     groups, found = [_loaded(policy), _loaded(other)], {}
-    named = next((one for group in groups for one in group if isinstance(one, Policy)), None)
-    scores: list[list[Scores]] = [[], []]
-    for group, into in zip(groups, scores, strict=True):
-        for one in group:
-            if env is not None:
-                into.append(evaluate(env, one, seed, options))
-            elif named is None:
-                raise ValueError("neither policy is a file that names its environment; give env, a batch of fish")
-            else:
-                if isinstance(one, Policy) and one.about["env_id"] == named.about["env_id"]:
-                    made = make_policy_env(one)
-                else:
-                    made = make_policy_env(named)
-                with closing(made) as own:
-                    into.append(evaluate(own, one, seed, options))
+    every = [one for group in groups for one in group]
+    if env is not None and changes:
+        raise ValueError(f"an environment is given, and {', '.join(changes)} too; make it with them")
+    made = same_environments(every, changes) if env is None else [None] * len(every)
+    results: list[Scores] = []
+    for one, own in zip(every, made, strict=True):
+        with (
+            nullcontext(cast(FishVectorEnv, env))
+            if own is None
+            else closing(make_checked_batch(*own, EPISODES)) as batch
+        ):
+            results.append(evaluate(batch, one, seed, options))
+    scores = [results[: len(groups[0])], results[len(groups[0]) :]]
     for metric in scores[0][0]:
         draws = resampled_means(scores, metric, np.random.default_rng(0))
         first, second = (mean_over_seeds(group, metric) for group in scores)
@@ -146,6 +153,38 @@ def compare(
             _interval(first - second, draws[:, 0] - draws[:, 1]),
         )
     return found
+
+
+def same_environments(policies: Sequence[PolicyLike], changes: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Id and keywords of the environment of each policy, which have the same episodes.
+
+    Policies of one id have the keywords of their own trainings, which may differ in `OWN`. Others run where the first
+    one was trained.
+
+    Raises:
+        ValueError: if no policy names an environment, or if they were trained with other keywords.
+    """
+    named = next((one for one in policies if isinstance(one, Policy)), None)
+    if named is None:
+        raise ValueError("neither policy is a file that names its environment; give env, a batch of fish")
+    env_id, first = environment_for(named, changes)
+    own = [one if isinstance(one, Policy) and one.about["env_id"] == env_id else named for one in policies]
+    found = [first if one is named else environment_for(one, changes)[1] for one in own]
+    usual = {name: each.default for name, each in inspect.signature(Episodes.__init__).parameters.items()}
+    usual |= gym.registry[env_id].kwargs
+    late = any(np.any(options.get(name, 0)) for options in found for name in ("observation_delay", "action_delay"))
+    apart = OWN - ({"control_interval"} if late else set())
+    for options in found:
+        texts = {name: [json.dumps(each.get(name, usual.get(name)), sort_keys=True, default=repr)
+                        for each in (first, options)] for name in sorted(first.keys() | options.keys())}  # fmt: skip
+        other = {name: each for name, each in texts.items() if name not in apart and each[0] != each[1]}
+        if other:
+            said = ", ".join(f"{name} ({' and '.join(each)})" for name, each in other.items())
+            raise ValueError(
+                f"the policies were trained in environments that differ in {said}; give env, or what is to be the same "
+                "in both, as a keyword or by --env-kwargs"
+            )
+    return [(env_id, options) for options in found]
 
 
 def _loaded(given: PolicyLike | Sequence[PolicyLike]) -> list[PolicyLike]:

@@ -230,6 +230,16 @@ class Episodes(Stateful, ReadOnly):
         self.__dict__ |= own(state, state["_vectors"])
         self._compile()
 
+    @property
+    def interface(self) -> dict[str, Any]:
+        """What a policy that acts here was trained with: interval, s, muscle groups, size of each observed part."""
+        single = np.array_equal(self.groups, np.arange(self.groups.size))
+        return {
+            "control_interval": self.control_interval,
+            "muscle_groups": "muscles" if single else "pairs",
+            "observation": {part.name: part.size for part in self.layout},
+        }
+
     def restart(self, mask: np.ndarray, seeds: Sequence[int | None] | None = None, options: Mapping | None = None):
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
         options = self.checked_reset(options)

@@ -55,6 +55,11 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         """The named parts of the observation: `obs[env.unwrapped.layout["velocity"].slice]`."""
         return self.fish.layout
 
+    @property
+    def interface(self) -> dict[str, Any]:
+        """As `FishVectorEnv.interface`."""
+        return self.fish.interface
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """Begin an episode. `options` are keys of `env.unwrapped.fish.reset_options`.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fish_env.bodies import BODIES, Fish
 from fish_env.control.environments import environment_of, make_checked_batch
-from fish_env.control.evaluation import as_controller, evaluation_options
+from fish_env.control.evaluation import as_controller, environment_for
 from fish_env.control.policy import Policy, load_policy
 from fish_env.lab.stage import Control, Plot, Stage, muscle_names, sliders
 from fish_env.scene.frame import Frame, make_frame
@@ -71,11 +71,12 @@ class Watch(Stage):
     def __init__(self, own: Own):
         about = {} if own.policy is None else own.policy.about
         trained = own.task in (None, about.get("env_id"))
-        options = evaluation_options(about.get("env_options", {})) if trained else {}
-        options |= {} if own.body is None else {"body": own.body}
-        env_id = own.task or about.get("env_id") or DEFAULT_TASK
-        name, checked = environment_of({"env_id": env_id, "env_options": {}})
-        self.env = make_checked_batch(name, {**checked, **options}, 1)
+        options = {} if own.body is None else {"body": own.body}
+        if own.policy is not None and trained:
+            name, options = environment_for(own.policy, options)
+        else:
+            name, _ = environment_of({"env_id": own.task or about.get("env_id") or DEFAULT_TASK})
+        self.env = make_checked_batch(name, options, 1)
         self.title, self.fish, self.interval = f"Your own: {name}", self.env.tank.fish, self.env.control_interval
         self.action = np.full(self.env.single_action_space.shape or (), -1.0, np.float32)
         self.controller = None if own.policy is None else as_controller(own.policy, self.env)

@@ -10,8 +10,11 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
+from fish_env.control.evaluation import mostly_failed
 from fish_env.control.files import replacing, write_text
 from fish_env.training.saved_run import CURVE, read_curve
+
+FEWEST = 20  # episodes after which it is said that most have failed
 
 
 class Watcher(BaseCallback):
@@ -35,9 +38,15 @@ class Progress(Watcher):
 
     def __init__(self, score: str = "return"):
         super().__init__()
-        self.score, self._scores = score, deque(maxlen=100)
+        self.score, self._scores, self._failures, self._said = score, deque(maxlen=100), deque(maxlen=100), False
 
     def _on_step(self) -> bool:
+        self._failures.extend(info["failure"] for info in ended(self.locals["infos"]))
+        if not self._said and len(self._failures) >= FEWEST:
+            said = mostly_failed(self._failures, self.training_env.get_attr("tank", [0])[0].dt)
+            if said:
+                tqdm.write(f"Warning: {said}.")
+            self._said = said is not None
         self._scores.extend(info[self.score] for info in ended(self.locals["infos"]) if self.score in info)
         return True
 

@@ -13,12 +13,12 @@ from fish_env.control import (
     Recording,
     Scores,
     evaluate,
-    evaluation_options,
     load_policy,
     make_policy_env,
     record,
 )
-from fish_env.control.environments import environment_of, make_checked_env
+from fish_env.control.environments import make_checked_env
+from fish_env.control.evaluation import environment_for
 from fish_env.envs import FishEnv
 from fish_env.training.saved_run import CURVE, read_curve, read_record
 
@@ -88,8 +88,7 @@ class Motion(NamedTuple):
 
 def record_episodes(run: Run, count: int = SHOWN) -> tuple[list[Recording], Fish]:
     """Record the first episodes of the evaluation; return them and the fish that swam."""
-    env_id, options = environment_of(run.policy.about)
-    env = make_checked_env(env_id, evaluation_options(options))
+    env = make_checked_env(*environment_for(run.policy, {}))
     bare = env.unwrapped
     assert isinstance(bare, FishEnv)
     found = [record(env, run.policy, FIRST_SEED + k) for k in range(count)]
