@@ -1,5 +1,7 @@
 """Tables of the pages are those of benchmarks/results: each is written again from its CSV file and found there."""
 
+import json
+
 import numpy as np
 import pytest
 from pages import ROOT
@@ -253,24 +255,257 @@ def water_tables():
         yield "\n".join(table(read_table(name)))
 
 
+def sizes():
+    """Exponents of the fastest gaits, fitted to all lengths."""
+    found = {fish: select("validation/sizes.csv", fish=fish) for fish in ("reactive", "drag")}
+    exponents = (
+        ", ".join(f"{np.polyfit(*(np.log([row[k] for row in rows]) for k in ('length_m', key)), 1)[0]:.1f}"
+                  for key in ("frequency_hz", "speed", "power_w_kg"))
+        for rows in found.values()
+    )  # fmt: skip
+    yield line("exponents of frequency, speed in BL/s and power", *exponents, "")[:-2]
+
+
+# Sentences
+
+
+def scores():
+    """Values of the published methods by task, condition, method and metric."""
+    rows = read_table("learning/methods.csv")
+    return {tuple(row[key] for key in ("task", "condition", "method", "metric")): row["value"] for row in rows}
+
+
+def drifting():
+    """How often a fish meets a target by chance."""
+    yield f"it meets a target every {scores()['target', '', 'random', 'time_per_target']:.0f} s"
+
+
+def aims():
+    """What was reached of the aims."""
+    value = scores()
+
+    def ratio(task, metric, other):
+        return value[task, "", "PPO", metric] / value[task, "", other, metric]
+
+    def percent(task, metric, condition=""):
+        return 100 * value[task, condition, "PPO", metric]
+
+    yield f"| {ratio('swim', 'speed', 'best open-loop gait'):.1f} times |"
+    yield f"| {ratio('turn', 'latency', 'motor controllers'):.2f} times theirs, {percent('turn', 'success'):.0f} % |"
+    over = [value["left_after_right", "", who, "overshoot"] for who in ("PPO", "motor controllers")]
+    times = ratio("left_after_right", "latency", "motor controllers")
+    yield f"{times:.1f} times theirs: **missed**, with {over[0]:.0f} instead of {over[1]:.0f} degrees of overshoot; "
+    yield f"of overshoot; {percent('left_after_right', 'success'):.0f} %, at twice the severity"
+    yield f"| {ratio('target', 'time_per_target', 'motor controllers'):.2f}; {percent('target_3d', 'success'):.1f} % |"
+    turned, current = (percent("avoid", "avoided", where) for where in ("after a turn", "in a current"))
+    avoided = percent("avoid", "avoided")
+    yield f"| {avoided:.0f} %, after a turn {turned:.0f} %, in a current {current:.0f} %: **missed** |"
+    rest = "90 degrees, from rest"
+    angle, acceleration = (value["fast_start", rest, "PPO", key] for key in ("angle_300ms", "peak_acceleration"))
+    yield f"| {angle:.0f} degrees, {acceleration:.0f} m/s²: **missed**."
+    over = {name: sum(row["policy"] for row in rows) / sum(row["bound"] for row in rows) - 1 for name, rows in (
+        (name, select("learning/bound.csv", task=name, quantity=quantity)) for name, quantity in (
+            ("swim", "speed"), ("fast_start", "escape distance"), ("turn", "latency"), ("left_after_right", "latency")
+        ))}  # fmt: skip
+    swim, start, turn, left = (f"{abs(100 * part):.0f} %" for part in over.values())
+    yield f"| Swim {swim}, fast start {start}; Turn {turn}, left after right {left}: **missed**"
+    found = read_table("fit_tests.csv")
+    found = {row["scene"]: 100 * row["distance"] for row in found if (row["water"], row["body"], row["kind"],
+             row["quantity"]) == ("reactive", "mass_spring", "task", "all")}  # fmt: skip
+    start = found.pop("fast_start")
+    yield f"| {min(found.values()):.0f} to {max(found.values()):.0f} %, fast start {start:.0f} %: **missed** |"
+    row = default_fish()
+    yield f"| {100 * row['turn']:.1f} %; {100 * row['geometric_mean']:.1f} %: **missed** |"
+    (cheetah,) = select("speed/peers.csv", name="HalfCheetah-v5")
+    (batch,) = select("throughput.csv", quantity="256 fish on one thread, steps/s")
+    yield f"| {cheetah['times_ours']:.1f}; {cheetah['us'] * batch['value'] / 1e6:.1f}: **missed** |"
+    rows = select("attack.csv", body="mass_spring")
+    yield f"{sum(row['fish'] for row in rows):,} fish and commands | no failure | {sum(r['failures'] for r in rows)} |"
+
+
+def aims_beside_living_fish():
+    """What was reached of the aims for the fish."""
+    rows = select("living_fish.csv", water="reactive", body="mass_spring")
+    speed, sweep = (max(abs(row[key] / row[f"{key}_trout"] - 1) for row in rows) for key in ("speed", "sweep"))
+    yield f"| within 10 % | {100 * speed:.0f}, {100 * sweep:.0f} % |"
+    off, nose, strouhal = (
+        ", ".join(f"{row[key]:.{digits}f}" for row in rows)
+        for key, digits in (("envelope_off", 3), ("nose_over_tail", 2), ("strouhal", 2))
+    )
+    yield f"| {off}; {nose}: **missed**"
+    (gait,) = select("gait.csv", water="reactive", quantity="Strouhal number")
+    yield f"| {strouhal}: **missed** at two speeds of three; best gait {gait['ours']:.2f} |"
+    (turn,) = select("strength.csv", water="reactive", body="mass_spring", strength=1)
+    yield f"| {turn['radius']:.2f}, {turn['rate']:.0f} |"
+    costs = (rows[1]["work"] / 0.6, rows[2]["work"] / 0.9)  # J/kg/m over a trout's, in the table of validation.md
+    yield f"| {costs[0]:.2f}, {costs[1]:.1f}; {rows[0]['lost']:.2f}, {rows[1]['lost']:.2f} |"
+
+
+def beside_living_fish():
+    """How near the default fish is to a trout."""
+    rows = select("living_fish.csv", water="reactive", body="mass_spring")
+    speed, sweep = (max(abs(row[key] / row[f"{key}_trout"] - 1) for row in rows) for key in ("speed", "sweep"))
+    yield f"is within {100 * speed:.0f} % of its speed and {100 * sweep:.0f} % of its tail sweep"
+    (turn,) = select("strength.csv", water="reactive", body="mass_spring", strength=1)
+    yield f"At best it turns by {turn['angle']:.0f} degrees in 0.3 s, with {turn['acceleration']:.0f} m/s²"
+    (drag,) = select("strength.csv", water="drag", body="mass_spring", strength=1)
+    yield f"Its circles are {drag['radius'] / turn['radius']:.1f} times as wide"
+
+
+def trainings():
+    """How long a seed takes, what robustness costs, and what the default step changes in the returns."""
+    minutes = [row["training_seconds"] / 60 for row in read_table("learning/seeds.csv")]
+    yield f"{min(minutes):.0f} to {max(minutes):.0f} minutes per seed on one core"
+    for task, metric, name in (
+        ("swim", "speed", "Swim, speed, BL/s"), ("turn", "success", "Turn, success, %"),
+        ("left_after_right", "success", "Left after right, success, %"),
+    ):  # fmt: skip
+        rows = select("learning/sensing.csv", task=task, metric=metric)
+        yield line(name, *(f"{r['score']:.2f}" if metric == "speed" else f"{100 * r['score']:.0f}" for r in rows))
+    (robust,) = select("learning/sensing.csv", task="swim", sensing="the same, robust")
+    yield f"noise, delays and variation costs {100 * (1 - robust['of nodes']):.0f} % of the speed"
+    rows = select("integrators_policies.csv", episodes=1000)
+    assert not any(row["failed"] for row in rows)
+    change = max(abs(row["return_change"]) for row in rows)
+    yield f"the returns are within {np.ceil(1000 * change) / 10} % of those under RK4 at an eighth of the step"
+
+
+def fitted():
+    """Distances to the finest body that the files of the bodies hold."""
+    found = {}
+    for body in ("mass_spring", "planar", "two_layer"):
+        record = json.loads((ROOT / f"fish_env/bodies/{body}.json").read_text())
+        found[body] = f"{record['reactive']['distance_percent']:.1f} %"
+    assert found["mass_spring"] == found["planar"]
+    yield f"are {found['planar']} from the finest body over what they were fitted to, `two_layer` {found['two_layer']}"
+
+
+def default_fish(water="reactive"):
+    """The default method at its own step on the held-out scenes."""
+    return select("held_out.csv", body="mass_spring", water=water)[0]
+
+
+def intervals():
+    """Costs of a control interval in reactive water, over drag: in a batch, and alone."""
+    found = [row for row in read_table("water_prices.csv") if (row["fish"], row["dtype"]) == ("reactive", "float64")]
+    return [next(row["over_drag"] for row in found if row["count"] == count) * 8 / 6 for count in (256, 1)]
+
+
+def default_step():
+    """The default step beside others."""
+    rows = {k: select("held_out.csv", body="mass_spring", water="reactive", integrator="leapfrog_chebyshev",
+                      refine=np.inf, substeps=k)[0] for k in (12, 24, 48)}  # fmt: skip
+    own = default_fish()
+    assert 0.4 < rows[12]["geometric_mean"] / own["geometric_mean"] < 0.6  # half the error
+    assert 1.15 < rows[12]["us_per_interval"] / own["us_per_interval"] < 1.35  # for a quarter more time
+    assert 0.2 < rows[24]["geometric_mean"] / rows[12]["geometric_mean"] < 0.4  # twice the steps, a third of the error
+    assert own["turn"] < 0.01 and rows[24]["geometric_mean"] < 0.003 < rows[12]["geometric_mean"]
+    drag = default_fish("drag")
+    ratios = [own[key] / drag[key] for key in ("geometric_mean", "ninety_percent", "worst", "turn")]
+    yield f"is {min(ratios):.0f} to {max(ratios):.0f} times as accurate"
+    methods = ("semi_implicit", "symplectic_euler")
+    tu, symplectic = (select("held_out.csv", body="mass_spring", water="reactive", integrator=name, substeps=48)[0]
+                      for name in methods)  # fmt: skip
+    yield f"has {tu['geometric_mean'] / symplectic['geometric_mean']:.1f} times the mean error of symplectic Euler"
+    turn = select("work_precision.csv", scene="turn", integrator="explicit_euler")
+    yield f"`explicit_euler` needs {min(row['substeps'] for row in turn if row['error'] < 0.01):,} steps for 1 % on"
+    magnified = [row["magnified"] for row in read_table("work_precision_references.csv")]
+    yield f"of the initial state {min(magnified):.0f}- to {max(magnified):.0f}-fold"
+
+
+def choices():
+    """Reasons for choices."""
+    yield f"It costs {intervals()[0]:.1f} times as much in a batch."
+    rows = select("water_stability.csv", body="mass_spring")
+    assert not any(row["failures"] for row in rows)
+    yield f"None of {sum(row['fish'] for row in rows) // 2:,} attacked fish fails, in either water."
+    (row,) = select("water_turn.csv", water="reactive", stiffness=1.0, damping=1.0)
+    yield f"With 3.3 ms the abrupt turn's error is {row['at_6'] / row['at_8']:.1f} times as large, for a tenth less"
+
+
+def interval_over_drag():
+    """Cost of the default water."""
+    batch, alone = intervals()
+    yield f"So a control interval costs {batch:.1f} times that in drag in a batch, and {alone:.1f} times alone."
+
+
+def rates_in_sentences():
+    """What senses, states and pictures take; drag."""
+    batch, alone = intervals()
+    yield f"In drag a control interval costs [{1 / batch:.2f} of that in a batch, and {1 / alone:.2f} alone]"
+    found = {row["quantity"]: row["value"] for row in read_table("throughput.csv")}
+    one, many = (f"an environment step of {n} fish, noise, delays and a history, over one of nodes" for n in (1, 256))
+    yield f"add {100 * found[one] - 100:.0f} % to a step of one fish, and {100 * found[many] - 100:.0f} % to one of 256"
+    one, many = ([found[f"{what} of {n} fish, us a fish"] for what in ("get_state", "set_state")] for n in (1, 256))
+    yield f"take {one[0]:.0f} and {one[1]:.0f} µs for one fish, {many[0]:.1f} and {many[1]:.1f} µs a fish for 256"
+    above, side, follow = (
+        f"{round(found[f'pictures of 84 x 84 a second, {camera}, with the step'], -1):,.0f}"
+        for camera in ("above", "side", "follow")
+    )
+    yield f'come at {above} (`"above"`), {side} (`"side"`) and {follow} (`"follow"`) a second'
+
+
+def two_cores():
+    """Environment steps a second of two processors."""
+    (row,) = select("throughput.csv", quantity="256 fish on 2 processors, steps/s")
+    yield f"two cores make [{round(row['value'], -3):,.0f} steps](performance.md#environments) a second"
+
+
+def nothing_fitted():
+    """Water beside measurements of others."""
+    waters = ("drag", "drag, friction", "reactive", "reactive, friction")
+    for name, table, key, published, digits in (
+        ("lamprey: speed, BL/s", "lamprey", "speed_bl_s", "published", 2),
+        ("computed eel: speed, BL a beat", "eel", "speed_bl_beat", "published", 2),
+    ):
+        rows = {row["water"]: row for row in read_table(f"validation/{table}.csv")}
+        yield line(name, f"{rows['drag'][published]:.{digits}f}", *(f"{rows[w][key]:.{digits}f}" for w in waters))
+    for name, animal, key, published in (
+        ("computed mackerel: largest torque, 10⁻⁴ \u03c1L⁵/T²", "mackerel", "torque", "published_torque"),
+        ("another computed eel: largest torque", "eel", "torque", "published_torque"),
+        ("the same, speed, BL a period; Reynolds number assumed", "mackerel", "speed_bl_period", "published_speed"),
+    ):
+        rows = {row["water"]: row for row in select("validation/torque.csv", animal=animal)}
+        yield line(name, f"{rows['drag'][published]:.2f}", *(f"{rows[water][key]:.2f}" for water in waters))
+    (row,) = select("validation/torque.csv", animal="mackerel", water="reactive")
+    yield f"With it, the torque is {row['off_percent']:.0f} % too large, and its peak lies 0.08 BL farther forward."
+    found = [f"{row['coefficient']:.3f}" for row in select("validation/coasting.csv", reynolds=41000.0)]
+    yield "the default body has {} with drag, and {} with friction as well; the finest one {} and {}".format(*found)
+    pulls = {body: select("validation/strength.csv", body=body) for body in ("mass_spring", "tetrahedral")}
+    for name, trout, key in (("force, N", "2.2", "force_n"), ("speed, m/s", "1.11", "speed_m_s"),
+                             ("power, W", "0.64", "power_w")):  # fmt: skip
+        yield line(f"largest {name}", trout, *(f"{max(row[key] for row in rows):.2f}" for rows in pulls.values()))
+    errors = {}
+    for water in ("drag, friction", "reactive, friction"):
+        off = [abs(row["off_m_s"]) for row in select("validation/robot.csv", water=water) if not row["fitted"]]
+        errors[water] = f"{np.mean(off):.3f}"
+    yield f"| - | {errors['drag, friction']} | - | {errors['reactive, friction']} |"
+
+
 PAGES = {
-    "choosing-an-integrator": (methods, own_steps, least_prices, failures),
-    "choosing-a-body": (bodies, fits, transfers),
-    "choosing-the-water": (water_tables,),
-    "results": (bounds,),
-    "validation": (
+    "README.md": (drifting,),
+    "docs/choosing-an-integrator.md": (methods, own_steps, least_prices, failures, default_step),
+    "docs/choosing-a-body.md": (bodies, fits, transfers, fitted),
+    "docs/choosing-the-water.md": (water_tables, interval_over_drag),
+    "docs/design.md": (choices,),
+    "docs/nothing-fitted.md": (nothing_fitted,),
+    "docs/recipes.md": (two_cores,),
+    "docs/results.md": (bounds, aims, aims_beside_living_fish, trainings),
+    "docs/validation.md": (
         gait,
+        sizes,
+        beside_living_fish,
         lambda: [living_fish.table(read_table("living_fish.csv"))],
         lambda: [living_fish.strength_table(read_table("strength.csv"))],
     ),
-    "performance": (rates, peers),
-    "soft-objects": (scenes, collapse, limits, beam, strains, moved_solids),
+    "docs/performance.md": (rates, peers, rates_in_sentences),
+    "docs/soft-objects.md": (scenes, collapse, limits, beam, strains, moved_solids),
 }
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_page(name):
     """Every row, and every number of a sentence, stands on the page as it follows from the results."""
-    page = (ROOT / f"docs/{name}.md").read_text()
+    page = (ROOT / name).read_text()
     missing = [text for table in PAGES[name] for text in table() if text not in page]
     assert not missing
