@@ -367,7 +367,10 @@ def test_failures(task):
 @every_form
 @pytest.mark.parametrize("single", [False, True])
 def test_info_keys(task, keywords, single):
-    """With `info_every_step`, every `info` has the keys the page lists: those of the step and those of the episode."""
+    """With `info_every_step`, the last `info` has the keys the page lists, of the step and of the episode.
+
+    Those before it lack numbers that do not exist yet, and no others.
+    """
     stated = [row for row in rows(task, "Info") if applies(row[1], keywords)]
     more = rows("turn", "Info") if "The other keys are those of [Turn](turn.md#info)" in page(task) else []
     shared = re.search(r"^(.*) are in the `info` of every task", section("swim", "Info"), re.MULTILINE)
@@ -385,5 +388,9 @@ def test_info_keys(task, keywords, single):
         over = np.any(terminated) or np.any(truncated)
     terms = set(re.findall(r"`(\w+)`", stated[0][1]))
     wanted = keys_of_step | of_episode | {f"term_{name}" for name in terms}
-    assert all({key for key in info if not key.startswith("_")} == wanted for info in infos)
+    assert {key for key in infos[-1] if not key.startswith("_")} == wanted
+    for info in infos:
+        missing = wanted - info.keys()
+        assert {key for key in info if not key.startswith("_")} == wanted - missing
+        assert all(np.asarray(infos[-1][key]).dtype == np.float64 for key in missing)
     assert {key for key in infos[-1]["terms"] if not key.startswith("_")} == terms

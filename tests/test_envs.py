@@ -329,7 +329,7 @@ def test_clone_goes_on_alike(id, clone):
         ({"failure_penalty": "ten"}, "failure_penalty is 'ten'; give a number from 0 to 1000"),
         (
             {"task": "turn", "touch_penalty": 1.0},
-            "'touch_penalty'; the task has angle, wait, alignment_weight",
+            "'touch_penalty' .*; the task has angle, wait, alignment_weight",
         ),
         ({"variation": {"depth": 1.0}}, "unknown variation 'depth'; choose from stiffness"),
         ({"variation": {"mass": 0.0}}, "give a number from 0.5 to 2"),

@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import wrappers
+from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.wrappers import vector as batched
 from moving import tiered
 
@@ -17,7 +18,6 @@ from fish_env.envs import VARIATIONS
 IDS = sorted(id for id in gym.registry if id.startswith("FishEnv/"))
 OPTIONS = {
     "variation": {"variation": {name: (option.low, option.high) for name, option in VARIATIONS.items()}},
-    "info": {"info_every_step": True},
     "interval": {"control_interval": 0.04},
     "limit": {"max_episode_steps": 2},
     "linear water": {"water": {"law": "linear", "drag_coefficient": 500.0, "current": (0.1, 0.0, 0.0)}},
@@ -40,9 +40,10 @@ CASES = {f"Swim-v0 {name}": ("FishEnv/Swim-v0", keywords) for name, keywords in 
 CASES |= {f"Swim-v0 {name}": ("FishEnv/Swim-v0", {"body": name}) for name in BODIES}
 CASES |= {f"Swim-v0 {name}": ("FishEnv/Swim-v0", {"integrator": name}) for name in INTEGRATORS}
 CASES |= {f"{id[8:]} pairs": (id, {"muscle_groups": "pairs"}) for id in IDS}
+CASES |= {f"{id[8:]} info": (id, {"info_every_step": True}) for id in IDS}
 CASES |= {f"{id[8:]} {name}": (id, keywords) for name, (id, keywords) in OF_TASKS.items()}
-SURE = [f"Swim-v0 {name}" for name in ("variation", "info", "limit", "threads", "speed", "mass_spring")]
-SURE += [f"{id[8:]} pairs" for id in IDS]
+SURE = [f"Swim-v0 {name}" for name in ("variation", "limit", "threads", "speed", "mass_spring")]
+SURE += [f"{id[8:]} {name}" for id in IDS for name in ("pairs", "info")]
 """Those that other tests compile the kernels of anyway."""
 
 
@@ -67,6 +68,19 @@ def test_checkers(checker, case):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check(made(case).unwrapped, skip_render_check=case != "Swim-v0 mass_spring")
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_infos_are_equal(id):
+    """With `info_every_step`, infos of the same fish are equal as Gymnasium's tests compare them: none is NaN."""
+    make = {"one": gym.make, "batch": lambda id, **options: gym.make_vec(id, 2, **options)}
+    for maker in make.values():
+        envs = [maker(id, info_every_step=True) for _ in range(2)]
+        infos = [env.reset(seed=5)[1] for env in envs]
+        for step in range(min(80, gym.spec(id).max_episode_steps - 1)):
+            assert data_equivalence(*infos) and infos[0]
+            action = np.full(envs[0].action_space.shape, (-1.0) ** (step // 6), dtype=np.float32)
+            infos = [env.step(action)[4] for env in envs]
 
 
 def digest(env, seed, disturbance, steps=10):

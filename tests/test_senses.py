@@ -269,6 +269,27 @@ def test_a_task_with_goals_is_of_its_own_class():
     for make, value in ((TargetTask, 1), (type("Other", (TargetTask,), {}), True)):
         with pytest.raises(ValueError, match="goal_env is"):
             make(goal_env=value)
+def test_goals_are_exact():
+    """Noise and delays are those of the observation alone: the goals are exact and of the present."""
+    exact = gym.make("FishEnv/Target-v0", goal_env=True)
+    worse = gym.make("FishEnv/Target-v0", goal_env=True, observation_noise={"position": 0.1}, observation_delay=3)
+    seen = []
+    for env in (exact, worse):
+        env.reset(seed=0)
+        seen.append([env.step(np.full(12, (-1.0) ** (k // 5)))[0] for k in range(10)])
+    for one, other in zip(*seen, strict=True):
+        np.testing.assert_array_equal(one["achieved_goal"], other["achieved_goal"])
+        assert not np.array_equal(one["observation"], other["observation"])
+
+
+def test_rest_lengths_of_strong_muscles():
+    """The rest length of a muscle that contracts further than 1 is observed as 1, as the page of Swim says."""
+    env = gym.make("FishEnv/Swim-v0", variation={"strength": 1.25})
+    env.reset(seed=0)
+    for _ in range(10):
+        obs = env.step(np.ones(12))[0]
+    bare = env.unwrapped
+    assert (bare.tank.contraction > 1.2).all() and (bare.layout.read(obs, "rest length") == 1.0).all()
 
 
 def test_goals():

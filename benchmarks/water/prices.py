@@ -18,7 +18,7 @@ from benchmarks.common.timing import interleaved
 from benchmarks.water.levels import PRICED
 from fish_env import Tank, make_fish
 from fish_env.bodies import Fish
-from fish_env.physics.world import VACUUM, with_inertia
+from fish_env.physics.world import VACUUM, change_water
 
 COMMAND = "python -m benchmarks.water.prices"
 SETS, ROUNDS = 3, 21
@@ -28,7 +28,8 @@ SAMPLE = 30_000  # steps of a fish in a round, about
 def fish_in(name: str, level: str) -> Fish:
     """The fish that is calibrated for a level, in a level."""
     fish = make_fish(water=name)
-    worlds = {"none": VACUUM, "drag": fish.water, "reactive": with_inertia(fish.water)} | {name: fish.water}
+    inert = change_water(fish.water, inertia=True)
+    worlds = {"none": VACUUM, "drag": fish.water, "reactive": inert} | {name: fish.water}
     return replace(fish, water=worlds[level])
 
 

@@ -115,7 +115,7 @@ def one_fish(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
             f"the environment has a wrapper {changing}, which may change what the fish sees or does; give it without, "
             f"or with {', '.join(WATCHING)} alone"
         )
-    keywords = bare.spec.kwargs | getattr(bare.fish, "changed", {})
+    keywords = bare.spec.kwargs | bare.fish.changed
     return bare, env.spec.id, {name: value for name, value in keywords.items() if name != "render_mode"}
 
 

@@ -13,15 +13,8 @@ from fish_env.bodies import Fish
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.observation import make_sensors, make_told, observe_nodes, observe_sensors
-from fish_env.envs.options import (
-    UnknownOptionError,
-    checked_limit,
-    checked_seed,
-    checked_truth,
-    checked_water,
-    fish_for,
-)
-from fish_env.envs.senses import begin, checked_senses, make_memory, pack_memory
+from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_truth, fish_for
+from fish_env.envs.senses import begin, check_delays, checked_noise, checked_senses, make_memory, pack_memory
 from fish_env.envs.state import Stateful
 from fish_env.envs.step import (
     FAILURE_PENALTY,
@@ -39,9 +32,10 @@ from fish_env.physics.pose import make_pose, packed_pose
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
+from fish_env.physics.world import checked_water
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import check_options, keywords_of, weight
+from fish_env.tasks.options import check_options, keywords_of, meant, weight
 from fish_env.tasks.start import check_pose
 
 
@@ -88,12 +82,11 @@ class Episodes(Stateful, ReadOnly):
         **task_options,
     ):
         self.task, self._task_options = self._make_task(task, task_options), copy.deepcopy(task_options)
+        self._senses = checked_senses(observation_noise, action_noise, observation_delay, action_delay, history)
         self.max_episode_steps = max_episode_steps
         fish = body if isinstance(body, Fish) else fish_for(body, water)
-        water = checked_water(water, fish)
+        water = fish.water if water is None else checked_water(water, fish.water)
         num_envs = checked_count(num_envs, "num_envs")
-        limit = self.max_episode_steps or self.task.episode_steps
-        self._senses = checked_senses(observation_noise, action_noise, observation_delay, action_delay, history, limit)
         remembered = 2 * self._senses.history + self._senses.observation_delay[1]
         fits_memory(num_envs, bytes_of(fish.body) + bytes_of_episode(fish, remembered), "num_envs")
         self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
@@ -108,6 +101,7 @@ class Episodes(Stateful, ReadOnly):
         self.groups = frozen(fish.grouping(muscle_groups))
         self.first_muscle_of_group = frozen(np.unique(self.groups, return_index=True)[1])  # (A,) the first of each
         self.layout = Layout(fish, self.task.directions, observation, self._senses.history, self.groups)
+        self._senses = checked_noise(self._senses, self.layout)
         self.privileged = checked_truth(privileged, "privileged")
         self._make_spaces()
         self._action_shape = self.action_space.shape
@@ -164,7 +158,9 @@ class Episodes(Stateful, ReadOnly):
 
     @max_episode_steps.setter
     def max_episode_steps(self, steps: int | None) -> None:
-        self._max_episode_steps = checked_limit(steps)
+        limit = checked_limit(steps)
+        check_delays(self._senses, limit or self.task.episode_steps)
+        self._max_episode_steps = limit
 
     @property
     def failure_penalty(self) -> float:
@@ -183,9 +179,11 @@ class Episodes(Stateful, ReadOnly):
         try:
             return self.tasks[task](**options)
         except TypeError as error:
-            allowed = ", ".join(keywords_of(self.tasks[task]))
-            message = f"unknown option of the environment or of task {task!r}: {error}; the task has {allowed}"
-            raise UnknownOptionError(message) from error
+            allowed = keywords_of(self.tasks[task])
+            names = allowed | keywords_of(type(self)) | keywords_of(Episodes)
+            close = "".join(meant(name, names) for name in options if name not in allowed)
+            message = f"unknown option of the environment or of task {task!r}: {error}{close}; "
+            raise UnknownOptionError(message + f"the task has {', '.join(allowed)}") from error
 
     def _compile(self) -> None:
         """Describe the arrays to kernels, and choose the compiled calls."""
@@ -407,9 +405,9 @@ class Episodes(Stateful, ReadOnly):
         return {name: float(value) for name, value in zip(VARIATIONS, self._drawn[i], strict=True) if value == value}
 
     def step_info(self, i: int) -> dict[str, Any]:
-        """The last step of fish i: reward terms (NaN before one), position (3,) in body lengths, heading in radians."""
+        """The last step of fish i: reward terms (0 before one), position (3,) in body lengths, heading in radians."""
         forward = self._pose.axes[i, 0]
-        found = self._arrays["terms"][:, i].tolist() if self._elapsed[i] > 0 else [np.nan] * len(self._names)
+        found = self._arrays["terms"][:, i].tolist() if self._elapsed[i] > 0 else [0.0] * len(self._names)
         terms = dict(zip(self._names, found, strict=True))
         return {
             **{f"term_{name}": term for name, term in terms.items()},

@@ -1,7 +1,7 @@
 """Arguments of an environment: keywords and seeds that are checked, and options that are set while it runs."""
 
 import copy
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -12,15 +12,11 @@ from fish_env.checks import is_whole
 from fish_env.envs.layout import row_of
 from fish_env.envs.variation import checked_variation
 from fish_env.physics.fish import Fish
-from fish_env.physics.records import World
 from fish_env.physics.tank_options import MOST_STEPS
-from fish_env.physics.world import VACUUM, make_water, with_inertia
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import keywords_of
+from fish_env.tasks.options import meant
 from fish_env.tasks.start import check_pose
 
-WATERS = ("none", "drag", "reactive")
-"""Levels of water that an environment's `water` names: vacuum, drag alone, drag and inertia."""
 OF_ONE = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 """Attributes of a single environment that a batch has under another name."""
 
@@ -31,39 +27,6 @@ class UnknownOptionError(ValueError, TypeError):
 
 class SeedError(gym.error.Error, ValueError):
     """A seed that is not allowed: Gymnasium's own error for it, and a ValueError as for everything else."""
-
-
-class OwnSpec:
-    """An environment whose `spec` is a copy: later changes of the keywords by the caller do not affect it."""
-
-    _spec: Any = None
-
-    @property
-    def spec(self):
-        """Specification with which `gym.make` made it; None without `gym.make`."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec):
-        self._spec = copy.deepcopy(spec)
-
-
-class TaskKeywords:
-    """An environment that refuses the assignment of an attribute that is a keyword of its task: it would do nothing."""
-
-    _keywords: frozenset[str] = frozenset()
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in self._keywords:
-            raise AttributeError(
-                f"{name!r} cannot be assigned; call set_wrapper_attr({name!r}, value) of one fish, set_attr of a batch"
-            )
-        super().__setattr__(name, value)
-
-
-def task_keywords(env, task) -> frozenset[str]:
-    """Keywords of a task, weights of its reward included, that an environment has no attributes for."""
-    return frozenset(name for name in keywords_of(type(task)) if not hasattr(env, name))
 
 
 def checked_seed(seed) -> int | None:
@@ -134,24 +97,8 @@ def fish_for(body: str, water: Any) -> Fish:
     return make_fish(body, water=water) if calibrated else make_fish(body)
 
 
-def checked_water(given: str | Mapping[str, Any] | World | None, fish: Fish) -> World:
-    """Water of a name in WATERS, of keywords of `make_water`, as it is, or the fish's own; else ValueError."""
-    if given is None or isinstance(given, World):
-        return fish.water if given is None else given
-    own = fish.water._replace(added_mass=None, righting=0.0)
-    inert = with_inertia(own) if fish.water.added_mass is None else fish.water
-    levels: dict[str, World] = dict(zip(WATERS, (VACUUM, own, inert), strict=True))
-    try:
-        return levels[given] if isinstance(given, str) else make_water(**given)
-    except (KeyError, TypeError) as error:
-        names = ", ".join(map(repr, WATERS))
-        raise ValueError(
-            f"water is {given!r}; give keywords of fish_env.make_water, its result, or one of {names}"
-        ) from error
-
-
 def set_option(env, name: str, value: Any) -> None:
-    """Give an option of a batch another value, which counts from the episodes that begin next.
+    """Give an option of a batch another value, which counts from the episodes that begin next; `changed` notes it.
 
     Weights of the reward, `failure_penalty` and `info_every_step` count from the next step.
 
@@ -161,13 +108,16 @@ def set_option(env, name: str, value: Any) -> None:
     """
     task = env.task
     if name not in env.settable:
-        raise AttributeError(f"{name!r} cannot be set while the environment runs; choose from {env.settable}")
+        raise AttributeError(
+            f"{name!r} cannot be set while the environment runs{meant(name, env.settable)}; make a new environment, "
+            f"or choose from {env.settable}"
+        )
     if name not in env.LIVE:
         made = type(task)(**{**env._task_options, name: value})
         if made.directions != task.directions:
             raise ValueError(f"{name} = {value!r} would change the observation; create a new environment")
         env._task_options[name] = getattr(made, name)
-        setattr(task, name, getattr(made, name))
+        object.__setattr__(task, name, getattr(made, name))
         if isinstance(task, CompiledTask) and name in task.weights:
             task.pack.set(**{name: getattr(task, name)})
     elif name == "variation":
@@ -175,9 +125,8 @@ def set_option(env, name: str, value: Any) -> None:
         check_pose(env.tank.fish, variation)
         env._set_read_only(variation=variation)
     else:
-        setattr(env, name, checked_truth(value, name) if name == "info_every_step" else value)
-    if env.spec is not None:
-        env.spec.kwargs[name] = copy.deepcopy(value)
+        env._set_read_only(**{name: checked_truth(value, name) if name == "info_every_step" else value})
+    env.changed[name] = copy.deepcopy(value)
 
 
 def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:

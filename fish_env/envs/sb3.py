@@ -15,11 +15,12 @@ from fish_env.envs.layout import row_of
 from fish_env.envs.options import call_each, checked_seed
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
+from fish_env.tasks.options import Keywords
 
 __all__ = ["FishVecEnv", "VecEnv", "VecMonitor"]
 
 
-class FishVecEnv(VecEnv):
+class FishVecEnv(Keywords, VecEnv):
     """`FishVectorEnv` as Stable-Baselines3 wants it. Episodes restart in the step in which they end."""
 
     def __init__(self, fish: FishVectorEnv, staggered: bool = False):
@@ -27,7 +28,7 @@ class FishVecEnv(VecEnv):
         self.fish, self.staggered = fish, staggered
         fish.autoreset_mode = AutoresetMode.SAME_STEP
         super().__init__(fish.num_envs, fish.single_observation_space, fish.single_action_space)
-        self.metadata = fish.metadata
+        self.metadata, self.settable, self._keywords = fish.metadata, fish.settable, fish._keywords
 
     def reset(self) -> Any:
         """Restart all episodes with the seeds and options set before, and return the observations."""

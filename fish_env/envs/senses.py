@@ -15,7 +15,6 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Pack
 from fish_env.tasks.options import Option
 
-STANDARD = Option(0.0, 10.0, "standard deviation, in units of the part")
 ACTION_STANDARD = Option(0.0, 2.0, "standard deviation of an action, of which -1 is relaxed and 1 contracted")
 LONGEST_DELAY, LONGEST_HISTORY = 1000, 100  # environment steps
 DEVIATES = 2**16
@@ -43,27 +42,30 @@ class Senses(NamedTuple):
         return self.noisy or self.history > 0 or self.observation_delay[1] > 0 or self.action_delay[1] > 0
 
 
-def checked_senses(observation_noise, action_noise, observation_delay, action_delay, history, limit) -> Senses:
+def checked_senses(observation_noise, action_noise, observation_delay, action_delay, history) -> Senses:
     """The settings of these keywords; ValueError for what is not allowed, saying what is.
 
-    Which parts an observation has is checked by `noise_of`. `limit` is the time limit of an episode, or None.
+    `check_delays` compares the delays with a time limit, `checked_noise` the noise with a layout.
     """
     if not isinstance(observation_noise, Mapping | None):
         raise ValueError(f"observation_noise is {observation_noise!r}; give a dict: a standard deviation for each part")
-    noise = {
-        name: STANDARD.checked(f"observation_noise[{name!r}]", value)
-        for name, value in (observation_noise or {}).items()
-    }
     if not (is_whole(history) and 0 <= history <= LONGEST_HISTORY):
         raise ValueError(f"history is {history!r}; give a whole number of steps from 0 to {LONGEST_HISTORY}")
     return Senses(
-        noise, ACTION_STANDARD.checked("action_noise", action_noise),
-        checked_delay("observation_delay", observation_delay, limit),
-        checked_delay("action_delay", action_delay, limit), int(history),
+        dict(observation_noise or {}), ACTION_STANDARD.checked("action_noise", action_noise),
+        checked_delay("observation_delay", observation_delay), checked_delay("action_delay", action_delay),
+        int(history),
     )  # fmt: skip
 
 
-def checked_delay(name: str, value: Any, limit: int | None) -> tuple[int, int]:
+def check_delays(senses: Senses, limit: int | None) -> None:
+    """ValueError unless the delays are shorter than an episode of so many environment steps; None: no limit."""
+    for name in ("observation_delay", "action_delay"):
+        low, high = getattr(senses, name)
+        checked_delay(name, low if low == high else (low, high), limit)
+
+
+def checked_delay(name: str, value: Any, limit: int | None = None) -> tuple[int, int]:
     """A delay as a pair (lowest, highest) of environment steps, shorter than an episode; else ValueError."""
     pair: Any = (value, value)
     if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and getattr(value, "ndim", 1):
@@ -72,20 +74,20 @@ def checked_delay(name: str, value: Any, limit: int | None) -> tuple[int, int]:
     if len(pair) != 2 or not all(is_whole(each) for each in pair) or not 0 <= pair[0] <= pair[1] <= most:
         raise ValueError(
             f"{name} is {value!r}; give a whole number of environment steps from 0 to {most}, or a pair "
-            "(lowest, highest)"
+            f"(lowest, highest){'' if limit is None else f': an episode has {limit} steps'}"
         )
     return int(pair[0]), int(pair[1])
 
 
-def noise_of(senses: Senses, layout: Layout) -> np.ndarray:
-    """Standard deviation of each number of an observation, (D,); ValueError for a part that it does not have."""
-    found = np.zeros(layout.present)
-    names = [part.name for part in layout.parts[: layout.num_present]]
+def checked_noise(senses: Senses, layout: Layout) -> Senses:
+    """The settings with noise as numbers; ValueError for a part that is not there, or noise beyond a part's bound."""
+    parts, noise = {part.name: part for part in layout.parts[: layout.num_present]}, {}
     for name, value in senses.observation_noise.items():
-        if name not in names:
-            raise ValueError(f"observation_noise has {name!r}; choose from {', '.join(map(repr, names))}")
-        found[layout[name].slice] = value
-    return found
+        if name not in parts:
+            raise ValueError(f"observation_noise has {name!r}; choose from {', '.join(map(repr, parts))}")
+        option = Option(0.0, parts[name].limit, f"standard deviation, {parts[name].unit}")
+        noise[name] = option.checked(f"observation_noise[{name!r}]", value)
+    return senses._replace(observation_noise=noise)
 
 
 def make_memory(senses: Senses, layout: Layout, num_envs: int, num_actions: int) -> dict[str, np.ndarray]:
@@ -93,13 +95,16 @@ def make_memory(senses: Senses, layout: Layout, num_envs: int, num_actions: int)
     from scipy.special import ndtri  # half a tenth of a second, only where there is noise
 
     deviates = np.random.default_rng(0).permutation(ndtri((np.arange(DEVIATES) + 0.5) / DEVIATES))
+    noise = np.zeros(layout.present, dtype=np.float32)
+    for name, value in senses.observation_noise.items():
+        noise[layout[name].slice] = value
     frames = senses.observation_delay[1] + senses.history + 1
     return {
         "past_observation": np.zeros((num_envs, frames, layout.present), dtype=np.float32),
         "past_action": np.zeros((num_envs, max(senses.action_delay[1], senses.history) + 1, num_actions)),
         "delay": np.zeros((num_envs, 2), dtype=np.int64),
         "key": np.zeros(num_envs, dtype=np.int64),
-        "noise": noise_of(senses, layout).astype(np.float32),
+        "noise": noise,
         "bound": layout.bounds()[: layout.present],
         "deviates": np.pad(deviates, (0, layout.present), mode="wrap").astype(np.float32),
     }

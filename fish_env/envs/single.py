@@ -1,6 +1,5 @@
 """FishEnv: one fish, the Gymnasium `Env`. It is the vector environment with one fish in it."""
 
-import copy
 import sys
 from typing import Any
 
@@ -11,15 +10,16 @@ from gymnasium.wrappers import TimeLimit
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array
 from fish_env.envs.layout import Layout, row_of
-from fish_env.envs.options import OwnSpec, TaskKeywords, checked_seed, task_keywords
-from fish_env.envs.senses import checked_delay
+from fish_env.envs.options import checked_seed
+from fish_env.envs.senses import check_delays
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import checked_count
+from fish_env.tasks.options import Keywords
 
 
-class FishEnv(OwnSpec, TaskKeywords, gym.Env):
+class FishEnv(Keywords, gym.Env):
     """One fish in water. Keywords are those of `FishVectorEnv`; the time limit is `gym.make`'s `TimeLimit`.
 
     The page of each task, with its tables of actions, observations and rewards, is in docs/envs/.
@@ -42,8 +42,9 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         self.action_space = self.fish.single_action_space
         if self.fish._goals is not None:
             self.compute_reward = self.fish.compute_reward
+        self.settable = tuple(name for name in self.fish.settable if name != "max_episode_steps")  # the wrapper's
         self._own = frozenset(vars(self))  # attributes that are no subclass's
-        self._keywords = task_keywords(self, self.fish.task) | set(self.fish.LIVE)
+        self._keywords = self.fish._keywords
 
     @property
     def tank(self) -> Tank[Fish]:
@@ -68,9 +69,7 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
                 allowed; nothing has changed then.
             gymnasium.error.Error: and ValueError: for a seed that is no whole number, or negative; as before.
         """
-        wrappers = wrappers_of(self)
-        self._limits = [each for each in wrappers if isinstance(each, TimeLimit)]
-        self._take_assigned(wrappers)
+        self._limits = limits_of(self)
         self.fish.checked_reset(options)  # before the generator is another
         self._limit = self._time_limit()
         super().reset(seed=checked_seed(seed))
@@ -98,9 +97,8 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
     def _time_limit(self) -> int | None:
         """Steps after which a `TimeLimit` truncates, None without one; ValueError for a limit that is not allowed."""
         limits = [checked_count(each._max_episode_steps, "max_episode_steps") for each in self._limits]
-        limit, senses = min(limits, default=None), self.fish._senses
-        for name in ("observation_delay", "action_delay"):
-            checked_delay(name, getattr(senses, name), limit)  # shorter than an episode
+        limit = min(limits, default=None)
+        check_delays(self.fish._senses, limit)
         return limit
 
     def get_state(self) -> FishState:
@@ -141,13 +139,13 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         return self.fish.episode_info(0)
 
     def get_wrapper_attr(self, name: str) -> Any:
-        """The value of an option of `env.unwrapped.fish.settable`, or of an attribute; AttributeError for others."""
-        if name in self._keywords.intersection(self.fish.settable) - {"max_episode_steps"}:  # that is the wrapper's
+        """The value of an option of `settable`, or of an attribute; AttributeError for others."""
+        if name in self.settable:
             return self.fish.get_attr(name)[0]
         return super().get_wrapper_attr(name)
 
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
-        """Set an option of `env.unwrapped.fish.settable` for the episodes that begin next, or a subclass's attribute.
+        """Set an option of `settable` for the episodes that begin next, or a subclass's attribute.
 
         Raises:
             AttributeError: for any other name, naming the options that can be set.
@@ -158,23 +156,7 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         if name == "max_episode_steps":
             raise AttributeError("the time limit of one fish is its wrapper's: give '_max_episode_steps' instead")
         self.fish.set_attr(name, [value])
-        if self.spec is not None:
-            self.spec.kwargs[name] = copy.deepcopy(value)  # what a recording says
         return True
-
-    def _take_assigned(self, wrappers: list[gym.Wrapper]) -> None:
-        """Set the options that were assigned to a wrapper, as `DummyVecEnv.set_attr` of Stable-Baselines3 does.
-
-        Wrappers of users may have attributes of these names that mean something else.
-        """
-        for wrapper in wrappers:
-            if type(wrapper).__module__.split(".")[0] in ("gymnasium", "stable_baselines3"):
-                for name in sorted(self._keywords & vars(wrapper).keys()):
-                    self.set_wrapper_attr(name, vars(wrapper).pop(name))
-                if wrapper not in self._limits and "_max_episode_steps" in vars(wrapper):
-                    steps = vars(wrapper).pop("_max_episode_steps")
-                    for each in self._limits:
-                        each._max_episode_steps = steps
 
     def render(self):
         """A picture (H,W,3) uint8, or None after drawing to the window ("human")."""
@@ -186,16 +168,15 @@ class FishEnv(OwnSpec, TaskKeywords, gym.Env):
         self.fish.close()
 
 
-def wrappers_of(env: gym.Env) -> list[gym.Wrapper]:
-    """The wrappers round an environment through which its `reset` is called, which is being called.
+def limits_of(env: gym.Env) -> list[TimeLimit]:
+    """The time limits round an environment through which its `reset` is called, which is being called.
 
     Gymnasium does not tell an environment what is wrapped round it, so they are looked for among the callers.
     """
     found, frame = [], sys._getframe(1)
     while frame is not None:
-        if frame.f_code.co_name == "reset" and frame.f_code.co_varnames[:1] == ("self",):
-            caller = frame.f_locals["self"]
-            if isinstance(caller, gym.Wrapper) and caller.unwrapped is env:
-                found.append(caller)
+        caller = frame.f_locals.get("self") if frame.f_code.co_name == "reset" else None
+        if isinstance(caller, TimeLimit) and caller.unwrapped is env:
+            found.append(caller)
         frame = frame.f_back
     return found

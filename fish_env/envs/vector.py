@@ -9,19 +9,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from fish_env.envs.episode import Episodes
 from fish_env.envs.layout import row_of
-from fish_env.envs.options import (
-    OwnSpec,
-    TaskKeywords,
-    call_each,
-    checked_picture,
-    checked_seeds,
-    checked_truth,
-    set_option,
-    task_keywords,
-)
+from fish_env.envs.options import call_each, checked_picture, checked_seeds, checked_truth, set_option
+from fish_env.tasks.base import CompiledTask
+from fish_env.tasks.options import Keywords, keywords_of
 
 
-class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
+class FishVectorEnv(Keywords, Episodes, VectorEnv):
     """A batch of fish, each in water of its own, stepped by one compiled call.
 
     Fish i of a batch seeded s is, bit for bit, the fish of a single environment seeded s + i.
@@ -48,8 +41,9 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
             above, turning with it so that its nose points up. All move with the fish; the shorter side of the picture
             is two body lengths.
         panel: whether a picture has numbers, a scale and a small second view; it is then at least 320 x 240.
-        info_every_step: put the same keys into `info` after every reset and step: the reward terms, position and
-            heading of the step, and the summary of the episode so far; else `info` is empty until its end.
+        info_every_step: fill `info` after every reset and step: the reward terms, position and heading of the step,
+            and the summary of the episode so far without what does not exist yet, such as the latency of a turn that
+            is not made; else `info` is empty until its end.
         threads: over how many threads the fish are shared out; None for all processors.
         dtype: "float64" or "float32", what the physics calculates in (`Tank`).
         lanes: how many fish a kernel works on at once; None chooses.
@@ -102,10 +96,13 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
             allowed = ", ".join(repr(mode.value) for mode in AutoresetMode)
             raise ValueError(f"unknown autoreset_mode {autoreset_mode!r}; choose from {allowed}") from None
         self.render_mode = render_mode
-        fps = 1.0 / self.control_interval
-        self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": fps}
+        self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": 1 / self.control_interval}
         self._pictures: list[list[np.ndarray]] = [[] for _ in range(self.num_envs)]  # not yet handed out
-        self._keywords = task_keywords(self, self.task)
+        self.changed: dict[str, Any] = {}  # what was set while it runs, as it was given
+        own = keywords_of(type(self.task))
+        if isinstance(self.task, CompiledTask):
+            self.task._keywords = frozenset(own)
+        self._keywords = frozenset({*own, *keywords_of(Episodes), *keywords_of(FishVectorEnv)})
 
     def restart(self, mask, seeds=None, options=None) -> None:
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
@@ -145,7 +142,8 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
     def _info(self, i: int, begins: bool = False) -> dict[str, Any]:
         """What `info` says of fish i in any step and after a reset: the step and the episode so far, or little."""
         if self.info_every_step:
-            return self.step_info(i) | self.episode_info(i)
+            info = self.step_info(i) | self.episode_info(i)
+            return {name: value for name, value in info.items() if not isinstance(value, float) or value == value}
         if begins:
             return self.state_info(i)
         return {"privileged": self.observe_all(i)} if self.privileged else {}
@@ -181,8 +179,9 @@ class FishVectorEnv(OwnSpec, TaskKeywords, Episodes, VectorEnv):
                 infos = self._add_info(infos, {"final_obs": row_of(obs, i), "final_info": info}, i)
             self.restart(over)  # after it, no episode is over
             obs, begun = self.observe(), over
-        for i in range(self.num_envs) if self.info_every_step else np.flatnonzero(self._over).tolist():
-            infos = self._add_info(infos, self._info(i) if self.info_every_step else self.episode_info(i), i)
+        over = self._over
+        for i in range(self.num_envs) if self.info_every_step else np.flatnonzero(over).tolist():
+            infos = self._add_info(infos, self._info(i) | (self.episode_info(i) if over[i] else {}), i)
         infos = self._add_state_info(infos, begun)
         if self.render_mode is not None:
             self._show()

@@ -1,7 +1,7 @@
 """Tank: B fish of one kind in water, or B other elastic objects. The one stateful simulation class."""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Generic
@@ -23,7 +23,7 @@ from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrity import check_numbers
 from fish_env.physics.muscles import command_all
 from fish_env.physics.records import COUNTERS, FLOWS, Body, Control, State, World
-from fish_env.physics.world import VACUUM, make_anchors
+from fish_env.physics.world import VACUUM, checked_water, make_anchors
 
 FISH_PER_THREAD = 16  # with fewer, a thread costs more than it saves
 
@@ -39,7 +39,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         integrator: a key of `INTEGRATORS`; None selects the fish's default.
         dt: integrator step, s; None selects the fish's `time_step` for its default integrator. For another, it selects
             the longest step that divides the control interval and is at most half of the largest stable step at rest.
-        water: `make_water(...)`, or None for vacuum.
+        water: `make_water(...)`, or as environments take it: "none", "drag" or "reactive", the fish's own with inertia,
+            or a dictionary of what differs in it. None is vacuum.
         threads: number of threads that advance the fish; None selects the number of available processors.
             Results do not depend on it.
         dtype: "float64" or "float32", the precision of the kernels; the state is always float64.
@@ -61,15 +62,17 @@ class Tank(ReadOnly, Generic[Elastic]):
     pack: Pack
 
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
-                 water: World | None = None, threads: int | None = None, dtype: str = "float64",
-                 lanes: str | int | None = None, refine: float | None = None, energy: bool = False):  # fmt: skip
+                 water: str | Mapping[str, Any] | World | None = None, threads: int | None = None,
+                 dtype: str = "float64", lanes: str | int | None = None, refine: float | None = None,
+                 energy: bool = False):  # fmt: skip
         self.integrator, self.dt, self.refine = options.method_for(fish, integrator, dt, refine)
         self.num_fish = options.checked_count(num_fish, "num_fish")
         self.threads = options.available_processors() if threads is None else options.checked_count(threads, "threads")
+        water = VACUUM if water is None else checked_water(water, fish.water)
         options.check_scene(fish, water, self.integrator)
         self.energy = options.checked_energy(energy, fish, self.integrator)
         fits_memory(self.num_fish, options.bytes_of(fish.body), "num_fish")
-        fish, self.world = frozen(copy.deepcopy((fish, VACUUM if water is None else water)))
+        fish, self.world = frozen(copy.deepcopy((fish, water)))
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
         free, still = np.zeros(body.position.shape, dtype=bool), np.zeros(body.position.shape)
         self._conditions = Conditions(free, still, None, self.world.anchors)

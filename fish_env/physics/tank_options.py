@@ -15,7 +15,6 @@ from fish_env.physics.fish import ElasticObject
 from fish_env.physics.integrators import INTEGRATORS, Integrator
 from fish_env.physics.integrity import check_fish, check_world
 from fish_env.physics.records import Body, World
-from fish_env.physics.world import VACUUM
 
 REFINED = ("leapfrog_chebyshev",)  # methods that check the rate of change of their springs
 MOST_STEPS = 2**53  # per call: a float64 clock cannot count more
@@ -55,10 +54,9 @@ def checked_count(value, name: str) -> int:
     return int(value)
 
 
-def check_scene(fish: ElasticObject, water: World | None, integrator: Integrator) -> None:
+def check_scene(fish: ElasticObject, world: World, integrator: Integrator) -> None:
     """Raise ValueError if fish or world are inconsistent, or if the method cannot move the body there."""
     check_fish(fish)
-    world = VACUUM if water is None else water
     check_world(world, fish.body.mass.size)
     if (world.added_mass is not None or world.righting) and fish.body.sections is None:
         raise ValueError(

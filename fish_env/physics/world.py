@@ -1,7 +1,8 @@
 """Surroundings of the bodies of a tank: water, gravity, walls, and anchors that pull single nodes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,8 @@ GRAVITY = 9.81  # m/s2
 RIGHTING = 0.005  # body lengths: without it, commands that differ above and below roll the fish over
 BLASIUS = 1.328  # mean friction coefficient of a laminar boundary layer times the root of the Reynolds number
 VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
+WATERS = ("none", "drag", "reactive")
+"""Levels of water that a `water` names: vacuum, the fish's own without inertia, and with it."""
 
 
 def make_water(
@@ -64,10 +67,44 @@ def make_water(
     return still._replace(quadratic=quadratic)
 
 
-def with_inertia(water: World, density=1000.0, added_mass=(1.0, 1.0), righting=None) -> World:
-    """Return water with the same drag, friction and current that has inertia too; arguments as in `make_water`."""
-    heavy = make_water(density, inertia=True, added_mass=added_mass, righting=righting)
-    return water._replace(added_mass=heavy.added_mass, righting=heavy.righting)
+def checked_water(given: str | Mapping[str, Any] | World, own: World) -> World:
+    """Water of a name in WATERS, a fish's own with keywords of `make_water` changed, or as it is; else ValueError."""
+    if isinstance(given, World):
+        return given
+    drag = own._replace(added_mass=None, righting=0.0)
+    inert = change_water(drag, inertia=True) if own.added_mass is None else own
+    levels: dict[str, World] = dict(zip(WATERS, (VACUUM, drag, inert), strict=True))
+    try:
+        return levels[given] if isinstance(given, str) else change_water(own, **given)
+    except (KeyError, TypeError) as error:
+        message = f"water is {given!r}; give keywords of fish_env.make_water, its result, or one of {WATERS}"
+        raise ValueError(message) from error
+
+
+def change_water(water: World, **named) -> World:
+    """Return water in which what is named has changed, keywords of `make_water`; everything else keeps its bits.
+
+    The water is taken to have the density and the viscosity that are the defaults of `make_water`. A drag coefficient
+    goes with its law, a righting couple with inertia, unless they are named.
+
+    Raises:
+        ValueError: as `make_water`, and for added mass without inertia, or viscosity without friction.
+    """
+    own: dict[str, Any] = {
+        "density": 1000.0, "law": "linear" if water.linear > 0.0 else "quadratic", "current": water.current,
+        "drag_coefficient": water.linear or water.quadratic / 500.0, "inertia": water.added_mass is not None,
+        "added_mass": (1.0, 1.0) if water.added_mass is None else water.added_mass / 1000.0,
+        "righting": water.righting / GRAVITY, "friction": water.friction / (0.5 * BLASIUS),
+    }  # fmt: skip
+    given = own | named
+    for name, part in (("drag_coefficient", "law"), ("righting", "inertia")):
+        if given[part] != own[part] and name not in named:
+            del given[name]
+    for name, part in (("added_mass", "inertia"), ("viscosity", "friction")):
+        if name in named and not given[part]:
+            raise ValueError(f"{name} changes nothing in water without {part}; name {part} too, or leave {name} out")
+    fields: Any = zip(water._fields, make_water(**own), make_water(**given), strict=True)
+    return water._replace(**{name: new for name, old, new in fields if not np.array_equal(old, new)})
 
 
 def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:

@@ -10,7 +10,7 @@ from fish_env.kernels.compile import njit
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.physics.pose import Pose, packed_pose
 from fish_env.physics.tank import Tank
-from fish_env.tasks.options import Direction, Option
+from fish_env.tasks.options import Direction, Keywords, Option
 
 
 @cache
@@ -30,7 +30,7 @@ def make_calls(write_vectors, write_terms):
     return write_all_vectors, write_all_terms
 
 
-class CompiledTask:
+class CompiledTask(Keywords):
     """A task whose `vectors` and `reward` are made of two kernels, which treat one fish b of the tank at a time.
 
     A subclass defines
@@ -43,8 +43,8 @@ class CompiledTask:
     The environments put both into their one compiled call, unless a subclass overrides `reward` or `vectors` in Python.
 
     A class may have `weights`, its keywords that weight terms of the reward, each an `Option` with a default. They
-    become attributes, and floats of the pack by `weight_values`. A weight may be set while the task runs, and counts
-    from the next step.
+    become attributes, and floats of the pack by `weight_values`. The environment may set a weight while the task
+    runs, from the next step on; in a running task, none of its keywords can be assigned.
 
     Raises:
         TypeError: for a keyword that is none of `weights`.

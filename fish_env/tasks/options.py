@@ -1,6 +1,8 @@
 """Options of a task: numbers with their range; a number outside raises an error at once."""
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from inspect import signature
 from typing import Any, NamedTuple
 
@@ -73,8 +75,31 @@ def check_options(given: Mapping[str, Any], allowed: Mapping[str, Option]) -> di
     return {name: allowed[name].checked(f"options[{name!r}]", value) for name, value in given.items()}
 
 
+def meant(name: str, names: Iterable[str]) -> str:
+    """For a message: the one of the names that an unknown name resembles, if there is one."""
+    close = get_close_matches(name, names, 1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+class Keywords:
+    """An object that refuses the assignment of a keyword it was made with, which would not be checked or recorded.
+
+    The `spec` of an environment is a copy: later changes of the keywords by the caller do not affect it.
+    """
+
+    _keywords: frozenset[str] = frozenset()
+    settable: tuple[str, ...] = ()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self._keywords:
+            call = f"call set_wrapper_attr({name!r}, value) of one fish, set_attr({name!r}, value) of a batch"
+            do = call if name in self.settable else f"make a new environment with {name}=..."
+            raise AttributeError(f"{name!r} cannot be assigned; {do}")
+        super().__setattr__(name, copy.deepcopy(value) if name == "spec" else value)
+
+
 def keywords_of(task: type) -> dict[str, Any]:
-    """The keywords that a class of tasks takes, weights of its reward included, with their defaults."""
+    """The keywords that a class of tasks or environments takes, weights of a reward included, with their defaults."""
     given = [*signature(task.__init__).parameters.values()][1:]
     named = {each.name: each.default for each in given if each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)}
     return named | {name: option.default for name, option in getattr(task, "weights", {}).items()}

@@ -197,8 +197,8 @@ class GoalTask(TargetTask):
     """Bring the nose to the target of the episode, and keep it there: goals for hindsight experience replay.
 
     An observation is a dict: "observation", "achieved_goal", the place of the nose (3,), and "desired_goal", that of
-    the target (3,), both in body lengths from the start. The reward is -1 as long as they are further apart than
-    `radius`, else 0 (Andrychowicz et al. 2017).
+    the target (3,), both in body lengths from the start, without noise and delay. The reward is -1 as long as they are
+    further apart than `radius`, else 0 (Andrychowicz et al. 2017).
     """
 
     term_names = ("goal",)
