@@ -83,6 +83,9 @@ def main() -> int:
     except ImportError as error:
         print(f"train.py: {error}; install what it needs: {INSTALL}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("\nStopped.", file=sys.stderr)
+        return 130
     words = sys.argv[1:]
     if words and words[0] not in commands and not words[0].startswith("-"):
         words = ["train", *words]

@@ -94,7 +94,7 @@ def tank_of(name, thing, world, x, v, h, rest=None, rate=None, **options):
         options: of `Tank`.
     """
     x, v = np.array(x, ndmin=3), np.array(v, ndmin=3)
-    tank = Tank(driven(thing, h), len(x), name, h, water=world, **{"threads": 1, **options})
+    tank = Tank(driven(thing, h), len(x), name, h, water=world, **{"threads": 1, "refine": np.inf, **options})
     tank.position[:], tank.velocity[:] = x, v
     if rest is not None:
         tank.rest_length[:] = rest

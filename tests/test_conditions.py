@@ -515,7 +515,7 @@ def test_methods_refuse():
             Tank(FISH, integrator=name, water=walls)
         assert Tank(FISH, integrator=name, water=make_world()).alive.all()
     for name, options, text in (("semi_implicit", {"axes": "x"}, "along some axes only"),
-                                ("symplectic_euler", {"method": "penalty"}, "stable steps are shorter"),
+                                ("symplectic_euler", {"method": "penalty"}, "stable steps are at most"),
                                 (None, {"method": "glue"}, "method is 'glue'; choose from 'elimination'"),
                                 (None, {"axes": "x", "method": "penalty"}, "all axes")):  # fmt: skip
         with pytest.raises(ValueError, match=text):

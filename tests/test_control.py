@@ -203,6 +203,24 @@ def test_a_policy_of_a_longer_interval(times):
     assert np.ptp(wanted - start) > 0.1
 
 
+@pytest.mark.parametrize("count", [1, 7, 100])
+@pytest.mark.parametrize("interval", [0.1, 0.04, 0.02, 0.0175, 0.01])
+@pytest.mark.parametrize("ending", [".mp4", ".webp", ".gif"])
+def test_videos_have_every_picture(ending, interval, count, tmp_path):
+    """As many pictures are read back as were written, at any interval, whatever the rounding of its multiples."""
+    ffmpeg, pictures = pytest.importorskip("imageio_ffmpeg"), pytest.importorskip("PIL.Image")
+    frames = [np.full((16, 320, 3), 200, dtype=np.uint8) for _ in range(count)]
+    for k, frame in enumerate(frames):  # equal pictures would be one that is shown longer
+        frame[:, 3 * k : 3 * k + 20] = (20, 90, 180)
+    path = tmp_path / f"video{ending}"
+    write_video(frames, 1.0 / interval, path)
+    if ending == ".mp4":
+        assert ffmpeg.count_frames_and_secs(path)[0] == count
+    else:
+        with pictures.open(path) as found:
+            assert found.n_frames == count
+
+
 @pytest.mark.parametrize("ending", [".mp4", ".webp", ".gif"])
 def test_videos(ending, tmp_path, monkeypatch):
     """A video replaces the one before only when it is complete; moving pictures are small, of half the frames' size."""

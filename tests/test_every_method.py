@@ -67,7 +67,7 @@ def test_comes_to_rest_on_a_wall(name):
     """A block dropped on the floor comes to rest there, however it is moved, and does not sink in."""
     body = small_bodies.completed(small_bodies.block(relaxation_time=1e-2))
     world = small_bodies.completed_world(make_world((0.0, 0.0, -9.8), [((0, 0, 1), -0.02, 0.5)], 0.1))
-    h = 0.2 * INTEGRATORS[name].limit(body)
+    h = 0.2 * INTEGRATORS[name].base(body)
     n = round(1.5 / h)
     x, v = advance(name, world, body.position, 0 * body.position, np.zeros(0), np.zeros(0), h, n, body)
     lowest = x[:, 2].min() + 0.02

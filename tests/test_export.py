@@ -303,7 +303,7 @@ def test_every_format_acts_alike(hidden, output, limit, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         found = torch.jit.load(tmp_path / "policy.pt")(torch.from_numpy(seen))
-    np.testing.assert_allclose(found.detach().numpy(), expected, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(found.numpy(), expected, rtol=0, atol=1e-5)
     pytest.importorskip("onnx")
     policy.to_onnx(tmp_path / "policy.onnx")
     session = pytest.importorskip("onnxruntime").InferenceSession(tmp_path / "policy.onnx")

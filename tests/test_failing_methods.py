@@ -1,12 +1,18 @@
 """How every method fails, at which steps, and what it counts: forces, factorisations, solves, non-positive pivots."""
 
+import warnings
+from functools import partial
+
+import gymnasium as gym
 import moving
 import naive
 import numpy as np
 import pytest
 from moving import ADAPTIVE, EXPLICIT, FISH, SOLVING, THIN, each_body, each_method, run_into_failure, tank_of, tiered
 
-from fish_env import INTEGRATORS, Tank
+import fish_env
+from fish_env import INTEGRATORS, Tank, make_fish
+from fish_env.bodies.solids import make_block
 from fish_env.physics.body import make_body
 from fish_env.physics.failures import FAILURES, NO_CONVERGENCE, NON_FINITE, TORN, UNTRUSTED_SOLVE
 from fish_env.physics.integrators import limits, rosenbrock
@@ -104,21 +110,56 @@ def test_large_steps(name, body, factor):
     assert slower.mean() >= 0.9 if some_tear else slower.all()
 
 
-@pytest.mark.parametrize("name", ["symplectic_euler", "semi_implicit", "explicit_euler", "midpoint", "rk4"])
-@each_body
-def test_limit_is_safe(name, body):
-    """A gently shaken fish holds at 0.98 of the step its record calls safe, and is lost at twice that.
+GENTLE = {name: (fish, THIN) for name, fish in FISH.items()} | {
+    "reactive": (DEFAULT, DEFAULT.water._replace(righting=0.0)),  # which would turn it
+    "block": (make_block(2), THIN),
+}
 
-    RK4 still holds there if damping sets the limit, as on the default fish, and not at 2.5 times; so does explicit
-    Euler on the default fish, of which one spring relaxes far sooner than any vibration, and not at five times.
-    """
-    fish, beyond = FISH[body], {"rk4": 2.5, "explicit_euler": 5.0 if body == "mass_spring" else 2.0}.get(name, 2.0)
-    x, v = naive.random_state(fish, np.random.default_rng(3), displacement=1e-6, speed=1e-3)
-    safe, lost = (tank_of(name, fish, THIN, x, v, part * INTEGRATORS[name].limit(fish.body)) for part in (0.98, beyond))
-    safe.advance(2000)
-    lost.advance(4000)
-    assert safe.alive[0] and np.abs(safe.velocity).max() < 2 * np.abs(v).max()
-    assert not lost.alive[0]
+
+@pytest.mark.filterwarnings("ignore:.*will fail")
+@pytest.mark.parametrize("name", ["symplectic_euler", "semi_implicit", "explicit_euler", "midpoint", "rk4"])
+@pytest.mark.parametrize("case", GENTLE)
+def test_limits_of_explicit_methods(name, case):
+    """A gentle shake fades at 0.9 of the largest stable step, and grows for ever at 1.1."""
+    thing, world = GENTLE[case]
+    x = thing.body.position
+    v = 1e-6 * np.random.default_rng(3).normal(size=x.shape)
+    fades, grows = (
+        tank_of(name, thing, world, x, v, part * INTEGRATORS[name].limit(thing.body, world)) for part in (0.9, 1.1)
+    )
+    for tank in (fades, grows):
+        tank.advance(200_000 if name == "explicit_euler" else 8_000)  # its motion grows slowly
+    assert fades.alive[0] and np.abs(fades.velocity).max() < 2 * np.abs(v).max()
+    assert not grows.alive[0] or np.abs(grows.velocity).max() > 20 * np.abs(v).max()
+
+
+@pytest.mark.parametrize("water", ["reactive", "drag"])
+@each_body
+def test_default_steps_are_below_the_limit(body, water):
+    """Every method's own step on every body in every water, and the body's own, is one that does not warn."""
+    fish = make_fish(body, water=water) if body != "published" else FISH[body]
+    for record in INTEGRATORS.values():
+        assert own_step(fish, record) <= record.limit(fish.body, fish.water)
+
+
+def make_tank(**options):
+    """A tank, by keywords of an environment."""
+    return Tank(DEFAULT, water=DEFAULT.water, **options)
+
+
+@pytest.mark.parametrize("make", [
+    make_tank, partial(gym.make, "FishEnv/Swim-v0"), partial(gym.make_vec, "FishEnv/Swim-v0", num_envs=2),
+    partial(fish_env.make_sb3_vec_env, "FishEnv/Swim-v0", num_envs=2),
+], ids=["tank", "single", "batch", "sb3"])  # fmt: skip
+def test_a_step_above_the_limit_warns(make):
+    """Wherever it is given, with the largest stable one; a step below it is taken silently."""
+    with pytest.warns(
+        UserWarning, match=r"'rk4' will fail .*: its stable steps are at most 0.000862 s, and dt is 0.001 s"
+    ):
+        make(integrator="rk4", dt=0.001)
+    with warnings.catch_warnings(action="error", category=UserWarning):
+        make(integrator="rk4", dt=0.0005)
+        make(dt=0.005)
 
 
 @each_method

@@ -134,7 +134,7 @@ def test_refining_rescues_a_fish():
 def test_defaults():
     """The fish's own step comes with its refinement; a step that is given comes without; few fish are taken alone."""
     assert Tank(FISH).refine == FISH.refine < np.inf
-    assert Tank(FISH, dt=FISH.time_step).refine == np.inf
+    assert Tank(FISH, dt=0.5 * FISH.time_step).refine == FISH.refine
     assert [Tank(FISH, count).kind.lanes for count in (1, 2, 3, 256)] == ["xyz", "xyz", 8, 8]
     assert Tank(FISH, 256, dtype="float32").kind.lanes == 16
 

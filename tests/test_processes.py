@@ -1,8 +1,11 @@
 """Fish in company: forked processes, object stores, threads."""
 
+import gc
 import os
 import pickle
 import signal
+import threading
+import weakref
 
 import gymnasium as gym
 import numpy as np
@@ -33,6 +36,22 @@ def test_a_forked_process_has_threads_of_its_own():
     os.close(read)
     os.close(write)
     tank.close()
+
+
+def test_a_dropped_batch_is_freed():
+    """A batch of two threads that is dropped without `close` leaves neither memory nor threads behind."""
+    others = set(threading.enumerate())
+    env = gym.make_vec("FishEnv/Swim-v0", num_envs=64, threads=2)
+    env.reset(seed=0)
+    env.step(np.zeros(env.action_space.shape, np.float32))
+    tank, workers = weakref.ref(env.unwrapped.tank), set(threading.enumerate()) - others
+    assert len(workers) == 2
+    del env
+    gc.collect()
+    assert tank() is None
+    for worker in workers:
+        worker.join(timeout=60)
+        assert not worker.is_alive()
 
 
 def from_store(thing):

@@ -269,6 +269,8 @@ def test_a_task_with_goals_is_of_its_own_class():
     for make, value in ((TargetTask, 1), (type("Other", (TargetTask,), {}), True)):
         with pytest.raises(ValueError, match="goal_env is"):
             make(goal_env=value)
+
+
 def test_goals_are_exact():
     """Noise and delays are those of the observation alone: the goals are exact and of the present."""
     exact = gym.make("FishEnv/Target-v0", goal_env=True)

@@ -1,6 +1,7 @@
 """From a state that was taken, the future is the same to the bit: of a batch, of one fish and of the `VecEnv`."""
 
 import pickle
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -294,3 +295,37 @@ def test_the_end_of_an_episode(mode):
             env.reset(options={"reset_mask": np.array([False, True])})
         env.step(np.zeros((2, 12)))
         assert env._elapsed.tolist() == [1, 1 if mode == "Disabled" else 0]
+
+
+@pytest.mark.parametrize("terms", [
+    (lambda good: good | {"bonus": good["change"]}, "has the terms .*'change', 'bonus'.*; give .*'change'"),
+    (lambda good: {}, r"has the terms \[\]; give .*'change'"), (lambda good: good["change"], "has the terms array"),
+    (lambda good: {"change": good["change"] * np.nan}, "term 'change' of the reward is nan"),
+    (lambda good: {"change": good["change"] + 1j}, "term 'change' of the reward is .*; give finite"),
+    (lambda good: {"change": good["change"][:, None]}, "term 'change' of the reward has shape"),
+    (lambda good: 1 / 0, "division"),
+], ids=["unknown", "missing", "no dict", "nan", "complex", "shape", "error"])  # fmt: skip
+@pytest.mark.parametrize("make", [fish_env.FishEnv, partial(fish_env.FishVectorEnv, 2)], ids=["single", "batch"])
+def test_rewards_that_are_refused(make, terms, monkeypatch):
+    """A reward of a task in Python that is not its terms raises an error, after which a reset must come first."""
+    env, (wrong, text) = make(task="rhythm"), terms
+    idle = np.zeros(env.action_space.shape, np.float32)
+    env.reset(seed=0)
+    env.step(idle)
+    with monkeypatch.context() as patch:
+        reward = Rhythm.reward
+        patch.setattr(Rhythm, "reward", lambda self, tank, pose: wrong(reward(self, tank, pose)))
+        with pytest.raises((ValueError, ZeroDivisionError), match=text):
+            env.step(idle)
+    with pytest.raises(gym.error.ResetNeeded, match="after an error in a step"):
+        env.step(idle)
+    env.reset(seed=0)
+    env.step(idle)
+    env.close()
+
+
+def test_parameters_of_a_force_that_is_unknown():
+    """A misspelt name in `World.extra` is refused with the names of the forces."""
+    water = fish_env.make_water()._replace(extra={"sof_floor": None})
+    with pytest.raises(ValueError, match="for a force 'sof_floor'; choose from 'water', "):
+        fish_env.Tank(fish_env.make_fish(), water=water)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -103,6 +104,14 @@ def test_a_terminal_that_is_gone(tmp_path):
     _, status = os.waitpid(child, 0)
     assert os.waitstatus_to_exitcode(status) == 128 + signal.SIGHUP
     assert counted(tmp_path / "run") >= 0 and (tmp_path / "run" / "policy.npz").exists()
+
+
+def test_ctrl_c_while_the_program_is_imported(tmp_path):
+    """It ends with one line, and the status of a program that Ctrl-C ended."""
+    shutil.copy(ROOT / "train.py", tmp_path)
+    (tmp_path / "fish_env.py").write_text("raise KeyboardInterrupt")
+    done = subprocess.run([sys.executable, tmp_path / "train.py", "swim"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "\nStopped.\n")
 
 
 def test_a_signal_while_the_finished_model_is_saved(tmp_path, monkeypatch, capsys):

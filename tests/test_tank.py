@@ -63,7 +63,7 @@ def test_default_method_and_step():
     for name, record in INTEGRATORS.items():
         dt = Tank(FISH, 1, name).dt
         assert FISH.control_interval / dt == pytest.approx(round(FISH.control_interval / dt), rel=1e-12)
-        assert name == FISH.integrator or dt <= 0.5 * record.limit(FISH.body)
+        assert name == FISH.integrator or dt <= 0.5 * record.base(FISH.body)
 
 
 @pytest.mark.parametrize(

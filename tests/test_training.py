@@ -6,6 +6,7 @@ import os
 import pkgutil
 import shutil
 import subprocess
+import types
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -213,7 +214,42 @@ def test_a_folder_takes_one_run(run_copy):
     assert settings_of(record["config"]) == replace(CONFIGS["swim"], num_envs=8, timesteps=2048)
 
 
-def test_a_failed_run_leaves_the_saved_model(run_copy, monkeypatch):
+@pytest.mark.parametrize("answers", [None, [], ["", ""], ["elsewhere"]], ids=["nobody", "end", "again", "another"])
+def test_a_full_disk_at_the_end_keeps_the_model(answers, tmp_path, monkeypatch):
+    """A person frees space or names another place; without one, or when input ends, the model goes where it fits."""
+    folder, answered, asked = tmp_path / "run", list(answers or []), []
+    save = training.save_model
+
+    def full(model, path):
+        if path.parent == folder and (answers != ["", ""] or len(asked) < 2):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        save(model, path)
+
+    def answer(text):
+        asked.append(text)
+        if not answered:
+            raise EOFError
+        return answered.pop(0)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(training, "save_model", full)
+    monkeypatch.setattr(training, "ELSEWHERE", (str(tmp_path / "run" / "model.json"), str(tmp_path / "temporary")))
+    monkeypatch.setattr("builtins.input", answer)
+    monkeypatch.setattr("sys.stdin", types.SimpleNamespace(isatty=lambda: answers is not None))
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "model.json").write_text("a file, and no folder")
+    if answers == ["", ""]:
+        assert train_short(folder=folder) == folder
+        found = folder
+    else:
+        with pytest.raises(RuntimeError, match=r"are saved in .*: free some space, copy them to .*run and resume"):
+            train_short(folder=folder)
+        (found,) = (tmp_path / ("elsewhere" if answers else "temporary")).glob("fish_env-*")
+    assert {"model.zip", "policy.npz"} <= set(os.listdir(found)) and load_policy(found / "policy.npz")
+    assert len(asked) == (0 if answers is None else max(1, len(answers)))
+
+
+def test_a_failed_run_leaves_the_saved_model(run_copy, tmp_path, monkeypatch):
     """If saving fails half way, the model and the policy that were there are still there, whole."""
     before = {name: (run_copy / name).read_bytes() for name in ("model.zip", "policy.npz")}
 
@@ -223,8 +259,10 @@ def test_a_failed_run_leaves_the_saved_model(run_copy, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(training.PPO, "save", fail)
+        patch.setattr(training, "ELSEWHERE", (str(tmp_path),))
         with pytest.raises(RuntimeError, match=r"could not be saved in .*no space left.*free some space there and"):
             train_short(resume=run_copy, changes=LONGER)
+    assert not any(tmp_path.glob("fish_env-*/*"))
     assert {name: (run_copy / name).read_bytes() for name in before} == before
     assert not list(run_copy.glob(".*"))
     assert train_short(resume=run_copy, changes=LONGER) == run_copy
@@ -245,8 +283,8 @@ def test_a_diverged_training_ends_with_advice(run_copy, monkeypatch):
     assert (run_copy / "model.zip").read_bytes() == before
 
 
-def test_a_full_disk_ends_the_training_with_advice(tmp_path, monkeypatch):
-    """A checkpoint or a row that cannot be written ends the run; the last checkpoint is whole, and the run goes on."""
+def test_a_full_disk_ends_the_training_and_keeps_the_model(tmp_path, monkeypatch):
+    """A file that cannot be written ends the run; the model goes elsewhere, and the last checkpoint is whole."""
     monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
     folder, replace_file, written_files = tmp_path / "run", os.replace, []
 
@@ -259,10 +297,12 @@ def test_a_full_disk_ends_the_training_with_advice(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", full_after_a_while)
-        with pytest.raises(RuntimeError, match=r"could not be written to \(No space left on device\); free some space"):
+        patch.setattr(training, "ELSEWHERE", (str(tmp_path / "elsewhere"),))
+        with pytest.raises(RuntimeError, match=r"did not take the model after .* are saved in .*elsewhere"):
             train_short(folder=folder, changes={"timesteps": 4096, "num_envs": 8})
-    saved = training.PPO.load(folder / "model.zip", device="cpu").num_timesteps
-    assert 0 < saved < 4096 and not list(folder.glob(".*"))
+    (kept,) = (tmp_path / "elsewhere").glob("fish_env-*/model.zip")
+    saved, last = (training.PPO.load(path, device="cpu").num_timesteps for path in (folder / "model.zip", kept))
+    assert 0 < saved <= last < 4096 and not list(folder.glob(".*"))
     train_short(resume=folder, changes={})
     assert training.PPO.load(folder / "model.zip", device="cpu").num_timesteps == 4096
 

@@ -104,6 +104,6 @@ def test_a_method_takes_its_own_step():
 @pytest.mark.parametrize("name", ["semi_implicit", "rk4"])
 def test_own_step(name):
     """A method that is given no step takes half of its largest stable one, or a little less."""
-    limit = INTEGRATORS[name].limit(FISH.body)
+    limit = INTEGRATORS[name].base(FISH.body)
     step = own_step(FISH, INTEGRATORS[name])
     assert limit / 3 < step <= limit / 2 and Tank(FISH, integrator=name).dt == step

@@ -136,7 +136,7 @@ def magnification(scenes: Setting, substeps: int) -> np.ndarray:
 def fewest(fish: Fish) -> int:
     """Fewest steps a control interval of a reference: FEWEST, or twice, four times as many, where RK4 is stable."""
     substeps = FEWEST
-    while fish.control_interval / substeps > 0.5 * INTEGRATORS["rk4"].limit(fish.body):
+    while fish.control_interval / substeps > 0.5 * INTEGRATORS["rk4"].base(fish.body):
         substeps *= 2
     return substeps
 
@@ -166,7 +166,7 @@ def lines(fish: Fish) -> list[tuple[str, int, float]]:
     found = [(fish.integrator, steps_of(fish), fish.refine)]
     found += [(name, k, np.inf) for name, steps in STEPS.items() for k in steps]
     for name in METHODS:
-        least = 0.5 * fish.control_interval / INTEGRATORS[name].limit(fish.body)
+        least = 0.5 * fish.control_interval / INTEGRATORS[name].base(fish.body)
         found += [(name, k, np.inf) for k in [k for k in SUBSTEPS if k >= least][:EACH]]
     return list(dict.fromkeys(found))
 

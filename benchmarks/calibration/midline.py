@@ -73,7 +73,7 @@ def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: i
         dt: longest step, s; None is the fish's own.
         energy: whether work and losses are measured too.
     """
-    refine = fish.refine if integrator is None and dt is None else None
+    refine = fish.refine if integrator is None and dt is None else np.inf
     steps = int(np.ceil(INTERVAL / (dt or fish.time_step) - 1e-9))
     tank = Tank(fish, len(gaits), integrator, INTERVAL / steps, fish.water, threads=1, refine=refine, energy=energy)
     shaken = np.random.default_rng(0).normal(0.0, noise * fish.length, tank.velocity[0].shape)

@@ -105,13 +105,13 @@ def steps_of(fish: Fish) -> int:
     return round(fish.control_interval / fish.time_step)
 
 
-def tank_of(problem: Problem, integrator: str, substeps: int, num_fish=1, **options) -> Tank:
+def tank_of(problem: Problem, integrator: str, substeps: int, num_fish=1, refine=np.inf, **options) -> Tank:
     """A tank with the fish of the problem at its start, `substeps` steps a control interval, none of them refined.
 
-    `options` are further ones of `Tank`: with `refine`, an interval is taken again in shorter steps where need be.
+    `options` are further ones of `Tank`. With `refine`, an interval is taken again in shorter steps where need be.
     """
     dt = problem.fish.control_interval / substeps
-    tank = Tank(problem.fish, num_fish, integrator, dt, problem.world, threads=1, **options)
+    tank = Tank(problem.fish, num_fish, integrator, dt, problem.world, threads=1, refine=refine, **options)
     if problem.velocity is not None:
         tank.velocity[:] = problem.velocity
     return tank

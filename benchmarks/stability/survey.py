@@ -49,7 +49,7 @@ def motion(fish: Fish, name: str, substeps: int, intervals: int = 1) -> tuple[np
 
     Returns the positions after each command (K,N,3), the highest energy then, and the tank.
     """
-    tank = Tank(fish, 1, name, intervals * fish.control_interval / substeps, fish.water, threads=1)
+    tank = Tank(fish, 1, name, intervals * fish.control_interval / substeps, fish.water, threads=1, refine=np.inf)
     path, highest = [], 0.0
     for goal in manoeuvre(fish)[intervals - 1 :: intervals]:
         tank.drive(goal[None], substeps)

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
@@ -25,7 +26,9 @@ def run_command(name: str, command: Callable[[], int], install: str = INSTALL) -
     """
     try:
         try:
-            return command()
+            with warnings.catch_warnings():
+                warnings.showwarning = lambda message, *_: print(f"{name}: {message}", file=sys.stderr)
+                return command()
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # a full disk is found out here, not after the end

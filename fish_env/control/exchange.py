@@ -141,6 +141,7 @@ def write_torchscript(parts: Mapping[str, Any], path: Path) -> None:
     modules[-1] = nn.Hardtanh() if parts["output"] == "clip" else nn.Tanh()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # torch advises its newer formats, which need torch to run
-        made: Any = torch.jit.trace(nn.Sequential(*modules).eval(), torch.zeros(1, len(arrays["weight0"])))
+        policy = nn.Sequential(*modules).requires_grad_(False)  # what it gives is read as plain numbers
+        made: Any = torch.jit.trace(policy, torch.zeros(1, len(arrays["weight0"])))
     with replacing(path) as partial:
         made.save(str(partial))

@@ -43,6 +43,7 @@ def write_video(frames: list[np.ndarray], fps: float, path: str | Path) -> None:
     with replacing(path) as partial:
         if path.suffix.lower() == ".mp4":
             clip = writer.ImageSequenceClip(list(frames), fps=fps)
+            clip = clip.with_duration((len(frames) + 0.5) / fps)  # moviepy rounds the number of pictures down
             clip.write_videofile(str(partial), logger=None, audio=False)
             return
         pictures = [writer.fromarray(frame).reduce(2 if frame.shape[1] > WIDEST else 1) for frame in frames]

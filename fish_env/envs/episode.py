@@ -283,7 +283,9 @@ class Episodes(Stateful, ReadOnly):
         """One control interval, into the arrays of the episode."""
         if not self._started:
             which = np.flatnonzero(~self._begun).tolist()
-            raise gym.error.ResetNeeded(f"step was called before reset of the fish {which}; call env.reset() first")
+            raise gym.error.ResetNeeded(
+                f"step was called before reset, or after an error in a step, of fish {which}; call env.reset() first"
+            )
         if type(action) is not np.ndarray or action.shape != self._action_shape or action.dtype.kind not in "fiub":
             action = finite_array(action, self._action_shape, "action")
         self._action[...] = action
@@ -310,7 +312,9 @@ class Episodes(Stateful, ReadOnly):
                 return False
             self.tank.share_out(self._move_chunk, step)
         if self._kernels is None:
+            self._begun[:] = self._started = False  # after an error in the task, the fish have moved and no more
             self._reward_and_observe()
+            self._begun[:] = self._started = True
         return True
 
     def _move_chunk(self, chunk: int, first: int, last: int, step: Callable[..., bool]) -> bool:
@@ -320,10 +324,13 @@ class Episodes(Stateful, ReadOnly):
     def _reward_and_observe(self) -> None:
         """Reward by a task that is written in Python, and observe."""
         arrays, tank = self._arrays, self.tank
-        terms = self.task.reward(tank, self._pose)
+        terms, names = self.task.reward(tank, self._pose), self._names[:-1]
+        if not isinstance(terms, Mapping) or set(terms) != set(names):
+            given = list(terms) if isinstance(terms, Mapping) else repr(terms)
+            raise ValueError(f"the reward of the task has the terms {given}; give its term_names, {list(names)}")
         failed = tank.state.failure != 0
-        for t, name in enumerate(self._names[:-1]):
-            arrays["terms"][t] = terms[name]
+        for t, name in enumerate(names):
+            arrays["terms"][t] = finite_array(terms[name], (self.num_envs,), f"term {name!r} of the reward")
         arrays["terms"][-1] = failed * -self.failure_penalty
         arrays["totals"] += arrays["terms"]
         arrays["reward"][:] = arrays["terms"].sum(axis=0)

@@ -109,5 +109,6 @@ class Threads:
 
 def serve(queue: SimpleQueue) -> None:
     """Process the jobs of a queue until it contains None."""
-    for shared in iter(queue.get, None):
+    while (shared := queue.get()) is not None:
         shared.help()
+        del shared  # an idle thread would keep all that its last job refers to

@@ -213,7 +213,7 @@ class Bench(Stage):
     def explain(self, specimen: Specimen) -> str:
         """Explanation of the failure of an object, in one sentence."""
         tank = specimen.tank
-        limit, kind = tank.integrator.limit(tank.fish.body), tank.integrator.kind
+        limit, kind = tank.integrator.limit(tank.fish.body, tank.world), tank.integrator.kind
         about = f"; the largest step that is stable at rest is {1e3 * limit:.3g} ms" if np.isfinite(limit) else ""
         if kind not in ("explicit", "semi-implicit"):
             about = f"; a {kind} method of order {tank.integrator.order}"

@@ -15,9 +15,8 @@ import numpy as np
 
 from fish_env.checks import finite_array
 from fish_env.physics import forces
-from fish_env.physics.integrators import Integrator, leapfrog_chebyshev
 from fish_env.physics.linalg import rates
-from fish_env.physics.records import Anchors, Body, World
+from fish_env.physics.records import Anchors, Body
 from fish_env.physics.world import join_anchors, make_anchors
 
 PENALTY = 1e4  # times the largest entry of the stiffness matrix, as textbooks recommend
@@ -160,19 +159,3 @@ def make_penalty(body: Body, nodes, point, velocity=(0.0, 0.0, 0.0), multiple=PE
         raise ValueError("the body has no stiffness for a penalty to be a multiple of; hold it by elimination")
     damping: Any = 2.0 * np.sqrt(stiffness * body.mass[nodes])
     return make_anchors(nodes, point, stiffness, damping, velocity=velocity)
-
-
-def too_stiff(body: Body, world: World, integrator: Integrator, dt: float) -> str:
-    """Reason that a method is unstable at a step of dt s with the penalties in a world; "" if it is stable."""
-    own = (body.max_stiffness_eigenvalue, body.max_damping_eigenvalue)
-    elastic, viscous = (sum(part) for part in zip(own, *forces.bounds(body, world), strict=True))
-    if integrator.kind == "explicit":
-        stiffer = body._replace(max_stiffness_eigenvalue=elastic, max_damping_eigenvalue=viscous)
-        limit = integrator.limit(stiffer)
-        if dt > limit:
-            return f"beside the penalty, its stable steps are shorter than {limit:.2g} s, and dt is {dt:.2g} s"
-    if integrator.kind == "stabilised":
-        stages = leapfrog_chebyshev.stages_for(elastic, viscous, dt)
-        if stages >= leapfrog_chebyshev.MOST_STAGES:
-            return f"beside the penalty, a step of {dt:.2g} s would need more stages than {stages}"
-    return ""

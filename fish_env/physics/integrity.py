@@ -10,6 +10,7 @@ import numpy as np
 from fish_env.checks import finite_array, positive_array
 from fish_env.physics.body import joined
 from fish_env.physics.fish import ElasticObject, Fish
+from fish_env.physics.forces import FORCES
 from fish_env.physics.linalg import ldlt
 from fish_env.physics.records import Body, World
 
@@ -102,6 +103,9 @@ def check_world(world: World, nodes: int) -> None:
         finite_array(world.added_mass, (2,), "added_mass of the water (kg/m3)")
     finite_array(world.righting, (), "righting of the water (m/s2)")
     positive_array(world.friction, (), "friction of the water (kg s^-1/2 m^-2)", zero=True)
+    for name in world.extra or {}:
+        if name not in FORCES:
+            raise ValueError(f"extra of the water is for a force {name!r}; choose from {', '.join(map(repr, FORCES))}")
     if world.planes is not None:
         finite_array(world.planes, (len(world.planes), 5), "planes of the water")
     if world.anchors is not None:

@@ -1,6 +1,7 @@
 """Tank: B fish of one kind in water, or B other elastic objects. The one stateful simulation class."""
 
 import copy
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -14,7 +15,7 @@ from fish_env.kernels.threads import Threads
 from fish_env.physics import forces
 from fish_env.physics import tank_options as options
 from fish_env.physics.body import chosen_axes, fix_where, node_numbers
-from fish_env.physics.conditions import METHODS, Conditions, make_penalty, same_springs, too_stiff
+from fish_env.physics.conditions import METHODS, Conditions, make_penalty, same_springs
 from fish_env.physics.engine import Engine
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import Elastic, Fish
@@ -38,7 +39,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         num_fish: B, at least 1.
         integrator: a key of `INTEGRATORS`; None selects the fish's default.
         dt: integrator step, s; None selects the fish's `time_step` for its default integrator. For another, it selects
-            the longest step that divides the control interval and is at most half of the largest stable step at rest.
+            the longest step that divides the control interval and is at most half of one that is stable at rest. A step
+            above the largest stable one warns.
         water: `make_water(...)`, or as environments take it: "none", "drag" or "reactive", the fish's own with inertia,
             or a dictionary of what differs in it. None is vacuum.
         threads: number of threads that advance the fish; None selects the number of available processors.
@@ -47,8 +49,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         lanes: number of fish that a kernel processes at once: "xyz" (one, its coordinates side by side), 1, 2, 4, 8, 16
             or 32; None selects one. Results do not depend on it in float64.
         refine: relative change of a spring's length within a step above which the call is repeated for that fish, with
-            steps half as long, down to 1/8; inf for never. None selects the fish's own value with its default step, and
-            inf with a given dt. Only the default method checks its springs.
+            steps half as long, down to 1/8; inf for never. None selects the fish's own value for its own method, and
+            inf for others. Only the default method checks its springs.
         energy: True to measure the energy flows at every step (`flows`); steps take longer then.
 
     Raises:
@@ -73,6 +75,9 @@ class Tank(ReadOnly, Generic[Elastic]):
         self.energy = options.checked_energy(energy, fish, self.integrator)
         fits_memory(self.num_fish, options.bytes_of(fish.body), "num_fish")
         fish, self.world = frozen(copy.deepcopy((fish, water)))
+        if dt is not None and (reason := options.too_long(fish.body, self.world, self.integrator, self.dt)):
+            failing = f"{self.integrator.name!r} will fail on {fish.name!r} in this water"
+            warnings.warn(f"{failing}: {reason}; give a shorter dt or none, or another integrator", stacklevel=2)
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
         free, still = np.zeros(body.position.shape, dtype=bool), np.zeros(body.position.shape)
         self._conditions = Conditions(free, still, None, self.world.anchors)
@@ -497,7 +502,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             body = fix_where(self._own, new.held) if new.held.any() else self._own
         world = self.world._replace(anchors=new.anchors)
         reason = self.integrator.refuses(body, world) or (
-            new.penalties and too_stiff(body, world, self.integrator, self.dt)
+            new.penalties and options.too_long(body, world, self.integrator, self.dt)
         )
         if reason:
             raise options.integrator_error(self.fish, self.integrator, reason)

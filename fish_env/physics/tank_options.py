@@ -33,7 +33,7 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
     if not isinstance(integrator, str) or integrator not in INTEGRATORS:
         raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
     if refine is None:
-        refine = fish.refine if dt is None and integrator == fish.integrator else np.inf
+        refine = fish.refine if integrator == fish.integrator else np.inf
     if not real(refine) > 0:
         raise ValueError(f"refine is {refine!r}; give a positive number (this fish's own is {fish.refine}), or inf")
     if np.isfinite(real(refine)) and integrator not in REFINED:
@@ -78,6 +78,12 @@ def checked_energy(energy, fish: ElasticObject, integrator: Integrator) -> bool:
     if energy and (method is None or "flows" not in inspect.signature(method.make_run).parameters):
         raise integrator_error(fish, integrator, "it does not measure energy flows")
     return bool(energy)
+
+
+def too_long(body: Body, world: World, integrator: Integrator, dt: float) -> str:
+    """Reason that a step of dt s of a method fails on a body in a world; "" if it is stable."""
+    limit = integrator.limit(body, world)
+    return "" if dt <= limit else f"its stable steps are at most {limit:.3g} s, and dt is {dt:.3g} s"
 
 
 def integrator_error(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
@@ -148,19 +154,19 @@ def apply_variation(body: Body, world: World, row, length=1.0) -> tuple[Body, Wo
     )  # fmt: skip
 
 
-PART = 0.5  # ratio of the default step to the largest stable step
+PART = 0.5  # ratio of the default step to one that is stable
 
 
 def own_step(fish: ElasticObject, integrator: Integrator) -> float:
     """Default step of a fish, s; ValueError for a method that has no stable step on this body."""
     if integrator.name == fish.integrator:
         return fish.time_step
-    limit = integrator.limit(fish.body)
-    if not limit > 0:
-        others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.limit(fish.body) > 0)
+    base = integrator.base(fish.body)
+    if not base > 0:
+        others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.base(fish.body) > 0)
         what = f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped"
         raise ValueError(f"{what}; choose from {others}")
-    return fish.control_interval / max(1, math.ceil(fish.control_interval / (PART * limit)))
+    return fish.control_interval / max(1, math.ceil(fish.control_interval / (PART * base)))
 
 
 def available_processors() -> int:

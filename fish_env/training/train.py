@@ -3,6 +3,8 @@
 import json
 import os
 import shlex
+import sys
+import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
@@ -41,6 +43,8 @@ from fish_env.training.saved_run import (
 
 SEEDS = 2**32  # numpy's and Stable-Baselines3's are below
 MOST_THREADS = 1024
+ELSEWHERE = (os.environ.get("TMPDIR", "/tmp"), os.path.expanduser("~"), os.getcwd(), "/var/tmp", "/dev/shm")
+"""Folders that may take a model that its own does not."""
 
 
 @dataclass(frozen=True)
@@ -134,18 +138,36 @@ def train(request: Request) -> Path:
 
 
 def _save(model: PPO, folder: Path, about: dict) -> None:
-    """Save the model and its policy, each whole or not at all; RuntimeError if the disk does not take them."""
+    """Save the model and its policy, each whole or not at all; RuntimeError, saying where they are, if not in folder.
+
+    If the disk does not take them, a person is asked for another place, or to try again; without one, or after the end
+    of the input, they go to the first of ELSEWHERE that takes them.
+    """
     check_finite(model)  # before any file is replaced
-    try:
-        save_model(model, folder / "model.zip")
-        export_policy(model, about).save(folder / "policy.npz")
-    except OSError as error:
-        saved = (folder / "model.zip").exists()
-        advice = "resume: the last checkpoint is unharmed" if saved else "train again: no checkpoint was saved either"
+    place, others = folder, iter(ELSEWHERE)
+    person = sys.stdin is not None and sys.stdin.isatty()
+    while True:
+        try:
+            if place != folder:
+                place = Path(tempfile.mkdtemp(prefix="fish_env-", dir=writable_folder(place)))  # replaces no other run
+            save_model(model, place / "model.zip")
+            export_policy(model, about).save(place / "policy.npz")
+            break
+        except (OSError, ValueError) as error:
+            reason = error.strerror or error if isinstance(error, OSError) else error
+        failed = f"the model after {model.num_timesteps:,} environment steps could not be saved in {place} ({reason})"
+        try:
+            answer = input(f"{failed}. Free some space and press Enter, or name another folder: ") if person else None
+        except EOFError:
+            answer, person = None, False
+        place = folder if answer == "" else Path(next(others, "") if answer is None else answer)
+        if answer is None and place == Path():
+            raise RuntimeError(f"{failed}, nor elsewhere; free some space there and resume, or train again")
+    if place != folder:
         raise RuntimeError(
-            f"the model after {model.num_timesteps:,} environment steps could not be saved in {folder} "
-            f"({error.strerror or error}); free some space there and {advice}"
-        ) from error
+            f"{folder} did not take the model after {model.num_timesteps:,} environment steps; its files "
+            f"are saved in {place}: free some space, copy them to {folder} and resume"
+        )
 
 
 def _settings(request: Request, resumed: dict | None) -> tuple[TrainConfig, int]:
@@ -211,7 +233,7 @@ def _model(request: Request, config: TrainConfig, seed: int, env, folder: Path, 
 
 
 def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Callable[[], bool]) -> bool:
-    """Train to the configured number of timesteps; False if Ctrl-C, or what `stopped` says, stopped it first."""
+    """Train to the configured number of timesteps; False if Ctrl-C, `stopped` or a full disk stopped it first."""
     checkpoint = Checkpoint(folder / "model.zip")
     callbacks = [Progress(score), LearningCurve(folder / "curve.csv", score), checkpoint, EndsIf(stopped)]
     if os.environ.get(PARENT, "").isdigit():  # `train.py all`, which may be killed
@@ -221,14 +243,11 @@ def learn(model: PPO, config: TrainConfig, folder: Path, score: str, stopped: Ca
         return True
     try:
         model.learn(left, CallbackList(callbacks), reset_num_timesteps=model.num_timesteps == 0, tb_log_name="ppo")
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, OSError) as error:
         model.num_timesteps = checkpoint.trained_steps  # steps since then have not been trained on
+        if isinstance(error, OSError):
+            print(f"\nThe training stops: {folder} could not be written to ({error.strerror or error}).")
         return False
-    except OSError as error:
-        raise RuntimeError(
-            f"the training stopped after {model.num_timesteps:,} environment steps: {folder} could not be written to "
-            f"({error.strerror or error}); free some space there and resume: the last checkpoint is unharmed"
-        ) from error
     return True
 
 

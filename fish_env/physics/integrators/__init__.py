@@ -69,8 +69,10 @@ class Integrator:
     source: str
     method: Method | None = None
     """The implementation of its steps; None for a method that chooses its own."""
-    limit: Callable[[Body], float] = limits.leapfrog
-    """Largest stable step for small motion about rest, s."""
+    limit: limits.Limit = limits.none
+    """Largest stable step of a body in a world for small motion about rest, s; inf if all are stable."""
+    base: Callable[[Body], float] = limits.leapfrog
+    """Step from which the default one follows, s: stable on the body in any water; 0 if there is none."""
     refuses: Callable[[Body, World], str] = limits.everything
     """Reason that it cannot move a body in a world; "" if it can."""
     advance: Callable | None = None
@@ -86,16 +88,21 @@ def get_integrator(name: str) -> Integrator:
 
 
 IMPLICIT, TU, SONG, BARAFF = "linearly implicit", "Tu 1996, ch. 4", "Song 2009, ch. 5", "Baraff & Witkin 1998"
+CARLE = "Carle, Hochbruck & Sturm 2020"
 HAIRER, DOP853, RADAU = "Hairer, Lubich & Wanner 2003", "Hairer, Norsett & Wanner 1993", "Hairer & Wanner 1996"
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record
     for record in (
-        Integrator("semi_implicit", 1, "semi-implicit", 1, 1, 1, TU, semi_implicit, refuses=limits.whole_nodes),
-        Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, runge_kutta.SYMPLECTIC_EULER),
-        Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", runge_kutta.RK4),
-        Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.explicit_euler),
-        Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.midpoint),
-        Integrator("leapfrog_chebyshev", 1, "stabilised", 0, 0, 0, "Carle, Hochbruck & Sturm 2020", leapfrog_chebyshev),
+        Integrator(
+            "semi_implicit", 1, "semi-implicit", 1, 1, 1, TU, semi_implicit, limits.lagged, refuses=limits.whole_nodes
+        ),
+        Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, runge_kutta.SYMPLECTIC_EULER, limits.LEAPFROG),
+        Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", runge_kutta.RK4, limits.RK4),
+        Integrator(
+            "explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.EULER, limits.explicit_euler
+        ),
+        Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.MIDPOINT, limits.midpoint),
+        Integrator("leapfrog_chebyshev", 1, "stabilised", 0, 0, 0, CARLE, leapfrog_chebyshev, limits.STABILISED),
         Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.EULER),
         Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.PROJECTED),
         Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.WATER),
