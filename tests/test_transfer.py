@@ -59,16 +59,16 @@ def test_a_start_that_does_not_fit_is_refused():
 
 def test_train_with_another_simulation(tmp_path):
     """Body, method and step are in the settings, the command and the policy; a run resumes so, and another goes on."""
-    chosen = {"body": "planar", "integrator": "symplectic_euler", "dt": 0.0005}
+    chosen = {"body": "planar", "integrator": "symplectic_euler", "dt": 0.00025}
     same = train_short(folder=tmp_path / "keywords", env_options=chosen)
     first = train_short(folder=tmp_path / "flat", **chosen)
     record, policy = json.loads((first / "config.json").read_text()), load_policy(first / "policy.npz")
     assert json.loads((same / "config.json").read_text()) == record
     options = chosen | {"muscle_groups": "pairs"}
     assert record["config"]["env_options"] == policy.about["env_options"] == options
-    assert record["command"].endswith("--body planar --integrator symplectic_euler --dt 0.0005")
+    assert record["command"].endswith("--body planar --integrator symplectic_euler --dt 0.00025")
     env = make_policy_env(policy, 2)
-    assert env.tank.fish.flat and env.tank.integrator.name == "symplectic_euler" and env.tank.dt == 0.0005
+    assert env.tank.fish.flat and env.tank.integrator.name == "symplectic_euler" and env.tank.dt == 0.00025
     env = make_policy_env(policy, 2, body="mass_spring")
     assert not env.tank.fish.flat and env.single_action_space.shape == (6,)
     assert np.isfinite(evaluate(env, policy)["speed"]).all()

@@ -26,7 +26,7 @@ class FishVecEnv(Keywords, VecEnv):
     def __init__(self, fish: FishVectorEnv, staggered: bool = False):
         check_render_mode(fish.render_mode, ["human", "rgb_array"])
         self.fish, self.staggered = fish, staggered
-        fish.autoreset_mode = AutoresetMode.SAME_STEP
+        fish._set_read_only(autoreset_mode=AutoresetMode.SAME_STEP)
         super().__init__(fish.num_envs, fish.single_observation_space, fish.single_action_space)
         self.metadata, self.settable, self._keywords = fish.metadata, fish.settable, fish._keywords
 
