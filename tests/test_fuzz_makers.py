@@ -140,7 +140,7 @@ def test_objects(name, data):
 @given(data=st.data())
 def test_tanks(data):
     """Every option of a tank, and two of them together."""
-    options = {"num_fish": 2, "integrator": "rk4", "dt": 0.001, "threads": 2, "dtype": "float32", "lanes": 4,
+    options = {"num_fish": 2, "integrator": "rk4", "dt": 0.0005, "threads": 2, "dtype": "float32", "lanes": 4,
                "refine": 0.1, "water": FISH.water}  # fmt: skip
     tank = call(Tank, **{"fish": FISH} | data.draw(keywords({}, options)))
     if tank is not None and (FACTOR > 1 or tank.kind == Kind()):  # another kind is compiled for

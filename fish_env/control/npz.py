@@ -70,7 +70,7 @@ def check_arrays(parts: Mapping[str, Any], shapes: Mapping[str, tuple], types: M
         array, kind = parts[name], types.get(name, np.floating)
         if not isinstance(array, np.ndarray) or not np.issubdtype(array.dtype, kind) or array.ndim != len(shape):
             given = f"{array.shape} of {array.dtype}" if isinstance(array, np.ndarray) else repr(array)
-            raise ValueError(f"its part {name} is {given:.100}; it has {kind.__name__} of shape {shape}")
+            raise ValueError(f"its part {name} is {given:.100}; it should be {kind.__name__} of shape {shape}")
         for axis, size in zip(shape, array.shape, strict=True):
             late = axis == "T+1"
             wanted = axis if isinstance(axis, int) else sizes.setdefault("T" if late else axis, size - late) + late
