@@ -279,7 +279,7 @@ def test_wrong_files(kind, good, tmp_path):
         ("recording", "velocity", lambda array: array[:-1], "velocity has shape .* does not fit"),
         ("recording", "position", lambda array: array[:, :-1], "has shape .* does not fit"),
         ("recording", "terms", lambda array: array[:, :-1], "terms has shape .* does not fit"),
-        ("recording", "reward", lambda array: array.astype(np.float32), "reward is .*float32; it has float64"),
+        ("recording", "reward", lambda array: array.astype(np.float32), "reward is .*float32; it should be float64"),
         ("recording", "position", lambda array: array * np.nan, "position holds numbers that are not finite"),
         ("recording", "failure", lambda array: array - 1, "failure holds numbers that name no failure"),
         ("recording", "failure", lambda array: array + 2**62, "failure holds numbers that name no failure"),
