@@ -20,7 +20,6 @@ import json
 import os
 import platform
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from importlib import import_module
@@ -330,9 +329,7 @@ def run(parser: argparse.ArgumentParser, words: Sequence[str] | None, came: list
     arguments = parser.parse_args(words, argparse.Namespace(came=came))
     if arguments.task_module is not None:
         import_task_module(arguments.task_module)
-    with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *where, **more: print(f"Warning: {message}", file=sys.stderr)
-        return arguments.run(arguments) or 0
+    return arguments.run(arguments) or 0
 
 
 def main(

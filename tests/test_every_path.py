@@ -25,7 +25,7 @@ from fish_env.control.equivariant import export_policy
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.episode import Episodes
 
-ID, TWIN = "FishEnv/Swim-v0", "Every/Path-v0"
+ID, ALIAS = "FishEnv/Swim-v0", "Every/Path-v0"
 REFUSED = (ValueError, AttributeError, gym.error.Error)
 STEPS, SEED = 6, 5
 
@@ -34,7 +34,7 @@ STEPS, SEED = 6, 5
 def registered():
     """Ids of somebody else's project: the environment as it is, and at intervals of its own."""
     spec = gym.spec(ID)
-    for name, kwargs in {TWIN: {}, **{f"Every/Path{i}-v0": {"control_interval": i / 100} for i in (1, 2, 4)}}.items():
+    for name, kwargs in {ALIAS: {}, **{f"Every/Path{i}-v0": {"control_interval": i / 100} for i in (1, 2, 4)}}.items():
         gym.register(name, spec.entry_point, vector_entry_point=spec.vector_entry_point,
                      max_episode_steps=spec.max_episode_steps, kwargs=spec.kwargs | kwargs)  # fmt: skip
     yield
@@ -58,7 +58,7 @@ def dummy(**options):
 MAKERS = {
     "one": lambda **options: gym.make(ID, **options),
     "wrapped": lambda **options: gym.Wrapper(gym.make(ID, **options)),
-    "registered": lambda **options: gym.make(TWIN, **options),
+    "registered": lambda **options: gym.make(ALIAS, **options),
     "copied": lambda **options: copy.deepcopy(gym.make(ID, **options)),
     "batch": lambda **options: gym.make_vec(ID, 2, **options),
     "pickled": lambda **options: Pickled(2, **options),

@@ -418,7 +418,7 @@ def choices():
     yield f"It costs {intervals()[0]:.1f} times as much in a batch."
     rows = select("water_stability.csv", body="mass_spring")
     assert not any(row["failures"] for row in rows)
-    yield f"None of {sum(row['fish'] for row in rows) // 2:,} attacked fish fails, in either water."
+    yield f"None of {sum(row['fish'] for row in rows) // 2:,} fish of the stress test fails, in either water."
     (row,) = select("water_turn.csv", water="reactive", stiffness=1.0, damping=1.0)
     yield f"With 3.3 ms the abrupt turn's error is {row['at_6'] / row['at_8']:.1f} times as large, for a tenth less"
 

@@ -209,7 +209,7 @@ def test_failing_episodes_are_said(tmp_path, capsys):
     words = ["evaluate", "swim", "--integrator", "rk4", "--dt", "0.001", "--episodes", "3"]
     assert command_line.main(words) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert [line.startswith("Warning: 3 of 3 episodes failed (") for line in lines] == [False, True]  # first, the step
+    assert [line.startswith("fish_env: 3 of 3 episodes failed (") for line in lines] == [False, True]  # first, the step
     train_short(changes={"timesteps": 1024, "num_envs": 8}, root=tmp_path, **diverging)
     assert capsys.readouterr().out.count("episodes failed (") == 1
 

@@ -120,7 +120,7 @@ def one_fish(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
 
 
 def watches(wrapper: object, names: tuple[str, ...] = WATCHING) -> bool:
-    """Whether this is a wrapper of Gymnasium or Stable-Baselines3 of these names, and no subclass of one."""
+    """Return True for a wrapper of Gymnasium or Stable-Baselines3 of these names, and for no subclass of one."""
     kind = type(wrapper)
     return kind.__name__ in names and kind.__module__.startswith(("gymnasium.wrappers.", "stable_baselines3.common."))
 

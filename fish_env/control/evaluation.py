@@ -139,7 +139,7 @@ def _actions_of(policy: Any, normalisation: Normalisation | None, env: FishVecto
 
 
 def steps_of(interval: float, env: FishVectorEnv) -> int:
-    """How many environment steps an interval has, s; 0 if it is no whole multiple of one."""
+    """Number of environment steps in an interval, s; 0 if it is no whole multiple of one."""
     steps = round(interval / env.control_interval)
     return steps if abs(steps * env.control_interval - interval) <= 1e-9 else 0
 
@@ -158,7 +158,7 @@ def _arrived(env: FishVectorEnv) -> np.ndarray:
 
 
 def _trained(policy: Any, env: FishVectorEnv) -> Mapping[str, Any]:
-    """What a policy or a model was trained with (`FishVectorEnv.interface`), as far as it is known.
+    """Interface (`FishVectorEnv.interface`) with which a policy or a model was trained, as far as it is known.
 
     A file that does not say it has that of its environment, or at least an interval: the fish's own if it names none.
     """
@@ -324,7 +324,7 @@ def evaluate(
 
 
 def mostly_failed(failures: Sequence[str], dt: float) -> str | None:
-    """What to say of episodes of which more than half failed, by the failure of each, "" for none; else None."""
+    """Warning if more than half of the episodes failed, by the failure of each, "" for none; else None."""
     failed = [failure for failure in failures if failure]
     if 2 * len(failed) <= len(failures):
         return None

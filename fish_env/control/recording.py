@@ -49,7 +49,7 @@ ABOUT: dict[str, Callable[[Any], bool]] = {
     "term_names": lambda value: isinstance(value, list) and are_words(value),
     "versions": lambda value: isinstance(value, dict) and are_words(value.values()),
 }
-"""What the description of an episode holds, and whether a value may be that."""
+"""Parts of the description of an episode, and a check of the value of each."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -230,7 +230,7 @@ class Episodes(Stateful, ReadOnly):
 
     @property
     def interface(self) -> dict[str, Any]:
-        """What a policy that acts here was trained with: interval, s, muscle groups, size of each observed part."""
+        """Control interval, s, muscle groups and sizes of the observed parts, for which a policy is trained here."""
         single = np.array_equal(self.groups, np.arange(self.groups.size))
         return {
             "control_interval": self.control_interval,

@@ -49,7 +49,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         lanes: number of fish that a kernel processes at once: "xyz" (one, its coordinates side by side), 1, 2, 4, 8, 16
             or 32; None selects one. Results do not depend on it in float64.
         refine: relative change of a spring's length within a step above which the call is repeated for that fish, with
-            steps half as long, down to 1/8; inf for never. None selects the fish's own value for its own method, and
+            steps half as long, down to 1/64; inf for never. None selects the fish's own value for its own method, and
             inf for others. Only the default method checks its springs.
         energy: True to measure the energy flows at every step (`flows`); steps take longer then.
 
