@@ -19,7 +19,7 @@ import torch
 from train_cleanrl import Agent, Args, advantages, begin, end, parse, update
 
 from fish_env.control import Policy
-from fish_env.envs.torch_env import FishTorchEnv
+from fish_env.gpu.torch_env import FishTorchEnv
 
 
 @dataclass

@@ -14,7 +14,8 @@ Controllers and trained policies are in `fish_env.control`, the conditions on wh
 `fish_env.protocols`; `fish_env list` lists what there is.
 """
 
-import importlib
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from gymnasium.envs.registration import register
 
@@ -22,10 +23,9 @@ from fish_env.bodies import BODIES, Fish, make_fish
 from fish_env.envs import FishEnv, FishVectorEnv, make_sb3_vec_env, observation_layout
 from fish_env.physics.body import make_body
 from fish_env.physics.integrators import INTEGRATORS, Integrator
-from fish_env.physics.midline import prescribe
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
-from fish_env.physics.world import make_water, make_world
+from fish_env.physics.world import make_water
 from fish_env.tasks import TASKS, Option, Task
 
 __version__ = "0.1.0"
@@ -51,10 +51,21 @@ __all__ = [
 ]
 
 
+if TYPE_CHECKING:
+    from fish_env.soft.midline import prescribe
+    from fish_env.soft.room import make_world
+
+WHEN_USED = {
+    "protocols": "fish_env.control.protocols",
+    "make_world": "fish_env.soft.room:make_world",
+    "prescribe": "fish_env.soft.midline:prescribe",
+}
+"""What is loaded when it is first used."""
+
+
 def __getattr__(name: str):
-    """`fish_env.protocols`, the fixed conditions on which controllers are compared, is loaded when it is first used."""
-    if name == "protocols":
-        return importlib.import_module("fish_env.control.protocols")
+    if name in WHEN_USED:
+        return resolve_name(WHEN_USED[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

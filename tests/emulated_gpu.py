@@ -11,9 +11,9 @@ from contextlib import contextmanager
 import llvmlite.binding as llvm
 import numpy as np
 
-from fish_env.envs.launch import SIGNATURE, launch_for, threads_pack
-from fish_env.kernels.gpu.compiling import to_ptx
-from fish_env.kernels.gpu.memory import Upload
+from fish_env.gpu.compiling import to_ptx
+from fish_env.gpu.launch import SIGNATURE, launch_for, threads_pack
+from fish_env.gpu.memory import Upload
 from fish_env.kernels.simd.types import WARP
 
 POINTERS = (r"(?:\bi\d+|\bdouble|\bfloat|\bptr)\*", r"\{[^{}]*\}\*", r"\[[^\[\]]*\]\*")
@@ -101,8 +101,8 @@ def emulated(episodes, env_type, cc=(8, 0)):
 
 
 def emulated_launcher(episodes, env_type, blocks, device):
-    """In place of `fish_env.envs.torch_env.launcher`."""
-    from fish_env.envs.torch_env import BLOCK
+    """In place of `fish_env.gpu.torch_env.launcher`."""
+    from fish_env.gpu.torch_env import BLOCK
 
     call, _ = emulated(episodes, env_type)
     return lambda *arguments: call(blocks * BLOCK, *arguments)

@@ -5,11 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.bodies.mesh import box
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.elements import make_barriers, make_compartments, make_tets
 from fish_env.physics.records import Body, Control, State, World
-from fish_env.physics.world import make_anchors, make_water, make_world
+from fish_env.physics.world import make_water
+from fish_env.soft.conditions import make_anchors
+from fish_env.soft.elements import make_barriers, make_compartments, make_tets
+from fish_env.soft.mesh import box
+from fish_env.soft.room import make_world
 
 CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
 """Corners of the unit cube; corner 4 i + 2 j + k is at (i, j, k)."""

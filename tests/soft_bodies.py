@@ -4,12 +4,12 @@ import numpy as np
 
 from benchmarks.common.beam import LENGTH, cantilever, loose, solid, vertical
 from fish_env import Tank, make_world
-from fish_env.bodies.distorted import out_of_shape
-from fish_env.bodies.mesh import box
-from fish_env.physics import statics
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import Body
 from fish_env.physics.world import VACUUM
+from fish_env.soft import statics
+from fish_env.soft.distorted import out_of_shape
+from fish_env.soft.mesh import box
 
 __all__ = ["STEPS", "cantilever", "damped_block", "deformation", "deformed_start", "implicit_euler", "rates_of",
            "recover", "ringing"]  # fmt: skip

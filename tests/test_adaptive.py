@@ -11,9 +11,9 @@ from small_bodies import control, start
 from fish_env import Tank
 from fish_env.physics.failures import NO_CONVERGENCE
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.integrators import adaptive
 from fish_env.physics.records import FORCES
 from fish_env.physics.world import VACUUM
+from fish_env.soft import adaptive
 
 DEFAULT, STILL = FISH["mass_spring"], np.zeros((23, 3))
 METHOD = {"dop853": "DOP853", "radau": "Radau"}

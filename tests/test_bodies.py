@@ -17,13 +17,13 @@ from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import WATERS
 from fish_env.bodies.outline import layers_of
 from fish_env.bodies.sizes import slowness
-from fish_env.bodies.tetrahedral import make_mesh, softening
 from fish_env.envs.variation import vary
-from fish_env.physics import statics
 from fish_env.physics.body import make_body
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.tank_options import own_step
 from fish_env.physics.world import VACUUM
+from fish_env.soft import statics
+from fish_env.soft.tetrahedral import make_mesh, softening
 from fish_env.tasks.start import rotation
 
 FOUR = ("mass_spring", "planar", "two_layer", "tetrahedral")

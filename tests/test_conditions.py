@@ -8,16 +8,16 @@ from moving import ADAPTIVE, each_method, tiered, without_walls
 from small_bodies import Task, bar_task
 
 from fish_env import INTEGRATORS, Tank, make_fish, make_world
-from fish_env.bodies.objects import make_ring
-from fish_env.bodies.solids import make_beam
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.conditions import PENALTY, largest_entry, make_penalty
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.integrators import limits
 from fish_env.physics.records import World
-from fish_env.physics.statics import equilibrium, prescribed_displacement
 from fish_env.physics.tank_options import own_step
-from fish_env.physics.world import VACUUM, make_anchors
+from fish_env.physics.world import VACUUM
+from fish_env.soft.conditions import PENALTY, largest_entry, make_anchors, make_penalty
+from fish_env.soft.objects import make_ring
+from fish_env.soft.solids import make_beam
+from fish_env.soft.statics import equilibrium, prescribed_displacement
 
 FISH = make_fish()
 STIFFNESS, DAMPING, MASS, LENGTH, STEP = 50.0, 3.0, 0.1, 0.25, 1e-3

@@ -8,12 +8,12 @@ from small_bodies import block
 
 from benchmarks.common.beam import loose
 from fish_env import Tank, make_water, make_world
-from fish_env.bodies.mesh import grid, lumped_mass
 from fish_env.physics import forces
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.elements import make_tets
 from fish_env.physics.failures import FAILURES, UNTRUSTED_SOLVE
-from fish_env.physics.world import make_anchors
+from fish_env.soft.conditions import make_anchors
+from fish_env.soft.elements import make_tets
+from fish_env.soft.mesh import grid, lumped_mass
 
 STEP = 0.002  # s
 AIR = make_world(gravity=(0.0, 0.0, -9.81), viscosity=1e-3)._replace(anchors=make_anchors([], np.zeros((0, 3)), 1.0))

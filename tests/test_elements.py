@@ -14,12 +14,12 @@ from fish_env import Tank
 from fish_env.kernels.compile import njit
 from fish_env.kernels.simd import Kind, Pack
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_compartments
 from fish_env.physics.failures import ESCAPED, FAILURES, NON_FINITE, STRETCH_LIMIT, TORN
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.forces import barriers
-from fish_env.physics.forces.polar import make_scratch, rotation
-from fish_env.physics.volume import add_volume, volume_of
+from fish_env.soft.elements import make_compartments
+from fish_env.soft.forces import barriers
+from fish_env.soft.forces.polar import make_scratch, rotation
+from fish_env.soft.volume import add_volume, volume_of
 
 seeds = st.integers(0, 2**32 - 1)
 WORLD = world_with_all(ALL)

@@ -16,10 +16,11 @@ from small_bodies import ALL, BODIES, bent
 
 from fish_env import INTEGRATORS
 from fish_env.physics.failures import TORN
-from fish_env.physics.forces import barriers
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.integrators import adaptive
-from fish_env.physics.world import VACUUM, make_world
+from fish_env.physics.world import VACUUM
+from fish_env.soft import adaptive
+from fish_env.soft.forces import barriers
+from fish_env.soft.room import make_world
 
 
 def advance(name, world, x, v, rest, rate, h, n, body=ALL):

@@ -24,14 +24,15 @@ from soft_floor import Floor
 
 from fish_env import INTEGRATORS, Tank, make_world
 from fish_env.kernels.compile import part
-from fish_env.physics import forces, statics
+from fish_env.physics import forces
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.forces import sparse
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrators import Integrator, leapfrog_chebyshev
 from fish_env.physics.linalg import rates
-from fish_env.physics.world import VACUUM, make_anchors
+from fish_env.physics.world import VACUUM
+from fish_env.soft import sparse, statics
+from fish_env.soft.conditions import make_anchors
 
 BLOCKS = blocks(ROOT / "docs/extending.md", "python")
 FILES = {block.title: block.text for block in BLOCKS if re.fullmatch(r"\w+\.py", block.title)}

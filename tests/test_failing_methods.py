@@ -12,13 +12,13 @@ from moving import ADAPTIVE, EXPLICIT, FISH, SOLVING, THIN, each_body, each_meth
 
 import fish_env
 from fish_env import INTEGRATORS, Tank, make_fish
-from fish_env.bodies.solids import make_block
 from fish_env.physics.body import make_body
 from fish_env.physics.failures import FAILURES, NO_CONVERGENCE, NON_FINITE, TORN, UNTRUSTED_SOLVE
 from fish_env.physics.integrators import limits, rosenbrock
 from fish_env.physics.records import COUNTERS, PIVOTS
 from fish_env.physics.tank_options import own_step
 from fish_env.physics.world import VACUUM
+from fish_env.soft.solids import make_block
 
 DEFAULT, STILL = FISH["mass_spring"], np.zeros((23, 3))
 

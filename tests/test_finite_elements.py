@@ -11,12 +11,12 @@ from moving import tiered
 from benchmarks.accuracy import finite_elements
 from benchmarks.common import beam
 from fish_env import Tank, make_world
-from fish_env.bodies.mesh import box, grid, lumped_mass
-from fish_env.physics import statics
 from fish_env.physics.body import fix
-from fish_env.physics.elements import STRAINS, make_compartments
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.volume import volume_of
+from fish_env.soft import statics
+from fish_env.soft.elements import STRAINS, make_compartments
+from fish_env.soft.mesh import box, grid, lumped_mass
+from fish_env.soft.volume import volume_of
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])  # a rotation by about 74 degrees
 YOUNG, SHEAR = 2e5, 2e5 / 2.6

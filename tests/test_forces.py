@@ -18,13 +18,16 @@ from fish_env.physics import forces
 from fish_env.physics.body import fix, make_body, scale_body
 from fish_env.physics.failures import STRETCH_LIMIT
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.forces import FORCES, rest_matrices, tets
+from fish_env.physics.forces import FORCES, rest_matrices
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.forces.springs import MOST_COMPRESSED
 from fish_env.physics.linalg import rates
 from fish_env.physics.records import World
 from fish_env.physics.tank_options import apply_variation
-from fish_env.physics.world import VACUUM, make_anchors, make_world
+from fish_env.physics.world import VACUUM
+from fish_env.soft.conditions import make_anchors
+from fish_env.soft.forces import tets
+from fish_env.soft.room import make_world
 
 seeds = st.integers(0, 2**32 - 1)
 LAWS = {"mass_spring": "quadratic", "published": "linear"}

@@ -11,14 +11,14 @@ from moving import tiered
 
 from fish_env import BODIES, INTEGRATORS, Tank, make_body, make_fish, make_water, make_world
 from fish_env.bodies.mass_spring import calibrated
-from fish_env.bodies.objects import OBJECTS, RING, room
-from fish_env.bodies.solids import SolidMaterial
 from fish_env.control import Gait
 from fish_env.kernels.simd import Kind
 from fish_env.physics.body import fix
-from fish_env.physics.elements import make_barriers, make_compartments, make_tets
-from fish_env.physics.statics import NoEquilibrium, equilibrium
-from fish_env.physics.world import make_anchors
+from fish_env.soft.conditions import make_anchors
+from fish_env.soft.elements import make_barriers, make_compartments, make_tets
+from fish_env.soft.objects import OBJECTS, RING, room
+from fish_env.soft.solids import SolidMaterial
+from fish_env.soft.statics import NoEquilibrium, equilibrium
 from fish_env.tasks import TASKS
 
 FISH = make_fish()

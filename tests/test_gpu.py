@@ -16,9 +16,10 @@ from moving import tiered
 
 from fish_env import Tank, make_fish
 from fish_env.envs import FishVectorEnv
-from fish_env.envs.launch import threads_pack
-from fish_env.kernels.gpu import compiling
-from fish_env.kernels.gpu.memory import Upload, arrays_of, bytes_needed, gpu_type, is_own, memory_of
+from fish_env.envs.state import arrays_of, memory_of
+from fish_env.gpu import compiling
+from fish_env.gpu.launch import threads_pack
+from fish_env.gpu.memory import Upload, bytes_needed, gpu_type, is_own
 from fish_env.kernels.simd import Kind
 from fish_env.kernels.simd.types import THREAD, WARP
 from fish_env.physics.engine import make_call
@@ -118,7 +119,7 @@ def test_what_only_the_processor_runs():
 
 def test_import():
     """The package does not import numba-cuda, installed or not."""
-    code = "import fish_env.envs.launch, sys; sys.exit(any(name.startswith('numba_cuda') for name in sys.modules))"
+    code = "import fish_env.gpu.launch, sys; sys.exit(any(name.startswith('numba_cuda') for name in sys.modules))"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parent.parent)
 
 

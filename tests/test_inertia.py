@@ -8,7 +8,7 @@ import pytest
 from benchmarks.bodies.fidelity import every_fish
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments, moments
-from fish_env.bodies.mesh import grid, lumped_mass
+from fish_env.soft.mesh import grid, lumped_mass
 
 PARAMETERS = tu.check_parameters("mass_spring", {})
 WANTED = continuum(PARAMETERS)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from moving import ADAPTIVE, EXPLICIT, FISH, FIXED_STEP, SOLVING, advance, random_motion, tiered, world_of
 
 from fish_env import INTEGRATORS
-from fish_env.physics.integrators import adaptive
 from fish_env.physics.tank_options import own_step
 from fish_env.physics.world import VACUUM
+from fish_env.soft import adaptive
 
 
 def test_every_method_has_a_reference():

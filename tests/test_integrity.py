@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from fish_env import BODIES, Tank, make_fish
-from fish_env.bodies.objects import make_ring
 from fish_env.control import load_policy, shipped_policy
 from fish_env.envs import FishVectorEnv
-from fish_env.physics import statics
 from fish_env.physics.body import make_body
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.world import make_anchors, make_world
+from fish_env.soft import statics
+from fish_env.soft.conditions import make_anchors
+from fish_env.soft.objects import make_ring
+from fish_env.soft.room import make_world
 
 FISH = make_fish()
 SOLID = make_fish("tetrahedral")

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from fish_env.bodies.distorted import DISTORTIONS, out_of_shape
-from fish_env.bodies.mesh import box
 from fish_env.lab.bench import Bench
 from fish_env.lab.hand import Hand
 from fish_env.lab.measures import LONGEST, arrows, enclosed_volume, tet_strain, tone
 from fish_env.lab.settings import SETTINGS
 from fish_env.lab.specimen import MOTIONS, Entry, cost_of_step
-from fish_env.physics.elements import make_tets
-from fish_env.physics.volume import volume_of
 from fish_env.scene.look import as_quads, boundary, look_of
+from fish_env.soft.distorted import DISTORTIONS, out_of_shape
+from fish_env.soft.elements import make_tets
+from fish_env.soft.mesh import box
+from fish_env.soft.volume import volume_of
 
 
 @pytest.fixture(scope="module")

@@ -10,14 +10,14 @@ from scipy.optimize import brentq
 from benchmarks.objects.layers import HEAVY, collapse, enclosed, impact
 from benchmarks.objects.scenes import SCENES, outside, stage, watched
 from fish_env import Tank
-from fish_env.bodies.objects import OBJECTS, RING, SONG, make_ring, make_sphere, make_string, make_uniform_sphere, room
-from fish_env.bodies.skins import KINDS, circle, even_factors, globe, octasphere, tensions
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_compartments
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.statics import equilibrium, modes
-from fish_env.physics.volume import volume_of
 from fish_env.physics.world import VACUUM
+from fish_env.soft.elements import make_compartments
+from fish_env.soft.objects import OBJECTS, RING, SONG, make_ring, make_sphere, make_string, make_uniform_sphere, room
+from fish_env.soft.skins import KINDS, circle, even_factors, globe, octasphere, tensions
+from fish_env.soft.statics import equilibrium, modes
+from fish_env.soft.volume import volume_of
 
 GROWTH = 2e-5  # of the energy of a fall, that the integrator may add to it: twice the most of 40 falls
 LAYERED = [name for name in SONG if name != "string"]

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import fish_env
 from fish_env import Tank, make_fish
-from fish_env.bodies.objects import make_ring
+from fish_env.soft.objects import make_ring
 
 HUGE = 10**9
 

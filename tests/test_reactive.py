@@ -15,7 +15,7 @@ from fish_env.control import evaluate, make_policy_env
 from fish_env.physics.body import fix, scale_body
 from fish_env.physics.elements import make_sections
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.world import make_world
+from fish_env.soft.room import make_world
 
 WATER = make_water(drag_coefficient=0.0, current=(0.1, -0.2, 0.05), inertia=True, added_mass=(0.9, 0.7), righting=0.0)
 BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_barriers, make_compartments, make_tets
-from fish_env.physics.world import make_anchors, make_world
+from fish_env.soft.conditions import make_anchors
+from fish_env.soft.elements import make_barriers, make_compartments, make_tets
+from fish_env.soft.room import make_world
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]])
 GOOD = [0, 1, 2, 3]

@@ -15,13 +15,13 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import AddRenderObservation, RecordVideo
 
 import fish_env
-from fish_env.bodies.objects import OBJECTS
 from fish_env.envs.options import CAMERAS
 from fish_env.render import Format, Frame, Renderer, WindowClosed, draw, make_frame
 from fish_env.render.labels import CENTRE, HEIGHT, PANEL, SCALE, SIDE_UNIT, UNIT, WIDTH
 from fish_env.scene.frame import Arrow, Body, command_arrows
 from fish_env.scene.look import look_of
 from fish_env.scene.skin import normals, skin_of
+from fish_env.soft.objects import OBJECTS
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 
 from fish_env import Tank, make_fish
 from fish_env.bodies.sizes import ALLOWED, MEANT, SLOWNESS
-from fish_env.physics import statics
+from fish_env.soft import statics
 
 BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")
 each_body = pytest.mark.parametrize("body", BODIES)

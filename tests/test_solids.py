@@ -12,15 +12,15 @@ from benchmarks.objects.methods import is_stable
 from benchmarks.objects.scenes import SCENES, watched
 from benchmarks.objects.solids import METHODS, released, survives
 from fish_env import INTEGRATORS, Tank
-from fish_env.bodies.distorted import invert, out_of_shape, twist
-from fish_env.bodies.objects import OBJECTS, SOLIDS
-from fish_env.bodies.solids import SOFT, STIFF, SolidMaterial, make_ball, make_beam, make_block, make_two_materials
 from fish_env.lab.bench import Bench
 from fish_env.lab.specimen import Entry
-from fish_env.physics import statics
-from fish_env.physics.elements import STRAINS, make_compartments
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.world import VACUUM
+from fish_env.soft import statics
+from fish_env.soft.distorted import invert, out_of_shape, twist
+from fish_env.soft.elements import STRAINS, make_compartments
+from fish_env.soft.objects import OBJECTS, SOLIDS
+from fish_env.soft.solids import SOFT, STIFF, SolidMaterial, make_ball, make_beam, make_block, make_two_materials
 
 each_solid = pytest.mark.parametrize("name", SOLIDS)
 each_method = tiered(METHODS, ("leapfrog_chebyshev", "linearly_implicit"))

@@ -8,10 +8,10 @@ from benchmarks.objects.methods import largest_surviving
 from benchmarks.objects.scenes import DRAG_SPRING, FRAME
 from benchmarks.objects.survey import survives
 from fish_env import INTEGRATORS, Tank
-from fish_env.bodies.detail import LevelOfDetail, carry_over, facet_gap, projected_size
-from fish_env.bodies.objects import FINEST, OBJECTS, make_ring, room
 from fish_env.physics.body import make_body
 from fish_env.physics.fish import ElasticObject
+from fish_env.soft.detail import LevelOfDetail, carry_over, facet_gap, projected_size
+from fish_env.soft.objects import FINEST, OBJECTS, make_ring, room
 
 SIZE = 0.3  # m from the middle of the closed room to every wall
 FIXED_STEP = [name for name, method in INTEGRATORS.items() if method.kind != "adaptive"]

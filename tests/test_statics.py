@@ -6,16 +6,16 @@ import small_bodies
 from small_bodies import bar_task
 
 from fish_env import make_fish, make_water, make_world
-from fish_env.bodies.mesh import box, grid, lumped_mass
-from fish_env.bodies.objects import make_ring
-from fish_env.physics import statics
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.elements import make_barriers, make_compartments, make_tets
-from fish_env.physics.forces import sparse
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.linalg import rates
-from fish_env.physics.statics import NoEquilibrium, equilibrium, linear_deflection, modes, prescribed_displacement
-from fish_env.physics.world import VACUUM, make_anchors
+from fish_env.physics.world import VACUUM
+from fish_env.soft import sparse, statics
+from fish_env.soft.conditions import make_anchors
+from fish_env.soft.elements import make_barriers, make_compartments, make_tets
+from fish_env.soft.mesh import box, grid, lumped_mass
+from fish_env.soft.objects import make_ring
+from fish_env.soft.statics import NoEquilibrium, equilibrium, linear_deflection, modes, prescribed_displacement
 
 WEIGHT = make_world((0.0, 0.0, -9.81))
 YOUNG, SIZE = 1e5, 0.05

@@ -12,7 +12,7 @@ from benchmarks.common.tables import read_table
 from benchmarks.objects import layers, solids, survey
 from benchmarks.objects.scenes import SCENES
 from benchmarks.water import levels
-from fish_env.bodies.objects import OBJECTS, SONG
+from fish_env.soft.objects import OBJECTS, SONG
 
 
 def select(table, /, **wanted):

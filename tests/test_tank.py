@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from moving import each_method, two_methods
 
 from fish_env import INTEGRATORS, Tank, World, make_fish, make_water
-from fish_env.physics.integrators import adaptive
 from fish_env.physics.tank_options import own_step, whole_steps
+from fish_env.soft import adaptive
 
 FISH = make_fish()
 WATER = make_water()

@@ -14,8 +14,9 @@ torch = pytest.importorskip("torch")
 
 from benchmarks.speed import gpu
 from fish_env.control import load_policy
-from fish_env.envs import FishVectorEnv, torch_env
-from fish_env.envs.torch_env import FishTorchEnv
+from fish_env.envs import FishVectorEnv
+from fish_env.gpu import torch_env
+from fish_env.gpu.torch_env import FishTorchEnv
 
 FISH = 5
 needs_no_gpu = pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")

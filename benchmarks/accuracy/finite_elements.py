@@ -24,12 +24,12 @@ from benchmarks.common.beam import (
 )
 from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, panels, save
 from benchmarks.common.tables import IMAGES, read_table, write_csv
-from fish_env.bodies.mesh import box
-from fish_env.physics import statics
-from fish_env.physics.elements import STRAINS
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import Body
 from fish_env.physics.world import VACUUM
+from fish_env.soft import statics
+from fish_env.soft.elements import STRAINS
+from fish_env.soft.mesh import box
 
 COMMAND = "python -m benchmarks.accuracy.finite_elements"
 REFINED = (2, 4, 8, 16)  # cells through the thickness

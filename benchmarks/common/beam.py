@@ -6,12 +6,12 @@ beam of the theory. Cells are cubes, split so that the mesh mirrors itself.
 
 import numpy as np
 
-from fish_env.bodies.mesh import box, lumped_mass
-from fish_env.physics import statics
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.elements import make_tets
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.records import Body
+from fish_env.soft import statics
+from fish_env.soft.elements import make_tets
+from fish_env.soft.mesh import box, lumped_mass
 
 THICK, RATIO, YOUNG, DENSITY = 0.02, 10, 2e5, 1000.0
 LENGTH = RATIO * THICK

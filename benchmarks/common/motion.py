@@ -13,7 +13,7 @@ from fish_env.bodies import Fish
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import scripted
 from fish_env.envs import FishVectorEnv
-from fish_env.physics.volume import volume_of
+from fish_env.soft.volume import volume_of
 
 SECONDS = 3.0  # of a scene
 SETTLED = 1.0  # s at the start that no mean is taken over

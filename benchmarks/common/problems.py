@@ -9,10 +9,10 @@ from fish_env import INTEGRATORS, make_fish
 from fish_env.bodies import Fish
 from fish_env.control import Gait
 from fish_env.physics import body
-from fish_env.physics.integrators.adaptive import solve
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
 from fish_env.physics.world import VACUUM
+from fish_env.soft.adaptive import solve
 
 LEAD, RIGHT, LEFT, REST = 26, 10, 10, 54  # control intervals of the manoeuvre: swimming, right, left, swimming on
 BEAT = 13  # control intervals of a tail beat

@@ -12,9 +12,9 @@ from functools import cache
 import numpy as np
 
 from fish_env import BODIES, TASKS, Fish, Tank, World, make_fish
-from fish_env.bodies.objects import OBJECTS
 from fish_env.control import load_policy, scripted, shipped_policies
 from fish_env.envs import FishVectorEnv
+from fish_env.soft.objects import OBJECTS
 
 TOLERANCE = 1e-6
 """Relative difference that a number may have on another processor."""

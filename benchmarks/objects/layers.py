@@ -9,10 +9,10 @@ import numpy as np
 from benchmarks.common.charts import BLUE, ORANGE, measure_and_draw, panels, save
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from fish_env import Tank
-from fish_env.bodies.objects import GLOBE, OBJECTS, RING, SPHERE, Layered, room
-from fish_env.physics.elements import make_compartments
-from fish_env.physics.volume import volume_of
-from fish_env.physics.world import make_world
+from fish_env.soft.elements import make_compartments
+from fish_env.soft.objects import GLOBE, OBJECTS, RING, SPHERE, Layered, room
+from fish_env.soft.room import make_world
+from fish_env.soft.volume import volume_of
 
 COMMAND = "python -m benchmarks.objects.layers"
 STANDARD = {"ring": RING, "sphere": GLOBE, "uniform sphere": SPHERE}

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 
 from fish_env import INTEGRATORS, Tank
-from fish_env.bodies.room import InRoom
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.integrators.adaptive import solve
-from fish_env.physics.world import VACUUM, make_world
+from fish_env.physics.world import VACUUM
+from fish_env.soft.adaptive import solve
+from fish_env.soft.room import InRoom, make_world
 
 DURATION = 0.2  # s of free flight, oscillating: before any impact
 SPEED = 0.5  # m/s, largest velocity of the oscillation at the start

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fish_env import Tank
-from fish_env.bodies.objects import GRAVITY, room
-from fish_env.bodies.room import InRoom
 from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.soft.objects import GRAVITY, room
+from fish_env.soft.room import InRoom
 
 FRAME = 1 / 60  # s between pictures; the mouse moves as often
 NUDGE = 1e-9  # of the object's length

@@ -26,11 +26,11 @@ from benchmarks.objects.methods import (
     swing,
 )
 from fish_env import Tank
-from fish_env.bodies.distorted import invert, twist
-from fish_env.bodies.room import InRoom
-from fish_env.bodies.solids import make_beam
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.world import VACUUM
+from fish_env.soft.distorted import invert, twist
+from fish_env.soft.room import InRoom
+from fish_env.soft.solids import make_beam
 
 COMMAND = "python -m benchmarks.objects.solids"
 METHODS = ("explicit_euler", "midpoint", "rk4", "symplectic_euler", "leapfrog_chebyshev", "linearly_implicit",

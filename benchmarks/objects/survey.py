@@ -16,8 +16,8 @@ from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, panels, sav
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from benchmarks.objects.methods import errors, largest_stable, largest_surviving, line_of, reference
 from benchmarks.objects.scenes import FRAME, SCENES, energy_of_fall, outside, play, stage, watched
-from fish_env.bodies.objects import OBJECTS, SONG
-from fish_env.bodies.room import InRoom
+from fish_env.soft.objects import OBJECTS, SONG
+from fish_env.soft.room import InRoom
 
 COMMAND = "python -m benchmarks.objects.survey"
 METHODS = ("explicit_euler", "midpoint", "rk4", "leapfrog_chebyshev")

@@ -53,7 +53,7 @@ def largest_difference(device: str, dtype="float64", num_envs=CHECKED, seconds=S
     import torch
 
     from fish_env.envs import FishVectorEnv
-    from fish_env.envs.torch_env import FishTorchEnv
+    from fish_env.gpu.torch_env import FishTorchEnv
 
     there = FishTorchEnv(num_envs, device, starts=num_envs, dtype=dtype, **options)
     here = FishVectorEnv(num_envs, **options)
@@ -78,7 +78,7 @@ def steps_a_second(num_envs: int, device: str, dtype: str, steps: int) -> float:
     """Environment steps of all fish in a second, with random actions."""
     import torch
 
-    from fish_env.envs.torch_env import FishTorchEnv
+    from fish_env.gpu.torch_env import FishTorchEnv
 
     env = FishTorchEnv(num_envs, device, dtype=dtype, max_episode_steps=250)
     env.reset(seed=0)

@@ -14,7 +14,8 @@ from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, panel
 from benchmarks.common.tables import RESULTS, read_table, write_csv
 from benchmarks.validation.waters import off
 from fish_env import Fish, Tank, make_fish
-from fish_env.physics.world import VACUUM, make_anchors
+from fish_env.physics.world import VACUUM
+from fish_env.soft.conditions import make_anchors
 
 COMMAND = "python -m benchmarks.validation.strength"
 LENGTH, MASS = 0.178, 0.0605  # m, kg

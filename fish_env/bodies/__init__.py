@@ -3,12 +3,11 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from pkgutil import resolve_name
 
 from fish_env.bodies.fitted import WATERS
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
 from fish_env.bodies.planar import make_planar
-from fish_env.bodies.tetrahedral import make_tetrahedral
-from fish_env.bodies.two_layer import make_two_layer
 from fish_env.checks import representable
 from fish_env.physics.fish import ElasticObject, Fish, Landmarks
 
@@ -21,9 +20,15 @@ class BodyKind:
 
     name: str
     description: str
-    make: Callable[..., Fish]
+    make: Callable[..., Fish] | str
+    """The function that builds it, or a text "module:function", which is loaded when it is called."""
     waters: tuple[str, ...] = WATERS
     """Levels of water that it is calibrated for."""
+
+    @property
+    def maker(self) -> Callable[..., Fish]:
+        """The function that builds it."""
+        return resolve_name(self.make) if isinstance(self.make, str) else self.make
 
 
 BODIES: dict[str, BodyKind] = {
@@ -31,8 +36,16 @@ BODIES: dict[str, BodyKind] = {
     for record in (
         BodyKind("mass_spring", "23 nodes, 91 springs, 12 muscles, calibrated to swim, SI units", make_mass_spring),
         BodyKind("planar", "the same fish in the plane: 12 or 24 nodes, 12 muscles", make_planar),
-        BodyKind("two_layer", "the same fish as two skins with gas inside and between, 46 nodes", make_two_layer),
-        BodyKind("tetrahedral", "the same fish as corotational finite elements, 49 nodes or more", make_tetrahedral),
+        BodyKind(
+            "two_layer",
+            "the same fish as two skins with gas inside and between, 46 nodes",
+            "fish_env.soft.two_layer:make_two_layer",
+        ),
+        BodyKind(
+            "tetrahedral",
+            "the same fish as corotational finite elements, 49 nodes or more",
+            "fish_env.soft.tetrahedral:make_tetrahedral",
+        ),
         BodyKind(
             "published", "the same topology with the published masses and constants, graphics units", make_published, ()
         ),
@@ -52,7 +65,7 @@ def make_fish(body: str = "mass_spring", **parameters) -> Fish:
     """
     if not isinstance(body, str) or body not in BODIES:
         raise ValueError(f"unknown body {body!r}; choose from {', '.join(map(repr, BODIES))}")
-    make = BODIES[body].make
+    make = BODIES[body].maker
     allowed = inspect.signature(make).parameters
     if not any(p.kind is p.VAR_KEYWORD for p in allowed.values()):
         for name in parameters:

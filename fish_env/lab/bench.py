@@ -6,9 +6,6 @@ from typing import Any
 import numpy as np
 
 from fish_env.bodies import BODIES, Fish
-from fish_env.bodies.detail import LevelOfDetail
-from fish_env.bodies.distorted import distort, out_of_shape
-from fish_env.bodies.objects import OBJECTS
 from fish_env.lab.hand import Hand
 from fish_env.lab.measures import arrows
 from fish_env.lab.settings import BODY, SETTINGS, WALLS
@@ -16,6 +13,9 @@ from fish_env.lab.specimen import MOTIONS, Entry, Specimen, cost_of_step, down_o
 from fish_env.lab.stage import Control, Plot, Pointer, Stage, muscle_names, sliders
 from fish_env.physics.integrators import INTEGRATORS
 from fish_env.scene.frame import NOTHING, Arrow, Body, Frame
+from fish_env.soft.detail import LevelOfDetail
+from fish_env.soft.distorted import distort, out_of_shape
+from fish_env.soft.objects import OBJECTS
 
 MOST = 3  # objects side by side
 FINEST = {"level": 4, "layers": 2, "nodes": 64, "slices": 24, "stacks": 16, "cells": 18, "across": 6}

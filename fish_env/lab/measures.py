@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.bodies.room import GRAVITY
 from fish_env.scene.look import Look
+from fish_env.soft.room import GRAVITY
 
 STRAIN = 0.3  # strain at the ends of the colour scale
 ARROWS = 150  # forces that are drawn: the largest

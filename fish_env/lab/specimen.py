@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies import BODIES, Fish, fitted, make_fish
-from fish_env.bodies.detail import carry_over
-from fish_env.bodies.objects import OBJECTS, Layered
 from fish_env.control.gait import best_gait
 from fish_env.lab.hand import Hand
 from fish_env.lab.measures import enclosed_volume, most_strained, spring_strain, tet_strain, tone
@@ -21,8 +19,10 @@ from fish_env.physics.integrators import INTEGRATORS
 from fish_env.physics.records import Body, World
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import own_step
-from fish_env.physics.world import make_world
 from fish_env.scene.look import look_of
+from fish_env.soft.detail import carry_over
+from fish_env.soft.objects import OBJECTS, Layered
+from fish_env.soft.room import make_world
 
 PULL = 0.4  # drag spring: its pull, over the object's weight on Earth, at a distance of the object's length
 DAMPING = 0.05  # s, damping of the drag spring over its stiffness

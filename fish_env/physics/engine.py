@@ -19,7 +19,6 @@ from fish_env.physics.failures import NON_FINITE, OUT_OF_RANGE, UNTRUSTED_SOLVE
 from fish_env.physics.forces.control import CURRENT, DRAG, MASS, STIFFNESS, make_control
 from fish_env.physics.forces.plan import STAGES, H
 from fish_env.physics.integrators.leapfrog_chebyshev import MOST_STAGES
-from fish_env.physics.records import Anchors
 
 if TYPE_CHECKING:
     from fish_env.physics.tank import Tank
@@ -307,12 +306,6 @@ class Engine:
         """Return True if even the shortest steps of a fish with these factors (6,) need too many stages."""
         elastic, viscous = (rate * row[STIFFNESS] / row[MASS] for rate in self.bounds)
         return self.method.plan(elastic, viscous, self.tank.dt / 2 ** (self.levels - 1))[STAGES] >= MOST_STAGES
-
-    def update_anchors(self, anchors: Anchors) -> None:
-        """Update the positions and velocities of the world's anchors, which stay the same otherwise."""
-        for block in self.blocks:
-            kind = self.tank.kind
-            block.world.anchors.set(point=kind.rows(anchors.point), velocity=kind.rows(anchors.velocity))
 
     def _tables(self):
         width = max(len(row) for row in self._plans)

@@ -3,8 +3,10 @@
 import copy
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from importlib import import_module
 from itertools import pairwise
+from pkgutil import resolve_name
+from types import ModuleType
 from typing import Any, Generic
 
 import numpy as np
@@ -12,10 +14,7 @@ import numpy as np
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, is_whole, own
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.kernels.threads import Threads
-from fish_env.physics import forces
 from fish_env.physics import tank_options as options
-from fish_env.physics.body import chosen_axes, fix_where, node_numbers
-from fish_env.physics.conditions import METHODS, Conditions, make_penalty, same_springs
 from fish_env.physics.engine import Engine
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import Elastic, Fish
@@ -24,7 +23,7 @@ from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrity import check_numbers
 from fish_env.physics.muscles import command_all
 from fish_env.physics.records import COUNTERS, FLOWS, Body, Control, State, World
-from fish_env.physics.world import VACUUM, checked_water, make_anchors
+from fish_env.physics.world import VACUUM, checked_water
 
 FISH_PER_THREAD = 16  # with fewer, a thread costs more than it saves
 
@@ -35,7 +34,7 @@ class Tank(ReadOnly, Generic[Elastic]):
     `fish` and `world` of a tank are its own, read-only copies, because kernels read them without checks.
 
     Args:
-        fish: a fish (`make_fish`) or another elastic object (`fish_env.bodies.objects`).
+        fish: a fish (`make_fish`) or another elastic object (`fish_env.soft.objects`).
         num_fish: B, at least 1.
         integrator: a key of `INTEGRATORS`; None selects the fish's default.
         dt: integrator step, s; None selects the fish's `time_step` for its default integrator. For another, it selects
@@ -79,8 +78,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             failing = f"{self.integrator.name!r} will fail on {fish.name!r} in this water"
             warnings.warn(f"{failing}: {reason}; give a shorter dt or none, or another integrator", stacklevel=2)
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
-        free, still = np.zeros(body.position.shape, dtype=bool), np.zeros(body.position.shape)
-        self._conditions = Conditions(free, still, None, self.world.anchors)
+        self._conditions: Any = None if self.world.anchors is None else _conditions().first(self)
         self.kind = options.kind_for(b, dtype, lanes)
         """Number of fish that the kernels process at once, and their precision."""
         position, counts = np.repeat(body.position[None], b, axis=0), np.zeros((b, len(COUNTERS)), dtype=np.int64)
@@ -294,30 +292,21 @@ class Tank(ReadOnly, Generic[Elastic]):
         command_all(self.pack, *options.checked_command(contraction, duration, (self.num_fish, self.fish.num_muscles)))
 
     def _run(self, steps: int) -> None:
-        if not self._conditions.motions:
+        if self._conditions is None:
             self._run_evenly(steps)
-            return
-        rate = self.control.rate.copy()
-        for _ in range(steps):
-            self._conditions = self._conditions.begin_step(self.dt)
-            self._update_anchors()
-            alive = self.alive
-            self.control.rate[alive] = rate[alive]  # a run sets these rates to zero
-            self._run_evenly(1)
+        else:
+            _conditions().run(self, steps)
 
     def _run_evenly(self, steps: int) -> None:
-        """Advance by steps in which moved nodes keep their velocity."""
-        self._impose()
+        """Advance by steps without a change of the boundary conditions."""
         if self._engine is None:
-            assert self.integrator.advance is not None  # a method without an engine has `advance`
+            advance = self.integrator.advance
+            advance = resolve_name(advance) if isinstance(advance, str) else advance
             for i in range(self.num_fish):
                 one = (type(each)(*(array[i : i + 1] for array in each)) for each in (self.state, self.control))
-                self.integrator.advance(*self._varied(i, self.world), *one, self.dt, steps)
+                advance(*self._varied(i, self.world), *one, self.dt, steps)
         else:
             self.share_out(self._engine.advance, steps)
-        if self.world.anchors is not None and self.world.anchors.velocity.any():
-            self._conditions = self._conditions.move_anchors(steps * self.dt)
-            self._update_anchors()
 
     def share_out(self, work: Callable, *args) -> None:
         """Call `work(chunk, first, last, *args)` for every chunk of the fish, in threads if there are several."""
@@ -402,10 +391,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         is set to a new position before every call jumps instead, and stretches the spring at once. A missing node or an
         invalid number raises ValueError.
         """
-        if not (is_whole(node) and 0 <= node < self.state.x.shape[1]):
-            raise ValueError(f"node is {node!r}; give a whole number from 0 to {self.state.x.shape[1] - 1}")
-        anchors = make_anchors([node], [point], stiffness, damping, rest_length, velocity)
-        self._apply(self._conditions._replace(drag=anchors))
+        _conditions().grab(self, node, point, stiffness, damping, rest_length, velocity)
 
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
         """Fix nodes of every body at their present positions until `release`: `move` with zero velocity.
@@ -437,20 +423,7 @@ class Tank(ReadOnly, Generic[Elastic]):
                 unchanged. `advance` raises it for a displacement that a function returns later; the bodies have then
                 moved up to that time.
         """
-        if method not in METHODS:
-            raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
-        nodes, chosen = node_numbers(self._own, nodes), chosen_axes(axes)
-        penalty, places = None, self.state.x[:, nodes]
-        if method == "penalty":
-            if not chosen.all():
-                raise ValueError(f"a penalty holds a node along all axes, not along {axes!r} only; use elimination")
-            if (places != places[0]).any():
-                raise ValueError(
-                    "the nodes of the bodies of this tank are in different places, and a penalty draws all to the "
-                    "same; use elimination, or a tank of one body"
-                )
-            penalty = make_penalty(self._own, nodes, places[0])
-        self._apply(self._conditions.with_motion(nodes, chosen, along, penalty))
+        _conditions().move(self, nodes, along, axes, method)
 
     def release(self, nodes=None) -> None:
         """Release the drag spring of `grab` (None); or nodes, numbers or a mask (N,), from `grab`, `fix` and `move`.
@@ -458,22 +431,17 @@ class Tank(ReadOnly, Generic[Elastic]):
         They keep their present velocity. Degrees of freedom that `fish_env.physics.body.fix` fixes remain fixed. A
         missing node raises ValueError.
         """
-        now = self._conditions
-        self._apply(now._replace(drag=None) if nodes is None else now.without(node_numbers(self._own, nodes)))
+        _conditions().release(self, nodes)
 
     @property
     def conditioned(self) -> bool:
         """True if a node is fixed by elimination or an anchor moves; `advance` updates both."""
-        moving = self.world.anchors is not None and self.world.anchors.velocity.any()
-        return bool(self._conditions.motions or moving or self._conditions.held.any())
+        return self._conditions is not None and _conditions().acting(self)
 
     @property
     def fixed(self) -> np.ndarray:
         """Boolean mask (N,3) of the degrees of freedom that are fixed or moved by `fix`, `move` or the body itself."""
-        found = self.fish.body.inverse_mass == 0.0
-        if self._conditions.penalties is not None:
-            found[self._conditions.penalties.node] = True
-        return found
+        return _conditions().fixed(self)
 
     def reactions(self) -> np.ndarray:
         """Reaction forces on the fixed and moved nodes of every body, (B,N,3) N; zero on all others.
@@ -481,51 +449,14 @@ class Tank(ReadOnly, Generic[Elastic]):
         By elimination, they balance all other forces at the present positions and velocities. By penalty, they are the
         forces of its springs. A wall that such a node touches carries no part of them.
         """
-        body, found = self.fish.body, np.zeros_like(self.state.x)
-        world = self.world._replace(anchors=self._conditions.drag)
-        names = tuple(name for name in forces.present(body, world) if not hasattr(forces.FORCES[name], "JUMPS"))
-        bearing, rest = body.inverse_mass == 0.0, self.control.rest_length
-        if bearing.any():
-            for i in range(self.num_fish):
-                force = Evaluator(*self._varied(i, world), names).force(rest[i], self.state.x[i], self.state.v[i])
-                found[i][bearing] = -force[bearing]
-        pulling = self._conditions.penalties
-        if pulling is not None:
-            i, c, k = pulling.node, pulling.stiffness[:, None], pulling.damping[:, None]
-            found[:, i] += c * (pulling.point - self.state.x[:, i]) + k * (pulling.velocity - self.state.v[:, i])
-        return found
-
-    def _apply(self, new: Conditions) -> None:
-        """Apply these conditions from now on; raise ValueError if the method does not support them."""
-        same, body = np.array_equal(new.held, self._conditions.held), self.fish.body
-        if not same:
-            body = fix_where(self._own, new.held) if new.held.any() else self._own
-        world = self.world._replace(anchors=new.anchors)
-        reason = self.integrator.refuses(body, world) or (
-            new.penalties and options.too_long(body, world, self.integrator, self.dt)
-        )
-        if reason:
-            raise options.integrator_error(self.fish, self.integrator, reason)
-        follows = same and same_springs(self.world.anchors, world.anchors)
-        fish = self.fish if same else frozen(replace(self.fish, body=body))
-        self._set_read_only(fish=fish, world=frozen(world))
-        self._conditions = new
-        if self._engine is not None and not follows:
-            self._engine = Engine(self)
-        self._update_anchors()
-        self._impose()
+        return _conditions().reactions(self)
 
     def _impose(self) -> None:
         """Set the velocities of the eliminated degrees of freedom of all valid bodies."""
-        held = self._conditions.held
-        if held.any():
-            alive = self.state.failure == 0
-            self.state.v[:] = np.where(held & alive[:, None, None], self._conditions.velocity, self.state.v)
+        if self._conditions is not None:
+            _conditions().impose(self)
 
-    def _update_anchors(self) -> None:
-        """Copy the points and velocities of the anchors, which stay the same otherwise, to the world and the engine."""
-        anchors = self._conditions.anchors
-        if anchors is not None:
-            self._set_read_only(world=frozen(self.world._replace(anchors=anchors)))
-            if self._engine is not None:
-                self._engine.update_anchors(anchors)
+
+def _conditions() -> ModuleType:
+    """The boundary conditions of tanks, which are loaded when one is first used."""
+    return import_module("fish_env.soft.conditions")

@@ -1,13 +1,13 @@
-"""Surroundings of the bodies of a tank: water, gravity, walls, and anchors that pull single nodes."""
+"""Water around the bodies of a tank. Walls and anchors: `fish_env.soft`."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from fish_env.checks import finite_array, frozen, node_array, positive_array, real, representable
-from fish_env.physics.records import Anchors, World
+from fish_env.checks import finite_array, frozen, positive_array, real
+from fish_env.physics.records import World
 
 GRAVITY = 9.81  # m/s2
 RIGHTING = 0.005  # body lengths: without it, commands that differ above and below roll the fish over
@@ -105,76 +105,3 @@ def change_water(water: World, **named) -> World:
             raise ValueError(f"{name} changes nothing in water without {part}; name {part} too, or leave {name} out")
     fields: Any = zip(water._fields, make_water(**own), make_water(**given), strict=True)
     return water._replace(**{name: new for name, old, new in fields if not np.array_equal(old, new)})
-
-
-def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World = VACUUM) -> World:
-    """Gravity, walls and air (Song 2009, ch. 4), with or without water.
-
-    Args:
-        gravity: (3,) m/s2.
-        planes: walls, each (normal (3,), offset, restitution): bodies stay where normal . x >= offset, m, the normal
-            being normalised. Restitution is the ratio of a node's normal speed after an impact to that before it: 1 is
-            Song's perfect reflection, a smaller value his damped one, 0 no rebound.
-        viscosity: drag on each node over its velocity, N s/m.
-        water: result of `make_water`, or vacuum.
-
-    Raises:
-        ValueError: for an invalid part; the message names it, its value and the valid values.
-    """
-    rows = []
-    if not isinstance(water, World):
-        raise ValueError(f"water is a {type(water).__name__}; give fish_env.make_water(...)")
-    if not isinstance(planes, Sequence | np.ndarray):
-        raise ValueError(f"planes is {planes!r}; give a list of (normal (3,), offset in m, restitution)")
-    for i, plane in enumerate(planes):
-        try:
-            normal, offset, restitution = plane
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"plane {i} is {plane!r}; give (normal (3,), offset in m, restitution)") from error
-        normal = finite_array(normal, (3,), f"normal of plane {i}")
-        with representable(f"normal of plane {i}"):
-            size = np.linalg.norm(normal)
-        if not size > 0.0:
-            raise ValueError(f"normal of plane {i} is {normal}; give a vector that is not null")
-        offset = float(finite_array(offset, (), f"offset of plane {i} (m)"))
-        restitution = float(finite_array(restitution, (), f"restitution of plane {i}"))
-        if not 0.0 <= restitution <= 1.0:
-            raise ValueError(f"restitution of plane {i} is {restitution}; give a number from 0 to 1")
-        rows.append([*(normal / size), offset, restitution])
-    return water._replace(
-        gravity=finite_array(gravity, (3,), "gravity (m/s2)"),
-        viscosity=float(positive_array(viscosity, (), "viscosity (N s/m)", zero=True)),
-        planes=np.array(rows) if rows else None,
-    )
-
-
-def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> Anchors:
-    """Springs from nodes (A,) to points (A,3) m; the other arguments are one number for all, or one each.
-
-    Raises:
-        ValueError: for an invalid part; the message names it, its value and the valid values.
-    """
-    nodes = node_array(np.reshape(node, (-1, 1)), 1, np.iinfo(np.int64).max, "anchors")[:, 0].copy()
-    a = nodes.size
-
-    def each(value, shape, name, check, **options):
-        try:
-            return np.ascontiguousarray(check(np.broadcast_to(value, shape), shape, name, **options))
-        except ValueError as error:
-            raise ValueError(f"{name} of the anchors: {error}") from error
-
-    return Anchors(
-        nodes,
-        each(point, (a, 3), "point (m)", finite_array),
-        each(velocity, (a, 3), "velocity (m/s)", finite_array),
-        each(stiffness, (a,), "stiffness (N/m)", positive_array, zero=True),
-        each(damping, (a,), "damping (N s/m)", positive_array, zero=True),
-        each(rest_length, (a,), "rest_length (m)", positive_array, zero=True),
-    )
-
-
-def join_anchors(one: Anchors | None, other: Anchors | None) -> Anchors | None:
-    """Concatenate two sets of anchors, either of which may be None."""
-    if one is None or other is None:
-        return other if one is None else one
-    return Anchors(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))

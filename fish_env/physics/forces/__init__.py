@@ -1,6 +1,6 @@
 """Forces on a body: one list of modules, from which all sums, matrices and step-size bounds follow.
 
-A force is a module in FORCES: one file and one entry of that list. Its kernels all have the arguments
+A force is a module in FORCES: one file and one entry of that table. Its kernels all have the arguments
 `body, world, control, x, v, f, cache`, and work on one fish or a block of fish:
 
     add_force          adds the force on every node to f, N; the only one that every force must have
@@ -48,6 +48,7 @@ the factor on forces that grow as the cube of the length, and not as its fourth 
 `Body` or `World` has them, a named tuple, in `World.extra` under its own name. It reads them as `world.<name>`.
 """
 
+import importlib
 from collections.abc import Callable
 from functools import cache, wraps
 from types import ModuleType
@@ -55,43 +56,39 @@ from typing import Any
 
 from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import Kind, Pack, select, zero
-from fish_env.physics.forces import (
-    anchors,
-    barriers,
-    contact,
-    gravity,
-    green_lagrange,
-    pressure,
-    reactive,
-    righting,
-    springs,
-    tets,
-    water,
-)
+from fish_env.physics.forces import gravity, reactive, righting, springs, water
 from fish_env.physics.records import Body, World
 
-FORCES: dict[str, ModuleType] = {
-    module.__name__.rsplit(".", 1)[1]: module
-    for module in (
-        water,
-        reactive,
-        righting,
-        springs,
-        tets,
-        green_lagrange,
-        pressure,
-        barriers,
-        gravity,
-        anchors,
-        contact,
-    )
+FORCES: dict[str, Any] = {
+    "water": water,
+    "reactive": reactive,
+    "righting": righting,
+    "springs": springs,
+    "tets": "fish_env.soft.forces.tets:tets",
+    "green_lagrange": "fish_env.soft.forces.green_lagrange:tets",
+    "pressure": "fish_env.soft.forces.pressure:compartments",
+    "barriers": "fish_env.soft.forces.barriers:barriers",
+    "gravity": gravity,
+    "anchors": "fish_env.soft.forces.anchors:anchors",
+    "contact": "fish_env.soft.forces.contact:planes",
 }
-"""Every force, in the order in which they are summed."""
+"""Every force, in the order in which they are summed: a module, or "module:part", which is loaded, and takes the place
+of the text, when a body or a world first has that part."""
+
+
+def loaded(body: Body, world: World | None = None) -> dict[str, ModuleType]:
+    """Forces of the table, by name, but those whose part neither the body nor the world has."""
+    for name, force in FORCES.items():
+        if isinstance(force, str):
+            module, part = force.split(":")
+            if getattr(body, part, None) is not None or getattr(world, part, None) is not None:
+                FORCES[name] = importlib.import_module(module)
+    return {name: force for name, force in FORCES.items() if not isinstance(force, str)}
 
 
 def present(body: Body, world: World) -> tuple[str, ...]:
     """Names of the forces that act on a body in a world, in the order in which they act: discontinuous ones last."""
-    names = [name for name, module in FORCES.items() if module.present(body, world)]
+    names = [name for name, module in loaded(body, world).items() if module.present(body, world)]
     return tuple(sorted(names, key=lambda name: hasattr(FORCES[name], "JUMPS")))
 
 
@@ -194,5 +191,5 @@ def rest_matrices(body: Body, elastic: bool = True) -> list[tuple]:
 
     A list of (nodes (M,k), matrices (M,3k,3k)), each for M elements of k nodes.
     """
-    modules = [module for module in FORCES.values() if hasattr(module, "rest_matrices")]
+    modules = [module for module in loaded(body).values() if hasattr(module, "rest_matrices")]
     return [part for module in modules for part in module.rest_matrices(body, elastic)]

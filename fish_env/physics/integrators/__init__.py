@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from fish_env.kernels.simd import Kind, Pack
-from fish_env.physics.integrators import adaptive, leapfrog_chebyshev, limits, rosenbrock, runge_kutta, semi_implicit
+from fish_env.physics.integrators import leapfrog_chebyshev, limits, rosenbrock, runge_kutta, semi_implicit
 from fish_env.physics.records import Body, World
 
 
@@ -75,8 +75,9 @@ class Integrator:
     """Step from which the default one follows, s: stable on the body in any water; 0 if there is none."""
     refuses: Callable[[Body, World], str] = limits.everything
     """Reason that it cannot move a body in a world; "" if it can."""
-    advance: Callable | None = None
-    """Function of a method without a `method`: `advance(body, world, state, control, h, n)` moves every valid body."""
+    advance: Callable | str = ""
+    """Function of a method without a `method`: `advance(body, world, state, control, h, n)` moves every valid body.
+    It may be a text "module:function", which is loaded when it is needed."""
 
     def __reduce__(self):
         return get_integrator, (self.name,)  # a pickle contains the name only; compiled code stays in its process
@@ -89,6 +90,7 @@ def get_integrator(name: str) -> Integrator:
 
 IMPLICIT, TU, SONG, BARAFF = "linearly implicit", "Tu 1996, ch. 4", "Song 2009, ch. 5", "Baraff & Witkin 1998"
 CARLE = "Carle, Hochbruck & Sturm 2020"
+SOFT = "fish_env.soft.adaptive"
 HAIRER, DOP853, RADAU = "Hairer, Lubich & Wanner 2003", "Hairer, Norsett & Wanner 1993", "Hairer & Wanner 1996"
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record
@@ -107,7 +109,7 @@ INTEGRATORS: dict[str, Integrator] = {
         Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.PROJECTED),
         Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.WATER),
         Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock.ROS2),
-        Integrator("dop853", 8, "adaptive", 0, 0, 0, DOP853, refuses=limits.no_walls, advance=adaptive.advance_dop853),
-        Integrator("radau", 5, "adaptive", 0, 0, 0, RADAU, refuses=limits.no_walls, advance=adaptive.advance_radau),
+        Integrator("dop853", 8, "adaptive", 0, 0, 0, DOP853, refuses=limits.no_walls, advance=f"{SOFT}:advance_dop853"),
+        Integrator("radau", 5, "adaptive", 0, 0, 0, RADAU, refuses=limits.no_walls, advance=f"{SOFT}:advance_radau"),
     )
 }

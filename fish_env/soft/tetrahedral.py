@@ -12,13 +12,14 @@ import numpy as np
 from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments
-from fish_env.bodies.mesh import RULES, grid, lumped_mass
 from fish_env.bodies.outline import layers_of, outline_of, sides_of
-from fish_env.bodies.room import whole
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_sections, make_tets
+from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish, Landmarks
+from fish_env.soft.elements import make_tets
+from fish_env.soft.mesh import RULES, grid, lumped_mass
+from fish_env.soft.room import whole
 
 MOST = 4  # pieces a section
 POISSON = 0.4

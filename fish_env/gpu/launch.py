@@ -3,7 +3,7 @@
 from numba import types
 
 from fish_env.envs.step import make_step
-from fish_env.kernels.gpu.compiling import load
+from fish_env.gpu.compiling import load
 from fish_env.kernels.simd import Kind, Pack
 from fish_env.kernels.simd.types import THREAD
 from fish_env.physics.forces import cached

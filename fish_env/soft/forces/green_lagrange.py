@@ -12,10 +12,10 @@ times the gradient of the shape function of a corner.
 
 from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Pack, dot, fma, select, vec3, zero
-from fish_env.physics.forces import tets
 from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, H
-from fish_env.physics.forces.tets import constants, edges, gradient
 from fish_env.physics.records import Body, World
+from fish_env.soft.forces import tets
+from fish_env.soft.forces.tets import constants, edges, gradient
 
 FAILURE = tets.FAILURE
 failed = tets.failed

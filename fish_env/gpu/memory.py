@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from fish_env.envs.state import memory_of
 from fish_env.kernels.simd import Pack, Scratch
 from fish_env.kernels.simd.kinds import Lanes
 from fish_env.kernels.simd.packs import PackType, describe
@@ -28,35 +29,6 @@ def gpu_type(kind):
 def is_own(value) -> bool:
     """Return True if every thread has its own copy of a value."""
     return isinstance(value, Lanes) and (isinstance(value, Scratch) or value.kind.lanes == THREAD)
-
-
-def arrays_of(value, path: str = "") -> dict[str, Any]:
-    """Arrays in packs, tuples, lists and dictionaries, by their paths: "tank.x" for example."""
-    if isinstance(value, np.ndarray | Lanes):
-        return {path: value}
-    if isinstance(value, Pack):
-        value = value._kept
-    elif isinstance(value, tuple | list):
-        value = dict(zip(getattr(value, "_fields", range(len(value))), value, strict=True))
-    if not isinstance(value, dict):
-        return {}
-    within = f"{path}." if path else ""
-    return {name: array for key, part in value.items() for name, array in arrays_of(part, f"{within}{key}").items()}
-
-
-def memory_of(value) -> np.ndarray:
-    """Numpy array that contains a value's numbers."""
-    return value if isinstance(value, np.ndarray) else value.memory
-
-
-def fish_axes(one, many) -> dict[str, int]:
-    """Axis of the fish in each array that has one, by its path: the axis in which it differs for one and many fish."""
-    single, found = arrays_of(one), {}
-    for name, value in arrays_of(many).items():
-        shape, other = memory_of(value).shape, memory_of(single[name]).shape if name in single else ()
-        if len(shape) == len(other) and shape != other:
-            found[name] = int(np.flatnonzero(np.not_equal(shape, other))[0])
-    return found
 
 
 class Upload:

@@ -4,11 +4,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fish_env.bodies.skins import Skin, barrier_pairs, layer_springs, tensions
 from fish_env.checks import real
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_barriers, make_compartments
 from fish_env.physics.records import Body
+from fish_env.soft.elements import make_barriers, make_compartments
+from fish_env.soft.skins import Skin, barrier_pairs, layer_springs, tensions
 
 NO_FACES = np.zeros((0, 4), np.int64)
 OPTIONAL = ("outer_relaxation_time", "inner_relaxation_time", "radius_relaxation_time", "shear_relaxation_time",

@@ -13,10 +13,11 @@ import numpy as np
 import torch
 
 from fish_env.envs.episode import Episodes
-from fish_env.envs.launch import SIGNATURE, launch_for, threads_pack
 from fish_env.envs.options import checked_seed
-from fish_env.kernels.gpu.compiling import exactly
-from fish_env.kernels.gpu.memory import Upload, arrays_of, bytes_needed, fish_axes, memory_of
+from fish_env.envs.state import arrays_of, fish_axes, memory_of
+from fish_env.gpu.compiling import exactly
+from fish_env.gpu.launch import SIGNATURE, launch_for, threads_pack
+from fish_env.gpu.memory import Upload, bytes_needed
 from fish_env.kernels.simd.types import WARP
 from fish_env.physics.tank_options import checked_count
 

@@ -13,12 +13,13 @@ from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import fitted_parameters
 from fish_env.bodies.masses import continuum, match_moments
 from fish_env.bodies.outline import outline_of
-from fish_env.bodies.skins import Skin, edges_of, layer_springs
 from fish_env.checks import positive_array
 from fish_env.physics.body import make_body
-from fish_env.physics.elements import make_barriers, make_compartments, make_sections
+from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish, Landmarks
 from fish_env.physics.records import Body
+from fish_env.soft.elements import make_barriers, make_compartments
+from fish_env.soft.skins import Skin, edges_of, layer_springs
 
 WITHIN = [
     [],

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.physics.elements import make_compartments
-from fish_env.physics.volume import volume_of
+from fish_env.soft.elements import make_compartments
+from fish_env.soft.volume import volume_of
 
 BALANCED = 1e-10  # of the load, that the tensions may leave unbalanced at a node
 KINDS = ("outer", "inner", "radius", "shear left", "shear right")

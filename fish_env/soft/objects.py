@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fish_env.bodies import solids
-from fish_env.bodies.layers import NO_FACES, TwoLayers, choose_materials, one_layer, two_layers
-from fish_env.bodies.room import GRAVITY, InRoom, room, whole
-from fish_env.bodies.skins import Skin, circle, even_factors, globe, octasphere
 from fish_env.checks import fits_memory, positive_array, representable
 from fish_env.physics.body import fix, make_body
+from fish_env.soft import solids
+from fish_env.soft.layers import NO_FACES, TwoLayers, choose_materials, one_layer, two_layers
+from fish_env.soft.room import GRAVITY, InRoom, room, whole
+from fish_env.soft.skins import Skin, circle, even_factors, globe, octasphere
 
 __all__ = ["GLOBE", "GRAVITY", "OBJECTS", "RING", "SOLIDS", "SONG", "SPHERE", "Layered", "make_ring", "make_sphere",
            "make_string", "make_uniform_sphere", "room"]  # fmt: skip

@@ -14,7 +14,7 @@ from fish_env.kernels.simd import Pack, dot, fma, log, nowhere, select, sqrt, ze
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.plan import FACTOR, H
 from fish_env.physics.records import Body, World
-from fish_env.physics.volume import add_volume, volume_of
+from fish_env.soft.volume import add_volume, volume_of
 
 FAILURE = ESCAPED
 ANYWHERE = True

@@ -19,9 +19,9 @@ import numpy as np
 from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Pack, dot, fma, nowhere, vec3, zero
 from fish_env.physics.failures import STRETCH_LIMIT, TORN
-from fish_env.physics.forces import polar
 from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, STAGES, H
 from fish_env.physics.records import Body, World
+from fish_env.soft.forces import polar
 
 FAILURE = TORN
 CORNERS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fish_env.bodies.objects import FINEST, Layered, whole
-from fish_env.bodies.skins import octasphere
 from fish_env.checks import finite_array, positive_array
+from fish_env.soft.objects import FINEST, Layered, whole
+from fish_env.soft.skins import octasphere
 
 NEIGHBOURS = 3  # nodes of the old level that a node of the new one lies between
 

@@ -1,23 +1,28 @@
 """Boundary conditions of a running tank: nodes that are dragged, fixed, or moved along a prescribed path.
 
-By elimination, a degree of freedom has zero inverse mass (`fish_env.physics.body.fix`) and keeps its prescribed
-velocity exactly. By penalty, a spring of zero length draws the node to its place. It is PENALTY times stiffer than the
-body, so the error is proportional to 1 / PENALTY.
+`Tank.grab`, `fix`, `move` and `release` call these functions. By elimination, a degree of freedom has zero inverse mass
+(`fish_env.physics.body.fix`) and keeps its prescribed velocity exactly. By penalty, a spring of zero length draws the
+node to its place. It is PENALTY times stiffer than the body, so the error is proportional to 1 / PENALTY.
 A `Tank` stores its `Conditions`, a record; their methods return new ones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env.checks import finite_array
+from fish_env.checks import finite_array, frozen, is_whole, node_array, positive_array
 from fish_env.physics import forces
+from fish_env.physics.body import chosen_axes, fix_where, node_numbers
+from fish_env.physics.engine import Engine
+from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.linalg import rates
 from fish_env.physics.records import Anchors, Body
-from fish_env.physics.world import join_anchors, make_anchors
+from fish_env.physics.tank import Tank
+from fish_env.physics.tank_options import integrator_error, too_long
 
 PENALTY = 1e4  # times the largest entry of the stiffness matrix, as textbooks recommend
 METHODS = ("elimination", "penalty")
@@ -120,6 +125,140 @@ class Conditions(NamedTuple):
         return self._replace(drag=drag, penalties=penalties)
 
 
+def first(tank: Tank) -> Conditions:
+    """Conditions of a tank in which none has been set: those of its world."""
+    shape = tank.fish.body.position.shape
+    return Conditions(np.zeros(shape, dtype=bool), np.zeros(shape), None, tank.world.anchors)
+
+
+def present(tank: Tank) -> Conditions:
+    """The present conditions of a tank."""
+    return first(tank) if tank._conditions is None else tank._conditions
+
+
+def grab(tank: Tank, node: int, point, stiffness, damping, rest_length, velocity) -> None:
+    """`Tank.grab`."""
+    if not (is_whole(node) and 0 <= node < tank.state.x.shape[1]):
+        raise ValueError(f"node is {node!r}; give a whole number from 0 to {tank.state.x.shape[1] - 1}")
+    anchors = make_anchors([node], [point], stiffness, damping, rest_length, velocity)
+    apply(tank, present(tank)._replace(drag=anchors))
+
+
+def move(tank: Tank, nodes, along, axes: str, method: str) -> None:
+    """`Tank.move`."""
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
+    nodes, chosen = node_numbers(tank._own, nodes), chosen_axes(axes)
+    penalty, places = None, tank.state.x[:, nodes]
+    if method == "penalty":
+        if not chosen.all():
+            raise ValueError(f"a penalty holds a node along all axes, not along {axes!r} only; use elimination")
+        if (places != places[0]).any():
+            raise ValueError(
+                "the nodes of the bodies of this tank are in different places, and a penalty draws all to the "
+                "same; use elimination, or a tank of one body"
+            )
+        penalty = make_penalty(tank._own, nodes, places[0])
+    apply(tank, present(tank).with_motion(nodes, chosen, along, penalty))
+
+
+def release(tank: Tank, nodes) -> None:
+    """`Tank.release`."""
+    now = present(tank)
+    apply(tank, now._replace(drag=None) if nodes is None else now.without(node_numbers(tank._own, nodes)))
+
+
+def apply(tank: Tank, new: Conditions) -> None:
+    """Apply these conditions from now on; raise ValueError if the method does not support them."""
+    same, body = np.array_equal(new.held, present(tank).held), tank.fish.body
+    if not same:
+        body = fix_where(tank._own, new.held) if new.held.any() else tank._own
+    world = tank.world._replace(anchors=new.anchors)
+    reason = tank.integrator.refuses(body, world) or (new.penalties and too_long(body, world, tank.integrator, tank.dt))
+    if reason:
+        raise integrator_error(tank.fish, tank.integrator, reason)
+    follows = same and same_springs(tank.world.anchors, world.anchors)
+    fish = tank.fish if same else frozen(replace(tank.fish, body=body))
+    tank._set_read_only(fish=fish, world=frozen(world))
+    tank._conditions = new
+    if tank._engine is not None and not follows:
+        tank._engine = Engine(tank)
+    update_anchors(tank)
+    impose(tank)
+
+
+def run(tank: Tank, steps: int) -> None:
+    """Advance a tank under its conditions."""
+    if not tank._conditions.motions:
+        _run_evenly(tank, steps)
+        return
+    rate = tank.control.rate.copy()
+    for _ in range(steps):
+        tank._conditions = tank._conditions.begin_step(tank.dt)
+        update_anchors(tank)
+        alive = tank.alive
+        tank.control.rate[alive] = rate[alive]  # a run sets these rates to zero
+        _run_evenly(tank, 1)
+
+
+def _run_evenly(tank: Tank, steps: int) -> None:
+    """Advance by steps in which moved nodes keep their velocity."""
+    impose(tank)
+    tank._run_evenly(steps)
+    if tank.world.anchors is not None and tank.world.anchors.velocity.any():
+        tank._conditions = tank._conditions.move_anchors(steps * tank.dt)
+        update_anchors(tank)
+
+
+def impose(tank: Tank) -> None:
+    """Set the velocities of the eliminated degrees of freedom of all valid bodies."""
+    held = tank._conditions.held
+    if held.any():
+        alive = tank.state.failure == 0
+        tank.state.v[:] = np.where(held & alive[:, None, None], tank._conditions.velocity, tank.state.v)
+
+
+def update_anchors(tank: Tank) -> None:
+    """Copy the points and velocities of the anchors, which stay the same otherwise, to the world and the engine."""
+    anchors = tank._conditions.anchors
+    if anchors is not None:
+        tank._set_read_only(world=frozen(tank.world._replace(anchors=anchors)))
+        for block in [] if tank._engine is None else tank._engine.blocks:
+            kind = tank.kind
+            block.world.anchors.set(point=kind.rows(anchors.point), velocity=kind.rows(anchors.velocity))
+
+
+def acting(tank: Tank) -> bool:
+    """Return True if a node is fixed by elimination or an anchor moves."""
+    moving = tank.world.anchors is not None and tank.world.anchors.velocity.any()
+    return bool(tank._conditions.motions or moving or tank._conditions.held.any())
+
+
+def fixed(tank: Tank) -> np.ndarray:
+    """`Tank.fixed`."""
+    found, penalties = tank.fish.body.inverse_mass == 0.0, present(tank).penalties
+    if penalties is not None:
+        found[penalties.node] = True
+    return found
+
+
+def reactions(tank: Tank) -> np.ndarray:
+    """`Tank.reactions`."""
+    body, found, now = tank.fish.body, np.zeros_like(tank.state.x), present(tank)
+    world = tank.world._replace(anchors=now.drag)
+    names = tuple(name for name in forces.present(body, world) if not hasattr(forces.FORCES[name], "JUMPS"))
+    bearing, rest = body.inverse_mass == 0.0, tank.control.rest_length
+    if bearing.any():
+        for i in range(tank.num_fish):
+            force = Evaluator(*tank._varied(i, world), names).force(rest[i], tank.state.x[i], tank.state.v[i])
+            found[i][bearing] = -force[bearing]
+    pulling = now.penalties
+    if pulling is not None:
+        i, c, k = pulling.node, pulling.stiffness[:, None], pulling.damping[:, None]
+        found[:, i] += c * (pulling.point - tank.state.x[:, i]) + k * (pulling.velocity - tank.state.v[:, i])
+    return found
+
+
 def anchors_without(anchors: Anchors | None, nodes) -> Anchors | None:
     """Anchors that are not attached to any of these nodes (K,)."""
     kept = np.zeros(0, dtype=bool) if anchors is None else ~np.isin(anchors.node, nodes)
@@ -159,3 +298,35 @@ def make_penalty(body: Body, nodes, point, velocity=(0.0, 0.0, 0.0), multiple=PE
         raise ValueError("the body has no stiffness for a penalty to be a multiple of; hold it by elimination")
     damping: Any = 2.0 * np.sqrt(stiffness * body.mass[nodes])
     return make_anchors(nodes, point, stiffness, damping, velocity=velocity)
+
+
+def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> Anchors:
+    """Springs from nodes (A,) to points (A,3) m; the other arguments are one number for all, or one each.
+
+    Raises:
+        ValueError: for an invalid part; the message names it, its value and the valid values.
+    """
+    nodes = node_array(np.reshape(node, (-1, 1)), 1, np.iinfo(np.int64).max, "anchors")[:, 0].copy()
+    a = nodes.size
+
+    def each(value, shape, name, check, **options):
+        try:
+            return np.ascontiguousarray(check(np.broadcast_to(value, shape), shape, name, **options))
+        except ValueError as error:
+            raise ValueError(f"{name} of the anchors: {error}") from error
+
+    return Anchors(
+        nodes,
+        each(point, (a, 3), "point (m)", finite_array),
+        each(velocity, (a, 3), "velocity (m/s)", finite_array),
+        each(stiffness, (a,), "stiffness (N/m)", positive_array, zero=True),
+        each(damping, (a,), "damping (N s/m)", positive_array, zero=True),
+        each(rest_length, (a,), "rest_length (m)", positive_array, zero=True),
+    )
+
+
+def join_anchors(one: Anchors | None, other: Anchors | None) -> Anchors | None:
+    """Concatenate two sets of anchors, either of which may be None."""
+    if one is None or other is None:
+        return other if one is None else one
+    return Anchors(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))

@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fish_env.bodies.mesh import Mesh, grid, lumped_mass
-from fish_env.bodies.room import InRoom, room, whole
 from fish_env.checks import positive_array, representable
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.elements import make_tets
+from fish_env.soft.elements import make_tets
+from fish_env.soft.mesh import Mesh, grid, lumped_mass
+from fish_env.soft.room import InRoom, room, whole
 
 DOWN = np.array([0.0, 0.0, -1.0])
 SPACIOUS = 1.5  # from the middle of an object to the walls, over its length

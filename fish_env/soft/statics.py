@@ -32,13 +32,13 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from fish_env.checks import finite_array, is_whole, positive_array
 from fish_env.physics.body import node_numbers
-from fish_env.physics.conditions import METHODS, PENALTY, vectors_along
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.forces.sparse import tangent
 from fish_env.physics.integrity import check_problem
 from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
+from fish_env.soft.conditions import METHODS, PENALTY, vectors_along
+from fish_env.soft.sparse import tangent
 
 ROUNDING = 2e-15  # times stiffness and position: above the rounding error of balanced forces, 1.4e-16
 SHORTEST = 2.0**-20  # part of a Newton step below which the line search stops
