@@ -14,6 +14,7 @@ from fish_env.physics.integrators import limits
 from fish_env.physics.records import World
 from fish_env.physics.tank_options import own_step
 from fish_env.physics.world import VACUUM
+from fish_env.soft import conditions
 from fish_env.soft.conditions import PENALTY, largest_entry, make_anchors, make_penalty
 from fish_env.soft.objects import make_ring
 from fish_env.soft.solids import make_beam
@@ -228,7 +229,7 @@ def test_penalty_in_time(bent_fish):
     start, worst, size = body.position[task.nodes], 0.0, np.abs(task.displacement).max()
     for k in range(n):
         point = start + task.displacement * 0.5 * (1 - np.cos(np.pi * (k + 1) / n))
-        tank._apply(tank._conditions._replace(drag=pulling._replace(point=point)))
+        conditions.apply(tank, conditions.present(tank)._replace(drag=pulling._replace(point=point)))
         tank.advance(1)
         worst = max(worst, np.abs(tank.position[0, task.nodes] - point).max())
     assert tank.alive[0], tank.failure[0]

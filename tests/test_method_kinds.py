@@ -15,6 +15,7 @@ from fish_env.bodies import BODIES
 from fish_env.kernels.fingerprint import fingerprint
 from fish_env.physics import forces
 from fish_env.physics.engine import make_advance
+from fish_env.physics.integrators import get_integrator
 from fish_env.physics.tank_options import own_step
 
 FISH = {name: make_fish(name) for name in BODIES}
@@ -69,7 +70,7 @@ def test_single_precision(name, lanes):
 def code(name):
     """What the compiled loop of a method is found by on disk: a hash of the code that goes into it."""
     body, world = FISH[QUICK].body, world_of(FISH[QUICK])
-    run = make_advance(forces.present(body, world), INTEGRATORS[name].method.make_run)
+    run = make_advance(forces.present(body, world), get_integrator(name).method.make_run)
     return fingerprint(run.py_func)
 
 
@@ -84,4 +85,4 @@ def test_code_on_disk_has_the_same_name_in_every_process():
     assert ours == other
     assert len(set(ours)) == len(ours) - 1  # the projected method differs from the plain one by a number of its plan
     for name in FIXED_STEP:
-        assert hash(INTEGRATORS[name].method) == hash(INTEGRATORS[name].method)
+        assert hash(get_integrator(name).method) == hash(get_integrator(name).method)

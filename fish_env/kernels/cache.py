@@ -211,7 +211,7 @@ class SourceCache(FunctionCache):
         with contextlib.suppress(UnknownValueError):
             found = super().load_overload(sig, target_context)
         if found is None:
-            begin_progress(self._py_func)
+            begin_progress()
         return found
 
     def save_overload(self, sig, data):

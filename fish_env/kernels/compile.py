@@ -1,9 +1,9 @@
 """Compilation: `njit` with the flags of this package's kernels, which `fish_env.kernels.cache` stores on disk."""
 
+import functools
 import gc
 import os
 from contextlib import contextmanager
-from functools import cache
 from uuid import uuid4
 
 import numba
@@ -12,19 +12,18 @@ from numba import _dynfunc
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager, register_pass
-from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
 from numba.core.untyped_passes import InlineClosureLikes
 
-from fish_env.kernels import cache as _cache
+from fish_env.kernels import cache
 from fish_env.kernels.cache import SourceCache
 from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
 from fish_env.kernels.threads import defer_signals
 
 # No fastmath: nothing is reordered or contracted. A single fish and a fish in any lane then have the same bits, and the
 # failure check detects a NaN.
-OPTIONS = {"nogil": True, "error_model": "numpy", "boundscheck": False}
+OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "boundscheck": False}
 PART = OPTIONS | {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of a part of a kernel: without reference counts, because it makes no arrays, and without Python wrappers."""
 INDEX = np.uint64  # kernels use unsigned indices, so that numba need not test for negative ones
@@ -77,10 +76,10 @@ class Kernel(CPUDispatcher):
 
 def njit(function):
     """Compile a function that Python calls: no objects, no GIL, numpy's division rules, cached by its sources."""
-    compiled = numba.njit(**OPTIONS)(function)
-    if isinstance(compiled, CPUDispatcher):
-        compiled.__class__ = Kernel
-    if _cache._FOLDER is not None and isinstance(compiled, Dispatcher):
+    if numba.config.DISABLE_JIT:
+        return function
+    compiled = Kernel(function, targetoptions=OPTIONS)
+    if cache._FOLDER is not None:
         compiled._cache = SourceCache(function)
     return compiled
 
@@ -109,7 +108,7 @@ class PartLowering(NativeLowering):
             del context.get_executable  # restores the method of the class
 
 
-@cache
+@functools.cache
 def prefer_own_types() -> None:
     """Register the types of this package before numba's, once, when the first kernel is compiled."""
     from fish_env.kernels.simd import arithmetic
@@ -150,10 +149,9 @@ class Part(CPUDispatcher):
 
 def part(function, **options):
     """Compile a part of kernels without wrappers for Python, in a quarter of the time."""
-    compiled = numba.njit(**PART, **options, pipeline_class=PartCompiler)(function)
-    if isinstance(compiled, CPUDispatcher):
-        compiled.__class__ = Part
-    return compiled
+    if numba.config.DISABLE_JIT:
+        return function
+    return Part(function, targetoptions=PART | options, pipeline_class=PartCompiler)
 
 
 def kernel(function):

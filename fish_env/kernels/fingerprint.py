@@ -44,18 +44,6 @@ def fingerprint(function: FunctionType) -> str:
     return digest.hexdigest()
 
 
-def count_parts(function: FunctionType) -> int:
-    """Number of kernels that a kernel is made of and that are not compiled in this process, itself included.
-
-    Raises:
-        UnknownValueError: if it has no fingerprint.
-    """
-    seen: dict[Any, int] = {}
-    for _ in _function(function, seen):
-        pass
-    return 1 + sum(isinstance(each, Dispatcher) and not each.overloads for each in seen)
-
-
 def _function(function: FunctionType, seen: dict[Any, int]) -> Iterator[bytes]:
     if function in seen:
         yield b"seen %d" % seen[function]

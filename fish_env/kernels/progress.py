@@ -3,11 +3,8 @@
 import os
 import sys
 import time
-from types import FunctionType
 
 from numba.core import event
-
-from fish_env.kernels.fingerprint import UnknownValueError, count_parts
 
 
 class Progress(event.Listener):
@@ -15,12 +12,10 @@ class Progress(event.Listener):
 
     It begins after PATIENCE seconds. Above a progress bar of tqdm it is one line, too. FISH_ENV_QUIET=1 turns it off.
 
-    Args:
-        total: how many parts are to be compiled, about: some are compiled for several types. None if unknown.
     """
 
-    def __init__(self, total: int | None):
-        self.since, self.count, self.total = time.perf_counter(), 0, total
+    def __init__(self):
+        self.since, self.count = time.perf_counter(), 0
         self.said = self.updating = False
 
     def on_start(self, event):
@@ -33,9 +28,7 @@ class Progress(event.Listener):
         updating = sys.stderr.isatty() and not bar
         if elapsed > PATIENCE and (updating or not self.said):
             self.said, self.updating = True, updating
-            of = "" if self.total is None else f" of about {max(self.total, self.count)}"
-            done = f"{self.count}{of}, {elapsed:.0f} s"
-            text = f"fish_env compiles its kernels (once per fish and task): {done}"
+            text = f"fish_env compiles its kernels (once per fish and task): {self.count}, {elapsed:.0f} s"
             if bar:
                 sys.modules["tqdm"].tqdm.write(f"{text} ...", file=sys.stderr)
             else:
@@ -47,11 +40,9 @@ PATIENCE = 1.0  # s
 _progress: list[Progress] = []
 
 
-def compiled() -> tuple[int, int | None] | None:
-    """Number of kernels compiled, and about how many there are; None while nothing is compiled."""
-    for listener in _progress:
-        return listener.count, listener.total
-    return None
+def compiled() -> int:
+    """Number of kernels compiled so far; 0 while nothing is compiled."""
+    return sum(listener.count for listener in _progress)
 
 
 def has_bar() -> bool:
@@ -59,14 +50,10 @@ def has_bar() -> bool:
     return "tqdm" in sys.modules and len(getattr(sys.modules["tqdm"].tqdm, "_instances", ())) > 0
 
 
-def begin_progress(function: FunctionType) -> None:
-    """Listen to the compiler, which begins with this function, unless a listener is active."""
+def begin_progress() -> None:
+    """Listen to the compiler, unless a listener is active."""
     if not _progress and not os.environ.get("FISH_ENV_QUIET"):
-        try:
-            total = count_parts(function)
-        except UnknownValueError:
-            total = None
-        _progress.append(Progress(total))
+        _progress.append(Progress())
         event.register("numba:compile", _progress[0])
 
 

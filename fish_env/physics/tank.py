@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from itertools import pairwise
-from pkgutil import resolve_name
 from types import ModuleType
 from typing import Any, Generic
 
@@ -300,11 +299,9 @@ class Tank(ReadOnly, Generic[Elastic]):
     def _run_evenly(self, steps: int) -> None:
         """Advance by steps without a change of the boundary conditions."""
         if self._engine is None:
-            advance = self.integrator.advance
-            advance = resolve_name(advance) if isinstance(advance, str) else advance
             for i in range(self.num_fish):
                 one = (type(each)(*(array[i : i + 1] for array in each)) for each in (self.state, self.control))
-                advance(*self._varied(i, self.world), *one, self.dt, steps)
+                self.integrator.advance(*self._varied(i, self.world), *one, self.dt, steps)
         else:
             self.share_out(self._engine.advance, steps)
 

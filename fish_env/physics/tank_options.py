@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from fish_env.checks import as_floats, finite_array, is_whole, positive_array, real
-from fish_env.kernels.simd import LANES, SUPPORTED, Kind
+from fish_env.kernels.simd import LANES, Kind
 from fish_env.physics.body import scale_body
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.integrators import INTEGRATORS, Integrator
+from fish_env.physics.integrators import INTEGRATORS, Integrator, get_integrator
 from fish_env.physics.integrity import check_fish, check_world
 from fish_env.physics.records import Body, World
 
@@ -44,7 +44,7 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
             f"dt is {dt!r}; give a positive number of seconds, at least {SHORTEST:g} and at most {LONGEST:g} (this "
             f"fish's own is {fish.time_step})"
         )
-    return INTEGRATORS[integrator], real(dt), real(refine)
+    return get_integrator(integrator), real(dt), real(refine)
 
 
 def checked_count(value, name: str) -> int:
@@ -138,7 +138,7 @@ def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:
         raise ValueError(f"lanes is {lanes!r} and dtype {dtype!r}; choose from {choice} and from 'float64', 'float32'")
     if lanes is None:
         many = 16 if dtype == "float32" else 8
-        lanes = 1 if not SUPPORTED else many if num_fish >= FISH_FOR_LANES else "xyz"
+        lanes = many if num_fish >= FISH_FOR_LANES else "xyz"
     kind = Kind(lanes, dtype)
     if lanes in NOT_FOR_TANKS:
         raise ValueError(f"lanes is {lanes!r}, which {NOT_FOR_TANKS[str(lanes)]}; choose from {choice}")

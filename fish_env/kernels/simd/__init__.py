@@ -7,11 +7,11 @@ determines the compiled code. `Kind` makes such arrays, `Pack` passes them to ke
 from fish_env.kernels.simd import products  # noqa: F401  (tells numba how to compile them)
 from fish_env.kernels.simd.arrays import block_size, directions, epsilon, floats, nowhere, zero
 from fish_env.kernels.simd.functions import all_lanes, any_lane, cross, dot, exp, fma, lane, log, select, sqrt, vec3
-from fish_env.kernels.simd.kinds import LANES, SUPPORTED, Kind, Numbers, Scratch, Vectors
-from fish_env.kernels.simd.packs import Pack, pack_at, packed
+from fish_env.kernels.simd.kinds import LANES, Kind, Numbers, Scratch, Vectors
+from fish_env.kernels.simd.packs import Pack, field, pack_at, packed
 
 __all__ = [
-    "LANES", "SUPPORTED", "Kind", "Numbers", "Pack", "Scratch", "Vectors", "all_lanes", "any_lane", "block_size",
-    "cross", "directions", "dot", "epsilon", "exp", "floats", "fma", "lane", "log", "nowhere", "pack_at", "packed",
-    "select", "sqrt", "vec3", "zero",
+    "LANES", "Kind", "Numbers", "Pack", "Scratch", "Vectors", "all_lanes", "any_lane", "block_size",
+    "cross", "directions", "dot", "epsilon", "exp", "field", "floats", "fma", "lane", "log", "nowhere", "pack_at",
+    "packed", "select", "sqrt", "vec3", "zero",
 ]  # fmt: skip

@@ -3,10 +3,8 @@
 Legend: n elements of an array; w lanes.
 """
 
-import warnings
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numba.np.numpy_support import from_dtype
 
@@ -14,16 +12,6 @@ from fish_env.kernels.simd import plain
 from fish_env.kernels.simd.types import DUAL, THREAD, WARP, XYZ, Vec3, floats_apart, floats_in, number_type, width
 
 LANES = (XYZ, 1, 2, 4, 8, 16, 32)
-TESTED = ("0.60", "0.61", "0.62", "0.63", "0.64", "0.65", "0.66", "0.67", "0.68")
-"""Versions of numba with which the types were tested."""
-SUPPORTED = numba.__version__.startswith(tuple(f"{version}." for version in TESTED))
-if not SUPPORTED:
-    warnings.warn(
-        f"fish_env's vector types were tested with numba {', '.join(TESTED)}, not {numba.__version__}: kernels work on "
-        'one fish at a time, several times slower; pip install "numba>=0.60,<0.69" for the full speed',
-        RuntimeWarning,
-        stacklevel=2,
-    )
 ALIGNMENT = 64  # bytes: a cache line, and the widest register
 
 
@@ -31,7 +19,7 @@ ALIGNMENT = 64  # bytes: a cache line, and the widest register
 class Kind:
     """Number of fish that a kernel processes at once, and its precision."""
 
-    lanes: str | int = XYZ if SUPPORTED else 1
+    lanes: str | int = XYZ
     """"xyz", one fish with its coordinates in a register; or the number of fish side by side: 1, 2, 4, 8, 16 or 32; or
     "dual", one fish of dual numbers, for derivatives of forces only; or "thread", one fish per thread of a GPU, whose
     memory is interleaved with that of the other threads of its warp."""
@@ -42,11 +30,6 @@ class Kind:
         known = isinstance(self.lanes, str | int) and self.lanes in (*LANES, DUAL, THREAD)
         if not known or isinstance(self.lanes, bool):
             raise ValueError(f"lanes is {self.lanes!r}; choose from {', '.join(map(repr, LANES))}")
-        if not SUPPORTED and self.lanes not in (1, DUAL, THREAD):
-            raise ValueError(
-                f"lanes is {self.lanes!r}, which was not tested with numba {numba.__version__}; give 1, or install one "
-                f"of {', '.join(TESTED)}"
-            )
         if self.dtype not in ("float64", "float32"):
             raise ValueError(f"dtype is {self.dtype!r}; choose 'float64' or 'float32'")
 

@@ -55,7 +55,7 @@ from types import ModuleType
 from typing import Any
 
 from fish_env.kernels.compile import kernel
-from fish_env.kernels.simd import Kind, Pack, select, zero
+from fish_env.kernels.simd import Kind, Pack, field, select, zero
 from fish_env.physics.forces import gravity, reactive, righting, springs, water
 from fish_env.physics.records import Body, World
 
@@ -139,30 +139,56 @@ def total(names: tuple[str, ...], function: str, *others: str):
         chosen = next((option for option in (function, *others) if hasattr(FORCES[name], option)), None)
         if chosen is not None:
             found[name] = getattr(FORCES[name], chosen)
-    if function in ("energy", "loss"):
-        return call_in_turn(found, "found += {call}", "found = zero(control.stiffness)", "return found", zero=zero)
     if function == "failed":  # the first in the list takes precedence
-        codes = {f"CODE_{name}": float(FORCES[name].FAILURE) for name in found}
-        line, found = "code = select({call}, CODE_{name}, code)", dict(reversed(found.items()))
-        before = "code = zero(control.stiffness)"
-        return call_in_turn(found, line, before, "return code", zero=zero, select=select, **codes)
-    return call_in_turn(found)
+        found = dict(reversed(found.items()))
+    join = {"energy": add_numbers, "loss": add_numbers, "failed": first_code}.get(function, in_turn)
+    kernels = nothing if join is in_turn else no_number
+    for name, one in found.items():
+        kernels = join(kernels, one, name if has_cache(name) else "", float(getattr(FORCES[name], "FAILURE", 0)))
+    return kernels
 
 
-def call_in_turn(functions: dict[str, Any], line="{call}", before="pass", after="pass", **space):
-    """Make a kernel that calls a function of each force, by its name, with its part of the cache.
+@kernel
+def nothing(body, world, control, x, v, f, cache):
+    """Call no kernel."""
 
-    Its source has a `line` for each `{call}`, in which `{name}` is the force's name, between the lines `before` and
-    `after`; `space` holds the names that these lines use.
-    """
-    text = ["def sum_of_forces(body, world, control, x, v, f, cache):", f"    {before}"]
-    for name, function in functions.items():
-        space[f"call_{name}"] = function
-        own = f"cache.{name}" if has_cache(name) else "cache"
-        text.append("    " + line.format(call=f"call_{name}(body, world, control, x, v, f, {own})", name=name))
-    exec(compile("\n".join([*text, f"    {after}"]), __file__, "exec"), space)
-    space["sum_of_forces"].__module__ = __name__
-    return kernel(space["sum_of_forces"])
+
+@kernel
+def no_number(body, world, control, x, v, f, cache):
+    """Return zero."""
+    return zero(control.stiffness)
+
+
+def in_turn(before, one, name: str, code: float):
+    """Make the kernel that calls the kernels before, and one with its part of the cache."""
+
+    @kernel
+    def call(body, world, control, x, v, f, cache):
+        before(body, world, control, x, v, f, cache)
+        one(body, world, control, x, v, f, field(cache, name))
+
+    return call
+
+
+def add_numbers(before, one, name: str, code: float):
+    """Make the kernel that adds the number of one kernel to those before."""
+
+    @kernel
+    def add(body, world, control, x, v, f, cache):
+        return before(body, world, control, x, v, f, cache) + one(body, world, control, x, v, f, field(cache, name))
+
+    return add
+
+
+def first_code(before, one, name: str, code: float):
+    """Make the kernel that returns the code of one kernel where it is true, and the code of those before elsewhere."""
+
+    @kernel
+    def choose(body, world, control, x, v, f, cache):
+        found = before(body, world, control, x, v, f, cache)
+        return select(one(body, world, control, x, v, f, field(cache, name)), code, found)
+
+    return choose
 
 
 def depend_on_position(names: tuple[str, ...]) -> bool:

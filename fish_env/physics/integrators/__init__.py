@@ -5,13 +5,14 @@ block of fish. `fish_env.physics.engine` compiles the kernel together with the a
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from pkgutil import resolve_name
+from typing import Any, Protocol
 
 import numpy as np
 
 from fish_env.kernels.simd import Kind, Pack
-from fish_env.physics.integrators import leapfrog_chebyshev, limits, rosenbrock, runge_kutta, semi_implicit
+from fish_env.physics.integrators import leapfrog_chebyshev, limits, runge_kutta, semi_implicit
 from fish_env.physics.records import Body, World
 
 
@@ -67,30 +68,35 @@ class Integrator:
     solves: int
     """Solves with a factorised matrix, for all nodes and coordinates, per step."""
     source: str
-    method: Method | None = None
-    """The implementation of its steps; None for a method that chooses its own."""
+    method: Any = None
+    """The implementation of its steps, a `Method`, or a text "module:name" of it (`get_integrator`); None for a method
+    that chooses its own."""
     limit: limits.Limit = limits.none
     """Largest stable step of a body in a world for small motion about rest, s; inf if all are stable."""
     base: Callable[[Body], float] = limits.leapfrog
     """Step from which the default one follows, s: stable on the body in any water; 0 if there is none."""
     refuses: Callable[[Body, World], str] = limits.everything
     """Reason that it cannot move a body in a world; "" if it can."""
-    advance: Callable | str = ""
-    """Function of a method without a `method`: `advance(body, world, state, control, h, n)` moves every valid body.
-    It may be a text "module:function", which is loaded when it is needed."""
+    advance: Any = None
+    """Function of a method without a `method`, or a text of it: `advance(body, world, state, control, h, n)` moves every
+    valid body."""
 
     def __reduce__(self):
         return get_integrator, (self.name,)  # a pickle contains the name only; compiled code stays in its process
 
 
 def get_integrator(name: str) -> Integrator:
-    """Entry of the table with this name."""
-    return INTEGRATORS[name]
+    """Entry of the table with this name; what it names by texts is loaded, and takes the place of the texts."""
+    record = INTEGRATORS[name]
+    texts = {part: text for part in ("method", "advance") if isinstance(text := getattr(record, part), str)}
+    if texts:
+        record = INTEGRATORS[name] = replace(record, **{part: resolve_name(text) for part, text in texts.items()})
+    return record
 
 
 IMPLICIT, TU, SONG, BARAFF = "linearly implicit", "Tu 1996, ch. 4", "Song 2009, ch. 5", "Baraff & Witkin 1998"
 CARLE = "Carle, Hochbruck & Sturm 2020"
-SOFT = "fish_env.soft.adaptive"
+SOFT = "fish_env.soft"
 HAIRER, DOP853, RADAU = "Hairer, Lubich & Wanner 2003", "Hairer, Norsett & Wanner 1993", "Hairer & Wanner 1996"
 INTEGRATORS: dict[str, Integrator] = {
     record.name: record
@@ -105,11 +111,15 @@ INTEGRATORS: dict[str, Integrator] = {
         ),
         Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.MIDPOINT, limits.midpoint),
         Integrator("leapfrog_chebyshev", 1, "stabilised", 0, 0, 0, CARLE, leapfrog_chebyshev, limits.STABILISED),
-        Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.EULER),
-        Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.PROJECTED),
-        Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, rosenbrock.WATER),
-        Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", rosenbrock.ROS2),
-        Integrator("dop853", 8, "adaptive", 0, 0, 0, DOP853, refuses=limits.no_walls, advance=f"{SOFT}:advance_dop853"),
-        Integrator("radau", 5, "adaptive", 0, 0, 0, RADAU, refuses=limits.no_walls, advance=f"{SOFT}:advance_radau"),
+        Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, f"{SOFT}.rosenbrock:EULER"),
+        Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, f"{SOFT}.rosenbrock:PROJECTED"),
+        Integrator("linearly_implicit_water", 1, IMPLICIT, 1, 1, 1, BARAFF, f"{SOFT}.rosenbrock:WATER"),
+        Integrator("rosenbrock", 2, IMPLICIT, 2, 1, 2, "Verwer et al. 1999", f"{SOFT}.rosenbrock:ROS2"),
+        Integrator(
+            "dop853", 8, "adaptive", 0, 0, 0, DOP853, refuses=limits.no_walls, advance=f"{SOFT}.adaptive:advance_dop853"
+        ),
+        Integrator(
+            "radau", 5, "adaptive", 0, 0, 0, RADAU, refuses=limits.no_walls, advance=f"{SOFT}.adaptive:advance_radau"
+        ),
     )
 }
