@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from numbers import Real
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -97,6 +97,49 @@ def node_array(value, width, num_nodes, name) -> np.ndarray:
         bad = int(array[(array < 0) | (array >= num_nodes)][0])
         raise ValueError(f"{name} contain node {bad}; valid numbers are 0 to {num_nodes - 1}")
     return np.ascontiguousarray(array, dtype=np.int64)
+
+
+def check_numbers(name: str, array, shape: tuple, below: int, lowest: int = 0) -> None:
+    """Raise ValueError unless `array` contains whole numbers from `lowest` to `below` - 1; None in the shape is any."""
+    array = np.asarray(array)
+    fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
+    if not fits or array.dtype.kind not in "iu":
+        wanted = ", ".join("any" if n is None else str(n) for n in shape)
+        raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}; give whole numbers ({wanted})")
+    outside = array[(array < lowest) | (array >= below)]
+    if outside.size:
+        raise ValueError(f"{name} contains {outside[0]}; valid numbers are {lowest} to {below - 1}")
+
+
+def check_arrays(prefix: str, record, patterns: dict[str, str], **sizes: int) -> None:
+    """Raise ValueError unless the arrays of a record have the shapes, and finite or whole numbers, of their patterns.
+
+    Args:
+        prefix: what names begin with in messages.
+        record: a nested named tuple or another object; fields of a part that is None are left out.
+        patterns: for names such as "springs.nodes", the sizes of the axes. A letter is one size in all of them, that of
+            the first array unless it is in `sizes`. "< N" after them asks for whole numbers below N, "from -1" for
+            numbers from -1 on instead of 0. "?" before them allows None.
+        **sizes: sizes of letters.
+    """
+    for name, pattern in patterns.items():
+        part, _, field = name.rpartition(".")
+        holder = getattr(record, part) if part else record
+        value: Any = None if holder is None else getattr(holder, field)
+        if holder is None or (value is None and pattern.startswith("?")):
+            continue
+        axes, _, limits = pattern.lstrip("?").partition("<")
+        wanted, shape = axes.split(), np.shape(value)
+        if len(wanted) == len(shape):
+            sizes = dict(zip(wanted, shape, strict=True)) | sizes
+        expected = tuple(int(axis) if axis.isdigit() else sizes.get(axis) for axis in wanted)
+        if limits:
+            bound, _, lowest = limits.partition("from")
+            bound = bound.strip()
+            below = int(bound) if bound.isdigit() else sizes[bound]
+            check_numbers(prefix + name, value, expected, below, int(lowest or 0))
+        else:
+            finite_array(value, shape if None in expected else expected, prefix + name)
 
 
 def fits_memory(count: int, each: int, what: str) -> None:

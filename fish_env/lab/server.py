@@ -46,10 +46,10 @@ async def wait_for(connection: ServerConnection, work: Callable[..., Any], *give
     """The result of what is done in a thread; a page that waits for long is told what is compiled."""
     doing = asyncio.create_task(asyncio.to_thread(work, *given))
     while not (await asyncio.wait({doing}, timeout=PAUSE))[0]:
-        count, total = compiled() or (0, None)
-        text = f"Compiling kernels, once per scene: {count} of about {max(total, count)}" if total else "Preparing ..."
+        count = compiled()
+        text = f"Compiling kernels, once per scene: {count}" if count else "Preparing ..."
         with suppress(ConnectionClosed, ConnectionError):  # the work is not left half done
-            await connection.send(say("busy", {"text": text, "part": count / max(total, count) if total else None}))
+            await connection.send(say("busy", {"text": text, "part": None}))
     return doing.result()
 
 

@@ -4,8 +4,6 @@ A body is a plain tuple of arrays, which the compiled kernels read unchanged. `m
 errors state the valid values. Elements other than springs are made in `elements.py`.
 """
 
-from itertools import combinations
-
 import numpy as np
 
 from fish_env.checks import finite_array, node_array, positive_array, representable
@@ -67,7 +65,7 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
         highest = 0 if part is None else getattr(part, "faces" if name == "compartments" else "nodes").max(initial=0)
         if highest >= n:
             raise ValueError(f"{name} contain node {highest}; valid numbers are 0 to {n - 1}")
-    shape = ldlt.profile(joined(pairs, corners, tets, sections), n)
+    shape = ldlt.profile_of_elements(n, pairs, corners, tets, sections)
     springs = Springs(
         pairs,
         positive_array(stiffness, (count,), "stiffness (N/m)", zero=True),
@@ -86,16 +84,6 @@ def make_body(position, mass, pairs, stiffness, damping, rest_length, faces, *, 
         0.0, 0.0, shape, sections,
     )  # fmt: skip
     return with_rates(body)
-
-
-def joined(springs, faces, tets: Tets | None, sections: Sections | None) -> np.ndarray:
-    """All pairs of nodes (J,2) that springs (E,2), faces (F,4), tetrahedra or sections join."""
-    fours = faces if tets is None else np.concatenate([faces, tets.nodes])
-    parts = [springs, *(fours[:, pair] for pair in combinations(range(4), 2))]
-    if sections is not None:
-        groups = np.split(sections.nodes, sections.first[1:-1])
-        parts += [np.array(list(combinations(group, 2)), dtype=np.int64).reshape(-1, 2) for group in groups]
-    return np.concatenate(parts)
 
 
 def fix(body: Body, nodes, axes: str = "xyz") -> Body:

@@ -10,7 +10,7 @@ from typing import Any, Generic
 
 import numpy as np
 
-from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, is_whole, own
+from fish_env.checks import ReadOnly, check_numbers, finite_array, frozen, is_whole, own
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.kernels.threads import Threads
 from fish_env.physics import tank_options as options
@@ -19,7 +19,6 @@ from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import Elastic, Fish
 from fish_env.physics.forces.control import NOMINAL
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.integrity import check_numbers
 from fish_env.physics.muscles import command_all
 from fish_env.physics.records import COUNTERS, FLOWS, Body, Control, State, World
 from fish_env.physics.world import VACUUM, checked_water
@@ -69,9 +68,8 @@ class Tank(ReadOnly, Generic[Elastic]):
         self.num_fish = options.checked_count(num_fish, "num_fish")
         self.threads = options.available_processors() if threads is None else options.checked_count(threads, "threads")
         water = VACUUM if water is None else checked_water(water, fish.water)
-        options.check_scene(fish, water, self.integrator)
-        self.energy = options.checked_energy(energy, fish, self.integrator)
-        fits_memory(self.num_fish, options.bytes_of(fish.body), "num_fish")
+        options.check_scene(fish, water, self.integrator, energy, self.num_fish)
+        self.energy = bool(energy)
         fish, self.world = frozen(copy.deepcopy((fish, water)))
         if dt is not None and (reason := options.too_long(fish.body, self.world, self.integrator, self.dt)):
             failing = f"{self.integrator.name!r} will fail on {fish.name!r} in this water"

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fish_env.checks import as_floats, finite_array, is_whole, positive_array, real
+from fish_env.checks import as_floats, finite_array, fits_memory, is_whole, positive_array, real
 from fish_env.kernels.simd import LANES, Kind
 from fish_env.physics.body import scale_body
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.integrators import INTEGRATORS, Integrator, get_integrator
-from fish_env.physics.integrity import check_fish, check_world
+from fish_env.physics.integrity import check_objects
 from fish_env.physics.records import Body, World
 
 REFINED = ("leapfrog_chebyshev",)  # methods that check the rate of change of their springs
@@ -34,11 +34,11 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
         raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
     if refine is None:
         refine = fish.refine if integrator == fish.integrator else np.inf
+    dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
     if not real(refine) > 0:
         raise ValueError(f"refine is {refine!r}; give a positive number (this fish's own is {fish.refine}), or inf")
     if np.isfinite(real(refine)) and integrator not in REFINED:
         raise ValueError(f"{integrator!r} cannot refine its steps; give refine=inf, or choose from {REFINED}")
-    dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt
     if not SHORTEST <= real(dt) <= LONGEST:
         raise ValueError(
             f"dt is {dt!r}; give a positive number of seconds, at least {SHORTEST:g} and at most {LONGEST:g} (this "
@@ -54,10 +54,17 @@ def checked_count(value, name: str) -> int:
     return int(value)
 
 
-def check_scene(fish: ElasticObject, world: World, integrator: Integrator) -> None:
-    """Raise ValueError if fish or world are inconsistent, or if the method cannot move the body there."""
-    check_fish(fish)
-    check_world(world, fish.body.mass.size)
+def check_scene(fish: ElasticObject, world: World, integrator: Integrator, energy=False, count=1) -> None:
+    """Raise ValueError if fish or world are inconsistent, or if the method cannot move so many bodies there.
+
+    Args:
+        fish: the bodies.
+        world: their surroundings.
+        integrator: the method.
+        energy: whether it is to measure energy flows, True or False.
+        count: number of the bodies.
+    """
+    check_objects(fish, world)
     if (world.added_mass is not None or world.righting) and fish.body.sections is None:
         raise ValueError(
             f"{fish.name!r} has no sections, on which the inertia of the water and the righting couple act; give water "
@@ -65,19 +72,14 @@ def check_scene(fish: ElasticObject, world: World, integrator: Integrator) -> No
         )
     if world.added_mass is not None and world.planes is not None:
         raise ValueError("water has no model of inertia beside walls; give water without inertia, or no planes")
-    reason = integrator.refuses(fish.body, world)
-    if reason:
-        raise integrator_error(fish, integrator, reason)
-
-
-def checked_energy(energy, fish: ElasticObject, integrator: Integrator) -> bool:
-    """Return whether energy flows are measured; ValueError for no Boolean, or a method that does not measure them."""
     if not isinstance(energy, bool | np.bool_):
         raise ValueError(f"energy is {energy!r}; give True or False")
-    method = integrator.method
-    if energy and (method is None or "flows" not in inspect.signature(method.make_run).parameters):
-        raise integrator_error(fish, integrator, "it does not measure energy flows")
-    return bool(energy)
+    method, reason = integrator.method, integrator.refuses(fish.body, world)
+    if not reason and energy and (method is None or "flows" not in inspect.signature(method.make_run).parameters):
+        reason = "it does not measure energy flows"
+    if reason:
+        raise integrator_error(fish, integrator, reason)
+    fits_memory(count, bytes_of(fish.body), "num_fish")
 
 
 def too_long(body: Body, world: World, integrator: Integrator, dt: float) -> str:

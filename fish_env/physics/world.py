@@ -103,5 +103,6 @@ def change_water(water: World, **named) -> World:
     for name, part in (("added_mass", "inertia"), ("viscosity", "friction")):
         if name in named and not given[part]:
             raise ValueError(f"{name} changes nothing in water without {part}; name {part} too, or leave {name} out")
-    fields: Any = zip(water._fields, make_water(**own), make_water(**given), strict=True)
+    before, after = (make_water(**each) for each in (own, given))
+    fields: Any = zip(water._fields, before, after, strict=True)
     return water._replace(**{name: new for name, old, new in fields if not np.array_equal(old, new)})

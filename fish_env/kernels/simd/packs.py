@@ -180,22 +180,21 @@ class PackAttributes(AttributeTemplate):
         return kind.places[name][0] if name in kind.places else None
 
 
-def field(pack, name: str):
-    """Field of a pack with a name from a kernel's closure, of which numba compiles no `getattr`; for "", the pack."""
+def _field_of(pack, name: str):
     return getattr(pack, name) if name else pack
 
 
-if not numba.config.DISABLE_JIT:
+@intrinsic(prefer_literal=True)
+def _field_in_kernels(typingctx, pack, name):
+    def generate(context, builder, sig, args):
+        text = name.literal_value
+        return _pack_getattr(context, builder, pack, args[0], text) if text else args[0]
 
-    @intrinsic(prefer_literal=True)
-    def field(typingctx, pack, name):
-        """As above."""
+    return (pack.places[name.literal_value][0] if name.literal_value else pack)(pack, name), generate
 
-        def generate(context, builder, sig, args):
-            text = name.literal_value
-            return _pack_getattr(context, builder, pack, args[0], text) if text else args[0]
 
-        return (pack.places[name.literal_value][0] if name.literal_value else pack)(pack, name), generate
+field: Any = _field_of if numba.config.DISABLE_JIT else _field_in_kernels
+"""Field of a pack with a name from a kernel's closure, of which numba compiles no `getattr`; for "", the pack."""
 
 
 def pack_at(kind: PackType) -> Callable[[int], Any]:

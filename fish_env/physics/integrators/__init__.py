@@ -78,8 +78,8 @@ class Integrator:
     refuses: Callable[[Body, World], str] = limits.everything
     """Reason that it cannot move a body in a world; "" if it can."""
     advance: Any = None
-    """Function of a method without a `method`, or a text of it: `advance(body, world, state, control, h, n)` moves every
-    valid body."""
+    """Function of a method without a `method`, or a text of it: `advance(body, world, state, control, h, n)` moves
+    every valid body."""
 
     def __reduce__(self):
         return get_integrator, (self.name,)  # a pickle contains the name only; compiled code stays in its process

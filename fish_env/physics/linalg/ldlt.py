@@ -12,12 +12,13 @@ L D; p, q columns of blocks of L D and of L.
 """
 
 import math
+from itertools import combinations
 
 import numpy as np
 
 from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import dot, epsilon, fma, select, vec3, zero
-from fish_env.physics.records import Profile
+from fish_env.physics.records import Body, Profile, Sections, Tets
 
 TRUSTED_PIVOT = 1e-9  # a pivot below this fraction of its diagonal entry has lost nine digits to cancellation
 ROUNDING = 16.0  # times the precision: rounding error of a pivot's sums
@@ -30,6 +31,21 @@ def profile(pairs: np.ndarray, order: int) -> Profile:
         first[j] = min(first[j], i)
     start = np.concatenate([[0], np.cumsum(np.arange(order) - first + 1)])
     return Profile(first.astype(np.int64), start.astype(np.int64), (start[1:] - 1).astype(np.int64))
+
+
+def profile_of(body: Body) -> Profile:
+    """Skyline of the system matrix of a body: the nodes that springs, faces, tetrahedra or sections join."""
+    return profile_of_elements(len(body.mass), body.springs.nodes, body.faces.nodes, body.tets, body.sections)
+
+
+def profile_of_elements(n: int, springs, faces, tets: Tets | None, sections: Sections | None) -> Profile:
+    """Skyline for n nodes of which springs (E,2), faces (F,4), tetrahedra or sections join some."""
+    fours = faces if tets is None else np.concatenate([faces, tets.nodes])
+    parts = [springs, *(fours[:, pair] for pair in combinations(range(4), 2))]
+    if sections is not None:
+        groups = np.split(sections.nodes, sections.first[1:-1])
+        parts += [np.array(list(combinations(group, 2)), dtype=np.int64).reshape(-1, 2) for group in groups]
+    return profile(np.concatenate(parts), n)
 
 
 def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
