@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from numbers import Real
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 
@@ -125,9 +125,9 @@ def check_arrays(prefix: str, record, patterns: dict[str, str], **sizes: int) ->
     for name, pattern in patterns.items():
         part, _, field = name.rpartition(".")
         holder = getattr(record, part) if part else record
-        value: Any = None if holder is None else getattr(holder, field)
-        if holder is None or (value is None and pattern.startswith("?")):
+        if holder is None or (getattr(holder, field) is None and pattern.startswith("?")):
             continue
+        value = getattr(holder, field)
         axes, _, limits = pattern.lstrip("?").partition("<")
         wanted, shape = axes.split(), np.shape(value)
         if len(wanted) == len(shape):
