@@ -8,11 +8,11 @@ kept in `runs/calibration` until what it depends on changes: a calibration that 
 search that ended. Bit for bit on one kind of processor.
 """
 
-import argparse
 import time
 from collections.abc import Callable
 
 from benchmarks.calibration import finest, fit, gait_search, motor_controllers
+from benchmarks.common.tables import make_parser
 
 STEPS: dict[str, tuple[float, Callable[[str], None]]] = {
     "the finest body": (3.0, finest.calibrate),
@@ -27,7 +27,7 @@ STEPS: dict[str, tuple[float, Callable[[str], None]]] = {
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__)
     parser.add_argument("--water", choices=finest.START, default="reactive", help="the level of water")
     water = parser.parse_args().water
     for number, (name, (minutes, calibrate)) in enumerate(STEPS.items(), start=1):

@@ -1,8 +1,5 @@
 """Distance of every body to the finest one, and its cost, in a scene of every task.
 
-python -m benchmarks.bodies.fidelity              results/fidelity.csv and docs/images/fidelity.svg (3 minutes)
-python -m benchmarks.bodies.fidelity --draw       the chart again, from the CSV
-
 A scene is an episode of the task with the motor controllers: the contractions of the default fish's muscles are
 recorded and played to every body, from rest, open loop. The finest body is that of tetrahedra at level 3; level 2 says
 how much it still changes. Bodies are timed in turn, in processor time, many fish together as in training.
@@ -13,10 +10,10 @@ import time
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import measure_and_draw, pyplot, save
+from benchmarks.common.charts import panels, save
 from benchmarks.common.motion import errors, play, record
 from benchmarks.common.statistics import interval_of
-from benchmarks.common.tables import IMAGES, read_table, write_csv
+from benchmarks.common.tables import IMAGES, publish, read_table, select
 from fish_env import TASKS, Tank, make_fish
 from fish_env.bodies import Fish
 
@@ -85,12 +82,10 @@ def run() -> list[dict]:
 
 def draw() -> None:
     """Distance over cost, a panel a task."""
-    rows = read_table("fidelity.csv")
-    figure, axes = pyplot().subplots(2, 3, figsize=(12, 7), sharex=True, sharey=True, layout="constrained")
-    for panel, task in zip(axes.flat, dict.fromkeys(row["task"] for row in rows), strict=False):
-        for row in rows:
-            if (row["task"], row["quantity"]) != (task, "all") or not 0.0 < row["error"] < np.inf:
-                continue
+    rows = [row for row in read_table("fidelity.csv", quantity="all") if 0.0 < row["error"] < np.inf]
+    figure, axes = panels(3, (12, 7), 2, sharex=True, sharey=True)
+    for panel, task in zip(axes, dict.fromkeys(row["task"] for row in rows), strict=False):
+        for row in select(rows, task=task):
             x, y, low, high = 1e3 * row["cost_s_per_s"], *(100 * row[name] for name in ("error", "low", "high"))
             panel.errorbar(x, y, [[y - low], [high - y]], fmt="o", color=COLOURS[row["body"]], capsize=3)
             label = f"{row['body']} {row['level']}".strip()
@@ -99,22 +94,11 @@ def draw() -> None:
         panel.set(xscale="log", yscale="log", xlim=(0.03, 5000), ylim=(0.3, 100), title=task.replace("_", " "))
         panel.set_yticks(ticks := [0.5, 1, 2, 5, 10, 20, 50, 100], [f"{tick:g}" for tick in ticks])
         panel.set_yticks([], minor=True)
-        panel.grid(alpha=0.2)
-    axes.flat[-1].axis("off")
+    axes[-1].axis("off")
     figure.supxlabel("cost, ms a simulated second")
     figure.supylabel("distance to the finest body, %")
     save(figure, IMAGES / "fidelity.svg")
 
 
-def measure() -> None:
-    """Write the table."""
-    write_csv("fidelity.csv", run(), "python -m benchmarks.bodies.fidelity")
-
-
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"fidelity.csv": run}, draw)

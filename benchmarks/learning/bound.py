@@ -14,7 +14,6 @@ goes on after the plan.
 A search shows what can be reached. How far its seeds are apart tells how far it may be from the best.
 """
 
-import argparse
 from collections.abc import Callable
 from itertools import chain
 from typing import NamedTuple
@@ -23,7 +22,7 @@ import numpy as np
 
 from benchmarks.common.search import minimise
 from benchmarks.common.statistics import interval_of, rounded
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.tables import RESULTS, make_parser, read_table, write_csv
 from fish_env import BODIES
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import FIRST_SEED, Controller, as_controller, load_policy, scripted, shipped_policies
@@ -291,7 +290,7 @@ def summarise(rows: list[dict]) -> str:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__)
     parser.add_argument("tasks", nargs="*", default=list(GOALS), help=f"{', '.join(GOALS)}; all")
     parser.add_argument("--budget", type=int, default=100, help="generations of a search, 100")
     parser.add_argument("--starts", type=int, default=8, help="evaluation episodes of each task, 8")

@@ -10,7 +10,6 @@ eighth of the step: if that fails too, the cause is what was done to the fish, n
 stored in tests/worst.npz.
 """
 
-import argparse
 import math
 import sys
 
@@ -18,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.problems import scaled, swimming
-from benchmarks.common.tables import write_csv
+from benchmarks.common.tables import make_parser, write_csv
 from benchmarks.stability.attack_search import search
 from benchmarks.stability.cases import STORED, Settings, Tally, case_of, drive, own_settings, store, tank_at
 from benchmarks.stability.mistreatment import GOALS, LEVELS, Family, at_rest, beginning, families
@@ -108,7 +107,7 @@ def report(rows: list[dict]) -> bool:
 
 def main() -> int:
     """The command line; exit 1 if the default fish fails where RK4 does not."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__)
     parser.add_argument("--body", choices=BODIES, help="only this one")
     parser.add_argument("--fish", type=int, default=FISH, help=f"in all families of random actions ({FISH:,})")
     parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help=f"of the search ({EVALUATIONS:,})")

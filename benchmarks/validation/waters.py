@@ -9,6 +9,8 @@ from benchmarks.common.charts import BLUE, GREY, ORANGE
 from fish_env import World, make_water
 from fish_env.bodies import Fish
 
+PLACES = np.linspace(0.0, 1.0, 21)
+"""Of what the tables hold along a body."""
 FINE = np.linspace(0.0, 1.0, 401)
 COLOURS = {"drag": ORANGE, "drag, friction": "#E69F00", "reactive": BLUE, "reactive, friction": "#56B4E9"}
 """Colour of each level of water. Reactive water has the drag as well."""
@@ -37,6 +39,13 @@ def by_angle(angle: Callable) -> Callable:
 def by_curvature(curvature: Callable) -> Callable:
     """The midline whose curvature (S,), rad a body length, at places (S,) and a time, s, is given."""
     return by_angle(lambda places, time: CubicSpline(places, curvature(places, time)).antiderivative()(places))
+
+
+def along(panel, rows: list[dict], name: str) -> None:
+    """Draw a quantity along the body, of every row of a table."""
+    for row in rows:
+        values = [row[f"{name}_{k}"] for k in range(len(PLACES))]
+        panel.plot(PLACES, values, color=COLOURS[row["water"]], label=row["water"])
 
 
 def bars(panel, rows: list[dict], key: str, published: float, label: str, tolerance: float = 0.1) -> None:
