@@ -225,9 +225,9 @@ def method_table(rows: list[dict], integrator: str) -> str:
     """Table of policies trained with another integrator and with the default one, as Markdown."""
     heads, lines = ("Task", "Metric", "trained with the default", f"with `{integrator}`", "moved by the default"), []
     for task, metric in dict.fromkeys((row["task"], row["metric"]) for row in rows):
-        cells = select(read_stored(METHODS), task=task, condition="", method="PPO", metric=metric)
-        cells += select(rows, task=task, metric=metric)
-        lines.append((task, UNITS[metric][0], *map(cell, cells)))
+        default = select(read_stored(METHODS), task=task, condition="", method="PPO", metric=metric)
+        cells = [cell(row) for row in default] or ["-"]
+        lines.append((task, UNITS[metric][0], *cells, *map(cell, select(rows, task=task, metric=metric))))
     return markdown(heads, lines)
 
 

@@ -1,26 +1,40 @@
-"""What the pages in docs/ say is what the code does: their examples run, their tables and numbers agree."""
+"""What the pages say is what the code does: their tables and numbers agree, their commands run, their site is built.
 
+Commands are those of shell blocks, and those within the text. A page is read from its top: its commands run in order,
+in one folder, as a reader types them. They are only made short, by options of `SHORT` after those of the page. What
+cannot run here stands in `NOT_RUN` by its reason. Slow commands, and the whole page that they are on, are run by
+`pytest -m slow`. `test_blocks.py` runs the other blocks.
+"""
+
+import importlib
 import inspect
+import logging
 import os
 import re
+import runpy
+import shlex
+import shutil
 import subprocess
 import sys
 from fractions import Fraction
 from functools import cache, partial
+from operator import itemgetter
 from pathlib import Path
+from typing import NamedTuple
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from pages import ROOT, blocks
+from pages import FENCE, PAGES, ROOT, blocks
 
 import fish_env
+from fish_env import __main__ as command_line
+from fish_env.control.policy import shipped_policy
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode
 from fish_env.physics.failures import FAILURES
 from fish_env.tasks import TASKS, avoid, fast_start, start, target, turns
 from fish_env.tasks.options import keywords_of
 
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
 FIRST = 153  # elements of the observation before the task's own, for which all pages refer to swim.md
 SHARED_WEIGHTS = {"effort_weight", "failure_penalty"}  # of the reward of every task, on swim.md too
@@ -84,7 +98,7 @@ def modules(task):
 # Links, names and equation numbers
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize("path", sorted({*PAGES, *ROOT.glob("*.md")}), ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(path):
     """Every relative link and picture of a page exists, and the heading it leads to."""
     for link, anchor in re.findall(r"\]\(([^)#\s]*)#?([^)\s]*)\)", path.read_text()):
@@ -172,15 +186,6 @@ def test_page_begins_with_its_picture(task):
     assert lines[0].startswith("# ")
     assert re.fullmatch(rf"!\[.+\]\(\.\./images/gallery/env_{task}\.webp\)", lines[2])
     assert (ROOT / f"docs/images/gallery/env_{task}.webp").stat().st_size < 600_000
-
-
-@every_task
-def test_page_examples_run(task):
-    """The first block of a page makes the task's environments, one and many."""
-    scope = {}
-    exec(blocks(ROOT / f"docs/envs/{task}.md", "python")[0].text, scope)
-    assert scope["envs"].num_envs == 256
-    assert scope["envs"].spec.id == scope["env"].spec.id == env_id(task)
 
 
 def env_id(task):
@@ -394,3 +399,316 @@ def test_info_keys(task, keywords, single):
         assert {key for key in info if not key.startswith("_")} == wanted - missing
         assert all(np.asarray(infos[-1][key]).dtype == np.float64 for key in missing)
     assert {key for key in infos[-1]["terms"] if not key.startswith("_")} == terms
+
+
+# The site, README.md and the gallery
+
+
+def hook(name):
+    """A hook of the site as a module, as MkDocs loads it."""
+    pytest.importorskip("mkdocs", reason="the extra [docs] is not installed")
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/site/{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_readme_and_citation():
+    """README is short, has its two commands, and begins with a picture that moves; CITATION.cff names this version."""
+    from PIL import Image
+
+    text = (ROOT / "README.md").read_text()
+    lines = text.splitlines()
+    assert len(lines) <= 80
+    assert 'pip install -c constraints.txt -e ".[train]" && python train.py swim' in lines
+    assert 'pip install -c constraints.txt -e ".[dev]" && pytest' in lines
+    path = ROOT / re.search(r"!\[[^\]]+\]\(([^)]+)\)", text)[1]
+    assert path.stat().st_size < 700_000
+    with Image.open(path) as picture:
+        assert picture.n_frames > 20
+    assert re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.M)[1] == fish_env.__version__
+
+
+def test_links_out_of_docs_lead_to_copies():
+    """A source file becomes a page, data stay as they are; links within docs/, to the web and in code are left."""
+    links = hook("links")
+    assert links.uri(ROOT / "fish_env" / "physics" / "tank.py") == "repository/fish_env/physics/tank.py.md"
+    assert links.uri(ROOT / "benchmarks" / "results" / "gait.csv") == "repository/benchmarks/results/gait.csv"
+    assert links.uri(ROOT / "benchmarks") == "repository/benchmarks/index.md"
+    folder = ROOT / "docs" / "envs"
+    assert links.outside(folder, "../../fish_env/physics/tank.py") == ROOT / "fish_env" / "physics" / "tank.py"
+    for link in ("swim.md", "../physics.md", "https://gymnasium.farama.org", "../../nothing.py", "../../../tmp"):
+        assert links.outside(folder, link) is None, link
+    assert links.links("[a](../a.py)\n\n```\n[b](../b.py)\n```\n\n[c](c.md#d)\n") == ["../a.py", "c.md"]
+
+
+def test_equations_become_mathml(caplog):
+    """A number moves beside its equation; a command that cannot be converted is a warning, which CI refuses."""
+    equations = hook("equations")
+    found = equations.block(r"e_{ij} = \lvert r_{ij} \rvert \tag{4}", "math", "", {}, None)
+    assert "<math" in found and "(4)" in found and 'id="eq-4"' in found and "tag" not in found
+    assert not caplog.records
+    with caplog.at_level(logging.WARNING):
+        equations.mathml(r"\nosuchcommand x", "inline")
+    assert r"\nosuchcommand" in caplog.text
+
+
+@pytest.mark.slow
+def test_window_film_and_laboratory_draw_the_same(monkeypatch):
+    """Of one moment the three show the same pose and the same colours, to 1/30 of a length; of another moment not."""
+    for module, extra in (("playwright.sync_api", "browser"), ("websockets", "lab")):
+        pytest.importorskip(module, reason=f'needs pip install -e ".[{extra}]"')
+    monkeypatch.syspath_prepend(str(ROOT / "docs/site"))
+    gallery = importlib.import_module("gallery")
+
+    def warm(image):  # muscles that contract and fins: where, about the middle, and the shares of red, green and blue
+        pixels = np.asarray(image).astype(int)
+        rows, columns = np.nonzero(pixels[..., 0] - pixels[..., 2] > 30)
+        red = pixels[pixels[..., 0] - pixels[..., 1:].mean(axis=2) > 90]
+        mask = np.zeros((400, 400), bool)
+        mask[rows - round(rows.mean()) + 200, columns - round(columns.mean()) + 200] = True
+        return mask, (red / red.sum(axis=1, keepdims=True)).mean(axis=0)
+
+    def overlap(one, other):
+        near = np.pad(other, 8)
+        near = np.any([np.roll(near, (i, j), (0, 1)) for i in range(-8, 9, 2) for j in range(-8, 9, 2)], axis=0)
+        return (one & near[8:-8, 8:-8]).sum() / one.sum()
+
+    (window, red), *others = map(warm, gallery.three_painters(30))
+    earlier, _ = warm(gallery.window_at(26))
+    for mask, colour in others:
+        assert min(overlap(window, mask), overlap(mask, window)) > 0.95
+        np.testing.assert_allclose(colour, red, atol=0.05)
+        assert min(overlap(earlier, mask), overlap(mask, earlier)) < 0.9
+
+
+# Commands
+
+HERE = [*PAGES, ROOT / "CONTRIBUTING.md"]
+PROGRAMS = "python|fish_env|pip|pytest|pre-commit|mkdocs|twine|tensorboard|ray|docker|git|cd"
+"""First words of commands: of every line of a shell block, and of spans within the text that say more than a name."""
+
+NOT_RUN = {
+    "needs the network": ("git clone", "pip install", r"python -m build$"),
+    "is for a clone": ("cd fish_env", "git grep", "twine check"),
+    "changes the checkout, or the package": ("pre-commit install", r"python -m benchmarks\.calibrate "),
+    "is the tests themselves, once or for each mistake": ("pytest", r"python \.ci/mutation\.py"),
+    "is a server, an image or a cluster": ("tensorboard", "docker build", "docker run", "ray start"),
+    "is in .ci/run too": ("mkdocs build",),
+    "needs RL Baselines3 Zoo, which is no dependency": (r"python -m rl_zoo3\.",),
+    "is run by test_learners.py, test_rllib.py and test_torch_env.py where that is installed": (
+        r"python examples/train_torchrl\.py", r"python examples/train_sbx\.py", r"python examples/train_rllib\.py",
+        r"python examples/train_gpu\.py",
+    ),
+    "needs an NVIDIA GPU, MuJoCo or a browser": (
+        r"python -m benchmarks\.speed\.gpu", r"python -m benchmarks\.speed\.peers", r"python docs/site/gallery\.py",
+    ),
+    "takes an hour; test_benchmarks.py does it in small": (r"python train\.py all",),
+    "takes minutes, up to hours": (
+        r"python train\.py compare --integrators", r"python -m benchmarks (--all|validation)",
+        r"python -m benchmarks\.calibration\.fit", r"python -m benchmarks\.stability\.water",
+        r"python -m benchmarks\.water\.prices", r"python -m benchmarks\.learning\.sensing",
+    ),
+}  # fmt: skip
+"""How commands begin that no test runs, as regular expressions, by the reason."""
+
+SHORT = {
+    "fish_env train ": "--timesteps 2048 --num-envs 16 --no-pictures",
+    "fish_env train .*--resume ": "--timesteps 4096",  # the run of the line before has ended
+    r"python train\.py [a-z_]+$": "--timesteps 2048 --num-envs 16 --no-pictures",
+    "fish_env play ": "--episodes 1 --env-kwargs max_episode_steps=9",
+    "fish_env evaluate ": "--episodes 2",
+    r"python train\.py evaluate ": "--episodes 2",
+    "fish_env report ": "--episodes 2",
+    r"python examples/train_cleanrl\.py": "--timesteps 512 --num-envs 16 --evaluations 3",
+    r"python -m benchmarks\.(accuracy|bodies|validation|stability\.survey|water\.levels|speed\.scaling)": "--draw",
+    r"python -m benchmarks\.calibration\.living_fish": "--draw",
+    r"python -m benchmarks\.stability\.attack": "--body planar --fish 64 --evaluations 8",
+    r"python -m benchmarks\.learning\.bound": "swim --starts 1 --seeds 1 --budget 2",
+}
+"""Options that make commands short, after those of the page."""
+
+SLOW = (
+    "python -m benchmarks",
+    "python -m fish_env compile",
+    "fish_env compile",
+    "fish_env compare",
+    "fish_env train .*--integrator",
+    "fish_env train .*--body tetrahedral",
+    "fish_env evaluate .*--body two_layer",
+    r"fish_env report runs/(swim|all)/",
+)
+"""How commands begin that take long even so."""
+
+MINE = """
+import gymnasium as gym
+import fish_env
+
+if "Mine-v0" not in gym.registry:  # it is imported for the body too
+    gym.register("Mine-v0", entry_point="fish_env.envs:FishEnv", vector_entry_point="fish_env.envs:FishVectorEnv",
+                 max_episode_steps=250, kwargs={"task": "turn"})
+
+
+def make_fish():
+    return fish_env.make_fish(length=0.3)
+"""
+
+
+class Command(NamedTuple):
+    """A command of a page."""
+
+    page: str
+    line: int
+    text: str
+
+    def __str__(self):
+        return f"{self.page}:{self.line}: {self.text}"
+
+    def matches(self, patterns) -> list[str]:
+        """Those of the patterns that the command begins with."""
+        return [pattern for pattern in patterns if re.match(pattern, self.text)]
+
+
+def commands_of(path: Path) -> list[Command]:
+    """The commands of a page, from its top, without comments and the variables before them."""
+    page, text = path.relative_to(ROOT).as_posix(), path.read_text()
+    found = [
+        (block.line + number, command)
+        for block in blocks(path, "sh")
+        for number, line in enumerate(block.text.splitlines())
+        for command in re.split(r"\s&&\s", re.sub(r"\s#\s.*", "", line))
+    ]
+    prose = FENCE.sub(lambda match: "\n" * match[0].count("\n"), text)
+    for span in re.finditer(rf"(?<!`)`((?:[A-Z_]+=\S+ )*(?:{PROGRAMS}) [^`\n]+)`(?!`)", prose):
+        found.append((prose.count("\n", 0, span.start()) + 1, span[1]))
+    return [
+        Command(page, line, re.sub(r"^([A-Z_]+=\S+ )*", "", text.strip()))
+        for line, text in sorted(found, key=itemgetter(0))
+    ]
+
+
+ENDLESS = [pattern for patterns in NOT_RUN.values() for pattern in patterns]
+COMMANDS = {path.relative_to(ROOT).as_posix(): commands_of(path) for path in HERE}
+ALL = [command for of_page in COMMANDS.values() for command in of_page]
+
+
+def test_every_command_is_known():
+    """Blocks name their language, shell blocks hold commands, and no entry of the tables has lost its command."""
+    for block in (block for path in HERE for block in blocks(path)):
+        assert block.language, f"{block} names no language; commands are sh"
+        if block.language != "sh":
+            assert not re.search(r"^\$? ?(fish_env|pip|python|pytest|docker) \S", block.text, re.MULTILINE), block
+    assert len(ALL) > 80
+    for command in ALL:
+        assert re.match(rf"(?:{PROGRAMS})\b", command.text), f"{command}: how is it checked?"
+        assert len(command.matches(ENDLESS)) < 2, command
+    for pattern in (*ENDLESS, *SHORT, *SLOW):
+        assert any(command.matches([pattern]) for command in ALL), f"no page has a command {pattern}"
+
+
+def test_what_pip_installs():
+    """The extras exist, and so do the constraints and the folder."""
+    declared = (ROOT / "pyproject.toml").read_text().split("[project.optional-dependencies]")[1].split("\n[")[0]
+    for command in [command for command in ALL if command.text.startswith("pip ")]:
+        for extra in re.findall(r"(?:\.|fish_env)\[(\w+)\]", command.text):
+            assert re.search(rf"^{extra} = ", declared, re.MULTILINE), f"{command}: there is no extra {extra!r}"
+        for name in re.findall(r'-[ce] "?([\w./]+)', command.text):
+            assert (ROOT / name).exists(), f"{command}: there is no {name}"
+
+
+@pytest.fixture
+def reader(trained, tmp_path, monkeypatch):
+    """The folder of a reader with earlier runs, a policy and a module of theirs; what is registered is forgotten."""
+    for run in ("runs/swim/2026-11-26", "runs/all/turn/0", "runs/all/turn/1"):
+        shutil.copytree(trained, tmp_path / run)
+    (tmp_path / "my").mkdir()
+    shutil.copy(shipped_policy("turn"), tmp_path / "my" / "policy.npz")
+    (tmp_path / "mine.py").write_text(MINE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(ROOT / "examples/register_elsewhere/src"), *sys.path])
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    before = [(table, set(table)) for table in (gym.registry, fish_env.TASKS)]
+    yield tmp_path
+    for table, names in before:
+        for name in set(table) - names:
+            del table[name]
+    for name in [name for name in sys.modules if re.match(r"mine$|swim_elsewhere", name)]:
+        del sys.modules[name]
+
+
+def typed(command: Command) -> list[str]:
+    """The words of a command, with what a reader puts in for <...> and the shell for *, and made short."""
+    words = []
+    for word in shlex.split(command.text):
+        word = re.sub("<policy>", "swim", word)
+        if "<time>" in word:  # the latest run of this task
+            found = sorted(Path().glob(word.replace("<time>", "*")), key=lambda path: path.stat().st_mtime)
+            assert found, f"{command}: there is no such run"
+            words.append(str(found[-1]))
+        else:
+            words += sorted(map(str, Path().glob(word))) if "*" in word else [word]
+    return [*words, *(more for pattern in command.matches(SHORT) for more in SHORT[pattern].split())]
+
+
+def look_and_leave(laboratory):
+    """What a reader does who opens the laboratory: the page, and its first picture."""
+    from test_lab_server import ask, enter, get
+
+    try:
+        assert get(laboratory)[0] == 200
+        with enter(laboratory) as page:
+            assert isinstance(ask(page, {"do": "frame"})[-1], bytes)
+    finally:
+        laboratory.close()
+
+
+def run(command: Command, monkeypatch):
+    """Run a command, here if it can be: it must end well."""
+    program, *words = typed(command)
+    if words[0] == "-m" and words[1].startswith("benchmarks"):  # they write into their checkout
+        checkout = Path("checkout")
+        if not checkout.exists():
+            shutil.copytree(ROOT, checkout, ignore=shutil.ignore_patterns(".git", "runs", "site", "__pycache__"))
+        variables = os.environ | {"PYTHONPATH": str(checkout.resolve())}
+        subprocess.run([sys.executable, *words], cwd=checkout, env=variables, check=True)
+        return
+    if words[:2] == ["-m", "fish_env"]:
+        program, words = "fish_env", words[2:]
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "path", [*sys.path])
+        if program == "fish_env":
+            if words[0] == "lab":
+                pytest.importorskip("websockets")
+                patch.setattr("fish_env.lab.server.Laboratory.wait", look_and_leave)
+            status = command_line.main(words)
+        elif words[0] == "train.py":
+            patch.setattr(sys, "argv", words)
+            status = importlib.import_module("train").main()
+        else:
+            patch.setattr(sys, "argv", [str(ROOT / words[0]), *words[1:]])
+            sys.path.insert(0, str((ROOT / words[0]).parent))
+            status = runpy.run_path(sys.argv[0], run_name="__main__") and 0
+    assert status == 0, command
+
+
+def runs_of(page: str, slow: bool) -> list[Command]:
+    """The commands of a page that are run, each once."""
+    found = {command.text: command for command in reversed(COMMANDS[page]) if not command.matches(ENDLESS)}
+    return [command for command in reversed(found.values()) if slow or not command.matches(SLOW)]
+
+
+@pytest.mark.parametrize(
+    ("page", "slow"),
+    [
+        pytest.param(page, slow, marks=[pytest.mark.slow] * slow, id=page + ", slow ones too" * slow)
+        for page in COMMANDS
+        for slow in (False, True)
+        if len(runs_of(page, slow)) > (len(runs_of(page, False)) if slow else 0)
+    ],
+)
+def test_commands_of_a_page(page, slow, reader, monkeypatch):
+    """They run in their order, and each ends with exit status 0."""
+    for module in ("stable_baselines3", "tensorboard", "moviepy"):
+        pytest.importorskip(module)
+    for command in runs_of(page, slow):
+        run(command, monkeypatch)
