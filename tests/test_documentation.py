@@ -20,7 +20,6 @@ from fractions import Fraction
 from functools import cache, partial
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -126,37 +125,6 @@ def test_design_names_what_exists():
         assert any(path.as_posix().endswith(f"/{name}") for path in ROOT.rglob(Path(name).name)), name
 
 
-STEP = """
-import sys
-from fish_env.envs import FishVectorEnv
-
-env, seen = FishVectorEnv(1, task="swim", body="mass_spring", threads=1), []
-env.reset(seed=0)
-
-
-def enter(frame, event, argument):
-    file = frame.f_code.co_filename.partition("fish_env/")[2]
-    if event == "call" and frame.f_code.co_name != "sort" and file and file not in seen:  # that puts fish in order only
-        seen.append(file)
-
-
-sys.setprofile(enter)
-env.step(env.action_space.sample())
-sys.setprofile(None)
-print(*seen)
-"""
-
-
-def test_the_files_that_a_step_enters():
-    """The table of design.md names files that a step enters, in the order in which it does."""
-    table = (ROOT / "docs/design.md").read_text().split("| File | What happens there |")[1].split("\n\n")[0]
-    named = re.findall(r"^\| `(.*?)` \|", table, re.MULTILINE)
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", STEP], env=environment, capture_output=True, text=True, check=True)
-    entered = [file for file in done.stdout.split() if file in named]
-    assert entered == named and len(named) > 8
-
-
 def test_equations():
     """physics.md numbers its equations from 1 on, without gaps, each once, and the code refers to no other."""
     tags = [int(tag) for tag in re.findall(r"\\tag\{(\d+)\}", (ROOT / "docs/physics.md").read_text())]
@@ -180,12 +148,33 @@ def test_methods_table():
 
 
 @every_task
-def test_page_begins_with_its_picture(task):
-    """The first thing on a page is a picture of the task, not too large to load at once."""
-    lines = page(task).splitlines()
+def test_page_of_a_task(task):
+    """Its picture, the length of an episode, the terms of the reward in their order with their weights, and failures.
+
+    The step, the control interval, the reasons for failures and what all tasks have in their reward are on swim.md.
+    """
+    lines, env = page(task).splitlines(), FishVectorEnv(1, task=task)
     assert lines[0].startswith("# ")
     assert re.fullmatch(rf"!\[.+\]\(\.\./images/gallery/env_{task}\.webp\)", lines[2])
     assert (ROOT / f"docs/images/gallery/env_{task}.webp").stat().st_size < 600_000
+    steps = gym.spec(env_id(task)).max_episode_steps
+    assert number(task, r"after (\d+) steps") == steps
+    assert number(task, r"after \d+ steps, ([\d.]+) s\.") == pytest.approx(steps * env.control_interval)
+    assert number("swim", r"one control interval of ([\d.]+) s") == env.control_interval
+    assert number("swim", r"s, (\d+) integrator steps") == env._substeps
+    assert number("swim", r"integrator steps of ([\d.]+) s\.") == pytest.approx(env.tank.dt, rel=1e-5)
+    stated = [(term.strip("`"), weight.strip("`")) for term, weight, _ in rows(task, "Rewards")]
+    names, weights = [*TASKS[task].term_names, "failure"], {"1", *TASKS[task].weights, "failure_penalty"}
+    if task == "swim":
+        assert re.findall(r"^  - `(.*)`$", section(task, "Episode End"), re.MULTILINE) == list(FAILURES[1:])
+    else:
+        assert "the reasons [listed for Swim](swim.md#episode-end)" in section(task, "Episode End")
+        assert "`effort` and `failure` are as for [Swim](swim.md#rewards)" in page(task)
+        names, weights = [name for name in names if name not in ("effort", "failure")], weights - SHARED_WEIGHTS
+    assert [term for term, _ in stated] == names
+    assert {weight for _, weight in stated} == weights
+    for term, weight in stated:
+        assert weight == "1" if term == "progress" else term.startswith(weight.split("_")[0])
 
 
 def env_id(task):
@@ -216,12 +205,8 @@ def test_observation_table(task, keywords):
         assert task == "swim" or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
     assert env.single_observation_space.shape == (number(task, r"`Box\(\((\d+),\), float32\)`"),)
     assert env.layout["vertical"].slice.stop == FIRST
-
-
-def test_table_of_sensors():
-    """The table of sensors is the layout's."""
-    wanted = described(FishVectorEnv(1, observation="sensors").layout)
-    assert [row[:5] for row in rows("envs/sensing.md", "Sensors")] == wanted
+    sensors = described(FishVectorEnv(1, observation="sensors").layout)
+    assert [row[:5] for row in rows("envs/sensing.md", "Sensors")] == sensors
 
 
 def test_action_tables():
@@ -243,32 +228,6 @@ def test_action_tables():
         place = 1 + ["left", "right"].index(sides[members[0]])
         pairs[fish.segments[members[0]]][place] = f"{group} ({', '.join(map(str, members))})"
     assert rows("swim", "Action Space", 1) == pairs
-
-
-@every_task
-def test_times(task):
-    """Length of an episode, and on swim.md the step and the control interval, which all tasks share."""
-    env = FishVectorEnv(1, task=task)
-    steps = gym.spec(env_id(task)).max_episode_steps
-    assert number(task, r"after (\d+) steps") == steps
-    assert number(task, r"after \d+ steps, ([\d.]+) s\.") == pytest.approx(steps * env.control_interval)
-    assert number("swim", r"one control interval of ([\d.]+) s") == env.control_interval
-    assert number("swim", r"s, (\d+) integrator steps") == env._substeps
-    assert number("swim", r"integrator steps of ([\d.]+) s\.") == pytest.approx(env.tank.dt, rel=1e-5)
-
-
-@every_task
-def test_rewards(task):
-    """The terms of the reward in their order, and the weight of each; what all tasks have, on swim.md."""
-    stated = [(term.strip("`"), weight.strip("`")) for term, weight, _ in rows(task, "Rewards")]
-    names, weights = [*TASKS[task].term_names, "failure"], {"1", *TASKS[task].weights, "failure_penalty"}
-    if task != "swim":
-        assert "`effort` and `failure` are as for [Swim](swim.md#rewards)" in page(task)
-        names, weights = [name for name in names if name not in ("effort", "failure")], weights - SHARED_WEIGHTS
-    assert [term for term, _ in stated] == names
-    assert {weight for _, weight in stated} == weights
-    for term, weight in stated:
-        assert weight == "1" if term == "progress" else term.startswith(weight.split("_")[0])
 
 
 FACTS = [
@@ -337,36 +296,20 @@ def test_times_and_water_of_the_fish():
 
 @every_form
 def test_reset_options(task, keywords):
-    """Keys of `reset(options=...)` beside those that stand on swim.md, in order, with their range and meaning."""
+    """Keys of `reset(options=...)` beside those that stand on swim.md, in order, with their range and meaning.
+
+    A row may say more than the option's text. What may vary in every task is on swim.md.
+    """
     shared = {*VARIATIONS} if task == "swim" else {*VARIATIONS, *FishVectorEnv(1, task="swim").task.reset_options}
     options = FishVectorEnv(1, task=task, **keywords).task.reset_options
-    check_options(
-        {key: option for key, option in options.items() if key not in shared},
-        [row for row in rows(task, "Starting State") if applies(row[2], keywords)],
-    )
+    own = {key: option for key, option in options.items() if key not in shared}
+    stated = [row for row in rows(task, "Starting State") if applies(row[2], keywords)]
+    for table, wanted in ((stated, own), (rows("swim", "Starting State", 1), VARIATIONS)):
+        assert [key.strip('`"') for key, *_ in table] == list(wanted)
+        for (key, between, meaning), option in zip(table, wanted.values(), strict=True):
+            assert between == span(option), f"{key} is from {span(option)}"
+            assert option.text in meaning, f"{key}: {option.text!r}"
     assert task == "swim" or "beside those of [Swim](swim.md#starting-state)" in page(task)
-
-
-def test_variations():
-    """What may vary in every task, in order, with its range and meaning."""
-    check_options(VARIATIONS, rows("swim", "Starting State", 1))
-
-
-def check_options(options, stated):
-    """Rows of a page are options, in their order, with their range; a row may say more than the option's text."""
-    assert [key.strip('`"') for key, *_ in stated] == list(options)
-    for (key, between, meaning), option in zip(stated, options.values(), strict=True):
-        assert between == span(option), f"{key} is from {span(option)}"
-        assert option.text in meaning, f"{key}: {option.text!r}"
-
-
-@every_task
-def test_failures(task):
-    """Every reason for a failure is listed on swim.md, and the other pages lead there."""
-    if task == "swim":
-        assert re.findall(r"^  - `(.*)`$", section(task, "Episode End"), re.MULTILINE) == list(FAILURES[1:])
-    else:
-        assert "the reasons [listed for Swim](swim.md#episode-end)" in section(task, "Episode End")
 
 
 @every_form
@@ -554,24 +497,9 @@ def make_fish():
 """
 
 
-class Command(NamedTuple):
-    """A command of a page."""
-
-    page: str
-    line: int
-    text: str
-
-    def __str__(self):
-        return f"{self.page}:{self.line}: {self.text}"
-
-    def matches(self, patterns) -> list[str]:
-        """Those of the patterns that the command begins with."""
-        return [pattern for pattern in patterns if re.match(pattern, self.text)]
-
-
-def commands_of(path: Path) -> list[Command]:
+def commands_of(path: Path) -> list[str]:
     """The commands of a page, from its top, without comments and the variables before them."""
-    page, text = path.relative_to(ROOT).as_posix(), path.read_text()
+    text = path.read_text()
     found = [
         (block.line + number, command)
         for block in blocks(path, "sh")
@@ -581,10 +509,12 @@ def commands_of(path: Path) -> list[Command]:
     prose = FENCE.sub(lambda match: "\n" * match[0].count("\n"), text)
     for span in re.finditer(rf"(?<!`)`((?:[A-Z_]+=\S+ )*(?:{PROGRAMS}) [^`\n]+)`(?!`)", prose):
         found.append((prose.count("\n", 0, span.start()) + 1, span[1]))
-    return [
-        Command(page, line, re.sub(r"^([A-Z_]+=\S+ )*", "", text.strip()))
-        for line, text in sorted(found, key=itemgetter(0))
-    ]
+    return [re.sub(r"^([A-Z_]+=\S+ )*", "", text.strip()) for _, text in sorted(found, key=itemgetter(0))]
+
+
+def matching(command, patterns):
+    """Those of the patterns that a command begins with."""
+    return [pattern for pattern in patterns if re.match(pattern, command)]
 
 
 ENDLESS = [pattern for patterns in NOT_RUN.values() for pattern in patterns]
@@ -600,19 +530,19 @@ def test_every_command_is_known():
             assert not re.search(r"^\$? ?(fish_env|pip|python|pytest|docker) \S", block.text, re.MULTILINE), block
     assert len(ALL) > 80
     for command in ALL:
-        assert re.match(rf"(?:{PROGRAMS})\b", command.text), f"{command}: how is it checked?"
-        assert len(command.matches(ENDLESS)) < 2, command
+        assert re.match(rf"(?:{PROGRAMS})\b", command), f"{command}: how is it checked?"
+        assert len(matching(command, ENDLESS)) < 2, command
     for pattern in (*ENDLESS, *SHORT, *SLOW):
-        assert any(command.matches([pattern]) for command in ALL), f"no page has a command {pattern}"
+        assert any(re.match(pattern, command) for command in ALL), f"no page has a command {pattern}"
 
 
 def test_what_pip_installs():
     """The extras exist, and so do the constraints and the folder."""
     declared = (ROOT / "pyproject.toml").read_text().split("[project.optional-dependencies]")[1].split("\n[")[0]
-    for command in [command for command in ALL if command.text.startswith("pip ")]:
-        for extra in re.findall(r"(?:\.|fish_env)\[(\w+)\]", command.text):
+    for command in [command for command in ALL if command.startswith("pip ")]:
+        for extra in re.findall(r"(?:\.|fish_env)\[(\w+)\]", command):
             assert re.search(rf"^{extra} = ", declared, re.MULTILINE), f"{command}: there is no extra {extra!r}"
-        for name in re.findall(r'-[ce] "?([\w./]+)', command.text):
+        for name in re.findall(r'-[ce] "?([\w./]+)', command):
             assert (ROOT / name).exists(), f"{command}: there is no {name}"
 
 
@@ -636,10 +566,10 @@ def reader(trained, tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def typed(command: Command) -> list[str]:
+def typed(command: str) -> list[str]:
     """The words of a command, with what a reader puts in for <...> and the shell for *, and made short."""
     words = []
-    for word in shlex.split(command.text):
+    for word in shlex.split(command):
         word = re.sub("<policy>", "swim", word)
         if "<time>" in word:  # the latest run of this task
             found = sorted(Path().glob(word.replace("<time>", "*")), key=lambda path: path.stat().st_mtime)
@@ -647,7 +577,7 @@ def typed(command: Command) -> list[str]:
             words.append(str(found[-1]))
         else:
             words += sorted(map(str, Path().glob(word))) if "*" in word else [word]
-    return [*words, *(more for pattern in command.matches(SHORT) for more in SHORT[pattern].split())]
+    return [*words, *(more for pattern in matching(command, SHORT) for more in SHORT[pattern].split())]
 
 
 def look_and_leave(laboratory):
@@ -662,7 +592,7 @@ def look_and_leave(laboratory):
         laboratory.close()
 
 
-def run(command: Command, monkeypatch):
+def run(command: str, monkeypatch):
     """Run a command, here if it can be: it must end well."""
     program, *words = typed(command)
     if words[0] == "-m" and words[1].startswith("benchmarks"):  # they write into their checkout
@@ -691,10 +621,10 @@ def run(command: Command, monkeypatch):
     assert status == 0, command
 
 
-def runs_of(page: str, slow: bool) -> list[Command]:
+def runs_of(page: str, slow: bool) -> list[str]:
     """The commands of a page that are run, each once."""
-    found = {command.text: command for command in reversed(COMMANDS[page]) if not command.matches(ENDLESS)}
-    return [command for command in reversed(found.values()) if slow or not command.matches(SLOW)]
+    found = dict.fromkeys(command for command in COMMANDS[page] if not matching(command, ENDLESS))
+    return [command for command in found if slow or not matching(command, SLOW)]
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,6 @@ recorded and played to every body, from rest, open loop. The finest body is that
 how much it still changes. Bodies are timed in turn, in processor time, many fish together as in training.
 """
 
-import time
-
 import numpy as np
 from tqdm import tqdm
 
@@ -14,6 +12,7 @@ from benchmarks.common.charts import panels, save
 from benchmarks.common.motion import errors, play, record
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import IMAGES, publish, read_table, select
+from benchmarks.common.timing import Swim, timed
 from fish_env import TASKS, Tank, make_fish
 from fish_env.bodies import Fish
 
@@ -24,7 +23,6 @@ BODIES = (
 FINEST = ("tetrahedral", 3)
 SEEDS, FIRST_SEED = 3, 5_000
 BATCH, REPEATS = 64, 9  # fish timed together, and timings whose median is taken
-IN_A_ROW = 5  # control intervals timed together
 COLOURS = {"planar": "tab:green", "mass_spring": "tab:blue", "two_layer": "tab:orange", "tetrahedral": "tab:red"}
 
 
@@ -34,25 +32,12 @@ def every_fish() -> dict[tuple, Fish]:
 
 
 def costs_of(fish: dict, contractions: np.ndarray) -> dict:
-    """Processor seconds a simulated second of one fish, of each kind, timed in turn: medians of REPEATS."""
-    tanks = {
-        key: Tank(one, BATCH if one.body.mass.size < 500 else 1, water=one.water, threads=1)
-        for key, one in fish.items()
-    }
-    spans: dict = {key: [] for key in fish}
-    for k in range(REPEATS + 1):  # the first is compilation
-        for key, tank in tanks.items():
-            interval, muscles = fish[key].control_interval, fish[key].num_muscles
-            goals = [np.resize(contractions[:, k + j], (tank.num_fish, muscles)) for j in range(IN_A_ROW)]
-            if tank.num_fish == 1:
-                goals = goals[:1]
-            else:
-                tank.drive(goals[0], round(interval / tank.dt))  # or the first would fetch what another body displaced
-            begun = time.process_time()
-            for goal in goals:
-                tank.drive(goal, round(interval / tank.dt))
-            spans[key].append((time.process_time() - begun) / len(goals) / tank.num_fish / interval)
-    return {key: float(np.median(found[1:])) for key, found in spans.items()}
+    """Processor seconds a simulated second of one fish, of each kind, timed in turn."""
+    tanks = [Tank(one, BATCH if one.body.mass.size < 500 else 1, water=one.water, threads=1) for one in fish.values()]
+    told = [contractions[np.resize(np.arange(SEEDS), tank.num_fish)].swapaxes(0, 1).copy() for tank in tanks]
+    found = timed([Swim(tank, goals) for tank, goals in zip(tanks, told, strict=True)], REPEATS)
+    spans = [one.control_interval for one in fish.values()]
+    return {key: 1e-6 * cost.time[1] / span for key, cost, span in zip(fish, found, spans, strict=True)}
 
 
 def run() -> list[dict]:

@@ -117,12 +117,13 @@ def tank_of(problem: Problem, integrator: str, substeps: int, num_fish=1, refine
     return tank
 
 
-def run(problem: Problem, integrator: str, substeps: int, **options) -> tuple[np.ndarray, Tank]:
+def run(problem: Problem, integrator: str, substeps: int, moved=0.0, **options) -> tuple[np.ndarray, Tank]:
     """Positions at the end of every control interval, (K,N,3), and the tank. A fish that fails stays where it was.
 
-    `options` as for `tank_of`.
+    `moved` (N,3) m is added to the start; `options` as for `tank_of`.
     """
     tank = tank_of(problem, integrator, substeps, **options)
+    tank.position[0] += moved
     path = np.empty((len(problem.contraction), *tank.position.shape[1:]))
     for k, goal in enumerate(problem.contraction):
         tank.drive(goal[None], substeps)
@@ -140,17 +141,12 @@ def magnified(problem: Problem, reference_path: np.ndarray, substeps: int) -> fl
 
     Where it is a million, no method and no step tells where the fish ends: it has buckled one way or the other.
     """
-    largest = 0.0
+    fish, apart = problem.fish, []
     for seed in range(3):
-        tank = tank_of(problem, "rk4", substeps)
-        shape = tank.position[0].shape
-        tank.position[0] += DISTURBANCE * problem.fish.length * np.random.default_rng(seed).normal(size=shape)
-        path = np.empty_like(reference_path)
-        for k, goal in enumerate(problem.contraction):
-            tank.drive(goal[None], substeps)
-            path[k] = tank.position[0]
-        largest = max(largest, distance(problem.fish, path, reference_path) / DISTURBANCE)
-    return largest
+        noise = np.random.default_rng(seed).normal(size=fish.body.position.shape)
+        path, _ = run(problem, "rk4", substeps, DISTURBANCE * fish.length * noise)
+        apart.append(distance(fish, path, reference_path) / DISTURBANCE)
+    return max(apart)
 
 
 def reference(problem: Problem, fewest=1024, most=131_072) -> tuple[np.ndarray, int, float]:

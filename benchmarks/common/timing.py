@@ -72,14 +72,14 @@ class Glide:
 
 
 class Swim(Glide):
-    """Control intervals of a gait, of all fish of a tank."""
+    """Control intervals of all fish of a tank, by goals (K,B,M), again and again; by default the best gait's."""
 
-    def __init__(self, tank: Tank):
+    def __init__(self, tank: Tank, goals: np.ndarray | None = None):
         super().__init__(tank)
         fish, gait = tank.fish, best_gait()
         self.steps = round(fish.control_interval / tank.dt)
         beat = [gait.contraction(fish, k * fish.control_interval) for k in range(13)]
-        self.goals = [np.repeat(goal[None], tank.num_fish, axis=0) for goal in beat]
+        self.goals = [np.repeat(goal[None], tank.num_fish, axis=0) for goal in beat] if goals is None else goals
 
     def run(self, times: int) -> None:
         """Swim on."""

@@ -16,7 +16,7 @@ from statistics import median
 import numpy as np
 
 from benchmarks.common.tables import publish
-from benchmarks.common.timing import ROUNDS, Swim, costs, interleaved, swimming
+from benchmarks.common.timing import ROUNDS, Swim, costs, interleaved, swimming, timed
 from fish_env import Tank, make_fish
 from fish_env.envs import FishVectorEnv
 
@@ -116,45 +116,43 @@ INSTRUMENTS = SENSED | {"observation": "sensors", "observation_noise": {"angular
 SMALL = {"render_mode": "rgb_array", "width": 84, "height": 84, "panel": False}
 
 
+class Steps:
+    """Steps of an environment with an action that is always the same, begun at a reset; perhaps with pictures."""
+
+    def __init__(self, env: FishVectorEnv, pictures=False):
+        self.env, self.pictures, self.count = env, pictures, env.num_envs
+        self.action = np.zeros(env.action_space.shape, dtype=np.float32)
+
+    def start(self) -> None:
+        """Begin anew."""
+        self.env.reset(seed=0)
+
+    def run(self, times: int) -> None:
+        """Step on."""
+        for _ in range(times):
+            self.env.step(self.action)
+            if self.pictures:
+                self.env.render()
+
+
 def options() -> list[tuple[str, float]]:
     """What noise, delays, a history and sensors add to an environment step; times of states and of small pictures."""
     found = []
     for count in (1, MANY):
         kinds = {"nodes": {}, "noise, delays and a history": SENSED, "the same, with sensors": INSTRUMENTS}
-        envs = {name: FishVectorEnv(count, task="swim", threads=1, **kind) for name, kind in kinds.items()}
-        runs = [prepared(env, partial(step, env, 4000 // count // 4), 4000 // count // 4) for env in envs.values()]
-        costs = dict(zip(envs, interleaved(runs, 4 * ROUNDS), strict=True))
-        found += [
-            (f"an environment step of {count} fish, {name}, over one of nodes", cost.ratio[1])
-            for name, cost in list(costs.items())[1:]
-        ]
-        env = envs["nodes"]
-        state, often = env.get_state(), max(1, 500 // count)
-        works = (lambda env=env: env.get_state(), lambda env=env, state=state: env.set_state(state))
-        pair = [(lambda: None, partial(repeat, work, often), often * count) for work in works]
-        for name, cost in zip(("get_state", "set_state"), interleaved(pair, 4 * ROUNDS), strict=True):
+        envs = [FishVectorEnv(count, task="swim", threads=1, **kind) for kind in kinds.values()]
+        _, *costs = timed([Steps(env) for env in envs], 4 * ROUNDS, 1000)
+        for name, cost in zip(list(kinds)[1:], costs, strict=True):
+            found.append((f"an environment step of {count} fish, {name}, over one of nodes", cost.ratio[1]))
+        env, often = envs[0], max(1, 500 // count)
+        for name, work in (("get_state", env.get_state), ("set_state", partial(env.set_state, env.get_state()))):
+            (cost,) = interleaved([(lambda: None, partial(repeat, work, often), often * count)], 4 * ROUNDS)
             found.append((f"{name} of {count} fish, us a fish", cost.time[1]))
     for camera in ("above", "side", "follow"):
         env = FishVectorEnv(1, task="swim", threads=1, camera=camera, **SMALL)
-        cost = interleaved([prepared(env, partial(repeat, partial(draw, env), 50), 50)], ROUNDS)[0]
+        (cost,) = timed([Steps(env, pictures=True)], ROUNDS)
         found.append((f"pictures of 84 x 84 a second, {camera}, with the step", 1e6 / cost.time[1]))
     return found
-
-
-def prepared(env: FishVectorEnv, run: Callable[[], None], steps: int) -> tuple:
-    """A run of an environment for `interleaved`, that begins at a reset."""
-    return lambda: env.reset(seed=0), run, steps * env.num_envs
-
-
-def step(env: FishVectorEnv, times: int) -> None:
-    """Step with an action that is always the same."""
-    repeat(partial(env.step, np.zeros(env.action_space.shape, dtype=np.float32)), times)
-
-
-def draw(env: FishVectorEnv) -> None:
-    """Step and draw."""
-    step(env, 1)
-    env.render()
 
 
 def repeat(work: Callable[[], object], times: int) -> None:

@@ -7,10 +7,9 @@ Their abstract says that eels swim 0.26 to 0.5 body lengths a beat.
 
 import numpy as np
 
-from benchmarks.common.charts import panels, save
-from benchmarks.common.tables import RESULTS, publish, read_table
-from benchmarks.validation.waters import along, bars, off, waters
-from fish_env import make_fish, prescribe
+from benchmarks.common.tables import publish
+from benchmarks.validation.waters import draw_swims, swims
+from fish_env import make_fish
 
 SPEED, VISCOSITY = 0.40, 1.4e-4  # body lengths a beat; squared body lengths a beat
 LENGTH, PERIOD = 0.3, 1.0  # m, s: any will do, because the viscosity follows them
@@ -37,27 +36,9 @@ def midline(places, time):
 
 def measure() -> list[dict]:
     """A row for each level of water."""
-    fish, rows = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline()), []
-    for name, water in waters(fish, VISCOSITY * LENGTH**2 / PERIOD).items():
-        swum = prescribe(fish, midline, PERIOD, water=water)
-        rows.append({
-            "water": name, "speed_bl_beat": round(swum.relative_speed * PERIOD, 3), "published": SPEED,
-            "off_percent": off(swum.relative_speed * PERIOD, SPEED), "strouhal": round(swum.strouhal, 3),
-            **{f"sweep_{k}": round(sweep, 4) for k, sweep in enumerate(swum.sweep[::2])},
-        })  # fmt: skip
-    return rows
-
-
-def draw() -> None:
-    """Sweep along the body and speed, of every level of water and of the computed eel."""
-    rows = read_table("validation/eel.csv")
-    figure, (left, right) = panels(2, (10.0, 3.8))
-    along(left, rows, "sweep")
-    left.set(xlabel="from the nose, BL", ylabel="sweep, BL", ylim=(0, None))
-    left.legend(frameon=False, fontsize=8)
-    bars(right, rows, "speed_bl_beat", SPEED, "speed, BL a beat (band: 10 %)")
-    save(figure, RESULTS / "validation" / "eel.svg")
+    fish = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline())
+    return swims(fish, VISCOSITY * LENGTH**2 / PERIOD, midline, PERIOD, "beat", SPEED)
 
 
 if __name__ == "__main__":
-    publish(__doc__, {"validation/eel.csv": measure}, draw)
+    publish(__doc__, {"validation/eel.csv": measure}, lambda: draw_swims("eel", "beat"))

@@ -9,10 +9,9 @@ The half width is the repository's `ammowidth`, by its size half the width; the 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.common.charts import GREY, panels, save
-from benchmarks.common.tables import RESULTS, publish, read_table
-from benchmarks.validation.waters import along, bars, by_angle, off, waters
-from fish_env import make_fish, prescribe
+from benchmarks.common.tables import publish
+from benchmarks.validation.waters import by_angle, draw_swims, swims
+from fish_env import make_fish
 
 LENGTH, FREQUENCY, SPEED, VISCOSITY = 0.1538, 3.82, 1.76, 1.0e-6  # m, Hz, body lengths/s, m2/s
 COSINE = (0.142, 0.095, 0.099, 0.154, 0.23, 0.238, 0.094, -0.182, -0.397, -0.527, -0.509, -0.345, -0.091, 0.213, 0.5,
@@ -43,29 +42,9 @@ def angle(places, time):
 
 def measure() -> list[dict]:
     """A row for each level of water."""
-    fish, rows = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline()), []
-    for name, water in waters(fish, VISCOSITY).items():
-        swum = prescribe(fish, by_angle(angle), 1.0 / FREQUENCY, water=water)
-        rows.append({
-            "water": name, "speed_bl_s": round(swum.relative_speed, 3), "published": SPEED,
-            "off_percent": off(swum.relative_speed, SPEED), "strouhal": round(swum.strouhal, 3),
-            "power_w_kg": round(swum.power.mean() / fish.body.mass.sum(), 4),
-            **{f"sweep_{k}": round(sweep, 4) for k, sweep in enumerate(swum.sweep[::2])},
-        })  # fmt: skip
-    return rows
-
-
-def draw() -> None:
-    """Sweep along the body and speed, of every level of water and of the lamprey."""
-    rows = read_table("validation/lamprey.csv")
-    figure, (left, right) = panels(2, (10.0, 3.8))
-    left.plot(np.linspace(0.0, 1.0, 21), SWEEP, color=GREY, lw=3, label="lamprey")
-    along(left, rows, "sweep")
-    left.set(xlabel="from the nose, BL", ylabel="sweep, BL", ylim=(0, None))
-    left.legend(frameon=False, fontsize=8)
-    bars(right, rows, "speed_bl_s", SPEED, "speed, BL/s (band: 10 %)")
-    save(figure, RESULTS / "validation" / "lamprey.svg")
+    fish = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline())
+    return swims(fish, VISCOSITY, by_angle(angle), 1.0 / FREQUENCY, "s", SPEED)
 
 
 if __name__ == "__main__":
-    publish(__doc__, {"validation/lamprey.csv": measure}, draw)
+    publish(__doc__, {"validation/lamprey.csv": measure}, lambda: draw_swims("lamprey", "s", SWEEP))
