@@ -385,6 +385,13 @@ def test_links_out_of_docs_lead_to_copies():
     assert links.links("[a](../a.py)\n\n```\n[b](../b.py)\n```\n\n[c](c.md#d)\n") == ["../a.py", "c.md"]
 
 
+def test_film_of_the_site():
+    """The film is made of a policy, and links of the repository lead to it."""
+    film = hook("film")
+    assert "WebGL" in film.film(episodes=1)
+    assert film.on_page_markdown("[film](site/film.py)", None, None, None) == "[film](videos/left_after_right.html)"
+
+
 def test_equations_become_mathml(caplog):
     """A number moves beside its equation; a command that cannot be converted is a warning, which CI refuses."""
     equations = hook("equations")

@@ -17,12 +17,9 @@ from tqdm import tqdm
 from benchmarks.accuracy.work_precision import SUBSTEPS
 from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save
 from benchmarks.common.families import bang_bang, gaits, sprints, square
-from benchmarks.common.problems import DISTURBANCE, NotConvergedError, left_after_right, steps_of
+from benchmarks.common.problems import DISTURBANCE, converge, left_after_right, steps_of
 from benchmarks.common.tables import RESULTS, columns, publish, read_table, select
-from fish_env import INTEGRATORS, make_fish
-from fish_env.bodies import Fish
-from fish_env.physics.records import World
-from fish_env.physics.tank import Tank
+from fish_env import INTEGRATORS, Fish, Tank, World, make_fish
 
 BODIES = {"mass_spring": 256, "planar": 256, "two_layer": 65, "tetrahedral": 65}
 """Each body, and the fish in a batch: all scenes once where a body is slow."""
@@ -137,23 +134,14 @@ def fewest(fish: Fish) -> int:
 
 
 def reference(scenes: Setting) -> Reference:
-    """RK4 with its steps halved until no predictable scene changes by more than CONVERGED.
-
-    Raises:
-        NotConvergedError: if MOST steps a control interval do not do.
-    """
-    substeps = fewest(scenes.fish)
-    predictable, path = magnification(scenes, substeps) <= MAGNIFIED, move(scenes, "rk4", substeps).path
-    while 2 * substeps <= MOST:
-        substeps *= 2
-        coarse, path = path, move(scenes, "rk4", substeps).path
-        change = float(distances(scenes.fish, path, coarse)[predictable].max())
-        if change <= CONVERGED:
-            return Reference(path, predictable, substeps, change)
-    raise NotConvergedError(
-        f"{scenes.fish.name}: RK4 with {substeps} steps an interval differs by {change:.1e} body lengths from half as "
-        f"many, more than {CONVERGED:g}; allow more steps or take tamer scenes"
-    )
+    """RK4 with its steps halved until no predictable scene changes by more than CONVERGED."""
+    fish, fewest_steps = scenes.fish, fewest(scenes.fish)
+    predictable = magnification(scenes, fewest_steps) <= MAGNIFIED
+    path, substeps, change = converge(
+        fish.name, lambda k: move(scenes, "rk4", k).path,
+        lambda fine, coarse: float(distances(fish, fine, coarse)[predictable].max()), (fewest_steps, MOST), CONVERGED,
+    )  # fmt: skip
+    return Reference(path, predictable, substeps, change)
 
 
 def lines(fish: Fish) -> list[tuple[str, int, float]]:

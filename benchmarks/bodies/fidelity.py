@@ -13,8 +13,7 @@ from benchmarks.common.motion import errors, play, record
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import IMAGES, publish, read_table, select
 from benchmarks.common.timing import Swim, timed
-from fish_env import TASKS, Tank, make_fish
-from fish_env.bodies import Fish
+from fish_env import TASKS, Fish, Tank, make_fish
 
 BODIES = (
     ("planar", {}), ("mass_spring", {}), ("two_layer", {}),

@@ -23,9 +23,8 @@ from benchmarks.common import tables
 from benchmarks.common.motion import Motion, errors, play, record
 from benchmarks.common.search import minimise
 from benchmarks.common.statistics import interval_of
-from fish_env import TASKS, make_fish
+from fish_env import TASKS, Fish, make_fish
 from fish_env.bodies import BODIES as KINDS
-from fish_env.bodies import Fish
 from fish_env.bodies.fitted import WATERS, read_calibration
 
 FINEST = {"body": "tetrahedral", "level": 2}

@@ -16,8 +16,7 @@ from benchmarks.calibration.performance import residuals as aims
 from benchmarks.common.motion import Motion, play, residuals
 from benchmarks.common.problems import DISTURBANCE, Problem, distance, left_after_right, run, steps_of
 from benchmarks.common.roll import roll
-from fish_env import Tank, make_fish
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.physics.integrators import limits
 

@@ -18,9 +18,8 @@ from benchmarks.calibration.performance import ENVELOPE, STATION, TROUT, bear, b
 from benchmarks.common import scenes
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.tables import RESULTS, ROOT, filled, markdown, publish, read_table, select
-from fish_env import make_fish
+from fish_env import Fish, make_fish
 from fish_env.bodies import BODIES as KINDS
-from fish_env.bodies import Fish
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import best_gait
 

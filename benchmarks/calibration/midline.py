@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
-from fish_env.physics.tank import Tank
 
 INTERVAL = 0.01  # s between two commands, and between two samples
 NOISE, PUSH = 0.05, 0.4  # node velocities, body lengths/s, and body lengths a beat at the start of `swim_gait`

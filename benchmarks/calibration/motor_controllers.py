@@ -17,12 +17,11 @@ from tqdm import tqdm
 
 from benchmarks.calibration.keep import kept, publish, rounded
 from benchmarks.common.search import minimise
-from fish_env import make_fish
+from fish_env import Tank, make_fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.control import MotorTables, best_gait, scripted
 from fish_env.control.motor import MOTOR_FILE, Start, Swim, Table, Turn, scaled_turns, spread, swim_mc, turn_mc
 from fish_env.envs import FishVectorEnv
-from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import whole_steps
 
 BETWEEN = (22.0, 30.0, 37.5, 45.0, 52.5, 60.0, 75.0, 90.0)  # degrees, at which the search of turns tries its table

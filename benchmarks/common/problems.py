@@ -1,17 +1,15 @@
 """Scenes on which methods are compared, their reference solutions, and the fish made stiffer, softer, heavier."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
-from fish_env import INTEGRATORS, make_fish
-from fish_env.bodies import Fish
+from fish_env import INTEGRATORS, Fish, Tank, World, make_fish
 from fish_env.control import Gait
 from fish_env.physics import body
 from fish_env.physics.integrators.adaptive import solve
-from fish_env.physics.records import World
-from fish_env.physics.tank import Tank
 from fish_env.physics.world import VACUUM
 
 LEAD, RIGHT, LEFT, REST = 26, 10, 10, 54  # control intervals of the manoeuvre: swimming, right, left, swimming on
@@ -149,26 +147,45 @@ def magnified(problem: Problem, reference_path: np.ndarray, substeps: int) -> fl
     return max(apart)
 
 
-def reference(problem: Problem, fewest=1024, most=131_072) -> tuple[np.ndarray, int, float]:
-    """The reference solution (K,N,3): RK4 with its steps halved until nothing changes by more than CONVERGED.
+def converge(name: str, solve: Callable, apart: Callable, steps: tuple[int, int], allowed: float) -> tuple:
+    """A solution by RK4 whose steps are halved until nothing changes by more than is allowed, body lengths.
 
-    Returns the path, its steps a control interval and the last change, body lengths.
+    Args:
+        name: of what is solved.
+        solve: returns a solution by a number of steps a control interval.
+        apart: the distance of two solutions, body lengths.
+        steps: the fewest a control interval, and the most.
+        allowed: the change.
+
+    Returns:
+        The solution, its steps a control interval and the last change.
 
     Raises:
-        NotConvergedError: if `most` steps a control interval do not do.
+        NotConvergedError: if the most steps do not do.
     """
-    substeps, change = fewest, np.inf
-    path, tank = run(problem, "rk4", substeps)
-    while not change <= CONVERGED:
+    (substeps, most), change = steps, np.inf
+    found = solve(substeps)
+    while not change <= allowed:
         if 2 * substeps > most:
             raise NotConvergedError(
-                f"{problem.name}: RK4 with {substeps} steps an interval differs by {change:.1e} body lengths from "
-                f"half as many, more than {CONVERGED:g}; allow more steps or take a tamer scene"
+                f"{name}: RK4 with {substeps} steps an interval differs by {change:.1e} body lengths from half "
+                f"as many, more than {allowed:g}; allow more steps or take a tamer scene"
             )
-        substeps *= 2
-        coarse, valid = path, tank.alive[0]
-        path, tank = run(problem, "rk4", substeps)
-        change = distance(problem.fish, path, coarse) if valid and tank.alive[0] else np.inf
+        substeps, coarse = 2 * substeps, found
+        found = solve(substeps)
+        change = apart(found, coarse)
+    return found, substeps, change
+
+
+def reference(problem: Problem, fewest=1024, most=131_072) -> tuple[np.ndarray, int, float]:
+    """The reference solution (K,N,3), its steps a control interval and the last change, body lengths."""
+
+    def apart(fine, coarse) -> float:
+        alive = fine[1].alive[0] and coarse[1].alive[0]
+        return distance(problem.fish, fine[0], coarse[0]) if alive else np.inf
+
+    solve = partial(run, problem, "rk4")
+    (path, _), substeps, change = converge(problem.name, solve, apart, (fewest, most), CONVERGED)
     return path, substeps, change
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from benchmarks.common.measures import pose_of
-from fish_env import Tank
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank
 from fish_env.control import Gait
 
 GAITS, SECONDS, LAST = 16, 3.0, 25

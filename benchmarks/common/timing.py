@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env import Tank
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank
 from fish_env.control import best_gait
 
 SETS, ROUNDS = 3, 5  # how often all tanks are made, and are timed in turn

@@ -21,8 +21,7 @@ from benchmarks.common.tables import make_parser, write_csv
 from benchmarks.stability.attack_search import search
 from benchmarks.stability.cases import STORED, Settings, Tally, case_of, drive, own_settings, store, tank_at
 from benchmarks.stability.mistreatment import GOALS, LEVELS, Family, at_rest, beginning, families
-from fish_env import BODIES, make_fish
-from fish_env.bodies import Fish
+from fish_env import BODIES, Fish, make_fish
 
 COMMAND = "python -m benchmarks.stability.attack"
 FISH, EVALUATIONS = 10_000, 10_000  # of the default fish: in all families; of the search

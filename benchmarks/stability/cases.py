@@ -12,9 +12,7 @@ from benchmarks.common.measures import stretch_and_energy
 from benchmarks.common.problems import scaled
 from benchmarks.common.tables import ROOT
 from benchmarks.stability.mistreatment import LEVELS, Family
-from fish_env import make_fish
-from fish_env.bodies import Fish
-from fish_env.physics.tank import Tank
+from fish_env import Fish, Tank, make_fish
 
 WORST = ROOT / "tests" / "worst.npz"
 STORED = 2  # worst sequences of a batch considered, and of each kind of failure of a body stored

@@ -14,9 +14,7 @@ from benchmarks.common.measures import stretch_and_energy
 from benchmarks.common.problems import FIXED
 from benchmarks.common.tables import RESULTS, publish, read_table
 from benchmarks.stability.linear import linear_limit
-from fish_env import BODIES, INTEGRATORS, make_fish
-from fish_env.bodies import Fish
-from fish_env.physics.tank import Tank
+from fish_env import BODIES, INTEGRATORS, Fish, Tank, make_fish
 
 STIFFNESS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4)  # factors on the springs' stiffness, damping as it is
 INTERVALS_PER_STEP = (10, 5, 2)  # of the steps that are longer than a control interval

@@ -19,8 +19,7 @@ from benchmarks.common.tables import publish
 from benchmarks.stability.cases import Tally, own_settings
 from benchmarks.stability.mistreatment import GOALS, INTERVALS, LEVELS, Family, at_rest, noise
 from benchmarks.stability.survey import limits
-from fish_env import make_fish
-from fish_env.bodies import Fish
+from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import WATERS
 
 FISH = {"mass_spring": 1024, "planar": 256, "two_layer": 64, "tetrahedral": 32}  # of each body and kind of command

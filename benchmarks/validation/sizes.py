@@ -10,8 +10,7 @@ import numpy as np
 
 from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
-from fish_env import Tank, make_fish
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import level_of
 from fish_env.control import Gait
 from fish_env.control.gait import best_gait

@@ -7,8 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
 from benchmarks.common.tables import RESULTS, read_table
-from fish_env import World, make_water, prescribe
-from fish_env.bodies import Fish
+from fish_env import Fish, World, make_water, prescribe
 
 PLACES = np.linspace(0.0, 1.0, 21)
 """Of what the tables hold along a body."""

@@ -14,8 +14,7 @@ from tqdm import tqdm
 from benchmarks.common import scenes
 from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, pyplot, save
 from benchmarks.common.tables import RESULTS, ROOT, filled, markdown, publish, read_table, select
-from fish_env import make_fish
-from fish_env.bodies import Fish
+from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import evaluate, make_eval_env, scripted
 from fish_env.physics.world import VACUUM, change_water
@@ -79,7 +78,7 @@ def scenes_of(fish: Fish, swims: bool) -> dict[str, tuple[dict[str, float], str]
     for speed, frequency in reversed(CRUISES) if swims else ():
         for scene, given in (("thriftiest", None), ("cruise", frequency)):
             gait = scenes.thriftiest(fish, speed, given)
-            found[f"{scene} at {speed:g} BL/s"] = scenes.cruise(fish, gait, speed), str(gait)
+            found[f"{scene} at {speed:g} BL/s"] = scenes.cruises(fish, [gait], speed, 12.0, count=6)[0], str(gait)
     return found | {
         "turn": (scenes.turn(fish, gait), str(gait)),
         "reversal": (scenes.reversal(fish, gait), str(gait)),
