@@ -16,7 +16,7 @@ from benchmarks.calibration import fit_search
 from benchmarks.calibration.fit_search import SEARCHED, Search, beginning, parameters
 from benchmarks.calibration.keep import rounded
 from benchmarks.common import reference, tables, timing
-from benchmarks.common.motion import Motion, errors, play, residuals
+from benchmarks.common.motion import play
 from benchmarks.common.reference import TRAJECTORIES
 from benchmarks.common.search import minimise
 from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
@@ -310,29 +310,6 @@ def test_costs_are_measured_in_turn(monkeypatch):
 
 
 # What inexpensive bodies are fitted by
-
-
-def drawn_motion(seed, scenes=3, intervals=120) -> Motion:
-    """A motion of random walks, heading in any direction."""
-    generator = np.random.default_rng(seed)
-    centre = np.cumsum(0.01 + 0.003 * generator.standard_normal((scenes, intervals, 3)), axis=1)
-    centre[:, :, 2] = 0.0
-    yaw = np.cumsum(0.02 * generator.standard_normal((scenes, intervals)), axis=1)
-    tail = 0.1 * generator.standard_normal((scenes, intervals))
-    return Motion(centre, yaw, tail, np.ones((scenes, intervals)), [""] * scenes)
-
-
-def test_residuals_are_the_errors():
-    """The first two are the errors of speed and sweep with signs; the others square to those of heading and path."""
-    found, finest = drawn_motion(1), drawn_motion(2)
-    rows, off = residuals(found, finest, 0.02), errors(found, finest, 0.02)
-    np.testing.assert_allclose(np.abs(rows[:, 0]), off["speed"], rtol=1e-12)
-    np.testing.assert_allclose(np.abs(rows[:, 1]), off["sweep"], rtol=1e-12)
-    turned = np.maximum(np.abs(finest.yaw).max(axis=1), np.pi / 2)
-    heading = np.sqrt(((found.yaw - finest.yaw) ** 2).mean(axis=1)) / turned
-    np.testing.assert_allclose(np.linalg.norm(rows[:, 2:122], axis=1), heading, rtol=1e-12)
-    assert (np.linalg.norm(rows[:, 122:], axis=1) >= 0.98 * off["path"]).all()  # a root mean square is above the mean
-    assert np.abs(residuals(finest, finest, 0.02)).max() == 0.0
 
 
 @pytest.mark.parametrize("body", SEARCHED)

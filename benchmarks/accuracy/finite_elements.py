@@ -47,7 +47,6 @@ def refined() -> list[dict]:
             "frequency": beam.vertical(body)[0] / beam.first_frequency(body),
             "frequency_equal_masses": beam.vertical(even)[0] / beam.first_frequency(body),
         })  # fmt: skip
-        print(rows[-1], flush=True)
     return rows
 
 
@@ -112,7 +111,6 @@ def strains() -> list[dict]:
         for load, x in bend(body, CASES["bending"]):
             off = np.linalg.norm(beam.tip(body, x)[[0, 2]] / beam.LENGTH - elastica(load)[-1])
             rows.append({"case": "bending", "strain": strain, "at": load, "value": off, "volume": volume(body, x)})
-            print(rows[-1], flush=True)
     return rows
 
 

@@ -13,11 +13,13 @@ import numpy as np
 from benchmarks.calibration.finest import living_gaits
 from benchmarks.calibration.performance import beyond, perform
 from benchmarks.calibration.performance import residuals as aims
+from benchmarks.common.measures import pose_of
 from benchmarks.common.motion import Motion, play, residuals
 from benchmarks.common.problems import DISTURBANCE, Problem, distance, left_after_right, run, steps_of
-from benchmarks.common.roll import roll
+from benchmarks.common.scenes import beats
 from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import read_calibration
+from fish_env.control import Gait
 from fish_env.physics.integrators import limits
 
 LIMIT = 0.0004
@@ -31,7 +33,7 @@ ACCURATE, FINE = 0.007, 48
 KEPT = 0.3
 """Part of its area that a section must keep, seen from above: one that is inverted never comes back."""
 UPRIGHT = 0.03
-"""Roll, rad, that is free in strong gaits: the finest fish stays upright (`benchmarks.common.roll`)."""
+"""Roll, rad, that is free in strong gaits: the finest fish stays upright (`roll`)."""
 RESTLESS, SPAN = {"mass_spring": 96, "planar": 96, "two_layer": 16}, 100
 """Fish whose sides pull in turns, half of them by chance and half as square waves, and for how many intervals."""
 NOISE, TURNS, WAVES = 0.05, 0.2, (1.0, 12.0)
@@ -44,6 +46,10 @@ FIXED = {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout",
 """Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time. Its water is
 that of the finest body."""
 OF_WATER = ("drag_coefficient", "friction", "added_mass")
+
+
+GAITS, SECONDS, LAST = 16, 3.0, 25
+"""Strong gaits, for how long, s, and the control intervals at the end in which the roll is looked at."""
 
 
 class Range(NamedTuple):
@@ -154,6 +160,31 @@ def magnification(fish: Fish) -> float:
         tank.drive(np.repeat(goal[None], 1 + count, axis=0), round(fish.control_interval / tank.dt))
         moved = max(moved, float(np.linalg.norm(tank.position[1:] - tank.position[0], axis=2).max()))
     return moved / (DISTURBANCE * fish.length) if tank.alive.all() else 1e7
+
+
+def strong_gaits(count=GAITS) -> list[Gait]:
+    """Gaits of more than half the strength, 3 to 4.3 beats a second and any lags, drawn from a fixed seed."""
+    generator, found = np.random.default_rng(0), []
+    for _ in range(count):
+        lag = np.cumsum([0.0, *generator.uniform(-0.6, 1.6, 2)])
+        found.append(Gait(generator.uniform(3.0, 4.3), tuple(generator.uniform(0.6, 1.0, 3)), tuple(lag)))
+    return found
+
+
+def roll(fish: Fish) -> np.ndarray:
+    """Largest angle (GAITS,) rad between the up axis and the vertical in the last half second; pi for what failed."""
+    steps = round(fish.control_interval / fish.time_step)
+    tank = Tank(fish, GAITS, water=fish.water, threads=1)
+    contraction = beats(fish, strong_gaits(), SECONDS)
+    noise = np.random.default_rng(0).normal(0.0, NOISE * fish.length, fish.body.position.shape)
+    tank.velocity[:] += noise * (fish.body.inverse_mass > 0.0) + (fish.length, 0.0, 0.0)
+    tilted = np.zeros(GAITS)
+    for k, goal in enumerate(contraction):
+        tank.drive(goal, steps)
+        if k >= len(contraction) - LAST:
+            upright = pose_of(tank).axes[:, 2, 2]
+            tilted = np.maximum(tilted, np.arccos(np.clip(upright, -1.0, 1.0)))
+    return np.where(tank.alive, np.nan_to_num(tilted, nan=np.pi), np.pi)
 
 
 class Search:

@@ -84,7 +84,6 @@ def compare() -> list[dict]:
                         lambda dt, how=how, name=name, thing=thing: survives(thing, how, name, dt), TRIED
                     )
             rows.append(row | methods.errors(thing, name, exact))
-            print(rows[-1], flush=True)
     add_costs(rows, things)
     return rows
 

@@ -46,7 +46,6 @@ def passes() -> list[dict]:
                          "growth": row["growth"], "growth_at_half_step": half["growth"],
                          "depth_over_travel": row["depth_over_travel"], "escapes": row["escapes"],
                          "times_real_time": real_time(thing, scene)})  # fmt: skip
-            print(rows[-1], flush=True)
     return rows
 
 
@@ -77,7 +76,6 @@ def methods() -> list[dict]:
                                      [FRAME / part for part in PARTS])  # fmt: skip
             rows.append({"object": kind, "method": name, **largest_stable(thing, name), "scenes_ms": 1e3 * step,
                          **errors(thing, name, exact)})  # fmt: skip
-            print(rows[-1], flush=True)
     return rows
 
 

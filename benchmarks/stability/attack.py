@@ -69,25 +69,19 @@ def attack_body(name: str, how: Settings, fish: int, evaluations: int, bar) -> t
 
 
 def attack(bodies=tuple(BODIES), fish=FISH, evaluations=EVALUATIONS) -> list[dict]:
-    """Attack bodies; a row of the table for each family and search, those found before Ctrl-C.
+    """Attack bodies; a row of the table for each family and search.
 
     Other bodies than the default one take OTHERS times fewer fish and evaluations. The CSV and the stored cases are
     replaced only by an attack on every body with the default numbers.
     """
-    rows, cases, default, complete = [], [], make_fish().name, False
+    rows, cases, default = [], [], make_fish().name
     effort = {name: 1 if name == default else OTHERS for name in bodies}
-    publish = (set(bodies), fish, evaluations) == (set(BODIES), FISH, EVALUATIONS)
     with tqdm(total=sum((fish + evaluations) // less for less in effort.values()), unit="fish") as bar:
-        try:
-            for name, less in effort.items():
-                how = own_settings(make_fish(name))
-                found = attack_body(name, how, fish / less, evaluations // less, bar)
-                rows += found[0]
-                cases += found[1]
-            complete = True
-        except KeyboardInterrupt:
-            print("interrupted: the CSV and the stored cases stay as they were")
-    if publish and complete:
+        for name, less in effort.items():
+            found = attack_body(name, own_settings(make_fish(name)), fish / less, evaluations // less, bar)
+            rows += found[0]
+            cases += found[1]
+    if (set(bodies), fish, evaluations) == (set(BODIES), FISH, EVALUATIONS):
         write_csv("attack.csv", rows, COMMAND)
         store(cases)
     return rows
