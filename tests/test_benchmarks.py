@@ -61,6 +61,16 @@ def test_every_command_answers(result, monkeypatch, capsys):
     assert [option for option in arguments if option.startswith("--") and option not in text] == []
 
 
+@pytest.mark.parametrize("name", [name for name, result in REGISTRY.items() if result.room == "validation"])
+def test_charts_are_drawn_from_their_tables(name, monkeypatch):
+    """With --draw a chart is made, and no table."""
+    figure, drawn = pytest.importorskip("matplotlib.figure"), []
+    monkeypatch.setattr(figure.Figure, "savefig", lambda self, path, **options: drawn.append(path))
+    monkeypatch.setattr(sys, "argv", [name, "--draw"])
+    runpy.run_module(f"benchmarks.{name}", run_name="__main__", alter_sys=True)
+    assert [path.relative_to(ROOT).as_posix() for path in drawn] == [REGISTRY[name].outputs[1]]
+
+
 # Reference trajectories
 
 

@@ -125,21 +125,18 @@ def magnification(scenes: Setting, substeps: int) -> np.ndarray:
     return np.where(moved.alive & still.alive, apart, np.inf)
 
 
-def fewest(fish: Fish) -> int:
-    """Fewest steps a control interval of a reference: FEWEST, or twice, four times as many, where RK4 is stable."""
-    substeps = FEWEST
-    while fish.control_interval / substeps > 0.5 * INTEGRATORS["rk4"].base(fish.body):
-        substeps *= 2
-    return substeps
-
-
 def reference(scenes: Setting) -> Reference:
-    """RK4 with its steps halved until no predictable scene changes by more than CONVERGED."""
-    fish, fewest_steps = scenes.fish, fewest(scenes.fish)
-    predictable = magnification(scenes, fewest_steps) <= MAGNIFIED
+    """RK4 with its steps halved until no predictable scene changes by more than CONVERGED.
+
+    The fewest steps a control interval are FEWEST, or twice, four times as many, where RK4 is stable.
+    """
+    fish, fewest = scenes.fish, FEWEST
+    while fish.control_interval / fewest > 0.5 * INTEGRATORS["rk4"].base(fish.body):
+        fewest *= 2
+    predictable = magnification(scenes, fewest) <= MAGNIFIED
     path, substeps, change = converge(
         fish.name, lambda k: move(scenes, "rk4", k).path,
-        lambda fine, coarse: float(distances(fish, fine, coarse)[predictable].max()), (fewest_steps, MOST), CONVERGED,
+        lambda fine, coarse: float(distances(fish, fine, coarse)[predictable].max()), (fewest, MOST), CONVERGED,
     )  # fmt: skip
     return Reference(path, predictable, substeps, change)
 

@@ -84,12 +84,6 @@ def search(body: str, water: str, base: dict, generations: int, _finest: dict) -
     return {"squares": least, "parameters": rounded(parameters(body, water, found))}
 
 
-def trained(body: str, fish: Fish, water: str) -> float:
-    """Mean distance of a body to the finest one over what it was fitted to."""
-    contractions, finest, _ = training(body, water)
-    return float(errors(play(fish, contractions), finest, fish.control_interval)["all"].mean())
-
-
 def test_scenes(water: str) -> dict[str, np.ndarray]:
     """What a fit is tested on: unseen seeds of every task and of the families trained on, and unseen families."""
     scenes = {task: record(task, TESTED, TEST_SEED, water) for task in TASKS}
@@ -121,7 +115,8 @@ def fit(body: str, water: str) -> None:
     finest = read_calibration("tetrahedral", water)["parameters"]
     found = kept("fit", search, body, water, base, GENERATIONS[body], finest)
     given = found["parameters"]
-    distance = trained(body, make_fish(body, water=water, **given), water)
+    fish, (contractions, wanted, _) = make_fish(body, water=water, **given), training(body, water)
+    distance = float(errors(play(fish, contractions), wanted, fish.control_interval)["all"].mean())
     print(f"{body}: squares {found['squares']:.4f}; {100 * distance:.2f} %")
     publish(
         PACKAGE / "bodies" / f"{body}.json", water, {"distance_percent": rounded(100 * distance), "parameters": given}

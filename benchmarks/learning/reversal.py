@@ -6,6 +6,7 @@ import numpy as np
 
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.tables import IMAGES, publish
+from fish_env.bodies.mass_spring import LAYERS
 from fish_env.control import evaluation_options, load_policy, make_eval_env, policy_controller, scripted
 from fish_env.control.policy import PRETRAINED
 from fish_env.envs import FishVectorEnv
@@ -35,14 +36,8 @@ def swum(controller, env: FishVectorEnv) -> dict[str, np.ndarray]:
         rows["heading"].append(np.degrees(np.arctan2(forward[1], forward[0])))
         rows["command"].append(np.degrees(task.course.heading[0]))
         rows["strain"].append(np.abs(stretch).max())
-        rows["midline"].append(midline(x) / length)
+        rows["midline"].append([x[list(nodes), :2].mean(axis=0) / length for nodes in LAYERS])
     return {name: np.array(values) for name, values in rows.items()}
-
-
-def midline(x: np.ndarray) -> np.ndarray:
-    """The body's middle seen from above, (7,2) m: the mean of each layer of nodes, nose to tail."""
-    layers = ([0], *(range(1 + 4 * k, 5 + 4 * k) for k in range(5)), [21, 22])
-    return np.array([x[list(layer), :2].mean(axis=0) for layer in layers])
 
 
 def draw() -> None:

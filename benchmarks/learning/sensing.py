@@ -1,8 +1,5 @@
 """What sensing costs, and what policies keep under conditions that they were not trained for.
 
-    python -m benchmarks.learning.sensing [--jobs N]
-    python -m benchmarks.learning.sensing turn          the rows of this task again
-
 It trains Swim, Turn and LeftAfterRight with sensors, two seeds each, on all processors, and evaluates them and the
 shipped policies, which observe nodes, on the usual seeds and on the held-out protocol (`fish_env.protocols`). Finished
 trainings are kept in runs/sensing.
@@ -11,6 +8,7 @@ trainings are kept in runs/sensing.
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -18,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.charts import BLUE, ORANGE, panels, save
-from benchmarks.common.tables import IMAGES, make_parser, read_table, replace_rows, select
+from benchmarks.common.tables import IMAGES, publish, read_table, select
 from fish_env import protocols
 from fish_env.control.evaluation import evaluate, make_policy_env, means
 from fish_env.control.policy import Policy, load_policy
@@ -57,14 +55,14 @@ def train(seed: int, task: str, sensing: str) -> None:
     export_policy(model, {"env_id": config.env_id, "env_options": options}).save(policy_file(seed, task, sensing))
 
 
-def train_all(tasks: list[str], jobs: int) -> None:
-    """Train what is missing, a process each."""
+@cache
+def trained(task: str) -> dict[str, list[Policy]]:
+    """The policies of a task by their sensing, one a seed; all that are missing are trained first, a process each."""
     RUNS.mkdir(parents=True, exist_ok=True)
-    jobs_of = product(SEEDS, reversed(tasks), SENSING)
-    missing = [job for job in jobs_of if not policy_file(*job).exists()]
-
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+    missing = [job for job in product(SEEDS, reversed(TASKS), SENSING) if not policy_file(*job).exists()]
+    with ProcessPoolExecutor(available_processors(), multiprocessing.get_context("spawn")) as pool:
         list(tqdm(pool.map(train, *zip(*missing, strict=True)), total=len(missing), unit="policy"))
+    return {sensing: [load_policy(policy_file(seed, task, sensing)) for seed in SEEDS] for sensing in SENSING}
 
 
 def score(policy: Policy, task: str) -> float:
@@ -77,28 +75,32 @@ def score(policy: Policy, task: str) -> float:
     return found
 
 
-def measure(tasks: list[str], jobs: int) -> None:
-    """Train, evaluate and write both tables; the rows of other tasks stay."""
-    train_all(tasks, jobs)
-    rows, held_out = [], []
-    for task in tasks:
+def sensing_rows() -> list[dict]:
+    """A row for each task and sensing, on the usual seeds."""
+    rows = []
+    for task in TASKS:
         shipped = load_policy(task)
-        trained = {sensing: [load_policy(policy_file(seed, task, sensing)) for seed in SEEDS] for sensing in SENSING}
         nodes = score(shipped, task)
-        for sensing, policies in {"nodes, shipped": [shipped], **trained}.items():
+        for sensing, policies in {"nodes, shipped": [shipped], **trained(task)}.items():
             scores = [score(policy, task) for policy in policies]
             mean = float(np.mean(scores))
             about = {"task": task, "sensing": sensing, "metric": protocols.SCORES[task], "seeds": len(policies)}
             numbers = {"score": mean, "lowest": min(scores), "of nodes": mean / nodes}
             rows.append(about | {name: round(value, 4) for name, value in numbers.items()})
-        for name, policies in (("shipped", [shipped]), (ROBUST, trained[ROBUST])):
+    return rows
+
+
+def held_out_rows() -> list[dict]:
+    """A row for each task, way of training and held-out condition."""
+    rows = []
+    for task in TASKS:
+        for name, policies in (("shipped", [load_policy(task)]), (ROBUST, trained(task)[ROBUST])):
             tables = [protocols.evaluate_held_out(policy) for policy in policies]
             for same in zip(*tables, strict=True):
                 numbers = {key: [row[key] for row in same] for key in ("value", "share", "failed")}
                 means_of = {key: round(float(np.mean(values)), 4) for key, values in numbers.items()}
-                held_out.append({"task": task, "policy": name, "condition": same[0]["condition"]} | means_of)
-    for name, made in (("learning/sensing.csv", rows), ("learning/held_out.csv", held_out)):
-        print(replace_rows(name, made, TASKS, "python -m benchmarks.learning.sensing"))
+                rows.append({"task": task, "policy": name, "condition": same[0]["condition"]} | means_of)
+    return rows
 
 
 def draw() -> None:
@@ -120,17 +122,5 @@ def draw() -> None:
     save(figure, IMAGES / "held_out.svg")
 
 
-def main() -> None:
-    """Train, measure and draw."""
-    parser = make_parser(__doc__)
-    parser.add_argument("tasks", nargs="*", help=f"only these: {', '.join(TASKS)}")
-    parser.add_argument("--jobs", type=int, default=available_processors(), help="trainings side by side")
-    given = parser.parse_args()
-    if unknown := set(given.tasks) - set(TASKS):
-        parser.error(f"unknown tasks {', '.join(sorted(unknown))}; choose from {', '.join(TASKS)}")
-    measure(given.tasks or list(TASKS), given.jobs)
-    draw()
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"learning/sensing.csv": sensing_rows, "learning/held_out.csv": held_out_rows}, draw)
