@@ -87,8 +87,9 @@ def sweep(problem: problems.Problem, reference_path: np.ndarray, bar: tqdm) -> l
 
 
 @cache
-def reference_of(problem: problems.Problem) -> tuple[np.ndarray, dict]:
+def reference_of(scene: str) -> tuple[np.ndarray, dict]:
     """The reference of a scene, and a row that says how it was made and how far an independent method is from it."""
+    problem = problems.problems()[scene]
     reference_path, substeps, change = problems.reference(problem)
     stiff = problem.name in ("turn_x100", "turn_x1000", "turn_damped")
     method, tolerance = ("Radau", 1e-9) if stiff else ("DOP853", 1e-11)
@@ -131,12 +132,12 @@ def draw() -> None:
 def sweeps() -> list[dict]:
     """The rows of every scene."""
     with tqdm(total=len(problems.problems()) * len(LINES), unit="sweep") as bar:
-        return [row for each in problems.problems().values() for row in sweep(each, reference_of(each)[0], bar)]
+        return [row for name, each in problems.problems().items() for row in sweep(each, reference_of(name)[0], bar)]
 
 
 def references() -> list[dict]:
     """The rows of their references."""
-    return [reference_of(each)[1] for each in problems.problems().values()]
+    return [reference_of(name)[1] for name in problems.problems()]
 
 
 if __name__ == "__main__":
