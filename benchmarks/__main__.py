@@ -10,12 +10,12 @@ package run only when they are named. A number is stale where a reference trajec
 (benchmarks/common/reference.py). Every command can be run by itself, too, and most have options: see its --help.
 """
 
-import argparse
 import subprocess
 import sys
 import textwrap
 import time
 
+from benchmarks.common.tables import make_parser
 from benchmarks.freshness import CURRENT, MISSING, STALE, status_of
 from benchmarks.registry import REGISTRY, Result
 from fish_env.training.checkout import ROOT, present_commit
@@ -90,9 +90,8 @@ def run(results: list[Result]) -> list[str]:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line; exit status 1 if a command failed, 2 for a wrong name."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = make_parser(__doc__)
+    parser.prog = "python -m benchmarks"
     parser.add_argument("names", nargs="*", metavar="name", help="a number or a room; default: list them all")
     parser.add_argument("--all", action="store_true", help="make all of them again")
     parser.add_argument("--stale", action="store_true", help="make those again that are stale")

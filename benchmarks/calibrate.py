@@ -8,32 +8,32 @@ kept in `runs/calibration` until what it depends on changes: a calibration that 
 search that ended. Bit for bit on one kind of processor.
 """
 
-import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 
 from benchmarks.calibration import finest, fit, gait_search, motor_controllers
+from benchmarks.common.tables import make_parser
 
-STEPS: dict[str, tuple[float, Callable[[str], None]]] = {
-    "the finest body": (3.0, finest.calibrate),
-    "mass_spring": (8.0, lambda water: fit.fit("mass_spring", water)),
-    "planar": (3.0, lambda water: fit.fit("planar", water)),
-    "the best gait": (3.0, gait_search.calibrate),
-    "motor controllers": (8.0, motor_controllers.calibrate),
-    "two_layer": (10.0, lambda water: fit.fit("two_layer", water)),
+STEPS: dict[str, Callable[[str], None]] = {
+    "the finest body": finest.calibrate,
+    "mass_spring": partial(fit.fit, "mass_spring"),
+    "planar": partial(fit.fit, "planar"),
+    "the best gait": gait_search.calibrate,
+    "motor controllers": motor_controllers.calibrate,
+    "two_layer": partial(fit.fit, "two_layer"),
 }
-"""What is calibrated, in order: minutes on two cores, about, and how."""
+"""What is calibrated, in order."""
 
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__)
     parser.add_argument("--water", choices=finest.START, default="reactive", help="the level of water")
     water = parser.parse_args().water
-    for number, (name, (minutes, calibrate)) in enumerate(STEPS.items(), start=1):
-        left = sum(each for each, _ in list(STEPS.values())[number - 1 :])
-        print(f"{number} of {len(STEPS)}: {name}, about {minutes:.0f} min; {left:.0f} min in all", flush=True)
+    for number, (name, calibrate) in enumerate(STEPS.items(), start=1):
         begin = time.monotonic()
+        print(f"{number} of {len(STEPS)}: {name}", flush=True)
         calibrate(water)
         print(f"{name}: {(time.monotonic() - begin) / 60:.1f} min", flush=True)
 

@@ -7,9 +7,7 @@ depend on: where one of them changes, they are stale.
 import shutil
 from dataclasses import dataclass
 
-RESULTS, IMAGES = "benchmarks/results/", "docs/images/"
-GAIT = "fish_env/control/gait.json"
-MOTOR = "fish_env/control/motor_controllers.json"
+RESULTS = "benchmarks/results/"
 DEFAULT, EVERY_BODY, EVERY_TASK = ("body mass_spring",), ("body *",), ("body mass_spring", "task *")
 FINEST_BODY = ("body tetrahedral",)
 TRAINED = (*EVERY_TASK, "policy *")
@@ -51,204 +49,141 @@ class Result:
         return [*pinned, python, *self.command.split()]
 
 
-def csv(*names: str) -> tuple[str, ...]:
-    """Tables and charts in benchmarks/results/."""
-    return tuple(f"{RESULTS}{name}" if "." in name else f"{RESULTS}{name}.csv" for name in names)
+def published(name: str, shows: str, minutes: float, *files: str, command: str = "", **more) -> Result:
+    """A record whose command is by default the module of its name, and whose files lie by default in results/."""
+    outputs = tuple(file if file.startswith(("docs/", "fish_env/")) else RESULTS + file for file in files)
+    return Result(name, shows, command or f"-m benchmarks.{name}", minutes, outputs, **more)
 
 
-def images(*names: str) -> tuple[str, ...]:
-    """Pictures in docs/images/."""
-    return tuple(f"{IMAGES}{name}" for name in names)
-
-
-ACCURACY = (
-    Result(
+REGISTRY = {result.name: result for result in (
+    published(
         "accuracy.work_precision", "error against computing time of every method on eight scenes",
-        "-m benchmarks.accuracy.work_precision", 12,
-        csv("work_precision", "work_precision_references", "work_precision.svg"),
-        one_core=True,
+        12, "work_precision.csv", "work_precision_references.csv", "work_precision.svg", one_core=True,
     ),
-    Result(
+    published(
         "accuracy.held_out", "errors and prices of methods on 64 random scenes that nothing was fitted to, every body",
-        "-m benchmarks.accuracy.held_out", 15,
-        csv("held_out", "held_out.svg"),
-        one_core=True, follows=(*EVERY_BODY, "water drag"),
+        15, "held_out.csv", "held_out.svg", one_core=True, follows=(*EVERY_BODY, "water drag"),
     ),
-    Result(
+    published(
         "accuracy.finite_elements", "tetrahedra against beam theory; measures of strain in rotation and bending",
-        "-m benchmarks.accuracy.finite_elements", 3,
-        csv("elements_beam", "elements_strains") + images("elements.svg"),
-        follows=("object *",),
+        3, "elements_beam.csv", "elements_strains.csv", "docs/images/elements.svg", follows=("object *",),
     ),
-)  # fmt: skip
-
-STABILITY = (
-    Result(
+    published(
         "stability.survey", "step-size limits of every method, on every body and against stiffness",
-        "-m benchmarks.stability.survey", 20, csv("stability_limits", "stability.svg"),
-        one_core=True, follows=EVERY_BODY,
+        20, "stability_limits.csv", "stability.svg", one_core=True, follows=EVERY_BODY,
     ),
-    Result(
-        "stability.attack", "failures of every body under random, bang-bang, oscillating and searched commands; also "
-        "tests/worst.npz", "-m benchmarks.stability.attack", 10, csv("attack"),
-        follows=EVERY_BODY,
+    published(
+        "stability.attack",
+        "failures of every body under random, bang-bang, oscillating and searched commands; also tests/worst.npz",
+        10, "attack.csv", follows=EVERY_BODY,
     ),
-    Result(
+    published(
         "stability.water", "failures and rolls, largest steps and the abrupt turn in water with inertia",
-        "-m benchmarks.stability.water", 18, csv("water_stability", "water_limits", "water_turn"),
-        one_core=True, follows=(*DEFAULT, "water *"),
+        18, "water_stability.csv", "water_limits.csv", "water_turn.csv", one_core=True, follows=(*DEFAULT, "water *"),
     ),
-)  # fmt: skip
-
-WATER = (
-    Result(
+    published(
         "water.prices", "cost of a step in each level of water, over that with drag alone",
-        "-m benchmarks.water.prices", 3, csv("water_prices"),
-        one_core=True, follows=(*DEFAULT, "water *"),
+        3, "water_prices.csv", one_core=True, follows=(*DEFAULT, "water *"),
     ),
-    Result(
-        "water.levels", "what each level of water gives scenes, beside living fish; also the tables of "
-        "docs/choosing-the-water.md", "-m benchmarks.water.levels", 3, csv("water_levels", "water_levels.svg"),
-        follows=(*EVERY_TASK, "water *"),
+    published(
+        "water.levels",
+        "what each level of water gives scenes, beside living fish; also the tables of docs/choosing-the-water.md",
+        3, "water_levels.csv", "water_levels.svg", follows=(*EVERY_TASK, "water *"),
     ),
-)  # fmt: skip
-
-SPEED = (
-    Result(
+    published(
         "speed.throughput", "environment steps a second, memory, first use; a control interval of one fish and of many",
-        "-m benchmarks.speed.throughput", 2, csv("throughput"),
-        follows=("body mass_spring", "task swim"),
+        2, "throughput.csv", follows=("body mass_spring", "task swim"),
     ),
-    Result(
+    published(
         "speed.scaling", "cost against the number of fish and against the number of nodes (needs 3 GB)",
-        "-m benchmarks.speed.scaling", 5, csv("scaling") + images("scaling.svg"),
-        follows=EVERY_BODY,
+        5, "scaling.csv", "docs/images/scaling.svg", follows=EVERY_BODY,
     ),
-    Result(
+    published(
         "speed.peers", "MuJoCo on the same springs, and its environments (needs the extra [peers])",
-        "-m benchmarks.speed.peers", 2, csv("speed/peers.csv"),
+        2, "speed/peers.csv",
     ),
-)  # fmt: skip
-
-FIDELITY = (
-    Result(
+    published(
         "bodies.fidelity", "distance of every body to the finest, and its cost, in a scene of every task",
-        "-m benchmarks.bodies.fidelity", 3, csv("fidelity") + images("fidelity.svg"),
-        follows=EVERY_BODY,
+        3, "fidelity.csv", "docs/images/fidelity.svg", follows=EVERY_BODY,
     ),
-)  # fmt: skip
-
-OBJECTS = (
-    Result(
+    published(
         "objects.survey", "elastic objects dropped, thrown and dragged; largest steps and errors of Song's methods",
-        "-m benchmarks.objects.survey", 3,
-        csv("objects_scenes", "objects_methods", "objects_methods.svg"),
-        follows=("object *",),
+        3, "objects_scenes.csv", "objects_methods.csv", "objects_methods.svg", follows=("object *",),
     ),
-    Result(
+    published(
         "objects.layers", "one layer and two on a floor, by the pressure of their gas",
-        "-m benchmarks.objects.layers", 1, csv("objects_layers", "objects_layers.svg"),
-        follows=("object *",),
+        1, "objects_layers.csv", "objects_layers.svg", follows=("object *",),
     ),
-    Result(
+    published(
         "objects.solids", "solids of finite elements: errors, costs and largest steps of every method",
-        "-m benchmarks.objects.solids", 2, csv("solids_methods", "solids_methods.svg"),
-        follows=("object *",),
+        2, "solids_methods.csv", "solids_methods.svg", follows=("object *",),
     ),
-)  # fmt: skip
-
-CALIBRATED = tuple(f"fish_env/bodies/{name}.json" for name in ("tetrahedral", "mass_spring", "planar", "two_layer"))
-CALIBRATION = (
-    Result(
+    published(
         "calibration.living_fish", "every body and the best gait beside living fish: speed, sweep, sway of the midline",
-        "-m benchmarks.calibration.living_fish", 6, csv("living_fish", "strength", "gait", "living_fish.svg"),
-        follows=EVERY_BODY,
+        6, "living_fish.csv", "strength.csv", "gait.csv", "living_fish.svg", follows=EVERY_BODY,
     ),
-    Result(
+    published(
         "calibration.fit_tests", "the fitted bodies on seeds and families of commands that they were not fitted to",
-        "-m benchmarks.calibration.fit", 16, csv("fit_tests"),
-        follows=EVERY_BODY,
+        16, "fit_tests.csv", command="-m benchmarks.calibration.fit", follows=EVERY_BODY,
     ),
-    Result(
+    published(
         "calibration.all", "bodies, gaits and motor controllers of a level of water, from the outline",
-        "-m benchmarks.calibrate", 50, (*CALIBRATED, GAIT, MOTOR), by_name=True,
-        follows=EVERY_BODY,
+        50, "fish_env/bodies/tetrahedral.json", "fish_env/bodies/mass_spring.json", "fish_env/bodies/planar.json",
+        "fish_env/bodies/two_layer.json", "fish_env/control/gait.json", "fish_env/control/motor_controllers.json",
+        command="-m benchmarks.calibrate", by_name=True, follows=EVERY_BODY,
     ),
-)  # fmt: skip
-
-VALIDATION = (
-    Result(
+    published(
         "validation.sizes", "the fastest gait against the length of the fish, beside living fish",
-        "-m benchmarks.validation.sizes", 1, csv("validation/sizes.csv", "validation/sizes.svg"),
+        1, "validation/sizes.csv", "validation/sizes.svg",
     ),
-    Result(
+    published(
         "validation.lamprey", "the midline of a lamprey imposed on its body: speed and sweep",
-        "-m benchmarks.validation.lamprey", 0.5, csv("validation/lamprey.csv", "validation/lamprey.svg"),
-        follows=FINEST_BODY,
+        0.5, "validation/lamprey.csv", "validation/lamprey.svg", follows=FINEST_BODY,
     ),
-    Result(
+    published(
         "validation.eel", "the midline of a computed eel imposed on its body: speed",
-        "-m benchmarks.validation.eel", 0.3, csv("validation/eel.csv", "validation/eel.svg"),
-        follows=FINEST_BODY,
+        0.3, "validation/eel.csv", "validation/eel.svg", follows=FINEST_BODY,
     ),
-    Result(
+    published(
         "validation.torque", "the midlines of a mackerel and an eel imposed on their bodies: bending torque",
-        "-m benchmarks.validation.torque", 1, csv("validation/torque.csv", "validation/torque.svg"),
-        follows=FINEST_BODY,
+        1, "validation/torque.csv", "validation/torque.svg", follows=FINEST_BODY,
     ),
-    Result(
+    published(
         "validation.robot", "the strokes of a robot imposed on its body: one number fitted to two trials, six told",
-        "-m benchmarks.validation.robot", 1, csv("validation/robot.csv", "validation/robot.svg"),
-        follows=FINEST_BODY,
+        1, "validation/robot.csv", "validation/robot.svg", follows=FINEST_BODY,
     ),
-    Result(
+    published(
         "validation.coasting", "drag coefficient of straight bodies, beside coasting fish",
-        "-m benchmarks.validation.coasting", 0.2, csv("validation/coasting.csv", "validation/coasting.svg"),
-        follows=(*DEFAULT, *FINEST_BODY),
+        0.2, "validation/coasting.csv", "validation/coasting.svg", follows=(*DEFAULT, *FINEST_BODY),
     ),
-    Result(
+    published(
         "validation.strength", "all muscles of one side: force, speed and power at the base of the tail, beside trout",
-        "-m benchmarks.validation.strength", 0.3, csv("validation/strength.csv", "validation/strength.svg"),
-        follows=(*DEFAULT, *FINEST_BODY),
+        0.3, "validation/strength.csv", "validation/strength.svg", follows=(*DEFAULT, *FINEST_BODY),
     ),
-)  # fmt: skip
-
-LEARNING = (
-    Result(
+    published(
         "learning.all", "every task trained with all its seeds; reuses finished runs, replaces the shipped policies",
-        "train.py all", 80,
-        csv("learning/seeds.csv", "learning/methods.csv", "learning/curves.csv") + images("curves.svg"), by_name=True,
-        follows=TRAINED,
+        80, "learning/seeds.csv", "learning/methods.csv", "learning/curves.csv", "docs/images/curves.svg",
+        command="train.py all", by_name=True, follows=TRAINED,
     ),
-    Result(
+    published(
         "learning.integrators", "the shipped policies under every method and step",
-        "train.py compare --integrators", 30,
-        csv("integrators_policies", "integrators_policies.svg"),
+        30, "integrators_policies.csv", "integrators_policies.svg", command="train.py compare --integrators",
         follows=TRAINED,
     ),
-    Result(
+    published(
         "learning.transfer", "the shipped policies and the motor controllers on every body",
-        "-m benchmarks.learning.transfer", 1, csv("transfer"),
-        follows=(*EVERY_BODY, "task *", "policy *"),
+        1, "transfer.csv", follows=(*EVERY_BODY, "task *", "policy *"),
     ),
-    Result(
+    published(
         "learning.sensing", "what sensors cost, and what policies keep under held-out conditions; trains 18 policies",
-        "-m benchmarks.learning.sensing", 35,
-        csv("learning/sensing.csv", "learning/held_out.csv") + images("held_out.svg"), follows=TRAINED,
+        35, "learning/sensing.csv", "learning/held_out.csv", "docs/images/held_out.svg", follows=TRAINED,
     ),
-    Result(
+    published(
         "learning.bound", "what optimal control reaches in turns, fast starts and swimming, beside shipped policies",
-        "-m benchmarks.learning.bound", 40, csv("learning/bound.csv"),
-        follows=TRAINED,
+        40, "learning/bound.csv", follows=TRAINED,
     ),
-    Result(
+    published(
         "learning.reversal", "one turn begun before another is over: path, heading, strain",
-        "-m benchmarks.learning.reversal", 0.5, csv("reversal") + images("reversal.svg"),
-        follows=TRAINED,
+        0.5, "reversal.csv", "docs/images/reversal.svg", follows=TRAINED,
     ),
-)  # fmt: skip
-
-REGISTRY = {
-    result.name: result
-    for result in (*ACCURACY, *STABILITY, *WATER, *SPEED, *FIDELITY, *OBJECTS, *CALIBRATION, *VALIDATION, *LEARNING)
-}
+)}  # fmt: skip

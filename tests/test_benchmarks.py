@@ -1,25 +1,36 @@
-"""The registry of published numbers, and how it tells whether they are stale."""
+"""The benchmarks: their registry, what they publish, how costs are measured, and what bodies are fitted by."""
 
+import runpy
 import shlex
 import sys
 from dataclasses import replace
 from fnmatch import fnmatch
-from importlib import import_module
 
+import numpy as np
 import pytest
+from scipy import stats
 
+import fish_env
 from benchmarks import __main__ as entry
-from benchmarks.common import reference, tables
+from benchmarks.calibration import fit_search
+from benchmarks.calibration.fit_search import SEARCHED, Search, beginning, parameters
+from benchmarks.calibration.keep import rounded
+from benchmarks.common import reference, tables, timing
+from benchmarks.common.motion import play
 from benchmarks.common.reference import TRAJECTORIES
+from benchmarks.common.search import minimise
 from benchmarks.common.tables import TRAJECTORIES as TRAJECTORIES_KEY
+from benchmarks.common.tables import filled, read_rows
 from benchmarks.freshness import CURRENT, MISSING, NO_TABLE, ROOT, STALE, UNKNOWN, Status, status_of
+from benchmarks.learning import integrators, publish
 from benchmarks.registry import REGISTRY, RESULTS, Result
+from benchmarks.speed import peers
 from fish_env import make_fish
+from fish_env.bodies.fitted import read_calibration
+from fish_env.control import load_policy, shipped_policy, statistics
 from fish_env.physics.body import scale_body
 from fish_env.training.checkout import present_commit
-
-each_result = pytest.mark.parametrize("result", REGISTRY.values(), ids=REGISTRY)
-
+from fish_env.training.config import CONFIGS
 
 # The registry
 
@@ -33,25 +44,31 @@ def test_every_table_has_a_command():
     assert published - set(registered) == set()
 
 
-@each_result
-def test_what_a_number_follows_exists(result):
-    """Every pattern names a reference trajectory."""
-    assert result.follows
-    for pattern in result.follows:
-        assert any(fnmatch(name, pattern) for name in TRAJECTORIES), pattern
-
-
-@each_result
+@pytest.mark.parametrize("result", REGISTRY.values(), ids=REGISTRY)
 def test_every_command_answers(result, monkeypatch, capsys):
-    """The module of a command is imported, says how it is used, and knows the options that are registered."""
+    """It says how it is used, and knows the options that are registered; what its numbers follow exists."""
+    assert result.follows and all(any(fnmatch(name, each) for name in TRAJECTORIES) for each in result.follows)
     first, *arguments = shlex.split(result.command)
-    module = arguments.pop(0) if first == "-m" else first.removesuffix(".py")
-    monkeypatch.setattr(sys, "argv", [module, *arguments, "--help"])
+    program = arguments.pop(0) if first == "-m" else first
+    monkeypatch.setattr(sys, "argv", [program, *arguments, "--help"])
     with pytest.raises(SystemExit) as end:
-        import_module(module).main()
+        if first == "-m":
+            runpy.run_module(program, run_name="__main__", alter_sys=True)
+        else:
+            runpy.run_path(str(ROOT / program), run_name="__main__")
     text = capsys.readouterr().out
     assert end.value.code == 0 and "usage: " in text
     assert [option for option in arguments if option.startswith("--") and option not in text] == []
+
+
+@pytest.mark.parametrize("name", [name for name, result in REGISTRY.items() if result.room == "validation"])
+def test_charts_are_drawn_from_their_tables(name, monkeypatch):
+    """With --draw a chart is made, and no table."""
+    figure, drawn = pytest.importorskip("matplotlib.figure"), []
+    monkeypatch.setattr(figure.Figure, "savefig", lambda self, path, **options: drawn.append(path))
+    monkeypatch.setattr(sys, "argv", [name, "--draw"])
+    runpy.run_module(f"benchmarks.{name}", run_name="__main__", alter_sys=True)
+    assert [path.relative_to(ROOT).as_posix() for path in drawn] == [REGISTRY[name].outputs[1]]
 
 
 # Reference trajectories
@@ -154,13 +171,6 @@ def test_names_and_stale_ones(monkeypatch, capfd):
     assert "1 current, 1 stale, 1 missing" in capfd.readouterr().out
 
 
-def test_the_list_of_this_project(capsys):
-    """Every number is listed with its command."""
-    assert entry.main([]) == 0
-    out = capsys.readouterr().out
-    assert all(each.name in out for each in REGISTRY.values())
-
-
 def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
     """A table that cannot be written leaves the one that was there: rows that differ, or no provenance."""
     monkeypatch.setattr(tables, "RESULTS", tmp_path)
@@ -174,3 +184,183 @@ def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         tables.write_csv("some.csv", [{"a": 1}], "python -m some")
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
+# What training publishes
+
+
+@pytest.fixture
+def quick(tmp_path, monkeypatch):
+    """A folder for the tables; few episodes, few resamples, and no reference trajectories."""
+    monkeypatch.setattr(tables, "RESULTS", tmp_path)
+    monkeypatch.setattr(tables, "trajectories", dict)
+    monkeypatch.setattr(publish, "EPISODES", 3)
+    monkeypatch.setattr(statistics, "RESAMPLES", 20)
+    return tmp_path
+
+
+@pytest.mark.parametrize(("hardness", "spread", "noise", "least"), [(0.0, 0.5, 1.0, 24), (1.0, 0.1, 0.3, 25)])
+def test_interval_mostly_has_the_true_mean(hardness, spread, noise, least, monkeypatch):
+    """Of independent seeds, and of seeds that play the same episodes, some of which are hard for all."""
+    monkeypatch.setattr(statistics, "RESAMPLES", 300)
+    rng, inside = np.random.default_rng(0), 0
+    for _ in range(30):
+        hard, levels = rng.normal(0.0, 1.0, 50), rng.normal(3.0, spread, 8)
+        scores = [{"return": level + hardness * hard + rng.normal(0.0, noise, 50)} for level in levels]
+        value, low, high = statistics.interval(scores, "return", rng)
+        assert low < value < high
+        inside += low < 3.0 < high
+    assert inside >= least
+
+
+def test_interquartile_mean():
+    """It is scipy's trimmed mean where a quarter is whole; what is not finite is left out."""
+    values = np.random.default_rng(0).normal(size=12)
+    assert statistics.interquartile_mean(values) == pytest.approx(stats.trim_mean(values, 0.25))
+    assert statistics.interquartile_mean(np.array([1.0, 2.0, np.nan])) == pytest.approx(1.5)
+
+
+def test_publishing_fills_in_page_and_files(quick, trained, monkeypatch):
+    """Publishing writes seeds, methods and curves, ships the median seed, and fills in the table of the page."""
+    monkeypatch.setattr(publish, "PRETRAINED", quick / "pretrained")
+    monkeypatch.setattr(publish, "SEEDS", 2)
+    page, readme = quick / "results.md", quick / "README.md"
+    monkeypatch.setattr(publish, "PAGE", page)
+    monkeypatch.setattr(publish, "README", readme)
+    page.write_text("before <!-- swim -->\nold\n<!-- end --> after")
+    readme.write_text("<!-- summary -->\nold\n<!-- end -->")
+    (quick / "runs/swim").mkdir(parents=True)
+    from trainings import train_short
+
+    for seed in range(2):
+        train_short(seed=seed, folder=quick / f"runs/swim/seed_{seed}")
+        (quick / f"runs/swim/seed_{seed}/results.json").write_text("{}")
+    publish.publish(quick / "runs", ["swim"])
+    text = page.read_text()
+    assert "| PPO, 2 seeds |" in text and "old" not in text and text.endswith("after")
+    assert "[`Swim-v0`](docs/envs/swim.md)" in readme.read_text() and "old" not in readme.read_text()
+    assert load_policy(quick / "pretrained/swim/policy.npz")
+    name, command = publish.SEEDS_TABLE, publish.COMMAND
+    assert [row["seed"] for row in tables.read_stored(name)] == ["0", "1"]
+    tables.replace_rows(name, [{"task": "turn", "seed": 5, "latency": 0.5}], CONFIGS, command)
+    tables.replace_rows(name, [{"task": "swim", "seed": 7, "speed": 2.0}], CONFIGS, command)
+    found = [(row["task"], row["seed"], row["latency"], row["speed"]) for row in tables.read_stored(name)]
+    assert found == [("swim", "7", "", "2.0"), ("turn", "5", "0.5", "")]
+    with pytest.raises(FileNotFoundError, match=r"no run of swim in .* is finished"):
+        publish.publish(quick / "nowhere", ["swim"])
+
+
+def test_another_integrator_is_published(quick, capsys):
+    """What was trained with another integrator is measured under it and under the default, in a table of its own."""
+    from trainings import train_short
+
+    folder = train_short(folder=quick / "swim/seed_0", integrator="semi_implicit", dt=0.002)
+    (folder / "results.json").write_text("{}")
+    publish.publish_method(quick, "semi_implicit", ["swim"])
+    rows = read_rows(quick / "trained_with_semi_implicit.csv")
+    assert [row["moved_by"] for row in rows] == ["semi_implicit"] * 3 + ["the default"] * 3
+    assert {(row["dt"], row["seeds"]) for row in rows} == {("0.002", "1")}
+    text = (quick / "trained_with_semi_implicit.csv").read_text()
+    assert "# command: python train.py all --integrator semi_implicit --dt 0.002\n" in text
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| swim")]
+    assert len(lines) == 3 and all(line.count("|") == 6 for line in lines) and "speed, BL/s" in lines[0]
+    with pytest.raises(FileNotFoundError, match="no run of turn"):
+        publish.publish_method(quick, "semi_implicit", ["turn"])
+
+
+def test_the_pages_hold_what_the_tables_hold():
+    """The tables of the page of results and of the README are those of the CSV file; no trained policy has failed."""
+    page, readme = publish.PAGE.read_text(), publish.README.read_text()
+    assert filled(page, publish.tables_of_page()) == page and all(f"<!-- {task} -->" in page for task in CONFIGS)
+    assert filled(readme, {"summary": publish.summary()}) == readme and "<!-- summary -->" in readme
+    assert not any(float(row["value"]) for row in tables.read_table(publish.METHODS, metric="failed"))
+
+
+def test_integrator_check_sees_a_difference():
+    """A policy replayed with the same method does the same; a coarse step shows in return and path."""
+    path = shipped_policy("swim")
+    fine = integrators.replay(path, ("rk4", 0.0005, None), 3)
+    same = integrators.differences(*fine, *fine)
+    found = integrators.differences(*integrators.replay(path, ("semi_implicit", 0.00025, None), 3), *fine)
+    assert same["failed"] == found["failed"] == 0 and same["path_difference"] == 0.0 < 0.01 < found["path_difference"]
+    fish = fish_env.make_fish()
+    names = [name for name, _, _ in integrators.settings(fish)]
+    assert (fish.integrator, fish.time_step, fish.refine) in integrators.settings(fish)
+    fixed = {name for name, record in fish_env.INTEGRATORS.items() if record.kind != "adaptive"}
+    assert names[0] == "rk4" and set(names) == fixed
+
+
+# Costs
+
+
+@pytest.mark.parametrize("num_fish", [1, 3])
+def test_mujoco_agrees(num_fish):
+    """MuJoCo, where it is installed, moves the masses as this package does; springs of other lengths are found out."""
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install -e '.[peers]'")
+    scene = peers.make_scene(num_fish)
+    assert peers.disagreement(peers.Mujoco(scene), 20) <= peers.TOLERANCE
+    assert peers.disagreement(peers.Mujoco(scene._replace(rest_length=0.999 * scene.rest_length)), 20) > 1e-6
+
+
+def test_costs_are_measured_in_turn(monkeypatch):
+    """Runs take turns; preparation is not timed; the first round does not count; ratios are to the first run."""
+    clock, order = [0.0], []
+
+    def spend(name, seconds):
+        clock[0] += seconds * (10.0 if len(order) < 4 else 1.0)
+        order.append(name)
+
+    monkeypatch.setattr(timing.time, "process_time", lambda: clock[0])
+    a = (lambda: spend("prepare", 5.0), lambda: spend("a", 1.0), 2)
+    b = (lambda: spend("prepare", 5.0), lambda: spend("b", 3.0), 3)
+    first, second = timing.interleaved([a, b], 4)
+    assert order == ["prepare", "a", "prepare", "b"] * 5
+    assert first.time == pytest.approx(5e5) and second.time == pytest.approx(1e6)
+    assert first.ratio == pytest.approx(1.0) and second.ratio == pytest.approx(2.0)
+
+
+# What inexpensive bodies are fitted by
+
+
+@pytest.mark.parametrize("body", SEARCHED)
+def test_searched_parameters(body):
+    """A search begins at the values of its table and makes a body of them; shipped ones lie within the ranges too."""
+    start, low, high = beginning(body)
+    assert ((low < start) & (start < high)).all()
+    given, shipped = parameters(body, "reactive", start), read_calibration(body, "reactive")["parameters"]
+    for name, (values, least, most) in SEARCHED[body].items():
+        np.testing.assert_allclose(np.ravel(given[name]), values, rtol=1e-12)
+        assert least < min(values) and max(values) < most
+        value = np.ravel(shipped[name])
+        assert value.size == len(values)
+        assert (value >= least * (1 - 1e-3)).all() and (value <= most * (1 + 1e-3)).all(), name
+    assert make_fish(body, water="reactive", **rounded(given)).body.mass.sum() > 0.0
+    short = {"a": [0.1235, 12350.0], "b": 0.0001235, "c": "trout", "d": None}
+    assert rounded({"a": [0.123456, 12345.6], "b": 0.000123456, "c": "trout", "d": None}) == short
+
+
+def test_the_search_finds_the_way_back():
+    """A body has no distance to its own motion, and a search gets most of the way back from one that was changed."""
+    fish = make_fish("planar")
+    swum = np.zeros((2, 75, 12))
+    times = np.arange(75) * 0.02
+    for k, frequency in enumerate((2.0, 3.0)):
+        wave = np.sin(2 * np.pi * (frequency * times[:, None] - 0.2 * fish.segments))
+        swum[k] = 0.5 * (1.0 + fish.sides * wave)
+    problem, kept = (
+        Search("planar", "reactive", swum, play(fish, swum)),
+        read_calibration("planar", "reactive")["parameters"],
+    )
+    point = np.concatenate([fit_search.logarithms(name, np.ravel(kept[name])) for name in SEARCHED["planar"]])
+    motion = slice(0, swum.shape[0] * (2 + 3 * swum.shape[1]))
+    assert np.abs(problem.residuals(point)[motion]).max() < 1e-12
+    searched = [1, 7, 10]  # bending, muscles and drag of a section
+
+    def squares(part):
+        changed = point.copy()
+        changed[searched] = part
+        return float((problem.residuals(changed)[motion] ** 2).sum())
+
+    away = point[searched] + [0.02, -0.02, 0.02]  # stiffer and weaker: the one does not make up for the other
+    _, least = minimise(squares, away, 0.02, 8, 1, 6)
+    assert least < 0.01 * squares(away)

@@ -1,7 +1,7 @@
 """Every code block of README.md and of the pages in docs/ and examples/ does what it says, found by itself.
 
 Python blocks are executed, each alone, or all of a page in order where the page says so; functions `test_...` in them
-are called. `test_commands.py` runs the commands.
+are called. `test_documentation.py` runs the commands.
 """
 
 import importlib.util

@@ -25,23 +25,17 @@ CODE = [cell for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
 QUICKSTART = "\n\n".join("".join(cell["source"]) for cell in CODE)
 SOURCES = {path.relative_to(EXAMPLES).as_posix(): path.read_text() for path in SCRIPTS} | {"quickstart": QUICKSTART}
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
-QUICK = (
-    {"train_ppo.py", "train_rllib.py", "play.py", "pixels.py", "custom_task.py", "custom_body.py"}
-    | {"plan_random_shooting.py"}
-    | LEARNERS
-    | {"train_gpu.py"}
-)
+QUICK = LEARNERS | {"train_ppo.py", "train_rllib.py", "train_gpu.py", "play.py", "pixels.py", "custom_task.py",
+                    "custom_body.py", "plan_random_shooting.py"}  # fmt: skip
 """The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_torch_env.py`."""
 
 
 def run(folder, *words, **variables):
     """What a Python program prints that is run in a folder of its own, as a user would; it must end well."""
-    done = subprocess.run(
-        [sys.executable, *map(str, words)], env=os.environ | {"PYTHONPATH": str(ROOT)} | variables, cwd=folder,
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, *map(str, words)], cwd=folder, capture_output=True, text=True, check=False,
+                          env=os.environ | {"PYTHONPATH": str(ROOT)} | variables)  # fmt: skip
     assert done.returncode == 0, done.stderr
-    return done.stdout
+    return done.stdout + done.stderr
 
 
 def run_here(folder, script, *words, **variables):
@@ -52,11 +46,8 @@ def run_here(folder, script, *words, **variables):
         patch.setattr(sys, "argv", [str(script), *map(str, words)])
         for name, value in variables.items():
             patch.setenv(name, value)
-        for module, name in (
-            (fish_env.BODIES, "eel"),
-            (fish_env.TASKS, "circle"),
-            (gym.registry, "Examples/Circle-v0"),
-        ):
+        tables = ((fish_env.BODIES, "eel"), (fish_env.TASKS, "circle"), (gym.registry, "Examples/Circle-v0"))
+        for module, name in tables:
             patch.setitem(module, name, None)
             patch.delitem(module, name)
         runpy.run_path(str(script), run_name="__main__")
@@ -95,9 +86,8 @@ def test_train_ppo(tmp_path):
     words = ("--timesteps", 512, "--num-envs", 16, "--evaluations", 3, "--folder", "out")
     said = run_here(tmp_path, EXAMPLES / "train_ppo.py", *words)
     assert re.search(r"mean of 3 episodes: return -?\d.*, speed -?\d", said)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "args.json", "model.zip", "scaling.pkl", "scores.json",
-    }  # fmt: skip
+    found = {path.name for path in (tmp_path / "out").iterdir()}
+    assert found == {"args.json", "model.zip", "scaling.pkl", "scores.json"}
     assert json.loads((tmp_path / "out" / "args.json").read_text())["num_envs"] == 16
     assert json.loads((tmp_path / "out" / "scores.json").read_text())["seconds"] == 5.0
 

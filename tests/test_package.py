@@ -2,23 +2,21 @@
 
 import inspect
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 import tarfile
 import typing
 import zipfile
-from pathlib import Path
+from functools import partial
 
 import pytest
+from pages import ROOT
+from test_examples import run
 
 import fish_env
 from fish_env import control
 from fish_env.__main__ import make_parser
 
-ROOT = Path(__file__).parent.parent
 PARTS = ("fish_env", "pyproject.toml", "setup.py", "README.md", "LICENSE", "MANIFEST.in", "tests")
 BUILD = "import setuptools.build_meta as backend, sys; print(getattr(backend, 'build_' + sys.argv[1])(sys.argv[2]))"
 
@@ -47,18 +45,10 @@ assert write_film(kept, film).stat().st_size > 100_000
 """What must work wherever the package lies, without the checkout."""
 
 
-def run(*arguments, cwd=None, **variables):
-    """What Python prints with these arguments, which must end well."""
-    done = subprocess.run([sys.executable, *map(str, arguments)], cwd=cwd, env=os.environ | variables,
-                          capture_output=True, text=True, check=False)  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout + done.stderr
-
-
 def build(what, source, target):
     """Build "sdist" or "wheel" of a source tree, downloading nothing; returns the archive."""
     target.mkdir()
-    run("-c", BUILD, what, target, cwd=source)
+    run(source, "-c", BUILD, what, target)
     (archive,) = target.iterdir()
     return archive
 
@@ -78,20 +68,20 @@ def test_public_names():
         fish_env.envs.sb4  # noqa: B018
 
 
-def test_a_plain_import_warns_of_nothing():
+def test_a_plain_import_warns_of_nothing(tmp_path):
     """A program that makes errors of all warnings can import the package, whose import prints nothing."""
     code = "import fish_env, fish_env.control, fish_env.envs"
-    assert run("-W", "error", "-c", code) == ""
+    assert run(tmp_path, "-W", "error", "-c", code) == ""
 
 
-def test_vec_env_after_a_plain_import():
+def test_vec_env_after_a_plain_import(tmp_path):
     """Stable-Baselines3 is loaded by the first use, by either name, and the two are one function."""
     pytest.importorskip("stable_baselines3")
     code = """import sys, fish_env
 before = "stable_baselines3" in sys.modules
 same = fish_env.envs.make_sb3_vec_env is fish_env.make_sb3_vec_env and bool(fish_env.envs.sb3.FishVecEnv)
 print(before, same, type(fish_env.make_sb3_vec_env("FishEnv/Stub-v0", num_envs=2)).__name__)"""
-    assert run("-c", code).split()[-3:] == ["False", "True", "VecMonitor"]
+    assert run(tmp_path, "-c", code).split()[-3:] == ["False", "True", "VecMonitor"]
 
 
 def test_what_the_image_is_built_from():
@@ -147,15 +137,15 @@ def test_wheel_of_the_source_archive(tmp_path):
     assert held <= set(names) and "fish_env/control/pretrained/swim/policy.npz" in names
     check_metadata(next(unpacked.glob("*.dist-info")))
 
-    alone = {"cwd": empty, "PYTHONPATH": str(unpacked)}
-    assert "FishEnv/Swim-v0" in run("-m", "fish_env", **alone)
-    run("-c", ALONE, unpacked, tmp_path / "film.html", **alone)
+    alone = partial(run, empty, PYTHONPATH=str(unpacked))
+    assert "FishEnv/Swim-v0" in alone("-m", "fish_env")
+    alone("-c", ALONE, unpacked, tmp_path / "film.html")
     folder = tmp_path / "run"
-    said = run("-m", "fish_env", "train", "swim", "--timesteps", "20000", "--folder", folder, **alone)
+    said = alone("-m", "fish_env", "train", "swim", "--timesteps", "20000", "--folder", folder)
     assert "best open-loop gait" in said and (folder / "report.html").exists()
-    run("-m", "fish_env", "play", folder, "--save", tmp_path / "swim.html", **alone)
-    assert f"  {folder}" in run("-m", "fish_env", "evaluate", "swim", folder, "--episodes", "1", **alone)
-    assert f"  {folder}" in run("-m", "fish_env", "compare", folder, **alone)
+    alone("-m", "fish_env", "play", folder, "--save", tmp_path / "swim.html")
+    assert f"  {folder}" in alone("-m", "fish_env", "evaluate", "swim", folder, "--episodes", "1")
+    assert f"  {folder}" in alone("-m", "fish_env", "compare", folder)
     assert not list(empty.iterdir())
 
 
@@ -166,5 +156,4 @@ def test_in_an_archive(tmp_path):
         for path in sorted((ROOT / "fish_env").rglob("*")):
             if path.is_file() and "__pycache__" not in path.parts:
                 file.write(path, path.relative_to(ROOT))
-    place = {"cwd": tmp_path, "PYTHONPATH": str(archive), "NUMBA_DISABLE_JIT": "1"}
-    run("-c", ALONE, archive, tmp_path / "film.html", **place)
+    run(tmp_path, "-c", ALONE, archive, tmp_path / "film.html", PYTHONPATH=str(archive), NUMBA_DISABLE_JIT="1")

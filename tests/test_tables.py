@@ -8,16 +8,17 @@ from pages import ROOT
 
 from benchmarks.accuracy.held_out import SETTINGS, least_expensive
 from benchmarks.calibration import living_fish
-from benchmarks.common.tables import read_table
+from benchmarks.common.tables import columns, line, read_table, select
 from benchmarks.objects import layers, solids, survey
 from benchmarks.objects.scenes import SCENES
 from benchmarks.water import levels
 from fish_env.soft.objects import OBJECTS, SONG
 
 
-def select(table, /, **wanted):
-    """Rows of a table with these values."""
-    return [row for row in read_table(table) if all(row[key] == value for key, value in wanted.items())]
+def one(table, /, **wanted):
+    """The only row of a table with these values."""
+    (row,) = read_table(table, **wanted)
+    return row
 
 
 def short(value, digits=2):
@@ -28,9 +29,9 @@ def short(value, digits=2):
 HELD_OUT = (("reactive", "mass_spring"), ("reactive", "planar"), ("drag", "mass_spring"), ("drag", "tetrahedral"))
 
 
-def line(*cells):
-    """A row of a page's table."""
-    return f"| {' | '.join(map(str, cells))} |"
+def first_held_out(water="reactive", body="mass_spring", **wanted):
+    """The first row of a body on the held-out scenes: without other wishes, its own method at its own step."""
+    return read_table("held_out.csv", body=body, water=water, **wanted)[0]
 
 
 def held_out(row):
@@ -47,7 +48,7 @@ def methods():
         ("rosenbrock", (24,)), ("midpoint", (96,)), ("rk4", (32,)),
     ):  # fmt: skip
         for k in steps:
-            row = select("held_out.csv", body="mass_spring", water="reactive", integrator=name, substeps=k)[0]
+            row = first_held_out("reactive", "mass_spring", integrator=name, substeps=k)
             assert not row["failed"]
             yield line(f"`{name}`", k, *held_out(row))
 
@@ -55,7 +56,7 @@ def methods():
 def own_steps():
     """Every body with its own method and step on the held-out scenes: the first row of each."""
     for water, body in SETTINGS:
-        row = select("held_out.csv", body=body, water=water)[0]
+        row = first_held_out(water, body)
         assert not row["failed"]
         name = f"`{body}`" if water == "reactive" else f"`{body}`, in drag"
         yield line(name, row["substeps"], *held_out(row), row["unpredictable"])
@@ -66,7 +67,7 @@ def least_prices():
     for percent in (2, 1, 0.5, 0.1, 0.01):
         cells = []
         for water, body in HELD_OUT:
-            row = least_expensive(select("held_out.csv", body=body, water=water), percent / 100, "ninety_percent")
+            row = least_expensive(read_table("held_out.csv", body=body, water=water), percent / 100, "ninety_percent")
             cells.append(f"`{row['integrator']}` {row['substeps']}: {short(row['us_per_interval'])}")
         yield line(f"{percent:g} %", *cells)
 
@@ -85,10 +86,10 @@ def failures():
 
 def bodies():
     """Nodes, costs and distances of the bodies."""
-    rows = read_table("fidelity.csv")
+    rows = read_table("fidelity.csv", quantity="all")
     (cost,) = {row["cost_s_per_s"] for row in rows if row["body"] == "mass_spring"}
     for body, level in dict.fromkeys((row["body"], row["level"]) for row in rows):
-        mine = [row for row in rows if (row["body"], row["level"], row["quantity"]) == (body, level, "all")]
+        mine = select(rows, body=body, level=level)
         worst, best = (100 * choose(row["error"] for row in mine) for choose in (max, min))
         distance = f"{short(best)} to {short(worst)} %" if best else "0"
         ratio, speed = mine[0]["cost_s_per_s"] / cost, 1.0 / mine[0]["cost_s_per_s"]
@@ -97,14 +98,20 @@ def bodies():
 
 
 def fits():
-    """Distances of the fitted bodies on other seeds."""
+    """Distances of the fitted bodies to the finest one: on other seeds, and over what they were fitted to."""
     names = {"swim": "Swim", "turn": "Turn", "left_after_right": "LeftAfterRight", "target": "Target", "avoid": "Avoid",
              "fast_start": "FastStart", "square": "square waves", "chirp": "chirps",
              "gaits": "gaits up to 6 Hz"}  # fmt: skip
     for scene, name in names.items():
-        rows = select("fit_tests.csv", water="reactive", scene=scene, quantity="all")
+        rows = read_table("fit_tests.csv", water="reactive", scene=scene, quantity="all")
         found = {row["body"]: row["distance"] for row in rows}
         yield line(name, *(short(100 * found[body]) for body in ("mass_spring", "planar", "two_layer")))
+    found = {}
+    for body in ("mass_spring", "planar", "two_layer"):
+        record = json.loads((ROOT / f"fish_env/bodies/{body}.json").read_text())
+        found[body] = f"{record['reactive']['distance_percent']:.1f} %"
+    assert found["mass_spring"] == found["planar"]
+    yield f"are {found['planar']} from the finest body over what they were fitted to, `two_layer` {found['two_layer']}"
 
 
 def transfers():
@@ -115,12 +122,12 @@ def transfers():
         ("left_after_right", "latency", "LeftAfterRight: latency, s"),
         ("target", "time_per_target", "Target: time per target, s"), ("avoid", "avoided", "Avoid: avoided, %"),
     ):  # fmt: skip
-        rows = select("transfer.csv", task=task, metric=metric)
+        rows = read_table("transfer.csv", task=task, metric=metric)
         scale, digits = (100, ".0f") if "%" in text else (1, ".2f")
         found = {(row["who"], row["body"]): f"{scale * row['mean']:{digits}}" for row in rows}
         bodies = ("planar", "mass_spring", "two_layer", "tetrahedral")
         yield line(text, *(f"{found['policy', body]}; {found['motor controllers', body]}" for body in bodies))
-    assert not any(row["mean"] for row in select("transfer.csv", metric="failed"))
+    assert not any(row["mean"] for row in read_table("transfer.csv", metric="failed"))
 
 
 def bounds():
@@ -128,13 +135,12 @@ def bounds():
     names = {"turn": "Turn", "left_after_right": "Left after right", "fast_start": "Fast start", "swim": "Swim"}
     rows = read_table("learning/bound.csv")
     for task, quantity in dict.fromkeys((row["task"], row["quantity"]) for row in rows):
-        mine = [row for row in rows if (row["task"], row["quantity"]) == (task, quantity)]
+        mine = select(rows, task=task, quantity=quantity)
         cells = [f"{np.mean([row['bound'] for row in mine]):.2f}"]
         for who in ("motor_controllers", "policy"):
             both = [(row[who], row["bound"]) for row in mine if row[who] != ""]
-            ratio = np.sum(both, axis=0)[0] / np.sum(both, axis=0)[1] if both else np.nan
             few = f", in {len(both)} of {len(mine)}" if len(both) < len(mine) else ""
-            cells.append(f"{ratio:.2f} times{few}" if both else "-")
+            cells.append(f"{np.divide(*np.sum(both, axis=0)):.2f} times{few}" if both else "-")
         apart = max(row["seeds_apart"] for row in mine)
         yield line(f"{names[task]}: {quantity}{UNITS[quantity]}", *cells, f"{apart:.3f}")
 
@@ -143,16 +149,23 @@ UNITS = {"latency": ", s", "latency, then settled": ", s", "escape distance": ",
 
 
 def gait():
-    """The best gait in both waters, at the default step and by RK4."""
+    """The best gait, exponents of the fastest gaits, and the tables of living fish that are written into the page."""
     found = {(row["water"], row["quantity"]): row for row in read_table("gait.csv")}
     for name in living_fish.GAIT:
         digits = ".1f" if "speed" in name else ".2f"
         values = (found[water, name][key] for water in ("drag", "reactive") for key in ("ours", "reference"))
         yield line(name, *(f"{value:{digits}}" for value in values), "")[:-2]
+    exponents = []
+    for fish in ("reactive", "drag"):
+        length, *others = np.log(columns(read_table("validation/sizes.csv", fish=fish), *SCALED))
+        exponents.append(", ".join(f"{np.polyfit(length, each, 1)[0]:.1f}" for each in others))
+    yield line("exponents of frequency, speed in BL/s and power", *exponents, "")[:-2]
+    yield living_fish.table(read_table("living_fish.csv"))
+    yield living_fish.strength_table(read_table("strength.csv"))
 
 
 def rates():
-    """Environment steps a second, rounded to thousands, and times of control intervals."""
+    """Environment steps a second, rounded to thousands; times of control intervals; what senses and pictures take."""
     found = {row["quantity"]: row["value"] for row in read_table("throughput.csv")}
     steps = [value for name, value in found.items() if name.endswith("steps/s")]
     yield f"| {round(steps[0], -2):,.0f} |"
@@ -162,15 +175,25 @@ def rates():
     first = [value for name, value in found.items() if name.startswith("first make")]
     yield f"take {first[0]:.1f} s with nothing compiled, and {first[1]:.1f} s after that"
     yield f"one environment takes {found['memory of a process with one environment, MB']:.0f} MB"
+    batch, alone = intervals()
+    yield f"In drag a control interval costs [{1 / batch:.2f} of that in a batch, and {1 / alone:.2f} alone]"
+    one, many = (f"an environment step of {n} fish, noise, delays and a history, over one of nodes" for n in (1, 256))
+    yield f"add {100 * found[one] - 100:.0f} % to a step of one fish, and {100 * found[many] - 100:.0f} % to one of 256"
+    one, many = ([found[f"{what} of {n} fish, us a fish"] for what in ("get_state", "set_state")] for n in (1, 256))
+    yield f"take {one[0]:.0f} and {one[1]:.0f} µs for one fish, {many[0]:.1f} and {many[1]:.1f} µs a fish for 256"
+    above, side, follow = (
+        f"{round(found[f'pictures of 84 x 84 a second, {camera}, with the step'], -1):,.0f}"
+        for camera in ("above", "side", "follow")
+    )
+    yield f'come at {above} (`"above"`), {side} (`"side"`) and {follow} (`"follow"`) a second'
 
 
 def peers():
     """MuJoCo's time over this package's."""
-    one, many = (next(row["times_ours"] for row in select("speed/peers.csv", what="springs", copies=copies)
-                      if "MuJoCo" in row["name"]) for copies in (1, 256))  # fmt: skip
-    yield f"takes {one:.0f} times as long for one fish, and {many:.0f} times for each of 256"
+    alone, many = (read_table("speed/peers.csv", what="springs", copies=k)[-1]["times_ours"] for k in (1, 256))
+    yield f"takes {alone:.0f} times as long for one fish, and {many:.0f} times for each of 256"
     for name in ("HalfCheetah-v5", "Swimmer-v5"):
-        (row,) = select("speed/peers.csv", name=name)
+        row = one("speed/peers.csv", name=name)
         yield line(name, f"{row['times_ours']:.1f}", f"{row['times_ours'] * 0.02 / row['simulated_s']:.1f}")
 
 
@@ -188,46 +211,34 @@ def step(value):
 
 
 def scenes():
-    """The worst of the scenes of every object."""
+    """Elastic objects: the worst of their scenes, what their layers keep, and their largest steps."""
     for kind in OBJECTS:
-        rows = select("objects_scenes.csv", object=kind)
+        rows = read_table("objects_scenes.csv", object=kind)
         assert [row["scene"] for row in rows] == list(SCENES) and not any(row["escapes"] for row in rows)
         worst = [max(row[key] for row in rows) for key in ("growth", "growth_at_half_step", "depth_over_travel")]
         yield line(kind, *map(tiny, worst), f"{min(row['times_real_time'] for row in rows):.0f}")
-
-
-def collapse():
-    """What objects of one layer and of two keep, by pressure."""
     for kind in layers.STANDARD:
         for count in (1, 2):
-            rows = select("objects_layers.csv", object=kind, layers=count)
+            rows = read_table("objects_layers.csv", object=kind, layers=count)
             kept = {row["pressure_over_standard"]: row["kept"] for row in rows}
             yield line(kind, count, *(f"{abs(kept[p]):.2f}" for p in (0.0, 0.0625, 0.25, 1.0)))
-
-
-def limits():
-    """Largest stable step and largest step through the scenes: a row an object, a cell a method."""
     for kind in SONG:
-        found = {row["method"]: row for row in select("objects_methods.csv", object=kind)}
+        found = {row["method"]: row for row in read_table("objects_methods.csv", object=kind)}
         yield line(kind, *(f"{step(found[k]['stable_ms'])}; {step(found[k]['scenes_ms'])}" for k in survey.METHODS))
 
 
 def beam():
-    """The cantilever under refinement."""
+    """The cantilever under refinement; measures of strain beside one another."""
     for row in read_table("elements_beam.csv"):
         values = (f"{row[key]:.3f}" for key in ("deflection", "frequency", "frequency_equal_masses"))
         yield line(row["cells"], row["nodes"], *values)
 
-
-def strains():
-    """The measures of strain beside one another."""
-
     def compared(label, case, at, key="value", digits=2):
-        found = [select("elements_strains.csv", case=case, strain=strain, at=at)[0][key] for strain in solids.STRAINS]
+        found = (one("elements_strains.csv", case=case, strain=strain, at=at)[key] for strain in solids.STRAINS)
         return line(label, *(tiny(value, digits) for value in found))
 
     def cost(method):
-        rows = [select("solids_methods.csv", strain=strain, method=method)[0] for strain in solids.STRAINS]
+        rows = [one("solids_methods.csv", strain=strain, method=method) for strain in solids.STRAINS]
         return (tiny(row["cost_1.25_ms"] / rows[0]["cost_1.25_ms"]) for row in rows)
 
     yield compared("Energy of a block rotated by 90°, over $`E V`$", "rotation", 90)
@@ -243,7 +254,7 @@ def strains():
 def moved_solids():
     """Methods on the corotational beam."""
     for name in solids.METHODS:
-        (row,) = select("solids_methods.csv", strain="corotational", method=name)
+        row = one("solids_methods.csv", strain="corotational", method=name)
         steps = (step(row[key]) for key in ("swing_ms", "twisted_ms", "inverted_ms", "stable_ms"))
         error, cost = solids.error_and_cost(row)
         yield line(f"`{name}`", *steps, tiny(row["error_1.25_ms"]), f"{cost[error < 1e-3].min():.0f}")
@@ -252,18 +263,10 @@ def moved_solids():
 def water_tables():
     """Tables of the levels of water, as they are written."""
     for name, table in levels.TABLES.values():
-        yield "\n".join(table(read_table(name)))
+        yield table(read_table(name))
 
 
-def sizes():
-    """Exponents of the fastest gaits, fitted to all lengths."""
-    found = {fish: select("validation/sizes.csv", fish=fish) for fish in ("reactive", "drag")}
-    exponents = (
-        ", ".join(f"{np.polyfit(*(np.log([row[k] for row in rows]) for k in ('length_m', key)), 1)[0]:.1f}"
-                  for key in ("frequency_hz", "speed", "power_w_kg"))
-        for rows in found.values()
-    )  # fmt: skip
-    yield line("exponents of frequency, speed in BL/s and power", *exponents, "")[:-2]
+SCALED = ("length_m", "frequency_hz", "speed", "power_w_kg")
 
 
 # Sentences
@@ -273,11 +276,6 @@ def scores():
     """Values of the published methods by task, condition, method and metric."""
     rows = read_table("learning/methods.csv")
     return {tuple(row[key] for key in ("task", "condition", "method", "metric")): row["value"] for row in rows}
-
-
-def drifting():
-    """How often a fish meets a target by chance."""
-    yield f"it meets a target every {scores()['target', '', 'random', 'time_per_target']:.0f} s"
 
 
 def aims():
@@ -304,28 +302,27 @@ def aims():
     angle, acceleration = (value["fast_start", rest, "PPO", key] for key in ("angle_300ms", "peak_acceleration"))
     yield f"| {angle:.0f} degrees, {acceleration:.0f} m/s²: **missed**."
     over = {name: sum(row["policy"] for row in rows) / sum(row["bound"] for row in rows) - 1 for name, rows in (
-        (name, select("learning/bound.csv", task=name, quantity=quantity)) for name, quantity in (
+        (name, read_table("learning/bound.csv", task=name, quantity=quantity)) for name, quantity in (
             ("swim", "speed"), ("fast_start", "escape distance"), ("turn", "latency"), ("left_after_right", "latency")
         ))}  # fmt: skip
     swim, start, turn, left = (f"{abs(100 * part):.0f} %" for part in over.values())
     yield f"| Swim {swim}, fast start {start}; Turn {turn}, left after right {left}: **missed**"
-    found = read_table("fit_tests.csv")
-    found = {row["scene"]: 100 * row["distance"] for row in found if (row["water"], row["body"], row["kind"],
-             row["quantity"]) == ("reactive", "mass_spring", "task", "all")}  # fmt: skip
+    rows = read_table("fit_tests.csv", water="reactive", body="mass_spring", kind="task", quantity="all")
+    found = {row["scene"]: 100 * row["distance"] for row in rows}
     start = found.pop("fast_start")
     yield f"| {min(found.values()):.0f} to {max(found.values()):.0f} %, fast start {start:.0f} %: **missed** |"
-    row = default_fish()
+    row = first_held_out()
     yield f"| {100 * row['turn']:.1f} %; {100 * row['geometric_mean']:.1f} %: **missed** |"
-    (cheetah,) = select("speed/peers.csv", name="HalfCheetah-v5")
-    (batch,) = select("throughput.csv", quantity="256 fish on one thread, steps/s")
+    cheetah = one("speed/peers.csv", name="HalfCheetah-v5")
+    batch = one("throughput.csv", quantity="256 fish on one thread, steps/s")
     yield f"| {cheetah['times_ours']:.1f}; {cheetah['us'] * batch['value'] / 1e6:.1f}: **missed** |"
-    rows = select("attack.csv", body="mass_spring")
+    rows = read_table("attack.csv", body="mass_spring")
     yield f"{sum(row['fish'] for row in rows):,} fish and commands | no failure | {sum(r['failures'] for r in rows)} |"
 
 
-def aims_beside_living_fish():
-    """What was reached of the aims for the fish."""
-    rows = select("living_fish.csv", water="reactive", body="mass_spring")
+def beside_living_fish():
+    """How near the default fish is to a trout."""
+    rows = read_table("living_fish.csv", water="reactive", body="mass_spring")
     speed, sweep = (max(abs(row[key] / row[f"{key}_trout"] - 1) for row in rows) for key in ("speed", "sweep"))
     yield f"| within 10 % | {100 * speed:.0f}, {100 * sweep:.0f} % |"
     off, nose, strouhal = (
@@ -333,22 +330,15 @@ def aims_beside_living_fish():
         for key, digits in (("envelope_off", 3), ("nose_over_tail", 2), ("strouhal", 2))
     )
     yield f"| {off}; {nose}: **missed**"
-    (gait,) = select("gait.csv", water="reactive", quantity="Strouhal number")
+    gait = one("gait.csv", water="reactive", quantity="Strouhal number")
     yield f"| {strouhal}: **missed** at two speeds of three; best gait {gait['ours']:.2f} |"
-    (turn,) = select("strength.csv", water="reactive", body="mass_spring", strength=1)
+    turn = one("strength.csv", water="reactive", body="mass_spring", strength=1)
     yield f"| {turn['radius']:.2f}, {turn['rate']:.0f} |"
     costs = (rows[1]["work"] / 0.6, rows[2]["work"] / 0.9)  # J/kg/m over a trout's, in the table of validation.md
     yield f"| {costs[0]:.2f}, {costs[1]:.1f}; {rows[0]['lost']:.2f}, {rows[1]['lost']:.2f} |"
-
-
-def beside_living_fish():
-    """How near the default fish is to a trout."""
-    rows = select("living_fish.csv", water="reactive", body="mass_spring")
-    speed, sweep = (max(abs(row[key] / row[f"{key}_trout"] - 1) for row in rows) for key in ("speed", "sweep"))
     yield f"is within {100 * speed:.0f} % of its speed and {100 * sweep:.0f} % of its tail sweep"
-    (turn,) = select("strength.csv", water="reactive", body="mass_spring", strength=1)
     yield f"At best it turns by {turn['angle']:.0f} degrees in 0.3 s, with {turn['acceleration']:.0f} m/s²"
-    (drag,) = select("strength.csv", water="drag", body="mass_spring", strength=1)
+    drag = one("strength.csv", water="drag", body="mass_spring", strength=1)
     yield f"Its circles are {drag['radius'] / turn['radius']:.1f} times as wide"
 
 
@@ -360,152 +350,99 @@ def trainings():
         ("swim", "speed", "Swim, speed, BL/s"), ("turn", "success", "Turn, success, %"),
         ("left_after_right", "success", "Left after right, success, %"),
     ):  # fmt: skip
-        rows = select("learning/sensing.csv", task=task, metric=metric)
+        rows = read_table("learning/sensing.csv", task=task, metric=metric)
         yield line(name, *(f"{r['score']:.2f}" if metric == "speed" else f"{100 * r['score']:.0f}" for r in rows))
-    (robust,) = select("learning/sensing.csv", task="swim", sensing="the same, robust")
+    robust = one("learning/sensing.csv", task="swim", sensing="the same, robust")
     yield f"noise, delays and variation costs {100 * (1 - robust['of nodes']):.0f} % of the speed"
-    rows = select("integrators_policies.csv", episodes=1000)
+    rows = read_table("integrators_policies.csv", episodes=1000)
     assert not any(row["failed"] for row in rows)
     change = max(abs(row["return_change"]) for row in rows)
     yield f"the returns are within {np.ceil(1000 * change) / 10} % of those under RK4 at an eighth of the step"
 
 
-def fitted():
-    """Distances to the finest body that the files of the bodies hold."""
-    found = {}
-    for body in ("mass_spring", "planar", "two_layer"):
-        record = json.loads((ROOT / f"fish_env/bodies/{body}.json").read_text())
-        found[body] = f"{record['reactive']['distance_percent']:.1f} %"
-    assert found["mass_spring"] == found["planar"]
-    yield f"are {found['planar']} from the finest body over what they were fitted to, `two_layer` {found['two_layer']}"
-
-
-def default_fish(water="reactive"):
-    """The default method at its own step on the held-out scenes."""
-    return select("held_out.csv", body="mass_spring", water=water)[0]
-
-
 def intervals():
     """Costs of a control interval in reactive water, over drag: in a batch, and alone."""
-    found = [row for row in read_table("water_prices.csv") if (row["fish"], row["dtype"]) == ("reactive", "float64")]
-    return [next(row["over_drag"] for row in found if row["count"] == count) * 8 / 6 for count in (256, 1)]
+    steps = 8 / 6
+    return [steps * one("water_prices.csv", fish="reactive", dtype="float64", count=k)["over_drag"] for k in (256, 1)]
 
 
 def default_step():
     """The default step beside others."""
-    rows = {k: select("held_out.csv", body="mass_spring", water="reactive", integrator="leapfrog_chebyshev",
-                      refine=np.inf, substeps=k)[0] for k in (12, 24, 48)}  # fmt: skip
-    own = default_fish()
+    rows = {k: first_held_out(integrator="leapfrog_chebyshev", refine=np.inf, substeps=k) for k in (12, 24, 48)}
+    own = first_held_out()
     assert 0.4 < rows[12]["geometric_mean"] / own["geometric_mean"] < 0.6  # half the error
     assert 1.15 < rows[12]["us_per_interval"] / own["us_per_interval"] < 1.35  # for a quarter more time
     assert 0.2 < rows[24]["geometric_mean"] / rows[12]["geometric_mean"] < 0.4  # twice the steps, a third of the error
     assert own["turn"] < 0.01 and rows[24]["geometric_mean"] < 0.003 < rows[12]["geometric_mean"]
-    drag = default_fish("drag")
+    drag = first_held_out("drag")
     ratios = [own[key] / drag[key] for key in ("geometric_mean", "ninety_percent", "worst", "turn")]
     yield f"is {min(ratios):.0f} to {max(ratios):.0f} times as accurate"
-    methods = ("semi_implicit", "symplectic_euler")
-    tu, symplectic = (select("held_out.csv", body="mass_spring", water="reactive", integrator=name, substeps=48)[0]
-                      for name in methods)  # fmt: skip
+    tu, symplectic = (first_held_out(integrator=name, substeps=48) for name in ("semi_implicit", "symplectic_euler"))
     yield f"has {tu['geometric_mean'] / symplectic['geometric_mean']:.1f} times the mean error of symplectic Euler"
-    turn = select("work_precision.csv", scene="turn", integrator="explicit_euler")
+    turn = read_table("work_precision.csv", scene="turn", integrator="explicit_euler")
     yield f"`explicit_euler` needs {min(row['substeps'] for row in turn if row['error'] < 0.01):,} steps for 1 % on"
     magnified = [row["magnified"] for row in read_table("work_precision_references.csv")]
     yield f"of the initial state {min(magnified):.0f}- to {max(magnified):.0f}-fold"
 
 
 def choices():
-    """Reasons for choices."""
+    """Reasons for choices, and single sentences."""
     yield f"It costs {intervals()[0]:.1f} times as much in a batch."
-    rows = select("water_stability.csv", body="mass_spring")
+    rows = read_table("water_stability.csv", body="mass_spring")
     assert not any(row["failures"] for row in rows)
     yield f"None of {sum(row['fish'] for row in rows) // 2:,} fish of the stress test fails, in either water."
-    (row,) = select("water_turn.csv", water="reactive", stiffness=1.0, damping=1.0)
+    row = one("water_turn.csv", water="reactive", stiffness=1.0, damping=1.0)
     yield f"With 3.3 ms the abrupt turn's error is {row['at_6'] / row['at_8']:.1f} times as large, for a tenth less"
-
-
-def interval_over_drag():
-    """Cost of the default water."""
+    yield f"it meets a target every {scores()['target', '', 'random', 'time_per_target']:.0f} s"
     batch, alone = intervals()
     yield f"So a control interval costs {batch:.1f} times that in drag in a batch, and {alone:.1f} times alone."
-
-
-def rates_in_sentences():
-    """What senses, states and pictures take; drag."""
-    batch, alone = intervals()
-    yield f"In drag a control interval costs [{1 / batch:.2f} of that in a batch, and {1 / alone:.2f} alone]"
-    found = {row["quantity"]: row["value"] for row in read_table("throughput.csv")}
-    one, many = (f"an environment step of {n} fish, noise, delays and a history, over one of nodes" for n in (1, 256))
-    yield f"add {100 * found[one] - 100:.0f} % to a step of one fish, and {100 * found[many] - 100:.0f} % to one of 256"
-    one, many = ([found[f"{what} of {n} fish, us a fish"] for what in ("get_state", "set_state")] for n in (1, 256))
-    yield f"take {one[0]:.0f} and {one[1]:.0f} µs for one fish, {many[0]:.1f} and {many[1]:.1f} µs a fish for 256"
-    above, side, follow = (
-        f"{round(found[f'pictures of 84 x 84 a second, {camera}, with the step'], -1):,.0f}"
-        for camera in ("above", "side", "follow")
-    )
-    yield f'come at {above} (`"above"`), {side} (`"side"`) and {follow} (`"follow"`) a second'
-
-
-def two_cores():
-    """Environment steps a second of two processors."""
-    (row,) = select("throughput.csv", quantity="256 fish on 2 processors, steps/s")
+    row = one("throughput.csv", quantity="256 fish on 2 processors, steps/s")
     yield f"two cores make [{round(row['value'], -3):,.0f} steps](performance.md#environments) a second"
 
 
 def nothing_fitted():
     """Water beside measurements of others."""
     waters = ("drag", "drag, friction", "reactive", "reactive, friction")
-    for name, table, key, published, digits in (
-        ("lamprey: speed, BL/s", "lamprey", "speed_bl_s", "published", 2),
-        ("computed eel: speed, BL a beat", "eel", "speed_bl_beat", "published", 2),
+    mackerel, eel = (read_table("validation/torque.csv", animal=animal) for animal in ("mackerel", "eel"))
+    for name, rows, key, published in (
+        ("lamprey: speed, BL/s", read_table("validation/lamprey.csv"), "speed_bl_s", "published"),
+        ("computed eel: speed, BL a beat", read_table("validation/eel.csv"), "speed_bl_beat", "published"),
+        ("computed mackerel: largest torque, 10⁻⁴ \u03c1L⁵/T²", mackerel, "torque", "published_torque"),
+        ("another computed eel: largest torque", eel, "torque", "published_torque"),
+        ("the same, speed, BL a period; Reynolds number assumed", mackerel, "speed_bl_period", "published_speed"),
     ):
-        rows = {row["water"]: row for row in read_table(f"validation/{table}.csv")}
-        yield line(name, f"{rows['drag'][published]:.{digits}f}", *(f"{rows[w][key]:.{digits}f}" for w in waters))
-    for name, animal, key, published in (
-        ("computed mackerel: largest torque, 10⁻⁴ \u03c1L⁵/T²", "mackerel", "torque", "published_torque"),
-        ("another computed eel: largest torque", "eel", "torque", "published_torque"),
-        ("the same, speed, BL a period; Reynolds number assumed", "mackerel", "speed_bl_period", "published_speed"),
-    ):
-        rows = {row["water"]: row for row in select("validation/torque.csv", animal=animal)}
-        yield line(name, f"{rows['drag'][published]:.2f}", *(f"{rows[water][key]:.2f}" for water in waters))
-    (row,) = select("validation/torque.csv", animal="mackerel", water="reactive")
+        found = {row["water"]: row[key] for row in rows}
+        yield line(name, f"{rows[0][published]:.2f}", *(f"{found[water]:.2f}" for water in waters))
+    row = one("validation/torque.csv", animal="mackerel", water="reactive")
     yield f"With it, the torque is {row['off_percent']:.0f} % too large, and its peak lies 0.08 BL farther forward."
-    found = [f"{row['coefficient']:.3f}" for row in select("validation/coasting.csv", reynolds=41000.0)]
+    found = [f"{row['coefficient']:.3f}" for row in read_table("validation/coasting.csv", reynolds=41000.0)]
     yield "the default body has {} with drag, and {} with friction as well; the finest one {} and {}".format(*found)
-    pulls = {body: select("validation/strength.csv", body=body) for body in ("mass_spring", "tetrahedral")}
+    pulls = {body: read_table("validation/strength.csv", body=body) for body in ("mass_spring", "tetrahedral")}
     for name, trout, key in (("force, N", "2.2", "force_n"), ("speed, m/s", "1.11", "speed_m_s"),
                              ("power, W", "0.64", "power_w")):  # fmt: skip
         yield line(f"largest {name}", trout, *(f"{max(row[key] for row in rows):.2f}" for rows in pulls.values()))
-    errors = {}
-    for water in ("drag, friction", "reactive, friction"):
-        off = [abs(row["off_m_s"]) for row in select("validation/robot.csv", water=water) if not row["fitted"]]
-        errors[water] = f"{np.mean(off):.3f}"
-    yield f"| - | {errors['drag, friction']} | - | {errors['reactive, friction']} |"
+    told = (read_table("validation/robot.csv", water=water, fitted=0) for water in waters[1::2])
+    drag, reactive = (f"{np.abs(columns(rows, 'off_m_s')).mean():.3f}" for rows in told)
+    yield f"| - | {drag} | - | {reactive} |"
 
 
 PAGES = {
-    "README.md": (drifting,),
-    "docs/choosing-an-integrator.md": (methods, own_steps, least_prices, failures, default_step),
-    "docs/choosing-a-body.md": (bodies, fits, transfers, fitted),
-    "docs/choosing-the-water.md": (water_tables, interval_over_drag),
-    "docs/design.md": (choices,),
-    "docs/nothing-fitted.md": (nothing_fitted,),
-    "docs/recipes.md": (two_cores,),
-    "docs/results.md": (bounds, aims, aims_beside_living_fish, trainings),
-    "docs/validation.md": (
-        gait,
-        sizes,
-        beside_living_fish,
-        lambda: [living_fish.table(read_table("living_fish.csv"))],
-        lambda: [living_fish.strength_table(read_table("strength.csv"))],
-    ),
-    "docs/performance.md": (rates, peers, rates_in_sentences),
-    "docs/soft-objects.md": (scenes, collapse, limits, beam, strains, moved_solids),
+    "choosing-an-integrator": (methods, own_steps, least_prices, failures, default_step),
+    "choosing-a-body": (bodies, fits, transfers),
+    "choosing-the-water": (water_tables,),
+    "nothing-fitted": (nothing_fitted,),
+    "results": (bounds, aims, trainings),
+    "validation": (gait,),
+    "results validation": (beside_living_fish,),
+    "performance": (rates, peers),
+    "soft-objects": (scenes, beam, moved_solids),
+    "../README design choosing-the-water recipes": (choices,),
 }
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_page(name):
-    """Every row, and every number of a sentence, stands on the page as it follows from the results."""
-    page = (ROOT / name).read_text()
-    missing = [text for table in PAGES[name] for text in table() if text not in page]
+@pytest.mark.parametrize("names", PAGES)
+def test_pages(names):
+    """Every row, and every number of a sentence, stands on one of the pages as it follows from the results."""
+    text = "".join((ROOT / f"docs/{name}.md").read_text() for name in names.split())
+    missing = [each for table in PAGES[names] for each in table() if each not in text]
     assert not missing

@@ -1,8 +1,5 @@
 """Tetrahedra against theory: a cantilever under refinement; three measures of strain in rotation, extension, bending.
 
-    python -m benchmarks.accuracy.finite_elements           tables and chart (about 3 min)
-    python -m benchmarks.accuracy.finite_elements --draw    the chart again
-
 The beam is that of `benchmarks/common/beam.py`. What is known without a mesh stands beside each: the theory of beams,
 no energy, the law of the material, the elastica.
 """
@@ -10,20 +7,9 @@ no energy, the law of the material, the elastica.
 import numpy as np
 from scipy.integrate import solve_bvp
 
-from benchmarks.common.beam import (
-    LENGTH,
-    SHEAR,
-    YOUNG,
-    cantilever,
-    first_frequency,
-    rigidity,
-    solid,
-    tip,
-    tip_load,
-    vertical,
-)
-from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, panels, save
-from benchmarks.common.tables import IMAGES, read_table, write_csv
+from benchmarks.common import beam
+from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.tables import IMAGES, columns, publish, read_table
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import Body
 from fish_env.physics.world import VACUUM
@@ -31,7 +17,6 @@ from fish_env.soft import statics
 from fish_env.soft.elements import STRAINS
 from fish_env.soft.mesh import box
 
-COMMAND = "python -m benchmarks.accuracy.finite_elements"
 REFINED = (2, 4, 8, 16)  # cells through the thickness
 BENDING = 8  # cells through the thickness of the beam that is bent far
 SIDE = 0.1  # m, of the block and of the bar
@@ -53,16 +38,15 @@ def refined() -> list[dict]:
     """Rows of deflection under a small end load and first frequency over those of the Euler-Bernoulli beam."""
     rows = []
     for n in REFINED:
-        body, even = cantilever(n), cantilever(n, rule="uniform")
-        force = 1e-4 * rigidity(body) / LENGTH**2
-        deflection = tip(body, statics.linear_deflection(body, tip_load(body, force)))[2]
+        body, even = beam.cantilever(n), beam.cantilever(n, rule="uniform")
+        force = 1e-4 * beam.rigidity(body) / beam.LENGTH**2
+        deflection = beam.tip(body, statics.linear_deflection(body, beam.tip_load(body, force)))[2]
         rows.append({
             "cells": n, "nodes": len(body.mass),
-            "deflection": deflection / (force * LENGTH**3 / (3.0 * rigidity(body))),
-            "frequency": vertical(body)[0] / first_frequency(body),
-            "frequency_equal_masses": vertical(even)[0] / first_frequency(body),
+            "deflection": deflection / (force * beam.LENGTH**3 / (3.0 * beam.rigidity(body))),
+            "frequency": beam.vertical(body)[0] / beam.first_frequency(body),
+            "frequency_equal_masses": beam.vertical(even)[0] / beam.first_frequency(body),
         })  # fmt: skip
-        print(rows[-1], flush=True)
     return rows
 
 
@@ -90,7 +74,7 @@ def bend(body: Body, loads):
     """Positions (N,3) of the beam at rest under each end load P L^2 / E I, one after the other."""
     x = None
     for load in loads:
-        x = statics.equilibrium(body, start=x, load=tip_load(body, load * rigidity(body) / LENGTH**2))
+        x = statics.equilibrium(body, start=x, load=beam.tip_load(body, load * beam.rigidity(body) / beam.LENGTH**2))
         yield load, x
 
 
@@ -99,8 +83,8 @@ def rotated(strain: str, degrees: float) -> float:
     position, nodes = box((SIDE, SIDE, SIDE), (3, 3, 3))
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     x = position @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T
-    stored = Evaluator(solid(position, nodes, 0.3, strain=strain), VACUUM).energies(np.zeros(0), x, 0.0 * x)
-    return sum(stored.values()) / (YOUNG * SIDE**3)
+    stored = Evaluator(beam.solid(position, nodes, 0.3, strain=strain), VACUUM).energies(np.zeros(0), x, 0.0 * x)
+    return sum(stored.values()) / (beam.YOUNG * SIDE**3)
 
 
 def law(strain: str, stretch: float) -> float:
@@ -112,8 +96,8 @@ def extended(strain: str, stretch: float) -> float:
     """The force on the end of a bar of Poisson's ratio 0, over E times its area at rest."""
     position, nodes = box((SIDE, SIDE / 2, SIDE / 2), (4, 2, 2))
     x = position * [stretch, 1.0, 1.0]
-    force = Evaluator(solid(position, nodes, 0.0, strain=strain), VACUUM).force(np.zeros(0), x, 0.0 * x)
-    return float(-force[position[:, 0] == position[:, 0].max(), 0].sum() / (YOUNG * SIDE**2 / 4))
+    force = Evaluator(beam.solid(position, nodes, 0.0, strain=strain), VACUUM).force(np.zeros(0), x, 0.0 * x)
+    return float(-force[position[:, 0] == position[:, 0].max(), 0].sum() / (beam.YOUNG * SIDE**2 / 4))
 
 
 def strains() -> list[dict]:
@@ -123,38 +107,31 @@ def strains() -> list[dict]:
         for case, measure in (("rotation", rotated), ("extension", extended)):
             rows += [{"case": case, "strain": strain, "at": at, "value": measure(strain, at), "volume": ""}
                      for at in CASES[case]]  # fmt: skip
-        body = cantilever(BENDING, strain=strain)
+        body = beam.cantilever(BENDING, strain=strain)
         for load, x in bend(body, CASES["bending"]):
-            off = np.linalg.norm(tip(body, x)[[0, 2]] / LENGTH - elastica(load)[-1])
+            off = np.linalg.norm(beam.tip(body, x)[[0, 2]] / beam.LENGTH - elastica(load)[-1])
             rows.append({"case": "bending", "strain": strain, "at": load, "value": off, "volume": volume(body, x)})
-            print(rows[-1], flush=True)
     return rows
-
-
-def measure() -> None:
-    """Write the tables."""
-    write_csv("elements_beam.csv", refined(), COMMAND)
-    write_csv("elements_strains.csv", strains(), COMMAND)
 
 
 def draw() -> None:
     """Draw the errors under refinement and the three cases of the measures of strain."""
-    beam, rows = read_table("elements_beam.csv"), read_table("elements_strains.csv")
+    rows = read_table("elements_beam.csv")
     figure, (refinement, *axes) = panels(4, (16.0, 3.9))
-    cells = [row["cells"] for row in beam]
+    cells, deflection, frequency = map(np.array, columns(rows, "cells", "deflection", "frequency"))
     for label, colour, errors in (
-        ("deflection, from Timoshenko's", BLUE, [1.0 + SHEAR - row["deflection"] for row in beam]),
-        ("first frequency, from Euler's", ORANGE, [row["frequency"] - 1.0 for row in beam]),
+        ("deflection, from Timoshenko's", BLUE, 1.0 + beam.SHEAR - deflection),
+        ("first frequency, from Euler's", ORANGE, frequency - 1.0),
     ):
         refinement.loglog(cells, np.abs(errors), "o-", color=colour, label=label)
-    refinement.loglog(cells, [1.7 / n**2 for n in cells], "--", color=GREY, label="second order")
+    refinement.loglog(cells, 1.7 / cells**2, "--", color=GREY, label="second order")
     refinement.set_xticks(cells, [f"{n:g}" for n in cells])
     refinement.set_xticks([], minor=True)
     refinement.set(xlabel="cells through the beam's thickness", ylabel="relative error")
     for strain, (colour, style) in STYLES.items():
         for panel, case in zip(axes, CASES, strict=True):
-            line = [(row["at"], row["value"]) for row in rows if (row["case"], row["strain"]) == (case, strain)]
-            panel.plot(*np.transpose(line), style, color=colour, markersize=4, fillstyle="none", label=strain)
+            line = columns(read_table("elements_strains.csv", case=case, strain=strain), "at", "value")
+            panel.plot(*line, style, color=colour, markersize=4, fillstyle="none", label=strain)
     axes[0].set(xlabel="rotation of a block, degrees", ylabel="energy, over E V", xticks=range(0, 181, 45))
     axes[1].set(xlabel="length of a bar, over that at rest", ylabel="force, over E A")
     axes[2].set(xlabel="end load on the beam, EI/L$^2$", ylabel="tip from the elastica's, lengths", yscale="log")
@@ -163,10 +140,5 @@ def draw() -> None:
     save(figure, IMAGES / "elements.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"elements_beam.csv": refined, "elements_strains.csv": strains}, draw)

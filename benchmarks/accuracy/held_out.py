@@ -1,8 +1,5 @@
 """Errors and prices of methods on random scenes that nothing was fitted to, in drag and in reactive water.
 
-    taskset -c 1 python -m benchmarks.accuracy.held_out            every setting (about 15 min): CSV and chart
-    taskset -c 1 python -m benchmarks.accuracy.held_out --draw     the chart again, from the CSV
-
 Fish begin at rest and are commanded for 2 s: contractions that every muscle holds for 1 to 15 control intervals,
 bang-bang ones, square waves, gaits, and strokes nearly as strong and fast as they can be. The error of a scene is the
 largest distance, in body lengths, of any node at the end of any control interval from RK4, whose steps were halved
@@ -18,17 +15,12 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.accuracy.work_precision import SUBSTEPS
-from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, pyplot, save
+from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save
 from benchmarks.common.families import bang_bang, gaits, sprints, square
-from benchmarks.common.problems import DISTURBANCE, NotConvergedError, left_after_right, steps_of
-from benchmarks.common.tables import RESULTS, read_table, write_csv
-from fish_env import INTEGRATORS, make_fish
-from fish_env.bodies import Fish
-from fish_env.physics.records import World
-from fish_env.physics.tank import Tank
+from benchmarks.common.problems import DISTURBANCE, converge, left_after_right, steps_of
+from benchmarks.common.tables import RESULTS, columns, publish, read_table, select
+from fish_env import INTEGRATORS, Fish, Tank, World, make_fish
 
-COMMAND = "python -m benchmarks.accuracy.held_out"
-CSV = "held_out.csv"
 BODIES = {"mass_spring": 256, "planar": 256, "two_layer": 65, "tetrahedral": 65}
 """Each body, and the fish in a batch: all scenes once where a body is slow."""
 SEED, SECONDS = 420_000, 2.0  # first seed, duration of a scene
@@ -133,32 +125,20 @@ def magnification(scenes: Setting, substeps: int) -> np.ndarray:
     return np.where(moved.alive & still.alive, apart, np.inf)
 
 
-def fewest(fish: Fish) -> int:
-    """Fewest steps a control interval of a reference: FEWEST, or twice, four times as many, where RK4 is stable."""
-    substeps = FEWEST
-    while fish.control_interval / substeps > 0.5 * INTEGRATORS["rk4"].base(fish.body):
-        substeps *= 2
-    return substeps
-
-
 def reference(scenes: Setting) -> Reference:
     """RK4 with its steps halved until no predictable scene changes by more than CONVERGED.
 
-    Raises:
-        NotConvergedError: if MOST steps a control interval do not do.
+    The fewest steps a control interval are FEWEST, or twice, four times as many, where RK4 is stable.
     """
-    substeps = fewest(scenes.fish)
-    predictable, path = magnification(scenes, substeps) <= MAGNIFIED, move(scenes, "rk4", substeps).path
-    while 2 * substeps <= MOST:
-        substeps *= 2
-        coarse, path = path, move(scenes, "rk4", substeps).path
-        change = float(distances(scenes.fish, path, coarse)[predictable].max())
-        if change <= CONVERGED:
-            return Reference(path, predictable, substeps, change)
-    raise NotConvergedError(
-        f"{scenes.fish.name}: RK4 with {substeps} steps an interval differs by {change:.1e} body lengths from half as "
-        f"many, more than {CONVERGED:g}; allow more steps or take tamer scenes"
-    )
+    fish, fewest = scenes.fish, FEWEST
+    while fish.control_interval / fewest > 0.5 * INTEGRATORS["rk4"].base(fish.body):
+        fewest *= 2
+    predictable = magnification(scenes, fewest) <= MAGNIFIED
+    path, substeps, change = converge(
+        fish.name, lambda k: move(scenes, "rk4", k).path,
+        lambda fine, coarse: float(distances(fish, fine, coarse)[predictable].max()), (fewest, MOST), CONVERGED,
+    )  # fmt: skip
+    return Reference(path, predictable, substeps, change)
 
 
 def lines(fish: Fish) -> list[tuple[str, int, float]]:
@@ -196,14 +176,14 @@ def measure(body: str, water: str, scenes: Setting, truth: Reference, line: tupl
     }  # fmt: skip
 
 
-def measure_all() -> None:
-    """Write the table; an interrupted run leaves the bodies that are done."""
+def measure_all() -> list[dict]:
+    """The rows of every setting."""
     rows = []
     for water, body in SETTINGS:
         scenes = setting(body, water)
         truth = reference(scenes)
         rows += [measure(body, water, scenes, truth, line) for line in tqdm(lines(scenes.fish), f"{body}, {water}")]
-        write_csv(CSV, rows, COMMAND)
+    return rows
 
 
 def least_expensive(rows: list[dict], accuracy: float, key: str) -> dict:
@@ -213,46 +193,34 @@ def least_expensive(rows: list[dict], accuracy: float, key: str) -> dict:
 
 def draw() -> None:
     """One panel a body and water: geometric mean against price, and lines up to the worst scene, a tick at 90 %."""
-    rows = read_table(CSV)
+    rows = read_table("held_out.csv")
     cases = list(dict.fromkeys((row["water"], row["body"]) for row in rows))
-    across = 3
-    figure, panels = pyplot().subplots(len(cases) // across, across, figsize=(13, 4.2 * len(cases) // across),
-                                       sharey=True, layout="constrained", squeeze=False)  # fmt: skip
-    for panel, (water, body) in zip(panels.flat, cases, strict=True):
-        mine = [row for row in rows if (row["water"], row["body"]) == (water, body)]
+    height = len(cases) // 3
+    figure, axes = panels(3, (13, 4.0 * height), height, sharey=True)
+    for panel, (water, body) in zip(axes, cases, strict=True):
+        mine = select(rows, water=water, body=body)
         for name in dict.fromkeys(row["integrator"] for row in mine):
             colour, marker = METHOD_STYLE[name]
-            line = [row for row in mine if row["integrator"] == name and row["geometric_mean"] > 0.0]
-            line = sorted(line, key=lambda row: row["us_per_interval"])
-            price, mean, ninety, worst = (
-                [row[key] for row in line] for key in ("us_per_interval", "geometric_mean", "ninety_percent", "worst")
-            )
-            full = [row for row in line if not row["failed"]]
-            panel.loglog([row["us_per_interval"] for row in full], [row["geometric_mean"] for row in full],
-                         color=colour, linewidth=1.2)  # fmt: skip
+            line = [row for row in select(mine, integrator=name) if row["geometric_mean"] > 0.0]
+            line.sort(key=lambda row: row["us_per_interval"])
+            price, mean, ninety, worst = columns(line, "us_per_interval", "geometric_mean", "ninety_percent", "worst")
+            full = select(line, failed=0)
+            panel.loglog(*columns(full, "us_per_interval", "geometric_mean"), color=colour, linewidth=1.2)
             panel.vlines(price, mean, worst, color=colour, linewidth=0.6, alpha=0.6)
             panel.plot(price, ninety, color=colour, linestyle="", marker="_")
-            for fill, label in (("full", name), ("none", None)):
-                part = [row for row in line if (not row["failed"]) == (fill == "full")]
-                panel.plot([row["us_per_interval"] for row in part], [row["geometric_mean"] for row in part],
-                           color=colour, marker=marker, linestyle="", fillstyle=fill, label=label)  # fmt: skip
+            for part, fill, label in (full, "full", name), ([row for row in line if row["failed"]], "none", None):
+                panel.plot(*columns(part, "us_per_interval", "geometric_mean"), color=colour, marker=marker,
+                           linestyle="", fillstyle=fill, label=label)  # fmt: skip
         low, high = panel.get_xlim()
         ticks = [tick for tick in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000) if low < tick < high]
         panel.set_xticks(ticks, map(str, ticks))
         panel.set_xticks([], minor=True)
         panel.set(title=f"{body}, {water}", xlabel="processor time, us per control interval")
-        panel.grid(alpha=0.2)
-    for row in panels:
-        row[0].set_ylabel("error, body lengths (hollow: some failed)")
-    handles, names = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=6, frameon=False)
+    for panel in axes[::3]:
+        panel.set_ylabel("error, body lengths (hollow: some failed)")
+    legend_below(figure, axes[0], 6)
     save(figure, RESULTS / "held_out.svg")
 
 
-def main() -> None:
-    """Measure all bodies and draw the chart."""
-    measure_and_draw(__doc__, measure_all, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"held_out.csv": measure_all}, draw)

@@ -1,32 +1,21 @@
 """Speed charted against accuracy: every integrator, at many steps, on every scene of `benchmarks/common/problems.py`.
 
-    taskset -c 1 python -m benchmarks.accuracy.work_precision            all scenes (about 12 min): CSVs and chart
-    taskset -c 1 python -m benchmarks.accuracy.work_precision --draw     the chart again, from the CSV
-
 The error is the largest distance, in body lengths, of any node at the end of any control interval from the
 reference solution. The time is that of one fish of a batch of 8 on one core, per control interval. Failed runs are at
 the top edge.
 """
 
 import time
+from functools import cache
 from statistics import median
 
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, pyplot, save
-from benchmarks.common.problems import (
-    FIXED,
-    Problem,
-    distance,
-    independent,
-    magnified,
-    problems,
-    reference,
-    run,
-    tank_of,
-)
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common import problems
+from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save
+from benchmarks.common.problems import FIXED
+from benchmarks.common.tables import RESULTS, publish, read_table, select
 from fish_env import INTEGRATORS, make_fish
 
 SUBSTEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
@@ -37,16 +26,14 @@ MOST_SUBSTEPS = {"linearly implicit": 96}  # most steps a control interval that 
 FEWEST = 7  # valid runs a method must show on a scene, if it has them
 BATCH, REPEATS = 8, 3
 ACCURATE = 0.01  # body lengths
-COMMAND = "python -m benchmarks.accuracy.work_precision"
-CSV = "work_precision.csv"
 
 
-def timed(problem: Problem, name: str, substeps: int, refine: float) -> float:
+def timed(problem: problems.Problem, name: str, substeps: int, refine: float) -> float:
     """Microseconds of computing one control interval of one fish, median of repeats, in a batch on one core."""
     goals = [np.repeat(goal[None], BATCH, axis=0) for goal in problem.contraction]
     taken = []
     for _ in range(REPEATS):
-        tank = tank_of(problem, name, substeps, BATCH, refine=refine)
+        tank = problems.tank_of(problem, name, substeps, BATCH, refine=refine)
         begin = time.perf_counter()
         for goal in goals:
             tank.drive(goal, substeps)
@@ -55,10 +42,10 @@ def timed(problem: Problem, name: str, substeps: int, refine: float) -> float:
 
 
 def measure(
-    problem: Problem, name: str, substeps: int, reference_path: np.ndarray, seconds=True, refine=np.inf
+    problem: problems.Problem, name: str, substeps: int, reference_path: np.ndarray, seconds=True, refine=np.inf
 ) -> dict:
     """A row: the cost of a method at a step on a scene, and its error. Failed runs have no cost."""
-    path, tank = run(problem, name, substeps, refine=refine)
+    path, tank = problems.run(problem, name, substeps, refine=refine)
     valid = bool(tank.alive[0])
     work = {name: int(values[0]) for name, values in tank.counters.items()}
     intervals = len(problem.contraction)
@@ -68,7 +55,7 @@ def measure(
         "refine": refine,
         "substeps": substeps,
         "step_ms": problem.fish.control_interval / substeps * 1e3,
-        "error": distance(problem.fish, path, reference_path) if valid else np.inf,
+        "error": problems.distance(problem.fish, path, reference_path) if valid else np.inf,
         "us_per_interval": round(timed(problem, name, substeps, refine), 3) if valid and seconds else np.nan,
         "forces_per_interval": work["force_evaluations"] / intervals if valid else np.nan,
         "factorisations_per_interval": work["factorisations"] / intervals if valid else np.nan,
@@ -84,7 +71,7 @@ def steps_worth_trying(name: str) -> list[int]:
     return [k for k in SUBSTEPS if k <= MOST_SUBSTEPS.get(INTEGRATORS[name].kind, SUBSTEPS[-1])]
 
 
-def sweep(problem: Problem, reference_path: np.ndarray, bar: tqdm) -> list[dict]:
+def sweep(problem: problems.Problem, reference_path: np.ndarray, bar: tqdm) -> list[dict]:
     """Every method at every step, largest first; a method stops once it has enough valid rows and 1e-4 is reached."""
     rows = []
     for name, refine in LINES:
@@ -99,29 +86,29 @@ def sweep(problem: Problem, reference_path: np.ndarray, bar: tqdm) -> list[dict]
     return rows
 
 
-def reference_of(problem: Problem) -> tuple[np.ndarray, dict]:
+@cache
+def reference_of(scene: str) -> tuple[np.ndarray, dict]:
     """The reference of a scene, and a row that says how it was made and how far an independent method is from it."""
-    reference_path, substeps, change = reference(problem)
+    problem = problems.problems()[scene]
+    reference_path, substeps, change = problems.reference(problem)
     stiff = problem.name in ("turn_x100", "turn_x1000", "turn_damped")
     method, tolerance = ("Radau", 1e-9) if stiff else ("DOP853", 1e-11)
-    apart = distance(problem.fish, independent(problem, method, tolerance), reference_path)
+    apart = problems.distance(problem.fish, problems.independent(problem, method, tolerance), reference_path)
     row = {"scene": problem.name, "rk4_substeps": substeps, "change": change, "independent": method,
            "tolerance": tolerance, "apart": apart,
-           "magnified": round(magnified(problem, reference_path, substeps), 1)}  # fmt: skip
+           "magnified": round(problems.magnified(problem, reference_path, substeps), 1)}  # fmt: skip
     return reference_path, row
 
 
 def draw() -> None:
     """One panel a scene: error against time, a line a method; failed runs on top."""
-    rows, across = read_table(CSV), "us_per_interval"
-    figure, panels = pyplot().subplots(2, 4, figsize=(16, 8.2), sharey=True, layout="constrained")
+    rows, across = read_table("work_precision.csv"), "us_per_interval"
+    figure, axes = panels(4, (16, 8.2), 2, sharey=True)
     top, bottom = 2.0, 1e-6
-    for panel, (scene, problem) in zip(panels.flat, problems().items(), strict=True):
-        mine = [row for row in rows if row["scene"] == scene]
+    for panel, (scene, problem) in zip(axes, problems.problems().items(), strict=True):
         for name, refine in LINES:
             colour, marker = METHOD_STYLE.get(name, ("#444444", "P"))
-            line = sorted((row for row in mine if (row["integrator"], row["refine"]) == (name, refine)),
-                          key=lambda row: row["substeps"])  # fmt: skip
+            line = sorted(select(rows, scene=scene, integrator=name, refine=refine), key=lambda row: row["substeps"])
             valid = [row for row in line if np.isfinite(row["error"])]
             size = 9 if name == DEFAULT else 4.5
             dashes, label_of = ("--", f"{name}, refined") if np.isfinite(refine) else ("-", name)
@@ -136,31 +123,22 @@ def draw() -> None:
         panel.axhline(ACCURATE, color="#bbbbbb", linewidth=0.8, zorder=0)
         panel.set(ylim=(bottom, 1.6 * top), xlabel="time, us per control interval")
         panel.set_title(problem.title.replace(", ", ",\n"), fontsize=10)
-        panel.grid(alpha=0.2)
-    for row in panels:
-        row[0].set_ylabel("error, body lengths (hollow: failed)")
-    handles, names = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False)
+    for panel in axes[::4]:
+        panel.set_ylabel("error, body lengths (hollow: failed)")
+    legend_below(figure, axes[0], 5)
     save(figure, RESULTS / "work_precision.svg")
 
 
-def measure_all() -> None:
-    """Write the tables; an interrupted run leaves the scenes that are done."""
-    rows, references = [], []
-    with tqdm(total=len(problems()) * len(LINES), unit="sweep") as bar:
-        for problem in problems().values():
-            bar.set_postfix_str(f"{problem.name} reference")
-            reference_path, row = reference_of(problem)
-            references.append(row)
-            rows += sweep(problem, reference_path, bar)
-            write_csv(CSV, rows, COMMAND)
-    write_csv("work_precision_references.csv", references, COMMAND)
+def sweeps() -> list[dict]:
+    """The rows of every scene."""
+    with tqdm(total=len(problems.problems()) * len(LINES), unit="sweep") as bar:
+        return [row for name, each in problems.problems().items() for row in sweep(each, reference_of(name)[0], bar)]
 
 
-def main() -> None:
-    """Measure all scenes and draw the chart."""
-    measure_and_draw(__doc__, measure_all, draw)
+def references() -> list[dict]:
+    """The rows of their references."""
+    return [reference_of(name)[1] for name in problems.problems()]
 
 
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"work_precision.csv": sweeps, "work_precision_references.csv": references}, draw)

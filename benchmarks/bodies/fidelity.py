@@ -1,24 +1,19 @@
 """Distance of every body to the finest one, and its cost, in a scene of every task.
 
-python -m benchmarks.bodies.fidelity              results/fidelity.csv and docs/images/fidelity.svg (3 minutes)
-python -m benchmarks.bodies.fidelity --draw       the chart again, from the CSV
-
 A scene is an episode of the task with the motor controllers: the contractions of the default fish's muscles are
 recorded and played to every body, from rest, open loop. The finest body is that of tetrahedra at level 3; level 2 says
 how much it still changes. Bodies are timed in turn, in processor time, many fish together as in training.
 """
 
-import time
-
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import measure_and_draw, pyplot, save
+from benchmarks.common.charts import panels, save
 from benchmarks.common.motion import errors, play, record
 from benchmarks.common.statistics import interval_of
-from benchmarks.common.tables import IMAGES, read_table, write_csv
-from fish_env import TASKS, Tank, make_fish
-from fish_env.bodies import Fish
+from benchmarks.common.tables import IMAGES, publish, read_table, select
+from benchmarks.common.timing import Swim, timed
+from fish_env import TASKS, Fish, Tank, make_fish
 
 BODIES = (
     ("planar", {}), ("mass_spring", {}), ("two_layer", {}),
@@ -27,7 +22,6 @@ BODIES = (
 FINEST = ("tetrahedral", 3)
 SEEDS, FIRST_SEED = 3, 5_000
 BATCH, REPEATS = 64, 9  # fish timed together, and timings whose median is taken
-IN_A_ROW = 5  # control intervals timed together
 COLOURS = {"planar": "tab:green", "mass_spring": "tab:blue", "two_layer": "tab:orange", "tetrahedral": "tab:red"}
 
 
@@ -37,25 +31,12 @@ def every_fish() -> dict[tuple, Fish]:
 
 
 def costs_of(fish: dict, contractions: np.ndarray) -> dict:
-    """Processor seconds a simulated second of one fish, of each kind, timed in turn: medians of REPEATS."""
-    tanks = {
-        key: Tank(one, BATCH if one.body.mass.size < 500 else 1, water=one.water, threads=1)
-        for key, one in fish.items()
-    }
-    spans: dict = {key: [] for key in fish}
-    for k in range(REPEATS + 1):  # the first is compilation
-        for key, tank in tanks.items():
-            interval, muscles = fish[key].control_interval, fish[key].num_muscles
-            goals = [np.resize(contractions[:, k + j], (tank.num_fish, muscles)) for j in range(IN_A_ROW)]
-            if tank.num_fish == 1:
-                goals = goals[:1]
-            else:
-                tank.drive(goals[0], round(interval / tank.dt))  # or the first would fetch what another body displaced
-            begun = time.process_time()
-            for goal in goals:
-                tank.drive(goal, round(interval / tank.dt))
-            spans[key].append((time.process_time() - begun) / len(goals) / tank.num_fish / interval)
-    return {key: float(np.median(found[1:])) for key, found in spans.items()}
+    """Processor seconds a simulated second of one fish, of each kind, timed in turn."""
+    tanks = [Tank(one, BATCH if one.body.mass.size < 500 else 1, water=one.water, threads=1) for one in fish.values()]
+    told = [contractions[np.resize(np.arange(SEEDS), tank.num_fish)].swapaxes(0, 1).copy() for tank in tanks]
+    found = timed([Swim(tank, goals) for tank, goals in zip(tanks, told, strict=True)], REPEATS)
+    spans = [one.control_interval for one in fish.values()]
+    return {key: 1e-6 * cost.time[1] / span for key, cost, span in zip(fish, found, spans, strict=True)}
 
 
 def run() -> list[dict]:
@@ -85,12 +66,10 @@ def run() -> list[dict]:
 
 def draw() -> None:
     """Distance over cost, a panel a task."""
-    rows = read_table("fidelity.csv")
-    figure, axes = pyplot().subplots(2, 3, figsize=(12, 7), sharex=True, sharey=True, layout="constrained")
-    for panel, task in zip(axes.flat, dict.fromkeys(row["task"] for row in rows), strict=False):
-        for row in rows:
-            if (row["task"], row["quantity"]) != (task, "all") or not 0.0 < row["error"] < np.inf:
-                continue
+    rows = [row for row in read_table("fidelity.csv", quantity="all") if 0.0 < row["error"] < np.inf]
+    figure, axes = panels(3, (12, 7), 2, sharex=True, sharey=True)
+    for panel, task in zip(axes, dict.fromkeys(row["task"] for row in rows), strict=False):
+        for row in select(rows, task=task):
             x, y, low, high = 1e3 * row["cost_s_per_s"], *(100 * row[name] for name in ("error", "low", "high"))
             panel.errorbar(x, y, [[y - low], [high - y]], fmt="o", color=COLOURS[row["body"]], capsize=3)
             label = f"{row['body']} {row['level']}".strip()
@@ -99,22 +78,11 @@ def draw() -> None:
         panel.set(xscale="log", yscale="log", xlim=(0.03, 5000), ylim=(0.3, 100), title=task.replace("_", " "))
         panel.set_yticks(ticks := [0.5, 1, 2, 5, 10, 20, 50, 100], [f"{tick:g}" for tick in ticks])
         panel.set_yticks([], minor=True)
-        panel.grid(alpha=0.2)
-    axes.flat[-1].axis("off")
+    axes[-1].axis("off")
     figure.supxlabel("cost, ms a simulated second")
     figure.supylabel("distance to the finest body, %")
     save(figure, IMAGES / "fidelity.svg")
 
 
-def measure() -> None:
-    """Write the table."""
-    write_csv("fidelity.csv", run(), "python -m benchmarks.bodies.fidelity")
-
-
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"fidelity.csv": run}, draw)

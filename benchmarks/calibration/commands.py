@@ -8,7 +8,6 @@ go where it exaggerates.
 python -m benchmarks.calibration.commands     adds what the motor controllers command today to task_commands.npz
 """
 
-import argparse
 import json
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from benchmarks.common.families import bang_bang, bends, chirp, gaits, held, reversals, sprints, square, wandering
 from benchmarks.common.motion import SECONDS, record
-from benchmarks.common.tables import provenance
+from benchmarks.common.tables import make_parser, provenance
 from fish_env import make_fish
 
 FILE = Path(__file__).with_name("task_commands.npz")
@@ -61,7 +60,7 @@ def weights() -> np.ndarray:
 
 def main() -> None:
     """Record what the motor controllers command in the RECORDED tasks."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    make_parser(__doc__).parse_args()
     found = np.concatenate([record(task, SEEDS, FIRST_SEED) for task in RECORDED])[None]
     found = np.concatenate([recorded(), found]) if FILE.exists() else found
     about = json.dumps(provenance("python -m benchmarks.calibration.commands"))

@@ -12,8 +12,7 @@ import numpy as np
 from benchmarks.calibration.keep import PACKAGE, kept, publish, rounded
 from benchmarks.calibration.performance import TROUT, perform, residuals
 from benchmarks.common.search import minimise
-from fish_env import make_fish
-from fish_env.bodies import Fish
+from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 

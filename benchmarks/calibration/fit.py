@@ -1,7 +1,5 @@
 """Fit an inexpensive body in motion to the finest one (CMA-ES): the same commands, the least distance.
 
-python -m benchmarks.calibration.fit       tests what is shipped: results/fit_tests.csv
-
 `python -m benchmarks.calibrate` fits the bodies, in the order in which they depend on each other.
 
 The finest body is that of tetrahedra at level 2, which moves as level 3 does. Its motions are kept in
@@ -11,7 +9,6 @@ A body is trained on the commands of all tasks and of four families, and is to d
 other seeds of the tasks and on four families it has not seen.
 """
 
-import argparse
 import hashlib
 import multiprocessing
 from functools import partial
@@ -21,40 +18,26 @@ from tqdm import tqdm
 
 from benchmarks.calibration.commands import TRAINING, UNSEEN, drawn, training_scenes, weights
 from benchmarks.calibration.fit_search import Search, parameters
-from benchmarks.calibration.keep import KEPT, PACKAGE, kept, publish, rounded
+from benchmarks.calibration.keep import KEPT, PACKAGE, digest, kept, publish, rounded
+from benchmarks.common import tables
 from benchmarks.common.motion import Motion, errors, play, record
 from benchmarks.common.search import minimise
 from benchmarks.common.statistics import interval_of
-from benchmarks.common.tables import write_csv
-from fish_env import TASKS, make_fish
+from fish_env import TASKS, Fish, make_fish
 from fish_env.bodies import BODIES as KINDS
-from fish_env.bodies import Fish
 from fish_env.bodies.fitted import WATERS, read_calibration
 
-COMMAND = "python -m benchmarks.calibration.fit"
 FINEST = {"body": "tetrahedral", "level": 2}
 BODIES = ("mass_spring", "planar", "two_layer")
 SEED = 100  # of the families' training scenes
 TESTED, TEST_SEED = 12, 61_000  # scenes of each task, and the first's seed: neither trained nor fitted on
 UNSEEN_SEED, UNSEEN_EACH = 9_300, 24  # some square waves are ten times as far off as most: the mean needs many
-OLD_STRENGTH = {"drag": 1.0, "reactive": 0.5}
-"""Factor on recorded commands: they were recorded on a fish that contracts half as far as that of reactive water."""
+OLD_STRENGTH = 0.5
+"""Factor on recorded commands: they were recorded on a fish that contracts half as far."""
 EVERY = {"two_layer": 10}  # it takes twenty times as long as the others, and is fitted to every tenth scene
 GENERATIONS = {"mass_spring": 100, "planar": 50, "two_layer": 60}
 SPREAD = {"mass_spring": 0.02, "planar": 0.05, "two_layer": 0.1}
 """Of the search for a body, and the spread of its first points."""
-
-
-def digest_of(fish: Fish, contractions: np.ndarray) -> str:
-    """Names what a body is and is told."""
-    body, text = fish.body, hashlib.sha256()
-    parts = [body.position, body.mass, *body.springs, fish.contracted, np.array(fish.activation_time)]
-    parts += [np.array([*fish.water[:2], fish.water.friction, fish.time_step, fish.contraction_time]), contractions]
-    parts += [] if fish.water.added_mass is None else [fish.water.added_mass]
-    parts += [] if body.tets is None else [part for part in body.tets if isinstance(part, np.ndarray)]
-    for part in parts:
-        text.update(np.ascontiguousarray(part).tobytes())
-    return text.hexdigest()[:16]
 
 
 def finest_motion(contractions: np.ndarray, water: str) -> Motion:
@@ -63,8 +46,8 @@ def finest_motion(contractions: np.ndarray, water: str) -> Motion:
     Raises:
         RuntimeError: if it fails in one of the scenes.
     """
-    fish = make_fish(**FINEST, water=water)
-    path = KEPT / f"{digest_of(fish, contractions)}.npz"
+    told = hashlib.sha256(contractions.tobytes()).hexdigest()
+    path = KEPT / f"{digest(FINEST, water, read_calibration('tetrahedral', water), told)}.npz"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         parts = np.array_split(np.arange(len(contractions)), -(-len(contractions) // 8))
@@ -86,7 +69,7 @@ def _finest(water, contractions):
 
 def training(body: str, water: str) -> tuple[np.ndarray, Motion, np.ndarray]:
     """What a body is fitted to: the scenes, what the finest one makes of them, and how much they count."""
-    contractions, part = training_scenes(SEED, OLD_STRENGTH[water]), slice(None, None, EVERY.get(body, 1))
+    contractions, part = training_scenes(SEED, OLD_STRENGTH), slice(None, None, EVERY.get(body, 1))
     finest = finest_motion(contractions, water)
     return contractions[part], Motion(*(values[part] for values in finest[:5])), weights()[part]
 
@@ -99,12 +82,6 @@ def search(body: str, water: str, base: dict, generations: int, _finest: dict) -
         each = partial(pool.map, chunksize=1)
         found, least = minimise(problem.squares, problem.start, SPREAD[body], generations, 1, 16, each)
     return {"squares": least, "parameters": rounded(parameters(body, water, found))}
-
-
-def trained(body: str, fish: Fish, water: str) -> float:
-    """Mean distance of a body to the finest one over what it was fitted to."""
-    contractions, finest, _ = training(body, water)
-    return float(errors(play(fish, contractions), finest, fish.control_interval)["all"].mean())
 
 
 def test_scenes(water: str) -> dict[str, np.ndarray]:
@@ -138,26 +115,25 @@ def fit(body: str, water: str) -> None:
     finest = read_calibration("tetrahedral", water)["parameters"]
     found = kept("fit", search, body, water, base, GENERATIONS[body], finest)
     given = found["parameters"]
-    distance = trained(body, make_fish(body, water=water, **given), water)
+    fish, (contractions, wanted, _) = make_fish(body, water=water, **given), training(body, water)
+    distance = float(errors(play(fish, contractions), wanted, fish.control_interval)["all"].mean())
     print(f"{body}: squares {found['squares']:.4f}; {100 * distance:.2f} %")
     publish(
         PACKAGE / "bodies" / f"{body}.json", water, {"distance_percent": rounded(100 * distance), "parameters": given}
     )
 
 
-def main() -> None:
-    """The command line."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+def measure() -> list[dict]:
+    """The rows of all fitted bodies."""
     rows = []
     for water in WATERS:
         scenes = test_scenes(water)
         for body in (name for name in BODIES if water in KINDS[name].waters):
-            found = tested(make_fish(body, water=water), scenes, water)
-            text = " ".join(f"{r['scene']} {100 * float(r['distance']):.1f}" for r in found if r["quantity"] == "all")
-            print(f"{water}, {body}: {text} %", flush=True)
-            rows += [{"water": water, "body": body} | row for row in found]
-    write_csv("fit_tests.csv", rows, COMMAND)
+            rows += [
+                {"water": water, "body": body} | row for row in tested(make_fish(body, water=water), scenes, water)
+            ]
+    return rows
 
 
 if __name__ == "__main__":
-    main()
+    tables.publish(__doc__, {"fit_tests.csv": measure})

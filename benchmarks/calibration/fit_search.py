@@ -13,26 +13,27 @@ import numpy as np
 from benchmarks.calibration.finest import living_gaits
 from benchmarks.calibration.performance import beyond, perform
 from benchmarks.calibration.performance import residuals as aims
+from benchmarks.common.measures import pose_of
 from benchmarks.common.motion import Motion, play, residuals
 from benchmarks.common.problems import DISTURBANCE, Problem, distance, left_after_right, run, steps_of
-from benchmarks.common.roll import roll
-from fish_env import Tank, make_fish
-from fish_env.bodies import Fish
+from benchmarks.common.scenes import beats
+from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import read_calibration
+from fish_env.control import Gait
 from fish_env.physics.integrators import limits
 
-LIMIT = {"drag": 0.00075, "reactive": 0.0004}
+LIMIT = 0.0004
 """Stable step of symplectic Euler, s, that a body must have: stiffness and damping that hardly move it are expensive,
-and Tu's method has the same limit. At the first, the default method needs four stages a step."""
+and Tu's method has the same limit."""
 PREDICTABLE = 50.0
 """Times that the abrupt manoeuvre may magnify a disturbance: a fish that buckles does so a millionfold, and nobody can
 say where it ends (the finest body: 5 times)."""
 ACCURATE, FINE = 0.007, 48
 """Error of the abrupt manoeuvre that is free, body lengths, and the steps a control interval that it is taken from."""
-KEPT = {"drag": 0.75, "reactive": 0.3}
+KEPT = 0.3
 """Part of its area that a section must keep, seen from above: one that is inverted never comes back."""
 UPRIGHT = 0.03
-"""Roll, rad, that is free in strong gaits: the finest fish stays upright (`benchmarks.common.roll`)."""
+"""Roll, rad, that is free in strong gaits: the finest fish stays upright (`roll`)."""
 RESTLESS, SPAN = {"mass_spring": 96, "planar": 96, "two_layer": 16}, 100
 """Fish whose sides pull in turns, half of them by chance and half as square waves, and for how many intervals."""
 NOISE, TURNS, WAVES = 0.05, 0.2, (1.0, 12.0)
@@ -41,13 +42,14 @@ LIVING, STEP, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 5.0, 1.5, 3.
 REPEATED, DEAD = 5.0, 10.0
 """Weights: of living fish, of a stable step that is too short, of magnification, of the error of the default step, of
 sections that are nearly inverted, of roll, of how far the search has gone, and of what restless fish do."""
-FIXED: dict[str, dict] = {
-    "drag": {"relaxation_time": 0.001},
-    "reactive": {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout", "time_step": 0.0025},
-}
+FIXED = {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout", "time_step": 0.0025}
 """Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time. Its water is
 that of the finest body."""
 OF_WATER = ("drag_coefficient", "friction", "added_mass")
+
+
+GAITS, SECONDS, LAST = 16, 3.0, 25
+"""Strong gaits, for how long, s, and the control intervals at the end in which the roll is looked at."""
 
 
 class Range(NamedTuple):
@@ -58,56 +60,29 @@ class Range(NamedTuple):
     most: float
 
 
-SEARCHED: dict[str, dict[str, dict[str, Range]]] = {
-    "drag": {
-        "mass_spring": {
-            "stiffness": Range([162.0, 2260.0, 555.0], 25.0, 12_000.0),
-            "taper": Range([0.897, 0.287, 0.0857, 0.108, 0.112, 0.203], 0.02, 1.5),
-            "contracted": Range([0.875, 0.888, 0.81], 0.7, 0.97),
-            "damping_taper": Range([1.07, 1.92, 1.86, 1.76, 8.49, 1.83], 0.1, 20.0),
-            "mass_factor": Range([0.615, 0.595, 1.26, 1.4, 0.786, 0.744, 0.827], 0.25, 4.0),
-            "water_place": Range([0.243, 0.375, 0.941, 0.207, 0.316, 0.705], 0.02, 0.98),
-            "water_drag": Range([0.504, 4.24, 0.367, 2.39, 4.01, 1.09], 0.1, 6.0),
-        },
-        "planar": {
-            "bending": Range([1.0] * 5, 0.3, 3.0),
-            "shear": Range([1.0], 0.3, 3.0),
-            "pull": Range([1.0] * 3, 0.5, 2.0),
-            "drag": Range([1.0] * 6, 0.2, 3.0),
-            "damping": Range([1.0], 0.2, 5.0),
-        },
-        "two_layer": {
-            "bending": Range([1.6, 1.05, 0.66, 0.66, 1.5], 0.2, 5.0),
-            "shear": Range([1.6], 0.3, 5.0),
-            "pull": Range([1.2, 1.3, 1.25], 0.5, 2.0),
-            "drag": Range([0.6, 0.6, 0.9, 0.9, 1.6, 0.9], 0.1, 6.0),
-            "damping": Range([0.4], 0.05, 5.0),
-        },
+SEARCHED: dict[str, dict[str, Range]] = {
+    "mass_spring": {
+        "stiffness": Range([1609.0, 3141.0, 3136.0], 25.0, 40_000.0),
+        "taper": Range([1.608, 0.09302, 0.1599, 0.07746, 0.1566, 0.315], 0.02, 3.0),
+        "contracted": Range([0.6666, 0.7432, 0.7191], 0.6, 0.97),
+        "damping_taper": Range([0.5921, 0.3181, 1.622, 0.832, 1.472, 0.01098], 0.01, 20.0),
+        "mass_factor": Range([0.2812, 0.6148, 0.5061, 1.031, 0.6396, 0.9196, 2.871], 0.1, 4.0),
+        "water_place": Range([0.6471, 0.07672, 0.2874, 0.7227, 0.6224, 0.9547], 0.01, 0.99),
+        "water_drag": Range([1.326, 5.216, 0.9783, 2.032, 1.831, 0.3706], 0.1, 8.0),
     },
-    "reactive": {
-        "mass_spring": {
-            "stiffness": Range([1609.0, 3141.0, 3136.0], 25.0, 40_000.0),
-            "taper": Range([1.608, 0.09302, 0.1599, 0.07746, 0.1566, 0.315], 0.02, 3.0),
-            "contracted": Range([0.6666, 0.7432, 0.7191], 0.6, 0.97),
-            "damping_taper": Range([0.5921, 0.3181, 1.622, 0.832, 1.472, 0.01098], 0.01, 20.0),
-            "mass_factor": Range([0.2812, 0.6148, 0.5061, 1.031, 0.6396, 0.9196, 2.871], 0.1, 4.0),
-            "water_place": Range([0.6471, 0.07672, 0.2874, 0.7227, 0.6224, 0.9547], 0.01, 0.99),
-            "water_drag": Range([1.326, 5.216, 0.9783, 2.032, 1.831, 0.3706], 0.1, 8.0),
-        },
-        "planar": {
-            "bending": Range([1.0] * 5, 0.2, 5.0),
-            "shear": Range([1.0], 0.2, 5.0),
-            "pull": Range([1.0] * 3, 0.5, 2.0),
-            "drag": Range([1.0] * 6, 0.2, 3.0),
-            "damping": Range([1.0], 0.2, 5.0),
-        },
-        "two_layer": {
-            "bending": Range([1.0] * 5, 0.2, 5.0),
-            "shear": Range([1.0], 0.2, 5.0),
-            "pull": Range([1.0] * 3, 0.5, 2.0),
-            "drag": Range([1.0] * 6, 0.1, 6.0),
-            "damping": Range([1.0], 0.05, 5.0),
-        },
+    "planar": {
+        "bending": Range([1.0] * 5, 0.2, 5.0),
+        "shear": Range([1.0], 0.2, 5.0),
+        "pull": Range([1.0] * 3, 0.5, 2.0),
+        "drag": Range([1.0] * 6, 0.2, 3.0),
+        "damping": Range([1.0], 0.2, 5.0),
+    },
+    "two_layer": {
+        "bending": Range([1.0] * 5, 0.2, 5.0),
+        "shear": Range([1.0], 0.2, 5.0),
+        "pull": Range([1.0] * 3, 0.5, 2.0),
+        "drag": Range([1.0] * 6, 0.1, 6.0),
+        "damping": Range([1.0], 0.05, 5.0),
     },
 }
 """Near what earlier searches ended with; `planar` and `two_layer` are factors on `mass_spring`."""
@@ -123,8 +98,8 @@ def parameters(body: str, water: str, point) -> dict:
     given, used = {}, 0
     if body == "mass_spring":
         known = read_calibration("tetrahedral", water)["parameters"]
-        given = FIXED[water] | {name: known[name] for name in OF_WATER if name in known}
-    for name, (start, *_) in SEARCHED[water][body].items():
+        given = FIXED | {name: known[name] for name in OF_WATER if name in known}
+    for name, (start, *_) in SEARCHED[body].items():
         value = np.exp(point[used : used + len(start)])
         used += len(start)
         value = (1.0 - value if name == "contracted" else value).tolist()
@@ -132,10 +107,10 @@ def parameters(body: str, water: str, point) -> dict:
     return given
 
 
-def beginning(body: str, water: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def beginning(body: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The point at which the search begins, and the lowest and the highest point."""
     columns = []
-    for name, (start, least, most) in SEARCHED[water][body].items():
+    for name, (start, least, most) in SEARCHED[body].items():
         ends = sorted([float(logarithms(name, least)), float(logarithms(name, most))])
         columns.append(np.array([logarithms(name, start), *(np.full(len(start), end) for end in ends)]))
     start, low, high = np.concatenate(columns, axis=1)
@@ -187,6 +162,31 @@ def magnification(fish: Fish) -> float:
     return moved / (DISTURBANCE * fish.length) if tank.alive.all() else 1e7
 
 
+def strong_gaits(count=GAITS) -> list[Gait]:
+    """Gaits of more than half the strength, 3 to 4.3 beats a second and any lags, drawn from a fixed seed."""
+    generator, found = np.random.default_rng(0), []
+    for _ in range(count):
+        lag = np.cumsum([0.0, *generator.uniform(-0.6, 1.6, 2)])
+        found.append(Gait(generator.uniform(3.0, 4.3), tuple(generator.uniform(0.6, 1.0, 3)), tuple(lag)))
+    return found
+
+
+def roll(fish: Fish) -> np.ndarray:
+    """Largest angle (GAITS,) rad between the up axis and the vertical in the last half second; pi for what failed."""
+    steps = round(fish.control_interval / fish.time_step)
+    tank = Tank(fish, GAITS, water=fish.water, threads=1)
+    contraction = beats(fish, strong_gaits(), SECONDS)
+    noise = np.random.default_rng(0).normal(0.0, NOISE * fish.length, fish.body.position.shape)
+    tank.velocity[:] += noise * (fish.body.inverse_mass > 0.0) + (fish.length, 0.0, 0.0)
+    tilted = np.zeros(GAITS)
+    for k, goal in enumerate(contraction):
+        tank.drive(goal, steps)
+        if k >= len(contraction) - LAST:
+            upright = pose_of(tank).axes[:, 2, 2]
+            tilted = np.maximum(tilted, np.arccos(np.clip(upright, -1.0, 1.0)))
+    return np.where(tank.alive, np.nan_to_num(tilted, nan=np.pi), np.pi)
+
+
 class Search:
     """The residuals of a body at the points of a search.
 
@@ -203,7 +203,7 @@ class Search:
         self.body, self.water, self.contractions, self.finest = body, water, contractions, finest
         self.weights = np.ones(len(contractions)) if weights is None else np.asarray(weights)
         self.base = {} if base is None else base
-        self.start, self.low, self.high = beginning(body, water)
+        self.start, self.low, self.high = beginning(body)
 
     def fish(self, point) -> Fish:
         """The body at a point.
@@ -217,7 +217,7 @@ class Search:
         """What squares are taken of."""
         fish = self.fish(point)
         motion = play(fish, self.contractions)
-        limit = np.log(LIMIT[self.water] / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
+        limit = np.log(LIMIT / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
         wild, off = (np.log10(max(value, 1e-9) / free) for value, free in (
             (magnification(fish), PREDICTABLE), (inaccuracy(fish), ACCURATE)
         ))  # fmt: skip
@@ -227,7 +227,7 @@ class Search:
         return np.concatenate([
             apart.ravel(), LIVING * living(fish, self.water),
             ROLLING * np.maximum(np.log10(np.maximum(roll(fish), 1e-9) / UPRIGHT), 0.0),
-            BUCKLING * beyond(KEPT[self.water], np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
+            BUCKLING * beyond(KEPT, np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
             [STEP * max(limit, 0.0), MAGNIFIED * max(wild, 0.0), INACCURATE * max(off, 0.0)],
             [REPEATED * again, DEAD * np.sqrt(dead)], near,
         ])  # fmt: skip

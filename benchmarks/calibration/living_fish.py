@@ -1,16 +1,12 @@
 """Every body beside living fish, in the water it is calibrated for; turns and starts by strength; the best gait.
 
-python -m benchmarks.calibration.living_fish      living_fish.csv, living_fish.svg, strength.csv and gait.csv (10 min)
-
 All bodies swim the three gaits of the finest one. With a part of their strength and with all of it, they turn while
 they cruise, and start from rest (`performance.py`). The best gait of the default fish is measured at its own step, and
 by RK4 at a 32nd of it.
 """
 
-import argparse
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -21,16 +17,14 @@ from benchmarks.calibration.midline import Midline, swim_gait, swim_midlines
 from benchmarks.calibration.performance import ENVELOPE, STATION, TROUT, bear, beyond
 from benchmarks.common import scenes
 from benchmarks.common.charts import pyplot, save
-from benchmarks.common.tables import RESULTS, write_csv
-from fish_env import make_fish
+from benchmarks.common.tables import RESULTS, ROOT, filled, markdown, publish, read_table, select
+from fish_env import Fish, make_fish
 from fish_env.bodies import BODIES as KINDS
-from fish_env.bodies import Fish
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import best_gait
 
-COMMAND = "python -m benchmarks.calibration.living_fish"
 SHOWN = "reactive"  # in the chart
-PAGE = Path(__file__).parents[2] / "docs" / "validation.md"
+PAGE = ROOT / "docs" / "validation.md"
 STRENGTHS = (0.4, 0.6, 0.8, 1.0)  # parts of the contraction that muscles have
 STRONG = (("mass_spring", ""), ("tetrahedral", 2))  # bodies of which turns and starts are measured
 BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", ""), ("two_layer", ""))
@@ -102,113 +96,78 @@ GAIT = {  # of the best gait: attribute, lowest and highest of living fish, or o
 
 def check_best_gait() -> list[dict]:
     """A row for each quantity of the best gait: at the fish's own step, by RK4 at a 32nd of it, and the range."""
-    return [row for water in WATERS for row in _of_best_gait(water)]
+    rows = []
+    for water in WATERS:
+        fish, gait = make_fish(water=water), best_gait(water)
+        swum, exact = swim_gait(fish, gait), swim_gait(fish, gait, integrator="rk4", dt=fish.time_step / 32)
+        rows += [
+            {
+                "water": water, "quantity": name, "ours": round(value := getattr(swum, key), 4),
+                "reference": round(getattr(exact, key), 4),
+                "lowest": low, "highest": high, "within": bool(low <= value <= high),
+            }
+            for name, (key, low, high) in GAIT.items()
+        ]  # fmt: skip
+    return rows
 
 
-def _of_best_gait(water: str) -> list[dict]:
-    fish, gait = make_fish(water=water), best_gait(water)
-    swum, exact = swim_gait(fish, gait), swim_gait(fish, gait, integrator="rk4", dt=fish.time_step / 32)
-    return [
-        {
-            "water": water, "quantity": name, "ours": round(value := getattr(swum, key), 4),
-            "reference": round(getattr(exact, key), 4),
-            "lowest": low, "highest": high, "within": bool(low <= value <= high),
-        }
-        for name, (key, low, high) in GAIT.items()
-    ]  # fmt: skip
+SHOWN_QUANTITIES = {
+    "speed": ("speed, BL/s", ".2f"), "sweep": ("tail sweep, BL", ".3f"), "nose_over_tail": ("nose over tail", ".2f"),
+    "strouhal": ("Strouhal", ".2f"), "envelope_off": ("midline off, BL", ".3f"), "work": ("work, J/kg/m", ".2f"),
+}  # fmt: skip
+"""Of the page's table: head of the column, format."""
 
 
-COLUMNS = {
-    "speed": ".2f",
-    "sweep": ".3f",
-    "nose_over_tail": ".2f",
-    "strouhal": ".2f",
-    "envelope_off": ".3f",
-    "work": ".2f",
-}
-
-
-def table(rows) -> str:
-    """The table of the page: a row for the trout and for each body, the three speeds side by side."""
-    trout = {
-        "speed": [row.speed for row in TROUT], "sweep": [row.sweep for row in TROUT],
-        "strouhal": [row.frequency * row.sweep / row.speed for row in TROUT],
-    }  # fmt: skip
-
-    def cells(values: dict) -> str:
-        found = [", ".join(f"{v:{form}}" for v in values.get(key, ())) for key, form in COLUMNS.items()]
-        return " | ".join(found)
-
-    lines = [
-        "| | speed, BL/s | tail sweep, BL | nose over tail | Strouhal | midline off, BL | work, J/kg/m |",
-        "|---|---|---|---|---|---|---|",
-        f"| trout | {cells(trout | {'work': []}).replace('|  |', '| 0.10 to 0.14 |', 1)[:-1]} -, 0.6, 0.9 |",
-    ]  # fmt: skip
+def table(rows: list[dict]) -> str:
+    """The page's table: a row for the trout and for each body, the three speeds side by side."""
+    trout = (
+        ", ".join(f"{row.speed:.2f}" for row in TROUT), ", ".join(f"{row.sweep:.3f}" for row in TROUT), "0.10 to 0.14",
+        ", ".join(f"{row.frequency * row.sweep / row.speed:.2f}" for row in TROUT), "", "-, 0.6, 0.9",
+    )  # fmt: skip
+    lines = [("trout", *trout)]
     for water, (name, level) in calibrated():
-        mine = [row for row in rows if (row["water"], row["body"], row["level"]) == (water, name, level)]
-        label = f"{water}, `{name}`{f', level {level}' if level else ''}"
-        lines.append(f"| {label} | {cells({key: [row[key] for row in mine] for key in COLUMNS})} |")
-    return "\n".join(lines)
+        mine = select(rows, water=water, body=name, level=level)
+        cells = (", ".join(f"{row[key]:{form}}" for row in mine) for key, (_, form) in SHOWN_QUANTITIES.items())
+        lines.append((f"{water}, `{name}`{f', level {level}' if level else ''}", *cells))
+    return markdown(["", *(head for head, _ in SHOWN_QUANTITIES.values())], lines)
 
 
-STRENGTH_HEAD = (
-    "| water, body, part of the contraction | strain | rate, °/s | radius, BL | angle in 0.3 s, ° | "
-    "acceleration, m/s² | least area of a section | error of the step, % |\n|---|---|---|---|---|---|---|---|"
-)
-
-
-def strength_table(rows) -> str:
-    """The table of turns and starts."""
-    lines = [STRENGTH_HEAD]
-    for row in rows:
-        label = f"{row['water']}, `{row['body']}`, {row['strength']:g}"
-        radius = f"{row['radius']:.2f}".replace("nan", "-")  # hardly turned
-        lines.append(
-            f"| {label} | {row['strain']:.2f} | {row['rate']:.0f} | {radius} | {row['angle']:.0f} | "
-            f"{row['acceleration']:.1f} | {row['kept']:.2f} | {row['error_percent']} |"
+def strength_table(rows: list[dict]) -> str:
+    """The page's table of turns and starts."""
+    head = ("water, body, part of the contraction", "strain", "rate, °/s", "radius, BL", "angle in 0.3 s, °",
+            "acceleration, m/s²", "least area of a section", "error of the step, %")  # fmt: skip
+    lines = [
+        (
+            f"{row['water']}, `{row['body']}`, {row['strength']:g}", f"{row['strain']:.2f}", f"{row['rate']:.0f}",
+            f"{row['radius']:.2f}".replace("nan", "-"),  # hardly turned
+            f"{row['angle']:.0f}", f"{row['acceleration']:.1f}", f"{row['kept']:.2f}", row["error_percent"],
         )
-    return "\n".join(lines)
+        for row in rows
+    ]  # fmt: skip
+    return markdown(head, lines)
 
 
-def fill_page(name: str, text: str) -> None:
-    """Put a table between the marks of the page."""
-    page = PAGE.read_text()
-    before, rest = page.split(f"<!-- {name} -->\n", 1)
-    after = rest.split("<!-- end -->", 1)[1]
-    PAGE.write_text(f"{before}<!-- {name} -->\n\n{text}\n\n<!-- end -->{after}")
-
-
-def draw(rows) -> None:
-    """The envelope of the midline at the three speeds, bodies beside the living fish."""
-    plt = pyplot()
-    figure, panels = plt.subplots(1, 3, figsize=(11, 3.4), sharey=True, layout="constrained")
+def draw() -> None:
+    """Fill in the page; draw the envelope of the midline at the three speeds, bodies beside the living fish."""
+    rows = read_table("living_fish.csv")
+    tables = {"living": table(rows), "strength": strength_table(read_table("strength.csv"))}
+    PAGE.write_text(filled(PAGE.read_text(), tables))
+    figure, axes = pyplot().subplots(1, 3, figsize=(11, 3.4), sharey=True, layout="constrained")
     looks = {("tetrahedral", 3): "s-", ("mass_spring", ""): "o--", ("planar", ""): "v:", ("two_layer", ""): "^-."}
-    for k, (panel, real) in enumerate(zip(panels, TROUT, strict=True)):
+    for k, (panel, real) in enumerate(zip(axes, TROUT, strict=True)):
         wanted = 0.5 * real.sweep * ENVELOPE
         panel.fill_between(STATION, beyond(wanted - 0.02, 0.0), wanted + 0.02, color="0.9", label="living fish, ± 0.02")
         panel.plot(STATION, wanted, color="0.3")
         for (name, level), look in looks.items():
-            found = [row for row in rows if (row["water"], row["body"], row["level"]) == (SHOWN, name, level)]
+            found = select(rows, water=SHOWN, body=name, level=level)
             for row in found[k : k + 1]:  # none of a body that is not calibrated for this water
                 sway = [row[f"amplitude_{i}"] for i in range(7)]
                 panel.plot(STATION, sway, look, ms=4, label=f"{name} {level}".strip())
         panel.set(title=f"{real.speed:g} BL/s, {real.frequency:g} Hz", xlabel="from the nose, BL")
-    panels[0].set(ylabel="half the sway, BL", ylim=(0, None))
-    panels[0].legend(frameon=False, fontsize=8)
+    axes[0].set(ylabel="half the sway, BL", ylim=(0, None))
+    axes[0].legend(frameon=False, fontsize=8)
     save(figure, RESULTS / "living_fish.svg")
 
 
-def main() -> None:
-    """The command line."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rows, strong = check(), check_strength()
-    print(write_csv("living_fish.csv", rows, COMMAND))
-    print(write_csv("strength.csv", strong, COMMAND))
-    print(write_csv("gait.csv", check_best_gait(), COMMAND))
-    draw(rows)
-    fill_page("living", table(rows))
-    fill_page("strength", strength_table(strong))
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"living_fish.csv": check, "strength.csv": check_strength, "gait.csv": check_best_gait}, draw)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
-from fish_env.physics.tank import Tank
 
 INTERVAL = 0.01  # s between two commands, and between two samples
 NOISE, PUSH = 0.05, 0.4  # node velocities, body lengths/s, and body lengths a beat at the start of `swim_gait`
@@ -58,8 +57,9 @@ class Midline:
         return self.speed / self.frequency
 
 
-def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: int, noise=0.0, integrator=None,
-                  dt=None, energy=False) -> list[Midline]:  # fmt: skip
+def swim_midlines(
+    fish: Fish, gaits: list[Gait], start, seconds: float, beats: int, noise=0.0, energy=False, **method
+) -> list[Midline]:
     """Swim gaits side by side, and measure the last beats.
 
     Args:
@@ -69,13 +69,12 @@ def swim_midlines(fish: Fish, gaits: list[Gait], start, seconds: float, beats: i
         seconds: how long they swim.
         beats: how many are measured.
         noise: of the node velocities at the start, body lengths/s, so that an unstable gait has something to grow from.
-        integrator: a method; None is the fish's own.
-        dt: longest step, s; None is the fish's own.
         energy: whether work and losses are measured too.
+        method: the fish's own, unless `integrator` and `dt`, the longest step, s, are given.
     """
-    refine = fish.refine if integrator is None and dt is None else np.inf
-    steps = int(np.ceil(INTERVAL / (dt or fish.time_step) - 1e-9))
-    tank = Tank(fish, len(gaits), integrator, INTERVAL / steps, fish.water, threads=1, refine=refine, energy=energy)
+    steps = int(np.ceil(INTERVAL / method.get("dt", fish.time_step) - 1e-9))
+    own = {"refine": np.inf if method else fish.refine, "integrator": method.get("integrator"), "energy": energy}
+    tank = Tank(fish, len(gaits), dt=INTERVAL / steps, water=fish.water, threads=1, **own)
     shaken = np.random.default_rng(0).normal(0.0, noise * fish.length, tank.velocity[0].shape)
     tank.velocity[:] += shaken * (fish.body.inverse_mass > 0.0)
     tank.velocity[:, :, 0] += np.asarray(start)[:, None] * fish.length

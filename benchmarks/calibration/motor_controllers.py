@@ -1,6 +1,4 @@
-"""Find the tables of the motor controllers (`fish_env/control/motor.py`) for the default fish, and check what they do.
-
-    python -m benchmarks.calibration.motor_controllers --water reactive    print what turns and fast starts do
+"""Find the tables of the motor controllers (`fish_env/control/motor.py`) for the default fish.
 
 A fish at cruise is turned at each phase of its beat, since it yaws with every stroke. The search (CMA-ES) minimises the
 time to 90 % of the angle, the error of the mean heading afterwards, the overshoot, the way lost and the tilt, averaged
@@ -9,50 +7,83 @@ The search of the fast starts maximises what is made good along the command in e
 directions and speeds at the start.
 """
 
-import argparse
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from benchmarks.calibration.keep import kept, publish, rounded
 from benchmarks.common.search import minimise
-from fish_env import make_fish
-from fish_env.bodies.fitted import DEFAULT_WATER, WATERS, read_calibration
-from fish_env.control import MotorTables, best_gait, load_tables, scripted
+from fish_env import Tank, make_fish
+from fish_env.bodies.fitted import read_calibration
+from fish_env.control import MotorTables, best_gait, scripted
 from fish_env.control.motor import MOTOR_FILE, Start, Swim, Table, Turn, scaled_turns, spread, swim_mc, turn_mc
 from fish_env.envs import FishVectorEnv
-from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import whole_steps
 
-ANGLES = (30.0, 45.0, 60.0, 90.0)  # degrees, rows of the turns' table
-BETWEEN = (22.0, 30.0, 37.5, 45.0, 52.5, 60.0, 75.0, 90.0)  # degrees, at which the search tries it
+BETWEEN = (22.0, 30.0, 37.5, 45.0, 52.5, 60.0, 75.0, 90.0)  # degrees, at which the search of turns tries its table
 SPEEDS = (0.25, 0.5, 1.0, 1.5, 2.0)  # body lengths a second, rows of swimming's table between rest and the gait
 PHASES = 13  # control intervals in a beat
-WARM, AFTER, SETTLE = (
-    75,
-    60,
-    26,
-)  # control intervals: until the turn, from then on, and the last of them, for the mean heading
+WARM, AFTER, SETTLE = 75, 60, 26  # control intervals: until the turn, from then on, the last of them
 NOISE = 0.1  # body lengths a second: node velocities added when a turn begins: a turn in which fish roll over shows it
 GENERATIONS = 40  # of 16 tables, in each of two stages
 NEVER = 1.5  # s, counted for a turn that never gets to 90 %
-# of a row's front, middle, tail, strokes, hold, straighten and phase: bounds, relative steps and a start of the search
-LOW = np.array([0.0, 0.0, -1.0, 0.0, 0.02, 0.04, -9.0])
-HIGH = np.array([1.0, 1.0, 1.0, 1.0, 0.8, 0.6, 9.0])
-STEPS = np.array([1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.7])
-FIRST = np.array([0.8, 0.8, 0.2, 0.5, 0.15, 0.15, 0.0]), np.array([0.8, 0.8, 0.3, 0.5, 0.6, 0.2, 0.0])  # 30, 90
-START_ANGLES = (0.0, 60.0, 120.0, 180.0)  # degrees, rows of the table of fast starts
-START_BETWEEN = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 179.0)  # degrees, at which the search tries it
+START_BETWEEN = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 179.0)  # degrees, at which the search of starts tries its table
 START_SPEEDS = (0.0, 1.0, 2.0)  # body lengths a second, of the glide before
-# of a row's front, middle, tail, bend, front_back, middle_back, tail_back, strike and phase
-START_LOW, START_HIGH = np.array([0.0] * 8 + [-9.0]), np.array([1.0, 1.0, 1.0, 0.4, 1.0, 1.0, 1.0, 0.4, 9.0])
-START_STEPS = np.array([1.0, 1.0, 1.0, 0.3, 1.0, 1.0, 1.0, 0.3, 0.7])
-START_FIRST = (  # at 0 and 180 degrees
-    np.array([0.5, 0.5, 0.5, 0.06, 0.8, 0.8, 0.8, 0.08, 0.0]),
-    np.array([0.9, 0.9, 0.9, 0.3, 0.8, 0.8, 0.8, 0.1, 0.0]),
-)
+
+
+class Rows(NamedTuple):
+    """The rows of a table, one an angle, and how they are searched."""
+
+    kind: type
+    angles: tuple[float, ...]
+    """Degrees."""
+    low: list[float]
+    """Least value of each number of a row but its angle."""
+    high: list[float]
+    steps: list[float]
+    """Relative to each other."""
+    first: tuple[list[float], list[float]]
+    """Rows to begin with, at the smallest and at the largest angle."""
+
+    def table(self, point: np.ndarray) -> tuple[Table, float]:
+        """The table at a point of the search, and how far that lies outside of what is allowed."""
+        numbers = point.reshape(len(self.angles), -1)
+        inside = np.clip(numbers, self.low, self.high)
+        rows = [self.kind(np.radians(angle), *row) for angle, row in zip(self.angles, inside, strict=True)]
+        return Table(rows), float(np.sum((numbers - inside) ** 2))
+
+    def search(self, cost: Callable[[Table], float], spread: float, generations: int, seed: int) -> list:
+        """The best rows: first on a line between the ends, then each row on its own, changed by `spread` at first."""
+        part = ((np.array(self.angles) - self.angles[0]) / (self.angles[-1] - self.angles[0]))[:, None]
+
+        def total(point) -> float:
+            table, outside = self.table(point)
+            return float(cost(table) + 10 * outside)
+
+        def on_a_line(ends) -> np.ndarray:
+            low, high = np.split(ends, 2)
+            return (low * (1.0 - part) + high * part).ravel()
+
+        ends, _ = minimise(lambda ends: total(on_a_line(ends)), np.concatenate(self.first), 0.2, generations, seed,
+                           CMA_stds=self.steps * 2)  # fmt: skip
+        point, _ = minimise(total, on_a_line(ends), spread, generations, seed, CMA_stds=self.steps * len(self.angles))
+        return list(self.table(point)[0].rows)
+
+
+TURNS = Rows(  # front, middle, tail, strokes, hold, straighten and phase
+    Turn, (30.0, 45.0, 60.0, 90.0), [0.0, 0.0, -1.0, 0.0, 0.02, 0.04, -9.0], [1.0, 1.0, 1.0, 1.0, 0.8, 0.6, 9.0],
+    [1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.7],
+    ([0.8, 0.8, 0.2, 0.5, 0.15, 0.15, 0.0], [0.8, 0.8, 0.3, 0.5, 0.6, 0.2, 0.0]),
+)  # fmt: skip
+STARTS = Rows(  # front, middle, tail, bend, front_back, middle_back, tail_back, strike and phase
+    Start, (0.0, 60.0, 120.0, 180.0), [0.0] * 8 + [-9.0], [1.0, 1.0, 1.0, 0.4, 1.0, 1.0, 1.0, 0.4, 9.0],
+    [1.0, 1.0, 1.0, 0.3, 1.0, 1.0, 1.0, 0.3, 0.7],
+    ([0.5, 0.5, 0.5, 0.06, 0.8, 0.8, 0.8, 0.08, 0.0], [0.9, 0.9, 0.9, 0.3, 0.8, 0.8, 0.8, 0.1, 0.0]),
+)  # fmt: skip
 
 
 def gait_tables(water: str) -> MotorTables:
@@ -126,36 +157,12 @@ class Cruise:
         overshoot = np.maximum(mean.max(axis=0) - wanted, 0.0)
         return [a.reshape(self.shape) for a in (reached, turned[-SETTLE:].mean(axis=0), overshoot, made_good)]
 
-    def cost(self, point: np.ndarray) -> float:
-        """What the search minimises, for the rows' numbers (28,)."""
-        table, outside = turns_table(point)
+    def cost(self, table: Table) -> float:
+        """What the search minimises."""
         reached, final, overshoot, made_good = self.measure(table)
         error = np.sqrt(np.mean((final - np.degrees(self.angle).reshape(self.shape)) ** 2, axis=1))
         tilt = np.sqrt(np.mean(self.tilt() ** 2))
-        total = np.mean(reached + 0.01 * overshoot - 0.15 * made_good) + 0.02 * error.mean() + 0.02 * tilt
-        return float(total + 10 * outside)
-
-
-def turns_table(point: np.ndarray) -> tuple[Table, float]:
-    """The table of turns at a point (28,) of the search, and how far that lies outside of what is allowed."""
-    numbers = point.reshape(len(ANGLES), -1)
-    inside = np.clip(numbers, LOW, HIGH)
-    rows = [Turn(np.radians(angle), *row) for angle, row in zip(ANGLES, inside, strict=True)]
-    return Table(rows), float(np.sum((numbers - inside) ** 2))
-
-
-def search_turns(water: str, generations: int, seed: int) -> list[Turn]:
-    """Rows of the turns' table: first on a line between 30 and 90 degrees, then each row on its own."""
-    cruise = Cruise(BETWEEN, water)
-    part = ((np.array(ANGLES) - ANGLES[0]) / (ANGLES[-1] - ANGLES[0]))[:, None]
-
-    def on_a_line(ends):
-        return (ends[:7] * (1.0 - part) + ends[7:] * part).ravel()
-
-    ends, _ = minimise(lambda e: cruise.cost(on_a_line(e)), np.concatenate(FIRST), 0.2, generations, seed,
-                       CMA_stds=[*STEPS] * 2)  # fmt: skip
-    point, _ = minimise(cruise.cost, on_a_line(ends), 0.06, generations, seed, CMA_stds=[*STEPS] * len(ANGLES))
-    return list(turns_table(point)[0].rows)
+        return np.mean(reached + 0.01 * overshoot - 0.15 * made_good) + 0.02 * error.mean() + 0.02 * tilt
 
 
 class Starts:
@@ -163,54 +170,21 @@ class Starts:
 
     def __init__(self, tables: MotorTables, water: str):
         each = list(product(np.radians(START_BETWEEN), START_SPEEDS))
-        self.tables, self.shape = tables, (len(START_BETWEEN), len(START_SPEEDS))
+        self.tables = tables
         self.env = FishVectorEnv(len(each), task="fast_start", water=water, wait=0.0, threads=1)
         for i, (angle, speed) in enumerate(each):
             options = {"yaw": 0.0, "turn": angle, "speed": speed, "reset_mask": np.arange(len(each)) == i}
             self.env.reset(seed=0, options=options)
         self.start = self.env.get_state()
 
-    def measure(self, starts: Table) -> dict[str, np.ndarray]:
-        """Metrics of an episode with a table of fast starts, (angles,speeds) each."""
+    def cost(self, starts: Table) -> float:
+        """What the search minimises: less for more way; a fish whose physics fails gets nowhere."""
         env, control = self.env, scripted(self.env, replace(self.tables, starts=starts))
         obs = env.set_state(self.start)
         for k in range(env.task.episode_steps - 1):  # the last step would begin the next episode
             obs, *_ = env.step(control(obs, k * env.control_interval))
-        found = [env.episode_info(i) for i in range(env.num_envs)]
-        names = ("escape_distance", "angle_300ms", "distance_200ms", "peak_acceleration", "success")
-        return {name: np.array([one[name] for one in found], float).reshape(self.shape) for name in names}
-
-    def cost(self, point: np.ndarray) -> float:
-        """What the search minimises, for the rows' numbers (36,); a fish whose physics fails gets nowhere."""
-        starts, outside = starts_table(point)
-        away = np.nan_to_num(self.measure(starts)["escape_distance"], nan=-10.0)
-        return float(10 * outside - away.mean())
-
-
-def starts_table(point: np.ndarray) -> tuple[Table, float]:
-    """The table of fast starts at a point (36,) of the search, and how far that lies outside of what is allowed."""
-    numbers = point.reshape(len(START_ANGLES), -1)
-    inside = np.clip(numbers, START_LOW, START_HIGH)
-    rows = [Start(np.radians(angle), *row) for angle, row in zip(START_ANGLES, inside, strict=True)]
-    return Table(rows), float(np.sum((numbers - inside) ** 2))
-
-
-def search_starts(tables: MotorTables, water: str, generations: int, seed: int) -> list[Start]:
-    """Rows of the table of fast starts: first on a line between 0 and 180 degrees, then each row on its own.
-
-    Five times as many generations as for turns: they are as much shorter, and the rows have more numbers.
-    """
-    generations *= 5
-    starts, part = Starts(tables, water), (np.array(START_ANGLES) / START_ANGLES[-1])[:, None]
-
-    def on_a_line(ends):
-        return (ends[:9] * (1.0 - part) + ends[9:] * part).ravel()
-
-    ends, _ = minimise(lambda e: starts.cost(on_a_line(e)), np.concatenate(START_FIRST), 0.2, generations, seed,
-                       CMA_stds=[*START_STEPS] * 2)  # fmt: skip
-    point, _ = minimise(starts.cost, on_a_line(ends), 0.1, generations, seed,
-                        CMA_stds=[*START_STEPS] * len(START_ANGLES))  # fmt: skip
-    return list(starts_table(point)[0].rows)
+        away = np.array([env.episode_info(i)["escape_distance"] for i in range(env.num_envs)], float)
+        return -np.nan_to_num(away, nan=-10.0).mean()
 
 
 def search_swims(water: str) -> list[Swim]:
@@ -255,8 +229,11 @@ def as_dict(row) -> dict:
 def search(water: str, generations: int, seed: int, _fish: dict, _gait: dict) -> dict:
     """Search all tables, as they are written."""
     tables = gait_tables(water)
-    swims, turns = search_swims(water), search_turns(water, generations, seed)
-    starts = search_starts(replace(tables, turns=Table(turns), swims=Table(swims)), water, generations, seed)
+    swims = search_swims(water)
+    turns = TURNS.search(Cruise(BETWEEN, water).cost, 0.06, generations, seed)
+    tables = replace(tables, turns=Table(turns), swims=Table(swims))
+    # five times as many generations as for turns: starts are as much shorter, and the rows have more numbers
+    starts = STARTS.search(Starts(tables, water).cost, 0.1, 5 * generations, seed)
     rows = {"turns": turns, "swims": swims, "starts": starts}
     found = {name: [as_dict(row) for row in each] for name, each in rows.items()}
     return found | {"front": round(tables.front, 4), "lag": list(tables.lag)}
@@ -266,30 +243,3 @@ def calibrate(water: str, generations=GENERATIONS, seed=1) -> None:
     """Ship the tables."""
     fish, gait = read_calibration("mass_spring", water)["parameters"], asdict(best_gait(water))
     publish(MOTOR_FILE, water, kept("motor", search, water, generations, seed, fish, gait))
-    check(water)
-
-
-def check(water: str) -> None:
-    """Print what the turns of the written table do to a fish at cruise, and its fast starts from rest and gliding."""
-    tables = load_tables(water=water)
-    cruise = Cruise(ANGLES, water)
-    reached, final, overshoot, _ = cruise.measure(tables.turns)
-    print("angle   mean heading change (degrees)   time to 90 % (s)   overshoot (degrees)")
-    for k, angle in enumerate(ANGLES):
-        print(f"{angle:5.0f}   {final[k].mean():12.1f} +- {final[k].std():4.1f}"
-              f"{reached[k].mean():26.3f}{overshoot[k].mean():18.1f}")  # fmt: skip
-    for name, found in Starts(tables, water).measure(tables.starts).items():
-        print(f"\n{name}, at {', '.join(f'{speed:g}' for speed in START_SPEEDS)} body lengths/s before")
-        for angle, row in zip(START_BETWEEN, found, strict=True):
-            print(f"{angle:5.0f}   {'  '.join(f'{value:8.3f}' for value in row)}")
-
-
-def main() -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--water", choices=WATERS, default=DEFAULT_WATER, help="the level that tables are for")
-    check(parser.parse_args().water)
-
-
-if __name__ == "__main__":
-    main()

@@ -14,8 +14,7 @@ from benchmarks.calibration.midline import Midline, swim_midlines
 from benchmarks.common import scenes
 from benchmarks.common.motion import areas
 from benchmarks.common.problems import steps_of
-from fish_env import Tank
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
 

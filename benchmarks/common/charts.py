@@ -1,11 +1,8 @@
-"""Charts: one style, colours told apart by colour-blind readers (Okabe & Ito), and SVG files without a date.
+"""Charts: one style, colours told apart by colour-blind readers (Okabe & Ito), and SVG files without a date."""
 
-Benchmarks with a chart share their command line, too: `measure_and_draw`.
-"""
-
-import argparse
-from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#999999"
 METHOD_STYLE = {  # colour and marker, one marker a family
@@ -33,12 +30,19 @@ def pyplot():
     return pyplot
 
 
-def panels(columns: int, size=(11.0, 4.2), **options):
-    """A figure with a row of panels, each with a faint grid. `options` as for matplotlib's `subplots`."""
-    figure, axes = pyplot().subplots(1, columns, figsize=size, layout="constrained", **options)
-    for panel in axes:
+def panels(columns: int, size=(11.0, 4.2), rows=1, **options):
+    """A figure with panels, each with a faint grid, in one array. `options` as for matplotlib's `subplots`."""
+    figure, axes = pyplot().subplots(rows, columns, figsize=size, layout="constrained", **options)
+    for panel in np.ravel(axes):
         panel.grid(alpha=0.2)
-    return figure, axes
+    return figure, np.ravel(axes)
+
+
+def legend_below(figure, panel, columns: int, **options) -> None:
+    """Put the legend of a panel below all of them. `options` as for matplotlib's `legend`."""
+    figure.legend(
+        *panel.get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False, **options
+    )
 
 
 def save(figure, path: Path, **options) -> None:
@@ -46,12 +50,3 @@ def save(figure, path: Path, **options) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, metadata={"Date": None}, **options)
     pyplot().close(figure)
-
-
-def measure_and_draw(description: str | None, measure: Callable[[], None], draw: Callable[[], None]) -> None:
-    """Write the tables and draw the chart; with --draw, draw it again from the tables."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draw", action="store_true", help="draw the chart again from the tables")
-    if not parser.parse_args().draw:
-        measure()
-    draw()

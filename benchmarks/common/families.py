@@ -5,7 +5,7 @@ The upper muscle of a side contracts as the lower one does.
 
 import numpy as np
 
-from fish_env.bodies import Fish
+from fish_env import Fish
 from fish_env.control import Gait
 
 

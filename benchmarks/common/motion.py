@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.common.measures import pose_of
-from fish_env import Tank
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import scripted
 from fish_env.envs import FishVectorEnv

@@ -1,16 +1,14 @@
 """Scenes on which methods are compared, their reference solutions, and the fish made stiffer, softer, heavier."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
-from fish_env import INTEGRATORS, make_fish
-from fish_env.bodies import Fish
+from fish_env import INTEGRATORS, Fish, Tank, World, make_fish
 from fish_env.control import Gait
 from fish_env.physics import body
-from fish_env.physics.records import World
-from fish_env.physics.tank import Tank
 from fish_env.physics.world import VACUUM
 from fish_env.soft.adaptive import solve
 
@@ -117,12 +115,13 @@ def tank_of(problem: Problem, integrator: str, substeps: int, num_fish=1, refine
     return tank
 
 
-def run(problem: Problem, integrator: str, substeps: int, **options) -> tuple[np.ndarray, Tank]:
+def run(problem: Problem, integrator: str, substeps: int, moved=0.0, **options) -> tuple[np.ndarray, Tank]:
     """Positions at the end of every control interval, (K,N,3), and the tank. A fish that fails stays where it was.
 
-    `options` as for `tank_of`.
+    `moved` (N,3) m is added to the start; `options` as for `tank_of`.
     """
     tank = tank_of(problem, integrator, substeps, **options)
+    tank.position[0] += moved
     path = np.empty((len(problem.contraction), *tank.position.shape[1:]))
     for k, goal in enumerate(problem.contraction):
         tank.drive(goal[None], substeps)
@@ -140,39 +139,53 @@ def magnified(problem: Problem, reference_path: np.ndarray, substeps: int) -> fl
 
     Where it is a million, no method and no step tells where the fish ends: it has buckled one way or the other.
     """
-    largest = 0.0
+    fish, apart = problem.fish, []
     for seed in range(3):
-        tank = tank_of(problem, "rk4", substeps)
-        shape = tank.position[0].shape
-        tank.position[0] += DISTURBANCE * problem.fish.length * np.random.default_rng(seed).normal(size=shape)
-        path = np.empty_like(reference_path)
-        for k, goal in enumerate(problem.contraction):
-            tank.drive(goal[None], substeps)
-            path[k] = tank.position[0]
-        largest = max(largest, distance(problem.fish, path, reference_path) / DISTURBANCE)
-    return largest
+        noise = np.random.default_rng(seed).normal(size=fish.body.position.shape)
+        path, _ = run(problem, "rk4", substeps, DISTURBANCE * fish.length * noise)
+        apart.append(distance(fish, path, reference_path) / DISTURBANCE)
+    return max(apart)
+
+
+def converge(name: str, solve: Callable, apart: Callable, steps: tuple[int, int], allowed: float) -> tuple:
+    """A solution by RK4 whose steps are halved until nothing changes by more than is allowed, body lengths.
+
+    Args:
+        name: of what is solved.
+        solve: returns a solution by a number of steps a control interval.
+        apart: the distance of two solutions, body lengths.
+        steps: the fewest a control interval, and the most.
+        allowed: the change.
+
+    Returns:
+        The solution, its steps a control interval and the last change.
+
+    Raises:
+        NotConvergedError: if the most steps do not do.
+    """
+    (substeps, most), change = steps, np.inf
+    found = solve(substeps)
+    while not change <= allowed:
+        if 2 * substeps > most:
+            raise NotConvergedError(
+                f"{name}: RK4 with {substeps} steps an interval differs by {change:.1e} body lengths from half "
+                f"as many, more than {allowed:g}; allow more steps or take a tamer scene"
+            )
+        substeps, coarse = 2 * substeps, found
+        found = solve(substeps)
+        change = apart(found, coarse)
+    return found, substeps, change
 
 
 def reference(problem: Problem, fewest=1024, most=131_072) -> tuple[np.ndarray, int, float]:
-    """The reference solution (K,N,3): RK4 with its steps halved until nothing changes by more than CONVERGED.
+    """The reference solution (K,N,3), its steps a control interval and the last change, body lengths."""
 
-    Returns the path, its steps a control interval and the last change, body lengths.
+    def apart(fine, coarse) -> float:
+        alive = fine[1].alive[0] and coarse[1].alive[0]
+        return distance(problem.fish, fine[0], coarse[0]) if alive else np.inf
 
-    Raises:
-        NotConvergedError: if `most` steps a control interval do not do.
-    """
-    substeps, change = fewest, np.inf
-    path, tank = run(problem, "rk4", substeps)
-    while not change <= CONVERGED:
-        if 2 * substeps > most:
-            raise NotConvergedError(
-                f"{problem.name}: RK4 with {substeps} steps an interval differs by {change:.1e} body lengths from "
-                f"half as many, more than {CONVERGED:g}; allow more steps or take a tamer scene"
-            )
-        substeps *= 2
-        coarse, valid = path, tank.alive[0]
-        path, tank = run(problem, "rk4", substeps)
-        change = distance(problem.fish, path, coarse) if valid and tank.alive[0] else np.inf
+    solve = partial(run, problem, "rk4")
+    (path, _), substeps, change = converge(problem.name, solve, apart, (fewest, most), CONVERGED)
     return path, substeps, change
 
 

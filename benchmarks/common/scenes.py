@@ -11,8 +11,7 @@ import numpy as np
 from benchmarks.common.measures import pose_of
 from benchmarks.common.problems import steps_of
 from benchmarks.common.search import minimise
-from fish_env import Tank
-from fish_env.bodies import Fish
+from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
 
@@ -92,11 +91,10 @@ def cruises(fish: Fish, gaits: list[Gait], speed: float, seconds: float, count=B
 
 def decoded(point: np.ndarray, frequencies: tuple[float, float]) -> Gait:
     """The gait of a point (6,) of the search: frequency, amplitudes and lags, each from 0 to 1."""
-    u = np.clip(point, 0.0, 1.0)
-    low, high = frequencies
-    lag = (0.0, np.pi * (2 * u[4] - 1), 2 * np.pi * (2 * u[5] - 1))
-    found = (np.round(part, 4).tolist() for part in (low + (high - low) * u[0], u[1:4], lag))
-    return Gait(*(tuple(part) if isinstance(part, list) else part for part in found))
+    (low, high), u = frequencies, np.clip(point, 0.0, 1.0)
+    lag = 0.0, np.pi * (2 * u[4] - 1), 2 * np.pi * (2 * u[5] - 1)
+    frequency, *rest = np.round([low + (high - low) * u[0], *u[1:4], *lag], 4).tolist()
+    return Gait(frequency, tuple(rest[:3]), tuple(rest[3:]))
 
 
 def thriftiest(fish: Fish, speed: float, frequency: float | None = None) -> Gait:
@@ -120,29 +118,25 @@ def thriftiest(fish: Fish, speed: float, frequency: float | None = None) -> Gait
     return decoded(point, frequencies)
 
 
-def cruise(fish: Fish, gait: Gait, speed: float) -> dict[str, float]:
-    """What a gait settles into after 12 s."""
-    return cruises(fish, [gait], speed, 12.0, count=6)[0]
-
-
 def phases(gait: Gait, count=PHASES) -> list[Gait]:
     """The gait in so many phases."""
     shifts = 2 * np.pi * np.arange(count) / count
     return [Gait(gait.frequency, gait.amplitude, tuple(lag - shift for lag in gait.lag)) for shift in shifts]
 
 
-def cruising(fish: Fish, gait: Gait | None, speed: float, count=PHASES, settling=SETTLING) -> Tank:
-    """A tank of fish after about `settling` s of cruising, each in another phase; without a gait they glide."""
+def pulled(fish: Fish, gait: Gait | None, speed: float, sides: tuple[int, ...], count=PHASES, settling=SETTLING):
+    """Motion of fish that pull one side after another, each for PULL control intervals, and none where a side is 0.
+
+    Before that they have cruised for about `settling` s, each in another phase; without a gait they glide. The heading
+    (K+1,B) rad counts from there, positive to where they turn first.
+    """
     tank = tank_of(fish, count, speed)
     if gait is not None:
         drive(tank, beats(fish, phases(gait, count), round(settling * gait.frequency) / gait.frequency))
-    return tank
-
-
-def pulls(fish: Fish, count: int, *sides: int) -> np.ndarray:
-    """Contractions (K,B,M): one side for PULL control intervals after another, and none where a side is 0."""
     goals = [np.repeat((fish.sides == side)[None].astype(float), PULL, axis=0) for side in sides]
-    return np.repeat(np.concatenate(goals)[:, None], count, axis=1)
+    swum = drive(tank, np.repeat(np.concatenate(goals)[:, None], count, axis=1))
+    yaw = swum.yaw - swum.yaw[0]
+    return swum, yaw * np.sign(yaw[PULL].mean())
 
 
 def peak_rate(yaw: np.ndarray, interval: float) -> np.ndarray:
@@ -156,10 +150,7 @@ def turn(fish: Fish, gait: Gait | None, speed=1.0, count=PHASES, settling=SETTLI
     Values are 'angle' after 0.3 s, 'kept' at the end, the 'rate' at most, and the 'radius': the path over the angle
     until 90 % of the angle at the end, nan where less than 5 degrees are kept.
     """
-    tank = cruising(fish, gait, speed, count, settling)
-    swum = drive(tank, pulls(fish, count, 1, 0, 0, 0, 0))
-    yaw = swum.yaw - swum.yaw[0]
-    yaw *= np.sign(yaw[PULL].mean())
+    swum, yaw = pulled(fish, gait, speed, (1, 0, 0, 0, 0), count, settling)
     kept, radius = yaw[-1], []
     way = np.linalg.norm(np.diff(swum.centre, axis=0), axis=2).cumsum(axis=0) / fish.length
     for b in range(count):
@@ -178,22 +169,13 @@ def reversal(fish: Fish, gait: Gait | None, speed=1.0) -> dict[str, float]:
 
     'lag' is the time from that command until the heading turns back, s; 'rate' the fastest change on the way back.
     """
-    tank = cruising(fish, gait, speed)
-    swum, interval = drive(tank, pulls(fish, PHASES, 1, -1, 0)), fish.control_interval
-    yaw = swum.yaw - swum.yaw[0]
-    yaw *= np.sign(yaw[PULL].mean())
+    (_, yaw), interval = pulled(fish, gait, speed, (1, -1, 0)), fish.control_interval
     after = yaw[PULL : PULL + round(0.3 / interval) + 1]
     return {
         "lag": float(after.argmax(axis=0).mean() * interval),
         "way back": float(np.degrees((after.max(axis=0) - after[-1]).mean())),
         "rate": float(peak_rate(after, interval).mean()),
     }
-
-
-def acceleration(velocity: np.ndarray, interval: float) -> np.ndarray:
-    """Largest acceleration (B,) of centres (K,B,3) m/s, mean over 40 ms, m/s2."""
-    apart = round(0.04 / interval)
-    return np.linalg.norm(velocity[apart:] - velocity[:-apart], axis=2).max(axis=0) / (apart * interval)
 
 
 def start(fish: Fish, first=range(2, 12), second=range(12)) -> dict[str, float]:
@@ -211,7 +193,9 @@ def start(fish: Fish, first=range(2, 12), second=range(12)) -> dict[str, float]:
     swum = drive(tank_of(fish, len(first)), (fish.sides == side[..., None]).astype(float))
     angle = np.degrees(np.abs(swum.yaw[-1] - swum.yaw[0]))
     distance = np.linalg.norm(swum.centre[-1] - swum.centre[0], axis=1) / fish.length
-    fastest = acceleration(swum.velocity, interval)
+    apart = round(0.04 / interval)
+    gained = np.linalg.norm(swum.velocity[apart:] - swum.velocity[:-apart], axis=2).max(axis=0)
+    fastest = gained / (apart * interval)
     return {
         "angle": float(angle[0]), "acceleration": float(fastest[0]), "best angle": float(angle.max()),
         "best distance": float(distance.max()), "best acceleration": float(fastest.max()),

@@ -1,9 +1,5 @@
 """What is the best that the muscles can do? Commands by optimal control, beside motor controllers and shipped policy.
 
-    python -m benchmarks.learning.bound                                      results/learning/bound.csv
-    python -m benchmarks.learning.bound turn                                 the rows of this task again
-    python -m benchmarks.learning.bound turn --budget 20 --water reactive    other efforts or fish: only prints
-
 A start is a fish that the motor controllers have swum with until the last command of an evaluation episode, in Swim
 until it is steady. From this state the motor controllers go on, the shipped policy takes over, and CMA-ES searches for
 commands. It begins with the better ones of the two, which it never falls behind, and changes them every 40 ms in each
@@ -14,7 +10,6 @@ goes on after the plan.
 A search shows what can be reached. How far its seeds are apart tells how far it may be from the best.
 """
 
-import argparse
 from collections.abc import Callable
 from itertools import chain
 from typing import NamedTuple
@@ -23,9 +18,7 @@ import numpy as np
 
 from benchmarks.common.search import minimise
 from benchmarks.common.statistics import interval_of, rounded
-from benchmarks.common.tables import RESULTS, read_table, write_csv
-from fish_env import BODIES
-from fish_env.bodies.fitted import WATERS
+from benchmarks.common.tables import RESULTS, make_parser, read_table, write_csv
 from fish_env.control import FIRST_SEED, Controller, as_controller, load_policy, scripted, shipped_policies
 from fish_env.envs import FishState, FishVectorEnv
 from fish_env.tasks.fast_start import FastStartTask
@@ -291,21 +284,20 @@ def summarise(rows: list[dict]) -> str:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("tasks", nargs="*", default=list(GOALS), help=f"{', '.join(GOALS)}; all")
-    parser.add_argument("--budget", type=int, default=100, help="generations of a search, 100")
-    parser.add_argument("--starts", type=int, default=8, help="evaluation episodes of each task, 8")
-    parser.add_argument("--seeds", type=int, default=2, help="searches from each start, 2")
-    parser.add_argument("--water", choices=WATERS, help="the default fish's own")
-    parser.add_argument("--body", choices=BODIES, default="mass_spring")
+    parser = make_parser(__doc__)
+    parser.add_argument("tasks", nargs="*", default=list(GOALS), help=f"rows of these again: {', '.join(GOALS)}; all")
+    efforts = {"budget": (100, "generations of a search"), "starts": (8, "episodes of each task"),
+               "seeds": (2, "searches from each start")}  # fmt: skip
+    for name, (usual, text) in efforts.items():
+        parser.add_argument(f"--{name}", type=int, default=usual, help=f"{text}, {usual}; with others it only prints")
     chosen = parser.parse_args()
     if unknown := set(chosen.tasks) - GOALS.keys():
         parser.error(f"unknown tasks {', '.join(sorted(unknown))}; choose from {', '.join(GOALS)}")
     rows = []
     for task in chosen.tasks:
-        rows += rows_of(task, chosen.starts, chosen.budget, chosen.seeds, water=chosen.water, body=chosen.body)
+        rows += rows_of(task, chosen.starts, chosen.budget, chosen.seeds)
     print(summarise(rows))
-    if vars(chosen) | {"tasks": []} == vars(parser.parse_args([])) | {"tasks": []}:
+    if all(getattr(chosen, name) == usual for name, (usual, _) in efforts.items()):
         kept = read_table(CSV) if (RESULTS / CSV).exists() else []
         rows += [row for row in kept if row["task"] not in chosen.tasks]
         print(write_csv(CSV, sorted(rows, key=lambda row: list(GOALS).index(row["task"])), COMMAND))

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.statistics import rounded
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.tables import RESULTS, read_table, select, write_csv
 from fish_env import INTEGRATORS
 from fish_env.control import Scores, load_policy, make_policy_env, run_episodes, shipped_policies
 from fish_env.control.evaluation import episode_scores, scores_by_name
@@ -23,6 +23,7 @@ from fish_env.envs import FishVectorEnv
 EPISODES = 50
 MANY = 1000  # for the default method: its difference is smaller than the standard error of fifty episodes
 COMMAND, TABLE = "python train.py compare --integrators", "integrators_policies.csv"
+WIDTHS = (18, 32, 10, 7, 8, 9, 15, 16, 9, 16, 17, 8)  # of the columns of the table that is printed
 TICKS = (0.01, 0.1, 1.0, 10.0)  # ms, of the chart
 FINER = 8  # the reference takes this part of the fish's own step
 
@@ -77,27 +78,26 @@ def replays(path: str | Path, hows: Iterable[tuple[str, float, float | None]], e
     return rows
 
 
-def compare_integrators(names: list[str | Path] | None = None, episodes: int = EPISODES) -> list[dict]:
+def compare_integrators(names: list[str | Path] | None = None) -> list[dict]:
     """Replay policies under every method and print what changes; write the rows of shipped ones, and the chart, too.
 
-    Args:
-        names: of shipped policies, or files of others, of which nothing is published; None for all shipped ones.
-        episodes: under each method.
+    `names` are of shipped policies, or files of others, of which nothing is published; None for all shipped ones.
     """
     shipped = shipped_policies()
     published = not names or {str(name) for name in names} <= shipped.keys()
     if published:
         writable_folder(RESULTS)
     fish = {path: make_policy_env(load_policy(path), 1).tank.fish for path in names or shipped}
-    rows = [row for path in fish for row in replays(path, settings(fish[path]), episodes)]
+    rows = [row for path in fish for row in replays(path, settings(fish[path]), EPISODES)]
     if published:
         for path, own in fish.items():
             rows += replays(path, (settings(own)[0], (own.integrator, own.time_step, own.refine)), MANY)
         kept = [row for row in read_table(TABLE) if row["task"] not in fish] if set(fish) != set(shipped) else []
         rows = sorted(rows + kept, key=lambda row: (row["episodes"] == MANY, list(shipped).index(row["task"])))
         write_csv(TABLE, rows, COMMAND)
-        draw([row for row in rows if row["episodes"] != MANY], RESULTS / "integrators_policies.svg")
-    print_rows(rows)
+        draw()
+    for row in ({name: name for name in rows[0]}, *rows):
+        print(" ".join(str(value).rjust(width) for value, width in zip(row.values(), WIDTHS, strict=True)))
     return rows
 
 
@@ -120,27 +120,16 @@ def differences(scores: Scores, track: np.ndarray, reference: Scores, reference_
     }
 
 
-def print_rows(rows: list[dict]) -> None:
-    """The table."""
-    columns = {"task": 18, "integrator": 32, "dt_ms": 10, "refine": 7, "return": 9, "return_change": 15,
-               "standard_error": 16, "success": 9,
-               "success_change": 16, "path_difference": 17, "failed": 8}  # fmt: skip
-    print("".join(name.rjust(width) for name, width in columns.items()))
-    for row in rows:
-        print("".join(str(row[name]).rjust(width) for name, width in columns.items()))
-
-
-def draw(rows: list[dict], path: Path) -> None:
+def draw() -> None:
     """Change of the return against the step, a panel for each task, a colour for each method."""
-    plt = pyplot()
-    tasks = list(dict.fromkeys(row["task"] for row in rows))
-    figure, grid = plt.subplots(2, -(-len(tasks) // 2), figsize=(10, 6), layout="constrained", squeeze=False)
-    names = list(dict.fromkeys(row["integrator"] for row in rows))
-    colours = dict(zip(names, plt.color_sequences["tab10"], strict=False))
+    rows = read_table(TABLE, episodes=EPISODES)
+    tasks, names = (list(dict.fromkeys(row[key] for row in rows)) for key in ("task", "integrator"))
+    figure, grid = pyplot().subplots(2, -(-len(tasks) // 2), figsize=(10, 6), layout="constrained", squeeze=False)
+    colours = dict(zip(names, pyplot().color_sequences["tab10"], strict=False))
     for axes, task in zip(grid.flat, tasks, strict=False):
         for name in names:
-            points = [(r["dt_ms"], max(abs(r["return_change"]), 1e-4)) for r in rows
-                      if (r["task"], r["integrator"]) == (task, name) and r["return_change"] != 0]  # fmt: skip
+            points = [(row["dt_ms"], max(abs(row["return_change"]), 1e-4))
+                      for row in select(rows, task=task, integrator=name) if row["return_change"] != 0]  # fmt: skip
             if points:
                 axes.loglog(*np.array(sorted(points)).T, "o-", color=colours[name], ms=4, lw=1, label=name)
         axes.axhline(0.02, color="black", lw=0.8, ls=":")
@@ -154,4 +143,4 @@ def draw(rows: list[dict], path: Path) -> None:
         handles, labels = axes.get_legend_handles_labels()
         found |= dict(zip(labels, handles, strict=True))
     figure.legend(found.values(), found, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
-    save(figure, path)
+    save(figure, RESULTS / "integrators_policies.svg")

@@ -7,7 +7,6 @@ docs/images/curves.svg the curves.
 """
 
 import math
-import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,17 +16,21 @@ import numpy as np
 from agents.published import CONFIGS, SEEDS
 from benchmarks.common.charts import pyplot, save
 from benchmarks.common.statistics import rounded
-from benchmarks.common.tables import IMAGES, ROOT, read_rows, write_csv
-from benchmarks.common.tables import RESULTS as TABLES
+from benchmarks.common.tables import (
+    IMAGES,
+    RESULTS,
+    ROOT,
+    columns,
+    filled,
+    markdown,
+    read_rows,
+    read_stored,
+    replace_rows,
+    select,
+    write_csv,
+)  # fmt: skip
 from benchmarks.learning.avoidability import avoidable
-from fish_env.control import (
-    EPISODES,
-    Scores,
-    evaluate,
-    evaluation_options,
-    load_policy,
-    make_eval_env,
-)
+from fish_env.control import EPISODES, Scores, evaluate, evaluation_options, load_policy, make_eval_env
 from fish_env.control.files import replacing, writable_folder, write_text
 from fish_env.control.policy import PRETRAINED
 from fish_env.control.statistics import interquartile_mean, interval, seed_mean
@@ -38,7 +41,7 @@ from fish_env.training.saved_run import read_record
 
 COMMAND = "python train.py all"
 CURVE_POINTS = 60
-LEARNING = TABLES / "learning"
+SEEDS_TABLE, METHODS, CURVES = "learning/seeds.csv", "learning/methods.csv", "learning/curves.csv"
 PAGE, README = ROOT / "docs" / "results.md", ROOT / "README.md"
 UNITS = {
     "speed": ("speed, BL/s", 1, 2),
@@ -135,7 +138,7 @@ def publish(root: Path, tasks=None) -> None:
         FileNotFoundError: if no seed of a task is finished.
         ValueError: if a folder that the results go to cannot be written to.
     """
-    for folder in (PRETRAINED, LEARNING, IMAGES, PAGE.parent, README.parent):
+    for folder in (PRETRAINED, RESULTS, IMAGES, PAGE.parent, README.parent):
         writable_folder(folder)
     for task in CONFIGS if tasks is None else tasks:
         seeds = [root / task / f"seed_{seed}" for seed in range(SEEDS)]
@@ -148,30 +151,10 @@ def publish(root: Path, tasks=None) -> None:
         if len(commits) > 1:
             print(f"runs of {task} are of the commits {'; '.join(commits)}: check if the task changed between them")
         publish_task(task, runs)
-    if {row["task"] for row in read_stored("curves")} == set(CONFIGS):
+    if {row["task"] for row in read_stored(CURVES)} == set(CONFIGS):
         draw_curves(IMAGES / "curves.svg")
-    write_text(PAGE, fill_in_tables(PAGE.read_text()))
-    pattern = r"(?<=<!-- summary -->\n).*?(?=<!-- end -->)"
-    write_text(README, re.sub(pattern, lambda _: summary(), README.read_text(), flags=re.DOTALL))
-
-
-def read_stored(table: str) -> list[dict]:
-    """The rows of a table that are there already, of all tasks."""
-    path = LEARNING / f"{table}.csv"
-    return read_rows(path) if path.exists() else []
-
-
-def key_of(row: dict) -> tuple[str, str, str, str]:
-    """Key of a row of methods.csv: task, condition, method and metric."""
-    return row["task"], row["condition"], row["method"], row["metric"]
-
-
-def replace_rows(table: str, task: str, rows: list[dict]) -> None:
-    """Write the rows of a task into a table in place of those that were there; other tasks keep theirs."""
-    rows = [row for row in read_stored(table) if row["task"] != task] + [{"task": task} | row for row in rows]
-    rows.sort(key=lambda row: list(CONFIGS).index(row["task"]))
-    columns = dict.fromkeys(name for row in rows for name in row)
-    write_csv(f"learning/{table}.csv", [{name: row.get(name, "") for name in columns} for row in rows], COMMAND)
+    for page, tables in ((PAGE, tables_of_page()), (README, {"summary": summary()})):
+        write_text(page, filled(page.read_text(), tables))
 
 
 def publish_task(task: str, runs: list[Path]) -> None:
@@ -190,18 +173,26 @@ def publish_task(task: str, runs: list[Path]) -> None:
                 scores["avoided_possible"] = np.where(where, scores["avoided"], np.nan)
         seed_rows += [seed_row(run, condition, s) for run, s in zip(runs, methods["PPO"], strict=True)]
         for method, found in methods.items():
-            for metric in dict.fromkeys((*PUBLICATIONS[task].metrics, "return", "failed")):
-                value, low, high = interval(found, metric, generator)
-                method_rows.append({"condition": condition, "method": method, "metric": metric, "value": rounded(value),
-                                    "low": rounded(low), "high": rounded(high), "seeds": len(found),
-                                    "episodes": EPISODES})  # fmt: skip
+            rows = rows_of(found, PUBLICATIONS[task].metrics, generator)
+            method_rows += [{"condition": condition, "method": method} | row for row in rows]
         if not condition:
             ship(runs, methods["PPO"], SCORES[task], PRETRAINED / task)
     measured = {"measured": present_commit()}
-    replace_rows("seeds", task, [row | measured for row in seed_rows])
-    replace_rows("methods", task, [row | measured for row in method_rows])
-    replace_rows("curves", task, [row for run in runs for row in curve_rows(run)])
+    for table, rows in (
+        (SEEDS_TABLE, [row | measured for row in seed_rows]), (METHODS, [row | measured for row in method_rows]),
+        (CURVES, [row for run in runs for row in curve_rows(run)]),
+    ):  # fmt: skip
+        replace_rows(table, [{"task": task} | row for row in rows], CONFIGS, COMMAND)
     print(f"\n{task}\n{table_of(method_rows, dict.fromkeys(row['metric'] for row in method_rows))}")
+
+
+def rows_of(found: list[Scores], metrics: Iterable[str], generator: np.random.Generator) -> list[dict]:
+    """A row for each metric of what seeds have scored, beside return and failures, with its interval."""
+    rows = []
+    for metric in dict.fromkeys((*metrics, "return", "failed")):
+        values = zip(("value", "low", "high"), map(rounded, interval(found, metric, generator)), strict=True)
+        rows.append({"metric": metric, **dict(values), "seeds": len(found), "episodes": EPISODES})
+    return rows
 
 
 def publish_method(root: Path, integrator: str, tasks=None) -> None:
@@ -223,28 +214,21 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
         policies = [load_policy(run / "policy.npz", CONFIGS[task].env_id) for run in runs]
         for moved, options in ((integrator, settings), ("the default", CONFIGS[task].env_options)):
             env = make_eval_env(CONFIGS[task].env_id, EPISODES, evaluation_options(options))
-            found = [evaluate(env, policy) for policy in policies]
-            for metric in dict.fromkeys((*PUBLICATIONS[task].headline, "return", "failed")):
-                value, low, high = interval(found, metric, generator)
-                rows.append({"task": task, "moved_by": moved, "dt": settings.get("dt", ""), "metric": metric,
-                             "value": rounded(value), "low": rounded(low), "high": rounded(high), "seeds": len(runs),
-                             "episodes": EPISODES})  # fmt: skip
-    step = f" --dt {settings['dt']:g}" if "dt" in settings else ""
+            found = rows_of([evaluate(env, policy) for policy in policies], PUBLICATIONS[task].headline, generator)
+            rows += [{"task": task, "moved_by": moved, "dt": settings.get("dt", "")} | row for row in found]
+    command = f"{COMMAND} --integrator {integrator}" + (f" --dt {settings['dt']:g}" if "dt" in settings else "")
     path = (root / f"trained_with_{integrator}.csv").absolute()
-    print(
-        f"{method_table(rows, integrator)}\n{write_csv(str(path), rows, f'{COMMAND} --integrator {integrator}{step}')}"
-    )
+    print(f"{method_table(rows, integrator)}\n\n{write_csv(str(path), rows, command)}")
 
 
 def method_table(rows: list[dict], integrator: str) -> str:
     """Table of policies trained with another integrator and with the default one, as Markdown."""
-    heads = ("Task", "Metric", "trained with the default", f"with `{integrator}`", "the same, moved by the default")
-    lines = [f"| {' | '.join(heads)} |", "|---|---|---|---|---|"]
+    heads, lines = ("Task", "Metric", "trained with the default", f"with `{integrator}`", "moved by the default"), []
     for task, metric in dict.fromkeys((row["task"], row["metric"]) for row in rows):
-        cells = [row for row in read_stored("methods") if key_of(row) == (task, "", "PPO", metric)]
-        cells += [row for row in rows if (row["task"], row["metric"]) == (task, metric)]
-        lines.append(f"| {task} | {UNITS[metric][0]} | {' | '.join(cell(row) for row in cells)} |")
-    return "\n".join(lines) + "\n"
+        default = select(read_stored(METHODS), task=task, condition="", method="PPO", metric=metric)
+        cells = [cell(row) for row in default] or ["-"]
+        lines.append((task, UNITS[metric][0], *cells, *map(cell, select(rows, task=task, metric=metric))))
+    return markdown(heads, lines)
 
 
 def seed_row(run: Path, condition: str, scores: Scores) -> dict:
@@ -278,37 +262,33 @@ def curve_rows(run: Path) -> list[dict]:
 
 def draw_curves(path: Path) -> None:
     """Score against environment steps for every task: a thin line for each seed, their interquartile mean bold."""
-    plt = pyplot()
-    figure, grid = plt.subplots(2, (len(CONFIGS) + 1) // 2, figsize=(12, 5.4), layout="constrained")
+    figure, grid = pyplot().subplots(2, (len(CONFIGS) + 1) // 2, figsize=(12, 5.4), layout="constrained")
     for axes in grid.flat[len(CONFIGS) :]:
         axes.axis("off")
     for axes, task in zip(grid.flat, CONFIGS, strict=False):
-        lines = {}
-        for row in (row for row in read_stored("curves") if row["task"] == task):
-            lines.setdefault(row["seed"], []).append((float(row["timesteps"]) / 1e6, float(row["score"])))
-        lines = [np.array(line).T for line in lines.values()]
+        rows = select(read_stored(CURVES), task=task)
+        of_seeds = [select(rows, seed=seed) for seed in dict.fromkeys(row["seed"] for row in rows)]
+        lines = [np.array(columns(of_seed, "timesteps", "score"), float) / [[1e6], [1.0]] for of_seed in of_seeds]
         points = np.linspace(max(line[0, 0] for line in lines), min(line[0, -1] for line in lines), CURVE_POINTS)
         levels = np.array([np.interp(points, *line) for line in lines])
         for line in lines:
             axes.plot(*line, color="#0b7a99", alpha=0.3, lw=0.8)
         axes.plot(points, [interquartile_mean(column) for column in levels.T], color="#0b7a99", lw=2)
-        score = SCORES[task]
-        levels_of = {key_of(row): row["value"] for row in read_stored("methods")}
-        axes.axhline(float(levels_of[task, "", "motor controllers", score]), color="#c0562f", ls="--", lw=1)
-        axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=score, ylim=(0, None))
+        score = {"metric": SCORES[task], "task": task, "condition": "", "method": "motor controllers"}
+        (level,) = select(read_stored(METHODS), **score)
+        axes.axhline(float(level["value"]), color="#c0562f", ls="--", lw=1)
+        axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=SCORES[task], ylim=(0, None))
     save(figure, path)
 
 
-def fill_in_tables(page: str) -> str:
-    """The page with its tables, between `<!-- <task> -->` and `<!-- end -->`, filled in from the CSV file."""
-
-    def table(match: re.Match) -> str:
-        rows = [row for row in read_stored("methods") if row["task"] == match[1] and is_shown(row)]
-        if not rows:
-            return match[0]
-        return f"<!-- {match[1]} -->\n\n{table_of(rows, PUBLICATIONS[match[1]].shown)}\n<!-- end -->"
-
-    return re.sub(r"<!-- (\w+) -->.*?<!-- end -->", table, page, flags=re.DOTALL)
+def tables_of_page() -> dict[str, str]:
+    """The tables of the page, by task."""
+    tables = {}
+    for task, publication in PUBLICATIONS.items():
+        rows = [row for row in select(read_stored(METHODS), task=task) if is_shown(row)]
+        if rows:
+            tables[task] = table_of(rows, publication.shown)
+    return tables
 
 
 def is_shown(row: dict) -> bool:
@@ -319,33 +299,26 @@ def is_shown(row: dict) -> bool:
 
 def summary() -> str:
     """The README's table: the goal of each task, and the metrics that say most, without their intervals, by method."""
-    methods = {
-        name: name.removeprefix("best ") for name in ("random", "best open-loop gait", "motor controllers", "PPO")
-    }
-    lines = [f"| Task | Goal | Metric | {' | '.join(methods.values())} |", f"|---|---|---|{'---|' * len(methods)}"]
-    found = {key_of(row): row for row in read_stored("methods")}
+    methods = ("random", "best open-loop gait", "motor controllers", "PPO")
+    lines, stored = [], select(read_stored(METHODS), condition="")
     for task, publication in PUBLICATIONS.items():
-        for metric in publication.headline if (task, "", "PPO", "return") in found else ():
-            rows = [found.get((task, "", method, metric)) for method in methods]
+        for metric in publication.headline if select(stored, task=task, method="PPO") else ():
+            found = {row["method"]: cell(row, False) for row in select(stored, task=task, metric=metric)}
             name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
-            cells = " | ".join(cell(row, False) if row else "-" for row in rows)
-            lines.append(f"| {name} | {publication.goal} | {UNITS[metric][0]} | {cells} |")
-    return "\n" + "\n".join(lines) + "\n\n"
+            cells = (found.get(method, "-") for method in methods)
+            lines.append((name, publication.goal, UNITS[metric][0], *cells))
+    return markdown(("Task", "Goal", "Metric", *(name.removeprefix("best ") for name in methods)), lines)
 
 
 def table_of(rows: list[dict], metrics: Iterable[str]) -> str:
     """The results of a task as Markdown, a line for each method and condition, and a column for each metric."""
-    lines = {}
+    lines, metrics = {}, list(metrics)
     for row in rows:
         several = "s" * (str(row["seeds"]) != "1")
         method = row["method"] if row["method"] != "PPO" else f"PPO, {row['seeds']} seed{several}"
-        lines.setdefault((row["condition"], method), {})[row["metric"]] = cell(row)
-    metrics = list(metrics)
-    head = f"| | {' | '.join(UNITS[metric][0] for metric in metrics)} |\n|---|{'---|' * len(metrics)}\n"
-    return head + "".join(
-        f"| {method}{', ' * bool(condition)}{condition} | {' | '.join(cells[metric] for metric in metrics)} |\n"
-        for (condition, method), cells in lines.items()
-    )
+        lines.setdefault(f"{method}{', ' * bool(row['condition'])}{row['condition']}", {})[row["metric"]] = cell(row)
+    head = ["", *(UNITS[metric][0] for metric in metrics)]
+    return markdown(head, ((name, *(cells[metric] for metric in metrics)) for name, cells in lines.items()))
 
 
 def cell(row: dict, intervals: bool = True) -> str:

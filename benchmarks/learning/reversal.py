@@ -1,15 +1,12 @@
-"""One left turn begun before a right turn is over, drawn: path, heading with its command, and strain.
+"""One left turn begun before a right turn is over, drawn: path, heading with its command, and strain."""
 
-python -m benchmarks.learning.reversal     writes docs/images/reversal.svg and results/reversal.csv
-"""
-
-import argparse
-from pathlib import Path
+from functools import cache
 
 import numpy as np
 
 from benchmarks.common.charts import pyplot, save
-from benchmarks.common.tables import IMAGES, write_csv
+from benchmarks.common.tables import IMAGES, publish
+from fish_env.bodies.mass_spring import LAYERS
 from fish_env.control import evaluation_options, load_policy, make_eval_env, policy_controller, scripted
 from fish_env.control.policy import PRETRAINED
 from fish_env.envs import FishVectorEnv
@@ -39,22 +36,15 @@ def swum(controller, env: FishVectorEnv) -> dict[str, np.ndarray]:
         rows["heading"].append(np.degrees(np.arctan2(forward[1], forward[0])))
         rows["command"].append(np.degrees(task.course.heading[0]))
         rows["strain"].append(np.abs(stretch).max())
-        rows["midline"].append(midline(x) / length)
+        rows["midline"].append([x[list(nodes), :2].mean(axis=0) / length for nodes in LAYERS])
     return {name: np.array(values) for name, values in rows.items()}
 
 
-def midline(x: np.ndarray) -> np.ndarray:
-    """The body's middle seen from above, (7,2) m: the mean of each layer of nodes, nose to tail."""
-    layers = ([0], *(range(1 + 4 * k, 5 + 4 * k) for k in range(5)), [21, 22])
-    return np.array([x[list(layer), :2].mean(axis=0) for layer in layers])
-
-
-def draw(runs: dict[str, dict], path: Path) -> None:
+def draw() -> None:
     """Path with the body every tenth of a second, heading against time with the command, strain against time."""
-    plt = pyplot()
-    figure, places = plt.subplot_mosaic("AA;HS", figsize=(10, 6), height_ratios=(1.2, 1), layout="constrained")
+    figure, places = pyplot().subplot_mosaic("AA;HS", figsize=(10, 6), height_ratios=(1.2, 1), layout="constrained")
     above, heading, strain = (places[name] for name in "AHS")
-    for k, (name, run) in enumerate(runs.items()):
+    for k, (name, run) in enumerate(runs().items()):
         colour, apart = COLOURS[name], np.array([[0.0, -k]])
         shown = run["time"] < DRAWN
         above.plot(*(run["place"][shown] + apart).T, color=colour, lw=1.5, label=name)
@@ -67,25 +57,27 @@ def draw(runs: dict[str, dict], path: Path) -> None:
     above.legend(frameon=False, loc="lower left")
     heading.set(xlabel="time, s", ylabel="heading, degrees", title="heading; dashed: what is commanded")
     strain.set(xlabel="time, s", ylabel="largest strain, %")
-    save(figure, path)
+    save(figure, IMAGES / "reversal.svg")
 
 
-def main() -> None:
-    """The command line."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+@cache
+def runs() -> dict[str, dict]:
+    """An episode of the motor controllers, and one of the shipped policy."""
     config = CONFIGS["left_after_right"]
     env = make_eval_env(config.env_id, 1, evaluation_options(config.env_options))
     policy = policy_controller(load_policy(PRETRAINED / "left_after_right" / "policy.npz"), env)
-    runs = {"motor controllers": swum(scripted(env), env), "PPO": swum(policy, env)}
-    draw(runs, IMAGES / "reversal.svg")
-    rows = [
+    return {"motor controllers": swum(scripted(env), env), "PPO": swum(policy, env)}
+
+
+def measure() -> list[dict]:
+    """A row for each controller and control interval."""
+    return [
         {"controller": name, "time": round(run["time"][k], 4), "x": round(run["place"][k, 0], 4),
          "y": round(run["place"][k, 1], 4), "heading": round(run["heading"][k], 2),
          "command": round(run["command"][k], 2), "strain": round(run["strain"][k], 4)}
-        for name, run in runs.items() for k in range(len(run["time"]))
+        for name, run in runs().items() for k in range(len(run["time"]))
     ]  # fmt: skip
-    print(write_csv("reversal.csv", rows, "python -m benchmarks.learning.reversal"))
 
 
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"reversal.csv": measure}, draw)

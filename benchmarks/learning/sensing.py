@@ -1,24 +1,22 @@
 """What sensing costs, and what policies keep under conditions that they were not trained for.
 
-    python -m benchmarks.learning.sensing [--jobs N]
-    python -m benchmarks.learning.sensing turn          the rows of this task again
-
 It trains Swim, Turn and LeftAfterRight with sensors, two seeds each, on all processors, and evaluates them and the
 shipped policies, which observe nodes, on the usual seeds and on the held-out protocol (`fish_env.protocols`). Finished
 trainings are kept in runs/sensing.
 """
 
-import argparse
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from benchmarks.common.charts import BLUE, ORANGE, panels, save
-from benchmarks.common.tables import IMAGES, read_table, write_csv
+from benchmarks.common.tables import IMAGES, publish, read_table, select
 from fish_env import protocols
 from fish_env.control.evaluation import evaluate, make_policy_env, means
 from fish_env.control.policy import Policy, load_policy
@@ -26,7 +24,6 @@ from fish_env.physics.tank_options import available_processors
 from fish_env.training.build import export_policy, make_env, make_model
 from fish_env.training.config import CONFIGS
 
-COMMAND = "python -m benchmarks.learning.sensing"
 TASKS, SEEDS, RUNS = ("swim", "turn", "left_after_right"), (0, 1), Path("runs", "sensing")
 SENSING = {
     "sensors": {"observation": "sensors"},
@@ -37,12 +34,12 @@ SENSING = {
 ROBUST = "the same, robust"
 
 
-def policy_file(task: str, sensing: str, seed: int) -> Path:
+def policy_file(seed: int, task: str, sensing: str) -> Path:
     """Where a trained policy is kept."""
     return RUNS / f"{task}, {sensing}, {seed}.npz"
 
 
-def train(task: str, sensing: str, seed: int) -> None:
+def train(seed: int, task: str, sensing: str) -> None:
     """Train a policy with the settings of its task, and keep it."""
     import torch
 
@@ -55,26 +52,17 @@ def train(task: str, sensing: str, seed: int) -> None:
     env = make_env(config, config.num_envs, seed)
     model = make_model(config, env, seed)
     model.learn(config.timesteps)
-    export_policy(model, {"env_id": config.env_id, "env_options": options}).save(policy_file(task, sensing, seed))
+    export_policy(model, {"env_id": config.env_id, "env_options": options}).save(policy_file(seed, task, sensing))
 
 
-def train_all(tasks: list[str], jobs: int) -> None:
-    """Train what is missing, a process each."""
+@cache
+def trained(task: str) -> dict[str, list[Policy]]:
+    """The policies of a task by their sensing, one a seed; all that are missing are trained first, a process each."""
     RUNS.mkdir(parents=True, exist_ok=True)
-    missing = [
-        (task, sensing, seed)
-        for seed in SEEDS for task in reversed(tasks) for sensing in SENSING
-        if not policy_file(task, sensing, seed).exists()
-    ]  # fmt: skip
-
-    def run(job: tuple[str, str, int]) -> None:
-        task, sensing, seed = job
-        words = [sys.executable, "-m", "benchmarks.learning.sensing", "--train", task, sensing, str(seed)]
-        subprocess.run(words, check=True)
-        print(f"{missing.index(job) + 1} of {len(missing)}: {task}, {sensing}, seed {seed}", flush=True)
-
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(run, missing))
+    missing = [job for job in product(SEEDS, reversed(TASKS), SENSING) if not policy_file(*job).exists()]
+    with ProcessPoolExecutor(available_processors(), multiprocessing.get_context("spawn")) as pool:
+        list(tqdm(pool.map(train, *zip(*missing, strict=True)), total=len(missing), unit="policy"))
+    return {sensing: [load_policy(policy_file(seed, task, sensing)) for seed in SEEDS] for sensing in SENSING}
 
 
 def score(policy: Policy, task: str) -> float:
@@ -87,41 +75,44 @@ def score(policy: Policy, task: str) -> float:
     return found
 
 
-def measure(tasks: list[str], jobs: int) -> None:
-    """Train, evaluate and write both tables; the rows of other tasks stay."""
-    train_all(tasks, jobs)
-    rows, held_out = [], []
-    for task in tasks:
+def sensing_rows() -> list[dict]:
+    """A row for each task and sensing, on the usual seeds."""
+    rows = []
+    for task in TASKS:
         shipped = load_policy(task)
-        trained = {sensing: [load_policy(policy_file(task, sensing, seed)) for seed in SEEDS] for sensing in SENSING}
         nodes = score(shipped, task)
-        for sensing, policies in {"nodes, shipped": [shipped], **trained}.items():
+        for sensing, policies in {"nodes, shipped": [shipped], **trained(task)}.items():
             scores = [score(policy, task) for policy in policies]
             mean = float(np.mean(scores))
             about = {"task": task, "sensing": sensing, "metric": protocols.SCORES[task], "seeds": len(policies)}
             numbers = {"score": mean, "lowest": min(scores), "of nodes": mean / nodes}
             rows.append(about | {name: round(value, 4) for name, value in numbers.items()})
-        for name, policies in (("shipped", [shipped]), (ROBUST, trained[ROBUST])):
+    return rows
+
+
+def held_out_rows() -> list[dict]:
+    """A row for each task, way of training and held-out condition."""
+    rows = []
+    for task in TASKS:
+        for name, policies in (("shipped", [load_policy(task)]), (ROBUST, trained(task)[ROBUST])):
             tables = [protocols.evaluate_held_out(policy) for policy in policies]
             for same in zip(*tables, strict=True):
                 numbers = {key: [row[key] for row in same] for key in ("value", "share", "failed")}
                 means_of = {key: round(float(np.mean(values)), 4) for key, values in numbers.items()}
-                held_out.append({"task": task, "policy": name, "condition": same[0]["condition"]} | means_of)
-    for name, made in (("learning/sensing.csv", rows), ("learning/held_out.csv", held_out)):
-        kept = [row for row in read_table(name) if row["task"] not in tasks] if set(tasks) != set(TASKS) else []
-        write_csv(name, sorted(made + kept, key=lambda row: TASKS.index(row["task"])), COMMAND)
+                rows.append({"task": task, "policy": name, "condition": same[0]["condition"]} | means_of)
+    return rows
 
 
 def draw() -> None:
     """Draw the held-out scores, over that of the shipped policy under no change."""
     figure, axes = panels(len(TASKS), (11.0, 5.0), sharey=True)
     for axis, task in zip(axes, TASKS, strict=True):
-        rows = [row for row in read_table("learning/held_out.csv") if row["task"] == task]
-        whole = next(row["value"] for row in rows if (row["policy"], row["condition"]) == ("shipped", "as built"))
+        rows = read_table("learning/held_out.csv", task=task)
+        (whole,) = select(rows, policy="shipped", condition="as built")
         for name, colour, shift in (("shipped", BLUE, -0.2), (ROBUST, ORANGE, 0.2)):
-            mine = [row for row in rows if row["policy"] == name]
+            mine = select(rows, policy=name)
             label = "trained without" if name == "shipped" else "trained with noise, delays and variation"
-            scores = [row["value"] / whole for row in mine]
+            scores = [row["value"] / whole["value"] for row in mine]
             axis.barh(np.arange(len(mine)) + shift, scores, 0.38, color=colour, label=label)
         axis.set_yticks(range(len(mine)), [row["condition"] for row in mine])
         axis.axvline(0.9, color="black", lw=0.8, ls=":")
@@ -131,21 +122,5 @@ def draw() -> None:
     save(figure, IMAGES / "held_out.svg")
 
 
-def main() -> None:
-    """Train, measure and draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("tasks", nargs="*", help=f"only these: {', '.join(TASKS)}")
-    parser.add_argument("--jobs", type=int, default=available_processors(), help="trainings side by side")
-    parser.add_argument("--train", nargs=3, metavar=("TASK", "SENSING", "SEED"), help="train one policy only")
-    given = parser.parse_args()
-    if unknown := set(given.tasks) - set(TASKS):
-        parser.error(f"unknown tasks {', '.join(sorted(unknown))}; choose from {', '.join(TASKS)}")
-    if given.train:
-        train(given.train[0], given.train[1], int(given.train[2]))
-    else:
-        measure(given.tasks or list(TASKS), given.jobs)
-        draw()
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"learning/sensing.csv": sensing_rows, "learning/held_out.csv": held_out_rows}, draw)

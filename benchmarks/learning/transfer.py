@@ -1,28 +1,15 @@
-"""The shipped policies and the motor controllers, made for the default fish, on every body: results/transfer.csv.
-
-python -m benchmarks.learning.transfer             a minute
-"""
-
-import argparse
+"""The shipped policies and the motor controllers, made for the default fish, on every body: results/transfer.csv."""
 
 import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.statistics import interval_of
-from benchmarks.common.tables import write_csv
+from benchmarks.common.tables import publish
 from benchmarks.learning.publish import PUBLICATIONS
-from fish_env.control import (
-    FIRST_SEED,
-    evaluate,
-    evaluation_options,
-    load_policy,
-    make_eval_env,
-    scripted,
-)
+from fish_env.control import FIRST_SEED, evaluate, evaluation_options, load_policy, make_eval_env, scripted
 from fish_env.control.policy import PRETRAINED
 from fish_env.training.config import CONFIGS
 
-COMMAND = "python -m benchmarks.learning.transfer"
 BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 50, "tetrahedral": 25}
 """Episodes on each body; fewer on the most expensive."""
 SHIPPED = ("swim", "turn", "left_after_right", "target", "avoid")
@@ -53,11 +40,5 @@ def shipped_rows() -> list[dict]:
     return found
 
 
-def main() -> None:
-    """The command line."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    print(write_csv("transfer.csv", shipped_rows(), COMMAND))
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"transfer.csv": shipped_rows})

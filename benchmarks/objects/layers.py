@@ -1,20 +1,15 @@
-"""Why two layers: one layer and two on a floor, with gas and without, and both layers in an impact.
-
-python -m benchmarks.objects.layers             table and chart (about 1 min)
-python -m benchmarks.objects.layers --draw      the chart again
-"""
+"""Why two layers: one layer and two on a floor, with gas and without, and both layers in an impact."""
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, ORANGE, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.charts import BLUE, ORANGE, panels, save
+from benchmarks.common.tables import RESULTS, columns, publish, read_table
 from fish_env import Tank
 from fish_env.soft.elements import make_compartments
 from fish_env.soft.objects import GLOBE, OBJECTS, RING, SPHERE, Layered, room
 from fish_env.soft.room import make_world
 from fish_env.soft.volume import volume_of
 
-COMMAND = "python -m benchmarks.objects.layers"
 STANDARD = {"ring": RING, "sphere": GLOBE, "uniform sphere": SPHERE}
 PRESSURES = (0.0, 0.0625, 0.125, 0.25, 0.5, 1.0)  # times the standard one
 SETTLING = 4.0  # s on the floor, after which most objects lie still
@@ -69,21 +64,21 @@ def impact(kind: str, inner_mass: float, speed=2.5) -> np.ndarray:
     return np.array(rows)
 
 
-def measure() -> None:
-    """Write the table."""
-    rows = [collapse(kind, layers, p) for kind in STANDARD for layers in (1, 2) for p in PRESSURES]
-    write_csv("objects_layers.csv", rows, COMMAND)
+def measure() -> list[dict]:
+    """A row for each object, number of layers and pressure."""
+    return [collapse(kind, layers, p) for kind in STANDARD for layers in (1, 2) for p in PRESSURES]
 
 
 def draw() -> None:
     """Draw what is kept over the pressure, rings without gas on a floor, and both layers' velocities in an impact."""
-    rows = read_table("objects_layers.csv")
     figure, (left, middle, right) = panels(3, (13.0, 3.9))
     for kind, marker in zip(STANDARD, "osv", strict=True):
         for layers, colour in ((1, ORANGE), (2, BLUE)):
-            line = [row for row in rows if (row["object"], row["layers"]) == (kind, layers)]
-            left.plot([row["pressure_over_standard"] for row in line], [row["kept"] for row in line], color=colour,
-                      marker=marker, label=f"{kind}, {'one layer' if layers == 1 else 'two'}")  # fmt: skip
+            line = columns(
+                read_table("objects_layers.csv", object=kind, layers=layers), "pressure_over_standard", "kept"
+            )
+            label = f"{kind}, {'one layer' if layers == 1 else 'two'}"
+            left.plot(*line, color=colour, marker=marker, label=label)
     left.set_xscale("symlog", base=2, linthresh=0.0625)
     left.set_xticks(PRESSURES, ["0", "1/16", "1/8", "1/4", "1/2", "1"])
     left.set(xlabel="gas pressure over the standard one", ylabel="area or volume over that of the unloaded object")
@@ -107,10 +102,5 @@ def draw() -> None:
     save(figure, RESULTS / "objects_layers.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"objects_layers.csv": measure}, draw)

@@ -16,39 +16,34 @@ NUDGE = 1e-9  # of the object's length
 DRAG_SPRING = (60.0, 0.5, 0.05)  # N/m, N s/m, m
 GRAB, LET_GO, PULL = 0.5, 1.2, 0.5  # s, s; how far the mouse moves, m a second
 
-SCENES = {}
-
 
 @dataclass(frozen=True)
 class Scene:
     """How an object starts, in what room, and whether the drag spring pulls it."""
 
     name: str
-    title: str
     restitution: float
     sideways: float  # m/s along x at the start
     hand: bool
     seconds: float
 
 
-for record in (
-    Scene("dropped", "dropped on a floor that reflects", 1.0, 0.0, False, 2.0),
-    Scene("thrown", "thrown at a wall; walls and floor damp", 0.5, 2.5, False, 2.0),
-    Scene("dragged", "dragged by the mouse and let go", 0.5, 0.0, True, 2.5),
-):
-    SCENES[record.name] = record
+SCENES = {
+    "dropped": Scene("dropped", 1.0, 0.0, False, 2.0),
+    "thrown": Scene("thrown", 0.5, 2.5, False, 2.0),
+    "dragged": Scene("dragged", 0.5, 0.0, True, 2.5),
+}
+"""Dropped on a floor that reflects; thrown at a wall, walls and floor damp; dragged by the mouse and let go."""
 
 
 class Moment(NamedTuple):
     """What a step ended with."""
 
-    time: float  # s
     energy: float  # of all kinds, J
     work: float  # that the drag spring has done so far, J
     depth: float  # of the node furthest behind a plane, m; negative while none is
     travel: float  # the furthest any node has moved in a step so far, m
     position: np.ndarray  # (N,3) m
-    hand: tuple[int, np.ndarray] | None  # the node at the end of the drag spring and where its other end is, (3,) m
 
 
 def stage(thing: InRoom, scene: Scene, integrator: str | None = None, dt: float | None = None, seed=None) -> Tank:
@@ -111,8 +106,7 @@ def play(
             travel = max(travel, float(np.linalg.norm(x - old, axis=1).max()))
             free = thing.body.inverse_mass.any(axis=1)
             depth = float((planes[:, 3, None] - planes[:, :3] @ x[free].T).max())
-            yield Moment(float(tank.time[0]), total(), work, depth, travel, x.copy(),
-                         None if point is None else (node, point))  # fmt: skip
+            yield Moment(total(), work, depth, travel, x.copy())
 
 
 def outside(thing: InRoom, x) -> int:

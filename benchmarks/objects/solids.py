@@ -1,8 +1,5 @@
 """Solids of finite elements: which method moves them.
 
-    python -m benchmarks.objects.solids             table and chart (about 2 min)
-    python -m benchmarks.objects.solids --draw      the chart again
-
 A beam oscillates in free flight: errors against a reference solution, and the largest stable step. Then it is let go
 oscillating, twisted by half a turn, or inside out, with shorter and shorter steps until it gains no energy in a second.
 Costs are medians of ratios, of steps that are timed in turn.
@@ -10,21 +7,10 @@ Costs are medians of ratios, of steps that are timed in turn.
 
 import numpy as np
 
-from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.charts import METHOD_STYLE, panels, save
+from benchmarks.common.tables import RESULTS, publish, read_table
 from benchmarks.common.timing import interleaved
-from benchmarks.objects.methods import (
-    DURATION,
-    STEPS,
-    column,
-    errors,
-    largest_stable,
-    largest_surviving,
-    line_of,
-    reference,
-    start,
-    swing,
-)
+from benchmarks.objects import methods
 from fish_env import Tank
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.world import VACUUM
@@ -32,7 +18,6 @@ from fish_env.soft.distorted import invert, twist
 from fish_env.soft.room import InRoom
 from fish_env.soft.solids import make_beam
 
-COMMAND = "python -m benchmarks.objects.solids"
 METHODS = ("explicit_euler", "midpoint", "rk4", "symplectic_euler", "leapfrog_chebyshev", "linearly_implicit",
            "rosenbrock")  # fmt: skip
 STRAINS = ("linear", "corotational", "green_lagrange")  # costs are over those of the first
@@ -46,7 +31,7 @@ def released(thing: InRoom, how: str, name: str, dt: float) -> Tank:
     """Tank with a solid in vacuum, about to oscillate, twisted, or inside out."""
     tank = Tank(thing, integrator=name, dt=dt, water=VACUUM, threads=1)
     if how == "swing":
-        tank.velocity[0] = swing(thing, 0.5)
+        tank.velocity[0] = methods.swing(thing, 0.5)
     else:
         tank.position[0] = {"twisted": twist, "inverted": invert}[how](thing)
     return tank
@@ -71,63 +56,56 @@ def add_costs(rows: list[dict], things: dict[str, InRoom]) -> None:
     """
 
     def timing(row, steps):
-        tank = start(things[row["strain"]], row["method"], DURATION / steps)
+        tank = methods.start(things[row["strain"]], row["method"], methods.DURATION / steps)
         begun, count = tank.get_state(), min(COST_STEPS, steps)
         return lambda: tank.set_state(begun), lambda: tank.advance(count), count
 
-    keys = [(row, steps) for row in rows for steps in STEPS if np.isfinite(row[column("error", steps)])]
+    keys = [(row, steps) for row in rows for steps in methods.STEPS if np.isfinite(row[methods.column("error", steps)])]
     keys.sort(key=lambda key: (key[0] is not rows[0], key[1] != FIRST))
     found = interleaved([timing(*key) for key in keys], ROUNDS)
     for row in rows:
-        row.update({column("cost", steps): np.nan for steps in STEPS})
+        row.update({methods.column("cost", steps): np.nan for steps in methods.STEPS})
     for (row, steps), cost in zip(keys, found, strict=True):
-        row[column("cost", steps)] = round(float(cost.ratio[1]), 2)
+        row[methods.column("cost", steps)] = round(float(cost.ratio[1]), 2)
 
 
-def methods() -> list[dict]:
+def compare() -> list[dict]:
     """Rows of every method on a beam of every measure of strain."""
     things = {strain: make_beam(strain=strain) for strain in STRAINS}
     rows = []
     for strain, thing in things.items():
-        exact = reference(thing)
+        exact = methods.reference(thing)
         for name in METHODS:
-            row = {"strain": strain, "method": name, **largest_stable(thing, name)}
+            row = {"strain": strain, "method": name, **methods.largest_stable(thing, name)}
             for how in STARTS:
                 row[f"{how}_ms"] = np.nan
                 if strain == "corotational":
-                    row[f"{how}_ms"] = 1e3 * largest_surviving(
+                    row[f"{how}_ms"] = 1e3 * methods.largest_surviving(
                         lambda dt, how=how, name=name, thing=thing: survives(thing, how, name, dt), TRIED
                     )
-            rows.append(row | errors(thing, name, exact))
-            print(rows[-1], flush=True)
+            rows.append(row | methods.errors(thing, name, exact))
     add_costs(rows, things)
     return rows
 
 
 def error_and_cost(row: dict) -> tuple[np.ndarray, np.ndarray]:
     """Errors below 1, and costs of 0.2 s, in steps of explicit Euler, of a row of the table."""
-    step, error = line_of(row, "error")
-    return error, DURATION / step * 1e3 * [row[f"cost_{each:g}_ms"] for each in step]
-
-
-def measure() -> None:
-    """Write the table."""
-    write_csv("solids_methods.csv", methods(), COMMAND)
+    step, error = methods.line_of(row, "error")
+    return error, methods.DURATION / step * 1e3 * [row[f"cost_{each:g}_ms"] for each in step]
 
 
 def draw() -> None:
     """Draw error over cost, linear and corotational, and the largest step of each start."""
-    rows = read_table("solids_methods.csv")
     figure, axes = panels(3, (14.0, 4.2))
     for panel, strain in zip(axes, ("linear", "corotational"), strict=False):
-        for row in (row for row in rows if row["strain"] == strain):
+        for row in read_table("solids_methods.csv", strain=strain):
             colour, marker = METHOD_STYLE[row["method"]]
             panel.loglog(*error_and_cost(row)[::-1], color=colour, marker=marker, markersize=4, linewidth=1.2,
                          label=row["method"])  # fmt: skip
         panel.set(title=f"beam, {strain} strain", xlabel="cost of 0.2 s, in steps of explicit Euler",
                   ylabel="error, beam's lengths", ylim=(1e-10, 1.0))  # fmt: skip
     axes[0].legend(frameon=False, fontsize=8)
-    for row in (row for row in rows if row["strain"] == "corotational"):
+    for row in read_table("solids_methods.csv", strain="corotational"):
         colour, marker = METHOD_STYLE[row["method"]]
         axes[2].semilogy(STARTS, [row[f"{how}_ms"] for how in STARTS], color=colour, marker=marker, markersize=6,
                          linewidth=0.8)  # fmt: skip
@@ -135,10 +113,5 @@ def draw() -> None:
     save(figure, RESULTS / "solids_methods.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"solids_methods.csv": compare}, draw)

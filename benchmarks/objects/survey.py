@@ -1,8 +1,5 @@
 """Elastic objects dropped, thrown and dragged, and Song's methods on hers (Song 2009, ch. 5 and 7).
 
-    python -m benchmarks.objects.survey             tables and chart (about 3 min)
-    python -m benchmarks.objects.survey --draw      chart again
-
 Steps that survive are those of a sixtieth of a second divided by a whole number with which an object passes through
 all three scenes: nothing fails, no inner node leaves the outer layer, and the energy grows by less than SURVIVES.
 """
@@ -12,14 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.charts import METHOD_STYLE, panels, save
+from benchmarks.common.tables import RESULTS, publish, read_table
 from benchmarks.objects.methods import errors, largest_stable, largest_surviving, line_of, reference
 from benchmarks.objects.scenes import FRAME, SCENES, energy_of_fall, outside, play, stage, watched
 from fish_env.soft.objects import OBJECTS, SONG
 from fish_env.soft.room import InRoom
 
-COMMAND = "python -m benchmarks.objects.survey"
 METHODS = ("explicit_euler", "midpoint", "rk4", "leapfrog_chebyshev")
 PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # steps of a sixtieth of a second
 SECONDS = 1.3  # of a scene that a step is to survive
@@ -50,7 +46,6 @@ def passes() -> list[dict]:
                          "growth": row["growth"], "growth_at_half_step": half["growth"],
                          "depth_over_travel": row["depth_over_travel"], "escapes": row["escapes"],
                          "times_real_time": real_time(thing, scene)})  # fmt: skip
-            print(rows[-1], flush=True)
     return rows
 
 
@@ -81,14 +76,7 @@ def methods() -> list[dict]:
                                      [FRAME / part for part in PARTS])  # fmt: skip
             rows.append({"object": kind, "method": name, **largest_stable(thing, name), "scenes_ms": 1e3 * step,
                          **errors(thing, name, exact)})  # fmt: skip
-            print(rows[-1], flush=True)
     return rows
-
-
-def measure() -> None:
-    """Write the tables."""
-    write_csv("objects_scenes.csv", passes(), COMMAND)
-    write_csv("objects_methods.csv", methods(), COMMAND)
 
 
 def draw() -> None:
@@ -108,10 +96,5 @@ def draw() -> None:
     save(figure, RESULTS / "objects_methods.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"objects_scenes.csv": passes, "objects_methods.csv": methods}, draw)

@@ -8,10 +8,13 @@ how far their nodes are apart is printed, and how far they may be. Then steps ar
 of episodes and new starts. Needs an NVIDIA GPU, and the extras [gpu] and [train]. docs/gpu.md has the numbers.
 """
 
-import argparse
 import time
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
+
+from benchmarks.common.tables import make_parser
 
 FISH = tuple(4**k for k in range(4, 11))
 ON_PROCESSOR = 4096  # fish
@@ -74,47 +77,44 @@ def largest_difference(device: str, dtype="float64", num_envs=CHECKED, seconds=S
     return largest
 
 
-def steps_a_second(num_envs: int, device: str, dtype: str, steps: int) -> float:
-    """Environment steps of all fish in a second, with random actions."""
+def steps_a_second(env, action, steps: int, wait: Callable[[], None]) -> float:
+    """Environment steps of all fish of an environment in a second, with an action; `wait` lets the device finish."""
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(action)
+    wait()
+    begun = time.perf_counter()
+    for _ in range(steps):
+        env.step(action)
+    wait()
+    seconds = time.perf_counter() - begun
+    env.close()
+    return env.num_envs * steps / seconds
+
+
+def rate_there(num_envs: int, device: str, dtype: str, steps: int) -> float:
+    """Steps a second on the GPU."""
     import torch
 
     from fish_env.gpu.torch_env import FishTorchEnv
 
     env = FishTorchEnv(num_envs, device, dtype=dtype, max_episode_steps=250)
-    env.reset(seed=0)
     action = 2.0 * torch.rand(num_envs, *env.single_action_space.shape, device=env.device) - 1.0
-    for _ in range(3):
-        env.step(action)
-    torch.cuda.synchronize(env.device)
-    begun = time.perf_counter()
-    for _ in range(steps):
-        env.step(action)
-    torch.cuda.synchronize(env.device)
-    seconds = time.perf_counter() - begun
-    env.close()
-    return num_envs * steps / seconds
+    return steps_a_second(env, action, steps, partial(torch.cuda.synchronize, env.device))
 
 
-def steps_a_second_here(num_envs: int, dtype: str, steps: int) -> float:
-    """The same on all processors of this machine."""
+def rate_here(num_envs: int, dtype: str, steps: int) -> float:
+    """Steps a second on all processors of this machine."""
     from fish_env.envs import FishVectorEnv
 
     env = FishVectorEnv(num_envs, dtype=dtype, max_episode_steps=250)
-    env.reset(seed=0)
     action = np.random.default_rng(0).uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
-    for _ in range(3):
-        env.step(action)
-    begun = time.perf_counter()
-    for _ in range(steps):
-        env.step(action)
-    seconds = time.perf_counter() - begun
-    env.close()
-    return num_envs * steps / seconds
+    return steps_a_second(env, action, steps, lambda: None)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__)
     parser.add_argument("--device", default="cuda", help="the GPU, as torch names it (cuda)")
     parser.add_argument("--steps", type=int, default=50, help="environment steps that are timed (50)")
     parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES), help="fish that are compared (all)")
@@ -129,12 +129,10 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     print("where,fish,precision,environment steps a second")
     for dtype in AGREEMENT:
-        print(
-            f"processor,{ON_PROCESSOR},{dtype},{steps_a_second_here(ON_PROCESSOR, dtype, args.steps):.4g}", flush=True
-        )
+        print(f"processor,{ON_PROCESSOR},{dtype},{rate_here(ON_PROCESSOR, dtype, args.steps):.4g}", flush=True)
         for num_envs in FISH:
             try:
-                rate = steps_a_second(num_envs, args.device, dtype, args.steps)
+                rate = rate_there(num_envs, args.device, dtype, args.steps)
                 print(f"{args.device},{num_envs},{dtype},{rate:.4g}", flush=True)
             except ValueError as error:  # more than its memory holds
                 print(f"{args.device},{num_envs},{dtype},{error}")

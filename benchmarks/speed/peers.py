@@ -1,7 +1,6 @@
 """How fast MuJoCo computes the same springs, and its environments a step: results/speed/peers.csv.
 
     pip install -c constraints.txt -e ".[peers]"
-    python -m benchmarks.speed.peers
 
 Everything runs in one process on one core (the last one it may use), measured in turn. The springs are the masses and
 springs of the default fish in vacuum, deformed and moving, by symplectic Euler (velocity first, then position with the
@@ -9,7 +8,6 @@ new velocity). MuJoCo is timed only if its masses arrive, after 1000 steps, wher
 symplectic Euler once `eulerdamp`, its implicit treatment of joint damping, is off.
 """
 
-import argparse
 import os
 from collections.abc import Iterator
 from functools import partial
@@ -20,11 +18,10 @@ import gymnasium as gym
 import numpy as np
 
 import fish_env
-from benchmarks.common.tables import write_csv
-from benchmarks.common.timing import interleaved
+from benchmarks.common.tables import publish
+from benchmarks.common.timing import interleaved, timed
 
 ROUNDS = 15
-SAMPLE = 0.04  # s that a simulator runs in a round, about
 BATCHES = (1, 256)
 STEP = 0.0003  # s: 0.4 of the largest stable step for small motion of this body at rest
 CHECKED, TOLERANCE = 1000, 1e-12  # steps after which positions are compared; body lengths that they may be apart
@@ -69,7 +66,7 @@ class Ours:
     name, package = "fish_env", "fish_env"
 
     def __init__(self, scene: Scene, dtype: str = "float64"):
-        self.scene, self.dtype = scene, dtype
+        self.scene, self.dtype, self.count = scene, dtype, len(scene.position)
         fish = fish_env.make_fish("mass_spring")
         self.tank = fish_env.Tank(fish, len(scene.position), "symplectic_euler", STEP, threads=1, dtype=dtype)
 
@@ -78,7 +75,7 @@ class Ours:
         self.tank.reset()
         self.tank.position[:], self.tank.velocity[:] = self.scene[:2]
 
-    def advance(self, steps: int) -> None:
+    def run(self, steps: int) -> None:
         """Take so many steps."""
         self.tank.advance(steps)
 
@@ -99,10 +96,10 @@ class Mujoco:
         import mujoco
         from mujoco import batch
 
-        self.scene, self.model, count = scene, mujoco.MjModel.from_xml_string(mjcf(scene)), len(scene.position)
+        self.scene, self.model, self.count = scene, mujoco.MjModel.from_xml_string(mjcf(scene)), len(scene.position)
         set_rest_lengths(self.model, scene)
-        self.data = mujoco.MjData(self.model) if count == 1 else batch.Batch(self.model, count, nthread=1)
-        self.step = partial(mujoco.mj_step, self.model, self.data) if count == 1 else self.data.step
+        self.data = mujoco.MjData(self.model) if self.count == 1 else batch.Batch(self.model, self.count, nthread=1)
+        self.step = partial(mujoco.mj_step, self.model, self.data) if self.count == 1 else self.data.step
 
     def start(self) -> None:
         """Put all fish to the start of the scene; `qpos` is how far the masses are from fish 0's start."""
@@ -112,7 +109,7 @@ class Mujoco:
         ):
             array[:] = values.reshape(array.shape)
 
-    def advance(self, steps: int) -> None:
+    def run(self, steps: int) -> None:
         """Take so many steps."""
         self.step(nstep=steps)
 
@@ -169,7 +166,7 @@ def disagreement(peer, steps: int = CHECKED) -> float:
     own = Ours(peer.scene)
     for each in (own, peer):
         each.start()
-        each.advance(steps)
+        each.run(steps)
     return float(np.abs(peer.position() - own.position()).max() / peer.scene.length)
 
 
@@ -183,14 +180,9 @@ def spring_rows(num_fish: int) -> list[dict]:
     peers = [Ours(scene), *([Ours(scene, "float32")] if num_fish > 1 else []), Mujoco(scene)]
     if not (apart := disagreement(peers[-1])) <= TOLERANCE:
         raise ValueError(f"MuJoCo is {apart:.1e} body lengths from fish_env, more than {TOLERANCE:.0e}")
-    runs = []
-    for peer in peers:
-        probe = interleaved([(peer.start, partial(peer.advance, 10), 10)], 3)[0].time[1]
-        steps = max(1, round(SAMPLE / (probe * 1e-6)))
-        runs.append((peer.start, partial(peer.advance, steps), steps * num_fish))
     return [
         row("springs", f"{peer.name}, {peer.dtype}", peer.package, num_fish, cost, STEP)
-        for peer, cost in zip(peers, interleaved(runs, ROUNDS), strict=True)
+        for peer, cost in zip(peers, timed(peers, ROUNDS, most=100_000), strict=True)
     ]
 
 
@@ -230,16 +222,12 @@ def row(what: str, name: str, package: str, copies: int, cost, interval: float) 
     }  # fmt: skip
 
 
-def main() -> None:
-    """Measure, print and write."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+def measure() -> list[dict]:
+    """All rows."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    rows = [each for num_fish in BATCHES for each in spring_rows(num_fish)] + environment_rows()
-    for each in rows:
-        print(*each.values(), sep="  ")
-    print(write_csv("speed/peers.csv", rows, "python -m benchmarks.speed.peers"))
+    return [each for num_fish in BATCHES for each in spring_rows(num_fish)] + environment_rows()
 
 
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"speed/peers.csv": measure})

@@ -1,8 +1,5 @@
 """Cost against the number of fish, and against the number of nodes of a body of tetrahedra.
 
-    python -m benchmarks.speed.scaling            results/scaling.csv and docs/images/scaling.svg (5 minutes, 3 GB)
-    python -m benchmarks.speed.scaling --draw     the chart again, from the CSV
-
 Fish: a control interval of the default fish on one thread. Nodes: a step of the fish of tetrahedra at its levels; and
 of bars clamped at one end that swing in vacuum, at a millisecond, so that only the number of force evaluations grows as
 their elements shrink. Processor time; medians and quartiles.
@@ -14,9 +11,9 @@ from functools import partial
 from tqdm import tqdm
 
 from benchmarks.common.beam import LENGTH, cantilever, loose
-from benchmarks.common.charts import measure_and_draw, panels, save
-from benchmarks.common.tables import IMAGES, read_table, write_csv
-from benchmarks.speed.throughput import Glide, Swim, costs, swimming
+from benchmarks.common.charts import BLUE, ORANGE, panels, save
+from benchmarks.common.tables import IMAGES, columns, publish, read_table
+from benchmarks.common.timing import Glide, Swim, costs, swimming
 from fish_env import Tank, make_fish
 
 FISH = (1, 2, 3, 4, 8, 16, 64, 256, 1024, 4096, 16_384, 100_000)
@@ -74,30 +71,18 @@ def by_nodes() -> list[dict]:
     return rows
 
 
-def measure() -> None:
-    """Write the table."""
-    write_csv("scaling.csv", by_fish() + by_nodes(), "python -m benchmarks.speed.scaling")
-
-
 def draw() -> None:
     """Left: a control interval of one fish against how many there are. Right: a step of one body against its nodes."""
     figure, (left, right) = panels(2)
-    rows = read_table("scaling.csv")
     for panel, key, names in ((left, "fish", ("float64", "float32")), (right, "nodes", ("fish", "bar"))):
-        for name, colour in zip(names, ("#0072B2", "#D55E00"), strict=True):
-            mine = [each for each in rows if each["what"] == name]
-            panel.loglog([each[key] for each in mine], [each["us"] for each in mine], "o-", color=colour,
-                         label=LABELS[name])  # fmt: skip
+        for name, colour in zip(names, (BLUE, ORANGE), strict=True):
+            mine = columns(read_table("scaling.csv", what=name), key, "us")
+            panel.loglog(*mine, "o-", color=colour, label=LABELS[name])
         panel.legend(frameon=False)
     left.set(xlabel="fish on one thread", ylabel="a control interval of one fish, us", ylim=(1, None))
     right.set(xlabel="nodes", ylabel="a step of one body, us")
     save(figure, IMAGES / "scaling.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"scaling.csv": lambda: by_fish() + by_nodes()}, draw)

@@ -1,34 +1,25 @@
 """Cost of fish and environments: one fish and many, environment steps, sensing, states, pictures, memory, first use.
 
-    python -m benchmarks.speed.throughput     results/throughput.csv (2 minutes)
-
 What is compared runs in turn, within one process, and is counted in processor time: other processes count less. Ratios
 are medians of those of each round. Everything is made several times: where its arrays come to lie in memory can cost a
 tank twice its time. Environment steps and first use are by the clock: they mean something on a quiet machine only.
 """
 
-import argparse
 import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from functools import partial
 from statistics import median
 
 import numpy as np
 
-from benchmarks.common.tables import write_csv
-from benchmarks.common.timing import Cost, interleaved
+from benchmarks.common.tables import publish
+from benchmarks.common.timing import ROUNDS, Swim, costs, interleaved, swimming, timed
 from fish_env import Tank, make_fish
-from fish_env.bodies import Fish
-from fish_env.control import best_gait
 from fish_env.envs import FishVectorEnv
 
-COMMAND = "python -m benchmarks.speed.throughput"
-SETS, ROUNDS = 3, 5  # how often all tanks are made, and are timed in turn
-SAMPLE = 0.04  # s of each run in a round, about
 SPREAD = 0.2  # by which the factors of varied fish differ from 1
 MANY = 256  # fish
 REPEATS, SECONDS = 5, 2  # of environments
@@ -53,18 +44,6 @@ print(int(fields["VmRSS"].split()[0]) / 1024)
 """
 
 
-def swimming(fish: Fish, num_fish: int, **options) -> Tank:
-    """Fish that have swum for a second, all in the same state."""
-    swimmer, gait = Tank(fish, 1, water=fish.water), best_gait()
-    steps = round(fish.control_interval / swimmer.dt)
-    for k in range(round(1.0 / fish.control_interval)):
-        swimmer.drive(gait.contraction(fish, k * fish.control_interval)[None], steps)
-    tank = Tank(fish, num_fish, water=fish.water, **{"threads": 1} | options)
-    state = swimmer.get_state() | {"counters": np.zeros((1, 5), dtype=np.int64)}
-    tank.set_state({name: np.repeat(value, num_fish, axis=0) for name, value in state.items()})
-    return tank
-
-
 def vary(tank: Tank) -> Tank:
     """Make every fish differ from the others."""
     generator = np.random.default_rng(0)
@@ -73,62 +52,6 @@ def vary(tank: Tank) -> Tank:
         current = 0.1 * tank.fish.length * generator.uniform(-1.0, 1.0, 3) * (not tank.fish.flat, 1.0, 0.0)
         tank.vary(i, stiffness, mass, drag, current)
     return tank
-
-
-class Glide:
-    """Steps of a tank whose fish are left alone."""
-
-    steps = 1
-    """Steps of what is timed."""
-
-    def __init__(self, tank: Tank):
-        self.tank, self.state = tank, tank.get_state()
-
-    def start(self) -> None:
-        """Back to where all began."""
-        self.tank.set_state(self.state)
-
-    def run(self, times: int) -> None:
-        """Glide on."""
-        self.tank.advance(times)
-        assert self.tank.alive.all(), self.tank.failure
-
-
-class Swim(Glide):
-    """Control intervals of a gait, of all fish of a tank."""
-
-    def __init__(self, tank: Tank):
-        super().__init__(tank)
-        fish, gait = tank.fish, best_gait()
-        self.steps = round(fish.control_interval / tank.dt)
-        beat = [gait.contraction(fish, k * fish.control_interval) for k in range(13)]
-        self.goals = [np.repeat(goal[None], tank.num_fish, axis=0) for goal in beat]
-
-    def run(self, times: int) -> None:
-        """Swim on."""
-        for k in range(times):
-            self.tank.drive(self.goals[k % len(self.goals)], self.steps)
-        assert self.tank.alive.all(), self.tank.failure
-
-
-def costs(make: Callable[[], list[Glide]], rounds: int = ROUNDS, sets: int = SETS) -> list[Cost]:
-    """Cost of an interval, or a step, and fish of each, and its ratio to the first's: medians over what is made."""
-    found = [timed(make(), rounds) for _ in range(sets)]
-    return [Cost(*np.median([tuple(cost) for cost in same], axis=0)) for same in zip(*found, strict=True)]
-
-
-def timed(works: list[Glide], rounds: int) -> list[Cost]:
-    """Costs of works that are at hand."""
-    runs = []
-    for work in works:
-        work.start()
-        work.run(1)  # compiles
-        work.start()
-        begin = time.process_time()
-        work.run(1)
-        often = max(1, min(200, round(SAMPLE / max(time.process_time() - begin, 1e-6))))
-        runs.append((work.start, partial(work.run, often), often * work.tank.num_fish))
-    return interleaved(runs, rounds)
 
 
 def intervals() -> list[tuple[str, float]]:
@@ -193,45 +116,43 @@ INSTRUMENTS = SENSED | {"observation": "sensors", "observation_noise": {"angular
 SMALL = {"render_mode": "rgb_array", "width": 84, "height": 84, "panel": False}
 
 
+class Steps:
+    """Steps of an environment with an action that is always the same, begun at a reset; perhaps with pictures."""
+
+    def __init__(self, env: FishVectorEnv, pictures=False):
+        self.env, self.pictures, self.count = env, pictures, env.num_envs
+        self.action = np.zeros(env.action_space.shape, dtype=np.float32)
+
+    def start(self) -> None:
+        """Begin anew."""
+        self.env.reset(seed=0)
+
+    def run(self, times: int) -> None:
+        """Step on."""
+        for _ in range(times):
+            self.env.step(self.action)
+            if self.pictures:
+                self.env.render()
+
+
 def options() -> list[tuple[str, float]]:
     """What noise, delays, a history and sensors add to an environment step; times of states and of small pictures."""
     found = []
     for count in (1, MANY):
         kinds = {"nodes": {}, "noise, delays and a history": SENSED, "the same, with sensors": INSTRUMENTS}
-        envs = {name: FishVectorEnv(count, task="swim", threads=1, **kind) for name, kind in kinds.items()}
-        runs = [prepared(env, partial(step, env, 4000 // count // 4), 4000 // count // 4) for env in envs.values()]
-        costs = dict(zip(envs, interleaved(runs, 4 * ROUNDS), strict=True))
-        found += [
-            (f"an environment step of {count} fish, {name}, over one of nodes", cost.ratio[1])
-            for name, cost in list(costs.items())[1:]
-        ]
-        env = envs["nodes"]
-        state, often = env.get_state(), max(1, 500 // count)
-        works = (lambda env=env: env.get_state(), lambda env=env, state=state: env.set_state(state))
-        pair = [(lambda: None, partial(repeat, work, often), often * count) for work in works]
-        for name, cost in zip(("get_state", "set_state"), interleaved(pair, 4 * ROUNDS), strict=True):
+        envs = [FishVectorEnv(count, task="swim", threads=1, **kind) for kind in kinds.values()]
+        _, *costs = timed([Steps(env) for env in envs], 4 * ROUNDS, 1000)
+        for name, cost in zip(list(kinds)[1:], costs, strict=True):
+            found.append((f"an environment step of {count} fish, {name}, over one of nodes", cost.ratio[1]))
+        env, often = envs[0], max(1, 500 // count)
+        for name, work in (("get_state", env.get_state), ("set_state", partial(env.set_state, env.get_state()))):
+            (cost,) = interleaved([(lambda: None, partial(repeat, work, often), often * count)], 4 * ROUNDS)
             found.append((f"{name} of {count} fish, us a fish", cost.time[1]))
     for camera in ("above", "side", "follow"):
         env = FishVectorEnv(1, task="swim", threads=1, camera=camera, **SMALL)
-        cost = interleaved([prepared(env, partial(repeat, partial(draw, env), 50), 50)], ROUNDS)[0]
+        (cost,) = timed([Steps(env, pictures=True)], ROUNDS)
         found.append((f"pictures of 84 x 84 a second, {camera}, with the step", 1e6 / cost.time[1]))
     return found
-
-
-def prepared(env: FishVectorEnv, run: Callable[[], None], steps: int) -> tuple:
-    """A run of an environment for `interleaved`, that begins at a reset."""
-    return lambda: env.reset(seed=0), run, steps * env.num_envs
-
-
-def step(env: FishVectorEnv, times: int) -> None:
-    """Step with an action that is always the same."""
-    repeat(partial(env.step, np.zeros(env.action_space.shape, dtype=np.float32)), times)
-
-
-def draw(env: FishVectorEnv) -> None:
-    """Step and draw."""
-    step(env, 1)
-    env.render()
 
 
 def repeat(work: Callable[[], object], times: int) -> None:
@@ -240,14 +161,10 @@ def repeat(work: Callable[[], object], times: int) -> None:
         work()
 
 
-def main() -> None:
-    """Measure, print and write."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rows = [{"quantity": name, "value": f"{value:.5g}"} for name, value in environments() + intervals() + options()]
-    for each in rows:
-        print(*each.values(), sep="  ")
-    print(write_csv("throughput.csv", rows, COMMAND))
+def measure() -> list[dict]:
+    """A row for each quantity."""
+    return [{"quantity": name, "value": f"{value:.5g}"} for name, value in environments() + intervals() + options()]
 
 
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"throughput.csv": measure})

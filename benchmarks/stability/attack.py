@@ -10,7 +10,6 @@ eighth of the step: if that fails too, the cause is what was done to the fish, n
 stored in tests/worst.npz.
 """
 
-import argparse
 import math
 import sys
 
@@ -18,12 +17,11 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.problems import scaled, swimming
-from benchmarks.common.tables import write_csv
+from benchmarks.common.tables import make_parser, write_csv
 from benchmarks.stability.attack_search import search
 from benchmarks.stability.cases import STORED, Settings, Tally, case_of, drive, own_settings, store, tank_at
 from benchmarks.stability.mistreatment import GOALS, LEVELS, Family, at_rest, beginning, families
-from fish_env import BODIES, make_fish
-from fish_env.bodies import Fish
+from fish_env import BODIES, Fish, make_fish
 
 COMMAND = "python -m benchmarks.stability.attack"
 FISH, EVALUATIONS = 10_000, 10_000  # of the default fish: in all families; of the search
@@ -71,25 +69,19 @@ def attack_body(name: str, how: Settings, fish: int, evaluations: int, bar) -> t
 
 
 def attack(bodies=tuple(BODIES), fish=FISH, evaluations=EVALUATIONS) -> list[dict]:
-    """Attack bodies; a row of the table for each family and search, those found before Ctrl-C.
+    """Attack bodies; a row of the table for each family and search.
 
     Other bodies than the default one take OTHERS times fewer fish and evaluations. The CSV and the stored cases are
     replaced only by an attack on every body with the default numbers.
     """
-    rows, cases, default, complete = [], [], make_fish().name, False
+    rows, cases, default = [], [], make_fish().name
     effort = {name: 1 if name == default else OTHERS for name in bodies}
-    publish = (set(bodies), fish, evaluations) == (set(BODIES), FISH, EVALUATIONS)
     with tqdm(total=sum((fish + evaluations) // less for less in effort.values()), unit="fish") as bar:
-        try:
-            for name, less in effort.items():
-                how = own_settings(make_fish(name))
-                found = attack_body(name, how, fish / less, evaluations // less, bar)
-                rows += found[0]
-                cases += found[1]
-            complete = True
-        except KeyboardInterrupt:
-            print("interrupted: the CSV and the stored cases stay as they were")
-    if publish and complete:
+        for name, less in effort.items():
+            found = attack_body(name, own_settings(make_fish(name)), fish / less, evaluations // less, bar)
+            rows += found[0]
+            cases += found[1]
+    if (set(bodies), fish, evaluations) == (set(BODIES), FISH, EVALUATIONS):
         write_csv("attack.csv", rows, COMMAND)
         store(cases)
     return rows
@@ -108,7 +100,7 @@ def report(rows: list[dict]) -> bool:
 
 def main() -> int:
     """The command line; exit 1 if the default fish fails where RK4 does not."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__)
     parser.add_argument("--body", choices=BODIES, help="only this one")
     parser.add_argument("--fish", type=int, default=FISH, help=f"in all families of random actions ({FISH:,})")
     parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help=f"of the search ({EVALUATIONS:,})")

@@ -4,8 +4,7 @@ import numpy as np
 
 from benchmarks.stability.cases import Settings, Tally, case_of
 from benchmarks.stability.mistreatment import LEVELS, Family, beginning
-from fish_env import make_fish
-from fish_env.bodies import Fish
+from fish_env import Fish, make_fish
 
 POPULATION, SEARCHED = 50, 200  # of the search; control intervals a candidate is driven
 

@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,23 +12,26 @@ from benchmarks.common.measures import stretch_and_energy
 from benchmarks.common.problems import scaled
 from benchmarks.common.tables import ROOT
 from benchmarks.stability.mistreatment import LEVELS, Family
-from fish_env import make_fish
-from fish_env.bodies import Fish
-from fish_env.physics.tank import Tank
+from fish_env import Fish, Tank, make_fish
 
 WORST = ROOT / "tests" / "worst.npz"
 STORED = 2  # worst sequences of a batch considered, and of each kind of failure of a body stored
 EXPLAINED = 50  # failures of a family that are run again with RK4
 
 
-def drive(tank: Tank, goals: np.ndarray) -> dict[str, np.ndarray]:
-    """Drive a tank through goals (K,B,M): worst stretch, when that was, highest energy and when a fish failed, (B,)."""
+def drive(tank: Tank, goals: np.ndarray, watch: Callable[[Tank], None] | None = None) -> dict[str, np.ndarray]:
+    """Drive a tank through goals (K,B,M): worst stretch, when that was, highest energy and when a fish failed, (B,).
+
+    `watch` is told of every control interval.
+    """
     substeps = round(tank.fish.control_interval / tank.dt)
     stretch, when, highest, failed = np.zeros((4, tank.num_fish))
     failed[:] = np.inf
     for k, goal in enumerate(goals):
         tank.drive(goal / LEVELS, substeps)
         failed[~tank.alive & np.isinf(failed)] = k
+        if watch is not None:
+            watch(tank)
         longest, energy = stretch_and_energy(tank)
         when[longest > stretch] = k
         stretch = np.maximum(stretch, longest)
@@ -99,25 +103,26 @@ class Tally:
         fish: of the family.
         family: how they are mistreated.
         how: how they are moved.
+        explained: how many failures are run again with RK4.
     """
 
-    def __init__(self, fish: Fish, family: Family, how: Settings):
-        self.fish, self.family, self.how = fish, family, how
+    def __init__(self, fish: Fish, family: Family, how: Settings, explained=EXPLAINED):
+        self.fish, self.family, self.how, self.explained = fish, family, how, explained
         self.count, self.rerun, self.both, self.stretch, self.energy = 0, 0, 0, 0.0, 0.0
         self.reasons: Counter[str] = Counter()
 
-    def drive(self, start, goals: np.ndarray) -> tuple[Tank, dict[str, np.ndarray], np.ndarray]:
+    def drive(self, start, goals: np.ndarray, watch=None) -> tuple[Tank, dict[str, np.ndarray], np.ndarray]:
         """Drive a batch from positions and velocities (B,N,3); the tank, what `drive` found, and whom RK4 was tried on.
 
-        Failed fish, EXPLAINED of a family at most, are run again with RK4.
+        Failed fish are run again with RK4.
         """
         tank = tank_at(self.fish, self.how, *start)
-        found = drive(tank, goals)
+        found = drive(tank, goals, watch)
         self.count += tank.num_fish
         self.reasons.update(tank.failure[~tank.alive])
         self.stretch = max(self.stretch, found["stretch"].max())
         self.energy = max(self.energy, found["energy"][tank.alive].max(initial=0.0))
-        lost = np.flatnonzero(~tank.alive)[: EXPLAINED - self.rerun]
+        lost = np.flatnonzero(~tank.alive)[: self.explained - self.rerun]
         if lost.size:
             again = (*(part[lost] for part in start), goals[:, lost], found["failed"][lost])
             self.rerun += lost.size
@@ -126,14 +131,21 @@ class Tally:
 
     def row(self, usual: float) -> dict:
         """Row of the table; `usual` is the highest energy, J, of a fish that swims the gait."""
-        failures = sum(self.reasons.values())
+        lost = self.lost()
+        again = {name: lost.pop(name) for name in ("rerun_with_rk4", "rk4_fails_too")}
         return {
             "body": self.fish.name, "family": self.family.name, "integrator": self.how.integrator,
             "step_s": self.fish.control_interval / self.how.substeps, "refine": self.how.refine,
-            "fish": self.count, "failures": failures,
+            **lost, "worst_stretch": round(float(self.stretch), 4),
+            "peak_energy_over_gait": round(float(self.energy / usual), 2) if self.count > lost["failures"] else np.nan,
+            **again,
+        }  # fmt: skip
+
+    def lost(self) -> dict:
+        """How many fish there were, and how many failed why."""
+        return {
+            "fish": self.count, "failures": self.reasons.total(),
             "reasons": "; ".join(f"{count} {reason}" for reason, count in self.reasons.items()),
-            "worst_stretch": round(float(self.stretch), 4),
-            "peak_energy_over_gait": round(float(self.energy / usual), 2) if self.count > failures else np.nan,
             "rerun_with_rk4": self.rerun, "rk4_fails_too": self.both,
         }  # fmt: skip
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from fish_env import Tank
 from fish_env.physics.body import make_body
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import Body
-from fish_env.physics.tank import Tank
 from fish_env.physics.world import VACUUM
 
 

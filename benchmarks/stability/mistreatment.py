@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.stability.linear import modes
-from fish_env.bodies import Fish
+from fish_env import Fish
 from fish_env.bodies.mass_spring import LAYERS
 
 INTERVALS = 500  # control intervals a fish is driven: 10 s of the default

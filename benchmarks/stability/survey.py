@@ -1,8 +1,5 @@
 """Step-size limits of every method: against stiffness, on the abrupt manoeuvre, and by linear theory.
 
-    taskset -c 1 python -m benchmarks.stability.survey          every method, step and stiffness (20 min): CSV and chart
-    taskset -c 1 python -m benchmarks.stability.survey --draw   the chart again, from the CSV
-
 A run is stable if the fish does not fail and its energy, kinetic and elastic, never exceeds BOUND times the reference
 solution's. The largest stable step is the largest below which every tested one is stable: stability can come and go
 with the step. With a step beyond the control interval, a command lasts as long as the step.
@@ -11,25 +8,14 @@ with the step. With a step beyond the control interval, a command lasts as long 
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import METHOD_STYLE, measure_and_draw, panels, save
+from benchmarks.common import problems
+from benchmarks.common.charts import METHOD_STYLE, panels, save
 from benchmarks.common.measures import stretch_and_energy
-from benchmarks.common.problems import (
-    FIXED,
-    LEAD,
-    LEFT,
-    RIGHT,
-    NotConvergedError,
-    distance,
-    left_after_right,
-    scaled,
-)
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.problems import FIXED
+from benchmarks.common.tables import RESULTS, publish, read_table
 from benchmarks.stability.linear import linear_limit
-from fish_env import BODIES, INTEGRATORS, make_fish
-from fish_env.bodies import Fish
-from fish_env.physics.tank import Tank
+from fish_env import BODIES, INTEGRATORS, Fish, Tank, make_fish
 
-COMMAND = "python -m benchmarks.stability.survey"
 STIFFNESS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4)  # factors on the springs' stiffness, damping as it is
 INTERVALS_PER_STEP = (10, 5, 2)  # of the steps that are longer than a control interval
 FINEST = 1024  # steps a control interval down to which every step is tried
@@ -41,7 +27,7 @@ CONVERGED = 1e-4  # body lengths: how little halving its steps may change the re
 
 def manoeuvre(fish: Fish) -> np.ndarray:
     """The abrupt manoeuvre until 10 control intervals after the turn: 56 rows of goals."""
-    return left_after_right(fish)[: LEAD + RIGHT + LEFT + 10]
+    return problems.left_after_right(fish)[: problems.LEAD + problems.RIGHT + problems.LEFT + 10]
 
 
 def motion(fish: Fish, name: str, substeps: int, intervals: int = 1) -> tuple[np.ndarray, float, Tank]:
@@ -69,8 +55,10 @@ def reference_energy(fish: Fish) -> float:
     substeps = max(512, int(0.2 * 1000 * fish.control_interval * np.sqrt(fish.body.max_stiffness_eigenvalue) / 20))
     coarse, _, _ = motion(fish, "rk4", substeps)
     path, highest, tank = motion(fish, "rk4", 2 * substeps)
-    if not tank.alive[0] or not distance(fish, path, coarse) <= CONVERGED:
-        raise NotConvergedError(f"{fish.name}: RK4 with {2 * substeps} steps a control interval is not accurate enough")
+    if not tank.alive[0] or not problems.distance(fish, path, coarse) <= CONVERGED:
+        raise problems.NotConvergedError(
+            f"{fish.name}: RK4 with {2 * substeps} steps a control interval is not accurate enough"
+        )
     return highest
 
 
@@ -116,7 +104,7 @@ def limit(found: dict[float, bool]) -> tuple[float, float]:
 def cases() -> list[tuple[str, float, Fish]]:
     """(body, stiffness factor, fish): the default fish at every stiffness, every other body as it is."""
     default = make_fish()
-    stiff = [(default.name, factor, scaled(default, stiffness=factor)) for factor in STIFFNESS]
+    stiff = [(default.name, factor, problems.scaled(default, stiffness=factor)) for factor in STIFFNESS]
     return stiff + [(name, 1.0, make_fish(name)) for name in BODIES if name != default.name]
 
 
@@ -136,17 +124,17 @@ def limits(fish: Fish) -> list[dict]:
     ]  # fmt: skip
 
 
-def measure() -> None:
-    """Write the table."""
+def measure() -> list[dict]:
+    """The rows of every fish."""
     rows = []
     for body, factor, fish in tqdm(cases(), unit="fish"):
         rows += [{"body": body, "stiffness": factor} | row for row in limits(fish)]
-    write_csv("stability_limits.csv", rows, COMMAND)
+    return rows
 
 
 def draw() -> None:
     """Draw the largest stable step against stiffness: measured, a marker; linear theory, a dashed line."""
-    table, fish = read_table("stability_limits.csv"), make_fish()
+    fish = make_fish()
     implicit = [name for name in FIXED if INTEGRATORS[name].factorisations and name != "semi_implicit"]
     shared = [name for name in FIXED if name not in implicit]
     figure, axes = panels(2, (12.5, 6), sharey=True)
@@ -154,7 +142,7 @@ def draw() -> None:
     for panel, names, title in zip(axes, (shared, implicit), ("explicit, stabilised and Tu's", "linearly implicit"),
                                    strict=True):  # fmt: skip
         for name in names:
-            line = [row for row in table if row["body"] == fish.name and row["integrator"] == name]
+            line = read_table("stability_limits.csv", body=fish.name, integrator=name)
             colour, marker = METHOD_STYLE.get(name, ("#444444", "P"))
             factor = [row["stiffness"] for row in line]
             hollow = name in ("semi_implicit", "linearly_implicit_water")  # so that what lies beneath is seen
@@ -174,10 +162,5 @@ def draw() -> None:
     save(figure, RESULTS / "stability.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"stability_limits.csv": measure}, draw)

@@ -1,7 +1,5 @@
 """What water with inertia does to stability: fish attacked, the largest steps of methods, and the abrupt turn.
 
-    taskset -c 1 python -m benchmarks.stability.water      every body, calibrated for it and for drag (12 min)
-
 Fish whose nodes move a little are driven for 10 s: every muscle at random, or all or nothing at random (bang-bang);
 segments and sides all or nothing at the body's natural frequencies (resonant); all muscles of one side or of the other,
 alternating by chance, or as square waves of 1 to 12 Hz. A fish that fails is run again with RK4 at an eighth of the
@@ -10,25 +8,20 @@ Largest steps are those of `benchmarks.stability.survey`. The abrupt turn's erro
 any time from RK4, and its magnification that of a small disturbance, for factors on stiffness and on damping.
 """
 
-import argparse
 import math
-from collections import Counter
-from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.measures import pose_of
 from benchmarks.common.problems import Problem, distance, left_after_right, magnified, reference, run, scaled, steps_of
-from benchmarks.common.tables import write_csv
-from benchmarks.stability.cases import explained, own_settings, tank_at
-from benchmarks.stability.mistreatment import GOALS, INTERVALS, LEVELS, at_rest, noise
+from benchmarks.common.tables import publish
+from benchmarks.stability.cases import Tally, own_settings
+from benchmarks.stability.mistreatment import GOALS, INTERVALS, LEVELS, Family, at_rest, noise
 from benchmarks.stability.survey import limits
-from fish_env import make_fish
-from fish_env.bodies import Fish
+from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import WATERS
 
-COMMAND = "python -m benchmarks.stability.water"
 FISH = {"mass_spring": 1024, "planar": 256, "two_layer": 64, "tetrahedral": 32}  # of each body and kind of command
 BATCH, EXPLAINED = 256, 16  # fish at a time; failures that are run again
 NOISE = 0.05  # body lengths/s: node velocities at the start, so that an unstable roll has something to grow from
@@ -61,54 +54,27 @@ KINDS = {
 }  # fmt: skip
 
 
-class Found(NamedTuple):
-    """What became of the fish of a batch, (B,): degrees of roll and pitch at most, intervals that were refined."""
-
-    roll: np.ndarray
-    pitch: np.ndarray
-    refined: np.ndarray
-    failure: list[str]
-    failed: np.ndarray
-    """Control interval in which a fish failed; inf."""
-
-
-def drive(fish: Fish, start, goals: np.ndarray) -> Found:
-    """Drive fish from positions and velocities (B,N,3) through goals (K,B,M), at their own step and in their water."""
-    count = goals.shape[1]
-    tank = tank_at(fish, own_settings(fish), *start)
-    roll, pitch, failed = np.zeros(count), np.zeros(count), np.full(count, np.inf)
-    for k, goal in enumerate(goals):
-        tank.drive(goal / LEVELS, steps_of(fish))
-        failed[~tank.alive & np.isinf(failed)] = k
-        height = np.clip(pose_of(tank).axes[:, :, 2], -1.0, 1.0)
-        roll = np.fmax(roll, np.degrees(np.abs(np.arctan2(height[:, 1], height[:, 2]))))
-        pitch = np.fmax(pitch, np.degrees(np.abs(np.arcsin(height[:, 0]))))
-    refined = tank.counters["refinements"].copy()
-    tank.close()
-    return Found(roll, pitch, refined, tank.failure.tolist(), failed)
-
-
 def attack(fish: Fish, kind: str, count: int) -> dict:
-    """Drive `count` fish by a kind of command; what became of them."""
-    found, lost, both = [], 0, 0
+    """Drive `count` fish by a kind of command, at their own step and in their water; what became of them."""
+    tally, found = Tally(fish, Family(kind, 1.0, kind), own_settings(fish), EXPLAINED), []
     for first in range(0, count, BATCH):
         size = min(BATCH, count - first)
         generator = np.random.default_rng([list(KINDS).index(kind), first])
         goals = KINDS[kind](fish, size, generator)
         start = at_rest(fish, size, None)[0], noise(fish, NOISE * fish.length, size, generator)
-        found.append(drive(fish, start, goals))
-        failed = np.flatnonzero(np.isfinite(found[-1].failed))[: EXPLAINED - lost]
-        if failed.size:
-            again = (*(part[failed] for part in start), goals[:, failed], found[-1].failed[failed])
-            both += explained(fish, steps_of(fish), *again)
-            lost += failed.size
-    reasons = Counter(reason for each in found for reason in each.failure if reason)
-    roll, pitch, refined = (np.concatenate([getattr(each, name) for each in found]) for name in Found._fields[:3])
+        leaning = np.zeros((2, size))  # degrees of roll and pitch at most
+
+        def watch(tank, leaning=leaning):
+            height = np.clip(pose_of(tank).axes[:, :, 2], -1.0, 1.0)
+            angles = np.arctan2(height[:, 1], height[:, 2]), np.arcsin(height[:, 0])
+            leaning[:] = np.fmax(leaning, np.degrees(np.abs(angles)))
+
+        tank, *_ = tally.drive(start, goals, watch)
+        found.append((*leaning, tank.counters["refinements"].copy()))
+        tank.close()
+    roll, pitch, refined = np.concatenate(found, axis=1)
     return {
-        "commands": kind, "fish": count, "failures": reasons.total(),
-        "reasons": "; ".join(f"{number} {reason}" for reason, number in reasons.items()),
-        "rerun_with_rk4": lost, "rk4_fails_too": both,
-        "refined_percent": round(100.0 * float(refined.mean()) / INTERVALS, 3),
+        "commands": kind, **tally.lost(), "refined_percent": round(100.0 * float(refined.mean()) / INTERVALS, 3),
         "rolled_percent": round(100.0 * float((roll > TILTED).mean()), 3),
         "pitched_percent": round(100.0 * float((pitch > TILTED).mean()), 3),
         "median_roll_deg": round(float(np.median(roll)), 2),
@@ -156,18 +122,5 @@ def turns() -> list[dict]:
     return rows
 
 
-TABLES = {"water_stability.csv": attacked, "water_limits.csv": margins, "water_turn.csv": turns}
-
-
-def main() -> None:
-    """Write the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=TABLES, help="one of the tables")
-    only = parser.parse_args().only
-    for name, measure in TABLES.items():
-        if only in (None, name):
-            print(write_csv(name, measure(), COMMAND))
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"water_stability.csv": attacked, "water_limits.csv": margins, "water_turn.csv": turns})

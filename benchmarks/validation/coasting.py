@@ -1,20 +1,16 @@
 """Straight bodies towed through water: their drag coefficient on the wetted surface, beside coasting fish.
 
-python -m benchmarks.validation.coasting            tows them (seconds)
-python -m benchmarks.validation.coasting --draw     the chart again
-
 Bluegill sunfish that coast have 0.015 ± 0.007 at a Reynolds number of 41,000 by their length (Gellman, Tandler, de la
 Cruz & Ellerby, abstract P1-45 of a meeting of the Society for Integrative and Comparative Biology).
 """
 
 import numpy as np
 
-from benchmarks.common.charts import GREY, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.charts import GREY, panels, save
+from benchmarks.common.tables import RESULTS, columns, publish, read_table
 from fish_env import Fish, make_fish, make_water, prescribe
 from fish_env.physics.world import BLASIUS
 
-COMMAND = "python -m benchmarks.validation.coasting"
 DENSITY, VISCOSITY = 1000.0, 1.0e-6  # kg/m3, m2/s
 REYNOLDS = (10_000.0, 41_000.0, 160_000.0)
 COEFFICIENT, SPREAD, AT = 0.015, 0.007, 41_000.0
@@ -29,8 +25,8 @@ def surface(fish: Fish) -> float:
     return float(0.5 * np.linalg.norm(np.cross(r - p, s - q), axis=1).sum())
 
 
-def measure() -> None:
-    """Write the table."""
+def measure() -> list[dict]:
+    """A row for each fish, water and Reynolds number."""
     rows = []
     for name, options in BODIES.items():
         fish = make_fish(**options)
@@ -42,17 +38,16 @@ def measure() -> None:
                 pull = -prescribe(fish, np.zeros((1, 4)), 1.0, water=water, speed=speed).force[0, 0]
                 coefficient = pull / (0.5 * DENSITY * speed**2 * surface(fish))
                 rows.append({"fish": name, "water": level, "reynolds": reynolds, "coefficient": round(coefficient, 5)})
-    print(write_csv("validation/coasting.csv", rows, COMMAND))
+    return rows
 
 
 def draw() -> None:
     """The coefficient against the Reynolds number."""
-    rows = read_table("validation/coasting.csv")
     figure, axes = panels(2, (10.0, 3.6), sharey=True)
     for panel, name in zip(axes, BODIES, strict=True):
         for level in ("drag", "drag, friction"):
-            own = [row for row in rows if (row["fish"], row["water"]) == (name, level)]
-            panel.plot([row["reynolds"] for row in own], [row["coefficient"] for row in own], "o-", label=level)
+            own = read_table("validation/coasting.csv", fish=name, water=level)
+            panel.plot(*columns(own, "reynolds", "coefficient"), "o-", label=level)
         panel.plot(REYNOLDS, BLASIUS / np.sqrt(REYNOLDS), ":", color=GREY, label="laminar flat plate")
         panel.errorbar([AT], [COEFFICIENT], [SPREAD], fmt="kD", capsize=4, label="bluegill, coasting")
         panel.set(title=name, xscale="log", xlabel="Reynolds number", ylim=(0, 0.03))
@@ -61,10 +56,5 @@ def draw() -> None:
     save(figure, RESULTS / "validation" / "coasting.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"validation/coasting.csv": measure}, draw)

@@ -1,8 +1,5 @@
 """A computed eel's midline imposed on its body: the speed at which it swims.
 
-python -m benchmarks.validation.eel            imposes the midline (a minute)
-python -m benchmarks.validation.eel --draw     the chart again
-
 Shape, midline and viscosity are those of Kern & Koumoutsakos (2006, J. Exp. Biol. 209:4841), who solve the
 Navier-Stokes equations: length and period are 1, the viscosity is 1.4e-4. Their speed, 0.40, is quoted from memory.
 Their abstract says that eels swim 0.26 to 0.5 body lengths a beat.
@@ -10,12 +7,10 @@ Their abstract says that eels swim 0.26 to 0.5 body lengths a beat.
 
 import numpy as np
 
-from benchmarks.common.charts import measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
-from benchmarks.validation.waters import COLOURS, bars, off, waters
-from fish_env import make_fish, prescribe
+from benchmarks.common.tables import publish
+from benchmarks.validation.waters import draw_swims, swims
+from fish_env import make_fish
 
-COMMAND = "python -m benchmarks.validation.eel"
 SPEED, VISCOSITY = 0.40, 1.4e-4  # body lengths a beat; squared body lengths a beat
 LENGTH, PERIOD = 0.3, 1.0  # m, s: any will do, because the viscosity follows them
 PLACES = np.array(
@@ -39,36 +34,11 @@ def midline(places, time):
     return 4.0 / 33.0 * (places + 0.03125) * np.sin(2.0 * np.pi * (places - time / PERIOD))
 
 
-def measure() -> None:
-    """Write the table."""
-    fish, rows = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline()), []
-    for name, water in waters(fish, VISCOSITY * LENGTH**2 / PERIOD).items():
-        swum = prescribe(fish, midline, PERIOD, water=water)
-        rows.append({
-            "water": name, "speed_bl_beat": round(swum.relative_speed * PERIOD, 3), "published": SPEED,
-            "off_percent": off(swum.relative_speed * PERIOD, SPEED), "strouhal": round(swum.strouhal, 3),
-            **{f"sweep_{k}": round(sweep, 4) for k, sweep in enumerate(swum.sweep[::2])},
-        })  # fmt: skip
-    print(write_csv("validation/eel.csv", rows, COMMAND))
-
-
-def draw() -> None:
-    """Sweep along the body and speed, of every level of water and of the computed eel."""
-    rows = read_table("validation/eel.csv")
-    figure, (left, right) = panels(2, (10.0, 3.8))
-    for row in rows:
-        left.plot(np.linspace(0.0, 1.0, 21), [row[f"sweep_{k}"] for k in range(21)], color=COLOURS[row["water"]],
-                  label=row["water"])  # fmt: skip
-    left.set(xlabel="from the nose, BL", ylabel="sweep, BL", ylim=(0, None))
-    left.legend(frameon=False, fontsize=8)
-    bars(right, rows, "speed_bl_beat", SPEED, "speed, BL a beat (band: 10 %)")
-    save(figure, RESULTS / "validation" / "eel.svg")
-
-
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
+def measure() -> list[dict]:
+    """A row for each level of water."""
+    fish = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline())
+    return swims(fish, VISCOSITY * LENGTH**2 / PERIOD, midline, PERIOD, "beat", SPEED)
 
 
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"validation/eel.csv": measure}, lambda: draw_swims("eel", "beat"))

@@ -1,8 +1,5 @@
 """A lamprey's midline imposed on a body of its proportions: the speed at which it swims, and its sweep.
 
-python -m benchmarks.validation.lamprey            imposes the midline (half a minute)
-python -m benchmarks.validation.lamprey --draw     the chart again
-
 The tracks of a swimming sea lamprey are `lampreydata` of github.com/tytell/fishmechr (E. D. Tytell, CC BY 4.0): 78
 frames, 0.02 s apart. From them, by least squares: the length, the speed along the straight line of best fit, and the
 first harmonic of the midline's angle at each place beside a polynomial of degree 4 in time.
@@ -12,12 +9,10 @@ The half width is the repository's `ammowidth`, by its size half the width; the 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.common.charts import GREY, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
-from benchmarks.validation.waters import COLOURS, bars, by_angle, off, waters
-from fish_env import make_fish, prescribe
+from benchmarks.common.tables import publish
+from benchmarks.validation.waters import by_angle, draw_swims, swims
+from fish_env import make_fish
 
-COMMAND = "python -m benchmarks.validation.lamprey"
 LENGTH, FREQUENCY, SPEED, VISCOSITY = 0.1538, 3.82, 1.76, 1.0e-6  # m, Hz, body lengths/s, m2/s
 COSINE = (0.142, 0.095, 0.099, 0.154, 0.23, 0.238, 0.094, -0.182, -0.397, -0.527, -0.509, -0.345, -0.091, 0.213, 0.5,
           0.668, 0.686, 0.579, 0.361, 0.101, -0.164)  # fmt: skip
@@ -45,38 +40,11 @@ def angle(places, time):
     return CubicSpline(at, COSINE)(places) * np.cos(phase) + CubicSpline(at, SINE)(places) * np.sin(phase)
 
 
-def measure() -> None:
-    """Write the table."""
-    fish, rows = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline()), []
-    for name, water in waters(fish, VISCOSITY).items():
-        swum = prescribe(fish, by_angle(angle), 1.0 / FREQUENCY, water=water)
-        rows.append({
-            "water": name, "speed_bl_s": round(swum.relative_speed, 3), "published": SPEED,
-            "off_percent": off(swum.relative_speed, SPEED), "strouhal": round(swum.strouhal, 3),
-            "power_w_kg": round(swum.power.mean() / fish.body.mass.sum(), 4),
-            **{f"sweep_{k}": round(sweep, 4) for k, sweep in enumerate(swum.sweep[::2])},
-        })  # fmt: skip
-    print(write_csv("validation/lamprey.csv", rows, COMMAND))
-
-
-def draw() -> None:
-    """Sweep along the body and speed, of every level of water and of the lamprey."""
-    rows = read_table("validation/lamprey.csv")
-    figure, (left, right) = panels(2, (10.0, 3.8))
-    left.plot(np.linspace(0.0, 1.0, 21), SWEEP, color=GREY, lw=3, label="lamprey")
-    for row in rows:
-        left.plot(np.linspace(0.0, 1.0, 21), [row[f"sweep_{k}"] for k in range(21)], color=COLOURS[row["water"]],
-                  label=row["water"])  # fmt: skip
-    left.set(xlabel="from the nose, BL", ylabel="sweep, BL", ylim=(0, None))
-    left.legend(frameon=False, fontsize=8)
-    bars(right, rows, "speed_bl_s", SPEED, "speed, BL/s (band: 10 %)")
-    save(figure, RESULTS / "validation" / "lamprey.svg")
-
-
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
+def measure() -> list[dict]:
+    """A row for each level of water."""
+    fish = make_fish("tetrahedral", level=4, length=LENGTH, outline=outline())
+    return swims(fish, VISCOSITY, by_angle(angle), 1.0 / FREQUENCY, "s", SPEED)
 
 
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"validation/lamprey.csv": measure}, lambda: draw_swims("lamprey", "s", SWEEP))

@@ -1,8 +1,5 @@
 """A robot's tail strokes imposed on a body of its shape and mass: one number fitted to two trials, six predicted.
 
-python -m benchmarks.validation.robot            fits and predicts (a minute)
-python -m benchmarks.validation.robot --draw     the chart again
-
 Dimensions, masses and marker tracks are those of github.com/srl-ethz/fishsim (MIT licence; arXiv:2602.23283): eight
 trials at constant motor speed. Frequency, speed along the head and the first harmonic of the fin marker across the head
 were fitted to the tracks of each trial. The shape of the stroke is the mean of four trials whose markers do not
@@ -17,8 +14,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import fminbound
 
-from benchmarks.common.charts import GREY, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
+from benchmarks.common.charts import GREY, panels, save
+from benchmarks.common.tables import RESULTS, columns, publish, read_table, select
 from benchmarks.validation.waters import COLOURS
 from fish_env import Fish, World, make_fish, make_water, prescribe
 from fish_env.kernels.compile import kernel
@@ -26,7 +23,6 @@ from fish_env.kernels.simd import dot, sqrt
 from fish_env.physics.forces import FORCES, water
 from fish_env.physics.records import Body
 
-COMMAND = "python -m benchmarks.validation.robot"
 LENGTH = 0.559  # m
 FREQUENCY = (0.377, 0.56, 0.75, 0.94, 1.127, 1.313, 1.5, 1.659)  # Hz
 SPEED = (0.0227, 0.0496, 0.0805, 0.1039, 0.1292, 0.1602, 0.2018, 0.2227)  # m/s
@@ -101,8 +97,8 @@ def fitted(fish: Fish, world: World) -> float:
     return float(np.exp(fminbound(cost, *np.log((0.01, 2.0)), xtol=0.01)))
 
 
-def measure() -> None:
-    """Write the table."""
+def measure() -> list[dict]:
+    """A row for each level of water and trial."""
     fish, rows = make_fish("tetrahedral", level=2, length=LENGTH, outline=OUTLINE / LENGTH), []
     for name, inertia in (("drag", False), ("reactive", True)):
         smooth, rough = (make_water(drag_coefficient=fish.water.quadratic / 500.0, inertia=inertia, friction=factor)
@@ -117,7 +113,7 @@ def measure() -> None:
                     "fitted": int(trial in FITTED and around is bluff), "speed_m_s": round(found, 4),
                     "published": SPEED[trial], "off_m_s": round(found - SPEED[trial], 4),
                 })  # fmt: skip
-    print(write_csv("validation/robot.csv", rows, COMMAND))
+    return rows
 
 
 def draw() -> None:
@@ -127,12 +123,11 @@ def draw() -> None:
     left.plot(FREQUENCY, SPEED, "x", color=GREY, ms=9, mew=2, label="robot")
     levels = list(dict.fromkeys(row["water"] for row in rows))
     for level in levels:
-        own = [row for row in rows if row["water"] == level]
-        left.plot(FREQUENCY, [row["speed_m_s"] for row in own], "o-", ms=4, color=COLOURS[level], label=level)
+        (speeds,) = columns(select(rows, water=level), "speed_m_s")
+        left.plot(FREQUENCY, speeds, "o-", ms=4, color=COLOURS[level], label=level)
     left.set(xlabel="strokes a second", ylabel="speed, m/s", ylim=(0, None))
     left.legend(frameon=False, fontsize=8)
-    errors = [np.mean([abs(row["off_m_s"]) for row in rows if row["water"] == level and not row["fitted"]])
-              for level in levels]  # fmt: skip
+    errors = [np.abs(columns(select(rows, water=level, fitted=0), "off_m_s")).mean() for level in levels]
     labels = [*(level.replace(", ", ",\n") for level in levels), "fishsim", "elongated\nbody"]
     right.bar(labels, [*errors, THEIRS, ELONGATED], color=[*(COLOURS[level] for level in levels), GREY, GREY])
     right.set(ylabel="mean error, m/s")
@@ -140,10 +135,5 @@ def draw() -> None:
     save(figure, RESULTS / "validation" / "robot.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"validation/robot.csv": measure}, draw)

@@ -1,8 +1,5 @@
 """The fastest gait against the length of the fish: frequency, speed and power of muscles, beside living fish.
 
-python -m benchmarks.validation.sizes            lengths from 0.05 to 0.6 m, over a range of frequencies (1 min)
-python -m benchmarks.validation.sizes --draw     the chart again
-
 Living fish: the frequency at a speed of trout of 0.055 to 0.56 m (Webb, Kostecki & Stevens 1984, J. Exp. Biol. 109:77),
 and the speed at a frequency of dace, trout and goldfish up to 0.3 m (Bainbridge 1958, J. Exp. Biol. 35:109). The power
 is beside the most that fast muscle of cod of 0.1 to 0.6 m gives in cycles, a kilogram of muscle (Anderson & Johnston
@@ -11,15 +8,13 @@ is beside the most that fast muscle of cod of 0.1 to 0.6 m gives in cycles, a ki
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
-from fish_env import Tank, make_fish
-from fish_env.bodies import Fish
+from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.tables import RESULTS, columns, publish, read_table
+from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import level_of
 from fish_env.control import Gait
 from fish_env.control.gait import best_gait
 
-COMMAND = "python -m benchmarks.validation.sizes"
 LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.6)  # m
 FREQUENCIES = 10.0 * np.geomspace(0.08, 1.25, 28)  # Hz, for a fish of 0.2 m; for others in proportion to 1/length
 BEATS, MEASURED = 14, 6
@@ -87,36 +82,22 @@ def fastest(name: str, length: float) -> dict:
     }  # fmt: skip
 
 
-def exponents(rows: list[dict]) -> dict[str, float]:
-    """Slopes of the logarithms over that of the length."""
-    along = np.log([row["length_m"] for row in rows])
-    return {
-        key: round(float(np.polyfit(along, np.log([row[key] for row in rows]), 1)[0]), 2)
-        for key in ("frequency_hz", "speed", "power_w_kg")
-    }
-
-
-def measure() -> None:
-    """Write the table."""
-    rows = [fastest(name, length) for name in FISH for length in LENGTHS]
-    print(write_csv("validation/sizes.csv", rows, COMMAND))
-    for name in FISH:
-        print(name, "exponents of the length:", exponents([row for row in rows if row["fish"] == name]))
+def measure() -> list[dict]:
+    """A row for each fish and length."""
+    return [fastest(name, length) for name in FISH for length in LENGTHS]
 
 
 def draw() -> None:
     """Draw frequency, speed and power against length from the table."""
-    rows = read_table("validation/sizes.csv")
     figure, (left, middle, right) = panels(3, (11.0, 3.6))
     for name, colour in zip(FISH, (BLUE, ORANGE), strict=True):
-        own = [row for row in rows if row["fish"] == name]
-        length = [row["length_m"] for row in own]
+        own = read_table("validation/sizes.csv", fish=name)
         for panel, key in ((left, "frequency_hz"), (middle, "speed"), (right, "power_w_kg")):
-            panel.loglog(length, [row[key] for row in own], "o-", color=colour, label=name)
-        left.loglog(length, [row["webb_frequency_hz"] for row in own], ":", color=colour, label=f"Webb, {name}'s speed")
-        fast = [row for row in own if row["frequency_hz"] >= 5.0]
-        middle.loglog([row["length_m"] for row in fast], [row["bainbridge_speed"] for row in fast], ":", color=colour,
-                      label=f"Bainbridge, {name}'s frequency")  # fmt: skip
+            panel.loglog(*columns(own, "length_m", key), "o-", color=colour, label=name)
+        webb = columns(own, "length_m", "webb_frequency_hz")
+        left.loglog(*webb, ":", color=colour, label=f"Webb, {name}'s speed")
+        bainbridge = columns([row for row in own if row["frequency_hz"] >= 5.0], "length_m", "bainbridge_speed")
+        middle.loglog(*bainbridge, ":", color=colour, label=f"Bainbridge, {name}'s frequency")
     right.loglog(LENGTHS, muscle_power(LENGTHS), ":", color=GREY, label="Anderson & Johnston, a kg of muscle")
     for panel, text in ((left, "tail beats, Hz"), (middle, "speed, BL/s"), (right, "net power of muscles, W/kg")):
         panel.minorticks_off()
@@ -125,10 +106,5 @@ def draw() -> None:
     save(figure, RESULTS / "validation" / "sizes.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"validation/sizes.csv": measure}, draw)

@@ -1,8 +1,5 @@
 """All muscles of one side of a trout: force, speed and power at the base of the tail fin.
 
-python -m benchmarks.validation.strength            contracts the muscles (seconds)
-python -m benchmarks.validation.strength --draw     the chart again
-
 Johnsrude & Webb (1985, J. Exp. Biol. 119:71) stimulated the muscles of one side of trout of 17.8 cm and 60.5 g, and
 measured at the hypural bones. Here the front of the trunk is fixed, and the base of the tail fin moves freely, pulls a
 dashpot, or is held in its place. There is no water. Bodies have a trout's outline.
@@ -10,14 +7,12 @@ dashpot, or is held in its place. There is no water. Bodies have a trout's outli
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
-from benchmarks.validation.waters import off
+from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.tables import RESULTS, columns, publish, read_table
 from fish_env import Fish, Tank, make_fish
 from fish_env.physics.world import VACUUM
 from fish_env.soft.conditions import make_anchors
 
-COMMAND = "python -m benchmarks.validation.strength"
 LENGTH, MASS = 0.178, 0.0605  # m, kg
 MEASURED = {"force_n": 2.2, "speed_m_s": 1.11, "power_w": 0.64}
 BODIES: dict[str, dict] = {"mass_spring": {}, "tetrahedral": {"level": 1}}
@@ -44,8 +39,8 @@ def contract(fish: Fish, dashpot: float) -> tuple[float, float]:
     return (most, 0.0) if load is None else (dashpot * fastest, fastest)
 
 
-def measure() -> None:
-    """Write the table."""
+def measure() -> list[dict]:
+    """A row for each body and dashpot."""
     rows = []
     for name, options in BODIES.items():
         fish = make_fish(name, length=LENGTH, outline="trout", **options)
@@ -56,21 +51,16 @@ def measure() -> None:
                 "speed_m_s": round(speed, 5), "power_w": round(force * speed, 5),
                 "mass_g": round(1e3 * fish.body.mass.sum(), 2),
             })  # fmt: skip
-    print(write_csv("validation/strength.csv", rows, COMMAND))
-    for name in BODIES:
-        for key, measured in MEASURED.items():
-            most = max(row[key] for row in rows if row["body"] == name)
-            print(f"{name}: {key} {most:.3g}, trout {measured:g} ({off(most, measured)} %)")
+    return rows
 
 
 def draw() -> None:
     """Speed and power against force."""
-    rows = read_table("validation/strength.csv")
     figure, axes = panels(2, (10.0, 3.6))
     for name, colour in zip(BODIES, (BLUE, ORANGE), strict=True):
-        own = [row for row in rows if row["body"] == name and row["power_w"] > 0.0]
+        own = [row for row in read_table("validation/strength.csv", body=name) if row["power_w"] > 0.0]
         for panel, key in zip(axes, ("speed_m_s", "power_w"), strict=True):
-            panel.plot([row["force_n"] for row in own], [row[key] for row in own], ".-", color=colour, label=name)
+            panel.plot(*columns(own, "force_n", key), ".-", color=colour, label=name)
     for panel, key, label in zip(axes, ("speed_m_s", "power_w"), ("speed, m/s", "power, W"), strict=True):
         panel.axvline(MEASURED["force_n"], color=GREY, lw=1)
         panel.axhline(MEASURED[key], color=GREY, lw=1, label="most of a trout")
@@ -79,10 +69,5 @@ def draw() -> None:
     save(figure, RESULTS / "validation" / "strength.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"validation/strength.csv": measure}, draw)

@@ -1,8 +1,5 @@
 """Kinematics of a mackerel and of an eel imposed on their bodies: the bending torque along them.
 
-python -m benchmarks.validation.torque            imposes the midlines (two minutes)
-python -m benchmarks.validation.torque --draw     the chart again
-
 Ming, Jin, Song, Luo, Du & Ding (2019, PLoS Comput. Biol. 15:e1006883) solve the Navier-Stokes equations round bodies of
 given curvature that swim freely. Curvature, proportions, torques and speeds were measured in the files of
 github.com/jbw15/fish_code_data, which has no licence and is not shipped; here are the numbers alone. Length, period and
@@ -15,12 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.common.charts import GREY, measure_and_draw, panels, save
-from benchmarks.common.tables import RESULTS, read_table, write_csv
-from benchmarks.validation.waters import COLOURS, by_curvature, off, waters
+from benchmarks.common.charts import GREY, panels, save
+from benchmarks.common.tables import RESULTS, publish, read_table
+from benchmarks.validation.waters import PLACES, along, by_curvature, off, waters
 from fish_env import make_fish, prescribe
 
-COMMAND = "python -m benchmarks.validation.torque"
 LENGTH, DENSITY, REYNOLDS = 0.3, 1000.0, 3000.0  # m, kg/m3; the period is 1 s
 UNIT = 1e-4 * DENSITY * LENGTH**5  # N m, and W
 
@@ -87,32 +83,22 @@ def swim(name: str) -> list[dict]:
     return rows
 
 
-def measure() -> None:
-    """Write the table."""
-    print(write_csv("validation/torque.csv", [row for name in SWIMMERS for row in swim(name)], COMMAND))
+def measure() -> list[dict]:
+    """The rows of all of them."""
+    return [row for name in SWIMMERS for row in swim(name)]
 
 
 def draw() -> None:
     """Half the swing of the torque along both bodies, of every level of water and published."""
-    rows = read_table("validation/torque.csv")
     figure, axes = panels(2, (10.0, 3.8))
-    place = np.linspace(0.0, 1.0, 21)
     for panel, (name, given) in zip(axes, SWIMMERS.items(), strict=True):
-        panel.plot(place, given.torque, color=GREY, lw=3, label="Ming et al. 2019")
-        for row in rows:
-            if row["animal"] == name:
-                torque = [row[f"torque_{k}"] for k in range(21)]
-                panel.plot(place, torque, color=COLOURS[row["water"]], label=row["water"])
+        panel.plot(PLACES, given.torque, color=GREY, lw=3, label="Ming et al. 2019")
+        along(panel, read_table("validation/torque.csv", animal=name), "torque")
         panel.set(title=name, xlabel="from the nose, BL", ylim=(0, None))
     axes[0].set_ylabel(r"half the torque's swing, 1e-4 $\rho L^5/T^2$")
     axes[0].legend(frameon=False, fontsize=8)
     save(figure, RESULTS / "validation" / "torque.svg")
 
 
-def main() -> None:
-    """The command line."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"validation/torque.csv": measure}, draw)

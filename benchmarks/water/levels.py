@@ -1,8 +1,5 @@
 """What each level of water gives a scene, beside living fish: none, drag alone, or drag and inertia.
 
-    taskset -c 1 python -m benchmarks.water.levels            table, page and chart (4 min)
-    taskset -c 1 python -m benchmarks.water.levels --draw     page and chart again, from the tables
-
 Each level has the fish that is calibrated for it; that of reactive water is also put into drag. Gaits are searched for
 every fish and level: those of least net work a metre at a speed, at the frequency of trout and at any (`scenes.py`).
 """
@@ -15,15 +12,13 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common import scenes
-from benchmarks.common.charts import BLUE, GREY, ORANGE, measure_and_draw, pyplot, save
-from benchmarks.common.tables import RESULTS, ROOT, read_table, write_csv
-from fish_env import make_fish
-from fish_env.bodies import Fish
+from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, pyplot, save
+from benchmarks.common.tables import RESULTS, ROOT, filled, markdown, publish, read_table, select
+from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import evaluate, make_eval_env, scripted
-from fish_env.physics.world import VACUUM
+from fish_env.physics.world import VACUUM, change_water
 
-COMMAND = "python -m benchmarks.water.levels"
 PAGE = ROOT / "docs" / "choosing-the-water.md"
 LEVELS = ("none", "drag", "reactive")
 CASES = (("drag", "drag"), ("reactive", "reactive"), ("reactive", "drag"), ("reactive", "none"))
@@ -72,7 +67,8 @@ UNITS = {
 def fish_in(name: str, level: str) -> Fish:
     """The fish that is calibrated for a level, in a level."""
     fish = make_fish(water=name)
-    worlds = {"none": VACUUM, "drag": fish.water._replace(added_mass=None, righting=0.0), name: fish.water}
+    drag, reactive = fish.water._replace(added_mass=None, righting=0.0), change_water(fish.water, inertia=True)
+    worlds = {"none": VACUUM, "drag": drag, "reactive": reactive} | {name: fish.water}
     return replace(fish, water=worlds[level])
 
 
@@ -82,7 +78,7 @@ def scenes_of(fish: Fish, swims: bool) -> dict[str, tuple[dict[str, float], str]
     for speed, frequency in reversed(CRUISES) if swims else ():
         for scene, given in (("thriftiest", None), ("cruise", frequency)):
             gait = scenes.thriftiest(fish, speed, given)
-            found[f"{scene} at {speed:g} BL/s"] = scenes.cruise(fish, gait, speed), str(gait)
+            found[f"{scene} at {speed:g} BL/s"] = scenes.cruises(fish, [gait], speed, 12.0, count=6)[0], str(gait)
     return found | {
         "turn": (scenes.turn(fish, gait), str(gait)),
         "reversal": (scenes.reversal(fish, gait), str(gait)),
@@ -106,18 +102,23 @@ def controlled() -> list[dict]:
     return rows
 
 
-def measure() -> None:
-    """Write the table."""
+def living_at(scene: str, quantity: str) -> Living:
+    """What living fish do; empty if that is not known."""
+    return LIVING.get((scene, quantity), Living("", ""))
+
+
+def measure() -> list[dict]:
+    """The rows of all fish, levels and scenes."""
     rows = controlled()
     for name, level in tqdm(CASES):
         for scene, (values, gait) in scenes_of(fish_in(name, level), swims=level != "none").items():
             for quantity, value in values.items():
-                living = LIVING.get((scene, quantity), Living("", ""))
                 rows.append({
                     "fish": name, "water": level, "scene": scene, "quantity": quantity, "unit": UNITS[quantity],
-                    "value": float(f"{value:.4g}"), "living": living.value, "source": living.source, "gait": gait,
+                    "value": float(f"{value:.4g}"), "living": living_at(scene, quantity).value,
+                    "source": living_at(scene, quantity).source, "gait": gait,
                 })  # fmt: skip
-    print(write_csv("water_levels.csv", rows, COMMAND))
+    return rows
 
 
 ROWS = (  # of the table of the page: scene, quantity, label, digits
@@ -166,67 +167,58 @@ def values_of(rows: list[dict]) -> dict[tuple[str, str, str, str], float]:
     return values
 
 
-def levels_table(rows: list[dict]) -> list[str]:
-    """Lines of the page's table: a row for each quantity, a column for each fish and level, and living fish."""
-    values = values_of(rows)
-    head = " | ".join(COLUMNS.values())
-    lines = [f"| | {head} | living fish |", "|---" * (len(COLUMNS) + 2) + "|"]
+def levels_table(rows: list[dict]) -> str:
+    """The page's table: a row for each quantity, a column for each fish and level, and living fish."""
+    values, lines = values_of(rows), []
     for scene, quantity, label, digits in ROWS:
-        cells = [f"{values[name, level, scene, quantity]:.{digits}f}".replace("nan", "-") for name, level in COLUMNS]
-        living = LIVING.get((scene, quantity), Living("", "")).value
-        lines.append(f"| {label} | {' | '.join(cells)} | {living} |")
-    return lines
+        cells = (f"{values[name, level, scene, quantity]:.{digits}f}".replace("nan", "-") for name, level in COLUMNS)
+        lines.append((label, *cells, living_at(scene, quantity).value))
+    return markdown(["", *COLUMNS.values(), "living fish"], lines)
 
 
-def controllers_table(rows: list[dict]) -> list[str]:
-    """Lines of the page's table of the motor controllers in both waters."""
-    lines = ["| | drag | reactive |", "|---|---|---|"]
-    values = {(row["scene"], row["water"]): row["value"] for row in rows}
+def controllers_table(rows: list[dict]) -> str:
+    """The page's table of the motor controllers in both waters."""
+    values, lines = {(row["scene"], row["water"]): row["value"] for row in rows}, []
     for task, (score, unit) in CONTROLLED.items():
         cells = (f"{values[f'motor controllers, {task}', level]:.2f}" for level in LEVELS[1:])
-        lines.append(f"| {task}: {score}{f', {unit}' if unit else ''} | {' | '.join(cells)} |")
-    return lines
+        lines.append((f"{task}: {score}{f', {unit}' if unit else ''}", *cells))
+    return markdown(["", "drag", "reactive"], lines)
 
 
-def prices_table(rows: list[dict]) -> list[str]:
-    """Lines of the page's table of prices: of a step of one fish, and of 256, over that of the fish for drag."""
-    found = {(row["count"], row["dtype"], row["fish"], row["water"]): row for row in rows}
-    lines = [f"| | {' | '.join(PRICED.values())} |", "|---" * (len(PRICED) + 1) + "|"]
-    for count, label in ((256, "256 together"), (1, "alone")):
-        for dtype in ("float64", "float32"):
-            cells = (f"{found[(count, dtype, *case)]['over_drag']:.2f}" for case in PRICED)
-            lines.append(f"| {label}, {dtype} | {' | '.join(cells)} |")
-    return lines
-
-
-def stability_table(rows: list[dict]) -> list[str]:
-    """Lines of the page's table of fish that failed, and that rolled, in both waters."""
+def prices_table(rows: list[dict]) -> str:
+    """The page's table of prices: of a step of one fish, and of 256, over that of the fish for drag."""
+    found = {(row["count"], row["dtype"], row["fish"], row["water"]): row["over_drag"] for row in rows}
     lines = [
-        "| | failed: drag | reactive | rolled under the worst commands: drag | reactive |", "|---|---|---|---|---|",
-    ]  # fmt: skip
+        (f"{label}, {dtype}", *(f"{found[(count, dtype, *case)]:.2f}" for case in PRICED))
+        for count, label in ((256, "256 together"), (1, "alone"))
+        for dtype in ("float64", "float32")
+    ]
+    return markdown(["", *PRICED.values()], lines)
+
+
+def stability_table(rows: list[dict]) -> str:
+    """The page's table of fish that failed, and that rolled, in both waters."""
+    lines = []
     for body in dict.fromkeys(row["body"] for row in rows):
-        mine = {level: [row for row in rows if (row["body"], row["water"]) == (body, level)] for level in WATERS}
-        lost = [f"{sum(r['failures'] for r in own)} of {sum(r['fish'] for r in own):,}" for own in mine.values()]
-        rolled = [f"{max(row['rolled_percent'] for row in own):.1f} %" for own in mine.values()]
-        lines.append(f"| `{body}` | {' | '.join(lost)} | {' | '.join(rolled)} |")
-    return lines
+        mine = [select(rows, body=body, water=level) for level in WATERS]
+        lost = (f"{sum(r['failures'] for r in own)} of {sum(r['fish'] for r in own):,}" for own in mine)
+        rolled = (f"{max(row['rolled_percent'] for row in own):.1f} %" for own in mine)
+        lines.append((f"`{body}`", *lost, *rolled))
+    head = ("", "failed: drag", "reactive", "rolled under the worst commands: drag", "reactive")
+    return markdown(head, lines)
 
 
-def turn_table(rows: list[dict]) -> list[str]:
-    """Lines of the page's table of the abrupt turn: errors in % of the length, magnification, failures."""
-    steps = (6, 8, 12, 24)
-    lines = [f"| stiffness, damping | water | {' | '.join(f'{k} steps' for k in steps)} | magnified | failed |"]
-    lines.append("|---" * (len(steps) + 4) + "|")
+def turn_table(rows: list[dict]) -> str:
+    """The page's table of the abrupt turn: errors in % of the length, magnification, failures."""
+    steps, lines = (6, 8, 12, 24), []
     for row in rows:
-        errors = [f"{100 * row[f'at_{k}']:.2g} %" for k in steps]
+        errors = (f"{100 * row[f'at_{k}']:.2g} %" for k in steps)
         factors = f"x {row['stiffness']:g}, x {row['damping']:g}"
-        lines.append(
-            f"| {factors} | {row['water']} | {' | '.join(errors)} | {row['magnified']:.0f} | {row['failures']} |"
-        )
-    return lines
+        lines.append((factors, row["water"], *errors, f"{row['magnified']:.0f}", row["failures"]))
+    return markdown(("stiffness, damping", "water", *(f"{k} steps" for k in steps), "magnified", "failed"), lines)
 
 
-TABLES: dict[str, tuple[str, Callable[[list[dict]], list[str]]]] = {
+TABLES: dict[str, tuple[str, Callable[[list[dict]], str]]] = {
     "levels": ("water_levels.csv", levels_table),
     "controllers": ("water_levels.csv", controllers_table),
     "prices": ("water_prices.csv", prices_table),
@@ -234,17 +226,6 @@ TABLES: dict[str, tuple[str, Callable[[list[dict]], list[str]]]] = {
     "turn": ("water_turn.csv", turn_table),
 }
 """By the mark on the page, where its table comes from."""
-
-
-def fill_page() -> None:
-    """Put the tables between the marks of the page."""
-    text = PAGE.read_text()
-    for mark, (name, table) in TABLES.items():
-        before, rest = text.split(f"<!-- {mark} -->\n", 1)
-        after = rest.split("<!-- end -->", 1)[1]
-        lines = "\n".join(table(read_table(name)))
-        text = f"{before}<!-- {mark} -->\n\n{lines}\n\n<!-- end -->{after}"
-    PAGE.write_text(text)
 
 
 PANELS = (  # of the chart: scene, quantity, title
@@ -261,28 +242,21 @@ PANELS = (  # of the chart: scene, quantity, title
 
 def draw() -> None:
     """Fill the page, and draw a panel for each quantity: bars for fish and levels, a band for living fish."""
-    fill_page()
+    PAGE.write_text(filled(PAGE.read_text(), {mark: table(read_table(name)) for mark, (name, table) in TABLES.items()}))
     values = values_of(read_table("water_levels.csv"))
-    figure, panels = pyplot().subplots(2, 4, figsize=(14, 6.4), layout="constrained")
-    for panel, (scene, quantity, title) in zip(panels.flat, PANELS, strict=True):
+    figure, axes = pyplot().subplots(2, 4, figsize=(14, 6.4), layout="constrained")
+    for panel, (scene, quantity, title) in zip(axes.flat, PANELS, strict=True):
         for place, (case, colour) in enumerate(zip(COLUMNS, (ORANGE, BLUE, "#f0c9a0"), strict=True)):
             panel.bar([place], [values[(*case, scene, quantity)]], 0.7, color=colour, label=COLUMNS[case])
-        living = LIVING.get((scene, quantity), Living("", "")).value
-        if living:
+        if living := living_at(scene, quantity).value:
             low, *_, high = map(float, [living, living] if " to " not in living else living.split(" to "))
             panel.axhspan(low, high + 1e-9, color=GREY, alpha=0.35, linewidth=1.5, zorder=0, label="living fish")
         panel.set_title(title, fontsize=10)
         panel.set_xticks([])
         panel.grid(axis="y", alpha=0.2)
-    handles, labels = panels.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    legend_below(figure, axes.flat[0], 4)
     save(figure, RESULTS / "water_levels.svg")
 
 
-def main() -> None:
-    """Measure, fill the page and draw the chart."""
-    measure_and_draw(__doc__, measure, draw)
-
-
 if __name__ == "__main__":
-    main()
+    publish(__doc__, {"water_levels.csv": measure}, draw)

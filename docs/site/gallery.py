@@ -1,6 +1,6 @@
-"""The gallery: moving pictures of every environment and of every scene of the laboratory, and a film.
+"""The gallery: moving pictures of every environment and of every scene of the laboratory.
 
-python docs/site/gallery.py                    writes docs/images/gallery/ and docs/videos/left_after_right.html
+python docs/site/gallery.py                    writes docs/images/gallery/
 python docs/site/gallery.py ring env_turn      these only
 
 Needs the extra [browser] and Chromium; FISH_ENV_CHROMIUM names one that is installed.
@@ -20,14 +20,13 @@ import gymnasium as gym
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from fish_env.control import load_policy, record, shipped_policies, write_film
+from fish_env.control import load_policy, record, shipped_policies
 from fish_env.control.film import film_text
 from fish_env.control.recording import Recording
 from fish_env.lab.own import Own, own_things
 from fish_env.lab.server import Laboratory
 
 FOLDER = Path(__file__).parents[1] / "images" / "gallery"
-FILM = Path(__file__).parents[1] / "videos" / "left_after_right.html"
 COMMANDS = {"left_after_right": {"yaw": 2.2, "side": -1, "first": 2.0, "second": 2.2, "part": 0.7, "wait": 0.8}}
 """With what an episode of a task begins; of others as usual."""
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -61,15 +60,6 @@ def play(task: str) -> list[Image.Image]:
             frames.append(Image.fromarray(env.render()).resize((420, 315), Image.Resampling.LANCZOS))
     env.close()
     return frames
-
-
-def film(task="left_after_right", episodes=3) -> None:
-    """Write a page with episodes of the shipped policy, in 3-D."""
-    policy = load_policy(task)
-    env = gym.make(policy.about["env_id"], **policy.about["env_options"])
-    path = write_film([record(env, policy, seed) for seed in range(episodes)], FILM)
-    env.close()
-    print(f"{path}: {path.stat().st_size // 1000} kB")
 
 
 @contextmanager
@@ -230,9 +220,9 @@ def save(name: str, frames: list[Image.Image], rate: float) -> None:
 def main() -> None:
     """The command line."""
     tasks = [f"env_{task}" for task in shipped_policies()]
+    everything = [PAINTERS, *SCENES, *tasks]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(['film', PAINTERS, *SCENES, *tasks])}")
-    everything = ["film", PAINTERS, *SCENES, *tasks]
+    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(everything)}")
     names = parser.parse_args().names or everything
     if unknown := set(names) - set(everything):
         parser.error(f"unknown {', '.join(sorted(unknown))}; choose from {', '.join(everything)}")
@@ -241,8 +231,6 @@ def main() -> None:
             save(name, [side_by_side(three_painters(30))], 1.0)
         if name in tasks:
             save(name, play(name.removeprefix("env_")), 12.5)
-        if name == "film":
-            film()
     shown = [name for name in names if name in SCENES]
     if shown:
         with opened() as page:

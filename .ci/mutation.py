@@ -1,7 +1,7 @@
 """Would the tests notice a mistake? Mistakes are made one at a time, in memory, and the tests without the compiler run.
 
-    python tests/mutation.py --count 40 --seed 1          so many mistakes, drawn at random
-    python tests/mutation.py fish_env/physics/forces/water.py     all mistakes in a file
+    python .ci/mutation.py --count 40 --seed 1                    so many mistakes, drawn at random
+    python .ci/mutation.py fish_env/physics/forces/water.py       all mistakes in a file
 
 A mistake exchanges an operator or a comparison, changes a number, drops a minus or a `not`, or exchanges `and` and
 `or`. Texts, annotations and what is raised stay. Each runs in a forked process with NUMBA_DISABLE_JIT=1, so that no
@@ -23,35 +23,48 @@ import tempfile
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from typing import NamedTuple
 
 os.environ |= {"NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1", "FISH_ENV_TEST_SECONDS": "20"}
 
 ROOT = Path(__file__).parent.parent
-ROOMS = ("fish_env/physics/integrators", "fish_env/physics/forces", "fish_env/tasks")
 SECONDS = 60  # of processor time for all tests of a mistake; one that takes longer is noticed: some loop has no end
-TESTS = {
-    "fish_env/physics/integrators": (
+
+
+class Room(NamedTuple):
+    """Files that mistakes are made in, and the tests that are asked. Names of tests are patterns of tests/test_*.py."""
+
+    files: tuple[str, ...]
+    """Patterns below the root."""
+    selected: str
+    """Selects tests, since some take too long without the compiler."""
+    fast: tuple[str, ...]
+    """Tests that meet a mistake without the compiler."""
+    compiled: tuple[str, ...]
+    """Tests that a compiled copy of the package with a mistake meets."""
+
+
+ROOMS = (
+    Room(
+        ("fish_env/physics/integrators/*.py", "fish_env/soft/adaptive.py"),
         "(test_steps_equal_their_reference and published) or every_method_has or most_stages or filter or polynomials",
-        ["test_leapfrog_chebyshev.py", "test_integrators.py"],
+        ("leapfrog_chebyshev", "integrators"),
+        ("adaptive", "integrators", "leapfrog_chebyshev", "costs", "failing_methods", "every_method", "topology",
+         "tank"),
     ),
-    "fish_env/physics/forces": (
-        "not (derivatives or slow_and_deep or heavier_body)",
-        ["test_elements.py", "test_forces.py"],
+    Room(
+        ("fish_env/physics/forces/*.py", "fish_env/soft/forces/*.py"),
+        "not (derivatives or slow_and_deep or heavier_body or any_size)",
+        ("elements", "forces"),
+        ("forces", "elements", "extending", "conditions", "lanes", "bodies", "constant_matrix", "method_kinds"),
     ),
-    "fish_env/tasks": (
+    Room(
+        ("fish_env/tasks/*.py",),
         "start_pose or starts_differ or commanded_when or reversal or severity_widens or alignment or impossible",
-        ["test_tasks.py"],
+        ("tasks",),
+        ("tasks", "layout", "envs", "controllers", "control"),
     ),
-}
-"""The tests that are asked: what selects them, since some take too long without the compiler, and their files."""
-COMPILED = {
-    "fish_env/physics/integrators": ("adaptive", "integrators", "leapfrog_chebyshev", "costs",
-                             "failing_methods", "every_method", "topology", "tank"),
-    "fish_env/physics/forces": ("forces", "elements", "extending", "conditions", "lanes", "bodies", "constant_matrix",
-                                "method_kinds"),
-    "fish_env/tasks": ("tasks", "layout", "envs", "controllers", "control"),
-}  # fmt: skip
-"""The files of tests that a compiled copy of the package with a mistake meets."""
+)  # fmt: skip
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult,
              ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult}  # fmt: skip
 COMPARISONS = {ast.Lt: ast.GtE, ast.LtE: ast.Lt, ast.Gt: ast.LtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -180,6 +193,27 @@ class Loader(importlib.abc.MetaPathFinder):
         exec(compile(tree, str(self.path), "exec"), module.__dict__)
 
 
+def files_of(room: Room) -> list[Path]:
+    """The files of a room."""
+    return sorted(path for pattern in room.files for path in ROOT.glob(pattern))
+
+
+def room_of(path: Path) -> Room:
+    """The room that a file is in."""
+    for room in ROOMS:
+        if path in files_of(room):
+            return room
+    raise SystemExit(f"{path} is in no room; give a file of {', '.join(each for room in ROOMS for each in room.files)}")
+
+
+def tests_of(names: tuple[str, ...]) -> list[str]:
+    """The files of tests by their patterns."""
+    found = {name: sorted((ROOT / "tests").glob(f"test_{name}.py")) for name in names}
+    if missing := [name for name, paths in found.items() if not paths]:
+        raise SystemExit(f"there is no tests/test_{missing[0]}.py; correct ROOMS in {Path(__file__).name}")
+    return [path.relative_to(ROOT).as_posix() for paths in found.values() for path in paths]
+
+
 def status_of(path: Path, number: int | None) -> int:
     """The exit status of pytest with a mistake in a file, 0 if no test notices; in this process, which it spoils."""
     import numpy as np
@@ -188,11 +222,10 @@ def status_of(path: Path, number: int | None) -> int:
     np.seterr(all="ignore")
     if number is not None:
         sys.meta_path.insert(0, Loader(path, number))
-    room = next(room for room in ROOMS if (ROOT / room) in path.parents)
-    selected, files = TESTS[room][0], [str(ROOT / "tests" / name) for name in TESTS[room][1]]
+    room = room_of(path)
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         return int(pytest.main(["-x", "-q", "-n", "0", "--tb=no", "-p", "no:cacheprovider", "-W", "ignore",
-                                "-k", selected, *files]))  # fmt: skip
+                                "-k", room.selected, *tests_of(room.fast)]))  # fmt: skip
 
 
 def noticed(path: Path, number: int | None) -> bool:
@@ -213,7 +246,7 @@ def noticed_compiled(path: Path, number: int) -> bool:
     """Whether a test notices a mistake in a copy of the package, with the compiler."""
     maker = Mistakes(number)
     tree = ast.fix_missing_locations(maker.visit(ast.parse(path.read_text())))
-    room = next(room for room in ROOMS if (ROOT / room) in path.parents)
+    room = room_of(path)
     with tempfile.TemporaryDirectory() as place:
         copy = Path(place)
         for name in ("fish_env", "agents", "benchmarks", "tests", "docs", "examples"):
@@ -225,11 +258,11 @@ def noticed_compiled(path: Path, number: int) -> bool:
         kept = {
             key: value for key, value in os.environ.items() if key not in ("NUMBA_DISABLE_JIT", "FISH_ENV_TEST_SECONDS")
         }
-        files = [f"tests/test_{name}.py" for name in COMPILED[room]]
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "--tb=no", "-p", "no:cacheprovider", *files]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "--tb=no", "-p", "no:cacheprovider",
+                   *tests_of(room.compiled)]  # fmt: skip
         done = subprocess.run(command, cwd=copy, env=kept | own, capture_output=True, text=True, check=False)
         if done.returncode not in (0, 1, 2):  # passed, failed, or not even loaded
-            raise SystemExit(f"pytest could not run the tests of {room}: {done.stdout}{done.stderr}")
+            raise SystemExit(f"pytest could not run the tests of {path}: {done.stdout}{done.stderr}")
         return done.returncode != 0
 
 
@@ -244,12 +277,11 @@ def main() -> int:
     sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
     import numba, numpy, pytest, scipy.optimize, gymnasium, hypothesis  # noqa: E401, F401, I001 - forks share them
 
-    files = [path.resolve() for path in chosen.files] or [
-        path for room in ROOMS for path in sorted((ROOT / room).glob("*.py"))
-    ]
-    for room in {next(room for room in ROOMS if (ROOT / room) in path.parents) for path in files}:
-        if noticed(next(path for path in files if (ROOT / room) in path.parents), None):
-            raise SystemExit(f"the tests of {room} fail without any mistake")
+    files = [path.resolve() for path in chosen.files] or [path for room in ROOMS for path in files_of(room)]
+    os.chdir(ROOT)
+    for path in {room_of(path): path for path in files}.values():
+        if noticed(path, None):
+            raise SystemExit(f"the tests of {path.relative_to(ROOT)} fail without any mistake")
     found = [(path, number) for path in files for number in range(places(path))]
     if not chosen.files:
         found = random.Random(chosen.seed).sample(found, min(chosen.count, len(found)))

@@ -1,0 +1,651 @@
+"""What the pages say is what the code does: their tables and numbers agree, their commands run, their site is built.
+
+Commands are those of shell blocks, and those within the text. A page is read from its top: its commands run in order,
+in one folder, as a reader types them. They are only made short, by options of `SHORT` after those of the page. What
+cannot run here stands in `NOT_RUN` by its reason. Slow commands, and the whole page that they are on, are run by
+`pytest -m slow`. `test_blocks.py` runs the other blocks.
+"""
+
+import importlib
+import inspect
+import logging
+import os
+import re
+import runpy
+import shlex
+import shutil
+import subprocess
+import sys
+from fractions import Fraction
+from functools import cache, partial
+from operator import itemgetter
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from pages import FENCE, PAGES, ROOT, blocks
+
+import fish_env
+from fish_env import __main__ as command_line
+from fish_env.control.policy import shipped_policy
+from fish_env.envs import VARIATIONS, FishVectorEnv, episode
+from fish_env.physics.failures import FAILURES
+from fish_env.tasks import TASKS, avoid, fast_start, start, target, turns
+from fish_env.tasks.options import keywords_of
+
+FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
+FIRST = 153  # elements of the observation before the task's own, for which all pages refer to swim.md
+SHARED_WEIGHTS = {"effort_weight", "failure_penalty"}  # of the reward of every task, on swim.md too
+
+every_task = pytest.mark.parametrize("task", TASKS)
+every_form = pytest.mark.parametrize(("task", "keywords"), FORMS)
+
+
+@cache
+def page(name):
+    """Text of a page under docs/: of a task, if it is given by its key."""
+    return (ROOT / "docs" / (f"envs/{name}.md" if name in TASKS else name)).read_text()
+
+
+def section(name, heading):
+    """What stands under a second-level heading of a page."""
+    parts = page(name).split(f"\n## {heading}\n")
+    assert len(parts) == 2, f"{name} has no section {heading!r}, or more than one"
+    return parts[1].split("\n## ")[0]
+
+
+def rows(name, heading, table=0):
+    """Cells of a table of a page, the table-th under this second-level heading."""
+    tables = re.findall(r"(?:^\|.*\n)+", section(name, heading), re.MULTILINE)
+    lines = tables[table].splitlines()[2:]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+
+
+def number(name, pattern):
+    """The number that this pattern finds on a page; it may stand there more than once, but only with one value."""
+    found = set(re.findall(pattern, page(name)))
+    assert len(found) == 1, f"{name}: {pattern} finds {found or 'nothing'}"
+    return float(found.pop())
+
+
+def spelled(value):
+    """A bound as the pages write it: "π/18", "-π", "0.1"."""
+    part = Fraction(value / np.pi).limit_denominator(36)
+    if value == 0 or abs(part * np.pi - value) > 1e-12:
+        return f"{value:g}"
+    over = "" if part.denominator == 1 else f"/{part.denominator}"
+    return f"{part.numerator}π{over}".replace("1π", "π")
+
+
+def span(option):
+    """The range of an `Option` as the pages write it: "-π to π"."""
+    return f"{spelled(option.low)} to {spelled(option.high)}"
+
+
+def applies(meaning, keywords):
+    """Whether a row holds for an environment with these keywords: it may say "only with `speed`"."""
+    only = re.search(r"only with `(\w+)", meaning)
+    return only is None or only[1] in keywords
+
+
+def modules(task):
+    """The modules that the class of a task and its bases are in."""
+    return [sys.modules[cls.__module__] for cls in TASKS[task].__mro__ if cls is not object]
+
+
+# Links, names and equation numbers
+
+
+@pytest.mark.parametrize("path", sorted({*PAGES, *ROOT.glob("*.md")}), ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(path):
+    """Every relative link and picture of a page exists, and the heading it leads to."""
+    for link, anchor in re.findall(r"\]\(([^)#\s]*)#?([^)\s]*)\)", path.read_text()):
+        if "://" not in link:
+            assert (path.parent / link).exists(), link
+            assert not anchor or anchor in anchors((path.parent / link if link else path).read_text()), anchor
+
+
+def anchors(text):
+    """The names that the headings of a page have as the end of a link."""
+    return {
+        re.sub(r"[^\w\s-]", "", line).strip().lower().replace(" ", "-") for line in re.findall(r"^#+ (.*)$", text, re.M)
+    }
+
+
+def test_design_names_what_exists():
+    """The ladder of design.md is that of the import contract, and every file that the page names exists."""
+    page = (ROOT / "docs/design.md").read_text()
+    rooms = re.findall(r"^  (\w+) ", page.split("```")[1], re.MULTILINE)
+    contract = re.search(r"layers = \[(\"__main__\".*)\]", (ROOT / "pyproject.toml").read_text())
+    assert contract and rooms == re.findall(r"\w+", contract[1])
+    names = set(re.findall(r"`([\w/]+\.py)`", page))
+    assert len(names) > 30
+    for name in names:
+        assert any(path.as_posix().endswith(f"/{name}") for path in ROOT.rglob(Path(name).name)), name
+
+
+def test_equations():
+    """physics.md numbers its equations from 1 on, without gaps, each once, and the code refers to no other."""
+    tags = [int(tag) for tag in re.findall(r"\\tag\{(\d+)\}", (ROOT / "docs/physics.md").read_text())]
+    assert sorted(tags) == list(range(1, len(tags) + 1))
+    for folder in ("fish_env", "agents", "benchmarks"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for comment in re.findall(r"  # ((?:\(\d+\)(?:, )?)+)", path.read_text()):
+                assert set(map(int, re.findall(r"\d+", comment))) <= set(tags), f"{path}: {comment}"
+
+
+def test_methods_table():
+    """The table of methods in physics.md is that of INTEGRATORS."""
+    stated = rows("physics.md", "Methods")
+    for record in fish_env.INTEGRATORS.values():
+        cost = f"{record.forces}, {record.factorisations}, {record.solves}" if record.forces else "counted as they come"
+        assert [f"`{record.name}`", str(record.order), record.kind, cost] in stated
+    assert len(stated) == len(fish_env.INTEGRATORS)
+
+
+# Pages of the tasks
+
+
+@every_task
+def test_page_of_a_task(task):
+    """Its picture, the length of an episode, the terms of the reward in their order with their weights, and failures.
+
+    The step, the control interval, the reasons for failures and what all tasks have in their reward are on swim.md.
+    """
+    lines, env = page(task).splitlines(), FishVectorEnv(1, task=task)
+    assert lines[0].startswith("# ")
+    assert re.fullmatch(rf"!\[.+\]\(\.\./images/gallery/env_{task}\.webp\)", lines[2])
+    assert (ROOT / f"docs/images/gallery/env_{task}.webp").stat().st_size < 600_000
+    steps = gym.spec(env_id(task)).max_episode_steps
+    assert number(task, r"after (\d+) steps") == steps
+    assert number(task, r"after \d+ steps, ([\d.]+) s\.") == pytest.approx(steps * env.control_interval)
+    assert number("swim", r"one control interval of ([\d.]+) s") == env.control_interval
+    assert number("swim", r"s, (\d+) integrator steps") == env._substeps
+    assert number("swim", r"integrator steps of ([\d.]+) s\.") == pytest.approx(env.tank.dt, rel=1e-5)
+    stated = [(term.strip("`"), weight.strip("`")) for term, weight, _ in rows(task, "Rewards")]
+    names, weights = [*TASKS[task].term_names, "failure"], {"1", *TASKS[task].weights, "failure_penalty"}
+    if task == "swim":
+        assert re.findall(r"^  - `(.*)`$", section(task, "Episode End"), re.MULTILINE) == list(FAILURES[1:])
+    else:
+        assert "the reasons [listed for Swim](swim.md#episode-end)" in section(task, "Episode End")
+        assert "`effort` and `failure` are as for [Swim](swim.md#rewards)" in page(task)
+        names, weights = [name for name in names if name not in ("effort", "failure")], weights - SHARED_WEIGHTS
+    assert [term for term, _ in stated] == names
+    assert {weight for _, weight in stated} == weights
+    for term, weight in stated:
+        assert weight == "1" if term == "progress" else term.startswith(weight.split("_")[0])
+
+
+def env_id(task):
+    """The id that a task is registered under, which its page must name."""
+    found = {spec.kwargs["task"]: name for name, spec in gym.registry.items() if re.match(r"FishEnv/(?!Stub)", name)}
+    assert f'"{found[task]}"' in page(task)
+    return found[task]
+
+
+def described(layout):
+    """The rows of a table of an observation."""
+    return [
+        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
+        for part in layout
+    ]
+
+
+@every_form
+def test_observation_table(task, keywords):
+    """The table of the observation is the layout: part, place, shape and range; from FIRST on beside swim.md."""
+    env = FishVectorEnv(1, task=task, **keywords)
+    wanted, of_swim = described(env.layout), described(FishVectorEnv(1).layout)
+    if task != "swim" and wanted == of_swim:
+        assert ", as for [Swim](swim.md#observation-space)." in page(task)
+    else:
+        first = 0 if wanted == of_swim else env.layout.parts.index(env.layout["vertical"]) + 1
+        assert rows(task, "Observation Space", 1 if "speed" in keywords else 0) == wanted[first:]
+        assert task == "swim" or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
+    assert env.single_observation_space.shape == (number(task, r"`Box\(\((\d+),\), float32\)`"),)
+    assert env.layout["vertical"].slice.stop == FIRST
+    sensors = described(FishVectorEnv(1, observation="sensors").layout)
+    assert [row[:5] for row in rows("envs/sensing.md", "Sensors")] == sensors
+
+
+def test_action_tables():
+    """The tables of actions name each muscle's segment, side, height and nodes, and each pair's muscles."""
+    fish = fish_env.make_fish()
+    nodes, x = fish.body.springs.nodes[fish.muscles], fish.body.position
+    sides = ["left" if side > 0 else "right" for side in fish.sides]
+    heights = ["Upper" if x[i, 2] > 0 else "Lower" for i, _ in nodes]
+    columns = ["Upper left", "Upper right", "Lower right", "Lower left"]
+    wanted = [[str(segment), *[""] * 4] for segment in range(3)]
+    for muscle, (i, j) in enumerate(nodes):
+        column = columns.index(f"{heights[muscle]} {sides[muscle]}")
+        wanted[fish.segments[muscle]][1 + column] = f"{muscle} ({i}-{j})"
+    assert rows("swim", "Action Space") == wanted and f"| Segment | {' | '.join(columns)} |" in page("swim")
+    groups = fish.grouping("pairs")
+    pairs = [[str(segment), "", ""] for segment in range(3)]
+    for group in range(FishVectorEnv(1, muscle_groups="pairs").single_action_space.shape[0]):
+        members = np.flatnonzero(groups == group)
+        place = 1 + ["left", "right"].index(sides[members[0]])
+        pairs[fish.segments[members[0]]][place] = f"{group} ({', '.join(map(str, members))})"
+    assert rows("swim", "Action Space", 1) == pairs
+
+
+FACTS = [
+    ("swim", r"standard deviation of ([\d.]+) body lengths/s", start.NOISE),
+    ("swim", r"by at most\s+([\d.]+) rad", TASKS["swim"]().heading_error),
+    *((name, r"(\d+) % (?:of|was)", 100 * turns.COMPLETE) for name in ("turn", "left_after_right")),
+    ("turn", r"averaged twice over ([\d.]+) s", turns.MEAN_TIME),
+    ("turn", r"(\d+) degrees \|", np.degrees(turns.SETTLED)),
+    ("physics.md", r"mean heading over the last ([\d.]+) s", turns.MEAN_TIME),
+    ("left_after_right", r"at the latest after (\d+) s", turns.PATIENCE),
+    ("target", r"(\d+) targets are drawn", target.DRAWN),
+    ("avoid", r"a fish at (\d+) body lengths per second", avoid.CRUISE),
+    ("fast_start", r"whether ([\d.]+) body lengths were made good", fast_start.AWAY),
+    ("fast_start", r"heading within ([\d.]+) s of the command", fast_start.IN_TIME),
+    ("fast_start", r"within ([\d.]+) s of the command, m", fast_start.START),
+    ("fast_start", r"averaged over (\d+) ms", 1000 * fast_start.OVER),
+]
+
+
+@pytest.mark.parametrize(("name", "pattern", "value"), FACTS, ids=lambda part: str(part)[:40])
+def test_facts(name, pattern, value):
+    """Numbers in the text that are constants of the code."""
+    assert number(name, pattern) == pytest.approx(value)
+
+
+def test_turn_before_the_obstacle():
+    """Avoid: how long before the obstacle a turn is commanded."""
+    env = FishVectorEnv(500, task="avoid", turning=1.0)
+    env.reset(seed=0)
+    lead = env.task._appears - env.task.course.wait[:, 0]
+    low, high = map(float, re.search(r"commanded ([\d.]+) to ([\d.]+) s before", page("avoid")).groups())
+    assert low <= lead.min() < low + 0.01 and high - 0.01 < lead.max() <= high
+
+
+@every_task
+def test_arguments(task):
+    """Every keyword of the task, with its default and range; on swim.md those of the environment and of all tasks."""
+    stated = {name.strip("`"): (default.strip("`"), meaning) for name, default, meaning in rows(task, "Arguments")}
+    shared = dict(list(inspect.signature(FishVectorEnv).parameters.items())[:-1])
+    shared |= dict(list(inspect.signature(episode.Episodes).parameters.items())[:-1])
+    own = keywords_of(TASKS[task])
+    wanted = {name: parameter.default for name, parameter in shared.items()} | own
+    wanted |= {"task": task, "max_episode_steps": gym.spec(env_id(task)).max_episode_steps}
+    if task != "swim":
+        assert "Those of [Swim](swim.md#arguments) without `heading_error` and `speed`, and:" in page(task)
+        assert TASKS[task].weights["effort_weight"] == TASKS["swim"].weights["effort_weight"]
+        wanted = {name: wanted[name] for name in own if name not in SHARED_WEIGHTS}
+    assert set(stated) == set(wanted)
+    for name, default in wanted.items():
+        assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name
+    for name in set(own) & set(stated) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
+        option = TASKS[task].weights.get(name) or vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
+        assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
+
+
+def test_times_and_water_of_the_fish():
+    """What swim.md says that the fish has of its own, in the meaning of the arguments."""
+    stated = {name.strip("`"): meaning for name, _, meaning in rows("swim", "Arguments")}
+    env = FishVectorEnv(1)
+    assert stated["dt"].endswith(f"own, {env.tank.dt:g}")
+    assert f'own, `"{env.tank.integrator.name}"`' in stated["integrator"]
+    assert stated["control_interval"].endswith(f"own, {env.control_interval:g}")
+    coefficient = fish_env.make_fish().water.quadratic / 500.0
+    assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, quadratic law" in page("swim")
+
+
+@every_form
+def test_reset_options(task, keywords):
+    """Keys of `reset(options=...)` beside those that stand on swim.md, in order, with their range and meaning.
+
+    A row may say more than the option's text. What may vary in every task is on swim.md.
+    """
+    shared = {*VARIATIONS} if task == "swim" else {*VARIATIONS, *FishVectorEnv(1, task="swim").task.reset_options}
+    options = FishVectorEnv(1, task=task, **keywords).task.reset_options
+    own = {key: option for key, option in options.items() if key not in shared}
+    stated = [row for row in rows(task, "Starting State") if applies(row[2], keywords)]
+    for table, wanted in ((stated, own), (rows("swim", "Starting State", 1), VARIATIONS)):
+        assert [key.strip('`"') for key, *_ in table] == list(wanted)
+        for (key, between, meaning), option in zip(table, wanted.values(), strict=True):
+            assert between == span(option), f"{key} is from {span(option)}"
+            assert option.text in meaning, f"{key}: {option.text!r}"
+    assert task == "swim" or "beside those of [Swim](swim.md#starting-state)" in page(task)
+
+
+@every_form
+@pytest.mark.parametrize("single", [False, True])
+def test_info_keys(task, keywords, single):
+    """With `info_every_step`, the last `info` has the keys the page lists, of the step and of the episode.
+
+    Those before it lack numbers that do not exist yet, and no others.
+    """
+    stated = [row for row in rows(task, "Info") if applies(row[1], keywords)]
+    more = rows("turn", "Info") if "The other keys are those of [Turn](turn.md#info)" in page(task) else []
+    shared = re.search(r"^(.*) are in the `info` of every task", section("swim", "Info"), re.MULTILINE)
+    assert shared and (task == "swim" or more or "beside the keys [of every task](swim.md#info)" in page(task))
+    of_every_task = set(re.findall(r"`(\w+)`", shared[1]))
+    assert of_every_task <= {key.strip("`") for key, _ in rows("swim", "Info")}
+    of_episode = {key.strip("`") for key, _ in [*stated, *more]} | of_every_task
+    keys_of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)} - {"term_<name>"}
+    make = gym.make if single else partial(gym.make_vec, num_envs=2)
+    env = make(env_id(task), info_every_step=True, **keywords)
+    over, infos = False, [env.reset(seed=0)[1]]
+    while not over:
+        _, _, terminated, truncated, info = env.step(env.action_space.sample())
+        infos.append(info)
+        over = np.any(terminated) or np.any(truncated)
+    terms = set(re.findall(r"`(\w+)`", stated[0][1]))
+    wanted = keys_of_step | of_episode | {f"term_{name}" for name in terms}
+    assert {key for key in infos[-1] if not key.startswith("_")} == wanted
+    for info in infos:
+        missing = wanted - info.keys()
+        assert {key for key in info if not key.startswith("_")} == wanted - missing
+        assert all(np.asarray(infos[-1][key]).dtype == np.float64 for key in missing)
+    assert {key for key in infos[-1]["terms"] if not key.startswith("_")} == terms
+
+
+# The site, README.md and the gallery
+
+
+def hook(name):
+    """A hook of the site as a module, as MkDocs loads it."""
+    pytest.importorskip("mkdocs", reason="the extra [docs] is not installed")
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/site/{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_readme_and_citation():
+    """README is short, has its two commands, and begins with a picture that moves; CITATION.cff names this version."""
+    from PIL import Image
+
+    text = (ROOT / "README.md").read_text()
+    lines = text.splitlines()
+    assert len(lines) <= 80
+    assert 'pip install -c constraints.txt -e ".[train]" && python train.py swim' in lines
+    assert 'pip install -c constraints.txt -e ".[dev]" && pytest' in lines
+    path = ROOT / re.search(r"!\[[^\]]+\]\(([^)]+)\)", text)[1]
+    assert path.stat().st_size < 700_000
+    with Image.open(path) as picture:
+        assert picture.n_frames > 20
+    assert re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.M)[1] == fish_env.__version__
+
+
+def test_links_out_of_docs_lead_to_copies():
+    """A source file becomes a page, data stay as they are; links within docs/, to the web and in code are left."""
+    links = hook("links")
+    assert links.uri(ROOT / "fish_env" / "physics" / "tank.py") == "repository/fish_env/physics/tank.py.md"
+    assert links.uri(ROOT / "benchmarks" / "results" / "gait.csv") == "repository/benchmarks/results/gait.csv"
+    assert links.uri(ROOT / "benchmarks") == "repository/benchmarks/index.md"
+    folder = ROOT / "docs" / "envs"
+    assert links.outside(folder, "../../fish_env/physics/tank.py") == ROOT / "fish_env" / "physics" / "tank.py"
+    for link in ("swim.md", "../physics.md", "https://gymnasium.farama.org", "../../nothing.py", "../../../tmp"):
+        assert links.outside(folder, link) is None, link
+    assert links.links("[a](../a.py)\n\n```\n[b](../b.py)\n```\n\n[c](c.md#d)\n") == ["../a.py", "c.md"]
+
+
+def test_film_of_the_site():
+    """The film is made of a policy, and links of the repository lead to it."""
+    film = hook("film")
+    assert "WebGL" in film.film(episodes=1)
+    assert film.on_page_markdown("[film](site/film.py)", None, None, None) == "[film](videos/left_after_right.html)"
+
+
+def test_equations_become_mathml(caplog):
+    """A number moves beside its equation; a command that cannot be converted is a warning, which CI refuses."""
+    equations = hook("equations")
+    found = equations.block(r"e_{ij} = \lvert r_{ij} \rvert \tag{4}", "math", "", {}, None)
+    assert "<math" in found and "(4)" in found and 'id="eq-4"' in found and "tag" not in found
+    assert not caplog.records
+    with caplog.at_level(logging.WARNING):
+        equations.mathml(r"\nosuchcommand x", "inline")
+    assert r"\nosuchcommand" in caplog.text
+
+
+@pytest.mark.slow
+def test_window_film_and_laboratory_draw_the_same(monkeypatch):
+    """Of one moment the three show the same pose and the same colours, to 1/30 of a length; of another moment not."""
+    for module, extra in (("playwright.sync_api", "browser"), ("websockets", "lab")):
+        pytest.importorskip(module, reason=f'needs pip install -e ".[{extra}]"')
+    monkeypatch.syspath_prepend(str(ROOT / "docs/site"))
+    gallery = importlib.import_module("gallery")
+
+    def warm(image):  # muscles that contract and fins: where, about the middle, and the shares of red, green and blue
+        pixels = np.asarray(image).astype(int)
+        rows, columns = np.nonzero(pixels[..., 0] - pixels[..., 2] > 30)
+        red = pixels[pixels[..., 0] - pixels[..., 1:].mean(axis=2) > 90]
+        mask = np.zeros((400, 400), bool)
+        mask[rows - round(rows.mean()) + 200, columns - round(columns.mean()) + 200] = True
+        return mask, (red / red.sum(axis=1, keepdims=True)).mean(axis=0)
+
+    def overlap(one, other):
+        near = np.pad(other, 8)
+        near = np.any([np.roll(near, (i, j), (0, 1)) for i in range(-8, 9, 2) for j in range(-8, 9, 2)], axis=0)
+        return (one & near[8:-8, 8:-8]).sum() / one.sum()
+
+    (window, red), *others = map(warm, gallery.three_painters(30))
+    earlier, _ = warm(gallery.window_at(26))
+    for mask, colour in others:
+        assert min(overlap(window, mask), overlap(mask, window)) > 0.95
+        np.testing.assert_allclose(colour, red, atol=0.05)
+        assert min(overlap(earlier, mask), overlap(mask, earlier)) < 0.9
+
+
+# Commands
+
+HERE = [*PAGES, ROOT / "CONTRIBUTING.md"]
+PROGRAMS = "python|fish_env|pip|pytest|pre-commit|mkdocs|twine|tensorboard|ray|docker|git|cd"
+"""First words of commands: of every line of a shell block, and of spans within the text that say more than a name."""
+
+NOT_RUN = {
+    "needs the network": ("git clone", "pip install", r"python -m build$"),
+    "is for a clone": ("cd fish_env", "git grep", "twine check"),
+    "changes the checkout, or the package": ("pre-commit install", r"python -m benchmarks\.calibrate "),
+    "is the tests themselves, once or for each mistake": ("pytest", r"python \.ci/mutation\.py"),
+    "is a server, an image or a cluster": ("tensorboard", "docker build", "docker run", "ray start"),
+    "is in .ci/run too": ("mkdocs build",),
+    "needs RL Baselines3 Zoo, which is no dependency": (r"python -m rl_zoo3\.",),
+    "is run by test_learners.py, test_rllib.py and test_torch_env.py where that is installed": (
+        r"python examples/train_torchrl\.py", r"python examples/train_sbx\.py", r"python examples/train_rllib\.py",
+        r"python examples/train_gpu\.py",
+    ),
+    "needs an NVIDIA GPU, MuJoCo or a browser": (
+        r"python -m benchmarks\.speed\.gpu", r"python -m benchmarks\.speed\.peers", r"python docs/site/gallery\.py",
+    ),
+    "takes an hour; test_benchmarks.py does it in small": (r"python train\.py all",),
+    "takes minutes, up to hours": (
+        r"python train\.py compare --integrators", r"python -m benchmarks (--all|validation)",
+        r"python -m benchmarks\.calibration\.fit", r"python -m benchmarks\.stability\.water",
+        r"python -m benchmarks\.water\.prices", r"python -m benchmarks\.learning\.sensing",
+    ),
+}  # fmt: skip
+"""How commands begin that no test runs, as regular expressions, by the reason."""
+
+SHORT = {
+    "fish_env train ": "--timesteps 2048 --num-envs 16 --no-pictures",
+    "fish_env train .*--resume ": "--timesteps 4096",  # the run of the line before has ended
+    r"python train\.py [a-z_]+$": "--timesteps 2048 --num-envs 16 --no-pictures",
+    "fish_env play ": "--episodes 1 --env-kwargs max_episode_steps=9",
+    "fish_env evaluate ": "--episodes 2",
+    r"python train\.py evaluate ": "--episodes 2",
+    "fish_env report ": "--episodes 2",
+    r"python examples/train_cleanrl\.py": "--timesteps 512 --num-envs 16 --evaluations 3",
+    r"python -m benchmarks\.(accuracy|bodies|validation|stability\.survey|water\.levels|speed\.scaling)": "--draw",
+    r"python -m benchmarks\.calibration\.living_fish": "--draw",
+    r"python -m benchmarks\.stability\.attack": "--body planar --fish 64 --evaluations 8",
+    r"python -m benchmarks\.learning\.bound": "swim --starts 1 --seeds 1 --budget 2",
+}
+"""Options that make commands short, after those of the page."""
+
+SLOW = (
+    "python -m benchmarks",
+    "python -m fish_env compile",
+    "fish_env compile",
+    "fish_env compare",
+    "fish_env train .*--integrator",
+    "fish_env train .*--body tetrahedral",
+    "fish_env evaluate .*--body two_layer",
+    r"fish_env report runs/(swim|all)/",
+)
+"""How commands begin that take long even so."""
+
+MINE = """
+import gymnasium as gym
+import fish_env
+
+if "Mine-v0" not in gym.registry:  # it is imported for the body too
+    gym.register("Mine-v0", entry_point="fish_env.envs:FishEnv", vector_entry_point="fish_env.envs:FishVectorEnv",
+                 max_episode_steps=250, kwargs={"task": "turn"})
+
+
+def make_fish():
+    return fish_env.make_fish(length=0.3)
+"""
+
+
+def commands_of(path: Path) -> list[str]:
+    """The commands of a page, from its top, without comments and the variables before them."""
+    text = path.read_text()
+    found = [
+        (block.line + number, command)
+        for block in blocks(path, "sh")
+        for number, line in enumerate(block.text.splitlines())
+        for command in re.split(r"\s&&\s", re.sub(r"\s#\s.*", "", line))
+    ]
+    prose = FENCE.sub(lambda match: "\n" * match[0].count("\n"), text)
+    for span in re.finditer(rf"(?<!`)`((?:[A-Z_]+=\S+ )*(?:{PROGRAMS}) [^`\n]+)`(?!`)", prose):
+        found.append((prose.count("\n", 0, span.start()) + 1, span[1]))
+    return [re.sub(r"^([A-Z_]+=\S+ )*", "", text.strip()) for _, text in sorted(found, key=itemgetter(0))]
+
+
+def matching(command, patterns):
+    """Those of the patterns that a command begins with."""
+    return [pattern for pattern in patterns if re.match(pattern, command)]
+
+
+ENDLESS = [pattern for patterns in NOT_RUN.values() for pattern in patterns]
+COMMANDS = {path.relative_to(ROOT).as_posix(): commands_of(path) for path in HERE}
+ALL = [command for of_page in COMMANDS.values() for command in of_page]
+
+
+def test_every_command_is_known():
+    """Blocks name their language, shell blocks hold commands, and no entry of the tables has lost its command."""
+    for block in (block for path in HERE for block in blocks(path)):
+        assert block.language, f"{block} names no language; commands are sh"
+        if block.language != "sh":
+            assert not re.search(r"^\$? ?(fish_env|pip|python|pytest|docker) \S", block.text, re.MULTILINE), block
+    assert len(ALL) > 80
+    for command in ALL:
+        assert re.match(rf"(?:{PROGRAMS})\b", command), f"{command}: how is it checked?"
+        assert len(matching(command, ENDLESS)) < 2, command
+    for pattern in (*ENDLESS, *SHORT, *SLOW):
+        assert any(re.match(pattern, command) for command in ALL), f"no page has a command {pattern}"
+
+
+def test_what_pip_installs():
+    """The extras exist, and so do the constraints and the folder."""
+    declared = (ROOT / "pyproject.toml").read_text().split("[project.optional-dependencies]")[1].split("\n[")[0]
+    for command in [command for command in ALL if command.startswith("pip ")]:
+        for extra in re.findall(r"(?:\.|fish_env)\[(\w+)\]", command):
+            assert re.search(rf"^{extra} = ", declared, re.MULTILINE), f"{command}: there is no extra {extra!r}"
+        for name in re.findall(r'-[ce] "?([\w./]+)', command):
+            assert (ROOT / name).exists(), f"{command}: there is no {name}"
+
+
+@pytest.fixture
+def reader(trained, tmp_path, monkeypatch):
+    """The folder of a reader with earlier runs, a policy and a module of theirs; what is registered is forgotten."""
+    for run in ("runs/swim/2026-11-26", "runs/all/turn/0", "runs/all/turn/1"):
+        shutil.copytree(trained, tmp_path / run)
+    (tmp_path / "my").mkdir()
+    shutil.copy(shipped_policy("turn"), tmp_path / "my" / "policy.npz")
+    (tmp_path / "mine.py").write_text(MINE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(ROOT / "examples/register_elsewhere/src"), *sys.path])
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    before = [(table, set(table)) for table in (gym.registry, fish_env.TASKS)]
+    yield tmp_path
+    for table, names in before:
+        for name in set(table) - names:
+            del table[name]
+    for name in [name for name in sys.modules if re.match(r"mine$|swim_elsewhere", name)]:
+        del sys.modules[name]
+
+
+def typed(command: str) -> list[str]:
+    """The words of a command, with what a reader puts in for <...> and the shell for *, and made short."""
+    words = []
+    for word in shlex.split(command):
+        word = re.sub("<policy>", "swim", word)
+        if "<time>" in word:  # the latest run of this task
+            found = sorted(Path().glob(word.replace("<time>", "*")), key=lambda path: path.stat().st_mtime)
+            assert found, f"{command}: there is no such run"
+            words.append(str(found[-1]))
+        else:
+            words += sorted(map(str, Path().glob(word))) if "*" in word else [word]
+    return [*words, *(more for pattern in matching(command, SHORT) for more in SHORT[pattern].split())]
+
+
+def look_and_leave(laboratory):
+    """What a reader does who opens the laboratory: the page, and its first picture."""
+    from test_lab_server import ask, enter, get
+
+    try:
+        assert get(laboratory)[0] == 200
+        with enter(laboratory) as page:
+            assert isinstance(ask(page, {"do": "frame"})[-1], bytes)
+    finally:
+        laboratory.close()
+
+
+def run(command: str, monkeypatch):
+    """Run a command, here if it can be: it must end well."""
+    program, *words = typed(command)
+    if words[0] == "-m" and words[1].startswith("benchmarks"):  # they write into their checkout
+        checkout = Path("checkout")
+        if not checkout.exists():
+            shutil.copytree(ROOT, checkout, ignore=shutil.ignore_patterns(".git", "runs", "site", "__pycache__"))
+        variables = os.environ | {"PYTHONPATH": str(checkout.resolve())}
+        subprocess.run([sys.executable, *words], cwd=checkout, env=variables, check=True)
+        return
+    if words[:2] == ["-m", "fish_env"]:
+        program, words = "fish_env", words[2:]
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "path", [*sys.path])
+        if program == "fish_env":
+            if words[0] == "lab":
+                pytest.importorskip("websockets")
+                patch.setattr("fish_env.lab.server.Laboratory.wait", look_and_leave)
+            status = command_line.main(words)
+        elif words[0] == "train.py":
+            patch.setattr(sys, "argv", words)
+            status = importlib.import_module("train").main()
+        else:
+            patch.setattr(sys, "argv", [str(ROOT / words[0]), *words[1:]])
+            sys.path.insert(0, str((ROOT / words[0]).parent))
+            status = runpy.run_path(sys.argv[0], run_name="__main__") and 0
+    assert status == 0, command
+
+
+def runs_of(page: str, slow: bool) -> list[str]:
+    """The commands of a page that are run, each once."""
+    found = dict.fromkeys(command for command in COMMANDS[page] if not matching(command, ENDLESS))
+    return [command for command in found if slow or not matching(command, SLOW)]
+
+
+@pytest.mark.parametrize(
+    ("page", "slow"),
+    [
+        pytest.param(page, slow, marks=[pytest.mark.slow] * slow, id=page + ", slow ones too" * slow)
+        for page in COMMANDS
+        for slow in (False, True)
+        if len(runs_of(page, slow)) > (len(runs_of(page, False)) if slow else 0)
+    ],
+)
+def test_commands_of_a_page(page, slow, reader, monkeypatch):
+    """They run in their order, and each ends with exit status 0."""
+    for module in ("stable_baselines3", "tensorboard", "moviepy"):
+        pytest.importorskip(module)
+    for command in runs_of(page, slow):
+        run(command, monkeypatch)
