@@ -12,9 +12,9 @@ from gymnasium.vector.utils import batch_space
 from fish_env.bodies import Fish
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
-from fish_env.envs.observation import make_sensors, make_told, observe_nodes, observe_sensors
+from fish_env.envs.observation import make_sensors, make_rows, observe_nodes, observe_sensors
 from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_truth, fish_for
-from fish_env.envs.senses import begin, check_delays, checked_noise, checked_senses, make_memory, pack_memory
+from fish_env.envs.senses import check_delays, checked_noise, checked_senses, draw_delays, make_memory, pack_memory
 from fish_env.envs.state import Stateful
 from fish_env.envs.step import (
     FAILURE_PENALTY,
@@ -196,7 +196,7 @@ class Episodes(Stateful, ReadOnly):
             "pose": packed_pose(self._pose),
             "order": np.arange(self.num_envs) if engine is None else engine.order,
             "episode": Pack("episode", vectors=Vectors(self._vectors, Kind(1)), **self._arrays),
-            "told": make_told(self.layout, self._observation),
+            "rows": make_rows(self.layout, self._observation),
         }
         sensors = self.layout.observation == "sensors"
         if sensors:
@@ -204,7 +204,7 @@ class Episodes(Stateful, ReadOnly):
         if self._memory:
             fields["memory"] = pack_memory(self._senses, self._memory)
         if self.privileged:
-            fields["privileged"] = make_told(self._nodes, self._privileged)
+            fields["privileged"] = make_rows(self._nodes, self._privileged)
         self._sensing = (observe_sensors if sensors else observe_nodes, bool(self._memory), self.privileged)
         moved = [{}] if engine is None else [{"queue": engine.queue, "block": block} for block in engine.blocks]
         self._envs = [Pack("env", **fields, **each) for each in moved]  # one a thread
@@ -250,7 +250,7 @@ class Episodes(Stateful, ReadOnly):
             self._drawn[i] = [drawn.get(name, np.nan) for name in VARIATIONS]
             self.task.start(self.tank, i, generator, drawn)
             if self._memory:
-                begin(self._senses, self._memory, i, generator)
+                draw_delays(self._senses, self._memory, i, generator)
         self._elapsed[mask] = 0
         self._limit[mask] = self.max_episode_steps or np.iinfo(np.int64).max
         self._arrays["totals"][:, mask] = self._arrays["path"][mask] = 0.0

@@ -21,9 +21,9 @@ BODY_VELOCITY, ANGULAR_VELOCITY, TILT, CURVATURE, MUSCLE_LENGTH, PRESSURE, SENSO
 
 
 @kernel
-def observe_nodes(env, told, b):
+def observe_nodes(env, rows, b):
     """Fill row b with positions, velocities, rest lengths, the vertical and the task's vectors."""
-    tank, pose, starts, limits, out = env.tank, env.pose, told.starts, told.limits, told.observation
+    tank, pose, starts, limits, out = env.tank, env.pose, rows.starts, rows.limits, rows.observation
     axes, centre, scale = pose.axes, pose.centre[b], 1.0 / tank.length
     forward, left, up = axes[b, FORWARD], axes[b, LEFT], axes[b, UP]
     for i in range(tank.node.size):
@@ -40,9 +40,9 @@ def observe_nodes(env, told, b):
 
 
 @kernel
-def observe_sensors(env, told, b):
+def observe_sensors(env, rows, b):
     """Fill row b with what a robot could measure, and the task's vectors."""
-    tank, pose, starts, limits, out = env.tank, env.pose, told.starts, told.limits, told.observation
+    tank, pose, starts, limits, out = env.tank, env.pose, rows.starts, rows.limits, rows.observation
     axes, scale = pose.axes, 1.0 / tank.length
     forward, left, up = axes[b, FORWARD], axes[b, LEFT], axes[b, UP]
     write(forward, left, up, scale * pose.velocity[b], limits[BODY_VELOCITY], b, starts[BODY_VELOCITY], out)
@@ -71,10 +71,10 @@ def make_sensors(fish: Fish, world: World) -> Pack:
     )  # fmt: skip
 
 
-def make_told(layout: Layout, observation: np.ndarray) -> Pack:
+def make_rows(layout: Layout, observation: np.ndarray) -> Pack:
     """Where the kernels write: the starts and limits of the parts of the present, and the rows."""
     starts, limits = np.array([(part.start, part.limit) for part in layout.parts[: layout.num_present]]).T
-    return Pack("told", starts=starts.astype(np.int64), limits=np.array(limits), observation=observation)
+    return Pack("rows", starts=starts.astype(np.int64), limits=np.array(limits), observation=observation)
 
 
 @kernel

@@ -110,7 +110,7 @@ def make_memory(senses: Senses, layout: Layout, num_envs: int, num_actions: int)
     }
 
 
-def begin(senses: Senses, memory: Mapping[str, np.ndarray], i: int, generator: np.random.Generator) -> None:
+def draw_delays(senses: Senses, memory: Mapping[str, np.ndarray], i: int, generator: np.random.Generator) -> None:
     """Draw the delays of the next episode of fish i and the key of its noise."""
     for which, (low, high) in ((OBSERVED, senses.observation_delay), (ACTED, senses.action_delay)):
         memory["delay"][i, which] = generator.integers(low, high + 1) if low < high else low
@@ -156,11 +156,11 @@ def recall_action(env, b):
 
 @kernel
 def recall_observation(env, b):
-    """Remember what fish b observes, with noise, and fill its row with what it is told: late, and with its past.
+    """Remember what fish b observes, with noise, and fill its row with what arrives: late, and with its past.
 
     Before the beginning of the episode, the first observation was observed, and the muscles were relaxed.
     """
-    memory, out, now = env.memory, env.told.observation, env.episode.elapsed[b]
+    memory, out, now = env.memory, env.rows.observation, env.episode.elapsed[b]
     past, acted = memory.past_observation, memory.past_action
     frames, width, kept, actions = past.shape[1], past.shape[2], acted.shape[1], acted.shape[2]
     slot, place = INDEX(now % frames), noise_place(memory.key[b], now, OBSERVED)

@@ -6,6 +6,7 @@ of the task. They are found by comparison with those of a batch of another size.
 
 import copy
 import hashlib
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -221,7 +222,9 @@ def other_fish(its: tuple, own: tuple) -> ValueError:
 def parts_of_another(episodes) -> dict[str, Any]:
     """All that has the arrays of a batch with another number of fish, which is otherwise the same."""
     tank, task, count = episodes.tank, copy.deepcopy(episodes.task), 1 if episodes.num_envs > 1 else 2
-    other = Tank(tank.fish, count, tank.integrator.name, tank.dt, tank.world, threads=1, refine=tank.refine)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a step that is too long, as the tank itself warned
+        other = Tank(tank.fish, count, tank.integrator.name, tank.dt, tank.world, threads=1, refine=tank.refine)
     task.prepare(other, episodes.control_interval)
     return {"tank": other.pack, **episodes._make_arrays(count), "task": vars(task)}
 

@@ -52,7 +52,7 @@ def make_observe(senses):
 
     @kernel
     def observe_all_of(env, b):
-        observe(env, env.told, b)
+        observe(env, env.rows, b)
         if remember:
             recall_observation(env, b)
         if privileged:

@@ -21,7 +21,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 
 from fish_env.kernels.data import data
 from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
-from fish_env.kernels.progress import begin_progress, end_progress
+from fish_env.kernels.progress import start_progress, end_progress
 
 CHECKSUM = 32  # bytes
 ROOMS = ("kernels",)
@@ -211,7 +211,7 @@ class SourceCache(FunctionCache):
         with contextlib.suppress(UnknownValueError):
             found = super().load_overload(sig, target_context)
         if found is None:
-            begin_progress()
+            start_progress()
         return found
 
     def save_overload(self, sig, data):

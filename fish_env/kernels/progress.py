@@ -50,7 +50,7 @@ def has_bar() -> bool:
     return "tqdm" in sys.modules and len(getattr(sys.modules["tqdm"].tqdm, "_instances", ())) > 0
 
 
-def begin_progress() -> None:
+def start_progress() -> None:
     """Listen to the compiler, unless a listener is active."""
     if not _progress and not os.environ.get("FISH_ENV_QUIET"):
         _progress.append(Progress())
