@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from fish_env.bodies import Fish
 from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
 from fish_env.envs.layout import Layout, bytes_of_episode
-from fish_env.envs.observation import make_sensors, make_rows, observe_nodes, observe_sensors
+from fish_env.envs.observation import make_rows, make_sensors, observe_nodes, observe_sensors
 from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_truth, fish_for
 from fish_env.envs.senses import check_delays, checked_noise, checked_senses, draw_delays, make_memory, pack_memory
 from fish_env.envs.state import Stateful

@@ -21,7 +21,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 
 from fish_env.kernels.data import data
 from fish_env.kernels.fingerprint import UnknownValueError, fingerprint
-from fish_env.kernels.progress import start_progress, end_progress
+from fish_env.kernels.progress import end_progress, start_progress
 
 CHECKSUM = 32  # bytes
 ROOMS = ("kernels",)
