@@ -10,10 +10,9 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from fish_env.checks import as_floats
-from fish_env.control.environments import check_environment
+from fish_env.control.env_spec import check_environment
 from fish_env.control.exchange import onnx_model, read_onnx, write_onnx, write_torchscript
-from fish_env.control.files import replacing
-from fish_env.control.npz import check_arrays, read_about, read_npz
+from fish_env.control.files import check_arrays, read_about, read_npz, replacing
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.data import data
 
