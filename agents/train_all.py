@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -48,8 +48,11 @@ class Job:
     @property
     def steps(self) -> int:
         """Environment steps so far."""
-        rows = [] if self.finished else read_curve(self.folder)
-        return self.config.timesteps if self.finished else int(rows[-1][0]) if rows else 0
+        if self.finished:
+            return self.config.timesteps
+        with suppress(ValueError, IndexError):  # there is no row yet, or none that can be read
+            return int(read_curve(self.folder)[-1][0])
+        return 0
 
     def check(self) -> None:
         """Raise ValueError if the files of the folder cannot be used, or if its settings are not those of the task."""

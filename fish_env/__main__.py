@@ -313,19 +313,14 @@ def compile_kernels(arguments: argparse.Namespace) -> None:
     print(f"{sum(path.stat().st_size for path in files) / 1e6:.0f} MB in {folder}")
 
 
-def installed(package: str) -> str:
-    """The version of a package, or that it is not installed."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"
-
-
 def print_versions(arguments: argparse.Namespace) -> None:
     """Print the version of Python, of this package and of those that it uses."""
-    found = {"python": platform.python_version(), "fish_env": fish_env.__version__}
-    for name, text in (found | {package: installed(package) for package in PACKAGES}).items():
-        print(f"{name:20}{text}")
+    print(f"{'python':20}{platform.python_version()}\n{'fish_env':20}{fish_env.__version__}")
+    for package in PACKAGES:
+        try:
+            print(f"{package:20}{version(package)}")
+        except PackageNotFoundError:
+            print(f"{package:20}not installed")
 
 
 def run(parser: argparse.ArgumentParser, words: Sequence[str] | None, signals: list[int]) -> int:

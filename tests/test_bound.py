@@ -111,15 +111,6 @@ def test_rows(task, monkeypatch):
         assert row["seeds_apart"] == "" or row["seeds_apart"] >= 0.0
 
 
-def test_the_policy_is_at_home(monkeypatch):
-    """From the starts, a policy for pairs of muscles turns in 0.3 s; by the muscles of another fish: 0.48."""
-    pytest.importorskip("cma")
-    monkeypatch.setattr(bound, "POPULATION", FISH)
-    rows = bound.rows_of("left_after_right", 4, 1, 1, threads=1)
-    latencies = [row["policy"] for row in rows if row["quantity"] == "latency"]
-    assert len(latencies) == 4 and max(latencies) < 0.35
-
-
 def test_command_line(monkeypatch, capsys, tmp_path):
     """Means and ratios of what was reached are printed; the table is written with the default effort alone."""
     about = {"task": "turn", "quantity": "latency"}

@@ -156,25 +156,6 @@ def test_torchrl_gets_what_the_fish_did(fish):
 
 
 @pytest.mark.slow
-def test_minari_records_infos(tmp_path, monkeypatch):
-    """Minari's collector stores the infos of every reset and step, and reads them back."""
-    minari = pytest.importorskip("minari", reason='needs Minari: pip install "minari[hdf5,create]"')
-    for needed in ("h5py", "jax"):
-        pytest.importorskip(needed, reason='needs h5py: pip install "minari[hdf5,create]"')
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    env = gym.make("FishEnv/Turn-v0", max_episode_steps=LIMIT, info_every_step=True)
-    collector, seconds = minari.DataCollector(env, record_infos=True), []
-    for seed in range(2):
-        seconds.append([collector.reset(seed=seed)[1]["seconds"]])
-        seconds[-1] += [collector.step(collector.action_space.sample())[4]["seconds"] for _ in range(LIMIT)]
-    collector.create_dataset("fish/turn-v0", algorithm_name="random", author="", author_email="", code_permalink="",
-                             description="", eval_env=env.spec)  # fmt: skip
-    for episode, wanted in zip(minari.load_dataset("fish/turn-v0").iterate_episodes(), seconds, strict=True):
-        np.testing.assert_array_equal(episode.infos["seconds"], wanted)
-        assert np.isnan(episode.infos["term_progress"][0]) and np.isfinite(episode.infos["power"]).all()
-
-
-@pytest.mark.slow
 def test_rl_zoo3(tmp_path):
     """The zoo trains by the file of this repository, and plays what it has trained."""
     pytest.importorskip("rl_zoo3", reason="needs RL Baselines3 Zoo: pip install rl_zoo3 requests")

@@ -539,7 +539,6 @@ def array(shape, data=b"", descr="<f4"):
 BAD = {
     "unpacks to 100 MB": ([bytes(100 * 2**20)], "unpacks to 104,857,600"),
     "many parts of 1 MB": ([bytes(2**20)] * 40, "unpacks to"),
-    "an array that is not there": ([array((2**40,), bytes(16))], ""),
     "objects": ([array((), b"cos\nsystem\n.", "|O")], "allow_pickle=False"),
     "no archive": (None, ""),
 }
@@ -571,7 +570,7 @@ def test_archives_that_are_not_what_they_say(kind, tmp_path):
         ("policy", "bias0", None, r"missing or extra parts \['bias0'\]"),
         ("policy", "format", lambda array: 99, "format 99 and not 2 or 3"),
         ("policy", "layout", lambda array: 7, "version 7 of the observation layout; this package has version 1"),
-        ("policy", "weight0", lambda array: array[:, :-1], r"is \(156, 23\)|is \(24,\)"),
+        ("policy", "weight0", lambda array: array[:, :-1], "should be floating of shape"),
         ("policy", "weight0", lambda array: array.astype(int), "should be floating of shape"),
         ("policy", "bias0", lambda array: array * np.nan, "not finite"),
         ("policy", "about", lambda array: "[" * 100_000, "about"),

@@ -4,7 +4,7 @@ import json
 import math
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +14,6 @@ import gymnasium as gym
 import numpy as np
 
 import fish_env
-from fish_env.checks import is_whole
 from fish_env.control.env_spec import check_environment, environment_of, make_checked_env
 from fish_env.control.files import LARGEST, check_arrays, read_about, read_npz, replacing, writable_file
 from fish_env.envs.layout import LAYOUT_VERSION
@@ -28,17 +27,11 @@ KIND = "fish_env recording"
 ENDING = ".npz"
 
 
-ABOUT: dict[str, Callable[[Any], bool]] = {
-    "env_id": lambda value: isinstance(value, str),
-    "env_options": lambda value: isinstance(value, dict),
-    "seed": lambda value: is_whole(value) and value >= 0,
-    "options": lambda value: isinstance(value, dict),
-    "control_interval": lambda value: isinstance(value, float) and 0.0 < value < math.inf,
-    "length": lambda value: isinstance(value, float) and 0.0 < value < math.inf,
-    "term_names": lambda value: isinstance(value, list) and all(isinstance(word, str) for word in value),
-    "versions": lambda value: isinstance(value, dict) and all(str(word).isprintable() for word in value.values()),
-}
-"""Parts of the description of an episode, and a check of the value of each."""
+ABOUT = {
+    "env_id": str, "env_options": dict, "seed": int, "options": dict, "control_interval": float, "length": float,
+    "term_names": list, "versions": dict,
+}  # fmt: skip
+"""Parts of the description of an episode, and their types."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -187,9 +180,14 @@ def _check_about(about: dict[str, Any]) -> None:
     if set(about) != set(ABOUT):
         raise ValueError(f"it describes no episode: its part 'about' must be JSON with {', '.join(ABOUT)}")
     check_environment(about)
-    for name, fits in ABOUT.items():
-        if not fits(about[name]):
-            raise ValueError(f"it describes no episode: {name} is {about[name]!r:.200}")
+    for name, kind in ABOUT.items():
+        if type(about[name]) is not kind:
+            raise ValueError(f"it describes no episode: {name} is {about[name]!r:.200}; it should be a {kind.__name__}")
+    words, numbers = (*about["term_names"], *about["versions"].values()), (about["control_interval"], about["length"])
+    if about["seed"] < 0 or not all(0.0 < number < math.inf for number in numbers):
+        raise ValueError("it describes no episode: its seed is below zero, or an interval or a length is not positive")
+    if not all(isinstance(word, str) and word.isprintable() for word in words):
+        raise ValueError("it describes no episode: names of terms or versions are no printable texts")
 
 
 def env_of(about: Mapping[str, Any]) -> gym.Env:
