@@ -132,7 +132,7 @@ def test_play_gets_what_the_command_line_says(tmp_path, monkeypatch):
         (["compare", "swim", "--task-module", "no.such"], "the module 'no.such' cannot be imported: No module"),
         (["train", "no_such:Own-v0"], "the module 'no_such' cannot be imported: No module named 'no_such'"),
         (["train", "fly"], "unknown task 'fly'; choose from swim, "),
-        (["train", "CartPole-v1"], "CartPole-v1 is not an environment of fish"),
+        (["train", "CartPole-v1"], "is a CartPoleVectorEnv; give an environment whose batches are"),
         (["train", "swim", "--env-kwargs", "speed"], "--env-kwargs has 'speed'; give NAME=VALUE"),
         (["train", "target", "--env-kwargs", "goal_env=true"], "the environment observes goals, which are for HER"),
     ],

@@ -106,7 +106,7 @@ def stub(**options):
 
 def slow_policy():
     """A policy that acts every 40 ms."""
-    about = {"env_id": "FishEnv/Turn-v0", "env_options": {"control_interval": 0.04}}
+    about = {"env_id": "FishEnv/Turn-v0", "env_options": {"control_interval": 0.04} | PAIRS}
     return replace(load_policy("turn"), about=about)
 
 

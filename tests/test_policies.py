@@ -45,7 +45,6 @@ from fish_env.control import (
 )
 from fish_env.control.equivariant import (
     EquivariantPolicy,
-    ScaledObservation,
     equivariant_options,
     export_policy,
     reflection_of,
@@ -176,17 +175,6 @@ class Shifted(VecEnvWrapper):
         return obs + 1.0, *rest
 
 
-class Subclass(sb3.ppo.MlpPolicy):
-    """May do anything."""
-
-
-class Extractor(ScaledObservation):
-    """Scales twice."""
-
-    def forward(self, obs):
-        return super().forward(super().forward(obs))
-
-
 class Discrete(gym.ActionWrapper):
     """Three actions."""
 
@@ -194,17 +182,6 @@ class Discrete(gym.ActionWrapper):
 
     def action(self, action):
         return np.full(12, action - 1.0)
-
-
-class Named(gym.ObservationWrapper):
-    """Observations by name."""
-
-    def __init__(self, env):
-        super().__init__(env)
-        self.observation_space = gym.spaces.Dict(seen=env.observation_space)
-
-    def observation(self, observation):
-        return {"seen": observation}
 
 
 def made(algorithm, policy, env, **settings):
@@ -225,24 +202,13 @@ def diverged(model):
     return model
 
 
-def scaling_twice():
-    """A learner with an extractor of its own."""
-    numbers = {"offset": np.zeros(156), "scale": np.ones(156)}
-    options = {"features_extractor_class": Extractor, "features_extractor_kwargs": numbers}
-    return learner(fish(), options=TANH | options)
-
-
 WRAPPERS = gym.wrappers
 REFUSED = {
     "discrete": (lambda: made(sb3.DQN, "MlpPolicy", single(Discrete)), "actions are a Discrete; train on a Box"),
-    "by name": (lambda: made(sb3.PPO, "MultiInputPolicy", single(Named)), "observations are a Dict"),
     "recurrent": (lambda: made(contrib("RecurrentPPO"), "MlpLstmPolicy", fish()),
                   "a RecurrentActorCriticPolicy is not exported"),
     "bounded mean": (lambda: made(sb3.SAC, "MlpPolicy", fish(), use_sde=True), "a layer has Hardtanh.* clip_mean=0.0"),
-    "normalised twice": (lambda: made(sb3.PPO, "MlpPolicy", VecNormalize(VecNormalize(fish()))), "VecNormalize twice"),
-    "subclass": (lambda: learner(fish(), policy=Subclass), "a Subclass is not exported"),
     "ELU": (lambda: learner(fish(), options={"activation_fn": torch.nn.ELU}), "a layer has ELU; train with"),
-    "extractor": (scaling_twice, "observations pass Extractor"),
     "stacked": (lambda: learner(VecFrameStack(fish(), 2)), "has a VecFrameStack"),
     "stacked before": (lambda: learner(single(lambda env: WRAPPERS.FrameStackObservation(env, 2))), "one vector"),
     "shifted inside": (lambda: learner(VecMonitor(Shifted(fish()))), "has a Shifted"),
@@ -308,25 +274,6 @@ def test_a_model_with_goals():
         export_policy(model, {})
     with pytest.raises(ValueError, match="VecNormalize over a dict"):
         evaluate(env, learner(VecNormalize(goals), sb3.SAC, "MultiInputPolicy"))
-
-
-UNFIT = {
-    "policy of a model": (lambda: learner(fish()).policy, "whether its observations are normalised; give the model"),
-    "other parts": (lambda: learner(fish(speed=1.0)), r"only the policy has commanded velocity \(3\)"),
-    "other actions": (
-        lambda: learner(fish(muscle_groups="pairs")),
-        "trained with muscle_groups='pairs', and the environment has 'muscles'",
-    ),
-    "stacked": (lambda: learner(VecFrameStack(fish(), 2)), "has a VecFrameStack"),
-}
-
-
-@pytest.mark.parametrize("name", UNFIT)
-def test_models_that_do_not_fit(name):
-    """Each is refused with one line, before an environment step."""
-    make, message = UNFIT[name]
-    with pytest.raises(ValueError, match=message):
-        evaluate(make_eval_env("FishEnv/Swim-v0", 1, {}), make())
 
 
 # The reflection

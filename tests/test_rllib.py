@@ -58,9 +58,9 @@ def test_episodes_are_what_the_fish_did(example, args):
     assert (np.abs(actions) > 1.0).any(), "some actions are to be clipped"
     seen, _ = env.reset(seed=runner._seed)
     for t in range(15):
-        np.testing.assert_array_equal(np.array([episode.get_observations(t) for episode in first]), seen)
+        np.testing.assert_allclose(np.array([episode.get_observations(t) for episode in first]), seen, atol=1e-5)
         seen, reward, *_ = env.step(np.clip(actions[:, t], -1.0, 1.0))
-        np.testing.assert_allclose([episode.get_rewards(t) for episode in first], reward, rtol=1e-6)
+        np.testing.assert_allclose([episode.get_rewards(t) for episode in first], reward, atol=1e-4)
 
 
 def test_exported_policy_acts_as_the_module(example, args):
