@@ -29,7 +29,6 @@ def make_parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     command.add_argument("--runs", type=Path, help="where runs are saved (default runs/all)")
     command.add_argument("--tasks", nargs="+", help="only these")
     command.add_argument("--jobs", type=int, help="runs side by side (default one on each processor)")
-    command.add_argument("--ray", metavar="ADDRESS", help="on a Ray cluster (local: one that is begun here)")
     command.add_argument("--integrator", help="with this method, in runs/all_<integrator>")
     command.add_argument("--dt", type=float, help="by steps of so many s (default those of the method)")
     command = commands.choices["compare"]
@@ -54,19 +53,17 @@ def train_everything(arguments: argparse.Namespace) -> None:
     """Train and publish; a signal saves the runs."""
     from agents.train_all import train_all
     from benchmarks.learning.publish import publish, publish_method
-    from fish_env.control.console import hear_first_signal
+    from fish_env.control.console import interrupt_once
 
-    integrator, came = arguments.integrator, arguments.came
+    integrator, signals = arguments.integrator, arguments.signals
     runs = arguments.runs or Path("runs", f"all_{integrator}" if integrator else "all")
     if arguments.dt is not None and integrator is None:
         raise ValueError("--dt goes with --integrator: name the method whose step it is")
-    with hear_first_signal(came):
+    with interrupt_once(signals):
         try:
-            train_all(
-                runs, arguments.tasks, arguments.jobs, integrator, arguments.dt, arguments.ray, lambda: bool(came)
-            )
+            train_all(runs, arguments.tasks, arguments.jobs, integrator, arguments.dt, lambda: bool(signals))
         finally:
-            if came:
+            if signals:
                 print(f"\nResume: python train.py {' '.join(sys.argv[1:])}", file=sys.stderr)
         if integrator is None:
             publish(runs, arguments.tasks)

@@ -6,19 +6,84 @@ For Linux and macOS.
 import itertools
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.jobs import Job
 from agents.published import CONFIGS, SEEDS
-from agents.ray_jobs import run_on_ray
 from fish_env.control.files import writable_folder
-from fish_env.training.config import change_simulation
+from fish_env.envs.vector import make_batch
+from fish_env.training.checkout import ROOT
+from fish_env.training.config import PARENT, TrainConfig, settings_of
+from fish_env.training.run_folder import read_curve, read_record
 
 POLL = 2.0  # s between two looks at the runs
+
+
+@dataclass
+class Job:
+    """One run: a task with a seed, in a folder and a process of its own."""
+
+    task: str
+    seed: int
+    folder: Path
+    config: TrainConfig
+    process: subprocess.Popen | None = None
+
+    @property
+    def running(self) -> bool:
+        """True if the job was started here and has not ended."""
+        return self.process is not None and self.process.poll() is None
+
+    @property
+    def finished(self) -> bool:
+        return (self.folder / "results.json").exists()
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        if self.finished:
+            return self.config.timesteps
+        with suppress(ValueError, IndexError):  # there is no row yet, or none that can be read
+            return int(read_curve(self.folder)[-1][0])
+        return 0
+
+    def check(self) -> None:
+        """Raise ValueError if the files of the folder cannot be used, or if its settings are not those of the task."""
+        if (self.folder / "config.json").exists() and settings_of(read_record(self.folder)["config"]) != self.config:
+            raise ValueError(f"{self.folder} was trained with other settings; move it away, or give other --runs")
+
+    def command(self) -> list[str]:
+        """The command that begins the run, or resumes it from its last checkpoint."""
+        words = [sys.executable, str(ROOT / "train.py"), self.task, "--seed", str(self.seed), "--no-pictures"]
+        if (self.folder / "model.zip").exists():
+            return [*words, "--resume", str(self.folder)]
+        for name in ("integrator", "dt"):
+            if name in self.config.env_options:
+                words += [f"--{name}", str(self.config.env_options[name])]
+        return [*words, "--folder", str(self.folder)]
+
+    def start(self, processor: int | None) -> None:
+        """Run the command, on one processor."""
+
+        def prepare() -> None:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # a program in the background may have been told to ignore it
+            if processor is not None:
+                os.sched_setaffinity(0, {processor})
+
+        self.folder.mkdir(parents=True, exist_ok=True)
+        # in a session of its own: Ctrl-C reaches it once, from here
+        with (self.folder / "log.txt").open("a") as log:
+            self.process = subprocess.Popen(
+                self.command(), stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare, start_new_session=True,
+                env=os.environ | {PARENT: str(os.getpid())},
+            )  # fmt: skip
 
 
 def train_all(
@@ -27,7 +92,6 @@ def train_all(
     jobs: int | None = None,
     integrator: str | None = None,
     dt: float | None = None,
-    ray: str | None = None,
     stopped: Callable[[], bool] = bool,
 ) -> list[Path]:
     """Train the runs that are not finished; returns the folders of all runs.
@@ -39,12 +103,11 @@ def train_all(
         jobs: runs side by side; None for one on each processor.
         integrator: a key of `fish_env.INTEGRATORS` to train with; None for the fish's own.
         dt: its step, s; None for its default step.
-        ray: address of a Ray cluster to run them on, "local" for one that is begun here; None for this machine without.
         stopped: returns True to save and end the runs, as by Ctrl-C.
 
     Raises:
         ValueError: for an unknown task, integrator or step, fewer than one job, a run with other settings than its
-            task has now, a folder that cannot be written to, or no cluster at the address.
+            task has now, or a folder that cannot be written to.
         RuntimeError: on Windows; and when all others are done, if runs have failed: their logs are named.
     """
     tasks = list(dict.fromkeys(CONFIGS if tasks is None else tasks))
@@ -55,15 +118,19 @@ def train_all(
         raise ValueError(f"jobs is {jobs}; give a whole number, at least 1")
     if os.name == "nt":
         raise RuntimeError("train.py all is for Linux and macOS; train the tasks one by one here")
+    method = {name: value for name, value in (("integrator", integrator), ("dt", dt)) if value is not None}
+    configs = {task: replace(CONFIGS[task], env_options=CONFIGS[task].env_options | method) for task in tasks}
+    for config in configs.values() if method else ():
+        with closing(make_batch(config.env_id, 1, **config.env_options)):  # an error here, and not in every run
+            pass
     work = [  # the first seed of every task before the second of any: a run that is stopped has something of each
-        Job(task, seed, root / task / f"seed_{seed}", change_simulation(CONFIGS[task], None, integrator, dt))
-        for seed, task in itertools.product(range(SEEDS), tasks)
+        Job(task, seed, root / task / f"seed_{seed}", config)
+        for seed, (task, config) in itertools.product(range(SEEDS), configs.items())
     ]
     writable_folder(root)
     for job in work:
         job.check()
-    waiting = [job for job in work if not job.finished]
-    failed = run_jobs(waiting, work, jobs, stopped) if ray is None else run_on_ray(waiting, work, ray)
+    failed = run_jobs([job for job in work if not job.finished], work, jobs, stopped)
     if failed:
         logs = ", ".join(str(job.folder / "log.txt") for job in failed)
         raise RuntimeError(f"{len(failed)} of {len(work)} runs failed; see {logs}")

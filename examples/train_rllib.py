@@ -34,7 +34,6 @@ import fish_env
 from fish_env.control import evaluate, make_eval_env
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options, export_policy
 from fish_env.control.policy import Policy
-from fish_env.envs.rllib import FISH, FishEnvRunner
 
 
 @dataclass
@@ -114,17 +113,29 @@ def parse() -> Args:
     return Args(**vars(parser.parse_args()))
 
 
+def log_fish(episode: Any, metrics_logger: Any, **kwargs) -> None:
+    """Log the metrics of the task at the end of an episode, as means over a hundred episodes."""
+    for name, value in episode.get_infos(-1).items():
+        if isinstance(value, int | float | np.number) and np.isfinite(value):
+            metrics_logger.log_value(("fish", name), float(value), window=100)
+
+
 def make_config(args: Args) -> PPOConfig:
-    """RLlib's configuration."""
+    """RLlib's configuration: every runner steps its fish as one vector environment."""
     options = json.loads(args.env_options)
     probe = fish_env.envs.vector.make_batch(args.env_id, 1, **options)
     interval = probe.control_interval
     probe.close()
     return (
         PPOConfig()
-        .environment(args.env_id, env_config=options, disable_env_checking=True)
+        .environment(
+            args.env_id if ":" in args.env_id else f"fish_env:{args.env_id}",  # runners import what registers it
+            env_config={"threads": 1, **options},  # a runner has one processor
+            disable_env_checking=True,
+        )
+        .callbacks(on_episode_end=log_fish)
         .env_runners(
-            env_runner_cls=FishEnvRunner,
+            gym_env_vectorize_mode="vector_entry_point",
             num_env_runners=args.runners,
             num_envs_per_env_runner=args.fish,
             rollout_fragment_length=args.rollout,
@@ -170,11 +181,10 @@ def train(algorithm: PPO, args: Args) -> None:
     begun = time.perf_counter()
     while True:
         result = algorithm.train()["env_runners"]
-        done, fish = int(result["num_env_steps_sampled_lifetime"]), result.get(FISH, {})
-        scores = {name: fish[name] for name in ("success", "speed") if name in fish}
-        if "episode_return_mean" in result:
-            scores = {"return": result["episode_return_mean"]} | scores
-        shown = ", ".join(f"{name} {value:.2f}" for name, value in scores.items())
+        done, fish = int(result["num_env_steps_sampled_lifetime"]), result.get("fish", {})
+        scores = {"return": result.get("episode_return_mean", math.nan)}
+        scores |= {name: fish[name] for name in ("success", "speed") if name in fish}
+        shown = ", ".join(f"{name} {value:.2f}" for name, value in scores.items() if math.isfinite(value))
         print(f"{done} steps, {done / (time.perf_counter() - begun):.0f} steps/s, {shown}", flush=True)
         if done >= args.steps:
             return

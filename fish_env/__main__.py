@@ -30,8 +30,8 @@ from typing import Any
 import gymnasium as gym
 
 import fish_env
-from fish_env.control.console import INSTALL, hear_first_signal, run_command
-from fish_env.control.environments import make_checked_batch
+from fish_env.control.console import INSTALL, interrupt_once, run_command
+from fish_env.control.env_spec import make_checked_batch
 from fish_env.control.evaluation import (
     EPISODES,
     FIRST_SEED,
@@ -50,7 +50,7 @@ from fish_env.control.replaying import replay
 from fish_env.control.statistics import compare, same_environments
 from fish_env.envs.ahead import compile_ahead, stored_kernels
 from fish_env.lab import LOOPBACK, serve
-from fish_env.training.config import CONFIGS, FINE_TUNING, GIVEN, as_tuples
+from fish_env.training.config import CONFIGS, FINE_TUNING, as_tuples, check_options
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -183,24 +183,30 @@ def settings_from(option: str, words: Sequence[str]) -> dict[str, Any]:
 
 def run_training(arguments: argparse.Namespace) -> None:
     """Train; a signal saves the run."""
-    task, keywords = arguments.task, settings_from("--env-kwargs", arguments.env_kwargs)
     changes = settings_from("--hyperparameters", arguments.hyperparameters)
-    counts = {"timesteps": arguments.timesteps, "num_envs": arguments.num_envs}
+    counts = {name: getattr(arguments, name) for name in ("timesteps", "num_envs")}
     changes |= {name: count for name, count in counts.items() if count is not None}
-    module, colon, name = task.rpartition(":")
+    module, colon, name = arguments.task.rpartition(":")
     if colon:
         import_task_module(module)
-    task = next((short for short, config in CONFIGS.items() if config.env_id == name), name)
-    with hear_first_signal(arguments.came):
+    with interrupt_once(arguments.signals):
         from fish_env.training.train import Request, train
 
         train(
             Request(
-                task, arguments.seed, arguments.runs, arguments.folder, arguments.resume, arguments.start_from,
-                arguments.body, arguments.integrator, arguments.dt, keywords, not arguments.no_pictures, changes,
-                arguments.torch_threads, stopped=lambda: bool(arguments.came),
+                task=next((short for short, config in CONFIGS.items() if config.env_id == name), name),
+                seed=arguments.seed,
+                root=arguments.runs,
+                folder=arguments.folder,
+                resume=arguments.resume,
+                start=arguments.start_from,
+                env_options=simulation(arguments),
+                changes=changes,
+                pictures=not arguments.no_pictures,
+                torch_threads=arguments.torch_threads,
+                stopped=lambda: bool(arguments.signals),
             )
-        )  # fmt: skip
+        )
 
 
 def find_policy(name: str) -> str | Path:
@@ -219,12 +225,11 @@ def load_policies(arguments: argparse.Namespace) -> dict[str, Policy]:
 
 
 def simulation(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Changes of the environment that the command line asks for; ValueError for those that a command sets itself."""
+    """Keywords of the environment that the command line gives; ValueError for those that a command sets itself."""
     keywords = settings_from("--env-kwargs", arguments.env_kwargs)
-    if taken := sorted(GIVEN & keywords.keys()):
-        raise ValueError(f"{', '.join(taken)} cannot be options of the environment here; leave them out")
+    check_options(keywords)
     options = {name: getattr(arguments, name) for name in ("body", "integrator", "dt")}
-    return options | keywords | {name: value for name, value in options.items() if value is not None}
+    return keywords | {name: value for name, value in options.items() if value is not None}
 
 
 def play_policy(arguments: argparse.Namespace) -> None:
@@ -246,10 +251,9 @@ def evaluate_policies(arguments: argparse.Namespace) -> None:
         env_id, options = environment_for(policy, changes)
         with closing(make_checked_batch(env_id, options, arguments.episodes)) as env:
             found = means(evaluate(env, policy, arguments.seed))
-        about = {"env_id": env_id, "env_options": options, "policy": name}
-        records.append(
-            about | {"episodes": arguments.episodes, "first_seed": arguments.seed, **changes, "means": found}
-        )
+        about = {"env_id": env_id, "env_options": options, "policy": name, "episodes": arguments.episodes}
+        simulated = {"body": None, "integrator": None, "dt": None, **changes}
+        records.append(about | {"first_seed": arguments.seed, **simulated, "means": found})
     for env_id in dict.fromkeys(record["env_id"] for record in records):
         print_means([record for record in records if record["env_id"] == env_id])
     if arguments.to is not None:
@@ -275,7 +279,7 @@ def compare_policies(arguments: argparse.Namespace) -> None:
 
 def run_report(arguments: argparse.Namespace) -> None:
     """Write the page of runs, and print where."""
-    from fish_env.training.run_report import write_report
+    from fish_env.training.report_page import write_report
 
     print(f"written to {write_report(arguments.folders, arguments.save, arguments.episodes)}")
 
@@ -309,24 +313,19 @@ def compile_kernels(arguments: argparse.Namespace) -> None:
     print(f"{sum(path.stat().st_size for path in files) / 1e6:.0f} MB in {folder}")
 
 
-def installed(package: str) -> str:
-    """The version of a package, or that it is not installed."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"
-
-
 def print_versions(arguments: argparse.Namespace) -> None:
     """Print the version of Python, of this package and of those that it uses."""
-    found = {"python": platform.python_version(), "fish_env": fish_env.__version__}
-    for name, text in (found | {package: installed(package) for package in PACKAGES}).items():
-        print(f"{name:20}{text}")
+    print(f"{'python':20}{platform.python_version()}\n{'fish_env':20}{fish_env.__version__}")
+    for package in PACKAGES:
+        try:
+            print(f"{package:20}{version(package)}")
+        except PackageNotFoundError:
+            print(f"{package:20}not installed")
 
 
-def run(parser: argparse.ArgumentParser, words: Sequence[str] | None, came: list[int]) -> int:
-    """Run a command; the exit status. Signals that are to stop it are added to `came`."""
-    arguments = parser.parse_args(words, argparse.Namespace(came=came))
+def run(parser: argparse.ArgumentParser, words: Sequence[str] | None, signals: list[int]) -> int:
+    """Run a command; the exit status. Signals that are to stop it are added to `signals`."""
+    arguments = parser.parse_args(words, argparse.Namespace(signals=signals))
     if arguments.task_module is not None:
         import_task_module(arguments.task_module)
     return arguments.run(arguments) or 0
@@ -347,9 +346,9 @@ def main(
     """
     for name in THREADS:  # before torch is loaded
         os.environ.setdefault(name, "1")
-    parser, came = parser or make_parser()[0], []
-    status = run_command(parser.prog, lambda: run(parser, words, came), install)
-    return 128 + came[0] if came else status
+    parser, signals = parser or make_parser()[0], []
+    status = run_command(parser.prog, lambda: run(parser, words, signals), install)
+    return 128 + signals[0] if signals else status
 
 
 if __name__ == "__main__":

@@ -1,7 +1,5 @@
 """The bound by optimal control: what it measures is what the tasks measure, and what is found is never worse."""
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -109,40 +107,3 @@ def test_rows(task, monkeypatch):
         known = [row[who] for who in ("motor_controllers", "policy") if row[who] != ""]
         assert known and all(sign * row["bound"] <= sign * value for value in known)
         assert row["seeds_apart"] == "" or row["seeds_apart"] >= 0.0
-
-
-def test_the_policy_is_at_home(monkeypatch):
-    """From the starts, a policy for pairs of muscles turns in 0.3 s; by the muscles of another fish: 0.48."""
-    pytest.importorskip("cma")
-    monkeypatch.setattr(bound, "POPULATION", FISH)
-    rows = bound.rows_of("left_after_right", 4, 1, 1, threads=1)
-    latencies = [row["policy"] for row in rows if row["quantity"] == "latency"]
-    assert len(latencies) == 4 and max(latencies) < 0.35
-
-
-def test_command_line(monkeypatch, capsys, tmp_path):
-    """Means and ratios of what was reached are printed; the table is written with the default effort alone."""
-    about = {"task": "turn", "quantity": "latency"}
-    rows = [
-        about | {"motor_controllers": 0.6, "policy": "", "bound": 0.5, "seeds_apart": 0.01},
-        about | {"motor_controllers": "", "policy": "", "bound": 0.3, "seeds_apart": ""},
-        about | {"motor_controllers": "", "policy": "", "bound": "", "seeds_apart": ""},
-    ]
-    written = []
-    monkeypatch.setattr(bound, "RESULTS", tmp_path)  # no table is there yet
-    monkeypatch.setattr(bound, "rows_of", lambda *_, **options: rows)
-    monkeypatch.setattr(bound, "write_csv", lambda *given: written.append(given) or "the table")
-    monkeypatch.setattr(sys, "argv", ["bound", "turn"])
-    bound.main()
-    expected = "turn, latency: reached in 2 of 3 starts, bound 0.400 (0.300 to 0.500), seeds apart by at most 0.010"
-    assert capsys.readouterr().out == f"{expected}; motor_controllers 0.600 in 1, 1.200 times the bound\nthe table\n"
-    (path, rows_written, _), *_ = written
-    assert path == bound.CSV and [row["task"] for row in rows_written] == ["turn"] * 3
-    monkeypatch.setattr(sys, "argv", ["bound", "turn", "--budget", "7"])
-    bound.main()
-    assert len(written) == 1  # another effort only prints
-    capsys.readouterr()
-    monkeypatch.setattr(sys, "argv", ["bound", "nothing"])
-    with pytest.raises(SystemExit):
-        bound.main()
-    assert "unknown tasks nothing; choose from turn, left_after_right" in capsys.readouterr().err

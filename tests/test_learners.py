@@ -129,52 +129,6 @@ def test_train_by_another_library(example, package, options, left, tmp_path):
 
 
 @pytest.mark.slow
-def test_torchrl_gets_what_the_fish_did(fish):
-    """Observations, rewards and ends are those of the same batch under the same actions, at ends of episodes too."""
-    envs = pytest.importorskip("torchrl.envs", reason="needs TorchRL: pip install torchrl")
-    torch = pytest.importorskip("torch")
-    wrapped = envs.GymWrapper(fish)
-    begun = wrapped.reset(seed=5)
-    fish.unwrapped.stagger()
-    rollout = wrapped.rollout(STEPS, auto_reset=False, tensordict=begun, break_when_any_done=False)
-    other = gym.make_vec("FishEnv/Swim-v0", num_envs=FISH, autoreset_mode="Disabled", max_episode_steps=LIMIT)
-    seen = other.reset(seed=5)[0]
-    other.unwrapped.stagger()
-    for t in range(STEPS):
-        np.testing.assert_array_equal(rollout["observation"][:, t].numpy(), seen)
-        seen, reward, terminated, truncated, _ = other.step(rollout["action"][:, t].numpy())
-        step = rollout["next"][:, t]
-        np.testing.assert_array_equal(step["observation"].numpy(), seen)
-        np.testing.assert_allclose(step["reward"][:, 0].numpy(), reward, rtol=1e-6)
-        assert torch.equal(step["truncated"][:, 0], torch.from_numpy(truncated))
-        assert torch.equal(step["terminated"][:, 0], torch.from_numpy(terminated))
-        if truncated.any():
-            seen = other.reset(options={"reset_mask": truncated})[0]
-    assert FISH < rollout["next", "truncated"].sum() < 3 * FISH
-    other.close()
-    envs.check_env_specs(envs.GymEnv("FishEnv/Turn-v0"))
-
-
-@pytest.mark.slow
-def test_minari_records_infos(tmp_path, monkeypatch):
-    """Minari's collector stores the infos of every reset and step, and reads them back."""
-    minari = pytest.importorskip("minari", reason='needs Minari: pip install "minari[hdf5,create]"')
-    for needed in ("h5py", "jax"):
-        pytest.importorskip(needed, reason='needs h5py: pip install "minari[hdf5,create]"')
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    env = gym.make("FishEnv/Turn-v0", max_episode_steps=LIMIT, info_every_step=True)
-    collector, seconds = minari.DataCollector(env, record_infos=True), []
-    for seed in range(2):
-        seconds.append([collector.reset(seed=seed)[1]["seconds"]])
-        seconds[-1] += [collector.step(collector.action_space.sample())[4]["seconds"] for _ in range(LIMIT)]
-    collector.create_dataset("fish/turn-v0", algorithm_name="random", author="", author_email="", code_permalink="",
-                             description="", eval_env=env.spec)  # fmt: skip
-    for episode, wanted in zip(minari.load_dataset("fish/turn-v0").iterate_episodes(), seconds, strict=True):
-        np.testing.assert_array_equal(episode.infos["seconds"], wanted)
-        assert np.isnan(episode.infos["term_progress"][0]) and np.isfinite(episode.infos["power"]).all()
-
-
-@pytest.mark.slow
 def test_rl_zoo3(tmp_path):
     """The zoo trains by the file of this repository, and plays what it has trained."""
     pytest.importorskip("rl_zoo3", reason="needs RL Baselines3 Zoo: pip install rl_zoo3 requests")

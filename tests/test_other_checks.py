@@ -1,7 +1,5 @@
 """Other people's tests: checkers and wrappers of Gymnasium and Stable-Baselines3 over every id, body and option."""
 
-import hashlib
-import random
 import warnings
 
 import gymnasium as gym
@@ -81,31 +79,6 @@ def test_infos_are_equal(id):
             assert data_equivalence(*infos) and infos[0]
             action = np.full(envs[0].action_space.shape, (-1.0) ** (step // 6), dtype=np.float32)
             infos = [env.step(action)[4] for env in envs]
-
-
-def digest(env, seed, disturbance, steps=10):
-    """A hash of episodes of an environment, after numbers were drawn from the generators that all programs share."""
-    seen = hashlib.sha256()
-    env.action_space.seed(42)
-    for k in range(3):
-        obs, _ = env.reset(seed=seed + k)
-        random.random(), np.random.normal(size=disturbance)  # noqa: NPY002 - the shared ones, on purpose
-        for _ in range(steps):
-            seen.update(obs.tobytes())
-            obs, reward, terminated, truncated, _ = env.step(env.action_space.sample())
-            seen.update(np.array([reward, terminated, truncated]).tobytes())
-            if terminated or truncated:
-                break
-    return seen.hexdigest()
-
-
-@each_case
-def test_seeds(case):
-    """As PettingZoo's seed test: episodes follow from their seed, whatever came before and whatever else is drawn."""
-    env = made(case)
-    first = digest(env, 0, 1)
-    assert first == digest(env, 0, 7) == digest(made(case), 0, 3)
-    assert first != digest(env, 50, 1)
 
 
 # Wrappers

@@ -1,51 +1,73 @@
-"""Training, its files and its commands: a run can be trusted, and an unusable request is an error that says why."""
+"""Training: a run can be trusted, stopped and resumed; a bad request is an error; a report shows what was done."""
 
 import errno
 import json
 import os
 import pkgutil
+import pty
+import re
 import shutil
+import signal
 import subprocess
-import types
-from dataclasses import replace
+import sys
+import time
+import zipfile
+from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import tqdm.std
 import yaml
+from moving import tiered
 from pages import ROOT
 from trainings import SHORT, torch, train_short, training
+
+pytest.importorskip("matplotlib")
 
 import fish_env
 from agents import train_all
 from benchmarks.common.tables import read_rows
-from fish_env.control import evaluate, evaluation_options, load_policy, make_eval_env, policy_controller
+from fish_env import __main__ as command_line
+from fish_env.control import evaluate, load_policy, make_eval_env, make_policy_env, record, shipped_policy
 from fish_env.control.equivariant import reflection_of
-from fish_env.training import callbacks, report
-from fish_env.training.build import export_policy, make_env, make_model
-from fish_env.training.config import CONFIGS, PARENT, settings_of
-from fish_env.training.run_measures import read_run
-from fish_env.training.saved_run import CURVE
+from fish_env.control.film import film_data
+from fish_env.training import callbacks, report, report_charts, report_page
+from fish_env.training.build import export_policy, make_env, make_model, start_from
+from fish_env.training.config import CONFIGS, FINE_TUNING, PARENT, SCORES, Request, settings_for, settings_of
+from fish_env.training.run_folder import open_folder
 from fish_env.training.synergy import synergies
 
 LONGER = {"timesteps": 2048}
+FISH = fish_env.make_fish()
 
 
-def shaken_model(config, num_envs, amount):
-    """A learner whose parameters are not those of the beginning."""
-    model = make_model(config, make_env(config, num_envs, seed=0), seed=0)
+def learner(task="swim", shaken=0.0, seed=0, **settings):
+    """A learner of few fish, its parameters shaken; a body is a keyword of its environment."""
+    options = {name: settings.pop(name) for name in ("body",) if name in settings}
+    config = replace(settings_for(Request(task, env_options=options))[0], **settings)
+    model = make_model(config, make_env(config, 4, seed), seed)
     with torch.no_grad():
         for parameter in model.policy.parameters():
-            parameter.add_(amount * torch.randn_like(parameter))
+            parameter.add_(shaken * torch.randn_like(parameter))
     return model
 
 
-@pytest.mark.parametrize(("task", "symmetric"), [*((task, True) for task in CONFIGS), ("swim", False), ("turn", False)])
+def steps_in(folder):
+    """Environment steps of the model in a folder."""
+    with zipfile.ZipFile(folder / "model.zip") as file:
+        return json.loads(file.read("data"))["num_timesteps"]
+
+
+# Runs
+
+
+@pytest.mark.parametrize(("task", "symmetric"), [*((task, True) for task in CONFIGS), ("turn", False)])
 def test_exported_policy_acts_like_the_model(task, symmetric):
     """The exported numpy policy gives the model's deterministic actions on raw observations, and is symmetric."""
-    model = shaken_model(replace(CONFIGS[task], symmetric=symmetric), 4, 0.1)
+    model = learner(task, 0.1, symmetric=symmetric)
     env = model.get_env()
     env.reset()
     for _ in range(5):
@@ -59,27 +81,6 @@ def test_exported_policy_acts_like_the_model(task, symmetric):
     assert np.abs(policy(obs) - policy(obs)[:, swap]).max() > 0.05
 
 
-@pytest.mark.parametrize("groups", ["muscles", "pairs"])
-def test_a_slower_policy_moves_the_same_in_shorter_steps(groups):
-    """A policy for steps of 40 ms moves the fish alike in environments with steps of 40 ms and of 20 ms."""
-    options = {"muscle_groups": groups, "control_interval": 0.04, "max_episode_steps": 125}
-    config = replace(CONFIGS["turn"], env_options=options, training_options={})
-    policy = export_policy(shaken_model(config, 2, 0.4), {"env_options": options})
-    places = []
-    for chosen in (options, evaluation_options(options)):
-        env = make_eval_env(config.env_id, 2, chosen)
-        act, (obs, _), seen = policy_controller(policy, env), env.reset(seed=3), []
-        while env.tank.time[0] < 0.4 - 1e-9:
-            obs, *_ = env.step(act(obs, float(env.tank.time[0])))
-            seen.append(env.tank.position.copy())
-        places.append(seen)
-    moved = np.abs(places[0][-1] - places[0][0]).max()
-    assert len(places[1]) == 2 * len(places[0]) and moved > 0.002  # chance commands: it moves, 1 % of its length
-    np.testing.assert_allclose(places[1][1::2], places[0], atol=1e-3 * moved)
-    with pytest.raises(ValueError, match=r"acts every 0.04 s, the environment every 0.03"):
-        policy_controller(policy, make_eval_env(config.env_id, 1, {"muscle_groups": groups, "control_interval": 0.03}))
-
-
 def test_run_leaves_everything_behind(tmp_path, monkeypatch, capsys):
     """A training run leaves model, policy, configuration, curve and report, and prints what to do next."""
     monkeypatch.setattr(report, "EPISODES", 3)
@@ -87,14 +88,12 @@ def test_run_leaves_everything_behind(tmp_path, monkeypatch, capsys):
     for name in ("model.zip", "policy.npz", "config.json", "results.json", "curve.csv", "report.html"):
         assert (folder / name).stat().st_size > 0, name
     assert list((folder / "tensorboard").rglob("events.*"))
-    record = json.loads((folder / "config.json").read_text())
-    assert record["seed"] == 3 and record["config"]["timesteps"] == 1024 and record["versions"]["torch"]
-    assert record["threads"]["torch"] == 1
-    read = read_run(folder)  # what a report asks of a run
-    assert read.task == "swim" and read.seed == 3 and read.curve["timesteps"][-1] == 1024
+    saved = json.loads((folder / "config.json").read_text())
+    assert saved["seed"] == 3 and saved["config"]["timesteps"] == 1024 and saved["versions"]["torch"]
+    assert saved["threads"]["torch"] == 1
+    assert saved["command"] == "fish_env train swim --seed 3 --timesteps 1024 --num-envs 8"
     printed = capsys.readouterr().out
-    assert f"fish_env play {folder}" in printed
-    assert "best open-loop gait" in printed
+    assert f"fish_env play {folder}" in printed and "best open-loop gait" in printed
 
 
 def test_same_seed_same_policy_whatever_the_clock_says(trained, tmp_path, monkeypatch):
@@ -117,6 +116,47 @@ def test_same_seed_same_policy_whatever_the_clock_says(trained, tmp_path, monkey
     assert seconds and all(0.0 <= value < 1000.0 for value in seconds)
 
 
+def test_short_training_learns(tmp_path):
+    """A short PPO run swims faster than it did before, on the evaluation seeds."""
+    env = make_eval_env("FishEnv/Swim-v0", 8, {})
+    before = evaluate(env, export_policy(learner(), {}))["speed"].mean()
+    folder = train_short(root=tmp_path, changes={"timesteps": 65_536, "num_envs": 64})
+    after = evaluate(env, load_policy(folder / "policy.npz"))["speed"].mean()
+    assert after > before + 0.1
+
+
+# Ctrl-C and resuming
+
+
+def numbers_of(folder):
+    """The numbers of a saved policy and of its optimizer, by name."""
+    saved = training.PPO.load(folder / "model.zip", device="cpu").get_parameters()
+    moments = saved["policy.optimizer"]["state"].items()
+    rates = {"rate": torch.tensor([group["lr"] for group in saved["policy.optimizer"]["param_groups"]])}
+    return saved["policy"] | {f"{k} {name}": value for k, each in moments for name, value in each.items()} | rates
+
+
+def test_a_run_goes_on_where_it_was(run_copy, tmp_path, monkeypatch):
+    """Parameters, optimizer, learning rate and counts are those of `PPO.load`; the curve is cut to the model."""
+    before = shutil.copytree(run_copy, tmp_path / "before")
+    with (run_copy / "curve.csv").open("a") as file:
+        file.write("999999,9.0,1,0.0,0.0\n")
+    train_short(changes=LONGER, resume=run_copy)
+    load = lambda folder, config, env: training.PPO.load(before / "model.zip", env, device="cpu")  # noqa: E731
+    monkeypatch.setattr(training, "load_model", load)
+    train_short(changes=LONGER, resume=before)
+    one, other = numbers_of(run_copy), numbers_of(before)
+    assert one.keys() == other.keys() and one["rate"] < 1e-3 and len(one) > 20
+    for name, value in one.items():
+        assert torch.equal(value, other[name]), name
+    assert [path.name for path in (run_copy / "tensorboard").iterdir()] == ["ppo_1"]
+    steps = [int(row["timesteps"]) for row in read_rows(run_copy / "curve.csv")]
+    assert steps == sorted(steps) and steps[-1] == 2048
+    saved = json.loads((run_copy / "config.json").read_text())
+    assert saved["resumed"] == 1 and saved["command"].endswith(f" --timesteps 2048 --num-envs 8 --resume {run_copy}")
+    assert settings_of(saved["config"]) == replace(CONFIGS["swim"], num_envs=8, timesteps=2048)
+
+
 def test_ctrl_c_saves_the_model_and_resume_continues(tmp_path, monkeypatch, capsys):
     """Ctrl-C saves model and policy and says how to resume; --resume continues to the end."""
     advance = training.Progress._on_rollout_end
@@ -131,40 +171,94 @@ def test_ctrl_c_saves_the_model_and_resume_continues(tmp_path, monkeypatch, caps
         patch.setattr(training.Progress, "_on_rollout_end", press)
         train_short(folder=folder)
     assert f"--resume {folder}" in capsys.readouterr().out and load_policy(folder / "policy.npz")
-    assert train_short(resume=folder, changes={}) == folder
-    assert training.PPO.load(folder / "model.zip", device="cpu").num_timesteps == 1024
+    assert train_short(resume=folder, changes={}) == folder and steps_in(folder) == 1024
 
 
-def test_a_run_whose_starter_is_gone_stops_and_is_saved(tmp_path, monkeypatch, capsys):
-    """A run of `train.py all` ends when that program was killed: saved and resumable."""
-    monkeypatch.setenv(PARENT, "1")  # another program than the one that starts it here
+@pytest.mark.parametrize("cause", ["parent", "lost", "saving"])
+def test_other_ends_save_the_run_too(cause, tmp_path, monkeypatch, capsys):
+    """A starter that is gone, an exception that C lost, and Ctrl-C while the finished model is saved."""
+    looks, folder, save = count(), tmp_path / "run", training.save_model
+
+    def pressed(model, path):
+        if next(looks) == 0:
+            raise KeyboardInterrupt
+        save(model, path)
+
+    if cause == "parent":
+        monkeypatch.setenv(PARENT, "1")  # another program than the one that starts it here
+    elif cause == "saving":
+        monkeypatch.setattr(training, "save_model", pressed)
+    stopped = {"stopped": lambda: next(looks) > 100} if cause == "lost" else {}
     with pytest.raises(training.Stopped):
-        train_short(folder=tmp_path / "run")
-    assert f"--resume {tmp_path / 'run'}" in capsys.readouterr().out
-    assert training.PPO.load(tmp_path / "run/model.zip", device="cpu").num_timesteps == 0
+        train_short(folder=folder, **stopped)
+    assert f"--resume {folder}" in capsys.readouterr().out
+    steps = steps_in(folder)
+    assert steps == 1024 if cause == "saving" else steps == 0 if cause == "parent" else 0 < steps < 1024
+
+
+LONG = ["swim", "--timesteps", "100000000", "--num-envs", "8", "--torch-threads", "1", "--no-pictures"]
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+on_unix = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+
+
+def begun(*arguments, folder, files=1):
+    """A program that trains in a folder: as many curves are there as it makes first."""
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "train.py"), *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=folder, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
+    )  # fmt: skip
+    while len(list(folder.rglob("curve.csv"))) < files:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    return process
+
+
+@on_unix
+@pytest.mark.parametrize("name", tiered(SIGNALS, ("SIGTERM",)))
+def test_a_signal_saves_the_run(name, tmp_path):
+    """Ctrl-C, SIGTERM and SIGHUP save the model and say how to resume; so does a hail of them."""
+    number = getattr(signal, name)
+    process = begun(*LONG, "--folder", "run", folder=tmp_path)
+    others = [getattr(signal, each) for each in SIGNALS] if name == "SIGTERM" else []
+    for other in (number, *others, number):
+        process.send_signal(other)
+    printed, errors = process.communicate()
+    assert process.returncode in {128 + each for each in (number, *others)} and "Traceback" not in errors
+    assert "fish_env train swim --resume run" in printed and steps_in(tmp_path / "run") >= 0
+    assert (tmp_path / "run" / "policy.npz").exists() and not list((tmp_path / "run").glob(".*"))
+
+
+@on_unix
+def test_a_terminal_that_is_gone(tmp_path):
+    """When the terminal closes, nothing can be printed, and the run is saved all the same."""
+    child, terminal = pty.fork()
+    if not child:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        os.chdir(tmp_path)
+        os.execv(sys.executable, [sys.executable, str(ROOT / "train.py"), *LONG, "--folder", "run"])
+    while not (tmp_path / "run" / "curve.csv").exists():
+        time.sleep(0.05)
+    os.close(terminal)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 128 + signal.SIGHUP
+    assert steps_in(tmp_path / "run") >= 0 and (tmp_path / "run" / "policy.npz").exists()
 
 
 # All tasks
 
 
-@pytest.fixture
-def started(monkeypatch):
-    """The commands of the jobs that are started; they end at once, without results."""
-    found = []
+def test_training_everything_can_be_stopped_and_resumed(trained, tmp_path, monkeypatch):
+    """`train.py all` leaves finished runs unchanged, resumes stopped ones, and names those that fail."""
+    started = []
 
     def start(self, processor):
-        found.append(self.command())
+        started.append(self.command())
         self.folder.mkdir(parents=True, exist_ok=True)
         self.process = subprocess.Popen(["true"])
         self.process.wait()
 
     monkeypatch.setattr(train_all, "POLL", 0.01)
     monkeypatch.setattr(train_all.Job, "start", start)
-    return found
-
-
-def test_training_everything_can_be_stopped_and_resumed(started, trained, tmp_path, monkeypatch):
-    """`train.py all` leaves finished runs unchanged, resumes stopped ones, and names those that fail."""
     monkeypatch.setattr(train_all, "CONFIGS", {"swim": replace(CONFIGS["swim"], **SHORT)})
     for seed in range(2):
         shutil.copytree(trained, tmp_path / f"swim/seed_{seed}")
@@ -173,7 +267,13 @@ def test_training_everything_can_be_stopped_and_resumed(started, trained, tmp_pa
         train_all.train_all(tmp_path, ["swim"], jobs=1)
     assert [words[-2:] for words in started] == [["--resume", str(tmp_path / "swim/seed_1")],
                                                  ["--folder", str(tmp_path / "swim/seed_2")]]  # fmt: skip
-    assert all(Path(words[1]) == ROOT / "train.py" for words in started)
+    started.clear()
+    with pytest.raises(RuntimeError, match="3 of 3 runs failed"):
+        train_all.train_all(tmp_path / "other", ["swim"], 1, "semi_implicit", 0.001)
+    for words in started:
+        assert words[words.index("--integrator") + 1] == "semi_implicit" and words[words.index("--dt") + 1] == "0.001"
+    with pytest.raises(ValueError, match="unknown integrator 'euler'"):
+        train_all.train_all(tmp_path / "third", ["swim"], 1, "euler")
     monkeypatch.setattr(train_all, "CONFIGS", {"swim": replace(CONFIGS["swim"], epochs=3)})
     with pytest.raises(ValueError, match="was trained with other settings"):
         train_all.train_all(tmp_path, ["swim"])
@@ -181,91 +281,78 @@ def test_training_everything_can_be_stopped_and_resumed(started, trained, tmp_pa
         train_all.train_all(tmp_path, ["swim"], jobs=0)
 
 
-def test_another_integrator_for_all(started, tmp_path):
-    """With another integrator, each run is told method and step, or resumed."""
-    with pytest.raises(RuntimeError, match="6 of 6 runs failed"):
-        train_all.train_all(tmp_path, ["swim", "turn"], 1, "semi_implicit", 0.001)
-    assert [(words[2], words[4]) for words in started] == [(t, str(k)) for k in range(3) for t in ("swim", "turn")]
-    for words in started:
-        assert words[words.index("--integrator") + 1] == "semi_implicit" and words[words.index("--dt") + 1] == "0.001"
-    job = train_all.Job("swim", 0, tmp_path / "swim/seed_0", CONFIGS["swim"])
-    (job.folder / "model.zip").touch()
-    assert "--integrator" not in job.command() and job.command()[-2] == "--resume"
-    with pytest.raises(ValueError, match="unknown integrator 'euler'"):
-        train_all.train_all(tmp_path, ["swim"], 1, "euler")
+@on_unix
+def test_all_runs_are_saved_by_a_signal(tmp_path):
+    """`train.py all` hands a signal on: every run that is under way saves its model and ends."""
+    process = begun("all", "--runs", "runs", "--tasks", "swim", "--jobs", "2", folder=tmp_path, files=2)
+    process.terminate()
+    _, errors = process.communicate()
+    assert process.returncode == 128 + signal.SIGTERM and "Resume: python train.py all" in errors
+    for seed in range(2):
+        folder = tmp_path / "runs" / "swim" / f"seed_{seed}"
+        assert steps_in(folder) >= 0 and "--resume" in (folder / "log.txt").read_text()
+        with open_folder(Request("swim", resume=folder)):  # nobody trains there any more
+            pass
 
 
-# Files
+# What is kept when something fails
 
 
 def test_a_folder_takes_one_run(run_copy):
-    """A folder with a run in it, or in which another program trains, stays as it is; the curve is cut to the model."""
+    """A folder with a run in it, or in which another program trains, stays as it is."""
     with pytest.raises(ValueError, match="holds a run; resume it with"):
         train_short(folder=run_copy)
-    with training.lock_folder(run_copy), pytest.raises(RuntimeError, match="another program is training"):
+    request = Request("swim", resume=run_copy)
+    with open_folder(request), pytest.raises(RuntimeError, match="another program is training"):
         train_short(resume=run_copy, changes=LONGER)
-    with (run_copy / "curve.csv").open("a") as file:
-        file.write("999999,9.0,1,0.0,0.0\n")
-    train_short(resume=run_copy, changes=LONGER)
-    steps = [int(row["timesteps"]) for row in read_rows(run_copy / "curve.csv")]
-    assert steps == sorted(steps) and steps[-1] == 2048
-    record = json.loads((run_copy / "config.json").read_text())
-    assert record["resumed"] == 1
-    assert settings_of(record["config"]) == replace(CONFIGS["swim"], num_envs=8, timesteps=2048)
 
 
-@pytest.mark.parametrize("answers", [None, [], ["", ""], ["elsewhere"]], ids=["nobody", "end", "again", "another"])
-def test_a_full_disk_at_the_end_keeps_the_model(answers, tmp_path, monkeypatch):
-    """A person frees space or names another place; without one, or when input ends, the model goes where it fits."""
-    folder, answered, asked = tmp_path / "run", list(answers or []), []
-    save = training.save_model
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_a_full_disk_at_the_end(elsewhere, run_copy, tmp_path, monkeypatch):
+    """The model that was there stays, whole; the new one goes to the first folder that takes it, or it is said."""
+    before, save = {name: (run_copy / name).read_bytes() for name in ("model.zip", "policy.npz")}, training.PPO.save
+    (tmp_path / "file").write_text("a file, and no folder")
+    (tmp_path / "other").mkdir()
 
-    def full(model, path):
-        if path.parent == folder and (answers != ["", ""] or len(asked) < 2):
+    def full(self, path, *rest, **options):
+        if not elsewhere or run_copy in Path(path).parents:
+            Path(path).write_bytes(b"half")
             raise OSError(errno.ENOSPC, "No space left on device")
-        save(model, path)
+        save(self, path, *rest, **options)
 
-    def answer(text):
-        asked.append(text)
-        if not answered:
-            raise EOFError
-        return answered.pop(0)
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(training, "save_model", full)
-    monkeypatch.setattr(training, "ELSEWHERE", (str(tmp_path / "run" / "model.json"), str(tmp_path / "temporary")))
-    monkeypatch.setattr("builtins.input", answer)
-    monkeypatch.setattr("sys.stdin", types.SimpleNamespace(isatty=lambda: answers is not None))
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "model.json").write_text("a file, and no folder")
-    if answers == ["", ""]:
-        assert train_short(folder=folder) == folder
-        found = folder
-    else:
-        with pytest.raises(RuntimeError, match=r"are saved in .*: free some space, copy them to .*run and resume"):
-            train_short(folder=folder)
-        (found,) = (tmp_path / ("elsewhere" if answers else "temporary")).glob("fish_env-*")
-    assert {"model.zip", "policy.npz"} <= set(os.listdir(found)) and load_policy(found / "policy.npz")
-    assert len(asked) == (0 if answers is None else max(1, len(answers)))
+    monkeypatch.setattr(training.PPO, "save", full)
+    monkeypatch.setattr(training, "FALLBACK_FOLDERS", (str(tmp_path / "file"), str(tmp_path / "other")))
+    message = r"No space left.*saved in .*fish_env-.*: free some space, copy them" if elsewhere else "nor did others"
+    with pytest.raises(RuntimeError, match=message):
+        train_short(resume=run_copy, changes=LONGER)
+    assert {name: (run_copy / name).read_bytes() for name in before} == before and not list(run_copy.glob(".*"))
+    found = list((tmp_path / "other").glob("fish_env-*/*"))
+    assert {path.name for path in found} == ({"model.zip", "policy.npz"} if elsewhere else set())
+    assert all(steps_in(path.parent) == 2048 for path in found)
 
 
-def test_a_failed_run_leaves_the_saved_model(run_copy, tmp_path, monkeypatch):
-    """If saving fails half way, the model and the policy that were there are still there, whole."""
-    before = {name: (run_copy / name).read_bytes() for name in ("model.zip", "policy.npz")}
+def test_a_full_disk_ends_the_training_and_keeps_the_model(tmp_path, monkeypatch):
+    """A file that cannot be written ends the run; the model goes elsewhere, and the last checkpoint is whole."""
+    monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
+    folder, replace_file, written_files = tmp_path / "run", os.replace, []
+    (tmp_path / "elsewhere").mkdir()
 
-    def fail(self, path, *rest, **options):
-        Path(path).write_bytes(b"half")
-        raise OSError("no space left on device")
+    def full_after_a_while(source, target):
+        if folder in Path(target).parents:  # kernels are stored elsewhere
+            written_files.append(Path(target).name)
+            if len(written_files) > 4:
+                raise OSError(errno.ENOSPC, "No space left on device")
+        replace_file(source, target)
 
     with monkeypatch.context() as patch:
-        patch.setattr(training.PPO, "save", fail)
-        patch.setattr(training, "ELSEWHERE", (str(tmp_path),))
-        with pytest.raises(RuntimeError, match=r"could not be saved in .*no space left.*free some space there and"):
-            train_short(resume=run_copy, changes=LONGER)
-    assert not any(tmp_path.glob("fish_env-*/*"))
-    assert {name: (run_copy / name).read_bytes() for name in before} == before
-    assert not list(run_copy.glob(".*"))
-    assert train_short(resume=run_copy, changes=LONGER) == run_copy
+        patch.setattr(os, "replace", full_after_a_while)
+        patch.setattr(training, "FALLBACK_FOLDERS", (str(tmp_path / "elsewhere"),))
+        with pytest.raises(RuntimeError, match=r"did not take the model after .* are saved in .*elsewhere"):
+            train_short(folder=folder, changes={"timesteps": 4096, "num_envs": 8})
+    (kept,) = (tmp_path / "elsewhere").glob("fish_env-*")
+    assert 0 < steps_in(folder) <= steps_in(kept) < 4096 and not list(folder.glob(".*"))
+    train_short(resume=folder, changes={})
+    assert steps_in(folder) == 4096
 
 
 def test_a_diverged_training_ends_with_advice(run_copy, monkeypatch):
@@ -283,109 +370,44 @@ def test_a_diverged_training_ends_with_advice(run_copy, monkeypatch):
     assert (run_copy / "model.zip").read_bytes() == before
 
 
-def test_a_full_disk_ends_the_training_and_keeps_the_model(tmp_path, monkeypatch):
-    """A file that cannot be written ends the run; the model goes elsewhere, and the last checkpoint is whole."""
-    monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
-    folder, replace_file, written_files = tmp_path / "run", os.replace, []
-
-    def full_after_a_while(source, target):
-        if folder in Path(target).parents:  # kernels are stored elsewhere
-            written_files.append(Path(target).name)
-            if len(written_files) > 4:
-                raise OSError(errno.ENOSPC, "No space left on device")
-        replace_file(source, target)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "replace", full_after_a_while)
-        patch.setattr(training, "ELSEWHERE", (str(tmp_path / "elsewhere"),))
-        with pytest.raises(RuntimeError, match=r"did not take the model after .* are saved in .*elsewhere"):
-            train_short(folder=folder, changes={"timesteps": 4096, "num_envs": 8})
-    (kept,) = (tmp_path / "elsewhere").glob("fish_env-*/model.zip")
-    saved, last = (training.PPO.load(path, device="cpu").num_timesteps for path in (folder / "model.zip", kept))
-    assert 0 < saved <= last < 4096 and not list(folder.glob(".*"))
-    train_short(resume=folder, changes={})
-    assert training.PPO.load(folder / "model.zip", device="cpu").num_timesteps == 4096
-
-
-def tensors_of(folder):
-    """The numbers of a saved policy and of its optimizer, by name."""
-    saved = training.PPO.load(folder / "model.zip", device="cpu").get_parameters()
-    moments = saved["policy.optimizer"]["state"].items()
-    rates = {"rate": torch.tensor([group["lr"] for group in saved["policy.optimizer"]["param_groups"]])}
-    return saved["policy"] | {f"{k} {name}": value for k, each in moments for name, value in each.items()} | rates
-
-
-def test_a_run_goes_on_as_with_stable_baselines(run_copy, tmp_path, monkeypatch):
-    """Bit for bit: parameters, optimizer, learning rate and counts are those of a learner that `PPO.load` gave."""
-    before = shutil.copytree(run_copy, tmp_path / "before")
-    train_short(changes=LONGER, resume=run_copy)
-    load = lambda config, env, *rest: training.PPO.load(before / "model.zip", env, device="cpu")  # noqa: E731
-    monkeypatch.setattr(training, "make_model", load)
-    monkeypatch.setattr(training, "restore", lambda model, path: model)
-    train_short(changes=LONGER, resume=before)
-    one, other = tensors_of(run_copy), tensors_of(before)
-    assert one.keys() == other.keys() and one["rate"] < 1e-3 and len(one) > 20
-    for name, value in one.items():
-        assert torch.equal(value, other[name]), name
-    assert [path.name for path in (run_copy / "tensorboard").iterdir()] == ["ppo_1"]
-
-
 def changed_record(**changes):
     """A function that changes what is in config.json; None takes a field away."""
 
     def change(folder):
         path, others = folder / "config.json", dict(changes)
-        record = json.loads(path.read_text())
-        record["config"] |= others.pop("config", {})
-        path.write_text(json.dumps({k: v for k, v in (record | others).items() if v is not None}))
+        saved = json.loads(path.read_text())
+        saved["config"] |= others.pop("config", {})
+        path.write_text(json.dumps({k: v for k, v in (saved | others).items() if v is not None}))
 
     return change
 
 
-def written(name, text):
-    """A function that writes a text file."""
-    return lambda folder: (folder / name).write_text(text)
-
-
-def cut(name, kept=slice(None, -8)):
-    """A function that cuts the end of a file off."""
+def cut(name, kept):
+    """A function that keeps a part of a file."""
     return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[kept])
-
-
-def rename_a_layer(folder):
-    """Save a model in which a layer of the policy has another name."""
-    model = training.PPO.load(folder / "model.zip", device="cpu")
-    model.policy.other_net = model.policy.action_net
-    del model.policy.action_net
-    model.save(folder / "model.zip")
 
 
 RECORD = r"config.json cannot be used \("
 BROKEN = {
-    "empty object": (written("config.json", "{}"), RECORD + r"'task' is None\); restore"),
-    "list": (written("config.json", "[]"), RECORD + "'list' object is not a mapping"),
-    "half": (cut("config.json"), RECORD + ".*(delimiter|Expecting|Unterminated)"),
-    "no seed": (changed_record(seed=None), RECORD + r"'seed' is None\)"),
-    "seed": (changed_record(seed="0"), RECORD + r"'seed' is '0'\)"),
+    "half": (cut("config.json", slice(-8)), RECORD),
+    "empty": (cut("config.json", slice(0)), RECORD),
+    "no seed": (changed_record(seed=None), RECORD + "'seed'"),
     "fish": (changed_record(config={"num_envs": "8"}), RECORD + ".*num_envs is '8'; give a whole number, at least 1"),
     "memory": (changed_record(config={"num_envs": 10**9}), RECORD + ".*this machine has"),
-    "rate": (changed_record(config={"learning_rate": "fast"}), RECORD + ".*learning_rate is 'fast'; give a finite"),
-    "layers": (changed_record(config={"hidden": [64, "x"]}), RECORD + r".*hidden is \(64, 'x'\); give a list of"),
+    "layers": (changed_record(config={"hidden": [64, "x"]}), RECORD + r".*hidden is \(64, 'x'\); give whole numbers"),
     "setting": (changed_record(config={"speed": 1}), RECORD + ".*not those of this version"),
-    "other environment": (changed_record(task="turn"), r"'FishEnv/Swim-v0' is not that of a task 'turn' here\)"),
+    "unknown task": (changed_record(task="fly"), "unknown task 'fly'"),
     "module": (changed_record(config={"env_id": "this:FishEnv/Swim-v0"}), "is not that of a task 'swim' here"),
     "other task": (changed_record(task="turn", config={"env_id": "FishEnv/Turn-v0"}), "of task 'turn', not 'swim'"),
-    "other layers": (changed_record(config={"hidden": [8, 8]}), r"model.zip cannot be read \((.|\s)*size mismatch"),
-    "names": (rename_a_layer, r"model.zip cannot be read \((.|\s)*action_net"),
     "half a model": (cut("model.zip", slice(5000)), "model.zip cannot be read"),
-    "row": (cut("curve.csv"), r"curve.csv cannot be read \(it has a row '1024,.*\); delete"),
-    "number": (written("curve.csv", CURVE + "\n1,2,3,4,x\n"), "curve.csv cannot be read"),
-    "head": (written("curve.csv", "steps\n"), r"curve.csv cannot be read \(its head is 'steps'"),
-}  # fmt: skip
+    "other layers": (changed_record(config={"hidden": [8, 8]}), r"model.zip has hidden=\(32, 32\) and .*\(8, 8\)"),
+    "row": (cut("curve.csv", slice(-8)), r"curve.csv cannot be read .*; delete it"),
+    "head": (cut("curve.csv", slice(3, None)), r"curve.csv cannot be read \(its head is"),
+}
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_run_whose_files_are_broken_is_not_resumed(name, run_copy, tmp_path):
+def test_a_run_whose_files_are_broken_is_not_used(name, run_copy, tmp_path):
     """Each file that cannot be used is an error that names it, and no file of the run is changed."""
     damage, message = BROKEN[name]
     damage(run_copy)
@@ -393,33 +415,138 @@ def test_a_run_whose_files_are_broken_is_not_resumed(name, run_copy, tmp_path):
     with pytest.raises(ValueError, match=message):
         train_short(resume=run_copy, changes=LONGER)
     assert {path: path.read_bytes() for path in run_copy.rglob("*") if path.is_file()} == before
-    if "curve" not in message:
+    if "config" in message or "model.zip cannot" in message:
         with pytest.raises(ValueError, match=message):
-            train_short(start=run_copy, root=tmp_path / "new")
-        assert not (tmp_path / "new").exists()
+            train_short(start=run_copy, folder=tmp_path / "new")
+        assert not (tmp_path / "new" / "config.json").exists()
+    if "model" not in message and "not 'swim'" not in message:
+        with pytest.raises(ValueError, match=message):
+            report_page.write_report([run_copy], tmp_path / "page.html", 2)
 
 
 def test_a_run_of_other_versions_is_resumed_with_a_warning(run_copy, capsys):
     """What is installed now differs: it is said, and the record has both versions."""
-    record = json.loads((run_copy / "config.json").read_text())
-    installed = record["versions"]["fish_env"]
-    changed_record(versions=record["versions"] | {"fish_env": "0.0.1"}, threads=None)(run_copy)
+    saved = json.loads((run_copy / "config.json").read_text())
+    installed = saved["versions"]["fish_env"]
+    changed_record(versions=saved["versions"] | {"fish_env": "0.0.1"}, threads=None)(run_copy)
     train_short(resume=run_copy, changes=LONGER)
-    said = capsys.readouterr().out
-    assert f"Warning: the run was trained with fish_env 0.0.1 (now {installed}). Training continues" in said
+    printed = capsys.readouterr().out
+    assert f"Warning: the run was trained with fish_env 0.0.1 (now {installed}). Training continues" in printed
     assert json.loads((run_copy / "config.json").read_text())["versions"]["fish_env"] == f"0.0.1, {installed}"
-    train_short(resume=run_copy, changes={"timesteps": 3072})
-    assert "Warning" not in capsys.readouterr().out
 
 
-def test_short_training_learns(tmp_path):
-    """A short PPO run swims faster than it did before, on the evaluation seeds."""
-    config = CONFIGS["swim"]
-    env = make_eval_env(config.env_id, 8, config.env_options)
-    before = evaluate(env, export_policy(make_model(config, make_env(config, 1, 0), 0), {}))["speed"].mean()
-    folder = train_short(root=tmp_path, changes={"timesteps": 65_536, "num_envs": 64})
-    after = evaluate(env, load_policy(folder / "policy.npz"))["speed"].mean()
-    assert after > before + 0.1
+# Requests
+
+
+@pytest.mark.parametrize(("option", "value"), [
+    ("seed", "-1"), ("seed", str(2**32)), ("num-envs", "0"), ("num-envs", "1000000000"), ("timesteps", "0"),
+    ("timesteps", "1" + "0" * 30), ("torch-threads", "0"), ("dt", "nan"), ("dt", "0"), ("dt", "0.003"),
+    ("body", "eel"), ("integrator", "euler"), ("hyperparameters", "timesteps=1.5"), ("hyperparameters", "hidden=[]"),
+    ("hyperparameters", "hidden=[1000000000]"), ("hyperparameters", "horizon=0"), ("env-kwargs", "fins=3"),
+    ("hyperparameters", "learning_rate=NaN"), ("hyperparameters", "lr=3"), ("hyperparameters", "env_options=3"),
+])  # fmt: skip
+def test_what_is_not_allowed_is_refused_before_a_folder_is_made(option, value, tmp_path, monkeypatch, capsys):
+    """One line, and nothing at all lies in the folder."""
+    monkeypatch.chdir(tmp_path)
+    assert command_line.main(["train", "swim", "--folder", "run", f"--{option}", value]) == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith("fish_env: ") and printed.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+def test_runs_that_cannot_be_used(trained, tmp_path):
+    """No run, a place that cannot be written to, another seed, environment or task, and fewer steps are errors."""
+    (tmp_path / "file").write_text("not a folder")
+    for asked in ({"resume": tmp_path}, {"start": tmp_path, "root": tmp_path}):
+        with pytest.raises(FileNotFoundError, match="give the folder of a run"):
+            train_short(**asked)
+    for place in ({"folder": tmp_path / "file" / "run"}, {"root": tmp_path / "file"}):
+        with pytest.raises(ValueError, match="no file can be written in the folder"):
+            train_short(**place)
+    with pytest.raises(ValueError, match="begun with --seed 0, not 3"):
+        train_short(seed=3, resume=trained)
+    with pytest.raises(ValueError, match="trained for 1,024 environment steps already"):
+        train_short(resume=trained, changes={"timesteps": 512})
+    for asked in ({"body": "planar"}, {"dt": 0.001}, {"start": trained}):
+        with pytest.raises(ValueError, match="has its environment and its starting point"):
+            train_short(resume=trained, **asked)
+    with pytest.raises(ValueError, match="is a run of task 'swim', not 'turn'"):
+        train_short("turn", root=tmp_path, start=trained)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+MISSING = """import importlib.metadata, runpy, sys
+distribution = importlib.metadata.distribution
+importlib.metadata.distribution = lambda name: distribution("no-such" if name == {missing!r} else name)
+if {missing!r} != "fish_env":
+    sys.modules[{missing!r}] = None
+sys.path.insert(0, {root!r})
+runpy.run_path({root!r} + "/train.py", run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize("missing", tiered(
+    ("fish_env", "stable_baselines3", "tensorboard", "matplotlib", "numba"), ("fish_env", "numba")
+))  # fmt: skip
+def test_a_checkout_that_is_not_installed(missing, tmp_path):
+    """Without a package, or without having been installed, training says in one line what to do, and makes nothing."""
+    command = [sys.executable, "-c", MISSING.format(root=str(ROOT), missing=missing), "swim", "--folder", "run"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "pip install -c constraints" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+# Other bodies and methods
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_start_from_another_body(symmetric):
+    """What was learnt in pairs on the flat fish moves both muscles of a pair alike on another body, and back again."""
+    flat = learner(body="planar", shaken=0.3, symmetric=symmetric)
+    solid, again = (learner(body=body, seed=1, symmetric=symmetric) for body in ("mass_spring", "planar"))
+    noise = solid.policy.log_std.detach().clone()
+    start_from(solid, flat)
+    start_from(again, solid)
+    obs = np.random.default_rng(0).normal(size=(20, flat.observation_space.shape[0])).astype(np.float32)
+    pairs, muscles, back = (export_policy(model, {})(obs) for model in (flat, solid, again))
+    np.testing.assert_allclose(muscles, pairs[:, FISH.grouping("pairs")], atol=1e-5)
+    np.testing.assert_allclose(back, pairs, atol=1e-5)
+    assert pairs.shape == (20, 6) and np.abs(pairs).max() > 0.1
+    both = np.isin(solid.policy.log_std.detach().numpy(), flat.policy.log_std.detach().numpy())
+    assert both.sum() == 6 and (solid.policy.log_std.detach()[~both] == noise[~both]).all()
+
+
+def test_a_start_that_does_not_fit_is_refused():
+    """Other tasks, networks and kinds of policy are refused, and the learner stays as it was."""
+    model = learner(body="planar")
+    before = {name: value.clone() for name, value in model.policy.state_dict().items()}
+    for other in (learner("avoid", body="planar"), learner(hidden=(16, 16)), learner(body="planar", symmetric=False)):
+        with pytest.raises(ValueError, match=r"start from a run of the\s+same task"):
+            start_from(model, other)
+    after = model.policy.state_dict()
+    assert all(torch.equal(value, after[name]) for name, value in before.items())
+
+
+def test_train_with_another_simulation(tmp_path):
+    """Body, method and step are in the settings, the command and the policy; a run resumes so, and another goes on."""
+    chosen = {"body": "planar", "integrator": "symplectic_euler", "dt": 0.00025}
+    first = train_short(folder=tmp_path / "flat", **chosen)
+    saved, policy = json.loads((first / "config.json").read_text()), load_policy(first / "policy.npz")
+    options = chosen | {"muscle_groups": "pairs"}
+    assert saved["config"]["env_options"] == policy.about["env_options"] == options
+    assert saved["command"].endswith("""--env-kwargs 'body="planar"' 'integrator="symplectic_euler"' dt=0.00025""")
+    env = make_policy_env(policy, 2)
+    assert env.tank.fish.flat and env.tank.integrator.name == "symplectic_euler" and env.tank.dt == 0.00025
+    env = make_policy_env(policy, 2, body="mass_spring")
+    assert not env.tank.fish.flat and np.isfinite(evaluate(env, policy)["speed"]).all()
+    train_short(resume=first, changes=LONGER)
+    assert json.loads((first / "config.json").read_text())["config"]["env_options"] == options
+    second = train_short(folder=tmp_path / "solid", body="mass_spring", start=first)
+    saved = json.loads((second / "config.json").read_text())
+    assert f"--start-from {first}" in saved["command"] and saved["start"] == str(first)
+    assert {name: saved["config"][name] for name in FINE_TUNING} == FINE_TUNING | SHORT
+
+
+# Files of others
 
 
 def test_zoo_file_agrees_with_the_settings():
@@ -447,3 +574,121 @@ def test_zoo_file_agrees_with_the_settings():
 def test_names_in_saved_models(name):
     """What `model.zip` files refer to has its old name, so that `PPO.load` of Stable-Baselines3 reads them."""
     assert isinstance(pkgutil.resolve_name(name), type)
+
+
+# Reports
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """The files that a report reads, of two runs that differ in their seeds and of one with another learning rate."""
+    root = tmp_path_factory.mktemp("runs")
+    for name, seed, rate, gain in (("seed0", 0, 1e-3, 1.0), ("seed1", 1, 1e-3, 1.5), ("other", 1, 5e-4, 3.0)):
+        (root / name).mkdir()
+        config = asdict(replace(CONFIGS["swim"], timesteps=5000, learning_rate=rate))
+        saved = {"task": "swim", "seed": seed, "config": config, "command": f"fish_env train swim --seed {seed}"}
+        (root / name / "config.json").write_text(json.dumps(saved))
+        shutil.copy(shipped_policy("swim"), root / name)
+        rows = [f"{1000 * k},{k},10,{gain * k},{2 * gain * k}" for k in range(1, 6)]
+        (root / name / "curve.csv").write_text("\n".join(["timesteps,seconds,episodes,score,return", *rows, ""]))
+    return root
+
+
+def sections(text):
+    """The text of a page by its headings."""
+    parts = re.split(r"<h2>(.*?)</h2>", text)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+CHARTS = ("Learning curves", "Cost of transport", "Path", "Gait")
+
+
+def test_page_of_a_run(runs, capsys):
+    """One run: settings, metrics, curve, failures, path, gait and film; nothing is loaded."""
+    assert command_line.main(["report", str(runs / "seed0"), "--episodes", "3"]) == 0
+    path = runs / "seed0" / "report.html"
+    assert f"written to {path}" in capsys.readouterr().out
+    text = path.read_text()
+    found = sections(text)
+    assert list(found) == ["swim: results", "Learning curves", "Cost of transport", "Failures", "Path", "Gait", "Film"]
+    assert all("<svg" in found[name] for name in CHARTS)
+    assert "speed, body lengths/s, in training" in found["Learning curves"]
+    assert "fish_env train swim --seed 0" in text and "<td>learning_rate</td>" in text
+    assert "seed 0: none of 3 episodes" in found["Failures"]
+    assert "srcdoc=" in found["Film"] and "film_player" not in found["Film"]
+    for loaded in ("http", 'src="', "@import", "<link"):
+        assert loaded not in text, loaded
+    assert len(text) < 3_000_000
+    policy = report_page.read_run(runs / "seed0").policy
+    speed = evaluate(make_policy_env(policy, 3), policy)["speed"].mean()
+    assert f"<td>speed</td><td class=number>{speed:.3f} (" in found["swim: results"]
+
+
+def test_page_of_several_runs(runs, tmp_path, monkeypatch):
+    """Seeds are put together, other settings are named, and every chart shows both groups, up to its colours."""
+    path = report_page.write_report([runs / name for name in ("seed0", "other", "seed1", "seed0")], episodes=2)
+    assert path == runs / "report.html"
+    text = path.read_text()
+    found = sections(text)
+    assert "3 training runs" in text and "<iframe" not in text
+    assert found["swim: the runs"].count("<tr>") == 4 and "<td>learning_rate 0.001</td>" in found["swim: the runs"]
+    assert "learning_rate 0.001 (2 seeds)" in found["swim: results"]
+    for name in CHARTS:
+        assert "learning_rate 0.0005" in found[name] and "learning_rate 0.001" in found[name], name
+    monkeypatch.setattr(report_charts, "COLOURS", report_charts.COLOURS[:1])
+    with pytest.raises(ValueError, match="2 different settings; compare at most 1"):
+        report_page.write_report([runs / "seed0", runs / "other"], episodes=2)
+
+
+def test_a_page_that_cannot_be_written(runs, tmp_path):
+    """Folders that are no runs, no episodes and another ending are refused; a run without a row has a page."""
+    bad, page = tmp_path / "bad", tmp_path / "page.html"
+    for folders, options, message in (
+        ([bad], {}, "bad is not a training run: it is not a folder"),
+        ([tmp_path], {}, "it holds no config.json, curve.csv, policy.npz; give a folder that"),
+        ([runs / "seed0"], {"episodes": 0}, "--episodes is 0"),
+        ([], {}, "there is no folder"),
+        ([runs / "seed0"], {"path": tmp_path / "page.pdf"}, r"give a name that ends in .html"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            report_page.write_report(folders, **{"path": page} | options)
+    shutil.copytree(runs / "seed0", bad)
+    (bad / "curve.csv").write_text("timesteps,seconds,episodes,score,return\n")
+    assert not page.exists() and report_page.write_report([bad], page, 2).exists()  # interrupted before the first row
+
+
+@pytest.mark.parametrize("score", sorted({*SCORES.values(), "return"}))
+def test_every_score_has_a_unit(score):
+    """The learning curve of every task can be drawn; that of an environment of another package is the return."""
+    curve = {"timesteps": np.array([100.0, 200.0]), "score": np.ones(2), "return": np.ones(2)}
+    assert "return, per episode, in training" in report_charts.draw_learning_curves([("mine", [curve])], score)
+
+
+def test_failures_are_counted_and_listed(runs):
+    """Episodes that the physics ended are counted, and the worst ones are listed with their seeds."""
+    group = report_page.measure_group("a", [report_page.read_run(runs / "seed0")], 3)
+    scores = group.episodes[0]
+    assert not scores["failed"].any()
+    failing = scores | {"failed": np.array([1.0, 0.0, 1.0])}
+    text = report_page.list_failures(replace(group, episodes=[failing, failing]))
+    assert "a: 4 of 6 episodes were ended by a failure" in text and "class=bad" in text
+    assert all(f">{1_000_000 + k}<" in text for k in range(3))
+
+
+def test_motion_of_a_stiff_fish():
+    """A stiff fish that is carried about has the path that it was given, the first command along +x."""
+    one = record(gym.make("FishEnv/Swim-v0"), np.zeros((40, 12)), 1)
+    angle = np.linspace(0.2, 0.2 + 1.5 * np.pi, 41)  # past half a turn
+    turn = np.zeros((41, 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+    turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = np.sin(angle), -np.sin(angle), 1.0
+    centre = np.column_stack([np.linspace(0, 1, 41), np.linspace(0, -2, 41) ** 2, np.zeros(41)]) * FISH.length
+    rest = FISH.body.position - FISH.body.mass @ FISH.body.position / FISH.body.mass.sum()
+    one.position[:] = np.einsum("tij,nj->tni", turn, rest) + centre[:, None]
+    one.directions[:, 0] = (0.0, 1.0, 0.0)
+    found = report_page.measure_motion(one, film_data([one]).episodes[0], FISH)
+    moved = centre[:, :2] / FISH.length
+    np.testing.assert_allclose(found.path, np.column_stack([moved[:, 1], -moved[:, 0]]), atol=1e-12)  # +x is +y
+    order, names = report_page.order_muscles(FISH)
+    assert sorted(order) == list(range(12)) and names[0] == "Lu 1" and names[-1] == "Rl 3"
+    assert (FISH.sides[order[:6]] > 0).all()

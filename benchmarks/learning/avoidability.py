@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from fish_env.control import FIRST_SEED, Controller, Sequencer, evaluate, scripted
-from fish_env.control.sequencer import Caution, aim_past
+from fish_env.control.sequencer import ObstacleMargins, aim_past
 from fish_env.envs import FishVectorEnv
 from fish_env.tasks.avoid import AvoidTask
 
@@ -22,7 +22,7 @@ def cautious(env: FishVectorEnv, room: float, speed: float) -> Controller:
     if not isinstance(env.task, AvoidTask):
         raise ValueError(f"the task is {type(env.task).__name__}; give an environment of an AvoidTask")
     controller: Sequencer = scripted(env)
-    controller.aim = partial(aim_past, layout=env.layout, caution=Caution(env.task.radius, room, speed))
+    controller.aim = partial(aim_past, layout=env.layout, margins=ObstacleMargins(env.task.radius, room, speed))
     return controller
 
 

@@ -37,7 +37,7 @@ from fish_env.control.statistics import interquartile_mean, interval, seed_mean
 from fish_env.training.checkout import present_commit
 from fish_env.training.config import SCORES
 from fish_env.training.report import baselines
-from fish_env.training.saved_run import read_record
+from fish_env.training.run_folder import read_record
 
 COMMAND = "python train.py all"
 CURVE_POINTS = 60
@@ -147,7 +147,7 @@ def publish(root: Path, tasks=None) -> None:
             raise FileNotFoundError(
                 f"no run of {task} in {root} is finished; resume with: python train.py all --runs {root}"
             )
-        commits = sorted({read_record(run / "config.json")["commit"] for run in runs})
+        commits = sorted({read_record(run)["commit"] for run in runs})
         if len(commits) > 1:
             print(f"runs of {task} are of the commits {'; '.join(commits)}: check if the task changed between them")
         publish_task(task, runs)
@@ -210,7 +210,7 @@ def publish_method(root: Path, integrator: str, tasks=None) -> None:
         runs = sorted(path.parent for path in (root / task).glob("seed_*/results.json"))
         if not runs:
             raise FileNotFoundError(f"no run of {task} in {root} is finished; resume with the command that began it")
-        settings = read_record(runs[0] / "config.json")["config"]["env_options"]
+        settings = read_record(runs[0])["config"]["env_options"]
         policies = [load_policy(run / "policy.npz", CONFIGS[task].env_id) for run in runs]
         for moved, options in ((integrator, settings), ("the default", CONFIGS[task].env_options)):
             env = make_eval_env(CONFIGS[task].env_id, EPISODES, evaluation_options(options))
@@ -233,7 +233,7 @@ def method_table(rows: list[dict], integrator: str) -> str:
 
 def seed_row(run: Path, condition: str, scores: Scores) -> dict:
     """One seed under one condition: the cost of its training and the mean of every metric."""
-    config = read_record(run / "config.json")
+    config = read_record(run)
     rows = read_rows(run / "curve.csv")
     row = {"condition": condition, "seed": config["seed"], "timesteps": config["config"]["timesteps"],
            "training_seconds": round(float(rows[-1]["seconds"])), "resumed": config.get("resumed", 0),
@@ -255,7 +255,7 @@ def ship(runs: list[Path], scores: list[Scores], metric: str, folder: Path) -> N
 
 def curve_rows(run: Path) -> list[dict]:
     """The learning curve of a run, at most CURVE_POINTS rows."""
-    seed, rows = read_record(run / "config.json")["seed"], read_rows(run / "curve.csv")
+    seed, rows = read_record(run)["seed"], read_rows(run / "curve.csv")
     keep = np.unique(np.linspace(0, len(rows) - 1, min(CURVE_POINTS, len(rows))).astype(int))
     return [{"seed": seed} | {k: rows[i][k] for k in ("timesteps", "seconds", "score", "return")} for i in keep]
 

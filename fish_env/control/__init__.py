@@ -35,7 +35,7 @@ from fish_env.control.playback import play
 from fish_env.control.policy import Normalisation, Policy, load_policy, shipped_policies, shipped_policy
 from fish_env.control.recording import Recording, load_recording
 from fish_env.control.replaying import Replay, record, replay
-from fish_env.control.sequencer import Habits, Sequencer, random_actions, scripted
+from fish_env.control.sequencer import Sequencer, SequencerConfig, random_actions, scripted
 from fish_env.control.statistics import Comparison, Interval, compare
 from fish_env.control.video import write_video
 
@@ -45,7 +45,6 @@ __all__ = [
     "Comparison",
     "Controller",
     "Gait",
-    "Habits",
     "Interval",
     "MotorTables",
     "Normalisation",
@@ -55,6 +54,7 @@ __all__ = [
     "Replay",
     "Scores",
     "Sequencer",
+    "SequencerConfig",
     "as_controller",
     "best_gait",
     "compare",

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 
 import gymnasium as gym
 
-WRONG, STOPPED, UNREAD = 2, 130, 141  # the last two as for other programs that a signal ends, 128 and its number
+ERROR, STOPPED, BROKEN_PIPE = 2, 130, 141  # the last two as for other programs that a signal ends, 128 and its number
 LINE = 2000  # characters of an error: a file may hold text of any length
 
 
@@ -33,12 +33,12 @@ def run_command(name: str, command: Callable[[], int], install: str = INSTALL) -
             if sys.stdout is not None:
                 sys.stdout.flush()  # a full disk is found out here, not after the end
     except BrokenPipeError:  # what reads the output has read enough, as `head` does
-        status = UNREAD
+        status = BROKEN_PIPE
     except (ValueError, OSError, RuntimeError, MemoryError, ImportError, gym.error.Error) as error:
         said = " ".join((str(error) or type(error).__name__).split())
         if isinstance(error, ImportError) and "pip install" not in said:
             said += f"; install what it needs: {install}"
-        status = WRONG
+        status = ERROR
         with suppress(OSError):
             print(f"{name}: {said if len(said) <= LINE else said[:LINE] + ' ...'}", file=sys.stderr)
     except KeyboardInterrupt as stop:
@@ -46,11 +46,11 @@ def run_command(name: str, command: Callable[[], int], install: str = INSTALL) -
         with suppress(OSError):
             if type(stop) is KeyboardInterrupt:  # else what was saved is printed already
                 print("\nStopped.", file=sys.stderr)
-    _give_up_broken()
+    _discard_broken_output()
     return status
 
 
-def _give_up_broken() -> None:
+def _discard_broken_output() -> None:
     """Let what nobody can read go nowhere: Python writes it once more when it ends, and would say that this fails."""
     for stream in filter(None, (sys.stdout, sys.stderr)):  # either is None where it was closed before the start
         try:
@@ -60,15 +60,15 @@ def _give_up_broken() -> None:
 
 
 @contextmanager
-def hear_first_signal(came: list[int]) -> Iterator[None]:
+def interrupt_once(signals: list[int]) -> Iterator[None]:
     """A context in which SIGTERM and SIGHUP do what Ctrl-C does; after the first of them, no other interrupts.
 
     A second one would end the saving. Those that come are added to the list. `nohup` works as usual.
     """
 
     def stop(number, frame):
-        came.append(number)
-        if len(came) == 1:
+        signals.append(number)
+        if len(signals) == 1:
             raise KeyboardInterrupt
 
     numbers, hangup = [signal.SIGINT, signal.SIGTERM], getattr(signal, "SIGHUP", None)  # Windows has none

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from fish_env.checks import is_whole
-from fish_env.control.environments import environment_of, make_checked_batch, one_fish, trained_of
+from fish_env.control.env_spec import environment_of, make_checked_batch, one_fish, trained_of
 from fish_env.control.gait import Gait
 from fish_env.control.models import is_model, normalisation_of, trained_with
 from fish_env.control.policy import Normalisation, Policy, load_policy
@@ -27,7 +27,7 @@ EPISODES = 100
 Controller = Callable[[np.ndarray, float], np.ndarray]
 """(observations (B,D), seconds since the start) -> actions (B,A) or (A,)"""
 
-COUNTED = ("history", "observation_delay", "action_delay")
+OPTIONS_IN_STEPS = ("history", "observation_delay", "action_delay")
 """Options that count environment steps."""
 
 NOT_SCORES = ("terms", "failure", "is_success", "variation", "privileged", "step_terms", "position", "heading")
@@ -104,7 +104,7 @@ def policy_controller(policy: Policy | Any, env: FishVectorEnv) -> Controller:
             goal = decide(obs, time)
         if first_order:
             return goal
-        present = (2.0 * _arrived(env) - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
+        present = (2.0 * _final_contraction(env) - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
         return present + (goal - present) / (every - since)
 
     return act
@@ -144,7 +144,7 @@ def steps_of(interval: float, env: FishVectorEnv) -> int:
     return steps if abs(steps * env.control_interval - interval) <= 1e-9 else 0
 
 
-def _arrived(env: FishVectorEnv) -> np.ndarray:
+def _final_contraction(env: FishVectorEnv) -> np.ndarray:
     """Contractions (B,M), of what the strength of each fish allows, once all commands sent so far have arrived."""
     found = env.tank.contraction / env.tank.muscle_variation[:, :1]
     if env._memory:
@@ -204,7 +204,7 @@ def evaluation_options(options: dict[str, Any]) -> dict[str, Any]:
 
     Where delays or a history count environment steps, these remain as long as they were.
     """
-    if any(np.any(options.get(name, 0)) for name in COUNTED):
+    if any(np.any(options.get(name, 0)) for name in OPTIONS_IN_STEPS):
         return dict(options)
     return {name: value for name, value in options.items() if name not in ("control_interval", "max_episode_steps")}
 

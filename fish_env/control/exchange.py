@@ -27,24 +27,19 @@ def load_onnx() -> Any:
         raise ImportError('ONNX files need onnx: pip install "fish_env[onnx]"') from error
 
 
-def arrays_of(parts: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """The arrays among the parts of a policy: layers in float32, the normalisation in float64."""
+def arrays_of(parts: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], int]:
+    """The arrays among the parts of a policy, and its number of layers, which are float32; the rest is float64."""
     arrays = {name: np.asarray(part) for name, part in parts.items() if isinstance(part, np.ndarray | float)}
     layered = ("weight", "bias")
-    return {n: array.astype(np.float32 if n.startswith(layered) else np.float64) for n, array in arrays.items()}
-
-
-def layers_of(arrays: Mapping[str, np.ndarray]) -> int:
-    """Number of layers."""
-    return sum(name.startswith("weight") for name in arrays)
+    arrays = {n: array.astype(np.float32 if n.startswith(layered) else np.float64) for n, array in arrays.items()}
+    return arrays, sum(name.startswith("weight") for name in arrays)
 
 
 def onnx_model(parts: Mapping[str, Any]) -> Any:
     """The ONNX model of a policy: arrays are its initializers, under their names; the rest is its metadata."""
     onnx = load_onnx()
     make, types = onnx.helper, onnx.TensorProto
-    arrays = arrays_of(parts)
-    count = layers_of(arrays)
+    arrays, count = arrays_of(parts)
     nodes, last = [], "observation"
 
     def then(kind: str, *inputs: str, **options) -> None:
@@ -129,11 +124,11 @@ def write_torchscript(parts: Mapping[str, Any], path: Path) -> None:
         def forward(self, obs):
             return ((obs.double() - self.mean) / self.deviation).clamp(-self.limit, self.limit).float()
 
-    arrays = arrays_of(parts)
+    arrays, count = arrays_of(parts)
     modules: list[nn.Module] = []
     if "mean" in arrays:
         modules.append(Normalise(arrays["mean"], arrays["deviation"], arrays["limit"]))
-    for k in range(layers_of(arrays)):
+    for k in range(count):
         weight, bias = (torch.from_numpy(arrays[f"{kind}{k}"].copy()) for kind in ("weight", "bias"))
         modules.append(nn.utils.skip_init(nn.Linear, *weight.shape))  # draws no random numbers
         modules[-1].load_state_dict({"weight": weight.T, "bias": bias})

@@ -6,6 +6,7 @@ plain JavaScript and WebGL draws them (`scene/renderer.js`, `film_player.js`).
 
 import json
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 from fish_env.checks import fits_memory, representable
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.recording import Recording, env_of
-from fish_env.control.video import SLOWER, SPEED, VIDEOS, load_writer, write_video
+from fish_env.control.video import SLOWDOWN, SPEED, VIDEOS, load_writer, write_video
 from fish_env.envs import FishEnv
 from fish_env.kernels.data import data
 from fish_env.physics.failures import FAILURES
@@ -29,8 +30,8 @@ STATES = 10_000  # of all episodes together: a page with more leaves out every s
 AREA = 25.0  # body lengths squared: pictures of such spheres take 100 MB
 
 
-class Reel(NamedTuple):
-    """Scene of one episode of T states, with L landmarks, M muscles and S spheres."""
+class FilmEpisode(NamedTuple):
+    """One episode of T states, with L landmarks, M muscles and S spheres."""
 
     title: str
     interval: float  # s between two states
@@ -45,13 +46,14 @@ class Reel(NamedTuple):
     note: str  # why the physics failed, if it did
 
 
-class Cast(NamedTuple):
-    """Data that all episodes of a film share."""
+class FilmData(NamedTuple):
+    """Episodes of a film, and what they share."""
 
     fish: Any
     touchable: bool  # whether spheres are targets, or obstacles
     task: str
     picture: dict[str, Any]  # width, height, camera and panel of its environment
+    episodes: list[FilmEpisode]
 
 
 def write_film(recordings: Recording | Sequence[Recording], path: str | Path) -> Path:
@@ -73,59 +75,49 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
     else:
         load_writer(path)
         with representable("the film"):
-            cast, reels = _make_scenes(found)
-            _check_spheres(reels)
-            size = 3 * cast.picture["width"] * cast.picture["height"]  # bytes; all pictures are in memory
-            fits_memory(sum(len(reel.points) for reel in reels), size, "the number of states of the video")
-            pictures = [picture for reel in reels for picture in _pictures(cast, reel)]
-        write_video(pictures, 1.0 / (SLOWER * reels[0].interval), path)
+            film = film_data(found)
+            area = max(float((one.spheres[..., 3] ** 2).sum(axis=1).max()) for one in film.episodes)
+            if area > AREA:
+                raise ValueError(
+                    f"the squares of the radii of the spheres add up to {area:g}, which is more than {AREA:g}, for a "
+                    f"video; write an {PAGE} page"
+                )
+            size = 3 * film.picture["width"] * film.picture["height"]  # bytes; all pictures are in memory
+            fits_memory(sum(len(one.points) for one in film.episodes), size, "the number of states of the video")
+            pictures = [picture for one in film.episodes for picture in _pictures(film, one)]
+        write_video(pictures, 1.0 / (SLOWDOWN * film.episodes[0].interval), path)
     return path
 
 
 def film_text(recordings: Sequence[Recording]) -> str:
     """The page of `write_film` as text, with the same errors."""
     with representable("the film"):
-        text = page_text(*_make_scenes(recordings))
+        text = page_text(film_data(recordings))
     if len(text) > LARGEST:
         raise ValueError(f"the page would have {len(text):,} bytes, more than {LARGEST:,}; give fewer episodes")
     return text
 
 
-def _check_spheres(reels: Sequence[Reel]) -> None:
-    """ValueError if the pictures of the spheres of a state would take much memory."""
-    area = max(float((reel.spheres[..., 3] ** 2).sum(axis=1).max()) for reel in reels)
-    if area > AREA:
-        raise ValueError(
-            f"the squares of the radii of the spheres add up to {area:g}, which is more than {AREA:g}, for a video; "
-            f"write an {PAGE} page"
-        )
-
-
-def _make_scenes(recordings: Sequence[Recording]) -> tuple[Cast, list[Reel]]:
-    """Scenes of recordings; ValueError unless they are of one environment."""
+def film_data(recordings: Sequence[Recording]) -> FilmData:
+    """The data of a film; ValueError unless the recordings are of one environment and of its fish."""
     made_of = [(one.about["env_id"], one.about["env_options"]) for one in recordings]
     if not made_of or any(one != made_of[0] for one in made_of):
         raise ValueError(f"there are {len(made_of)} recordings; give at least one, all of one environment and keywords")
-    cast = _cast(recordings[0])
-    return cast, [_reel(one, cast.fish) for one in recordings]
-
-
-def _cast(recording: Recording) -> Cast:
-    env = env_of(recording.about)
-    bare = env.unwrapped
+    with closing(env_of(recordings[0].about)) as env:
+        bare = env.unwrapped
     assert isinstance(bare, FishEnv)  # `record` and the checks of a file allow no other
-    task = bare.fish.task
-    env.close()
-    if bare.fish.control_interval != recording.about["control_interval"]:
+    fish, task, interval = bare.tank.fish, bare.fish.task, recordings[0].about["control_interval"]
+    if bare.fish.control_interval != interval:
         raise ValueError(
-            f"the recording holds a state every {recording.about['control_interval']} s, and its environment makes one "
-            f"every {bare.fish.control_interval} s; it is damaged, or was made by another version: record it again"
+            f"the recording holds a state every {interval} s, and its environment makes one every "
+            f"{bare.fish.control_interval} s; it is damaged, or was made by another version: record it again"
         )
-    return Cast(bare.tank.fish, bool(getattr(task, "touchable", False)), task_name(task), bare.fish.picture)
+    episodes = [_episode(one, fish) for one in recordings]
+    return FilmData(fish, bool(getattr(task, "touchable", False)), task_name(task), bare.fish.picture, episodes)
 
 
-def _reel(recording: Recording, fish: Any) -> Reel:
-    """Scene of a recording of this fish; ValueError if it is of another fish."""
+def _episode(recording: Recording, fish: Any) -> FilmEpisode:
+    """An episode of this fish; ValueError if it is of another fish."""
     held = recording.position.shape[1:], recording.velocity.shape[1:], recording.rest_length.shape[1:]
     needed = fish.body.position.shape, fish.body.position.shape, fish.body.springs.rest_length.shape
     if held != needed:
@@ -136,8 +128,7 @@ def _reel(recording: Recording, fish: Any) -> Reel:
     mass = fish.body.mass / fish.body.mass.sum()
     natural = fish.body.springs.rest_length[fish.muscles]
     shortened = (natural - recording.rest_length[:, fish.muscles]) / ((1.0 - fish.contracted) * natural)
-    failure = FAILURES[int(recording.failure[-1])]
-    return Reel(
+    return FilmEpisode(
         title=f"seed {recording.about['seed']}",
         interval=recording.about["control_interval"],
         time=recording.time,
@@ -148,40 +139,40 @@ def _reel(recording: Recording, fish: Any) -> Reel:
         command=recording.directions[:, 0] if recording.directions.shape[1] else np.zeros((recording.steps + 1, 3)),
         spheres=recording.spheres,
         gained=np.concatenate([[0.0], np.cumsum(recording.reward)]),
-        note=failure.partition(":")[0],
+        note=FAILURES[int(recording.failure[-1])].partition(":")[0],
     )
 
 
-def _pictures(cast: Cast, reel: Reel):
+def _pictures(film: FilmData, one: FilmEpisode):
     """Every state as a picture (H,W,3) uint8."""
     from fish_env.render import Format, draw  # pygame is loaded only when something is drawn
 
-    form, last = Format(**cast.picture), len(reel.points) - 1
-    look = look_of(cast.fish, form.levels).of_landmarks()
-    for t in range(1, len(reel.points)):
-        spheres, note, middle = reel.spheres[t], reel.note if t == last else "", reel.centre[t]
+    form, last = Format(**film.picture), len(one.points) - 1
+    look = look_of(film.fish, form.levels).of_landmarks()
+    for t in range(1, len(one.points)):
+        spheres, note, middle = one.spheres[t], one.note if t == last else "", one.centre[t]
         spheres = spheres[spheres[:, 3] > 0.0]
         yield draw(Frame(
-            [Body(look, reel.points[t], reel.contraction[t])], middle,
-            command_arrows(middle, reel.command[t], look.length, spheres, cast.touchable),
-            path=reel.centre[: t + 1], spheres=spheres, touchable=cast.touchable, time=float(reel.time[t]),
-            speed=float(reel.speed[t]), caption=f"{SPEED}, {note}" if note else SPEED, task=cast.task,
+            [Body(look, one.points[t], one.contraction[t])], middle,
+            command_arrows(middle, one.command[t], look.length, spheres, film.touchable),
+            path=one.centre[: t + 1], spheres=spheres, touchable=film.touchable, time=float(one.time[t]),
+            speed=float(one.speed[t]), caption=f"{SPEED}, {note}" if note else SPEED, task=film.task,
         ), form)  # fmt: skip
 
 
-def page_text(cast: Cast, reels: Sequence[Reel]) -> str:
+def page_text(film: FilmData) -> str:
     """The template with the renderer and the data put in."""
-    every = -(-sum(len(reel.points) for reel in reels) // STATES)
-    look = look_of(cast.fish).of_landmarks()
+    every = -(-sum(len(one.points) for one in film.episodes) // STATES)
+    look = look_of(film.fish).of_landmarks()
     data = {
-        "task": cast.task,
+        "task": film.task,
         "palette": PALETTE,
-        "touchable": cast.touchable,
+        "touchable": film.touchable,
         "arrow": [AHEAD, AHEAD + REACH],
         "nose": int(look.rest[:, 0].argmax()),
         "tail": int(look.rest[:, 0].argmin()),
         "look": pack_look(look),
-        "reels": [_pack_reel(reel, every) for reel in reels],
+        "reels": [_pack_episode(one, every) for one in film.episodes],
     }
     text = (HERE / "film.html").read_text(encoding="utf-8")
     script = "".join(part.read_text(encoding="utf-8") for part in SCRIPTS)
@@ -191,20 +182,20 @@ def page_text(cast: Cast, reels: Sequence[Reel]) -> str:
     return text
 
 
-def _pack_reel(reel: Reel, every: int) -> dict[str, Any]:
+def _pack_episode(one: FilmEpisode, every: int) -> dict[str, Any]:
     """Every so many-th state of an episode, as JSON."""
-    size = np.linalg.norm(reel.command, axis=1, keepdims=True)
+    size = np.linalg.norm(one.command, axis=1, keepdims=True)
     return {
-        "title": reel.title,
-        "note": reel.note,
-        "interval": every * reel.interval,
-        "states": len(reel.points[::every]),
-        "points": pack_numbers(reel.points[::every]),
-        "centre": pack_numbers(reel.centre[::every]),
-        "speed": pack_numbers(reel.speed[::every, None]),
-        "gained": pack_numbers(reel.gained[::every, None]),
-        "contraction": as_text((255 * reel.contraction[::every]).round().astype(np.uint8)),
-        "command": pack_numbers((reel.command / np.maximum(size, 1e-300))[::every]),
-        "spheres": pack_numbers(reel.spheres[::every]),
-        "sphereCount": reel.spheres.shape[1],
+        "title": one.title,
+        "note": one.note,
+        "interval": every * one.interval,
+        "states": len(one.points[::every]),
+        "points": pack_numbers(one.points[::every]),
+        "centre": pack_numbers(one.centre[::every]),
+        "speed": pack_numbers(one.speed[::every, None]),
+        "gained": pack_numbers(one.gained[::every, None]),
+        "contraction": as_text((255 * one.contraction[::every]).round().astype(np.uint8)),
+        "command": pack_numbers((one.command / np.maximum(size, 1e-300))[::every]),
+        "spheres": pack_numbers(one.spheres[::every]),
+        "sphereCount": one.spheres.shape[1],
     }

@@ -6,10 +6,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from fish_env.control.environments import WATCHING, changing_wrapper, watches
+from fish_env.control.env_spec import PASSIVE_WRAPPERS, changing_wrapper, is_wrapper
 from fish_env.control.policy import Normalisation
 
-HARMLESS = (*WATCHING, "NormalizeReward", "TransformReward", "ClipReward")
+ALLOWED_WRAPPERS = (*PASSIVE_WRAPPERS, "NormalizeReward", "TransformReward", "ClipReward")
 """Wrappers that change neither observations nor actions."""
 
 
@@ -58,14 +58,14 @@ def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None
         raise ValueError("the model has no environment, which may normalise; give it one: model.set_env(env)")
     check_actions(model.action_space, combined)
     while hasattr(env, "venv"):
-        if watches(env, ("VecNormalize",)):
+        if is_wrapper(env, ("VecNormalize",)):
             if found is not None:
                 raise ValueError("its environment has VecNormalize twice; train with one of them")
             if env.norm_obs and isinstance(model.observation_space, gym.spaces.Dict):
                 raise ValueError("its environment has VecNormalize over a dict; train with norm_obs=False")
             if env.norm_obs:
                 found = Normalisation(env.obs_rms.mean, np.sqrt(env.obs_rms.var + env.epsilon), float(env.clip_obs))
-        elif not watches(env, HARMLESS) and not combined:
+        elif not is_wrapper(env, ALLOWED_WRAPPERS) and not combined:
             _refuse(type(env).__name__)
         env = env.venv
     _check_inside(env)
@@ -86,13 +86,13 @@ def _check_inside(env: Any) -> None:
     """
     if type(env).__module__ == "fish_env.envs.sb3":  # a batch, which has none
         return
-    if watches(env, ("DummyVecEnv",)):
-        found = [changing_wrapper(each, HARMLESS) for each in env.envs]
-    elif watches(env, ("SubprocVecEnv",)):
+    if is_wrapper(env, ("DummyVecEnv",)):
+        found = [changing_wrapper(each, ALLOWED_WRAPPERS) for each in env.envs]
+    elif is_wrapper(env, ("SubprocVecEnv",)):
         texts = env.env_method("__str__")
         chains = [re.fullmatch(r"((?:<\w+)*)<\w+(?: instance|<[^<>]+>)>+", text) for text in texts]
         names = [chain[1].split("<")[1:] if chain else [text] for chain, text in zip(chains, texts, strict=True)]
-        found = [name for each in names for name in each if name not in HARMLESS]
+        found = [name for each in names for name in each if name not in ALLOWED_WRAPPERS]
     else:
         found = [type(env).__name__]
     for name in filter(None, found):

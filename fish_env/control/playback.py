@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.control.environments import make_checked_env
+from fish_env.control.env_spec import make_checked_env
 from fish_env.control.evaluation import NOT_SCORES, checked_episodes, environment_for
 from fish_env.control.files import writable_file
 from fish_env.control.film import PAGE, write_film

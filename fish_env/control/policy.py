@@ -10,10 +10,9 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from fish_env.checks import as_floats
-from fish_env.control.environments import check_environment
+from fish_env.control.env_spec import check_environment
 from fish_env.control.exchange import onnx_model, read_onnx, write_onnx, write_torchscript
-from fish_env.control.files import replacing
-from fish_env.control.npz import check_arrays, read_about, read_npz
+from fish_env.control.files import check_arrays, read_about, read_npz, replacing
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.data import data
 
@@ -213,10 +212,10 @@ def _policy_of(parts: dict[str, Any], env_id: str | None) -> Policy:
         )
     texts: dict[str, Any] = {name: str(parts.get(name)) for name in ("hidden", "output")} if version == FORMAT else {}
     layers = sum(name.startswith("weight") for name in parts)
-    shapes = {f"weight{k}": (f"width {k}", f"width {k + 1}") for k in range(layers)}
+    shapes: dict[str, tuple] = {f"weight{k}": (f"width {k}", f"width {k + 1}") for k in range(layers)}
     shapes |= {f"bias{k}": (f"width {k + 1}",) for k in range(layers)}
-    scaled = version == FORMAT and "mean" in parts
-    shapes |= {"mean": ("width 0",), "deviation": ("width 0",)} if scaled else {}
+    if scaled := version == FORMAT and "mean" in parts:
+        shapes |= {"mean": ("width 0",), "deviation": ("width 0",)}
     apart = {"format", "layout", "about", *texts, *(["limit"] if scaled else [])}
     check_arrays({name: part for name, part in parts.items() if name not in apart}, shapes, {})
     if not layers:
@@ -228,9 +227,7 @@ def _policy_of(parts: dict[str, Any], env_id: str | None) -> Policy:
     if env_id is not None and about["env_id"] != env_id:
         raise ValueError(f"it was trained for {about['env_id']}, not {env_id}; choose a policy of that environment")
     weights, biases = (tuple(parts[f"{kind}{k}"] for k in range(layers)) for kind in ("weight", "bias"))
-    scaling = None
-    if scaled:
-        scaling = Normalisation(parts["mean"], parts["deviation"], parts.get("limit", np.nan))
-        if not isinstance(scaling.limit, float) or not scaling.limit > 0.0 or not (scaling.deviation > 0.0).all():
-            raise ValueError("the normalisation has no limit above zero, or deviations of zero or less")
+    scaling = Normalisation(parts["mean"], parts["deviation"], parts.get("limit", np.nan)) if scaled else None
+    if scaling and not (isinstance(scaling.limit, float) and scaling.limit > 0.0 and (scaling.deviation > 0.0).all()):
+        raise ValueError("the normalisation has no limit above zero, or deviations of zero or less")
     return Policy(weights, biases, about, normalisation=scaling, **texts)

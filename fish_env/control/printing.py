@@ -15,45 +15,42 @@ def print_means(records: list[dict]) -> None:
     Args:
         records: each with `policy` (its name), `env_id`, `env_options`, `means`, `episodes` and `first_seed`.
     """
-    names = [record["policy"] for record in records]
-    about = f"{records[0]['episodes']} episodes, seeds from {records[0]['first_seed']}"
-    _print_head([(record["env_id"], record["env_options"]) for record in records], names, about)
     rows = {}
     for metric in dict.fromkeys(metric for record in records for metric in record["means"]):
         values = [record["means"].get(metric) for record in records]
         rows[metric] = ["-" if value is None else f"{value:.4g}" for value in values]
-    _print_table(names, rows)
+    environments = [(record["env_id"], record["env_options"]) for record in records]
+    about = f"{records[0]['episodes']} episodes, seeds from {records[0]['first_seed']}"
+    _print_table(environments, [record["policy"] for record in records], about, rows)
 
 
 def print_comparison(
     environments: Sequence[tuple[str, dict[str, Any]]], names: Sequence[str], found: Mapping[str, Comparison]
 ) -> None:
     """Print what `compare` found about two policies of these names: means and their difference, with intervals."""
-    head = f"{EPISODES} episodes, seeds from {FIRST_SEED}, with 95 % intervals"
-    _print_head(environments, names, head)
     rows = {
         metric: [f"{v:.4g} ({low:.4g} to {high:.4g})" if math.isfinite(v) else "-" for v, low, high in every]
         for metric, every in found.items()
     }
-    _print_table([*names, "difference"], rows)
+    about = f"{EPISODES} episodes, seeds from {FIRST_SEED}, with 95 % intervals"
+    _print_table(environments, names, about, rows, "difference")
 
 
-def _print_head(environments: Sequence[tuple[str, dict[str, Any]]], names: Sequence[str], mean_over: str) -> None:
-    """Print the environment, and its options, of each policy where they differ."""
+def _print_table(
+    environments: Sequence[tuple[str, dict[str, Any]]],
+    names: Sequence[str],
+    mean_over: str,
+    rows: Mapping[str, Sequence[str]],
+    *others: str,
+) -> None:
+    """Print environment and options, and rows of cells under the names of policies; one name alone is left out."""
+    short = [Path(name).parent.name if Path(name).name == "policy.npz" else name for name in names]
     texts = [", ".join(f"{name}={value!r}" for name, value in sorted(options.items())) for _, options in environments]
     same = texts.count(texts[0]) == len(texts)
     print(f"{environments[0][0]}{f' with {texts[0]}' if same and texts[0] else ''}: mean over {mean_over}")
-    for name, text in () if same else zip(map(_short, names), texts, strict=True):
+    for name, text in () if same else zip(short, texts, strict=True):
         print(f"  {name}: {text or 'no options'}")
-
-
-def _short(name: str) -> str:
-    return Path(name).parent.name if Path(name).name == "policy.npz" else name
-
-
-def _print_table(names: Sequence[str], rows: Mapping[str, Sequence[str]]) -> None:
-    """Print rows of cells under the names of policies, those of files shortened; one name alone is left out."""
-    heads = [_short(name) for name in names]
+    heads = [*short, *others]
     columns = zip(heads, *rows.values(), strict=True)
     widths = [max(12, 2 + max(len(cell) for cell in column)) for column in columns]
     for label, cells in {**({"": heads} if len(heads) > 1 else {}), **rows}.items():

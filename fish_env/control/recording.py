@@ -4,7 +4,7 @@ import json
 import math
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -14,10 +14,8 @@ import gymnasium as gym
 import numpy as np
 
 import fish_env
-from fish_env.checks import is_whole
-from fish_env.control.environments import check_environment, environment_of, make_checked_env
-from fish_env.control.files import replacing, writable_file
-from fish_env.control.npz import LARGEST, check_arrays, read_about, read_npz
+from fish_env.control.env_spec import check_environment, environment_of, make_checked_env
+from fish_env.control.files import LARGEST, check_arrays, read_about, read_npz, replacing, writable_file
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.cache import source_hash
 from fish_env.physics.failures import FAILURES
@@ -29,27 +27,11 @@ KIND = "fish_env recording"
 ENDING = ".npz"
 
 
-def is_positive(value: Any) -> bool:
-    """Return True for a finite float above zero."""
-    return isinstance(value, float) and 0.0 < value < math.inf
-
-
-def are_words(values: Any) -> bool:
-    """Return True for texts that can be printed."""
-    return all(isinstance(word, str) and word.isprintable() for word in values)
-
-
-ABOUT: dict[str, Callable[[Any], bool]] = {
-    "env_id": lambda value: isinstance(value, str),
-    "env_options": lambda value: isinstance(value, dict),
-    "seed": lambda value: is_whole(value) and value >= 0,
-    "options": lambda value: isinstance(value, dict),
-    "control_interval": is_positive,
-    "length": is_positive,
-    "term_names": lambda value: isinstance(value, list) and are_words(value),
-    "versions": lambda value: isinstance(value, dict) and are_words(value.values()),
-}
-"""Parts of the description of an episode, and a check of the value of each."""
+ABOUT = {
+    "env_id": str, "env_options": dict, "seed": int, "options": dict, "control_interval": float, "length": float,
+    "term_names": list, "versions": dict,
+}  # fmt: skip
+"""Parts of the description of an episode, and their types."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -114,21 +96,21 @@ def arrays_of(recording: Recording) -> dict[str, Any]:
 
 
 SHAPES: dict[str, tuple[Any, ...]] = {
-    "action": ("T", "A"),
-    "position": ("T+1", "N", 3),
-    "velocity": ("T+1", "N", 3),
-    "rest_length": ("T+1", "E"),
-    "time": ("T+1",),
-    "failure": ("T+1",),
-    "counters": ("T+1", "C"),
+    "action": ("steps", "A"),
+    "position": ("states", "N", 3),
+    "velocity": ("states", "N", 3),
+    "rest_length": ("states", "E"),
+    "time": ("states",),
+    "failure": ("states",),
+    "counters": ("states", "C"),
     "variation": (6,),
-    "terms": ("T", "K"),
-    "reward": ("T",),
-    "terminated": ("T",),
-    "directions": ("T+1", "D", 3),
-    "spheres": ("T+1", "S", 4),
+    "terms": ("steps", "K"),
+    "reward": ("steps",),
+    "terminated": ("steps",),
+    "directions": ("states", "D", 3),
+    "spheres": ("states", "S", 4),
 }
-"""Shape of every array; letters stand for numbers that the arrays agree in."""
+"""Shape of every array; words stand for numbers that the arrays agree in, and there is one state more than steps."""
 
 TYPES = dict.fromkeys(SHAPES, np.float64) | {"failure": np.int64, "counters": np.int64, "terminated": np.bool_}
 """Types of the arrays."""
@@ -183,7 +165,9 @@ def load_recording(path: str | Path) -> Recording:
                 "version of fish_env that wrote it"
             )
         _check_about(about)
-        check_arrays(parts, SHAPES | {"terms": ("T", len(about["term_names"]))}, TYPES)
+        check_arrays(parts, SHAPES | {"terms": ("steps", len(about["term_names"]))}, TYPES)
+        if len(parts["time"]) != len(parts["action"]) + 1:
+            raise ValueError(f"it has {len(parts['time'])} states for {len(parts['action'])} steps")
         if not all(0 <= index < len(FAILURES) for index in parts["failure"]):
             raise ValueError("its part failure holds numbers that name no failure")
     except ValueError as error:
@@ -196,9 +180,14 @@ def _check_about(about: dict[str, Any]) -> None:
     if set(about) != set(ABOUT):
         raise ValueError(f"it describes no episode: its part 'about' must be JSON with {', '.join(ABOUT)}")
     check_environment(about)
-    for name, fits in ABOUT.items():
-        if not fits(about[name]):
-            raise ValueError(f"it describes no episode: {name} is {about[name]!r:.200}")
+    for name, kind in ABOUT.items():
+        if type(about[name]) is not kind:
+            raise ValueError(f"it describes no episode: {name} is {about[name]!r:.200}; it should be a {kind.__name__}")
+    words, numbers = (*about["term_names"], *about["versions"].values()), (about["control_interval"], about["length"])
+    if about["seed"] < 0 or not all(0.0 < number < math.inf for number in numbers):
+        raise ValueError("it describes no episode: its seed is below zero, or an interval or a length is not positive")
+    if not all(isinstance(word, str) and word.isprintable() for word in words):
+        raise ValueError("it describes no episode: names of terms or versions are no printable texts")
 
 
 def env_of(about: Mapping[str, Any]) -> gym.Env:

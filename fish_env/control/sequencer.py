@@ -39,21 +39,25 @@ class Aim(NamedTuple):
     speed: np.ndarray  # (B,) wanted, body lengths per second
 
 
+AimFunction = Callable[[np.ndarray], Aim]
+"""observations (B,D) -> `Aim`"""
+
+
 @dataclass(frozen=True)
-class Habits:
+class SequencerConfig:
     """When the sequencer begins a turn, and how it corrects small errors."""
 
     threshold: float = np.radians(22.0)
     """Mean heading error from which a turn is begun, rad; smaller ones are corrected while swimming."""
-    again: float = np.radians(40.0)
+    chain_threshold: float = np.radians(40.0)
     """Heading error at the end of a turn's hold from which the next turn begins at once, without straightening, rad."""
-    jump: float = np.radians(20.0)
+    command_jump: float = np.radians(20.0)
     """Change of the error between two environment steps that only a new command can cause, rad."""
     lead: float = 0.12
     """Time over which the turning of a fish that must break off a turn is extrapolated, s."""
     trim: float = 2.5
     """Contraction, per rad of mean error, added to one side of the anterior segments while swimming."""
-    most_trim: float = 2.5
+    max_trim: float = 2.5
     """Largest such contraction."""
     strokes: float = 0.3
     """Least part of swimming's strokes that continues in a turn: 0 takes the table's, 1 maintains the speed."""
@@ -61,7 +65,7 @@ class Habits:
     """Time over which the error is averaged, s: about a beat."""
     pitch: float = 1.0
     """Contraction, per rad of climb, added to the upper (or lower) muscles."""
-    most_pitch: float = 0.6
+    max_pitch: float = 0.6
     """Largest such contraction."""
 
 
@@ -75,28 +79,28 @@ class Sequencer:
         env: the environment that it is to act in.
         aim: from observations (B,D) to an `Aim`.
         tables: of the motor controllers.
-        habits: when turns begin, and how small errors are corrected.
+        config: when turns begin, and how small errors are corrected.
     """
 
-    def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
+    def __init__(self, env: FishVectorEnv, aim: AimFunction, tables: MotorTables, config: SequencerConfig):
         fish = env.tank.fish
-        self.aim, self.tables, self.habits, self.interval = aim, tables, habits, env.control_interval
+        self.aim, self.tables, self.config, self.interval = aim, tables, config, env.control_interval
         self.muscle = env.first_muscle_of_group
         self.can_pitch = self.muscle.size == fish.num_muscles  # pairs contract above and below together
         height = fish.heights
         self.fish, self.level = fish, np.where(height > 0, 0, 1)
-        self.window = max(1, round(habits.beat / self.interval))
+        self.window = max(1, round(config.beat / self.interval))
 
     def __call__(self, obs: np.ndarray, time: float) -> np.ndarray:
         """Actions (B,A) for observations (B,D) at `time` s."""
         aim = self.aim(obs)
         if time == 0:
-            self.begin(aim.error)
+            self.reset(aim.error)
         self.record_error(aim.error)
         self.decide(aim.error)
         return 2.0 * self.contract(aim)[:, self.muscle] - 1.0
 
-    def begin(self, error: np.ndarray) -> None:
+    def reset(self, error: np.ndarray) -> None:
         """Clear the memory: the fish swim, and have seen the error (B,) for a beat."""
         b = error.size
         self.last, self.rate = error.copy(), np.zeros(b)
@@ -109,7 +113,7 @@ class Sequencer:
     def record_error(self, error: np.ndarray) -> None:
         """Record the error (B,); a jump of it is a new command, by which the errors of the beat are shifted."""
         change = wrap_angle(error - self.last)
-        self.jumped = np.abs(change) > self.habits.jump
+        self.jumped = np.abs(change) > self.config.command_jump
         self.rate = np.where(self.jumped, self.rate, change / self.interval)
         self.errors += np.where(self.jumped, change, 0.0)[:, None]
         self.errors = np.column_stack([self.errors[:, 1:], error])
@@ -121,14 +125,14 @@ class Sequencer:
 
     def decide(self, error: np.ndarray) -> None:
         """Begin and end turns: when the error is large, when a new command comes, when one is over."""
-        more = np.abs(error) > self.habits.again  # a successive turn follows at once, without straightening
+        more = np.abs(error) > self.config.chain_threshold  # a successive turn follows at once, without straightening
         over = self.turning & (self.since >= self.rows[:, 5] + self.rows[:, 6] * ~more - 1e-9)
         self.errors[over] = error[over, None]  # what was seen in the turn no longer counts
         self.turning &= ~over
         broken = self.turning & self.jumped
-        wanted = np.where(broken, wrap_angle(error + self.habits.lead * self.rate), self.mean_error())
+        wanted = np.where(broken, wrap_angle(error + self.config.lead * self.rate), self.mean_error())
         self.turning &= ~broken
-        self.begin_turns(~self.turning & (np.abs(wanted) > self.habits.threshold), wanted)
+        self.begin_turns(~self.turning & (np.abs(wanted) > self.config.threshold), wanted)
 
     def begin_turns(self, which: np.ndarray, wanted: np.ndarray) -> None:
         """Begin a turn by `wanted` (B,) rad, or by as much of it as the table has, for the fish of the mask (B,)."""
@@ -145,51 +149,51 @@ class Sequencer:
 
     def contract(self, aim: Aim) -> np.ndarray:
         """Contraction of every muscle at the end of the coming interval, (B,M) in [0, 1]."""
-        habits = self.habits
+        config = self.config
         swims = self.tables.swims.at(aim.speed)
         swims[self.turning] = self.tables.swims.values[-1]
         self.since += self.interval
         self.beats += self.interval * swims[:, (2, 4)]
         bend, part = turn_mc(self.rows, self.side, self.since)
-        part = np.maximum(part, habits.strokes)
-        trim = np.clip(habits.trim * self.mean_error(), -habits.most_trim, habits.most_trim) * ~self.turning
+        part = np.maximum(part, config.strokes)
+        trim = np.clip(config.trim * self.mean_error(), -config.max_trim, config.max_trim) * ~self.turning
         pairs = bend + part[:, None, None] * swim_mc(self.tables, swims, self.beats)
         pairs[:, :2, 0] += np.maximum(trim, 0.0)[:, None]
         pairs[:, :2, 1] += np.maximum(-trim, 0.0)[:, None]
         pairs[(aim.speed <= 0.0) & ~self.turning] = glide_mc(1)
-        pitch = np.clip(habits.pitch * aim.climb, -habits.most_pitch, habits.most_pitch) * self.can_pitch
+        pitch = np.clip(config.pitch * aim.climb, -config.max_pitch, config.max_pitch) * self.can_pitch
         lift = np.maximum(np.stack([pitch, -pitch], axis=1), 0.0)
         return np.clip(spread(self.fish, pairs) + lift[:, self.level], 0.0, 1.0)
 
 
-class Starter(Sequencer):
+class FastStartSequencer(Sequencer):
     """Glides until it is told where to; then a C-start, and from its end on what the sequencer does.
 
     Raises:
         ValueError: for tables without fast starts.
     """
 
-    def __init__(self, env: FishVectorEnv, aim: Callable[[np.ndarray], Aim], tables: MotorTables, habits: Habits):
+    def __init__(self, env: FishVectorEnv, aim: AimFunction, tables: MotorTables, config: SequencerConfig):
         if tables.starts is None:
             raise ValueError(
                 "the tables of the motor controllers have no fast starts; search them: "
-                "python -m benchmarks.calibration.motor_controllers --starts"
+                "python -m benchmarks.calibrate"
             )
         self.starts: Table = tables.starts
-        super().__init__(env, aim, tables, habits)
+        super().__init__(env, aim, tables, config)
 
-    def begin(self, error: np.ndarray) -> None:
+    def reset(self, error: np.ndarray) -> None:
         """Clear the memory: the fish wait for a command."""
-        super().begin(error)
-        self.told = np.zeros(error.size, dtype=bool)
+        super().reset(error)
+        self.commanded = np.zeros(error.size, dtype=bool)
         self.start, self.start_side = self.starts.at(np.zeros(error.size)), np.ones(error.size)
         self.elapsed = np.full(error.size, np.inf)
 
     def contract(self, aim: Aim) -> np.ndarray:
         """Contraction of every muscle at the end of the coming interval, (B,M) in [0, 1]."""
         usual = super().contract(aim)
-        new = ~self.told & (aim.speed > 0.0)
-        self.told |= new
+        new = ~self.commanded & (aim.speed > 0.0)
+        self.commanded |= new
         self.start = np.where(new[:, None], self.starts.at(np.abs(aim.error)), self.start)
         self.start_side = np.where(new, np.where(aim.error < 0.0, -1.0, 1.0), self.start_side)
         self.elapsed = np.where(new, 0.0, self.elapsed) + self.interval
@@ -242,7 +246,7 @@ def aim_target(obs: np.ndarray, layout: Layout, dimensions: int, ahead: float = 
 
 
 @dataclass(frozen=True)
-class Caution:
+class ObstacleMargins:
     """Margins with which an obstacle is passed."""
 
     radius: float  # of the obstacle, body lengths
@@ -254,7 +258,7 @@ class Caution:
 COURSES = np.radians(np.arange(-105.0, 106.0, 15.0))  # rad off the commanded heading, from which one is chosen
 
 
-def aim_past(obs: np.ndarray, layout: Layout, caution: Caution) -> Aim:
+def aim_past(obs: np.ndarray, layout: Layout, margins: ObstacleMargins) -> Aim:
     """Along the course nearest to the commanded heading that passes the obstacle; the heading itself if there is none.
 
     For each of the COURSES the nearest approach of a fish that swims straight on to an obstacle that drifts on is
@@ -268,44 +272,44 @@ def aim_past(obs: np.ndarray, layout: Layout, caution: Caution) -> Aim:
     nearness = np.hypot(*np.moveaxis(near, -1, 0))  # (B,1)
     seen = nearness > 0
     safe = np.where(seen, nearness, 1.0)
-    way = near / safe[..., None] * (1.0 / safe - 1.0 + caution.radius)[..., None]
+    way = near / safe[..., None] * (1.0 / safe - 1.0 + margins.radius)[..., None]
     course = np.arctan2(heading[..., 1], heading[..., 0]) + COURSES  # (B,K)
-    closing = caution.speed * np.stack([np.cos(course), np.sin(course)], axis=-1) - drift
-    when = np.clip((way * closing).sum(-1) / np.maximum((closing**2).sum(-1), 1e-9), 0.0, caution.horizon)
+    closing = margins.speed * np.stack([np.cos(course), np.sin(course)], axis=-1) - drift
+    when = np.clip((way * closing).sum(-1) / np.maximum((closing**2).sum(-1), 1e-9), 0.0, margins.horizon)
     miss = np.linalg.norm(way - closing * when[..., None], axis=-1)
-    short = np.maximum(caution.radius + caution.room - miss, 0.0) * seen
+    short = np.maximum(margins.radius + margins.room - miss, 0.0) * seen
     cost = np.abs(COURSES) + 0.3 * np.abs(wrap_angle(course)) + 20.0 * short
     best = course[np.arange(len(obs)), np.where(seen[:, 0], cost.argmin(axis=1), COURSES.size // 2)]
     return Aim(wrap_angle(best), climb(commanded), np.full(len(obs), np.inf))
 
 
-HABITS = {
-    SwimTask: Habits(trim=0.8),
-    CommandedTurns: Habits(),
-    TargetTask: Habits(pitch=2.0),
-    AvoidTask: Habits(),
-    FastStartTask: Habits(),
+SEQUENCER_CONFIGS = {
+    SwimTask: SequencerConfig(trim=0.8),
+    CommandedTurns: SequencerConfig(),
+    TargetTask: SequencerConfig(pitch=2.0),
+    AvoidTask: SequencerConfig(),
+    FastStartTask: SequencerConfig(),
 }
 """The best settings for each task, tried by hand on episodes that are neither those of training nor of evaluation."""
 
 
-def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habits | None = None) -> Sequencer:
+def scripted(env: FishVectorEnv, tables: MotorTables | None = None, config: SequencerConfig | None = None) -> Sequencer:
     """The sequenced motor controllers for the task of an environment, as a controller (`evaluation.Controller`).
 
     Args:
         env: the environment that it is to act in.
         tables: of the motor controllers; None for those of the default fish in water of that level.
-        habits: when turns begin, and how small errors are corrected; None for those of the task.
+        config: when turns begin, and how small errors are corrected; None for those of the task.
 
     Raises:
         ValueError: for a task that they cannot do, or a fast start with tables that have none.
     """
     task, mass, layout = env.task, env.tank.fish.landmarks.mass, env.layout
-    make = Starter if isinstance(task, FastStartTask) else Sequencer
+    make = FastStartSequencer if isinstance(task, FastStartTask) else Sequencer
     if isinstance(task, TargetTask):
         kind, aim = TargetTask, partial(aim_target, layout=layout, dimensions=task.dimensions)
     elif isinstance(task, AvoidTask):
-        kind, aim = AvoidTask, partial(aim_past, layout=layout, caution=Caution(task.radius))
+        kind, aim = AvoidTask, partial(aim_past, layout=layout, margins=ObstacleMargins(task.radius))
     elif isinstance(task, SwimTask):
         kind, aim = SwimTask, partial(aim_heading, layout=layout)
         if task.speed is not None:
@@ -315,13 +319,13 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, habits: Habi
     elif isinstance(task, CommandedTurns):
         kind, aim = CommandedTurns, partial(aim_heading, layout=layout)
     else:
-        names = ", ".join(sorted(cls.__name__ for cls in HABITS))
+        names = ", ".join(sorted(cls.__name__ for cls in SEQUENCER_CONFIGS))
         raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
     return make(
         env,
         aim,
         load_tables(water=level_of(env.tank.world)) if tables is None else tables,
-        HABITS[kind] if habits is None else habits,
+        SEQUENCER_CONFIGS[kind] if config is None else config,
     )
 
 

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple, cast
 import gymnasium as gym
 import numpy as np
 
-from fish_env.control.environments import make_checked_batch
+from fish_env.control.env_spec import make_checked_batch
 from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, Scores, environment_for, evaluate
 from fish_env.control.policy import Policy, load_policy
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.episode import Episodes
 
 RESAMPLES = 2000
-OWN = {"observation", "history", "muscle_groups", "privileged", "control_interval", "max_episode_steps"}
+INTERFACE_OPTIONS = {"observation", "history", "muscle_groups", "privileged", "control_interval", "max_episode_steps"}
 """Keywords that only say what a policy sees and how it acts: policies that differ in them meet the same episodes."""
 
 
@@ -115,8 +115,7 @@ def compare(
         policy: what `evaluate` takes, or a list of them.
         other: likewise.
         env: as for `evaluate`; None for 100 episodes in the environment that the first policy was trained in, or the
-            second if the first is no policy file. There, what they observe and how they act (`OWN`) is that of their
-            own trainings.
+            second if the first is no policy file. `INTERFACE_OPTIONS` there are those of their own trainings.
         seed: of the first episode.
         options: of the resets.
         changes: keywords of the environment instead of those of the trainings; None is ignored.
@@ -158,8 +157,8 @@ def compare(
 def same_environments(policies: Sequence[PolicyLike], changes: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """Id and keywords of the environment of each policy, which have the same episodes.
 
-    Policies of one id have the keywords of their own trainings, which may differ in `OWN`. Others run where the first
-    one was trained.
+    Policies of one id have the keywords of their own trainings, which may differ in `INTERFACE_OPTIONS`. Others run
+    where the first one was trained.
 
     Raises:
         ValueError: if no policy names an environment, or if they were trained with other keywords.
@@ -173,7 +172,7 @@ def same_environments(policies: Sequence[PolicyLike], changes: Mapping[str, Any]
     usual = {name: each.default for name, each in inspect.signature(Episodes.__init__).parameters.items()}
     usual |= gym.registry[env_id].kwargs
     late = any(np.any(options.get(name, 0)) for options in found for name in ("observation_delay", "action_delay"))
-    apart = OWN - ({"control_interval"} if late else set())
+    apart = INTERFACE_OPTIONS - ({"control_interval"} if late else set())
     for options in found:
         texts = {name: [json.dumps(each.get(name, usual.get(name)), sort_keys=True, default=repr)
                         for each in (first, options)] for name in sorted(first.keys() | options.keys())}  # fmt: skip

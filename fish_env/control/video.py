@@ -11,7 +11,7 @@ from fish_env.control.files import replacing, writable_file
 VIDEOS = (".mp4", ".webp", ".gif")
 COLOURS = 128  # of a .gif
 WIDEST = 320  # pixels
-SLOWER = 2  # times slower than life: a tail beats faster than the eye follows
+SLOWDOWN = 2  # times slower than life: a tail beats faster than the eye follows
 SPEED = "half speed"  # which the pictures say
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies import BODIES, Fish
-from fish_env.control.environments import environment_of, make_checked_batch
+from fish_env.control.env_spec import environment_of, make_checked_batch
 from fish_env.control.evaluation import as_controller, environment_for
 from fish_env.control.policy import Policy, load_policy
 from fish_env.lab.stage import Control, Plot, Stage, muscle_names, sliders

@@ -322,7 +322,7 @@ class Swimmers(Stage):
 
     def film(self) -> dict[str, str]:
         """The last seconds of a single fish as a film that turns in 3-D: name and text of a page."""
-        from fish_env.control.film import Cast, Reel, page_text
+        from fish_env.control.film import FilmData, FilmEpisode, page_text
 
         if self.num_fish > 1 or len(self._states) < 2:
             raise ValueError("a film shows one fish that has swum; choose one fish, and let it swim")
@@ -330,11 +330,13 @@ class Swimmers(Stage):
         most, share = max(map(len, spheres)), self.fish.body.mass / self.fish.body.mass.sum()
         filled = [np.concatenate([s, np.zeros((most - len(s), 4))]) for s in spheres]
         centre, way = (np.einsum("n,tnk->tk", share, np.array(part)) for part in (x, velocity))
-        reel = Reel("from the laboratory", self.interval, self.interval * np.arange(len(x)),
-                    self.fish.points(np.array(x)), centre, np.linalg.norm(way, axis=1) / self.length,
-                    np.array(contraction), np.array(command), np.reshape(filled, (len(x), most, 4)), np.zeros(len(x)),
-                    "")  # fmt: skip
-        return {"name": "fish.html", "text": page_text(Cast(self.fish, self.goal == "target", self.goal, {}), [reel])}
+        episode = FilmEpisode(
+            "from the laboratory", self.interval, self.interval * np.arange(len(x)), self.fish.points(np.array(x)),
+            centre, np.linalg.norm(way, axis=1) / self.length, np.array(contraction), np.array(command),
+            np.reshape(filled, (len(x), most, 4)), np.zeros(len(x)), "",
+        )  # fmt: skip
+        film = FilmData(self.fish, self.goal == "target", self.goal, {}, [episode])
+        return {"name": "fish.html", "text": page_text(film)}
 
     def close(self) -> None:
         """End its threads."""

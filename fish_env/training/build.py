@@ -13,36 +13,27 @@ from fish_env.control import Policy, equivariant
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
 from fish_env.envs import make_sb3_vec_env
 from fish_env.training.config import TrainConfig
-from fish_env.training.synergy import Synergies, batch_of, both, synergies
+from fish_env.training.synergy import SynergyWrapper, batch_of, common_actions, synergies
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
-    """The batch of fish to train on, its returns logged; ValueError for one that observes goals."""
+    """The batch of fish to train on, its returns logged; ValueError for one that observes goals, or is not of fish."""
     options = config.env_options | config.training_options
     env = make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options)
     if isinstance(env.observation_space, Dict):
         env.close()
         raise ValueError("the environment observes goals, which are for HER and not for PPO; leave goal_env out")
-    return Synergies(env)
+    return SynergyWrapper(env)
 
 
-def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | None = None) -> PPO:
-    """A fresh PPO learner; `log_folder` is where TensorBoard's events go."""
-    fish = batch_of(env)
-    options = equivariant_options(fish)
+def make_model(config: TrainConfig, env: VecEnv, seed: int, folder: Path | None = None) -> PPO:
+    """A fresh PPO learner for a run, whose folder gets TensorBoard's events."""
+    options = equivariant_options(batch_of(env))
     if not config.symmetric:
         del options["reflection"]
     return PPO(
         EquivariantPolicy if config.symmetric else "MlpPolicy",
         env,
-        n_steps=config.rollout,
-        batch_size=min(config.batch_size, config.rollout * env.num_envs),
-        n_epochs=config.epochs,
-        learning_rate=falling(config.learning_rate),
-        gamma=config.discount(fish.control_interval),
-        gae_lambda=config.gae_lambda,
-        clip_range=config.clip_range,
-        ent_coef=config.entropy_weight,
         policy_kwargs={
             "net_arch": list(config.hidden),
             "activation_fn": nn.Tanh,
@@ -50,10 +41,48 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, log_folder: Path | N
             "log_std_init": config.initial_log_std,
             **options,
         },
-        tensorboard_log=str(log_folder) if log_folder else None,
         seed=seed,
         device="cpu",
+        **_hyperparameters(config, env, folder),
     )
+
+
+def load_model(folder: Path, config: TrainConfig | None = None, env: VecEnv | None = None) -> PPO:
+    """The learner that a run has saved, to go on with these settings in an environment, or to start another one from.
+
+    `PPO.load` executes what is in the file: resume no run of somebody whom you do not trust.
+
+    Raises:
+        ValueError: if the file cannot be read, or is of another policy than the settings ask for.
+    """
+    settings = {} if config is None or env is None else _hyperparameters(config, env, folder)
+    try:
+        model = PPO.load(folder / "model.zip", env, device="cpu", **settings)
+    except Exception as error:  # what was damaged may raise anything
+        why = f"{type(error).__name__}: {error!s:.300}"
+        raise ValueError(f"{folder / 'model.zip'} cannot be read ({why}); restore the file, or train again") from error
+    saved = tuple(model.policy_kwargs["net_arch"]), isinstance(model.policy, EquivariantPolicy)
+    if config is not None and saved != (config.hidden, config.symmetric):
+        raise ValueError(
+            f"{folder / 'model.zip'} has hidden={saved[0]} and symmetric={saved[1]}, the settings {config.hidden} and "
+            f"{config.symmetric}; leave them as they were"
+        )
+    return model
+
+
+def _hyperparameters(config: TrainConfig, env: VecEnv, folder: Path | None) -> dict[str, Any]:
+    """Keywords of PPO that do not depend on its policy."""
+    return {
+        "n_steps": config.rollout,
+        "batch_size": min(config.batch_size, config.rollout * env.num_envs),
+        "n_epochs": config.epochs,
+        "learning_rate": falling(config.learning_rate),
+        "gamma": config.discount(batch_of(env).control_interval),
+        "gae_lambda": config.gae_lambda,
+        "clip_range": config.clip_range,
+        "ent_coef": config.entropy_weight,
+        "tensorboard_log": str(folder / "tensorboard") if folder else None,
+    }
 
 
 class falling:  # noqa: N801 - used like a function; a class so that it can be pickled with the model
@@ -77,7 +106,7 @@ def start_from(model: PPO, other: PPO) -> None:
     """
     mine, given = model.policy.state_dict(), other.policy.state_dict()
     fish = batch_of(model.get_env()).tank.fish
-    here, there = (both(fish, flatdim(learner.action_space)) for learner in (model, other))
+    here, there = (common_actions(fish, flatdim(learner.action_space)) for learner in (model, other))
     for name, value in mine.items():
         if name.endswith(".swap"):  # how this learner's actions are mirrored
             continue

@@ -12,16 +12,9 @@ from tqdm import tqdm
 
 from fish_env.control.evaluation import mostly_failed
 from fish_env.control.files import replacing, write_text
-from fish_env.training.saved_run import CURVE, read_curve
+from fish_env.training.run_folder import CURVE, read_curve
 
-FEWEST = 20  # episodes after which it is said that most have failed
-
-
-class Watcher(BaseCallback):
-    """A callback that never ends the training."""
-
-    def _on_step(self) -> bool:
-        return True
+MIN_EPISODES = 20  # episodes after which it is said that most have failed
 
 
 def ended(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -29,7 +22,7 @@ def ended(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [info for info in infos if "terminal_observation" in info]
 
 
-class Progress(Watcher):
+class Progress(BaseCallback):
     """A progress bar: environment steps, their rate, and the mean score and return of recent episodes.
 
     Args:
@@ -38,17 +31,7 @@ class Progress(Watcher):
 
     def __init__(self, score: str = "return"):
         super().__init__()
-        self.score, self._scores, self._failures, self._said = score, deque(maxlen=100), deque(maxlen=100), False
-
-    def _on_step(self) -> bool:
-        self._failures.extend(info["failure"] for info in ended(self.locals["infos"]))
-        if not self._said and len(self._failures) >= FEWEST:
-            said = mostly_failed(self._failures, self.training_env.get_attr("tank", [0])[0].dt)
-            if said:
-                tqdm.write(f"Warning: {said}.")
-            self._said = said is not None
-        self._scores.extend(info[self.score] for info in ended(self.locals["infos"]) if self.score in info)
-        return True
+        self.score, self._scores, self._failures, self._warned = score, deque(maxlen=100), deque(maxlen=100), False
 
     def _on_training_start(self) -> None:
         self._bar = tqdm(
@@ -56,9 +39,19 @@ class Progress(Watcher):
             desc="training", dynamic_ncols=True,
         )  # fmt: skip
 
+    def _on_step(self) -> bool:
+        found = ended(self.locals["infos"])
+        self._failures.extend(info["failure"] for info in found)
+        self._scores.extend(info[self.score] for info in found if self.score in info)
+        if not self._warned and len(self._failures) >= MIN_EPISODES:
+            warning = mostly_failed(self._failures, self.training_env.get_attr("tank", [0])[0].dt)
+            if warning is not None:
+                tqdm.write(f"Warning: {warning}.")
+            self._warned = warning is not None
+        return True
+
     def _on_rollout_end(self) -> None:
-        episodes = self.model.ep_info_buffer
-        if episodes:
+        if episodes := self.model.ep_info_buffer:
             shown = f"{self.score} {np.mean(self._scores):.2f}, " if self._scores else ""
             total = sum(e["r"] for e in episodes) / len(episodes)
             self._bar.set_postfix_str(f"{shown}return {total:.2f}", refresh=False)
@@ -70,27 +63,25 @@ class Progress(Watcher):
 
 
 class LearningCurve(BaseCallback):
-    """Appends (timesteps, seconds, episodes, score, return) of the episodes ended since the last row to a CSV file.
+    """Appends a row of `CURVE`, of the episodes ended since the last one, to curve.csv.
 
     All their metrics go to TensorBoard.
 
     Args:
-        path: the file.
+        folder: of the run.
         score: the metric that is the score, or "return".
         min_episodes: a row is written as soon as so many have ended.
     """
 
-    def __init__(self, path: Path, score: str, min_episodes: int = 100):
+    def __init__(self, folder: Path, score: str, min_episodes: int = 100):
         super().__init__()
-        self.path, self.score, self.min_episodes = path, score, min_episodes
+        self.folder, self.score, self.min_episodes = folder, score, min_episodes
 
     def _on_training_start(self) -> None:
-        self._begin, self._infos = time.perf_counter(), []
         trained = self.num_timesteps  # rows beyond are of steps that the model was not trained on
-        self._rows = [row for row in read_curve(self.path) if int(row.split(",")[0]) <= trained]
-        write_text(self.path, "\n".join([CURVE, *self._rows, ""]))
-        if self._rows:  # a run that is resumed
-            self._begin -= float(self._rows[-1].split(",")[1])
+        self._rows = [row for row in read_curve(self.folder) if row[0] <= trained]
+        self._infos, self._start = [], time.perf_counter() - (self._rows[-1][1] if self._rows else 0.0)
+        self._write()
 
     def _on_step(self) -> bool:
         self._infos += ended(self.locals["infos"])
@@ -98,27 +89,32 @@ class LearningCurve(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         if len(self._infos) >= self.min_episodes:
-            self._write()
+            self._append()
 
     def _on_training_end(self) -> None:
         if self._infos:
-            self._write()
+            self._append()
 
-    def _write(self) -> None:
-        seconds = time.perf_counter() - self._begin
-        total = sum(sum(info["terms"].values()) for info in self._infos) / len(self._infos)
+    def _append(self) -> None:
+        count = len(self._infos)
         for name in self._infos[0]:
             values = [float(info[name]) for info in self._infos if isinstance(info.get(name), int | float)]
-            finite = [value for value in values if np.isfinite(value)]
-            if finite:
+            if finite := [value for value in values if np.isfinite(value)]:
                 self.logger.record(f"episode/{name}", float(np.mean(finite)))
-        score = total if self.score == "return" else np.mean([info[self.score] for info in self._infos])
-        self._rows.append(f"{self.num_timesteps},{seconds:.1f},{len(self._infos)},{score:.4f},{total:.4f}")
+        total = sum(sum(info["terms"].values()) for info in self._infos) / count
+        score = total if self.score == "return" else float(np.mean([info[self.score] for info in self._infos]))
+        self._rows.append([self.num_timesteps, time.perf_counter() - self._start, count, score, total])
         self._infos = []
-        write_text(self.path, "\n".join([CURVE, *self._rows, ""]))
+        self._write()
+
+    def _write(self) -> None:
+        rows = [
+            f"{int(t)},{seconds:.1f},{int(n)},{score:.4f},{total:.4f}" for t, seconds, n, score, total in self._rows
+        ]
+        write_text(self.folder / "curve.csv", "\n".join([",".join(CURVE), *rows, ""]))
 
 
-class Checkpoint(Watcher):
+class Checkpoint(BaseCallback):
     """Saves the model every so many seconds, replacing the last one only when the new one is complete.
 
     Attributes:
@@ -139,8 +135,11 @@ class Checkpoint(Watcher):
             save_model(self.model, self.path)
             self._last = time.perf_counter()
 
+    def _on_step(self) -> bool:
+        return True
 
-class EndsIf(BaseCallback):
+
+class StopIf(BaseCallback):
     """Stops the training, as Ctrl-C does, as soon as a condition holds."""
 
     def __init__(self, condition: Callable[[], bool]):

@@ -1,16 +1,16 @@
-"""Training settings of each task: one typed record for each, saved with every run."""
+"""Training settings of each task, saved with every run, and what a training can be asked for."""
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 
 from fish_env.bodies import make_fish
 from fish_env.checks import fits_memory, is_whole, real
-from fish_env.control.environments import environment_of
-from fish_env.physics.tank_options import check_scene, method_for, whole_steps
 
 
 @dataclass(frozen=True)
@@ -47,65 +47,43 @@ class TrainConfig:
         return math.exp(-control_interval / self.horizon)
 
 
-GIVEN = {"self", "id", "task", "num_envs", "seed", "monitor", "staggered", "autoreset_mode", "render_mode"}
+@dataclass(frozen=True)
+class Request:
+    """Arguments of `train`."""
+
+    task: str
+    """A key of `CONFIGS`, or the id of another registered environment of fish."""
+    seed: int | None = None
+    """Seed of the learner; fish i starts from seed + i. None is 0, or the seed of the run that is resumed."""
+    root: Path = Path("runs")
+    """Folder in which the folder of the run is created."""
+    folder: Path | None = None
+    """Folder to save the run in, instead of a new one under `root`."""
+    resume: Path | None = None
+    """The folder of an earlier run to resume, until its number of timesteps (or the one given) is reached."""
+    start: Path | None = None
+    """The folder of a trained run of the task to start from, on whatever body; learning rate, noise and number of
+    timesteps are those of a new run."""
+    env_options: Mapping[str, Any] = field(default_factory=dict)
+    """Keywords of the environment, in training and in evaluations, beside the task's or instead of them. On a flat
+    body the upper and the lower muscle of a pair contract together, unless `muscle_groups` is given."""
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `TrainConfig` to use instead of the task's."""
+    pictures: bool = True
+    """Write the page of the run and print the table with the baselines; else only evaluate the policy."""
+    torch_threads: int | None = None
+    """Threads of the updates; None leaves torch as it is."""
+    stopped: Callable[[], bool] = bool
+    """Returns True to stop as by Ctrl-C: where C calls Python, an exception may be lost."""
+
+
+RESERVED_OPTIONS = {"self", "id", "task", "num_envs", "seed", "monitor", "staggered", "autoreset_mode", "render_mode"}
 """Keywords of environments that a training or an evaluation sets itself."""
 
-MOST = 2**53  # of any count: more are not told apart as floats, which logs hold
-LAYERS = 100
+SEEDS = 2**32  # numpy's and Stable-Baselines3's are below
+MAX_COUNT = 2**53  # of any count: more are not told apart as floats, which logs hold
+MAX_LAYERS = 100
 SAMPLE, WEIGHT = 1024, 64  # bytes, about: a step of a fish in the buffer; a weight with what Adam keeps of it
-
-
-def settings_of(record: dict[str, Any]) -> TrainConfig:
-    """The settings that `config.json` of a run holds, as JSON gave them back.
-
-    Raises:
-        ValueError: if they are of another version of this program, of another kind, or not allowed.
-    """
-    try:
-        lists: dict[str, Any] = {name: as_tuples(value) for name, value in record.items()}
-        config = TrainConfig(**lists)
-    except TypeError as error:
-        raise ValueError(
-            f"the settings {sorted(record)!s:.400} are not those of this version ({error!s:.200}); train again"
-        ) from error
-    check_settings(config)
-    return config
-
-
-def check_settings(config: TrainConfig) -> None:
-    """Raise ValueError for a setting of another kind or out of its range, or for more than memory holds."""
-    for name, usual in vars(TrainConfig("")).items():
-        value = getattr(config, name)
-        if isinstance(usual, float):
-            fits, wanted = abs(real(value)) < math.inf, "a finite number"
-        elif isinstance(usual, tuple) or type(usual) is int:
-            numbers = value if isinstance(usual, tuple) else (value,)
-            counts = isinstance(numbers, tuple) and all(is_whole(each) and 1 <= each <= MOST for each in numbers)
-            fits = counts and 1 <= len(numbers) <= LAYERS
-            several = "a list of whole numbers" if isinstance(usual, tuple) else "a whole number"
-            wanted = f"{several}, at least 1 and at most {MOST}"
-        else:
-            fits, wanted = isinstance(value, type(usual)), f"a {type(usual).__name__}"
-        if not fits:
-            raise ValueError(f"{name} is {value!r:.100}; give {wanted}")
-    samples = config.num_envs * config.rollout
-    if min(config.batch_size, samples) < 2:
-        raise ValueError("batch_size, or num_envs times rollout, is 1; give more, whose advantages can be normalised")
-    if config.horizon <= 0:
-        raise ValueError(f"horizon is {config.horizon!r}; give a positive number")
-    given = sorted(GIVEN & (config.env_options.keys() | config.training_options.keys()))
-    if given:
-        raise ValueError(f"{', '.join(given)} cannot be options of the environment here; leave them out")
-    fits_memory(samples, SAMPLE, "num_envs times rollout")
-    weights = sum(a * b for a, b in pairwise((256, *config.hidden, 256)))
-    fits_memory(weights, WEIGHT, f"the number of weights of layers of {config.hidden!r:.100}")
-
-
-def as_tuples(value):
-    """Lists as tuples, also inside of dicts: as they were before they became JSON."""
-    if isinstance(value, dict):
-        return {name: as_tuples(inner) for name, inner in value.items()}
-    return tuple(map(as_tuples, value)) if isinstance(value, list) else value
 
 
 def slower(seconds: float) -> dict[str, Any]:
@@ -144,41 +122,114 @@ FINE_TUNING = {"timesteps": 98_304, "num_envs": 64, "rollout": 16, "batch_size":
 A policy on another body then recovers its performance (`benchmarks/learning/transfer.py` measures it)."""
 
 
+def settings_for(request: Request, resumed: Mapping[str, Any] | None = None) -> tuple[TrainConfig, int]:
+    """Settings and seed of the requested run.
+
+    Args:
+        request: of the run.
+        resumed: config.json of the run that is to be resumed.
+
+    Raises:
+        ValueError: for an unknown task or body, or a setting that is unknown or not allowed.
+    """
+    known = [each.name for each in fields(TrainConfig) if each.name != "env_id"]
+    for name in request.changes:
+        if name not in known:
+            raise ValueError(f"unknown setting {name!r}; choose from {', '.join(known)}")
+    if resumed is None:
+        usual, seed = usual_settings(request.task), 0 if request.seed is None else request.seed
+        denser = {name: value for name, value in usual.training_options.items() if name not in request.env_options}
+        given: dict[str, Any] = {
+            "env_options": {**usual.env_options, **request.env_options},
+            "training_options": denser,
+        }
+        given |= {} if request.start is None else FINE_TUNING
+        given |= request.changes
+        config = replace(usual, **given)
+    else:
+        if request.env_options or request.start is not None:
+            raise ValueError(
+                "a run that is resumed has its environment and its starting point already; leave --env-kwargs, "
+                "--body, --integrator, --dt and --start-from out"
+            )
+        config, seed = replace(settings_of(resumed["config"]), **request.changes), resumed["seed"]
+        if request.seed not in (None, seed):
+            raise ValueError(f"the run was begun with --seed {seed}, not {request.seed}; leave --seed out to resume it")
+    if not is_whole(seed) or not 0 <= seed < SEEDS:
+        raise ValueError(f"seed is {seed!r}; give a whole number, at least 0 and below {SEEDS}")
+    check_settings(config)
+    body = config.env_options.get("body")
+    if resumed is None and body is not None and make_fish(body).flat:
+        config = replace(config, env_options={"muscle_groups": "pairs"} | config.env_options)
+    return config, seed
+
+
 def usual_settings(task: str) -> TrainConfig:
-    """The settings of a key of `CONFIGS`, or the usual ones for the id of another registered environment of fish.
+    """The settings of a key of `CONFIGS`, or the usual ones for the id of another registered environment.
 
     Raises:
         ValueError: for anything else.
     """
-    if task in CONFIGS:
-        return CONFIGS[task]
-    if task not in gym.registry:
+    if task not in CONFIGS and task not in gym.registry:
         raise ValueError(
             f"unknown task {task!r}; choose from {', '.join(CONFIGS)}, or give the id of an environment of yours, with "
             "--task-module and the module that registers it"
         )
-    env_id, _ = environment_of({"env_id": task})
-    return TrainConfig(env_id)
+    return CONFIGS.get(task, TrainConfig(task))
 
 
-def change_simulation(
-    config: TrainConfig, body: str | None = None, integrator: str | None = None, dt: float | None = None
-) -> TrainConfig:
-    """The settings of a task with another body, another integrator or another step, s; None leaves them.
-
-    On a flat fish the upper and the lower muscle of a pair contract together, unless `muscle_groups` is set.
+def settings_of(record: dict[str, Any]) -> TrainConfig:
+    """The settings that `config.json` of a run holds, as JSON gave them back.
 
     Raises:
-        ValueError: for an unknown body or integrator, or a step that is not allowed.
+        ValueError: if they are of another version of this program, of another kind, or not allowed.
     """
-    given = {"body": body, "integrator": integrator, "dt": dt}
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    if not chosen:
-        return config
-    options = config.env_options | chosen
-    fish = make_fish(options.get("body", "mass_spring"))
-    record, step, _ = method_for(fish, integrator, dt, None)
-    check_scene(fish, fish.water, record)
-    whole_steps(options.get("control_interval", fish.control_interval), step, "the control interval")
-    flat = {"muscle_groups": "pairs"} if body is not None and fish.flat else {}
-    return replace(config, env_options=flat | options)
+    values: dict[str, Any] = {name: as_tuples(value) for name, value in record.items()}
+    try:
+        config = TrainConfig(**values)
+    except TypeError as error:
+        raise ValueError(f"the settings are not those of this version ({error!s:.200}); train again") from error
+    check_settings(config)
+    return config
+
+
+def check_settings(config: TrainConfig) -> None:
+    """Raise ValueError for a setting of another kind or out of its range, or for more than memory holds."""
+    for name, usual in vars(TrainConfig("")).items():
+        value = getattr(config, name)
+        if isinstance(usual, float):
+            fits, wanted = abs(real(value)) < math.inf, "a finite number"
+        elif isinstance(usual, tuple):
+            counts = isinstance(value, tuple) and 1 <= len(value) <= MAX_LAYERS
+            fits, wanted = counts and all(is_whole(each) and 1 <= each <= MAX_COUNT for each in value), "whole numbers"
+        elif type(usual) is int:
+            fits, wanted = (
+                is_whole(value) and 1 <= value <= MAX_COUNT,
+                f"a whole number, at least 1 and at most {MAX_COUNT}",
+            )
+        else:
+            fits, wanted = isinstance(value, type(usual)), f"a {type(usual).__name__}"
+        if not fits:
+            raise ValueError(f"{name} is {value!r:.100}; give {wanted}")
+    samples = config.num_envs * config.rollout
+    if min(config.batch_size, samples) < 2:
+        raise ValueError("batch_size, or num_envs times rollout, is 1; give more, whose advantages can be normalised")
+    if config.horizon <= 0:
+        raise ValueError(f"horizon is {config.horizon!r}; give a positive number")
+    check_options(config.env_options | config.training_options)
+    fits_memory(samples, SAMPLE, "num_envs times rollout")
+    weights = sum(a * b for a, b in pairwise((256, *config.hidden, 256)))
+    fits_memory(weights, WEIGHT, f"the number of weights of layers of {config.hidden!r:.100}")
+
+
+def check_options(options: Mapping[str, Any]) -> None:
+    """Raise ValueError for keywords of an environment that a training or an evaluation sets itself."""
+    if given := sorted(RESERVED_OPTIONS & options.keys()):
+        raise ValueError(f"{', '.join(given)} cannot be options of the environment here; leave them out")
+
+
+def as_tuples(value):
+    """Lists as tuples, also inside of dicts: as they were before they became JSON."""
+    if isinstance(value, dict):
+        return {name: as_tuples(inner) for name, inner in value.items()}
+    return tuple(map(as_tuples, value)) if isinstance(value, list) else value

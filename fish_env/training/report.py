@@ -20,7 +20,7 @@ from fish_env.control import (
     random_actions,
     scripted,
 )
-from fish_env.control.environments import make_checked_batch
+from fish_env.control.env_spec import make_checked_batch
 from fish_env.control.evaluation import environment_for
 from fish_env.control.files import write_text
 from fish_env.control.printing import print_means
@@ -39,12 +39,12 @@ def baselines(env: FishVectorEnv) -> dict[str, Controller]:
     return found
 
 
-def measure_policy(name: str, policy: Policy, beside: bool, changes: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Records for `print_means` of a policy on the fixed seeds, after those of the baselines if `beside`."""
+def measure_policy(name: str, policy: Policy, with_baselines: bool, changes: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Records for `print_means` of a policy on the fixed seeds, after those of the baselines if `with_baselines`."""
     env_id, options = environment_for(policy, changes)
     about = {"env_id": env_id, "env_options": options, "episodes": EPISODES, "first_seed": FIRST_SEED}
     with closing(make_checked_batch(env_id, options, EPISODES)) as env:
-        every = (baselines(env) if beside else {}) | {name: policy}
+        every = (baselines(env) if with_baselines else {}) | {name: policy}
         return [about | {"policy": one, "means": means(evaluate(env, act))} for one, act in every.items()]
 
 
@@ -55,7 +55,7 @@ def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
     write_text(folder / "results.json", json.dumps(results, indent=2) + "\n")
     if pictures:
-        from fish_env.training.run_report import write_report  # loads matplotlib
+        from fish_env.training.report_page import write_report  # loads matplotlib
 
         print_means(records)
         page = write_report([folder], episodes=EPISODES)

@@ -13,8 +13,8 @@ from fish_env.bodies import Fish
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.sb3 import FishVecEnv
 
-APART = 0.4  # weight of the difference, relative to the common part
-WIDE = 3.0  # a learner's actions are not clipped to [-1, 1]: those of the muscles are, after they are combined
+DIFFERENCE_WEIGHT = 0.4  # weight of the difference, relative to the common part
+ACTION_LIMIT = 3.0  # a learner's actions are not clipped to [-1, 1]: those of the muscles are, after they are combined
 
 
 def batch_of(env: VecEnv | None) -> FishVectorEnv:
@@ -40,7 +40,7 @@ def synergies(env: FishVectorEnv) -> np.ndarray:
     if size < fish.num_muscles:
         return matrix
     for upper, lower in pairs(fish):
-        matrix[upper, lower], matrix[lower, upper], matrix[lower, lower] = APART, 1.0, -APART
+        matrix[upper, lower], matrix[lower, upper], matrix[lower, lower] = DIFFERENCE_WEIGHT, 1.0, -DIFFERENCE_WEIGHT
     return matrix
 
 
@@ -51,19 +51,19 @@ def pairs(fish: Fish) -> np.ndarray:
     return np.array([muscles[np.argsort(-fish.heights[muscles])] for muscles in found])
 
 
-def both(fish: Fish, size: int) -> np.ndarray:
+def common_actions(fish: Fish, size: int) -> np.ndarray:
     """Which of a learner's actions, `size` of them, moves both muscles of each pair, (P,)."""
     upper = pairs(fish)[:, 0]
     return np.arange(size) if size == upper.size else upper
 
 
-class Synergies(VecEnvWrapper):
+class SynergyWrapper(VecEnvWrapper):
     """Turns a learner's actions into those of the muscles of the environment."""
 
     def __init__(self, venv: VecEnv):
         self.matrix = synergies(batch_of(venv)).T.astype(np.float32)
         size = len(self.matrix)
-        super().__init__(venv, action_space=gym.spaces.Box(-WIDE, WIDE, (size,), dtype=np.float32))
+        super().__init__(venv, action_space=gym.spaces.Box(-ACTION_LIMIT, ACTION_LIMIT, (size,), dtype=np.float32))
 
     def step_async(self, actions: np.ndarray) -> None:
         """Combine the actions and hand them to the environment."""

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -12,30 +13,54 @@ import matplotlib as mpl
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.control import EPISODES, FIRST_SEED, Recording, Scores
+from fish_env.control import (
+    EPISODES,
+    FIRST_SEED,
+    Policy,
+    Recording,
+    Scores,
+    evaluate,
+    load_policy,
+    make_policy_env,
+    record,
+)
+from fish_env.control.env_spec import make_checked_env
+from fish_env.control.evaluation import environment_for
 from fish_env.control.files import replacing, writable_file
-from fish_env.control.film import film_text
+from fish_env.control.film import FilmEpisode, film_data, film_text
 from fish_env.control.statistics import interval
 from fish_env.kernels.data import data
-from fish_env.training import run_charts as charts
+from fish_env.training import report_charts as charts
 from fish_env.training.config import SCORES
-from fish_env.training.run_measures import (
-    FILES,
-    Motion,
-    Run,
-    measure_episodes,
-    measure_motion,
-    read_run,
-    record_episodes,
-)
+from fish_env.training.run_folder import CURVE, read_curve, read_record
 
-TEMPLATE = data("fish_env.training", "run_report.html")
+FILES = ("config.json", "curve.csv", "policy.npz")
+TEMPLATE = data("fish_env.training", "report_page.html")
+RECORDED = 3  # episodes whose motion is drawn
 WORST = 5  # episodes that are listed
 GAIT = (
     "How far each muscle is contracted in the first episode: those of the left side (L), then those of the right (R), "
     "upper (u) and lower (l), each from the head (1) to the tail."
 )
 COST = "Work of the muscles per mass and path, against the speed: a dot is an episode. Lower is cheaper."
+SEEDS = "In training, with exploration noise. Bold lines are interquartile means over seeds, thin lines are seeds."
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A finished or interrupted training run."""
+
+    folder: Path
+    record: dict[str, Any]
+    """config.json."""
+    curve: dict[str, np.ndarray]
+    """The columns of curve.csv."""
+    policy: Policy
+
+    @property
+    def steps(self) -> int:
+        """Number of environment steps at the end of the learning curve."""
+        return int(self.curve["timesteps"].max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +73,7 @@ class Group:
     """On the fixed seeds, of every run."""
     recordings: list[Recording]
     """Recordings of the first run."""
-    motions: list[Motion]
+    motions: list[charts.Motion]
     fish: Fish
 
 
@@ -74,17 +99,33 @@ def write_report(folders: Sequence[str | Path], path: Path | None = None, episod
     path = writable_file(path, (".html",))
     sections = []
     with mpl.rc_context(charts.STYLE):
-        for task in dict.fromkeys(run.task for run in runs):
-            same_task = [run for run in runs if run.task == task]
+        for task in dict.fromkeys(run.record["task"] for run in runs):
+            same_task = [run for run in runs if run.record["task"] == task]
             groups = [measure_group(label, same, episodes) for label, same in group_runs(same_task)]
             sections.append(write_section(task, groups, alone=len(runs) == 1))
-    title = f"{runs[0].task}, seed {runs[0].seed}" if len(runs) == 1 else f"{len(runs)} training runs"
+    first = runs[0].record
+    title = f"{first['task']}, seed {first['seed']}" if len(runs) == 1 else f"{len(runs)} training runs"
     about = (f"Every policy is measured in {episodes} episodes without exploration noise, with the seeds from "
              f"{FIRST_SEED:,} on, which no training uses. BL is a body length.")  # fmt: skip
     with replacing(path) as partial:
         page = TEMPLATE.read_text(encoding="utf-8").format(title=escape(title), about=about, sections="".join(sections))
         partial.write_text(page, encoding="utf-8")
     return path
+
+
+def read_run(folder: str | Path) -> Run:
+    """A run by its folder.
+
+    Raises:
+        ValueError: if the folder contains no run, or one whose files are damaged or of another version.
+    """
+    folder = Path(folder)
+    if missing := [name for name in FILES if not (folder / name).is_file()]:
+        what = f"holds no {', '.join(missing)}" if folder.is_dir() else "is not a folder"
+        raise ValueError(f"{folder} is not a training run: it {what}; give a folder that `fish_env train` has written")
+    saved, rows = read_record(folder), np.reshape(read_curve(folder), (-1, len(CURVE)))
+    policy = load_policy(folder / "policy.npz", saved["config"]["env_id"])
+    return Run(folder, saved, dict(zip(CURVE, rows.T, strict=True)), policy)
 
 
 def group_runs(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
@@ -99,7 +140,7 @@ def group_runs(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
     if len(found) > len(charts.COLOURS):
         raise ValueError(f"the runs have {len(found)} different settings; compare at most {len(charts.COLOURS)}")
     if len(found) == 1:
-        return [(f"seed {runs[0].seed}" if len(runs) == 1 else "all seeds", list(runs))]
+        return [(f"seed {runs[0].record['seed']}" if len(runs) == 1 else "all seeds", list(runs))]
     settings = [flatten(same[0].record["config"] | {"start": same[0].record["start"]}) for same in found.values()]
     labels = [
         ", ".join(f"{name.rpartition('.')[2]} {value}" for name, value in each.items()
@@ -118,10 +159,27 @@ def flatten(settings: dict[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def measure_group(label: str, runs: list[Run], count: int) -> Group:
-    """Measure the runs of a group in `count` episodes on the fixed seeds, and record the first run."""
-    recordings, fish = record_episodes(runs[0])
-    motions = [measure_motion(one, fish) for one in recordings]
-    return Group(label, runs, [measure_episodes(run, count) for run in runs], recordings, motions, fish)
+    """Evaluate the runs of a group in `count` episodes on the fixed seeds, and record a few of the first run."""
+    episodes = []
+    for run in runs:
+        with closing(make_policy_env(run.policy, count)) as batch:
+            episodes.append(evaluate(batch, run.policy))
+    with closing(make_checked_env(*environment_for(runs[0].policy, {}))) as env:
+        recordings = [record(env, runs[0].policy, FIRST_SEED + k) for k in range(RECORDED)]
+    film = film_data(recordings)
+    motions = [measure_motion(*pair, film.fish) for pair in zip(recordings, film.episodes, strict=True)]
+    return Group(label, runs, episodes, recordings, motions, film.fish)
+
+
+def measure_motion(recording: Recording, one: FilmEpisode, fish: Fish) -> charts.Motion:
+    """The motion in an episode of this fish, in body lengths, from its start, the first command along +x."""
+    x, y = one.command[0, :2] if one.command[0, :2].any() else fish.line @ recording.position[0, :, :2]
+    along, start = np.arctan2(y, x), one.centre[0, :2]
+    turn = np.array([[np.cos(along), -np.sin(along)], [np.sin(along), np.cos(along)]])
+    spheres = one.spheres[one.spheres[..., 3] > 0.0]
+    places = np.unique(np.round(spheres, 9), axis=0).reshape(-1, 4)
+    around, path = ((points[:, :2] - start) @ turn / fish.length for points in (places, one.centre))
+    return charts.Motion(one.time, path, one.contraction, np.column_stack([around, places[:, 3]]))
 
 
 def write_section(task: str, groups: list[Group], alone: bool) -> str:
@@ -130,15 +188,14 @@ def write_section(task: str, groups: list[Group], alone: bool) -> str:
     gaits = charts.draw_gaits([(group.label, group.motions[0]) for group in groups], *order_muscles(groups[0].fish))
     paths = charts.draw_paths([(group.label, group.motions) for group in groups], task.startswith("target"))
     costs = charts.draw_costs([(group.label, group.episodes) for group in groups])
-    seeds = "In training, with exploration noise. Bold lines are interquartile means over seeds, thin lines are seeds."
     score = SCORES.get(task, "return")
     parts = [
         describe_run(groups[0].runs[0]) if alone else f"<h2>{escape(task)}: the runs</h2>{tabulate_runs(groups)}",
         f"<h2>{escape(task)}: results</h2>{tabulate_metrics(groups)}",
-        f"<h2>Learning curves</h2>{note(seeds)}{charts.draw_learning_curves(curves, score)}",
+        f"<h2>Learning curves</h2>{note(SEEDS)}{charts.draw_learning_curves(curves, score)}",
         f"<h2>Cost of transport</h2>{note(COST)}{costs}",
         f"<h2>Failures</h2>{''.join(list_failures(group) for group in groups)}",
-        f"<h2>Path</h2>{note(f'From above, the first {len(groups[0].motions)} episodes; a dot is the end.')}{paths}",
+        f"<h2>Path</h2>{note(f'From above, the first {RECORDED} episodes; a dot is the end.')}{paths}",
         f"<h2>Gait</h2>{note(GAIT)}{gaits}",
     ]
     if alone:
@@ -165,7 +222,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]], first_numbers: i
 
 def tabulate_runs(groups: Sequence[Group]) -> str:
     """Every run with its folder, seed and length."""
-    rows = [(group.label, str(run.folder), run.seed, f"{run.steps:,}", run.record["commit"])
+    rows = [(group.label, str(run.folder), run.record["seed"], f"{run.steps:,}", run.record["commit"])
             for group in groups for run in group.runs]  # fmt: skip
     return table(("group", "folder", "seed", "environment steps", "commit"), rows, 2)
 
@@ -174,7 +231,7 @@ def describe_run(run: Run) -> str:
     """Command, commit and settings of a run."""
     record, wanted = run.record, run.record["config"].get("timesteps", 0)
     short = f' <span class="bad">Interrupted: {wanted:,} were asked for.</span>' if run.steps < 0.9 * wanted else ""
-    seconds = run.curve["seconds"][-1] if run.steps else 0.0
+    seconds = run.curve["seconds"].max(initial=0.0)
     rows = [*flatten(record["config"]).items(), *flatten(record["versions"], "version of ").items()]
     return (
         f"<p><code>{escape(record['command'])}</code></p>"

@@ -3,7 +3,7 @@
 import io
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,7 +12,6 @@ from matplotlib.ticker import EngFormatter
 
 from fish_env.control.evaluation import Scores
 from fish_env.control.statistics import interquartile_mean
-from fish_env.training.run_measures import Motion
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
@@ -20,11 +19,21 @@ UNITS = {
     "speed": "body lengths/s",
     "success": "share of the episodes",
     "targets": "per episode",
+    "escape_distance": "body lengths",
     "return": "per episode",
 }
 """Unit of each score of a training."""
 STYLE: dict[Any, Any] = {"svg.fonttype": "none", "axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
 """Settings of matplotlib for all charts of a page."""
+
+
+class Motion(NamedTuple):
+    """Motion of a fish in one episode, T + 1 states."""
+
+    time: np.ndarray  # (T+1,) s
+    path: np.ndarray  # (T+1,2) centre of mass, body lengths, from the start, the first command along +x
+    contraction: np.ndarray  # (T+1,M) 0 natural, 1 full
+    spheres: np.ndarray  # (K,3) places and radii, body lengths, as the path
 
 
 def svg(figure: Figure) -> str:

@@ -18,15 +18,15 @@ from fish_env.envs.vector import make_batch
 from fish_env.physics.tank_options import LONGEST, SHORTEST
 
 ID = re.compile(r"([\w-]{1,100}/)?[\w.-]{1,100}", re.ASCII)
-NOT_STATED = ("self", "id", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "autoreset_mode",
+MAKER_OPTIONS = ("self", "id", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "autoreset_mode",
               "render_mode", "disable_env_checker")  # fmt: skip
 """Keywords that are not of the environment, but of those who make it."""
-WATCHING = (
+PASSIVE_WRAPPERS = (
     "TimeLimit", "OrderEnforcing", "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo", "HumanRendering",
     "RenderCollection", "Monitor", "VecMonitor", "VecCheckNan", "VecVideoRecorder",
 )  # fmt: skip
 """Wrappers of Gymnasium and of Stable-Baselines3 that change neither observations, nor actions, nor rewards."""
-MOST_STEPS = 100_000
+MAX_SUBSTEPS = 100_000
 """Steps of the integrator in one environment step: about a second. Those of the bodies are at most 24."""
 
 
@@ -40,7 +40,7 @@ def check_environment(about: Mapping[str, Any]) -> None:
         )
     if not isinstance(options, Mapping) or not all(isinstance(k, str) and k.isidentifier() for k in options):
         raise ValueError(f"env_options is {options!r}; give keywords of the environment, a dictionary")
-    for name in NOT_STATED:
+    for name in MAKER_OPTIONS:
         if name in options:
             raise ValueError(f"env_options has {name!r}; give keywords of the environment alone")
     for each in (options, trained_of(about)):
@@ -86,7 +86,7 @@ def make_checked_env(env_id: str, options: Mapping[str, Any], render_mode: str |
     if not isinstance(bare, FishEnv):
         env.close()
         raise ValueError(f"{env_id} is not an environment of fish; give one of a fish")
-    _check_work(bare.fish)
+    _check_substeps(bare.fish)
     return env
 
 
@@ -94,7 +94,7 @@ def make_checked_batch(env_id: str, options: Mapping[str, Any], num_envs: int) -
     """Create a batch in which each fish runs one episode; otherwise as `make_checked_env`."""
     with constructor_errors(env_id):
         env = make_batch(env_id, num_envs, autoreset_mode="SameStep", **options)
-    _check_work(env)
+    _check_substeps(env)
     return env
 
 
@@ -113,34 +113,34 @@ def one_fish(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
     if changing := changing_wrapper(env):
         raise ValueError(
             f"the environment has a wrapper {changing}, which may change what the fish sees or does; give it without, "
-            f"or with {', '.join(WATCHING)} alone"
+            f"or with {', '.join(PASSIVE_WRAPPERS)} alone"
         )
     keywords = bare.spec.kwargs | bare.fish.changed
     return bare, env.spec.id, {name: value for name, value in keywords.items() if name != "render_mode"}
 
 
-def watches(wrapper: object, names: tuple[str, ...] = WATCHING) -> bool:
+def is_wrapper(wrapper: object, names: tuple[str, ...] = PASSIVE_WRAPPERS) -> bool:
     """Return True for a wrapper of Gymnasium or Stable-Baselines3 of these names, and for no subclass of one."""
     kind = type(wrapper)
     return kind.__name__ in names and kind.__module__.startswith(("gymnasium.wrappers.", "stable_baselines3.common."))
 
 
-def changing_wrapper(env: gym.Env, names: tuple[str, ...] = WATCHING) -> str | None:
+def changing_wrapper(env: gym.Env, names: tuple[str, ...] = PASSIVE_WRAPPERS) -> str | None:
     """Name of the outermost wrapper of an environment that is none of these; None if it has no other."""
     while isinstance(env, gym.Wrapper):
-        if not watches(env, names):
+        if not is_wrapper(env, names):
             return type(env).__name__
         env = env.env
     return None
 
 
-def _check_work(fish: FishVectorEnv) -> None:
+def _check_substeps(fish: FishVectorEnv) -> None:
     """ValueError if a single environment step would take very long; it cannot be interrupted."""
-    if fish._substeps > MOST_STEPS:
+    if fish._substeps > MAX_SUBSTEPS:
         fish.close()
         raise ValueError(
             f"an environment step has {fish._substeps:,} steps of dt = {fish.tank.dt:g} s; give a dt with at most "
-            f"{MOST_STEPS:,}"
+            f"{MAX_SUBSTEPS:,}"
         )
 
 
