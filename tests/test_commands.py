@@ -100,13 +100,8 @@ MINE = """
 import gymnasium as gym
 import fish_env
 
-if "Mine-v0" not in gym.registry:  # it is imported for the body too
-    gym.register("Mine-v0", entry_point="fish_env.envs:FishEnv", vector_entry_point="fish_env.envs:FishVectorEnv",
-                 max_episode_steps=250, kwargs={"task": "turn"})
-
-
-def make_fish():
-    return fish_env.make_fish(length=0.3)
+gym.register("Mine-v0", entry_point="fish_env.envs:FishEnv", vector_entry_point="fish_env.envs:FishVectorEnv",
+             max_episode_steps=250, kwargs={"task": "turn", "body": fish_env.make_fish(length=0.3)})
 """
 
 
