@@ -32,7 +32,7 @@ def test_window_film_and_laboratory_draw_the_same(monkeypatch):
         return (one & near[8:-8, 8:-8]).sum() / one.sum()
 
     (window, red), *others = map(warm, gallery.three_painters(30))
-    earlier, _ = warm(gallery.window_at(26))
+    earlier, _ = warm(gallery.window_at(28))
     for mask, colour in others:
         assert min(overlap(window, mask), overlap(mask, window)) > 0.95
         np.testing.assert_allclose(colour, red, atol=0.05)

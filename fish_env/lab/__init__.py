@@ -31,7 +31,7 @@ def serve(host: str = LOOPBACK, port: int = 8080, user: Callable[[], Any] | None
         raise ValueError(f"port is {port!r}; give a whole number from 1024 to 65535")
     try:
         from fish_env.lab.server import Laboratory
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise RuntimeError('the laboratory needs websockets: pip install "fish_env[lab]"') from error
 
     if host not in (LOOPBACK, "localhost", "::1"):

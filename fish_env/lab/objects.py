@@ -386,8 +386,8 @@ class ObjectScene(Scene):
             bodies.append(ShownBody(each.look, x, np.clip(each.tank.contraction[0], 0.0, 1.0), tone))
             if self.dragged is not None and self.dragged[0] == k:
                 point, node = self._point @ self._turn.T + self._offset(k), x[self.dragged[1]]
-                balls = ((point, 0.035, "hand"),)
-                arrows.append(Arrow(node, point - node, "hand", 0.5))
+                balls = ((point, 0.035, "pointer"),)
+                arrows.append(Arrow(node, point - node, "pointer", 0.5))
             walls += self._walls(k)
         first = self.objects[0]
         middle = np.mean([body.position.mean(axis=0) for body in bodies], axis=0)
