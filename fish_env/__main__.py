@@ -22,6 +22,7 @@ import platform
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -105,7 +106,6 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     command = add("lab", open_laboratory, "open the laboratory, for this machine only", module)
     command.add_argument("--task", metavar="ID", help="an environment of your own, registered by --task-module")
     command.add_argument("--policy", help="a policy of your own, a file or the folder of a run")
-    command.add_argument("--body", help="a body of your own: a name, or FILE.py:function that makes one")
     command.add_argument("--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK}, which only "
                          "this machine can open; at 0.0.0.0, all that reach it can, without a password)")  # fmt: skip
     command.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
@@ -296,12 +296,13 @@ def replay_file(arguments: argparse.Namespace) -> int:
 
 def open_laboratory(arguments: argparse.Namespace) -> None:
     """Open the laboratory until it is interrupted."""
-    own = None
-    if any((arguments.task, arguments.policy, arguments.body)):
-        from fish_env.lab.own import own_things
+    user = None
+    if arguments.task or arguments.policy:
+        from fish_env.lab.swimmers import UserScene
 
-        own = own_things(arguments.task, arguments.policy, arguments.body)
-    serve(arguments.host, arguments.port, own)
+        user = partial(UserScene, arguments.task, load_policy(arguments.policy) if arguments.policy else None)
+        user().close()  # an environment that cannot be made is named here
+    serve(arguments.host, arguments.port, user)
 
 
 def compile_kernels(arguments: argparse.Namespace) -> None:

@@ -1,384 +1,506 @@
-"""The laboratory's bench, without a browser: what is chosen and changed, dragged, measured, and what fails."""
+"""The laboratory's scenes and sessions, without a browser: what is chosen, changed, dragged, steered and answered."""
+
+import json
+import struct
+from functools import partial
 
 import numpy as np
 import pytest
 
-from fish_env.lab.bench import Bench
-from fish_env.lab.hand import Hand
-from fish_env.lab.measures import LONGEST, arrows, enclosed_volume, tet_strain, tone
-from fish_env.lab.settings import SETTINGS
-from fish_env.lab.specimen import MOTIONS, Entry, cost_of_step
-from fish_env.scene.look import as_quads, boundary, look_of
-from fish_env.soft.distorted import DISTORTIONS, out_of_shape
-from fish_env.soft.elements import make_tets
-from fish_env.soft.mesh import box
+from fish_env.control.policy import load_policy
+from fish_env.lab.objects import MOTIONS, SCALE, SETTINGS, Entry, ObjectScene, signed_volume
+from fish_env.lab.session import SCENES, Session
+from fish_env.lab.swimmers import DRIVERS, GAIT, SWERVE, TURN, YOU, SwimmerScene, UserScene
+from fish_env.soft.distorted import DISTORTIONS
 from fish_env.soft.volume import volume_of
+
+ASK = {"do": "frame"}
 
 
 @pytest.fixture(scope="module")
-def ring():
-    """A bench with a ring that no test changes for good."""
-    return Bench([Entry("ring")])
+def session():
+    """A session that tests leave as it is, but for its scene."""
+    session = Session()
+    yield session
+    session.close()
 
 
-@pytest.fixture
-def bench(ring):
-    """The same bench, started again."""
-    ring.reset()
-    yield ring
-    ring.release_all()
-
-
-def advance(bench, frames, rate=30) -> Bench:
-    """The bench, moved on by so many frames."""
+def advance(scene, frames, rate=30):
+    """The scene, moved on by so many frames."""
     for _ in range(frames):
-        bench.advance(1 / rate)
-    return bench
+        scene.advance(1 / rate)
+    return scene
 
 
-def control(bench, name):
-    """A control of a bench, by its name."""
-    return next(each for each in bench.controls() if each.name == name)
+def control(scene, name):
+    """A control of a scene, by its name."""
+    return next(each for each in scene.controls() if each.name == name)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 5.1, -1.0, "1", True, None, [1.0]])
-def test_numbers_from_the_page_are_checked(ring, value):
-    """A number that is not allowed changes nothing."""
-    before = ring.numbers["stiffness"], ring.specimens[0].tank
-    with pytest.raises(ValueError, match="give a number from"):
-        control(ring, "stiffness").set(value)
-    assert (ring.numbers["stiffness"], ring.specimens[0].tank) == before
+def messages(replies) -> dict:
+    """The messages of an answer that are text, together."""
+    found = {}
+    for reply in replies:
+        found |= json.loads(reply) if isinstance(reply, str) else {}
+    return found
 
 
-def test_what_the_page_chooses_is_checked(ring):
-    """Names that are not offered and objects of too many nodes change nothing."""
-    tank = ring.specimens[0].tank
-    for name, value in (("thing 0", "../ring"), ("integrator 0", "euler"), ("walls", "x"), ("nodes 0", 1000)):
-        with pytest.raises(ValueError, match=r"choose from|give"):
+def picture(replies) -> tuple[dict, np.ndarray]:
+    """Header and numbers of the picture in an answer."""
+    (data,) = [reply for reply in replies if isinstance(reply, bytes)]
+    (size,) = struct.unpack("<I", data[:4])
+    return json.loads(data[4 : 4 + size]), np.frombuffer(data[4 + size :], "<f4")
+
+
+def test_what_the_page_chooses_is_checked():
+    """Names that are not offered, methods that cannot move an object and too many nodes change nothing."""
+    ring = ObjectScene([Entry("ring")])
+    tank = ring.objects[0].tank
+    for name, value in (("object 0", "../ring"), ("integrator 0", "euler"), ("walls", "x"), ("nodes 0", 1000),
+                        ("integrator 0", "dop853"), ("stiffness", 5.1)):  # fmt: skip
+        with pytest.raises(ValueError, match=r"choose|give"):
             control(ring, name).set(value)
     with pytest.raises(ValueError, match="at most 1100"):
         ring.choose([Entry("ring"), Entry("block", "", (("cells", 10),))])
-    assert ring.specimens[0].tank is tank and len(ring.specimens) == 1
+    assert ring.objects[0].tank is tank and len(ring.objects) == 1
     for setting in SETTINGS.values():
-        assert setting.low <= setting.default <= setting.high and setting.meaning
+        assert isinstance(setting.default, bool | str) or setting.low <= setting.default <= setting.high
 
 
 def test_a_change_goes_on_in_the_same_motion():
     """A change of numbers or walls keeps positions and velocities, and reaches the body and the world."""
-    bench = advance(Bench([Entry("ring")]), 6)
-    x, v = bench.specimens[0].tank.position.copy(), bench.specimens[0].tank.velocity.copy()
+    scene = advance(ObjectScene([Entry("ring")]), 6)
+    x, v = scene.objects[0].tank.position.copy(), scene.objects[0].tank.velocity.copy()
     for name, value in (("stiffness", 2.0), ("damping", 0.5), ("pressure", 0.5), ("density", 2.0),
-                        ("inner_density", 2.0), ("gravity", 1.0), ("restitution", 0.0)):  # fmt: skip
-        bench.set(name, value)
-        tank = bench.specimens[0].tank
+                        ("inner_density", 2.0), ("gravity", 1.0), ("restitution", 0.0), ("step", 0.5)):  # fmt: skip
+        dt = scene.objects[0].tank.dt
+        scene.set(name, value)
+        tank = scene.objects[0].tank
         assert np.array_equal(tank.position, x) and np.array_equal(tank.velocity, v)
-    body, own = tank.fish.body, bench.specimens[0].thing.body
+    body, own = tank.fish.body, scene.objects[0].original.body
     assert np.allclose(body.springs.stiffness, 2.0 * own.springs.stiffness)
     assert np.allclose(body.springs.damping, 0.5 * own.springs.damping)
     assert np.allclose(body.compartments.gas, own.compartments.gas)  # stiffness doubles it, pressure halves it
     assert body.mass[:12] == pytest.approx(2.0 * own.mass[:12]) and body.mass[12:] == pytest.approx(4.0 * own.mass[12:])
-    assert np.linalg.norm(tank.world.gravity) == pytest.approx(1.0)
+    assert np.linalg.norm(tank.world.gravity) == pytest.approx(1.0) and tank.dt == pytest.approx(0.5 * dt)
     assert set(tank.world.planes[:, 4]) == {0.0}
-    for walls, count in (("closed room", 4), ("none", 0), ("own", 3)):
-        bench.set_walls(walls)
-        planes = bench.specimens[0].tank.world.planes
-        assert (0 if planes is None else len(planes)) == count
+    for walls, planes, shown in (("closed room", 6, 3), ("none", 0, 0), ("own", 3, 2)):
+        scene.set("walls", walls)
+        found = scene.objects[0].tank.world.planes
+        assert (0 if found is None else len(found)) == planes and len(scene.frame().walls) == shown
+    scene.set("pressure", 0.0)
+    assert scene.objects[0].tank.fish.body.compartments is None and not advance(scene, 6).failure
 
 
-@pytest.mark.slow
-def test_without_gas_one_layer_collapses_and_two_stand():
-    """At pressure 0 there is no gas: one layer lies flat and does not fail for a lost volume, two layers stand."""
-    bench = Bench([Entry("ring"), Entry("ring", "", (("layers", 1),))])
-    for name, value in (("pressure", 0.0), ("stiffness", 3.0), ("restitution", 0.0)):
-        bench.set(name, value)
-    assert all(specimen.tank.fish.body.compartments is None for specimen in bench.specimens)
-    advance(bench, 120, rate=60)
-    two, one = (np.ptp(specimen.position[:, 1]) / specimen.thing.length for specimen in bench.specimens)
-    assert not bench.failure and one < 0.05 and two > 0.4
-    bench.set("pressure", 1.0)
-    assert bench.specimens[0].tank.fish.body.compartments is not None
-
-
-def test_free_fall_is_that_of_gravity(bench):
-    """A ring falls with 9.81 m/s2 and keeps its energy."""
-    tank = advance(bench, 12, rate=60).specimens[0].tank
+def test_free_fall_is_that_of_gravity():
+    """A ring falls with 9.81 m/s2; motion and height exchange energy, and it hardly deforms."""
+    scene = ObjectScene([Entry("ring")])
+    energies = [advance(scene, 1, rate=60).objects[0].energies() for _ in range(12)]
+    tank = scene.objects[0].tank
     centre = tank.fish.body.mass @ tank.position[0] / tank.fish.body.mass.sum()
     assert centre[1] == pytest.approx(-0.5 * 9.81 * tank.time[0] ** 2, rel=1e-9)
-
-
-def test_energy_of_a_fall_is_kept(bench):
-    """Motion and height exchange energy; the ring hardly deforms."""
-    energies = [advance(bench, 1, rate=60).specimens[0].energy() for _ in range(12)]
-    assert np.ptp(energies) < 1e-3 * np.abs(energies).max()
+    assert max(abs(total) for _, total in energies) < 1e-3 * energies[-1][0]
+    motion, stored, lost = dict(zip(scene.plots, scene.readings(), strict=True))["energy of the first (J)"]
+    assert motion > 0.0 > stored and abs(lost) < 0.02 * motion
 
 
 def test_a_drag_brings_the_node_to_the_pointer():
-    """The drag spring moves with the hand, at its velocity, and brings the node to the pointer."""
-    bench = Bench([Entry("ring")])
-    bench.set("gravity", 0.0)
-    start = bench.specimens[0].position[3].copy()
-    assert bench.hand is None and bench.grab(0, start) == 3
-    goal = np.add(start, (0.01, 0.03, 0.0))
-    bench.hand.aim(goal)
-    tank = advance(bench, 1, rate=60).specimens[0].tank
-    moved = tank.world.anchors.point[0] - start
-    assert moved == pytest.approx(bench.hand.velocity * tank.time[0], rel=1e-9) and moved[0] > 0.0
-    for _ in range(120):
-        bench.hand.aim(goal)
-        bench.advance(1 / 60)
-    assert np.linalg.norm(bench.specimens[0].position[3] - goal) < 0.002
-    bench.let_go()
-    assert bench.hand is None and bench.specimens[0].tank.world.anchors is None
-
-
-def test_a_fixed_node_stays_and_moves_with_the_hand(bench):
-    """A fixed node stays, moves with the hand, and stays where a distortion puts it."""
-    place = bench.specimens[0].position[0].copy()
-    node = bench.fix(0, place)
-    advance(bench, 10)
-    assert np.array_equal(bench.specimens[0].position[node], place)
-    bench.grab(0, place)
-    bench.hand.aim(np.add(place, (0.01, 0.01, 0.0)))
-    advance(bench, 12, rate=60)
-    assert bench.specimens[0].position[node] == pytest.approx(np.add(place, (0.01, 0.01, 0.0)), abs=1e-3)
-    bench.release_all()
-    assert bench.specimens[0].fixed == []
-    beam = Bench([Entry("beam")])
-    node = beam.fix(0, beam.specimens[0].position[0])
-    beam.distort("twisted")
-    place = beam.specimens[0].position[node].copy()
-    assert np.array_equal(advance(beam, 5).specimens[0].position[node], place)
-
-
-def test_the_hand_moves_evenly_and_arrives():
-    """The hand covers the way in equal steps, and then rests."""
-    hand = Hand(0, 0, (0.0, 0.0, 0.0))
-    hand.aim((1.0, 0.0, 0.0))
-    steps = []
-    for _ in range(5):
-        before = hand.point[0]
-        hand.advance(0.02)
-        steps.append(hand.point[0] - before)
-        assert hand.velocity[0] == pytest.approx(steps[-1] / 0.02)
-    assert steps == pytest.approx([0.2] * 5) and hand.point[0] == pytest.approx(1.0)
-    hand.advance(0.02)
-    assert hand.velocity[0] == 0.0
+    """The node of the surface nearest to the pointer is pulled there, in all objects with as many nodes."""
+    scene = ObjectScene([Entry("ring"), Entry("ring", "rk4"), Entry("beam")])
+    scene.set("gravity", 0.0)
+    press = scene.frame().bodies[0].position[3]
+    scene.point("start", press, 0)
+    assert scene.dragged == (0, 3) and scene.frame().balls and scene.frame().arrows
+    goal = press + np.array([0.01, 0.0, 0.03])
+    scene.point("move", goal, 0)
+    rest = scene.objects[2].position.copy()
+    advance(scene, 120, rate=60)
+    for body, offset in zip(scene.frame().bodies[:2], (0.0, scene.spacing), strict=True):
+        assert np.linalg.norm(body.position[3] - goal - (offset, 0.0, 0.0)) < 0.003
+    assert np.abs(scene.objects[2].position - rest).max() < 1e-3
+    scene.point("end", goal, 0)
+    assert scene.dragged is None and scene.objects[0].tank.world.anchors is None
+    scene = ObjectScene([Entry("uniform sphere", "", (("level", 1),))])
+    inner = scene.objects[0].original.inner
+    scene.point("start", scene.frame().bodies[0].position[inner[4]], 0)
+    assert scene.dragged[1] not in inner
 
 
 def test_a_method_that_fails_is_named_and_waits():
     """A method that fails is named with its step and its node; half the step is a way on."""
-    bench = Bench([Entry("ring", "explicit_euler")])
-    bench.set("step", 50.0)
-    bench.throw()
-    while not bench.failure:
-        assert advance(bench, 1).time < 4.0
-    assert "explicit_euler failed on the ring" in bench.failure and "step" in bench.failure
-    assert bench.failed[0] == 0 and 0 <= bench.failed[1] < 24
-    bench.halve_step()
-    assert bench.numbers["step"] == 25.0 and not bench.failure and bench.specimens[0].tank.alive.all()
+    scene = ObjectScene([Entry("ring", "explicit_euler")])
+    scene.set("step", 50.0)
+    scene.throw()
+    while not scene.failure:
+        assert advance(scene, 1).time < 4.0
+    assert "explicit_euler failed on the ring" in scene.failure and "step" in scene.failure
+    assert scene.failed[0] == 0 and 0 <= scene.failed[1] < 24
+    control(scene, "halve").set(None)
+    assert scene.settings["step"] == 25.0 and not scene.failure and scene.objects[0].tank.alive.all()
 
 
 def test_side_by_side_is_compared(monkeypatch):
     """Equal objects have no distance; at the same cost, steps that cost twice as much are twice as long."""
-    bench = Bench([Entry("ring"), Entry("ring"), Entry("ring", "explicit_euler")])
-    advance(bench, 12, rate=60)
-    assert bench.distance_of(1) == 0.0 and 0.0 < bench.distance_of(2) < 0.5
-    assert bench.readings()[-1] == [bench.distance_of(1), bench.distance_of(2)]
-    *_, (motion, stored, lost), _ = bench.readings()
-    assert motion > 0.0 > stored and abs(lost) < 0.02 * motion  # it falls, and nothing has touched it yet
-    bench.choose([Entry("ring", "explicit_euler"), Entry("ring")])
-    cheap, costly = bench.specimens
-    assert cost_of_step(cheap) > 0.0
-    monkeypatch.setattr("fish_env.lab.bench.cost_of_step", lambda specimen: 1e-6 if specimen is cheap else 2e-6)
-    control(bench, "same_cost").set(True)
-    assert cheap.tank.dt == cheap.own_step() and costly.tank.dt == pytest.approx(2.0 * cheap.tank.dt)
+    scene = ObjectScene([Entry("ring"), Entry("ring"), Entry("ring", "explicit_euler")])
+    advance(scene, 12, rate=60)
+    assert scene.distance_of(1) == 0.0 and 0.0 < scene.distance_of(2) < 0.5
+    assert scene.readings()[-1] == [scene.distance_of(1), scene.distance_of(2)]
+    scene.choose([Entry("ring", "explicit_euler"), Entry("ring")])
+    costs = {"explicit_euler": 1e-6, "": 2e-6}
+    monkeypatch.setattr("fish_env.lab.objects.SimulatedObject.cost_of_step", lambda each: costs[each.entry.integrator])
+    control(scene, "same_cost").set(True)
+    cheap, costly = scene.objects
+    assert cheap.tank.dt == cheap.own_step and costly.tank.dt == pytest.approx(2.0 * cheap.tank.dt)
 
 
+@pytest.mark.slow
 def test_many_nodes_take_longer_steps():
-    """A fish of more than 600 nodes takes twice its own step by the stabilised method, and its own by another one."""
-    for integrator, level, step in (("", 3, 2.0), ("rk4", 3, 1.0), ("", 2, 1.0)):
-        bench = Bench([Entry("tetrahedral", integrator, (("level", level),))])
-        assert bench.numbers["step"] == step
-        specimen = bench.specimens[0]
-        assert specimen.tank.dt == pytest.approx(step * specimen.own_step())
-
-
-@pytest.mark.slow
-def test_longer_steps_are_as_good():
-    """With twice its own step a fish of 841 nodes swims the same motion to 0.002 BL, and lasts."""
-    fine = Entry("tetrahedral", "", (("level", 3),))
-    long, own = Bench([fine]), Bench([fine])
+    """By the stabilised method 841 nodes of a fish take twice their own step, those of solids four times, and last."""
+    fine, rk4 = Entry("tetrahedral", "", (("level", 3),)), Entry("tetrahedral", "rk4", (("level", 3),))
+    long, own = ObjectScene([fine], motion="gait"), ObjectScene([fine], motion="gait")
+    assert long.settings["step"] == 2.0 and ObjectScene([rk4]).settings["step"] == 1.0
     own.set("step", 1.0)
-    for bench in (long, own):
-        bench.move("gait")
-        advance(bench, 12)
-    a, b = long.specimens[0], own.specimens[0]
-    assert a.time == pytest.approx(b.time) and a.tank.alive[0]
-    assert np.abs(a.position - a.thing.body.position).max() > 0.05 * a.thing.length
-    assert np.sqrt(((a.position - b.position) ** 2).sum(axis=1).mean()) < 2e-3 * a.thing.length
-    advance(long, 50)
-    assert not long.failure and long.time > 2.0  # with four times its own step it is torn after 0.8 s
+    a, b = (advance(scene, 12).objects[0].position for scene in (long, own))
+    assert np.sqrt(((a - b) ** 2).sum(axis=1).mean()) < 2e-3 * long.length
+    assert not advance(long, 50).failure  # with four times its own step it is torn after 0.8 s
+    for name, how in (("beam", "throw"), ("two materials", "twisted")):
+        solid = ObjectScene([Entry(name, "", (("cells", 18), ("across", 6)))])
+        control(solid, how).set(None)
+        assert solid.settings["step"] == 4.0 and not advance(solid, 30).failure
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("how", ["throw", "twisted"])
-@pytest.mark.parametrize("name", ["beam", "two materials"])
-def test_solids_of_many_nodes_last_with_longer_steps(name, how):
-    """Solids of nearly a thousand nodes take four times their own step, and last: thrown at a wall, or twisted."""
-    bench = Bench([Entry(name, "", (("cells", 18), ("across", 6)))])
-    assert bench.numbers["step"] == 4.0 and len(bench.specimens[0].position) > 900
-    bench.throw() if how == "throw" else bench.distort(how)
-    advance(bench, 30)
-    assert not bench.failure and bench.time == pytest.approx(1.0)
-
-
-def test_volumes():
-    """Volumes are those of the gas or the tetrahedra."""
-    for name in ("sphere", "uniform sphere"):
-        thing = Bench([Entry(name)]).specimens[0].thing
-        want, _ = volume_of(thing.skin, thing.body.position)
-        assert enclosed_volume(thing, look_of(thing), thing.body.position) == pytest.approx(want, rel=0.02)
-    place, nodes = box((2.0, 1.0, 1.0), (2, 2, 2))
-    sides = boundary(nodes)
-    a, b, c = place[sides].transpose(1, 0, 2)
-    assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0 == pytest.approx(2.0, rel=1e-12)
-    assert len(sides) == 6 * 4 * 2 and as_quads(sides).shape == (48, 4)
+@pytest.mark.parametrize("name", ["ring", "sphere", "uniform sphere", "beam", "mass_spring"])
+def test_volumes(name):
+    """A volume is that inside the surface, as of the gas; a ring has an area, and at rest the ratio is 1."""
+    made = ObjectScene([Entry(name)]).objects[0]
+    rest = made.look.marks(made.original.body.position)
+    edges = np.pad(made.faces, ((0, 0), (0, 2)), constant_values=-1)
+    faces = edges if name == "ring" else made.faces[:, [0, 1, 2, -1]]
+    assert signed_volume(rest, made.faces) == pytest.approx(volume_of(faces, rest)[0], rel=0.02)
+    made.position[:] *= 1.1
+    assert made.volume() == pytest.approx(1.1 ** (2 if name == "ring" else 3), rel=1e-9)
 
 
 def test_strains_are_those_of_the_eigenvalues():
-    """Strains of tetrahedra are those of LAPACK, at rest, rotated, in small strain and far out of shape."""
-    place, nodes = box((1.0, 1.0, 1.0), (1, 1, 1))
-    cube = make_tets(place, nodes, 1e5, 0.3)
-    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    assert tet_strain(cube, place @ turn.T) == pytest.approx(0.0, abs=1e-12)
-    assert tet_strain(cube, (place * (1.1, 0.7, 1.0)) @ turn.T) == pytest.approx(-0.3, abs=1e-12)
-    thing = Bench([Entry("tetrahedral")]).specimens[0].thing
-    tets, noise = thing.body.tets, np.random.default_rng(0).normal(size=thing.body.position.shape)
-    for size in (0.0, 1e-6, 1e-3, 1.0):
-        x = thing.body.position + size * thing.length * noise
-        stretch = np.linalg.svd(np.einsum("tak,tal->tkl", x[tets.nodes], tets.gradient), compute_uv=False) - 1.0
-        want, found = np.abs(stretch).max(axis=1), tet_strain(tets, x)
-        assert np.abs(found) == pytest.approx(want, rel=1e-9, abs=1e-12)
-        assert (np.abs(stretch - found[:, None]).min(axis=1) < 1e-9 * (1.0 + want)).all()
+    """Strains of tetrahedra are those of LAPACK, rotated and far out of shape."""
+    made, noise = ObjectScene([Entry("tetrahedral")]).objects[0], np.random.default_rng(0)
+    tets, rest = made.original.body.tets, made.original.body.position
+    turn = np.linalg.qr(noise.normal(size=(3, 3)))[0]
+    made.position[:] = (rest * (1.1, 0.7, 1.0)) @ turn.T
+    assert made.largest_strain()[0] == pytest.approx(0.3, abs=1e-9)
+    made.position[:] = x = rest + made.length * noise.normal(size=rest.shape)
+    stretch = np.linalg.svd(np.einsum("tak,tal->tkl", x[tets.nodes], tets.gradient), compute_uv=False) - 1.0
+    found = made.strains()[1]
+    assert np.abs(found) == pytest.approx(np.abs(stretch).max(axis=1), rel=1e-9)
+    assert (np.abs(stretch - found[:, None]).min(axis=1) < 1e-9).all()
 
 
-def test_most_forces_are_seen_beside_one_that_is_much_larger(bench):
-    """Most arrows are seen beside one of a node that is fixed; none is of noise."""
-    bench.fix(0, bench.specimens[0].position[0])
-    advance(bench, 18)
-    force, mass = bench.specimens[0].forces(), bench.specimens[0].tank.fish.body.mass
-    force[0] *= 100.0 * np.linalg.norm(force, axis=1).max() / max(float(np.linalg.norm(force[0])), 1e-300)
-    size = np.linalg.norm(force, axis=1)
-    nodes, arrow = arrows(force, mass)
-    length = np.linalg.norm(arrow, axis=1)
-    assert np.median(length) > 0.05 and length.max() == pytest.approx(LONGEST)
-    assert np.einsum("ij,ij->i", arrow, force[nodes]) == pytest.approx(length * size[nodes])
-    assert np.abs(arrows(1e-12 * force, mass)[1]).max() < 1e-4 and not arrows(0.0 * force, mass)[1].any()
-
-
-def test_tones_tell_shortened_from_stretched():
+@pytest.mark.parametrize("name", ["string", "beam", "ball", "two materials"])
+def test_tones_tell_shortened_from_stretched(name):
     """A strain of a percent is told from rest, and thirty percent are the end of the scale."""
-    specimen = Bench([Entry("string", "", (("nodes", 3),))]).specimens[0]
-    springs = specimen.thing.body.springs
-    found = tone(3, springs.nodes, np.array([0.01, -9.0]))
-    assert found[0] == pytest.approx((0.01 / 0.3) ** 0.5) and found[2] == -1.0 and found[1] == -1.0
+    made = ObjectScene([Entry(name)]).objects[0]
+    assert np.abs(made.tone()).max() < 1e-3
+    rest = made.original.body.position
+    for strain, tone in ((0.01, (0.01 / SCALE) ** 0.5), (-0.01, -((0.01 / SCALE) ** 0.5)), (0.9, 1.0), (-0.9, -1.0)):
+        made.position[:] = rest * (1.0 + strain, 1.0, 1.0)
+        assert made.tone() == pytest.approx(tone, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["beam", "ball", "two materials"])
-def test_a_dropped_solid_shows_its_strain(name):
-    """At rest no node has a strain; after its fall some are shortened and others stretched."""
-    bench = Bench([Entry(name)])
-    assert np.abs(bench.specimens[0].tone()).max() < 1e-3
-    seen = np.array([advance(bench, 1).specimens[0].tone() for _ in range(30)])
-    assert seen.max() > 0.1 and seen.min() < -0.1
+def test_fish_move():
+    """A fish swims by a gait, or turns; at rest it stays where it is."""
+    scene = ObjectScene([Entry("mass_spring")])
+    for motion in MOTIONS:
+        scene.reset()
+        control(scene, "motion").set(motion)
+        moved = np.abs(advance(scene, 15).objects[0].position - scene.objects[0].original.body.position).max()
+        assert (moved < 1e-3 * scene.length) == (motion == "rest") and (moved > 0.05 * scene.length) != (
+            motion == "rest"
+        )
 
 
-@pytest.mark.parametrize("motion", MOTIONS[1:])
-def test_fish_move(motion):
-    """A fish does what it is told; at rest it stays where it is."""
-    bench = Bench([Entry("mass_spring")])
-    rest = advance(bench, 5).specimens[0].position.copy()
-    bench.move(motion)
-    bench.specimens[0].by_hand[:] = 0.5
-    moved = np.abs(advance(bench, 15).specimens[0].position - rest).max() / bench.length
-    assert np.abs(rest - bench.specimens[0].thing.body.position).max() < 1e-3 * bench.length < 0.02 * moved
-
-
-RETURNING = [("beam", "twisted"), ("block", "inverted")]
-RETURNING += [
-    pytest.param(name, how, marks=pytest.mark.slow) for name in ("two materials", "tetrahedral") for how in DISTORTIONS
-]
-
-
-@pytest.mark.parametrize(("name", "how"), RETURNING)
-def test_what_is_twisted_or_inverted_comes_back(name, how):
-    """A solid, or the fish of tetrahedra, is put at rest out of its shape, comes back to it, and nothing is said."""
-    bench = Bench([Entry(name)])
-    bench.throw()
-    bench.advance(0.1)
-    bench.distort(how)
-    specimen = bench.specimens[0]
-    body = specimen.thing.body
-    assert bench.time == 0.0 and not specimen.tank.velocity.any()
-    assert np.array_equal(specimen.position, DISTORTIONS[how](specimen.thing))
-    assert out_of_shape(body, specimen.position) > 0.05
-    advance(bench, 95)
-    assert not bench.failure and not bench.note and out_of_shape(body, specimen.position) < 0.03
-
-
-def test_what_does_not_come_back_is_named_with_its_reason():
-    """An inverted ball stays inside out, a shell of gas loses its volume: both are told of."""
-    bench = Bench([Entry("ball")])
-    bench.distort("inverted")
-    advance(bench, 95)
-    assert "The ball was inverted and has not come back" in bench.note and "0.8" in bench.note
-    bench.distort("inverted")
-    bench.reset()
-    advance(bench, 95)
-    assert not bench.note  # it was not left inverted
-    bench = Bench()
-    bench.distort("inverted")
-    bench.advance(1 / 30)
-    assert "failed on the uniform sphere" in bench.failure and "no volume left" in bench.failure
-    bench.reset()
-    assert bench.time == 0.0 and np.array_equal(bench.specimens[0].position, bench.specimens[0].thing.body.position)
-
-
-@pytest.mark.parametrize(
-    ("name", "hows", "why"),
-    [("string", ("twisted", "inverted"), "in a plane or on a line"), ("ring", ("twisted", "inverted"), "in a plane"),
-     ("planar", ("twisted",), "in a plane"), ("mass_spring", ("inverted",), "mirror image")],
-)  # fmt: skip
-def test_what_cannot_be_twisted_or_inverted_is_refused(name, hows, why):
-    """What lies in a plane is neither twisted nor inverted, springs alone are not inverted: nothing is changed."""
-    bench = Bench([Entry("beam"), Entry(name)])
-    bench.time, before = 0.1, bench.specimens[0].position.copy()
-    for how in hows:
-        assert not bench.can_distort(how)
-        with pytest.raises(ValueError, match=f"{why}.*give"):
-            bench.distort(how)
-    assert bench.time == 0.1 and np.array_equal(bench.specimens[0].position, before)
-
-
-def test_level_by_distance():
-    """A uniform sphere is as coarse as nobody sees from the camera, and goes on in the same motion."""
-    bench = advance(Bench([Entry("uniform sphere", "", (("level", 2),))]), 5)
-    height = bench.specimens[0].position[:, 2].mean()
-    bench.seen(3.0, 700.0)
-    assert len(bench.specimens[0].position) == 2 * 66  # nothing was asked for
-    control(bench, "by_distance").set(True)
-    bench.seen(300.0, 700.0)
-    assert len(bench.specimens[0].position) < 2 * 66 and bench.version == 2
-    assert bench.specimens[0].position[:, 2].mean() == pytest.approx(height, abs=0.02 * bench.length)
-    beam = Bench([Entry("beam")])
-    assert not any(each.name == "by_distance" for each in beam.controls())
+def test_what_cannot_be_twisted_or_inverted_is_not_offered():
+    """What lies in a plane is neither twisted nor inverted, springs alone are not inverted; a beam is twisted."""
+    beam = ObjectScene([Entry("beam")])
+    control(beam, "twisted").set(None)
+    assert np.array_equal(beam.objects[0].position, DISTORTIONS["twisted"](beam.objects[0].original))
+    for name, refused in (("ring", {"twisted", "inverted"}), ("mass_spring", {"inverted"}), ("beam", set())):
+        scene = advance(ObjectScene([Entry("beam"), Entry(name)]), 3)
+        before = scene.objects[0].position.copy()
+        assert {"twisted", "inverted"} - {each.name for each in scene.controls()} == refused
+        for how in refused:
+            with pytest.raises(ValueError, match=r"in a plane|mirror image"):
+                scene.reset(how=how)
+        assert scene.time == pytest.approx(0.1) and np.array_equal(scene.objects[0].position, before)
 
 
 def test_controls_are_those_that_apply():
     """Nothing is offered that does nothing, and every default is that of the object."""
-    ring, fish = ({each.name: each for each in Bench([Entry(name)]).controls()} for name in ("ring", "planar"))
-    assert "pressure" in ring and "inner_density" in ring and "water" not in ring and "twisted" not in ring
-    assert "pressure" not in fish and "water" in fish and "motion" in fish and "throw" not in fish
-    for each in (*ring.values(), *fish.values()):
-        assert each.kind in ("button", "switch", "slider", "choice")
-        assert each.default in (None, each.value) or each.name == "motion"
+    ring, fish = ({each.name: each for each in ObjectScene([Entry(name)]).controls()} for name in ("ring", "planar"))
+    assert {"pressure", "inner_density", "throw", "walls"} <= set(ring) and "motion" not in ring
+    assert "motion" in fish and not {"pressure", "inner_density", "throw", "same_cost"} & set(fish)
+    assert all(each.default in (None, each.value) for each in (*ring.values(), *fish.values()))
+
+
+def swum(driver="policy for turns", num_fish=1, seconds=1.0) -> SwimmerScene:
+    """Fish that have swum for some seconds."""
+    school = SwimmerScene("", "", driver, num_fish)
+    school.advance(seconds)
+    return school
+
+
+def middle(school, i=0) -> np.ndarray:
+    """Where a fish is shown, (3,) m."""
+    return school.frame().bodies[i].position.mean(axis=0)
+
+
+@pytest.mark.parametrize(
+    "driver", [name for name in DRIVERS if DRIVERS[name][0] != "target" and name not in (GAIT, YOU)]
+)
+def test_fish_turn_by_the_commanded_angle(driver):
+    """Fish turn by the commanded angle, and back; charts show it in degrees."""
+    school = swum(driver, 3)
+    most = 1 if driver == "policy for speed" else 3  # it was trained with commands of up to half a radian
+    for turns in (most, -most):
+        school.turn(turns * TURN)
+        school.advance(3.0)
+        (heading, command), (speed,) = school.readings()
+        assert command == pytest.approx(30.0 * most if turns > 0 else 0.0, abs=1e-6) and speed > 1.0
+        assert heading == pytest.approx(command, abs=12.0)
+    school.turn(7 * TURN)
+    (heading, command), _ = school.readings()
+    assert abs(heading) <= 180.0 and abs(command - heading) <= 180.0  # however far it has turned
+
+
+def test_commands_do_not_steer_the_gait():
+    """A command changes no bit of the motion of a gait; by hand a slider contracts its muscle alone."""
+    school, other = swum(GAIT, seconds=0.0), swum(GAIT, seconds=0.5)
+    school.turn(TURN)
+    school.advance(0.5)
+    assert np.array_equal(school.tank.position, other.tank.position)
+    school = swum(YOU, seconds=0.0)
+    muscles = [each for each in school.controls() if each.group == "Muscles"]
+    muscles[3].set(1.0)
+    school.advance(0.2)
+    assert school.frame().bodies[0].contraction == pytest.approx(np.eye(12)[3], abs=0.05) and len(muscles) == 12
+
+
+def test_abrupt_turns_and_fast_starts():
+    """Left after right is commanded before the first turn is complete; a fish at rest is soon two lengths away."""
+    school = swum()
+    school.left_after_right()
+    school.advance(0.2)
+    assert school.commanded[0] == pytest.approx(-SWERVE) and school.facing[0] > -SWERVE
+    expected = pytest.approx(school.facing[0] + SWERVE, abs=0.3)
+    school.advance(0.05)
+    assert school.commanded[0] == expected
+    school.advance(3.0)
+    assert school.readings()[0][0] == pytest.approx(np.degrees(school.commanded[0]), abs=12.0)
+    school = swum("policy for fast starts", 1, 0.4)
+    school.fast_start()
+    start = middle(school)
+    school.advance(1.5)
+    assert np.linalg.norm(middle(school) - start) > 2.0 * school.length
+    assert school.time == pytest.approx(1.5) and school.readings()[0][0] == pytest.approx(90.0, abs=20.0)
+
+
+def test_a_school_swims_as_each_fish_alone():
+    """One call of the policy for all of a school is that for one; many are drawn with fewer faces and own arrows."""
+    school, alone = swum(num_fish=5), swum()
+    assert np.allclose(school.tank.position[0], alone.tank.position[0], atol=1e-3 * alone.length)
+    offset = np.array([middle(school, i) for i in range(5)]) - school._before.mean(axis=1)
+    assert np.linalg.norm(offset[:, None] - offset[None], axis=2)[np.triu_indices(5, 1)].min() > school.length
+    assert len(school.looks[0].surfaces[0].faces) < 0.2 * len(alone.looks[0].surfaces[0].faces)
+    assert len(school.frame().arrows) == 5
+    place, before = alone.tank.position[0], alone._before[0]  # pictures lie between two environment steps
+    assert alone.frame().bodies[0].position == pytest.approx(before)
+    alone.advance(0.5 * alone.interval)
+    assert alone.frame().bodies[0].position == pytest.approx(0.5 * (before + place))
+
+
+@pytest.mark.parametrize(("driver", "count"), [("policy for targets", 2), ("motor controllers, targets", 1)])
+def test_a_target_that_is_put_is_reached(driver, count):
+    """A target that is put is reached, by every fish where it is shown to that fish."""
+    school = swum(driver, count, 0.5)
+    goal = middle(school) + school.length * np.array([1.5, 1.0, 0.0])
+    goal[2] = 0.0
+    before = school.task.reached.copy()
+    school.point("start", goal, -1)
+    assert len(school.frame().spheres) == 1 and school.frame().spheres[0, :3] == pytest.approx(goal)
+    school.advance(8.0)
+    assert (school.task.reached > before).all()
+
+
+def test_an_obstacle_that_is_put_is_passed():
+    """An obstacle that is put is passed: one that the fish would else swim into."""
+    school, blind = swum("policy for obstacles"), swum("policy for speed")
+    assert not len(school.frame().spheres)
+    goal = middle(school) + school.length * np.array([2.0, 0.05, 0.0])
+    school.point("start", goal, -1)
+    assert school.frame().spheres[0, :3] == pytest.approx(goal * (1.0, 1.0, 0.0))
+    room = {}
+    for each in (school, blind):
+        room[each] = np.inf
+        for _ in range(150):
+            each.advance(0.02)
+            room[each] = min(room[each], float(np.linalg.norm(each.tank.position[0] - goal, axis=1).min()))
+    assert room[school] > school.task.radius * school.length > room[blind]
+    assert not school.task.touched[0] and school.tank.position[0, :, 0].min() > goal[0]
+
+
+def test_fish_follow_the_pointer():
+    """A pointer to the left turns the fish to the left, one to the right back; turned off, it does nothing."""
+    school = swum()
+    for way, heading in (((0.0, 4.0, 0.0), 90.0), ((4.0, 0.0, 0.0), 0.0)):
+        for _ in range(40):
+            school.point("hover", middle(school) + school.length * np.array(way), -1)
+            school.advance(0.05)
+        assert school.readings()[0][0] == pytest.approx(heading, abs=15.0)
+    control(school, "follow").set(False)
+    before = school.commanded.copy()
+    school.point("hover", np.zeros(3), -1)
+    school.advance(0.1)
+    assert np.array_equal(school.commanded, before)
+
+
+def test_a_fish_that_fails_is_named():
+    """A fish that fails stops the scene, with its reason; a new start goes on."""
+    school = swum(num_fish=3, seconds=0.2)
+    school.tank.velocity[1] = np.nan
+    school.advance(0.1)
+    assert "1 of 3 fish failed" in school.failure and "non-finite" in school.failure
+    school.reset()
+    school.advance(0.1)
+    assert not school.failure and school.time == pytest.approx(0.1)
+
+
+def test_film():
+    """The last seconds of one fish are a page that stands alone; of two there is none."""
+    school = swum("policy for obstacles", seconds=0.3)
+    school.point("start", middle(school) + school.length * np.array([2.0, 0.0, 0.0]), -1)
+    school.advance(0.3)
+    text = school.film()["text"]
+    assert text.startswith("<!DOCTYPE html>") and "from the laboratory" in text and "src=" not in text
+    with pytest.raises(ValueError, match="choose one fish"):
+        swum(num_fish=2, seconds=0.1).film()
+
+
+def test_an_environment_of_the_user():
+    """A registered environment and a policy make the first scene, in which episodes follow one another."""
+    session = Session(partial(UserScene, "FishEnv/Turn-v0", None))
+    assert next(iter(session.scenes)) == session.name == "your own"
+    next(each for each in session.controls() if each.group == "Muscles").set(1.0)
+    session.scene.advance(0.3)
+    assert session.scene.frame().bodies[0].contraction.max() > 0.1
+    session.close()
+    scene = UserScene(None, load_policy("target"))
+    scene.advance(11.0)
+    assert "Target-v0" in scene.title and "episode ended after 10.0 s" in scene.note and scene.frame().touchable
+    assert scene.since == pytest.approx(1.0) and [len(row) for row in scene.readings()] == [1, 1]
+    scene.close()
+    with pytest.raises(ValueError, match="not registered"):
+        UserScene("Mine-v0", None)
+
+
+def test_the_first_picture_comes_with_what_it_needs():
+    """The first answer describes the scene and its controls; the next one only the picture."""
+    session = Session()
+    first, second = messages(session.answer(ASK)), session.answer(ASK | {"passed": 0.0})
+    scene = first["scene"]
+    assert scene["name"] == "follow me" and scene["scenes"] == list(SCENES) and len(scene["looks"]) == 1
+    assert first["controls"] and not messages(second)
+    header, numbers = picture(second)
+    ((look, nodes, muscles, tones),) = header["bodies"]
+    assert (look, tones) == (0, 0) and len(numbers) == 3 * nodes + muscles
+    shown = numbers[: 3 * nodes].reshape(-1, 3) * session.scene.length
+    assert shown == pytest.approx(session.scene.frame().bodies[0].position, abs=1e-5)
+    session.answer({"do": "set", "name": "pause", "value": True})
+    before = session.scene.time
+    assert picture(session.answer(ASK))[0]["time"] == before  # while paused nothing moves but by single steps
+    session.answer({"do": "set", "name": "one_step"})
+    assert session.scene.time == pytest.approx(before + session.scene.interval) and session.paused
+    session.answer({"do": "set", "name": "reset"})
+    assert session.scene.time == 0.0 and not session.paused
+    session.close()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_scene_is_shown_and_every_control_acts(name, session):
+    """Every scene moves, its plots have numbers, and every control takes another value that it offers."""
+    assert "error" not in messages(session.answer({"do": "scene", "name": name}))
+    scene = session.scene
+    scene.advance(0.1)
+    header, numbers = picture(session.answer(ASK))
+    assert np.isfinite(numbers).all() and len(header["bodies"]) >= 1 and not header["failure"]
+    assert [len(row) for row in header["values"]] == [len(lines) for lines in scene.plots.values()]
+    assert all(value is not None for row in header["values"] for value in row)
+    for each in session.controls():
+        if each.group == "Objects" or each.name in ("fish", "driver"):
+            continue  # these take other bodies
+        value = {"button": None, "switch": not each.value, "choice": each.options[-1:] and each.options[-1],
+                 "slider": 0.5 * (each.low + each.high)}[each.kind]  # fmt: skip
+        assert "error" not in messages(session.answer({"do": "set", "name": each.name, "value": value})), each.name
+        now = {after.name: after.value for after in session.controls()}
+        assert each.kind == "button" or now.get(each.name, value) == pytest.approx(value)
+
+
+def test_another_object_is_another_look(session):
+    """A choice under Objects sends the new looks and plots."""
+    session.answer({"do": "scene", "name": "soft objects"})
+    scene = messages(session.answer({"do": "set", "name": "object 0", "value": "ring"}))["scene"]
+    assert scene["upright"] and len(scene["looks"][0]["surfaces"]) == 2
+    for count in (2, 3):
+        more = messages(session.answer({"do": "set", "name": f"object {count - 1}", "value": "ring"}))["scene"]
+        assert len(more["looks"]) == count and all(len(plot["lines"]) == count for plot in more["plots"][:2])
+        session.scene.advance(0.1)
+        values = picture(session.answer(ASK))[0]["values"]
+        assert len(values[0]) == count and len(values[-1]) == count - 1
+        assert all(value is not None for row in values for value in row)
+    assert len(messages(session.answer({"do": "set", "name": "object 1", "value": "none"}))["scene"]["looks"]) == 1
+    session.answer({"do": "set", "name": "nodes 0", "value": 20})
+    assert len(session.scene.objects[0].position) == 40
+
+
+SPEED = {"do": "set", "name": "speed"}
+POINT = {"do": "point", "phase": "start", "point": [0, 0, 0], "body": 0}
+REFUSED = [
+    *(None, 3, [], "frame", {}, {"do": "leave"}, {"do": 1}, {"do": "save"}, {"do": "set"}, {"do": "point"}),
+    *({"do": "scene", "name": name} for name in (None, ["ring"])),
+    *(SPEED | {"value": value} for value in ("fast", True, 1e9, None, np.nan)),
+    *(SPEED | {"name": name, "value": 1} for name in ("__class__", {}, "pause", "walls")),
+    *(POINT | {"point": point} for point in ([0, 0, None], [1e99, 0, 0], [[0], 0, 0])),
+    *(POINT | changes for changes in ({"phase": "jump"}, {"phase": ["start"]}, {"body": True}, {"body": 9})),
+]
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_a_page_never_sends_is_refused(message, session, capsys):
+    """It is told what is wrong, nothing is printed, and the next picture comes as if nothing had been sent."""
+    if session.name != "soft objects":
+        session.answer({"do": "scene", "name": "soft objects"})
+    before = [(each.name, each.value) for each in session.controls()]
+    text = messages(session.answer(message))["error"]
+    assert text and "mistake" not in text
+    assert [(each.name, each.value) for each in session.controls()] == before
+    picture(session.answer(ASK | {"passed": "far"}))
+    assert capsys.readouterr().err == ""
+
+
+def test_a_refused_choice_is_shown_as_it_was(session):
+    """What the page chose in vain is sent again; a failure has its reason and its node, and another choice moves."""
+    session.answer({"do": "scene", "name": "what the method does"})
+    refused = messages(session.answer({"do": "set", "name": "integrator 0", "value": "dop853"}))
+    assert refused["error"] and "its own" in [each["value"] for each in refused["controls"]]
+    session.answer({"do": "set", "name": "step", "value": 50.0})
+    session.scene.throw()
+    while not session.scene.failure:
+        header, _ = picture(session.answer({"do": "frame", "passed": 0.05}))
+    assert "failed on the ring" in header["failure"] and header["failed"][0] >= 0
+    session.answer({"do": "set", "name": "object 0", "value": "string"})
+    assert picture(session.answer({"do": "frame", "passed": 0.05}))[0]["time"] == pytest.approx(0.05)
+
+
+def test_a_mistake_of_the_laboratory_does_not_end_the_session(session, capsys, monkeypatch):
+    """It is told of, and printed in full for who runs it."""
+    monkeypatch.setattr(session, "frame", lambda passed: 1 / 0)
+    assert "mistake" in messages(session.answer(ASK))["error"]
+    assert "ZeroDivisionError" in capsys.readouterr().err

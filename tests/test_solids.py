@@ -12,8 +12,7 @@ from benchmarks.objects.methods import is_stable
 from benchmarks.objects.scenes import SCENES, watched
 from benchmarks.objects.solids import METHODS, released, survives
 from fish_env import INTEGRATORS, Tank
-from fish_env.lab.bench import Bench
-from fish_env.lab.specimen import Entry
+from fish_env.lab.objects import Entry, ObjectScene
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.world import VACUUM
 from fish_env.soft import statics
@@ -149,12 +148,12 @@ def test_linear_and_corotational_agree_on_small_motion():
 @each_solid
 def test_in_the_laboratory(name):
     """It is one of the laboratory's objects, and falls there."""
-    bench = Bench([Entry(name)])
-    tank = bench.specimens[0].tank
+    scene = ObjectScene([Entry(name)])
+    tank = scene.objects[0].tank
     before = tank.position[0, :, 2].mean()
     for _ in range(6):
-        bench.advance(1 / 60)
-    assert tank is bench.specimens[0].tank and tank.alive[0] and tank.position[0, :, 2].mean() < before - 0.02
+        scene.advance(1 / 60)
+    assert tank.alive[0] and tank.position[0, :, 2].mean() < before - 0.02
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,8 @@ from playwright.sync_api import sync_playwright
 from fish_env.control import load_policy, record, shipped_policies
 from fish_env.control.film import film_text
 from fish_env.control.recording import Recording
-from fish_env.lab.own import Own, own_things
 from fish_env.lab.server import Laboratory
+from fish_env.lab.swimmers import UserScene
 
 FOLDER = Path(__file__).parents[1] / "images" / "gallery"
 COMMANDS = {"left_after_right": {"yaw": 2.2, "side": -1, "first": 2.0, "second": 2.2, "part": 0.7, "wait": 0.8}}
@@ -63,9 +63,9 @@ def play(task: str) -> list[Image.Image]:
 
 
 @contextmanager
-def opened(own: Own | None = None, size=SIZE, port=18300) -> Iterator[Any]:
-    """A page of a laboratory, without its panels."""
-    laboratory = Laboratory("127.0.0.1", port, own)
+def opened(user: Callable[[], Any] | None = None, size=SIZE, port=18300) -> Iterator[Any]:
+    """A page of a laboratory, without its panels; `user` makes its first scene."""
+    laboratory = Laboratory("127.0.0.1", port, user)
     with sync_playwright() as running:
         path = os.environ.get("FISH_ENV_CHROMIUM") or shutil.which("chromium")
         chromium = running.chromium.launch(executable_path=path, args=FLAGS)
@@ -107,10 +107,10 @@ def three_painters(step: int, side=480) -> tuple[Image.Image, ...]:
     """The same moment from above, by the window, the film and the laboratory."""
     recording = recorded(side)
     interval = float(recording.about["control_interval"])
-    with opened(own_things(None, "turn", None), (side, side)) as page:
+    with opened(lambda: UserScene(None, load_policy("turn")), (side, side)) as page:
         page.evaluate("send({ do: 'set', name: 'reset' })")
         page.wait_for_function("lab.frame.time === 0")
-        page.evaluate(TAKE, [step + 1, interval])
+        page.evaluate(TAKE, [step + 2, interval])  # the page shows a step while the next one is simulated
         page.evaluate(ABOVE.replace("VIEW", "lab.view"))
         *_, laboratory = page.evaluate(TAKE, [2, 0.0])
         page.goto("about:blank")
@@ -147,7 +147,7 @@ def looking(distance: float) -> Callable[[Any], None]:
 
 def objects(*names: str, integrators=()) -> list[tuple[float, Callable]]:
     """Put objects side by side, with their methods."""
-    found = [(0.0, setting(f"thing {k}", name)) for k, name in enumerate(names)]
+    found = [(0.0, setting(f"object {k}", name)) for k, name in enumerate(names)]
     return found + [(0.0, setting(f"integrator {k}", name)) for k, name in enumerate(integrators) if name]
 
 
@@ -174,7 +174,7 @@ SCENES: dict[str, tuple[str, list[tuple[float, Callable]]]] = {
                                  (0.4, setting("throw"))]),
     "two_materials": ("finite elements", [*objects("two materials"), (0.0, looking(1.9)),
                                           (0.0, setting("show strain", True)), (0.4, setting("throw"))]),
-    "muscles": ("what the body does", [(0.0, setting("thing 1", "none")), (0.0, setting("show springs", True)),
+    "muscles": ("what the body does", [(0.0, setting("object 1", "none")), (0.0, setting("show springs", True)),
                                        (0.0, looking(1.7))]),
 }  # fmt: skip
 """What is shown: a scene of the laboratory, and what is done in it after so many seconds."""
@@ -191,8 +191,8 @@ def side_by_side(images) -> Image.Image:
 
 def moving(page, scene: str, actions: list[tuple[float, Callable]]) -> list[Image.Image]:
     """Pictures of a scene."""
-    page.evaluate("(name) => { lab.before = lab.stage; send({ do: 'scene', name }); }", scene)
-    page.wait_for_function("lab.stage !== lab.before && lab.frame")
+    page.evaluate("(name) => { lab.before = lab.scene; send({ do: 'scene', name }); }", scene)
+    page.wait_for_function("lab.scene !== lab.before && lab.frame")
     frames, done = [], 0.0
     for time, action in [*actions, (SECONDS, lambda page: None)]:
         if time > done:

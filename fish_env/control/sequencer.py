@@ -176,8 +176,7 @@ class FastStartSequencer(Sequencer):
     def __init__(self, env: FishVectorEnv, aim: AimFunction, tables: MotorTables, config: SequencerConfig):
         if tables.starts is None:
             raise ValueError(
-                "the tables of the motor controllers have no fast starts; search them: "
-                "python -m benchmarks.calibrate"
+                "the tables of the motor controllers have no fast starts; search them: python -m benchmarks.calibrate"
             )
         self.starts: Table = tables.starts
         super().__init__(env, aim, tables, config)

@@ -2,13 +2,11 @@
 const canvas = $("view"), KEPT = 20, MOST = 2000, view = { yaw: -2.3, pitch: 0.5, distance: 2.6 };
 const css = (colour) => `rgb(${colour.join()})`;
 const sharp = () => Math.min(window.devicePixelRatio || 1, 2);  // pixels drawn for a pixel of the page
-let stage = null, renderer = null, looks = [], controls = [], socket = null, history = [], shown = null, back = 0;
-let legend = [], middle = [0, 0, 0], ratio = sharp(), waiting = false, asked = 0, slow = 0, seen = null;
+let scene = null, renderer = null, looks = [], controls = [], socket = null, history = [], shown = null, back = 0;
+let hover = null, followed = 0, legend = [], middle = [0, 0, 0], ratio = sharp(), waiting = false, asked = 0, slow = 0, seen = null;
 
-// The laboratory as it is shown: also for scripts and tests, which may set the time that passes between two pictures,
-// take the panels away, and hear of every picture.
-const lab = { drawn: 0, passed: null, bare: false, heard: null, get stage() { return stage; }, get controls() { return controls; }, get frame() { return shown; }, get camera() { return seen; }, get plots() { return history; }, view };
-window.lab = lab;
+// The laboratory as it is shown: scripts may set the time between two pictures, take panels away, and hear of pictures.
+const lab = window.lab = { drawn: 0, passed: null, bare: false, heard: null, get scene() { return scene; }, get controls() { return controls; }, get frame() { return shown; }, get camera() { return seen; }, get plots() { return history; }, view };
 
 const send = (message) => { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
 const set = (name, value = null) => {
@@ -24,9 +22,9 @@ function connect() {
   socket.onmessage = ({ data }) => {
     if (data instanceof ArrayBuffer) { take(data); return; }
     const message = JSON.parse(data);
-    if (message.stage) enter(message.stage);
+    if (message.scene) enter(message.scene);
     if (message.controls) { controls = message.controls; arrange(); }
-    if (message.tell) tell(message.tell);
+    if (message.error) warn(message.error);
     if (message.busy) busy(message.busy.text, message.busy.part);
     if (message.download) save(new Blob([message.download.text], { type: "text/html" }), message.download.name);
   };
@@ -39,55 +37,50 @@ function busy(text, part) {  // a bar as far as it is known how much there is to
   if (text) $("doing").textContent = text;
 }
 
-function tell(text) {
+function warn(text) {
   if (document.activeElement?.id.startsWith("control ")) document.activeElement.blur();  // it shows what was refused
   $("toast").textContent = text;
   $("toast").hidden = false;
-  clearTimeout(tell.timer);
-  tell.timer = setTimeout(() => { $("toast").hidden = true; }, 8000);
+  clearTimeout(warn.timer);
+  warn.timer = setTimeout(() => { $("toast").hidden = true; }, 8000);
 }
 
 function enter(about) {  // another scene, or other bodies in it
-  const again = about.again && stage?.upright === about.upright;
-  stage = about;
-  renderer ??= makeRenderer(canvas, stage.palette);
+  const again = scene?.name === about.name && scene.upright === about.upright;
+  scene = about;
+  renderer ??= makeRenderer(canvas, scene.palette);
   if (!renderer) { $("sorry").hidden = false; return; }
-  looks = stage.looks.map((data) => new Look(data, stage.palette, stage.looks[0].length));
+  looks = scene.looks.map((data) => new Look(data, scene.palette, scene.looks[0].length));
   if (!again) {
-    Object.assign(view, stage.camera);
+    Object.assign(view, scene.camera);
     if (canvas.clientWidth < 760) view.distance *= 1.25;
     middle = null;
   }
   history = []; shown = null; back = 0;
   $("scrub").value = 1000;
-  $("title").textContent = stage.title;
-  $("hint").textContent = stage.hint;
-  $("film").hidden = !stage.films;
-  $("scenes").replaceChildren(...stage.scenes.map((name) => button(name, () => send({ do: "scene", name }), name === stage.scene)));
-  legend = stage.plots.find((plot) => plot.lines.length > 1)?.lines ?? [];
-  const shared = stage.plots.filter((plot) => plot.lines.every((name) => legend.includes(name))).length > 1;
-  $("plots").replaceChildren(...stage.plots.map((plot, k) => {
-    const figure = document.createElement("figure"), chart = document.createElement("canvas");
-    if (shared && k === 0) figure.append(namesOf(plot, true));
-    figure.append(namesOf(plot, false, !shared || !legend.includes(plot.lines[0])), chart);
+  $("title").textContent = scene.title;
+  $("hint").textContent = scene.hint;
+  $("film").hidden = !scene.films;
+  $("scenes").replaceChildren(...scene.scenes.map((name) => button(name, () => send({ do: "scene", name }), name === scene.name)));
+  legend = scene.plots.find((plot) => plot.lines.length > 1)?.lines ?? [];
+  const named = new Set();  // lines of the same name have one colour in all charts, and are named once
+  $("plots").replaceChildren(...scene.plots.map((plot) => {
+    const figure = document.createElement("figure"), caption = document.createElement("figcaption");
+    const fresh = plot.lines.length > 1 && plot.lines.some((name) => !named.has(name));
+    caption.append(plot.title, fresh ? ":" : "");
+    if (fresh) plot.lines.forEach((name, j) => {
+      const mark = document.createElement(plot === scene.plots[0] && scene.plots.length > 2 ? "div" : "span");
+      mark.textContent = ` ${name}`;
+      mark.style.color = css(colourOf(plot, j));
+      named.add(name);
+      caption.append(mark);
+    });
+    figure.append(caption, document.createElement("canvas"));
     return figure;
   }));
 }
 
-// The title of a chart and the names of its lines, or names alone; lines of the same name have one colour in all charts.
-function namesOf(plot, alone, named = true) {
-  const caption = document.createElement("figcaption");
-  if (!alone) caption.append(plot.title, named && plot.lines.length > 1 ? ":" : "");
-  if (named && plot.lines.length > 1) plot.lines.forEach((name, j) => {
-    const mark = document.createElement(alone ? "div" : "span");
-    mark.textContent = ` ${name}`;
-    mark.style.color = css(colourOf(plot, j));
-    caption.append(mark);
-  });
-  return caption;
-}
-
-const colourOf = ({ lines }, j) => stage.palette.lines[legend.includes(lines[j]) ? legend.indexOf(lines[j]) : j];
+const colourOf = ({ lines }, j) => scene.palette.lines[legend.includes(lines[j]) ? legend.indexOf(lines[j]) : j];
 
 function button(label, action, pressed) {
   const made = document.createElement("button");
@@ -100,16 +93,10 @@ function button(label, action, pressed) {
 const changed = (control) => control.default !== null && control.value !== control.default;
 
 function widget(control) {
-  if (control.kind === "button") {
-    const made = button(control.label, () => set(control.name));
-    if (control.key) made.title = `key ${keyName(control.key)}`;
-    if (control.help) made.title = `${control.help}${made.title && `, ${made.title}`}`;
-    return made;
-  }
-  if (control.kind === "switch") {
-    const made = button(control.label, () => set(control.name, !controls.find((c) => c.name === control.name).value), control.value);
-    made.classList.toggle("on", control.value);
-    made.title = control.help;
+  if (control.kind === "button" || control.kind === "switch") {
+    const pressed = control.kind === "switch" ? control.value : undefined;
+    const made = button(control.label, () => set(control.name, pressed === undefined ? null : !pressed), pressed);
+    made.title = [control.help, control.key && `key ${keyName(control.key)}`].filter(Boolean).join(", ");
     return made;
   }
   const row = document.createElement("div"), label = document.createElement("label"), id = `control ${control.name}`;
@@ -140,7 +127,6 @@ function widget(control) {
   return row;
 }
 
-const GROUPS = { Act: true, Time: true, Fish: true, Objects: true };
 function arrange() {  // controls in groups; one that is being used stays as it is
   const box = $("controls"), held = document.activeElement?.id.startsWith("control ") ? document.activeElement : null;
   const open = Object.fromEntries([...box.children].map((group) => [group.dataset.group, group.open]));
@@ -149,7 +135,7 @@ function arrange() {  // controls in groups; one that is being used stays as it 
   box.replaceChildren(...groups.map((name) => {
     const group = document.createElement("details"), summary = document.createElement("summary"), buttons = document.createElement("div");
     group.dataset.group = summary.textContent = name;
-    group.open = open[name] ?? GROUPS[name] ?? false;
+    group.open = open[name] ?? ["Act", "Time", "Fish", "Objects"].includes(name);
     buttons.className = "buttons";
     group.append(summary, buttons);
     const mine = controls.filter((c) => c.group === name);
@@ -162,12 +148,10 @@ function arrange() {  // controls in groups; one that is being used stays as it 
   }));
   if (held) held.focus();
   $("rescue").replaceChildren(...controls.filter((c) => ["reset", "halve"].includes(c.name)).map(widget));
-  const keys = controls.filter((c) => c.key).map((c) => [c.key, c.label, c.help]);
-  $("keylist").replaceChildren(...[...keys, ["↑ ↓", "Turn the view", ""], ["+ −", "Zoom", ""], ["F1", "This help", ""]].map(([key, label, help]) => {
-    const row = document.createElement("tr"), sign = document.createElement("kbd");
-    sign.textContent = keyName(key);
-    row.append(document.createElement("td"), document.createElement("td"), document.createElement("td"));
-    row.children[0].append(sign); row.children[1].append(label); row.children[2].append(help);
+  const keys = controls.filter((c) => c.key).map((c) => [keyName(c.key), c.label, c.help]);
+  $("keylist").replaceChildren(...[...keys, ["↑ ↓", "Turn the view"], ["+ −", "Zoom"], ["F1", "This help"]].map((words) => {
+    const row = document.createElement("tr");
+    words.forEach((word) => { row.insertCell().textContent = word; });
     return row;
   }));
 }
@@ -196,29 +180,21 @@ function take(buffer) {
       if (slow > 60 && ratio > 0.4 && !lab.bare) { ratio *= 0.85; slow = 40; }
       if (slow < 20 && ratio < sharp()) ratio = Math.min(1.02 * ratio, sharp());
       asked = performance.now();
-      send({ do: "frame", passed: lab.passed, away: view.distance, focal: 1.18 * canvas.clientHeight });
+      send({ do: "frame", passed: lab.passed });
     }
   });
 }
 
-function frameAt() {
-  if (!back) return history.at(-1);
-  const then = history.at(-1).time - back;
-  return history.find((frame) => frame.time >= then) ?? history[0];
-}
-
 function show() {
-  if (!stage || !renderer || !history.length) return;
-  shown = frameAt();
+  if (!scene || !renderer || !history.length) return;
+  shown = back ? history.find((frame) => frame.time >= history.at(-1).time - back) ?? history[0] : history.at(-1);
   const { bodies } = shown;
-  if (bodies.some((body) => body.look >= looks.length)) return;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(ratio * side)));
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
   follow(shown.middle);
-  const wide = canvas.clientWidth > 760 && !lab.bare, covered = stage.plots.length > 2 ? 254 : 0;  // by many charts
+  const wide = canvas.clientWidth > 760 && !lab.bare, covered = scene.plots.length > 2 ? 254 : 0;  // by many charts
   const panel = wide ? (340 - covered) / canvas.clientWidth : 0, free = wide ? 1 - (340 + covered) / canvas.clientWidth : 1;
-  const target = wide || lab.bare ? middle : add(middle, [0, 0, -0.25 * view.distance * Math.cos(view.pitch)]);
-  seen = makeCamera(view, target, width / height, panel);
+  seen = makeCamera(view, middle, width / height, panel);
   for (const { x } of bodies.length <= 3 ? bodies : []) {  // bodies that move apart are kept in the picture
     const [across, up] = project(seen, x.reduce((sum, value, k) => { sum[k % 3] += 3 * value / x.length; return sum; }, [0, 0, 0]));
     if (Math.max(Math.abs(across + panel) / free, Math.abs(up)) > 0.8) { view.distance = Math.min(1.02 * view.distance, 60); break; }
@@ -231,10 +207,11 @@ function show() {
   }, seen);
   lab.drawn += 1;
   if (lab.drawn % 6 === 0 || shown.failure) write();
-  pointerHover();
+  const p = hover && scene.follows ? onWater(...hover) : null;
+  if (p) point("hover", p);
+  hover = null;
 }
 
-let followed = 0;
 function follow(there) {  // the camera follows softly, and never by more than a third of a length behind
   const now = performance.now(), part = 1 - Math.exp(-(now - followed) / 250);
   followed = now;
@@ -242,19 +219,13 @@ function follow(there) {  // the camera follows softly, and never by more than a
   middle = way && far < 5 ? add(middle, way, Math.max(part, far > 0.35 ? 1 - 0.35 / far : 0)) : there;
 }
 
-let counted = [0, performance.now()];
 function write() {  // words and charts
-  const now = performance.now(), rate = 1000 * (lab.drawn - counted[0]) / (now - counted[1]);
-  if (now - counted[1] > 1000 || !$("state").textContent) {
-    $("state").dataset.rate = rate.toFixed(0);
-    counted = [lab.drawn, now];
-  }
-  $("state").textContent = `${shown.time.toFixed(2)} s${shown.paused ? ", paused" : ""}, ${$("state").dataset.rate ?? ""} pictures a second`;
+  $("state").textContent = `${shown.time.toFixed(2)} s${shown.paused ? ", paused" : ""}`;
   $("note").textContent = shown.note;
   const strained = shown.bodies.some((body) => body.tone), [low, bar, high] = $("legend").children;
   $("legend").hidden = !strained && !looks.some((look) => look.muscles.length);
   [low.textContent, high.textContent] = strained ? ["30 % shorter", "30 % longer"] : ["relaxed", "contracted"];
-  bar.style.background = `linear-gradient(90deg, ${(strained ? stage.palette.strain : [stage.palette.relaxed, stage.palette.contracted]).map(css)})`;
+  bar.style.background = `linear-gradient(90deg, ${(strained ? scene.palette.strain : [scene.palette.relaxed, scene.palette.contracted]).map(css)})`;
   $("trouble").hidden = !shown.failure;
   $("reason").textContent = shown.failure;
   $("when").textContent = back ? `−${back.toFixed(1)} s` : "now";
@@ -262,7 +233,7 @@ function write() {  // words and charts
 }
 
 function plot(chart, k) {
-  const [width, height] = [chart.clientWidth, chart.clientHeight], pen = chart.getContext("2d"), lines = stage.plots[k].lines.length;
+  const [width, height] = [chart.clientWidth, chart.clientHeight], pen = chart.getContext("2d"), lines = scene.plots[k].lines.length;
   if (!width) return;
   chart.width = 2 * width; chart.height = 2 * height;
   pen.scale(2, 2);
@@ -283,7 +254,7 @@ function plot(chart, k) {
   pen.textAlign = "right"; pen.fillText(`${until.toFixed(1)} s`, width - 4, height - 1); pen.textAlign = "left";
   pen.lineWidth = 1.6;
   for (let j = 0; j < lines; j++) {
-    pen.strokeStyle = css(colourOf(stage.plots[k], j));
+    pen.strokeStyle = css(colourOf(scene.plots[k], j));
     pen.beginPath();
     for (const { time, values } of few) if (values[k][j] !== null && values[k][j] !== undefined) pen.lineTo(x(time), y(values[k][j]));
     pen.stroke();
@@ -311,22 +282,17 @@ function onWater(x, y) {  // where a line of sight hits the plane in which the f
 }
 
 const point = (phase, p, body = -1) => send({ do: "point", phase, point: [...p], body });
-let hover = null;
-function pointerHover() {
-  if (hover && stage.follows) { const p = onWater(...hover); if (p) point("hover", p); hover = null; }
-}
-
 const { turn, zoom, place } = steerCamera(canvas, view, { lowest: 0.02, nearest: 0.9, farthest: 60 }, (x, y) => {
   if (!shown || back) return null;
   const found = touched(x, y);
-  if (stage.follows || found.body < 0) return null;
+  if (scene.follows || found.body < 0) return null;
   point("start", found.p, found.body);
   return { move: (a, b) => point("move", add(seen.eye, ray(seen, a, b), found.depth), found.body), end: () => point("end", found.p, found.body) };
 });
 let down = [0, 0];
 canvas.addEventListener("pointerdown", (e) => { down = [e.clientX, e.clientY]; });
 canvas.addEventListener("click", (e) => {  // on the water, unless it ends a drag
-  const p = stage?.follows && shown && !back && Math.hypot(e.clientX - down[0], e.clientY - down[1]) < 6 ? onWater(...place(e)) : null;
+  const p = scene?.follows && shown && !back && Math.hypot(e.clientX - down[0], e.clientY - down[1]) < 6 ? onWater(...place(e)) : null;
   if (p) point("start", p);
 });
 canvas.addEventListener("pointermove", (e) => { if (e.buttons === 0 || e.pointerType === "touch") hover = place(e); });
@@ -345,7 +311,6 @@ function save(blob, name) {
   const link = document.createElement("a");
   Object.assign(link, { href: URL.createObjectURL(blob), download: name });
   link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 $("picture").addEventListener("click", () => { show(); canvas.toBlob((blob) => save(blob, "fish_env.png")); });
 let recorder = null;
@@ -370,7 +335,6 @@ window.addEventListener("keydown", (e) => {
   e.preventDefault();
 });
 setInterval(() => {  // should a picture not have come, ask again
-  if (stage && $("busy").hidden && !document.hidden && !waiting && performance.now() - asked > 3000) { asked = performance.now(); send({ do: "frame" }); }
+  if (scene && $("busy").hidden && !document.hidden && !waiting && performance.now() - asked > 3000) { asked = performance.now(); send({ do: "frame" }); }
 }, 1000);
-window.addEventListener("resize", () => { ratio = sharp(); });
 connect();

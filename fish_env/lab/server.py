@@ -1,11 +1,17 @@
-"""The laboratory's server: one page, and a websocket for each browser that opens it."""
+"""The laboratory's server: one page, and a websocket for each browser that opens it.
+
+A port of this machine is open to every web page in its browsers. Another page stands in `Origin`, and a foreign name
+that leads to this machine in `Host`: both are refused.
+"""
 
 import asyncio
+import errno
 import json
 import logging
+import re
+import socket
 import threading
 from collections.abc import Callable
-from concurrent.futures import TimeoutError as FutureTimeout  # its own until Python 3.11
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
@@ -16,15 +22,12 @@ from websockets.exceptions import ConnectionClosed
 
 from fish_env.kernels.data import data
 from fish_env.kernels.progress import compiled
-from fish_env.lab.access import Access, check_address
-from fish_env.lab.own import Own
-from fish_env.lab.session import Session, say
+from fish_env.lab.scene import Scene
+from fish_env.lab.session import Session, encode
 
-MOST = 8  # sessions at once
 LARGEST = 4096  # bytes of a message of the page
-OPENING = 10.0  # s that a request may take to come in
 PAUSE = 0.3  # s, after which a page is told why it waits
-TRIED = 20  # ports
+PORTS = 20  # that are tried
 LOGGER = logging.getLogger(__name__)
 LOGGER.addFilter(lambda record: not record.getMessage().startswith("opening handshake failed"))
 HEADERS = {
@@ -35,21 +38,22 @@ HEADERS = {
 }
 
 
-def page() -> bytes:
-    """The page with its scripts put in."""
-    names = (("fish_env.scene", "renderer.js"), ("fish_env.lab", "page.js"))
-    script = "".join(data(*name).read_text(encoding="utf-8") for name in names)
-    return data("fish_env.lab", "page.html").read_text(encoding="utf-8").replace("/*SCRIPT*/", script).encode()
+def hosts_of(host: str) -> re.Pattern[str]:
+    """Pattern of the names of this machine by which browsers reach an address: at all addresses, numbers too."""
+    names = ["localhost", r"127\.0\.0\.1", r"\[::1\]", re.escape(f"[{host}]" if ":" in host else host)]
+    if host in ("0.0.0.0", "::"):
+        names += [r"[\d.]+", r"\[[\da-f:.]+\]", re.escape(socket.gethostname())]
+    return re.compile("|".join(names), re.IGNORECASE)
 
 
 async def wait_for(connection: ServerConnection, work: Callable[..., Any], *given: Any) -> Any:
-    """The result of what is done in a thread; a page that waits for long is told what is compiled."""
+    """The result of what is done in a thread; a page that waits for long is sent how much is compiled."""
     doing = asyncio.create_task(asyncio.to_thread(work, *given))
     while not (await asyncio.wait({doing}, timeout=PAUSE))[0]:
         count = compiled()
         text = f"Compiling kernels, once per scene: {count}" if count else "Preparing ..."
         with suppress(ConnectionClosed, ConnectionError):  # the work is not left half done
-            await connection.send(say("busy", {"text": text, "part": None}))
+            await connection.send(encode("busy", {"text": text, "part": None}))
     return doing.result()
 
 
@@ -62,85 +66,75 @@ class Laboratory:
         ValueError: if the address cannot be listened at.
     """
 
-    def __init__(self, host: str, port: int, own: Own | None = None):
-        check_address(host)
-        self.host, self.own, self.access = host, own, Access(host)
-        self.sessions: dict[Any, Session] = {}
-        self._pages: set[Any] = set()  # and those whose session is being made
-        self._page, self._loop = page(), asyncio.new_event_loop()
-        self._closed, self._closing = threading.Event(), threading.Lock()
+    def __init__(self, host: str, port: int, user: Callable[[], Scene] | None = None):
+        self.host, self.user, self._hosts = host, user, hosts_of(host)
+        scripts = (data("fish_env.scene", "renderer.js"), data("fish_env.lab", "page.js"))
+        text, *parts = (each.read_text(encoding="utf-8") for each in (data("fish_env.lab", "page.html"), *scripts))
+        self._page, self._loop = text.replace("/*SCRIPT*/", "".join(parts)).encode(), asyncio.new_event_loop()
         self._server = self._loop.run_until_complete(self._open(port))
         self.port: int = next(iter(self._server.sockets)).getsockname()[1]
         self._thread = threading.Thread(target=self._loop.run_forever, name="laboratory", daemon=True)
         self._thread.start()
 
     async def _open(self, port: int) -> Server:
-        for number in range(port, min(port + TRIED, 65536)):
+        for number in range(port, min(port + PORTS, 65536)):
             try:
                 return await serve(
-                    self._enter, self.host, number, process_request=self._answer, max_size=LARGEST,
-                    open_timeout=OPENING, compression=None, logger=LOGGER,
+                    self._serve_page, self.host, number, process_request=self._answer, max_size=LARGEST,
+                    compression=None, logger=LOGGER,
                 )  # fmt: skip
-            except OSError as error:
-                failure = error
-        raise ValueError(f"ports {port} to {number} are in use ({failure}); give another port")
+            except (OSError, UnicodeError) as error:
+                if getattr(error, "errno", None) != errno.EADDRINUSE:
+                    message = f"cannot listen at {self.host!r} ({error}); give an address of this machine"
+                    raise ValueError(message) from error
+        raise ValueError(f"ports {port} to {number} are in use; give another port")
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Refuse a request, hand out the page, or let a websocket open."""
-        refusal = self.access.refusal(request.headers, self.port)
-        if refusal:
-            return connection.respond(HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        """Refuse a request, hand out the page, or let a websocket open, which without `Origin` is not from a page."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        name, _, number = "".join(hosts).rpartition(":")
+        if len(hosts) != 1 or number != str(self.port) or not self._hosts.fullmatch(name):
+            text = "This is no address of the laboratory; open the one that its terminal names.\n"
+            return connection.respond(HTTPStatus.FORBIDDEN, text)
+        if origins != [f"http://{hosts[0]}"] and (origins or "Upgrade" in request.headers):
+            return connection.respond(HTTPStatus.FORBIDDEN, "Only the laboratory's own page may do this.\n")
         if request.path == "/socket":
             return None
         if request.path != "/":
             return connection.respond(HTTPStatus.NOT_FOUND, "There is nothing here; the laboratory is at /.\n")
-        headers = Headers(HEADERS)
-        headers["Content-Length"] = str(len(self._page))
-        return Response(HTTPStatus.OK, "OK", headers, self._page)
+        return Response(HTTPStatus.OK, "OK", Headers(HEADERS | {"Content-Length": str(len(self._page))}), self._page)
 
-    async def _enter(self, connection: ServerConnection) -> None:
+    async def _serve_page(self, connection: ServerConnection) -> None:
         """Answer the messages of a page, one after another, until it leaves."""
-        if len(self._pages) >= MOST:
-            await connection.close(1013, f"{MOST} pages are open already; close one and load this page again.")
-            return
-        self._pages.add(connection)
+        session = None
         try:
-            self.sessions[connection] = session = await wait_for(connection, Session, self.own)
+            session = await wait_for(connection, Session, self.user)
             async for raw in connection:
-                try:
-                    message = json.loads(raw)
-                except (ValueError, RecursionError):
-                    await connection.close(1008, "the laboratory's page sends no such message")
-                    return
-                for reply in await wait_for(connection, session.answer, message):
+                for reply in await wait_for(connection, session.answer, json.loads(raw)):
                     await connection.send(reply)
+        except (ValueError, RecursionError):
+            await connection.close(1008, "the laboratory's page sends no such message")
         except (ConnectionClosed, ConnectionError):
             pass
         finally:
-            self._pages.discard(connection)
-            ended = self.sessions.pop(connection, None)
-            if ended:
-                ended.close()
+            if session is not None:
+                session.close()
 
     def wait(self) -> None:
-        """Wait until it is interrupted; then close all sessions."""
+        """Wait until it is closed or interrupted; then close all sessions."""
         try:
-            self._closed.wait()
+            self._thread.join()
         finally:
             self.close()
 
     def close(self) -> None:
-        """End all sessions and the server."""
-        with self._closing:
-            if self._closed.is_set():
-                return
-            self._closed.set()
+        """End all sessions and the server; work that takes long ends with the process."""
 
         async def end() -> None:
             self._server.close()
             await self._server.wait_closed()
+            self._loop.stop()
 
-        with suppress(TimeoutError, FutureTimeout):  # something takes long; it ends with the process
-            asyncio.run_coroutine_threadsafe(end(), self._loop).result(10.0)
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(10.0)
+        if self._thread.is_alive():
+            asyncio.run_coroutine_threadsafe(end(), self._loop)
+            self._thread.join(10.0)

@@ -6,30 +6,31 @@ Legend: B fish. Angles are rad, positive to the left.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from fish_env.bodies.fitted import level_of
-from fish_env.control.evaluation import gait_controller, policy_controller
+from fish_env.control.env_spec import environment_of, make_checked_batch
+from fish_env.control.evaluation import Controller, as_controller, environment_for, gait_controller, policy_controller
+from fish_env.control.film import FilmData, FilmEpisode, page_text
 from fish_env.control.gait import best_gait
-from fish_env.control.policy import load_policy, shipped_policy
+from fish_env.control.policy import Policy, load_policy, shipped_policy
 from fish_env.control.sequencer import scripted
 from fish_env.envs import FishVectorEnv
-from fish_env.lab.measures import most_strained, spring_strain
-from fish_env.lab.stage import Control, Plot, Pointer, Stage, muscle_names, sliders
-from fish_env.scene.frame import Arrow, Body, Frame, command_arrows
+from fish_env.lab.scene import Control, Scene
+from fish_env.scene.frame import Frame, make_frame
 from fish_env.scene.look import look_of
+from fish_env.scene.skin import LEVELS
 from fish_env.tasks.avoid import AvoidTask
 from fish_env.tasks.rewards import wrap_angle
 from fish_env.tasks.start import POSE_OPTIONS, heading_vector
 from fish_env.tasks.target import TargetTask
-from fish_env.tasks.turns import CommandedTurns
+from fish_env.tasks.turns import MEAN_TIME, CommandedTurns
 
-MOST_FISH, MOST_OBSTACLES = 64, 12
-FEW, LEVELS = 4, 1  # fish up to which skins are fine; subdivisions of the skins of more
-BEAT = 0.26  # s, over which headings are averaged
+MOST_FISH = 64
+FEW = 4  # fish up to which skins are fine
 TURN = np.pi / 6  # one press of an arrow key
 SWERVE, BETWEEN = np.pi / 3, 0.2  # left after right: each of the two turns, and s between their commands
 AWAY = np.pi / 2  # the commanded turn of a fast start
@@ -39,52 +40,113 @@ NEAR = 0.6  # body lengths: a pointer that is nearer to a fish gives no directio
 FILMED = 20.0  # s that are kept for a film
 
 
+class FishScene(Scene):
+    """B fish of an environment, which a controller steers, or by default a slider for every action."""
+
+    start: dict[str, float] | None = None  # options of a reset
+
+    def use(self, env: FishVectorEnv, controller: Controller | None = None) -> None:
+        """Show the fish of an environment."""
+        self.env, self.tank, self.fish, self.interval = env, env.tank, env.tank.fish, env.control_interval
+        self.task: Any = env.task
+        self.slider_values = np.zeros(env.single_action_space.shape)
+        self.sliders = controller is None
+        self.controller = controller or (lambda obs, time: (2.0 * self.slider_values - 1.0).astype(np.float32))
+        self.looks = [look_of(self.fish, LEVELS if env.num_envs <= FEW else 1)]
+        columns = int(np.ceil(np.sqrt(env.num_envs)))
+        place = np.stack(np.divmod(np.arange(env.num_envs), columns), axis=1) - (0.0, 0.5 * (columns - 1))
+        self.offset = APART * self.fish.length * np.column_stack([-place[:, 0], place[:, 1], np.zeros(env.num_envs)])
+        """Offset at which each fish is shown, from its position in its own water, (B,3) m."""
+        self.distance = 2.6 + 1.5 * APART * (np.sqrt(env.num_envs) - 1.0)
+        self.show = {"skin": True, "springs": False}
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin the first episode again."""
+        self.env.reset(seed=0, options=self.start)
+        self.due = self.time = self.since = self.reward = 0.0
+        self.failure = self.note = ""
+        self._before, self._path = self.tank.position.copy(), deque[np.ndarray](maxlen=300)
+
+    def step(self) -> None:
+        """Move on by an environment step."""
+        self._before = self.tank.position.copy()
+        action = self.controller(self.env.observe(), self.since)
+        reward, *self.over = self.act(np.broadcast_to(action, (self.env.num_envs, *np.shape(action)[-1:])))
+        self.reward, self.since, self.time = float(reward[0]), self.since + self.interval, self.time + self.interval
+        self.due = max(self.due, self.time)
+        self._path.append(self.env._pose.centre[0].copy())
+
+    def act(self, action: np.ndarray) -> Sequence[np.ndarray]:
+        """Rewards (B,) of an environment step, and which episodes have been terminated and truncated, (B,)."""
+        return self.env.advance(action)
+
+    def speed(self) -> float:
+        """Speed of the first fish, lengths/s."""
+        return float(np.linalg.norm(self.env._pose.velocity[0])) / self.length
+
+    def frame(self) -> Frame:
+        """Every fish, between its last two environment steps, its command, target or obstacle, and the path of one."""
+        ahead = 1.0 - np.clip((self.due - self.time) / self.interval, 0.0, 1.0)
+        ways = self.offset[:, None] - ahead * (self.tank.position - self._before)
+        found = [make_frame(self.env, i, look=self.looks[0]) for i in range(self.env.num_envs)]
+        bodies, arrows, spheres = [], [], []
+        for each, way, offset in zip(found, ways, self.offset, strict=True):
+            bodies.append(each.bodies[0]._replace(position=each.bodies[0].position + way))
+            arrows += [arrow._replace(start=arrow.start + way.mean(axis=0)) for arrow in each.arrows]
+            spheres.append(each.spheres + np.append(offset, 0.0))
+        return found[0]._replace(
+            bodies=bodies, middle=np.mean([body.position.mean(axis=0) for body in bodies], axis=0), arrows=arrows,
+            spheres=np.unique(np.concatenate(spheres).round(9), axis=0),
+            path=np.reshape(list(self._path)[::4] if len(found) == 1 else [], (-1, 3)),
+        )  # fmt: skip
+
+    def controls(self) -> list[Control]:
+        """A slider for every action, if there is no controller, and what is shown."""
+        if not self.sliders:
+            return super().controls()
+        names = [
+            f"{'left' if side > 0 else 'right'}, segment {segment + 1}, {'upper' if height > 0 else 'lower'}"
+            for side, segment, height in zip(self.fish.sides, self.fish.segments, self.fish.heights, strict=True)
+        ]
+        values = self.slider_values
+        names = names if len(names) == values.size else [f"action {m}" for m in range(values.size)]
+        found = [
+            Control("slider", f"muscle {m}", name, lambda value, m=m: values.__setitem__(m, value), "Muscles",
+                    float(values[m]), 0.0)
+            for m, name in enumerate(names)
+        ]  # fmt: skip
+        return found + super().controls()
+
+    def close(self) -> None:
+        """End its threads."""
+        self.env.close()
+
+
 class HeadingTask(CommandedTurns):
-    """A commanded heading that comes from outside at any time."""
+    """A commanded heading, which the scene sets."""
 
     reset_options = POSE_OPTIONS
 
     def draw_turns(self, i, generator, options):
-        """No turn is planned."""
+        """No turn is scheduled."""
         self.course.count[i] = 0
-
-    def command(self, heading: np.ndarray) -> None:
-        """Command headings (B,), rad, from the next step on."""
-        self.course.heading[:] = wrap_angle(heading)
-        for i, angle in enumerate(heading):
-            self._heading[i] = heading_vector(angle)
 
 
 class ObstacleTask(AvoidTask):
-    """A commanded heading and an obstacle, both from outside."""
-
-    command = HeadingTask.command
+    """A commanded heading and an obstacle, which the scene sets."""
 
     def draw_turns(self, i, generator, options):
-        """No turn is scheduled, and no obstacle appears without a command."""
+        """No turn is scheduled, and no obstacle appears."""
         super().draw_turns(i, generator, options)
         self.course.count[i] = 0
         self._appears[i] = np.inf
 
-    def put(self, i: int, point) -> None:
-        """Put the obstacle of fish i, at rest, at a point (3,) m; None for no obstacle."""
-        self.present[i] = point is not None
-        self.obstacle[i] = 0.0 if point is None else point
 
-
-class PlacedTask(TargetTask):
-    """Targets from outside; when one is reached, the next one is drawn."""
-
-    @property
-    def target(self) -> np.ndarray:
-        """Targets, (B,3) m: live and writable."""
-        return self._target
-
-
-class Waters(FishVectorEnv):
+class SteeredEnv(FishVectorEnv):
     """The environment of fish that are steered."""
 
-    tasks = {"heading": HeadingTask, "obstacle": ObstacleTask, "target": PlacedTask}  # type: ignore[assignment]
+    tasks = {"heading": HeadingTask, "obstacle": ObstacleTask, "target": TargetTask}  # type: ignore[assignment]
 
 
 DRIVERS: dict[str, tuple[str, str]] = {
@@ -100,199 +162,108 @@ DRIVERS: dict[str, tuple[str, str]] = {
     "best gait, cannot steer": ("heading", ""),
     "you, muscle by muscle": ("heading", ""),
 }
-"""Who steers, to what (a key of `Waters.tasks`), and the shipped policy that does."""
+"""Who steers, to what (a key of `SteeredEnv.tasks`), and the shipped policy that does."""
 GAIT, YOU = "best gait, cannot steer", "you, muscle by muscle"
 
 
-class Swimmers(Stage):
-    """B fish, 1 to MOST_FISH, that a driver, a key of DRIVERS, steers; `follow`: whether to where the pointer is."""
+class SwimmerScene(FishScene):
+    """Up to MOST_FISH fish that a driver, a key of DRIVERS, steers; `follow`: whether to where the pointer is."""
 
-    follows = True
+    follows, start = True, {"yaw": 0.0}
+    plots = {"heading (degrees)": ["heading", "command"], "speed (lengths/s)": ["speed"]}
 
     def __init__(self, title, hint, driver="policy for turns", num_fish=1, follow=True):
-        self.title, self.hint, self.follow, self.version = title, hint, follow, 0
-        self.show = {"skin": True, "springs": False}
-        self.plots = [Plot("heading (degrees)", ["heading", "command"]), Plot("speed (lengths/s)", ["speed"])]
+        self.title, self.hint, self.follow = title, hint, follow
         self.choose(driver, num_fish)
 
     def choose(self, driver: str, num_fish: int) -> None:
         """Have so many fish, and somebody who steers them."""
-        goal, task = DRIVERS[driver]
-        policy = load_policy(shipped_policy(task)) if task else None
+        self.driver, (self.goal, shipped), self.films = driver, DRIVERS[driver], num_fish == 1
+        policy = load_policy(shipped_policy(shipped)) if shipped else None
         groups = policy.about["env_options"].get("muscle_groups", "muscles") if policy else "muscles"
-        given: dict[str, Any] = {"patience": PATIENCE} if goal == "target" else {}
-        waters = Waters(num_fish, task=goal, threads=1, autoreset_mode="Disabled", muscle_groups=groups, **given)
-        self.by_hand = np.zeros(waters.tank.fish.num_muscles)
+        given: dict[str, Any] = {"patience": PATIENCE} if self.goal == "target" else {}
+        env = SteeredEnv(num_fish, task=self.goal, threads=1, muscle_groups=groups, panel=False, **given)
         if policy is not None:
-            self.controller = policy_controller(policy, waters)
-        elif driver == YOU:
-            self.controller = lambda obs, time: (2.0 * self.by_hand - 1.0).astype(np.float32)
+            controller = policy_controller(policy, env)
         elif driver == GAIT:
-            self.controller = gait_controller(best_gait(level_of(waters.tank.world)), waters)
+            controller = gait_controller(best_gait(level_of(env.tank.world)), env)
         else:
-            self.controller = scripted(waters)
-        self.driver, self.goal, self.num_fish, self.waters = driver, goal, num_fish, waters
-        self.fish, self.task, self.interval = waters.tank.fish, waters.task, waters.control_interval
-        self.looks = [look_of(self.fish, *([] if num_fish <= FEW else [LEVELS]))]
-        columns = int(np.ceil(np.sqrt(num_fish)))
-        place = np.stack(np.divmod(np.arange(num_fish), columns), axis=1) - (0.0, 0.5 * (columns - 1))
-        self.offset = APART * self.fish.length * np.column_stack([-place[:, 0], place[:, 1], np.zeros(num_fish)])
-        """Offset at which each fish is shown, from its position in its own water, (B,3) m."""
-        self.distance = 2.6 + 1.5 * APART * (np.sqrt(num_fish) - 1.0)
-        self.films, self.version = num_fish == 1, self.version + 1
-        self.reset()
+            controller = None if driver == YOU else scripted(env)
+        self.use(env, controller)
 
     def reset(self) -> None:
         """Start again: all fish at rest along x, with commanded headings along x, and no obstacles."""
-        self.waters.reset(seed=0, options={"yaw": 0.0})
-        self.due = self.time = 0.0
-        self.failure, self.failed, self.goal_point = "", (-1, -1), None
-        self.commanded, self.facing = np.zeros(self.num_fish), np.zeros(self.num_fish)
-        self.obstacles: list[np.ndarray] = []
-        """Centres of the obstacles where they are shown, (3,) m each."""
-        self._past: deque[np.ndarray] = deque(maxlen=round(BEAT / self.interval))
-        self._planned: tuple[float, Callable[[], None]] | None = None
-        self._before = self.waters.tank.position.copy()
+        super().reset()
+        self.goal_point, self.left_at = None, np.inf
+        self.commanded = np.zeros(self.env.num_envs)
+        self._yaws: deque[np.ndarray] = deque([self.facing], maxlen=round(MEAN_TIME / self.interval))
         self._states: deque[tuple] = deque(maxlen=round(FILMED / self.interval))
-        self._path: deque[np.ndarray] = deque(maxlen=300)
-        self._send_commands()
 
     @property
-    def heading(self) -> np.ndarray:
-        """Mean heading of each fish over the last beat, (B,) rad, counted on beyond pi."""
-        return np.mean(self._past, axis=0) if self._past else self.facing
+    def facing(self) -> np.ndarray:
+        """Directions in which the fish point, (B,) rad."""
+        return np.array([self.env.step_info(i)["heading"] for i in range(self.env.num_envs)])
 
     def turn(self, angle: float) -> None:
-        """Change the commanded heading of all fish by an angle, rad, from where they head if the pointer led them."""
-        if self.goal_point is not None:
-            self.commanded = self.heading.copy()
-        self._planned, self.goal_point = None, None
-        self.commanded = self.commanded + angle
-        self._send_commands()
+        """Change the commanded heading of all fish by an angle, rad."""
+        self.commanded, self.goal_point, self.left_at = self.commanded + angle, None, np.inf
 
     def left_after_right(self) -> None:
         """Command a turn to the right, and before it is complete one to the left of where each fish then points."""
         self.turn(-SWERVE)
-
-        def left() -> None:
-            self.commanded = self.facing + SWERVE
-            self._send_commands()
-
-        self._planned = (self.time + BETWEEN, left)
+        self.left_at = self.time + BETWEEN
 
     def fast_start(self) -> None:
         """Begin again at rest, with a sudden command to get away to the left."""
         self.reset()
         self.turn(AWAY)
 
-    def point(self, pointer: Pointer) -> None:
+    def point(self, phase: str, point: np.ndarray, body: int) -> None:
         """Lead the fish to where the pointer is, or put a target or an obstacle there on a click."""
-        point = pointer.point * (1.0, 1.0, 0.0)
-        if pointer.phase == "start" and isinstance(self.task, PlacedTask):
-            self.task.target[:] = point - self.offset
-        elif pointer.phase == "start" and isinstance(self.task, ObstacleTask):
-            self.obstacles = [*self.obstacles, point][-MOST_OBSTACLES:]
-        elif self.follow and self.goal == "heading" and pointer.phase != "end":
-            self.goal_point, self._planned = point, None
+        point = point * (1.0, 1.0, 0.0)
+        if phase == "start" and self.goal == "target":
+            self.task._target[:] = point - self.offset
+        elif phase == "start" and self.goal == "obstacle":
+            self.task.present[:], self.task.obstacle[:] = True, point - self.offset
+        elif self.follow and self.goal == "heading" and phase != "end":
+            self.goal_point, self.left_at = point, np.inf
 
     def step(self) -> None:
-        """Move on by an environment step."""
-        if self._planned and self.time >= self._planned[0] - 1e-9:
-            act, self._planned = self._planned[1], None
-            act()
-        self._follow()
-        self._assign_obstacles()
-        tank = self.waters.tank
-        self._before = tank.position.copy()
-        action = self.controller(self.waters.observe(), self.time)
-        self.waters.advance(np.broadcast_to(action, (self.num_fish, *np.shape(action)[-1:])))
-        self.time += self.interval
-        self.due = max(self.due, self.time)
-        yaw = np.array([self.waters.step_info(i)["heading"] for i in range(self.num_fish)])
-        self.facing = self.facing + wrap_angle(yaw - self.facing)
-        self._past.append(self.facing)
-        self._path.append(self._centres()[0])
-        if self.num_fish == 1:
-            self._states.append((tank.position[0].copy(), tank.velocity[0].copy(), self._contraction()[0],
-                                 heading_vector(self.aim()[0]), self._spheres().copy()))  # fmt: skip
-        lost = np.flatnonzero(~tank.alive)
+        """Move on by an environment step, under present commands."""
+        self._command()
+        super().step()
+        self._yaws.append(self.facing)
+        if self.films:
+            frame = make_frame(self.env, look=self.looks[0])
+            body = frame.bodies[0]
+            self._states.append((self.fish.points(body.position), frame.middle, frame.speed, body.contraction,
+                                 self.env._vectors[0, 0].copy(), frame.spheres))  # fmt: skip
+        lost = np.flatnonzero(~self.tank.alive)
         if lost.size:
-            springs, first = self.fish.body.springs, lost[0]
-            strain = spring_strain(springs, tank.rest_length[first], tank.position[first])
-            reason, self.failed = str(tank.failure[first]), (int(first), most_strained(springs.nodes, strain))
-            self.failure = f"{lost.size} of {self.num_fish} fish failed after {self.time:.2f} s: {reason}"
+            reason = self.tank.failure[lost[0]]
+            self.failure = f"{lost.size} of {self.env.num_envs} fish failed after {self.time:.2f} s: {reason}"
 
-    def _follow(self) -> None:
-        """Command the direction of the pointer, unless it is at the fish."""
-        if self.goal_point is None:
-            return
-        way = self.goal_point - self._centres()
-        far = np.hypot(way[:, 0], way[:, 1]) > NEAR * self.fish.length
-        aim = self.facing + wrap_angle(np.arctan2(way[:, 1], way[:, 0]) - self.facing)
-        self.commanded = np.where(far, aim, self.commanded)
-        self._send_commands()
-
-    def _centres(self) -> np.ndarray:
-        return self.waters.tank.position.mean(axis=1) + self.offset
-
-    def _contraction(self) -> np.ndarray:
-        return np.clip(self.waters.tank.contraction, 0.0, 1.0)
-
-    def aim(self) -> np.ndarray:
-        """Direction of each fish's goal, (B,) rad: the commanded heading, or the direction of its target."""
-        if not isinstance(self.task, PlacedTask):
-            return self.commanded
-        way = self.task.target - self.waters.tank.position.mean(axis=1)
-        return self.facing + wrap_angle(np.arctan2(way[:, 1], way[:, 0]) - self.facing)
-
-    def _assign_obstacles(self) -> None:
-        """Give every fish the obstacle that is nearest to it."""
-        if not isinstance(self.task, ObstacleTask):
-            return
-        for i, centre in enumerate(self._centres()):
-            away = [float(np.linalg.norm(point - centre)) for point in self.obstacles]
-            self.task.put(i, self.obstacles[int(np.argmin(away))] - self.offset[i] if away else None)
-
-    def _send_commands(self) -> None:
-        if isinstance(self.task, HeadingTask | ObstacleTask):
-            self.task.command(self.commanded)
-
-    def shown_positions(self) -> np.ndarray:
-        """Positions at which the nodes are shown, (B,N,3) m: interpolated between the last two environment steps."""
-        part = np.clip((self.due - self.time) / self.interval, 0.0, 1.0)
-        now = self.waters.tank.position
-        return self._before + part * (now - self._before) + self.offset[:, None]
-
-    # For the page
-
-    def _spheres(self) -> np.ndarray:
-        """Targets and obstacles, (S,4): m, and radii in lengths."""
-        if isinstance(self.task, PlacedTask):
-            points = self.task.target + self.offset
-        else:
-            points = np.reshape(self.obstacles, (-1, 3))
-        return np.column_stack([points, np.full(len(points), getattr(self.task, "radius", 0.0))])
-
-    def frame(self) -> Frame:
-        """Every fish with where it is to go, targets and obstacles, and the path of a single fish."""
-        x, contraction, touchable = self.shown_positions(), self._contraction(), self.goal == "target"
-        spheres, arrows = self._spheres(), list[Arrow]()
-        for i, (centre, aim) in enumerate(zip(x.mean(axis=1), self.aim(), strict=True)):
-            arrows += command_arrows(centre, heading_vector(aim), self.length, spheres[i : i + 1], touchable)
-        return Frame(
-            [Body(self.looks[0], *each) for each in zip(x, contraction, strict=True)], x.mean(axis=(0, 1)), arrows,
-            path=np.reshape(list(self._path)[::4] if self.num_fish == 1 else [], (-1, 3)), spheres=spheres,
-            touchable=touchable, floor=-0.5 * self.length, show=self.shown(), time=self.time,
-        )  # fmt: skip
+    def _command(self) -> None:
+        """Command the second turn if it is due, or the direction of the pointer."""
+        if self.time >= self.left_at - 1e-9:
+            self.commanded, self.left_at = self.facing + SWERVE, np.inf
+        if self.follow and self.goal_point is not None:  # one that is at a fish gives no direction
+            way = self.goal_point - self.env._pose.centre - self.offset
+            far = np.hypot(way[:, 0], way[:, 1]) > NEAR * self.length
+            self.commanded = np.where(far, np.arctan2(way[:, 1], way[:, 0]), self.commanded)
+        if self.goal != "target":
+            self.task.course.heading[:] = wrap_angle(self.commanded)
+            self.task._heading[:] = [heading_vector(angle) for angle in self.commanded]
 
     def readings(self) -> list[list[float]]:
-        """Heading and command of the first fish, and its speed."""
-        velocity = self.waters._pose.velocity[0]
-        return [np.degrees([self.heading[0], self.aim()[0]]).tolist(), [float(np.linalg.norm(velocity)) / self.length]]
+        """Mean heading of the first fish over a beat, the command nearest to it, degrees, and its speed."""
+        heading = float(np.angle(np.exp(1j * np.array(self._yaws)).mean(axis=0))[0])
+        x, y, _ = self.env._vectors[0, 0]
+        return [np.degrees([heading, heading + wrap_angle(np.arctan2(y, x) - heading)]).tolist(), [self.speed()]]
 
     def controls(self) -> list[Control]:
         """Those of the fish, its driver, and what is shown."""
-        found, steered, choose = [], self.driver not in (GAIT, YOU), self.choose
+        found, steered, choose, count = [], self.driver not in (GAIT, YOU), self.choose, self.env.num_envs
         if self.goal != "target" and steered:
             found += [
                 Control("button", "left", "Left 30°", lambda _: self.turn(TURN), key="ArrowLeft"),
@@ -304,40 +275,64 @@ class Swimmers(Stage):
             found += [
                 Control("button", "fast_start", "Fast start", lambda _: self.fast_start(), key="f",
                         help="begins again at rest, with a command to get away to the left"),
-                Control("switch", "follow", "Follow the pointer", self._set_follow, value=self.follow, default=True),
+                Control("switch", "follow", "Follow the pointer", lambda on: setattr(self, "follow", on),
+                        value=self.follow, default=True),
             ]  # fmt: skip
-        if self.goal == "obstacle":
-            found.append(Control("button", "clear", "Take obstacles away", lambda _: self.obstacles.clear()))
-        found += [
-            Control("choice", "driver", "Steered by", lambda value: choose(value, self.num_fish), "Fish", self.driver,
+        return [
+            *found,
+            Control("choice", "driver", "Steered by", lambda value: choose(value, count), "Fish", self.driver,
                     "policy for turns", options=list(DRIVERS)),
-            Control("slider", "fish", "Number of fish", lambda value: choose(self.driver, int(value)), "Fish",
-                    self.num_fish, 1, 1, MOST_FISH, 1, help="all by one call of the policy"),
-            *(sliders(muscle_names(self.fish), self.by_hand) if self.driver == YOU else []),
+            Control("slider", "fish", "Number of fish", lambda value: choose(self.driver, int(value)), "Fish", count,
+                    1, 1, MOST_FISH, 1, help="all by one call of the policy"),
+            *super().controls(),
         ]  # fmt: skip
-        return found + self.view_controls()
-
-    def _set_follow(self, on: bool) -> None:
-        self.follow, self.goal_point = on, None
 
     def film(self) -> dict[str, str]:
         """The last seconds of a single fish as a film that turns in 3-D: name and text of a page."""
-        from fish_env.control.film import FilmData, FilmEpisode, page_text
-
-        if self.num_fish > 1 or len(self._states) < 2:
+        if len(self._states) < 2:
             raise ValueError("a film shows one fish that has swum; choose one fish, and let it swim")
-        x, velocity, contraction, command, spheres = (list(part) for part in zip(*self._states, strict=True))
-        most, share = max(map(len, spheres)), self.fish.body.mass / self.fish.body.mass.sum()
-        filled = [np.concatenate([s, np.zeros((most - len(s), 4))]) for s in spheres]
-        centre, way = (np.einsum("n,tnk->tk", share, np.array(part)) for part in (x, velocity))
+        *parts, spheres = zip(*self._states, strict=True)
+        points, centre, speed, contraction, command = map(np.array, parts)
+        filled = np.zeros((len(points), max(map(len, spheres)), 4))
+        for row, each in zip(filled, spheres, strict=True):
+            row[: len(each)] = each
         episode = FilmEpisode(
-            "from the laboratory", self.interval, self.interval * np.arange(len(x)), self.fish.points(np.array(x)),
-            centre, np.linalg.norm(way, axis=1) / self.length, np.array(contraction), np.array(command),
-            np.reshape(filled, (len(x), most, 4)), np.zeros(len(x)), "",
+            "from the laboratory", self.interval, self.interval * np.arange(len(points)), points, centre, speed,
+            contraction, command, filled, np.zeros(len(points)), "",
         )  # fmt: skip
         film = FilmData(self.fish, self.goal == "target", self.goal, {}, [episode])
         return {"name": "fish.html", "text": page_text(film)}
 
-    def close(self) -> None:
-        """End its threads."""
-        self.waters.close()
+
+class UserScene(FishScene):
+    """One fish in an environment of the user, episode after episode; raises what making the environment raises."""
+
+    hint = "Episodes follow one another. Without a policy, every muscle has a slider."
+    plots = {"reward of a step": ["reward"], "speed (lengths/s)": ["speed"]}
+
+    def __init__(self, task: str | None, policy: Policy | None):
+        if policy is not None and task in (None, policy.about.get("env_id")):
+            name, options = environment_for(policy, {})
+        else:
+            name, options = environment_of({"env_id": task})
+        env = make_checked_batch(name, options, 1)
+        self.title = f"Your own: {name}"
+        self.use(env, None if policy is None else as_controller(policy, env))
+
+    def act(self, action: np.ndarray) -> Sequence[np.ndarray]:
+        """As `FishScene.act`; the next episode begins in the step that ends one."""
+        _, *found, self.infos = self.env.step(action)
+        return found
+
+    def step(self) -> None:
+        """Move on by an environment step."""
+        super().step()
+        if any(ended[0] for ended in self.over):
+            reason = np.ravel(self.infos.get("final_info", {}).get("failure", [""]))[0]
+            self.note = f"An episode ended after {self.time:.1f} s. {reason}".strip()
+            self.since, self._before = 0.0, self.tank.position.copy()
+            self._path.clear()
+
+    def readings(self) -> list[list[float]]:
+        """Reward and speed."""
+        return [[self.reward], [self.speed()]]

@@ -22,7 +22,7 @@ class Body(NamedTuple):
 
 
 class Arrow(NamedTuple):
-    """A command or a force."""
+    """A command, or the pull of a pointer."""
 
     start: np.ndarray  # (3,) m
     way: np.ndarray  # (3,) m
@@ -42,7 +42,7 @@ class Frame(NamedTuple):
     balls: tuple[tuple[np.ndarray, float, str], ...] = ()  # marks: place, m, radius, body lengths, key of PALETTE
     walls: tuple[np.ndarray, ...] = ()  # corners (4,3) m of each
     floor: float = -np.inf  # height, m; -inf: half a body length below the middle
-    show: tuple[str, ...] = ("skin",)  # of "skin", "springs", "nodes", "strain", "forces"
+    show: tuple[str, ...] = ("skin",)  # of "skin", "springs", "nodes", "strain"
     time: float = 0.0  # s
     speed: float = 0.0  # of the centre of mass, body lengths per second
     caption: str = ""  # a short remark

@@ -14,7 +14,7 @@ SIDES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])
 
 PALETTE: dict[str, Any] = {
     "sky": (206, 232, 234), "floor": (112, 190, 200), "shine": (164, 220, 222), "wall": (70, 120, 150),
-    "path": (18, 104, 134), "command": (16, 56, 72), "force": (30, 30, 40), "hand": (213, 94, 0), "node": (40, 60, 80),
+    "path": (18, 104, 134), "command": (16, 56, 72), "pointer": (213, 94, 0), "node": (40, 60, 80),
     "target": (255, 186, 66), "obstacle": (136, 94, 88), "eye": (250, 246, 220), "pupil": (18, 26, 34),
     "relaxed": tuple(FLANK.astype(int).tolist()), "contracted": tuple(CONTRACTED.astype(int).tolist()),
     "strain": ((0, 90, 160), (86, 160, 215), (225, 225, 225), (236, 150, 60), (200, 80, 0)),

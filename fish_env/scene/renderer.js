@@ -278,7 +278,7 @@ function makeRenderer(canvas, palette) {
   function collect(scene) {  // the meshes of a scene: solid, translucent, marks
     const solid = [], clear = [], marks = new Mesh(), stones = new Mesh();
     for (const { look, x, contraction, tone, show = { skin: true } } of scene.bodies) {
-      const landmarks = look.marks(x), see = show.springs || show.forces;
+      const landmarks = look.marks(x), see = show.springs;
       if (show.skin) for (const surface of look.surfaces) {
         const mesh = surface.mesh(landmarks, contraction, tone, look);
         if (see) for (let k = 9; k < mesh.corners.length; k += 10) mesh.corners[k] = 0.25 * surface.opacity;
