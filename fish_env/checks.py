@@ -111,7 +111,7 @@ def check_numbers(name: str, array, shape: tuple, below: int, lowest: int = 0) -
         raise ValueError(f"{name} contains {outside[0]}; valid numbers are {lowest} to {below - 1}")
 
 
-def check_arrays(prefix: str, record, patterns: dict[str, str], **sizes: int) -> None:
+def check_record(prefix: str, record, patterns: dict[str, str], **sizes: int) -> None:
     """Raise ValueError unless the arrays of a record have the shapes, and finite or whole numbers, of their patterns.
 
     Args:

@@ -7,7 +7,7 @@ evaluated.
 
 import numpy as np
 
-from fish_env.checks import check_arrays, check_numbers, positive_array
+from fish_env.checks import check_record, check_numbers, positive_array
 from fish_env.physics.fish import ElasticObject, Fish
 from fish_env.physics.forces import FORCES
 from fish_env.physics.linalg import ldlt
@@ -25,7 +25,7 @@ ELEMENTS = {
     "sections.nodes": "P < N", "sections.share": "P", "sections.upper": "U < N", "sections.lower": "U < N",
     "sections.fin": "< S", "sections.height": "", "sections.trailing": "", "sections.leverage": "",
 }  # fmt: skip
-"""Arrays of a body, with their shapes (`check_arrays`)."""
+"""Arrays of a body, with their shapes (`check_record`)."""
 FIRST = (("compartments", "faces", "gas"), ("sections", "nodes", "lateral"))
 """Parts of a body whose `first` says where the rows of each element begin: the field with the rows, and one with an
 entry for each element."""
@@ -46,12 +46,12 @@ def check_elements(body: Body) -> None:
     """Raise ValueError unless the elements of a body contain valid node numbers, and their arrays are consistent."""
     if np.ndim(body.mass) != 1 or not len(body.mass):
         raise ValueError(f"mass has shape {np.shape(body.mass)}; give one mass a node, (N,) with N at least 1")
-    check_arrays("", body, ELEMENTS)
+    check_record("", body, ELEMENTS)
     for name, rows, elements in FIRST:
         part = getattr(body, name)
         if part is not None:
             count, first = len(getattr(part, rows)), part.first
-            check_arrays(f"{name}.", part, {"first": "I < R"}, I=1 + len(getattr(part, elements)), R=count + 1)
+            check_record(f"{name}.", part, {"first": "I < R"}, I=1 + len(getattr(part, elements)), R=count + 1)
             if first[0] or first[-1] != count or (np.diff(first) < (name == "sections")).any():
                 raise ValueError(f"{name}.first is {first}; give where the {rows} of each begin, and where all end")
 
@@ -60,7 +60,7 @@ def check_world(world: World, nodes: int) -> None:
     """Raise ValueError unless the parts of a world are consistent, and its anchors contain valid node numbers."""
     if not isinstance(world, World):
         raise ValueError(f"water is a {type(world).__name__}; give fish_env.make_water(...), or None for vacuum")
-    check_arrays("water.", world, WORLD, N=nodes)
+    check_record("water.", world, WORLD, N=nodes)
     positive_array(world.friction, (), "friction of the water (kg s^-1/2 m^-2)", zero=True)
     for name in world.extra or {}:
         if name not in FORCES:
@@ -84,5 +84,5 @@ def check_problem(body: Body, world: World) -> None:
 def check_objects(fish: ElasticObject, world: World) -> None:
     """Raise ValueError as `check_problem`, and unless muscles and landmarks are valid numbers of springs and nodes."""
     sizes = {"N": np.size(fish.body.mass), "E": len(fish.body.springs.nodes), "M": fish.num_muscles}
-    check_arrays("", fish, OBJECT | (FISH if isinstance(fish, Fish) else {}), **sizes)
+    check_record("", fish, OBJECT | (FISH if isinstance(fish, Fish) else {}), **sizes)
     check_problem(fish.body, world)
