@@ -1,15 +1,15 @@
 """Fish and the BODIES table: parameters in, a `Fish` out. No physics here."""
 
 import inspect
-from collections.abc import Callable
 from dataclasses import dataclass
-from pkgutil import resolve_name
+from typing import Any
 
 from fish_env.bodies.fitted import WATERS
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
 from fish_env.bodies.planar import make_planar
 from fish_env.checks import representable
 from fish_env.physics.fish import ElasticObject, Fish, Landmarks
+from fish_env.physics.lazy import load_texts
 
 __all__ = ["BODIES", "BodyKind", "ElasticObject", "Fish", "Landmarks", "MassSpringParameters", "make_fish"]
 
@@ -20,15 +20,13 @@ class BodyKind:
 
     name: str
     description: str
-    make: Callable[..., Fish] | str
+    make: Any
     """The function that builds it, or a text "module:function", which is loaded when it is called."""
     waters: tuple[str, ...] = WATERS
     """Levels of water that it is calibrated for."""
 
-    @property
-    def maker(self) -> Callable[..., Fish]:
-        """The function that builds it."""
-        return resolve_name(self.make) if isinstance(self.make, str) else self.make
+    def __post_init__(self):
+        load_texts(self, "make")
 
 
 BODIES: dict[str, BodyKind] = {
@@ -65,7 +63,7 @@ def make_fish(body: str = "mass_spring", **parameters) -> Fish:
     """
     if not isinstance(body, str) or body not in BODIES:
         raise ValueError(f"unknown body {body!r}; choose from {', '.join(map(repr, BODIES))}")
-    make = BODIES[body].maker
+    make = BODIES[body].make
     allowed = inspect.signature(make).parameters
     if not any(p.kind is p.VAR_KEYWORD for p in allowed.values()):
         for name in parameters:

@@ -7,7 +7,7 @@ evaluated.
 
 import numpy as np
 
-from fish_env.checks import check_record, check_numbers, positive_array
+from fish_env.checks import check_numbers, check_record, positive_array
 from fish_env.physics.fish import ElasticObject, Fish
 from fish_env.physics.forces import FORCES
 from fish_env.physics.linalg import ldlt

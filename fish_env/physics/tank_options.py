@@ -12,7 +12,7 @@ from fish_env.kernels.simd import LANES, Kind
 from fish_env.physics.body import scale_body
 from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.integrators import INTEGRATORS, Integrator, get_integrator
+from fish_env.physics.integrators import INTEGRATORS, Integrator
 from fish_env.physics.integrity import check_objects
 from fish_env.physics.records import Body, World
 
@@ -44,7 +44,7 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
             f"dt is {dt!r}; give a positive number of seconds, at least {SHORTEST:g} and at most {LONGEST:g} (this "
             f"fish's own is {fish.time_step})"
         )
-    return get_integrator(integrator), real(dt), real(refine)
+    return INTEGRATORS[integrator], real(dt), real(refine)
 
 
 def checked_count(value, name: str) -> int:

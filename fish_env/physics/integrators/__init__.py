@@ -5,14 +5,14 @@ block of fish. `fish_env.physics.engine` compiles the kernel together with the a
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pkgutil import resolve_name
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from fish_env.kernels.simd import Kind, Pack
 from fish_env.physics.integrators import leapfrog_chebyshev, limits, runge_kutta, semi_implicit
+from fish_env.physics.lazy import load_texts
 from fish_env.physics.records import Body, World
 
 
@@ -69,8 +69,8 @@ class Integrator:
     """Solves with a factorised matrix, for all nodes and coordinates, per step."""
     source: str
     method: Any = None
-    """The implementation of its steps, a `Method`, or a text "module:name" of it (`get_integrator`); None for a method
-    that chooses its own."""
+    """The implementation of its steps, a `Method`, or a text "module:name" of it; None for a method that chooses its
+    own."""
     limit: limits.Limit = limits.none
     """Largest stable step of a body in a world for small motion about rest, s; inf if all are stable."""
     base: Callable[[Body], float] = limits.leapfrog
@@ -81,17 +81,16 @@ class Integrator:
     """Function of a method without a `method`, or a text of it: `advance(body, world, state, control, h, n)` moves
     every valid body."""
 
+    def __post_init__(self):
+        load_texts(self, "method", "advance")
+
     def __reduce__(self):
         return get_integrator, (self.name,)  # a pickle contains the name only; compiled code stays in its process
 
 
 def get_integrator(name: str) -> Integrator:
-    """Entry of the table with this name; what it names by texts is loaded, and takes the place of the texts."""
-    record = INTEGRATORS[name]
-    texts = {part: text for part in ("method", "advance") if isinstance(text := getattr(record, part), str)}
-    if texts:
-        record = INTEGRATORS[name] = replace(record, **{part: resolve_name(text) for part, text in texts.items()})
-    return record
+    """Entry of the table with this name."""
+    return INTEGRATORS[name]
 
 
 IMPLICIT, TU, SONG, BARAFF = "linearly implicit", "Tu 1996, ch. 4", "Song 2009, ch. 5", "Baraff & Witkin 1998"
