@@ -5,15 +5,20 @@ import math
 import os
 import shutil
 import signal
+import sys
 from pathlib import Path
 
 # before numpy is loaded: small matrices gain nothing from its threads, which on a busy machine take far longer
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-settings.register_profile("fish_env", deadline=None, max_examples=50, print_blob=True)
+settings.register_profile(
+    "fish_env", deadline=None, max_examples=50, print_blob=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],  # `kernels` is the same for all examples
+)  # fmt: skip
 settings.load_profile("fish_env")
 
 
@@ -58,3 +63,56 @@ def trained(tmp_path_factory):
 def run_copy(trained, tmp_path):
     """The folder of a copy of the short run, which may be changed."""
     return Path(shutil.copytree(trained, tmp_path / "run"))
+
+
+# Physics: the core by itself, and kernels as plain Python
+
+BESIDE = ("fish_env.soft", "fish_env.lab", "fish_env.gpu")
+
+
+def pytest_addoption(parser):
+    """Offer `--core`."""
+    parser.addoption("--core", action="store_true", help=f"run the tests that need none of {', '.join(BESIDE)}")
+
+
+def pytest_configure(config):
+    """With `--core`, no module of the packages beside the core can be imported."""
+    config.addinivalue_line("markers", "soft: needs fish_env.soft; not run with --core")
+    if config.getoption("core"):
+        sys.modules.update(dict.fromkeys(BESIDE))
+
+
+def pytest_ignore_collect(collection_path, config):
+    """With `--core`, the files of tests of these packages are left out."""
+    beside = collection_path.name == "soft" or collection_path.name.startswith(("test_lab", "test_gpu"))
+    return True if beside and config.getoption("core") else None
+
+
+def pytest_collection_modifyitems(config, items):
+    """With `--core`, so are the tests marked as soft."""
+    if config.getoption("core"):
+        items[:] = [item for item in items if not item.get_closest_marker("soft")]
+
+
+@pytest.fixture(params=["plain", pytest.param("compiled", marks=pytest.mark.slow)])
+def kernels(request):
+    """Kernels as plain Python, which is far faster than to compile them for a few nodes and steps; slow: compiled."""
+    if request.param == "compiled":
+        yield
+        return
+    import moving
+
+    from fish_env.kernels.simd import field
+    from fish_env.physics import engine
+    from fish_env.physics.forces import evaluate
+
+    def plain(make):
+        return lambda *args: getattr(compiled := make(*args), "py_func", compiled)
+
+    with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
+        for module, name in ((engine, "make_call"), (evaluate, "compiled"), (evaluate, "compiled_jacobian"),
+                             (moving, "entry")):  # fmt: skip
+            patch.setattr(module, name, plain(getattr(module, name)))
+        if not hasattr(field, "__code__"):  # with the compiler it is known to kernels only
+            patch.setattr(type(field), "__call__", lambda self, pack, name: getattr(pack, name) if name else pack)
+        yield

@@ -1,6 +1,5 @@
-"""What the tests of methods share: their lists, fish, and tanks of any body in any state, all springs driven."""
+"""What the tests share: lists of methods, forces in kernels of any kind, tanks of any body in any state."""
 
-from dataclasses import replace
 from functools import cache
 
 import naive
@@ -8,9 +7,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fish_env import INTEGRATORS, Tank, make_fish
+from fish_env import BODIES, INTEGRATORS, Tank, make_fish
+from fish_env.kernels.compile import njit
+from fish_env.kernels.simd import Kind, Pack, Vectors, packed, zero
+from fish_env.physics import forces
 from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces.control import NOMINAL, make_control
 from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, POLYNOMIAL, STAGES, H
+from fish_env.physics.lazy import Lazy
 from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
 
@@ -38,21 +43,39 @@ FINER = {
 """By how much steps are shortened for a method, so that its error is in the straight part of its slope."""
 REPRESENTATIVE = ("leapfrog_chebyshev", "semi_implicit", "rk4", "rosenbrock", "dop853")
 """One method of each family of kernels. The others differ from one of them by numbers of a table, take as long to
-compile again, and are tried by `pytest -m slow`; every run tries what tells them apart (`test_integrators.py`)."""
+compile again, and are tried by `pytest -m slow`; every run tries each of them without the compiler (`kernels` in
+conftest.py)."""
+SOFT = {
+    *LINEARLY_IMPLICIT, *ADAPTIVE, *(name for name, record in BODIES.items() if isinstance(record.make, Lazy)),
+    *("two layers", "rings", "compartment", "block", "linear block", "green block"),
+}  # fmt: skip
+"""Methods and bodies of `fish_env.soft`."""
+
+
+def marks_of(values, quick=True):
+    """Marks of a parameter: slow, unless it is quick; soft, if one of its values names what is soft."""
+    soft = any(isinstance(value, str) and value in SOFT for value in values)
+    return [pytest.mark.soft] * soft + [pytest.mark.slow] * (not quick)
 
 
 def tiered(names, quick=REPRESENTATIVE):
-    """Parameters of a test, methods for example, those that are not among the quick ones marked as slow."""
-    return [pytest.param(name, marks=() if name in quick else pytest.mark.slow) for name in names]
+    """Parameters of a test, methods for example: those not among the quick ones marked as slow, and soft ones as that.
+
+    `quick` may be "all".
+    """
+    return [pytest.param(name, marks=marks_of((name,), quick == "all" or name in quick)) for name in names]
+
+
+def rows(table, quick="all"):
+    """The same for parameters of several arguments each, rows of a table."""
+    return [pytest.param(*row, marks=marks_of(row, quick == "all" or row in quick)) for row in table]
 
 
 each_body = pytest.mark.parametrize("body", naive.TU)
 each_method = pytest.mark.parametrize("name", tiered(INTEGRATORS))
 each_fixed = pytest.mark.parametrize("name", tiered(FIXED_STEP))
-each_adaptive = pytest.mark.parametrize("name", tiered(ADAPTIVE))
-two_methods = pytest.mark.parametrize("name", tiered(INTEGRATORS, ("leapfrog_chebyshev", "dop853")))
-"""For what does not depend on the method: the default one, and one without an engine."""
-all_fixed = pytest.mark.parametrize("name", FIXED_STEP)
+every_method = pytest.mark.parametrize("name", tiered(INTEGRATORS, "all"))
+every_fixed = pytest.mark.parametrize("name", tiered(FIXED_STEP, "all"))
 
 
 THIN = VACUUM._replace(quadratic=1e-300)
@@ -71,12 +94,12 @@ def without_walls(name, world):
 
 
 def driven(thing, h):
-    """The object, or the body, with a muscle for every spring and steps of h s."""
-    if isinstance(thing, Body):
-        thing = ElasticObject(name="body", body=thing, length=1.0, time_step=h, control_interval=h)
-    springs = np.arange(thing.body.springs.stiffness.size)
+    """An object of the body, or of that of the thing, with a muscle for every spring and steps of h s."""
+    body, length = (thing, 1.0) if isinstance(thing, Body) else (thing.body, thing.length)
+    springs = np.arange(body.springs.stiffness.size)
     halves = np.full(springs.size, 0.5)
-    return replace(thing, time_step=h, muscles=springs, contracted=halves, fibres=None, drives=None)
+    return ElasticObject(name="driven", body=body, length=length, time_step=h, control_interval=h, muscles=springs,
+                         contracted=halves)  # fmt: skip
 
 
 def tank_of(name, thing, world, x, v, h, rest=None, rate=None, **options):
@@ -198,3 +221,153 @@ def scene(body, medium):
     if medium == "water":
         assert len(outward) == 1, "a face turned between outward and inward: the scene is not smooth"
     return start_of_it[1:], end
+
+
+# Forces in kernels of any kind
+
+ONE = Kind(1)
+STEP = 0.37
+
+
+def plan(h=STEP, inner=None, lowest=-np.inf, factor=1.0, least=0.0, stages=0):
+    """The row of a plan as forces read it."""
+    row = np.zeros(POLYNOMIAL)
+    inner = h if inner is None else inner
+    row[[H, INNER, LOWEST, FACTOR, LEAST, STAGES]] = h, inner, lowest, factor, least, stages
+    return row
+
+
+@cache
+def entry(names, function, default):
+    """A function of forces of these names, compiled: it changes what stands in `block.f`, or fills `block.number`."""
+    call = forces.total(names, function, *default)
+    if function in ("energy", "loss", "failed"):
+
+        @njit
+        def number(block):
+            b = block
+            b.number[0] = zero(b.number) + call(b.body, b.world, b.control, b.x, b.v, b.f, b.cache)
+
+        return number
+
+    @njit
+    def run(block):
+        b = block
+        call(b.body, b.world, b.control, b.x, b.v, b.f, b.cache)
+
+    return run
+
+
+def write(array, values):
+    """Set an array of a kind to values (W,n,3), or of numbers (W,n)."""
+    if not isinstance(array, Vectors):
+        array.memory[:] = np.transpose(values)
+    elif array.kind.lanes == "xyz":
+        array.memory[:, :3] = values[0]
+    else:
+        array.memory.reshape(len(array.memory), 3, -1)[:] = np.transpose(values, (1, 2, 0))
+
+
+def read(array):
+    """Values (W,n,3) of an array of vectors of a kind, or (W,n) of one of numbers."""
+    if not isinstance(array, Vectors):
+        return array.memory.T.copy()
+    if array.kind.lanes == "xyz":
+        return array.memory[None, :, :3].copy()
+    return array.memory.reshape(len(array.memory), 3, -1).transpose(2, 0, 1).copy()
+
+
+class Block:
+    """A block of W fish of one body, at states of their own.
+
+    Args:
+        names: of the forces; None for all that act.
+        body: any.
+        world: what surrounds it.
+        kind: of W lanes.
+        rest_length: (E,) m or (W,E) m; None takes the body's.
+        variation: (6,) or (W,6), what sets the fish apart.
+        **numbers: of the plan.
+    """
+
+    def __init__(self, names, body, world, kind=ONE, rest_length=None, variation=NOMINAL, **numbers):
+        acting = forces.present(body, world)  # which also loads them
+        self.names = acting if names is None else names
+        self.body, self.kind, n, w = body, kind, len(body.mass), kind.width
+        control = make_control(body, kind, plans=plan(**numbers)[None])
+        if rest_length is not None:
+            write(control.rest_length, np.broadcast_to(rest_length, (w, len(body.springs.nodes))))
+        stiffness, mass, drag, *current = np.broadcast_to(variation, (w, 6)).T
+        for field, value in (("stiffness", stiffness / mass), ("drag", drag / mass), ("lightness", 1.0 / mass)):
+            write(getattr(control, field), value[:, None])
+        write(control.current, np.transpose(current)[:, None])
+        self.control = control
+        self.pack = Pack(
+            "block", body=packed(body, kind), world=packed(world, kind), control=control, x=kind.vectors(n),
+            v=kind.vectors(n), f=kind.vectors(n), cache=forces.make_cache(body, world, kind, self.names),
+            number=kind.numbers(1),
+        )  # fmt: skip
+        entries, others = int(body.profile.start[-1]), self.pack._kept
+        self.system = Pack("block", **(others | {"f": kind.vectors(3 * entries)}))
+        tu = Pack("system", matrix=kind.numbers(entries), load=kind.vectors(n))
+        self.tu = Pack("block", **(others | {"f": tu}))
+
+    def set(self, x, v):
+        """Put the fish at x and v, (W,N,3), or (N,3) for all alike."""
+        for array, value in ((self.pack.x, x), (self.pack.v, v)):
+            write(array, np.broadcast_to(value, (self.kind.width, *np.shape(value)[-2:])))
+        return self
+
+    def add(self, function, *default, f=0.0, v=None):
+        """What a function makes of f, (W,N,3), or (N,3) of one fish; v takes the place of the velocities."""
+        if v is not None:
+            self.set(self._one(read(self.pack.x)), v)
+        write(self.pack.f, np.broadcast_to(f, (self.kind.width, len(self.body.mass), 3)))
+        entry(self.names, function, default)(self.pack)
+        return self._one(read(self.pack.f))
+
+    def velocities(self, function):
+        """What a function makes of the velocities, as `add`."""
+        entry(self.names, function, ())(self.pack)
+        return self._one(read(self.pack.v))
+
+    def number(self, function):
+        """The energy, or the code of a failure, (W,), or one number of one fish."""
+        entry(self.names, function, ())(self.pack)
+        return self._one(read(self.pack.number)[:, 0])
+
+    def blocks(self, function):
+        """The blocks (W,S,3,3), or (S,3,3) of one fish, that a function adds to a system matrix."""
+        self.system.f.memory[:] = 0.0
+        entry(self.names, function, ())(self.system)
+        columns = read(self.system.f)
+        return self._one(columns.reshape(len(columns), -1, 3, 3).swapaxes(2, 3))
+
+    def matrix(self, function):
+        """The symmetric matrix (3N,3N) of those blocks, of one fish; above the diagonal nothing is read."""
+        shape, a, n = self.body.profile, self.blocks(function), len(self.body.mass)
+        matrix = np.zeros((3 * n, 3 * n))
+        for i in range(n):
+            for j in range(shape.first[i], i + 1):
+                matrix[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = a[shape.start[i] + j - shape.first[i]]
+        return np.tril(matrix) + np.tril(matrix, -1).T
+
+    def lagged(self):
+        """What `add_lagged` adds to the matrix and to the load of Tu's method, (W,S) and (W,N,3), or of one fish."""
+        matrix, load = self.tu.f.matrix, self.tu.f.load
+        matrix.memory[:], load.memory[:] = 0.0, 0.0
+        entry(self.names, "add_lagged", ())(self.tu)
+        return {"matrix": self._one(read(matrix)), "load": self._one(read(load))}
+
+    def _one(self, values):
+        return values[0] if self.kind.width == 1 else values
+
+
+def force(name, body, world, x, v, rest_length=None):
+    """The force (N,3) of one kind on one fish."""
+    return Block((name,), body, world, rest_length=rest_length).set(x, v).add("add_force")
+
+
+def close(actual, wanted, tolerance=1e-12):
+    """Equal up to `tolerance` times the largest element."""
+    np.testing.assert_allclose(actual, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())

@@ -3,10 +3,11 @@
 from itertools import combinations, permutations, product
 from typing import NamedTuple
 
+import naive
 import numpy as np
 
 from fish_env.physics.body import fix, make_body
-from fish_env.physics.records import Body, Control, State, World
+from fish_env.physics.records import Body, Control, State
 from fish_env.physics.world import make_water
 from fish_env.soft.conditions import make_anchors
 from fish_env.soft.elements import make_barriers, make_compartments, make_tets
@@ -159,15 +160,6 @@ def completed(body):
     )
 
 
-def completed_world(world: World):
-    """The same world with gravity that is zero, no walls and no anchors, where it has None."""
-    return world._replace(
-        gravity=np.zeros(3) if world.gravity is None else world.gravity,
-        planes=np.zeros((0, 5)) if world.planes is None else world.planes,
-        anchors=world.anchors or make_anchors([], np.zeros((0, 3)), 1.0),
-    )
-
-
 def shaken(body, rng, displacement=0.003, speed=0.1, squeezed=True):
     """A bent, moving state (x, v), m and m/s; squeezed: with node 8 of the two layers pushed at the outer one."""
     x = body.position + displacement * rng.uniform(-1, 1, body.position.shape)
@@ -189,12 +181,6 @@ def control(rest, rate=None, copies=1):
     return Control(np.repeat(rest[None], copies, axis=0), np.repeat(rate[None], copies, axis=0))
 
 
-def turned(rng):
-    """A random rotation."""
-    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return turn * np.sign(np.linalg.det(turn))
-
-
 BODIES = {
     name: completed(body)
     for name, body in {
@@ -210,11 +196,6 @@ BODIES = {
 ALL = BODIES["two layers"]
 
 
-def close(actual, wanted, tolerance=1e-12):
-    """Equal up to `tolerance` times the largest element."""
-    np.testing.assert_allclose(actual, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
-
-
 def bent(name, rng):
     """A turned and moved, bent and moving state of a body (of a flat one: in its plane); barriers, if any, at work."""
     body = BODIES[name]
@@ -226,7 +207,7 @@ def bent(name, rng):
         turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
         x[:, 2], v[:, 2] = 0.0, 0.0
     else:
-        turn = turned(rng)
+        turn = naive.turned(rng)
     if name == "linear block":
         turn = np.eye(3)
     return x @ turn.T + rng.uniform(-0.3, 0.3, 3) * (1, 1, not flat), v @ turn.T

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small_bodies
-from kernels import Block
-from small_bodies import ALL, close
+from moving import Block, close
+from small_bodies import ALL
 
 from fish_env.kernels.simd import Kind
 from fish_env.physics import forces

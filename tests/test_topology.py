@@ -144,7 +144,7 @@ def test_shares():
 def test_neutral_buoyancy(length):
     """A fish of any length weighs as much as the water it displaces: 1000 kg/m3 times the enclosed volume.
 
-    Where its sections are rectangles: flat faces cut off a part of elliptic ones, whose mass is in `test_outline.py`.
+    Where its sections are rectangles: flat faces cut off a part of elliptic ones, whose mass is in `test_bodies.py`.
     """
     body = make_fish("mass_spring", length=length, water="drag").body
     displaced = 1000.0 * naive.enclosed_volume(body.faces, body.position)

@@ -4,8 +4,7 @@ Nothing here calls a kernel. Every function takes one body (no batch) and return
 """
 
 from naive.elements import *  # noqa: F403
+from naive.forces import *  # noqa: F403
 from naive.scenes import *  # noqa: F403
-from naive.springs_and_water import *  # noqa: F403
 from naive.steps import *  # noqa: F403
 from naive.sums import *  # noqa: F403
-from naive.surroundings import *  # noqa: F403

@@ -45,11 +45,16 @@ def mirrored_muscles(fish):
 def random_state(fish, rng, displacement=0.02, speed=1.0):
     """A deformed, moving and turned fish: displacements in body lengths, speeds in body lengths a contraction time."""
     size = fish.body.position.shape
-    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    turn *= np.sign(np.linalg.det(turn))
+    turn = turned(rng)
     x = (fish.body.position + displacement * fish.length * rng.uniform(-1, 1, size)) @ turn.T
     v = speed * fish.length / fish.contraction_time * rng.uniform(-1, 1, size)
     return x, v
+
+
+def turned(rng):
+    """A random rotation."""
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return turn * np.sign(np.linalg.det(turn))
 
 
 SHORTER = {"explicit_euler": 1 / 32, "midpoint": 1 / 4}

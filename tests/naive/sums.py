@@ -3,8 +3,15 @@
 import numpy as np
 
 from naive.elements import barrier_force, gas_force, gas_volume, tet_blocks, tet_force
-from naive.springs_and_water import area_vector, face_friction, spring_force, water_force
-from naive.surroundings import anchor_force, anchors_of, with_reaction
+from naive.forces import (
+    anchor_force,
+    anchors_of,
+    area_vector,
+    face_friction,
+    spring_force,
+    water_force,
+    with_reaction,
+)  # fmt: skip
 
 
 def other_force(body, world, x, v):

@@ -1,25 +1,27 @@
-"""Water with inertia: against Lagrange's equations, potential theory and Lighthill's, and in every method."""
+"""Water with inertia, against Lagrange's equations, potential theory and Lighthill's; and the masses of fish."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from moving import FIXED_STEP, tiered
-from naive.reactive import added_mass, reactive_force, sections_of, water_energy, water_momentum
+from moving import FIXED_STEP, rows, tiered
+from naive.forces import added_mass, reactive_force, sections_of, water_energy, water_momentum
 from scipy.integrate import quad
 
+import fish_env
 from fish_env import INTEGRATORS, Tank, make_fish, make_water
+from fish_env.bodies import mass_spring as tu
+from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments, moments
 from fish_env.bodies.outline import read_outline
-from fish_env.control import evaluate, make_policy_env
 from fish_env.physics.body import fix, scale_body
 from fish_env.physics.elements import make_sections
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.soft.room import make_world
 
 WATER = make_water(drag_coefficient=0.0, current=(0.1, -0.2, 0.05), inertia=True, added_mass=(0.9, 0.7), righting=0.0)
 BODIES = ("mass_spring", "planar", "two_layer", "tetrahedral")
-each_body = pytest.mark.parametrize("name", BODIES)
+each_body = pytest.mark.parametrize("name", tiered(BODIES, "all"))
+plain = pytest.mark.usefixtures("kernels")
 
 
 @cache
@@ -52,6 +54,7 @@ def folded(body, bend, height):
     return x
 
 
+@plain
 @each_body
 @pytest.mark.parametrize("fixed", [False, True])
 @pytest.mark.parametrize(("bend", "height"), [(0.0, 1.0), (2.9, 1.0), (np.pi, 0.3)])
@@ -76,14 +79,7 @@ def test_equals_lagrange(name, fixed, bend, height):
     np.testing.assert_allclose(energy, water_energy(body, WATER, x, v), rtol=1e-12)
 
 
-def test_folded_fish_swim_on():
-    """Fast fish in thin water fold their tails, and go on: with unit vectors, forces on four of these had no bound."""
-    env = make_policy_env("turn", 100, variation={"drag": 0.6})
-    scores = evaluate(env, "turn")
-    assert not scores["failed"].any() and scores["peak_strain"].max() > 0.5
-    env.close()
-
-
+@plain
 def test_derivatives():
     """Exact derivatives contain the resistance to acceleration: those of the force by differences."""
     body = trout().body
@@ -111,6 +107,7 @@ def ellipse(width=0.3, depth=0.8, count=9):
     )
 
 
+@plain
 def test_ellipse_and_heaving_plate():
     """Added mass of an ellipse, pi rho times the square of the other half axis (Lamb 1932); of a plate the same.
 
@@ -138,18 +135,6 @@ def test_ellipsoid():
         shape = quad(lambda t, s=axes[moved]: 1 / ((s**2 + t) * np.sqrt(np.prod(axes**2 + t))), 0, np.inf)[0]
         gamma = np.prod(axes) * shape
         assert axes[moved] / axes[across] * gamma / (2 - gamma) == pytest.approx(factor, abs=0.005)
-
-
-@each_body
-def test_heaving(name):
-    """A fish that heaves as a whole feels nothing while its speed is constant, and has its water's energy."""
-    body, still = trout(name).body, np.zeros_like(trout(name).body.position)
-    world = make_water(drag_coefficient=0.0, inertia=True, righting=0.0)
-    evaluator, rest = Evaluator(body, world, ("reactive",)), body.springs.rest_length
-    v = still + np.array([0.0, 1.0, 0.0])
-    lateral = 1000.0 * body.sections.lateral.sum()
-    assert np.abs(evaluator.force(rest, body.position, v)).max() <= 1e-13 * lateral / body.mass.size
-    np.testing.assert_allclose(evaluator.energies(rest, body.position, v)["reactive"], 0.5 * lateral, rtol=1e-12)
 
 
 def even(s):
@@ -188,10 +173,10 @@ def off_lighthill(fish, length, advance, wave=even):
     return found / wanted - 1.0
 
 
-@pytest.mark.parametrize(
-    ("name", "level", "near", "slow", "fast"),
-    [("mass_spring", None, 0.022, 0.06, 0.38), ("tetrahedral", 3, 0.002, 0.04, 0.15)],
-)
+THRUSTS = [("mass_spring", None, 0.022, 0.06, 0.38), ("tetrahedral", 3, 0.002, 0.04, 0.15)]
+
+
+@pytest.mark.parametrize(("name", "level", "near", "slow", "fast"), rows(THRUSTS, THRUSTS[:1]))
 def test_thrust_of_lighthill(name, level, near, slow, fast):
     """The mean thrust of an even wave is Lighthill's, also of other lengths and speeds; that of a growing one is more.
 
@@ -214,7 +199,7 @@ def test_conserved(parts, momentum, energy):
     springs, none = fish.body.springs._replace(damping=np.zeros(91)), np.zeros(7)
     sections = fish.body.sections._replace(trailing=0.0, narrowing=none)
     body = fish.body._replace(springs=springs, sections=sections, max_damping_eigenvalue=0.0)
-    world = make_water(drag_coefficient=0.0, inertia=True, righting=0.0)
+    world = make_water(drag_coefficient=1e-300, inertia=True, righting=1e-300)  # none, with the kernels of a fish
     tank = Tank(replace(fish, body=body), 1, dt=fish.time_step / parts, water=world, refine=np.inf)
     along = 2 * np.pi * body.position[:, 0] / fish.length
     tank.velocity[0] = np.stack([np.full(23, 0.2), 0.1 * np.cos(along), 0.02 * np.sin(along)], axis=1)
@@ -252,6 +237,7 @@ def lateral_force(fish, length=0.95, advance=0.7):
     return np.fft.irfft(2j * np.pi * np.arange(31) * np.fft.rfft(momentum), 60)
 
 
+@pytest.mark.soft
 def test_sections_converge():
     """The lateral force on the whole body, a rest of parts that nearly cancel, converges with the number of sections.
 
@@ -290,11 +276,11 @@ STEPS = {"semi_implicit": 96, "explicit_euler": 768, "symplectic_euler": 96, "li
          "midpoint": 96, "rk4": 96}  # fmt: skip
 
 
-@pytest.mark.parametrize("name", tiered(FIXED_STEP))
+@pytest.mark.parametrize("name", tiered(FIXED_STEP, ("leapfrog_chebyshev", "semi_implicit", "rk4")))
 def test_methods_converge(name):
     """Every method tends to the same motion in water with inertia, with its order."""
     fish = trout(water="drag")
-    truth = swum("dop853", 1, fish)
+    truth = swum("rk4", 768, fish)
     errors = [np.abs(swum(name, STEPS[name] * k, fish) - truth).max() / fish.length for k in (1, 2)]
     falls = errors[0] / errors[1] > 0.8 * 2 ** min(2, INTEGRATORS[name].order)
     assert errors[1] < 3e-4 and (falls or errors[1] < 1e-8), errors
@@ -317,18 +303,6 @@ def test_wake_is_of_second_order():
     assert errors[0] > 2.7 * errors[1], errors
 
 
-def test_lanes_and_precision():
-    """One fish, blocks of them and threads give the same bits; single precision is within 1e-4 body lengths."""
-    fish = trout()
-    one = swum("leapfrog_chebyshev", 6, fish)
-    many = Tank(fish, 40, dt=fish.control_interval / 6, refine=np.inf, threads=2, water=REACTIVE)
-    for side in (1, 1, -1, 1):
-        many.swim(np.where(fish.sides == side, 0.8, -0.5), fish.control_interval)
-    np.testing.assert_array_equal(many.position, np.repeat(one, 40, axis=0))
-    rough = swum("leapfrog_chebyshev", 6, fish, num_fish=16, dtype="float32")
-    assert np.abs(rough - one).max() < 1e-4 * fish.length
-
-
 def test_factors_of_a_fish():
     """A fish of twice the mass, stiffness and drag, in water of twice the density, moves as the fish itself."""
     fish, tank = trout(), None
@@ -341,9 +315,14 @@ def test_factors_of_a_fish():
     np.testing.assert_allclose(*paths, rtol=0, atol=1e-12)
 
 
+def walled():
+    """A wall below water with inertia."""
+    return fish_env.make_world(planes=[((0, 0, 1), -1.0, 0.0)], water=REACTIVE)
+
+
 @pytest.mark.parametrize(("make", "words"), [
     (lambda: Tank(make_fish("published"), water=REACTIVE), "'published' has no sections"),
-    (lambda: Tank(trout(), water=make_world(planes=[((0, 0, 1), -1.0, 0.0)], water=REACTIVE)), "beside walls"),
+    pytest.param(lambda: Tank(trout(), water=walled()), "beside walls", marks=pytest.mark.soft),
     (lambda: make_water(inertia="yes"), "inertia is 'yes'; give True or False"),
     (lambda: make_water(inertia=True, added_mass=(1.0, -1.0)), "added_mass"),
     (lambda: make_water(righting=np.nan), "righting"),
@@ -353,3 +332,113 @@ def test_refused(make, words):
     """What cannot be is refused with the reason."""
     with pytest.raises(ValueError, match=words):
         make()
+
+
+# Masses: those of the outline by another way, and what the bodies have
+
+PARAMETERS = tu.check_parameters("mass_spring", {})
+WANTED = continuum(PARAMETERS)
+STRAIGHT = tu.check_parameters("mass_spring", {}, "drag")  # between its layers, with rectangular sections
+SOLIDS = [("two_layer", None), *(("tetrahedral", level) for level in (1, 2, 3))]
+
+
+def tetrahedra(cells):
+    """Mass, centre and squares (3,) of the outline cut into tetrahedra, whose own moments are exact; and the mesh."""
+    length, stations = STRAIGHT.length, np.arange(6 * cells + 1) / cells
+    rows = ([0.0, *STRAIGHT.layer_position, 1.0], [0.0, *STRAIGHT.half_width, 0.0],
+            [0.0, *STRAIGHT.half_depth, STRAIGHT.tail_half_span])  # fmt: skip
+    along, width, depth = (length * np.interp(stations, np.arange(7), row) for row in rows)
+    from fish_env.soft.mesh import grid
+
+    mesh = grid(-along, width, depth, 4, 4)
+    corners = mesh.position[mesh.tets]
+    mass = WATER_DENSITY * np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
+    total = mass.sum()
+    middle = np.einsum("t,tk->k", mass, corners.mean(axis=1)) / total
+    away = corners - middle
+    squares = np.einsum("t,tk->k", mass, ((away.sum(axis=1)) ** 2 + (away**2).sum(axis=1)) / 20)  # of a tetrahedron
+    return total, middle[0], squares, mesh
+
+
+@pytest.mark.soft
+@pytest.mark.parametrize("cells", [1, 3])
+def test_the_continuum_is_that_of_tetrahedra(cells):
+    """The outline has flat sides, so that tetrahedra fill it: their exact moments are those of Gauss' rule."""
+    (total, centre, squares, mesh), wanted = tetrahedra(cells), continuum(STRAIGHT)
+    assert (total, centre) == pytest.approx((wanted.mass, wanted.centre), rel=1e-12)
+    np.testing.assert_allclose(squares, wanted.squares, rtol=1e-12)
+    from fish_env.soft.mesh import lumped_mass
+
+    assert lumped_mass(mesh.position, mesh.tets, WATER_DENSITY).sum() == pytest.approx(total, rel=1e-12)
+
+
+def test_layers_share_the_mass_of_their_sections():
+    """Linear shape functions keep the mass and the centre; by quadrature with a thousand slices a section."""
+    slices = 1000
+    share = (np.arange(6 * slices) + 0.5) / slices
+    stations = STRAIGHT.length * np.array([0.0, *STRAIGHT.layer_position, 1.0])
+    rows = ([0.0, *STRAIGHT.half_width, 0.0], [0.0, *STRAIGHT.half_depth, STRAIGHT.tail_half_span])
+    width, depth = (STRAIGHT.length * np.interp(share, np.arange(7), row) for row in rows)
+    slice_mass = 4 * WATER_DENSITY * width * depth * np.repeat(np.diff(stations) / slices, slices)
+    wanted = [slice_mass @ np.maximum(1.0 - np.abs(share - k), 0.0) for k in range(7)]
+    layers = layer_masses(STRAIGHT)
+    np.testing.assert_allclose(layers, wanted, rtol=1e-5)
+    whole = continuum(STRAIGHT)
+    assert layers.sum() == pytest.approx(whole.mass, rel=1e-12)
+    assert -layers @ stations / layers.sum() == pytest.approx(whole.centre, rel=1e-12)
+
+
+INERTIA = [*((*solid, slice(3)) for solid in SOLIDS), ("mass_spring", None, 2), ("planar", None, 2)]
+
+
+@pytest.mark.parametrize(("name", "level", "axes"), rows(INERTIA), ids=str)
+def test_bodies_have_the_inertia_of_the_outline(name, level, axes):
+    """Mass, centre and moments of inertia; nodes on the outline itself, too far from the axis, have but that of yaw."""
+    body = make_fish(name, **({} if level is None else {"level": level})).body
+    found = moments(body.mass, body.position)
+    assert (found.mass, found.centre) == pytest.approx((WANTED.mass, WANTED.centre), rel=1e-9)
+    np.testing.assert_allclose(found.inertia[axes], WANTED.inertia[axes], rtol=1e-8)
+    assert body.mass.min() > 0.0
+
+
+def test_roll_and_pitch_of_the_default_fish():
+    """They are larger than the outline's, as docs/choosing-a-body.md says."""
+    body = make_fish().body
+    found = moments(body.mass, body.position)
+    np.testing.assert_allclose(found.inertia[:2] / WANTED.inertia[:2], [3.2, 1.1], rtol=0.02)
+
+
+def test_masses_are_the_nearest_in_relative_entropy():
+    """Any other masses with the same moments are farther from those given."""
+    position, given = tu.shape(PARAMETERS), np.ones(23) / 23 * WANTED.mass
+    found = match_moments(given, position, WANTED, solid=False)
+
+    def entropy(mass):
+        return (mass * np.log(mass / given)).sum()
+
+    x, y = position[:, 0] - WANTED.centre, position[:, 1]
+    rows = np.stack([np.ones(23), x, x**2 + y**2])
+    free = np.linalg.svd(rows)[2][3:]
+    for direction in np.vstack([free, -free]):
+        other = found + 1e-2 * found.min() * direction
+        np.testing.assert_allclose(rows @ other, rows @ found, rtol=0, atol=1e-15)
+        assert entropy(other) > entropy(found)
+
+
+def test_masses_are_found_whatever_is_given():
+    """Whether masses have the moments depends on where the nodes are, not on the masses to start from."""
+    generator = np.random.default_rng(0)
+    for factor in np.exp(generator.uniform(np.log(0.25), np.log(4.0), (100, 7))):
+        mass = tu.masses(replace(PARAMETERS, mass_factor=tuple(factor)))
+        found = moments(mass, tu.shape(PARAMETERS))
+        assert found.mass == pytest.approx(WANTED.mass, rel=1e-11) and mass.min() > 0.0
+        np.testing.assert_allclose([found.centre, found.inertia[2]], [WANTED.centre, WANTED.inertia[2]], rtol=1e-9)
+
+
+def test_what_cannot_be_had_is_refused():
+    """Nodes on the outline cannot have its roll inertia; nor does any outline do."""
+    position = tu.shape(PARAMETERS)
+    with pytest.raises(ValueError, match="no masses of these nodes have the inertia of the outline; give an outline"):
+        match_moments(tu.masses(PARAMETERS), position, WANTED, solid=True)
+    with pytest.raises(ValueError, match="no masses of these nodes"):
+        tu.masses(replace(PARAMETERS, layer_position=(0.001, 0.002, 0.003, 0.004, 0.005)))

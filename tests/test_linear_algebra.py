@@ -7,8 +7,7 @@ import pytest
 import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
-from kernels import ONE, read, write
-from moving import tiered
+from moving import ONE, read, tiered, write
 
 from fish_env import make_fish
 from fish_env.kernels.compile import njit

@@ -1,4 +1,4 @@
-"""Details of the elements: nearest rotations, volumes of gas, barriers, and failures."""
+"""Forces of soft bodies in detail: nearest rotations, tetrahedra, gas, barriers, failures, walls, air and anchors."""
 
 import naive
 import numpy as np
@@ -7,22 +7,31 @@ import small_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from kernels import Block, force, read, write
-from small_bodies import ALL, BODIES, close, world_with_all
+from moving import Block, close, force, read, write
+from naive.forces import constrain
+from small_bodies import ALL, BODIES, completed, world_with_all
 
 from fish_env import Tank
 from fish_env.kernels.compile import njit
 from fish_env.kernels.simd import Kind, Pack
-from fish_env.physics.body import make_body
+from fish_env.physics import forces
+from fish_env.physics.body import fix, make_body
 from fish_env.physics.failures import ESCAPED, FAILURES, NON_FINITE, STRETCH_LIMIT, TORN
 from fish_env.physics.fish import ElasticObject
+from fish_env.physics.forces import FORCES
+from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.world import VACUUM
+from fish_env.soft.conditions import make_anchors
 from fish_env.soft.elements import make_compartments
 from fish_env.soft.forces import barriers
 from fish_env.soft.forces.polar import make_scratch, rotation
+from fish_env.soft.room import make_world
 from fish_env.soft.volume import add_volume, volume_of
 
+pytestmark = pytest.mark.usefixtures("kernels")
 seeds = st.integers(0, 2**32 - 1)
 WORLD = world_with_all(ALL)
+FIXED = fix(fix(ALL, [1, 18]), [3], "xz")
 FAILING = ("tets", "pressure", "barriers")
 
 # Nearest rotations
@@ -75,11 +84,11 @@ def test_rotation_of_any_matrix(matrix):
 def test_rotation_of_hard_cases(seed, exponent, values):
     """Near a rotation every digit is right; flat, inverted, tiny and huge matrices have one, too."""
     rng = np.random.default_rng(seed)
-    matrix = small_bodies.turned(rng) @ (np.eye(3) + 10**exponent * rng.uniform(-1, 1, (3, 3)))
+    matrix = naive.turned(rng) @ (np.eye(3) + 10**exponent * rng.uniform(-1, 1, (3, 3)))
     found, _ = check_rotation(matrix)
     np.testing.assert_allclose(found.T @ found, np.eye(3), rtol=0, atol=4e-15)
     np.testing.assert_allclose(found, naive.nearest_rotation(matrix), rtol=0, atol=1e-14)  # as exact as that one is
-    check_rotation(small_bodies.turned(rng) @ np.diag(np.array(values, float)) @ small_bodies.turned(rng))
+    check_rotation(naive.turned(rng) @ np.diag(np.array(values, float)) @ naive.turned(rng))
 
 
 @pytest.mark.parametrize(
@@ -89,7 +98,7 @@ def test_same_bits_in_lanes(lanes):
     """Beside others, clear and unclear, a matrix has the same rotation, to the last bit."""
     rng, kind = np.random.default_rng(5), Kind(lanes)
     values = [(1 + rng.normal(0, 0.1), 1, 1 + rng.normal(0, 0.01)) for _ in range(49)] + 2 * HARD + [(np.nan, 1, 1)]
-    matrices = np.array([small_bodies.turned(rng) @ np.diag(row) @ small_bodies.turned(rng) for row in values])
+    matrices = np.array([naive.turned(rng) @ np.diag(row) @ naive.turned(rng) for row in values])
     rng.shuffle(matrices)
     found = np.concatenate([rotations(matrices[p : p + kind.width], kind) for p in range(0, 80, kind.width)])
     np.testing.assert_array_equal(found, [rotations(matrix[None], Kind(1))[0] for matrix in matrices])
@@ -99,11 +108,39 @@ def test_rotation_in_single_precision():
     """In float32 a rotation is one to single precision, and that of the matrix, stretched or all but flat."""
     rng, kind = np.random.default_rng(6), Kind(16, "float32")
     for values in ((1.1, 1.0, 0.9), (3.0, 1.0, 0.2), (1.0, 1.0, 1e-3), (1.0, 1e-3, 1e-3), (1.0, 0.9, -0.5)):
-        matrices = [small_bodies.turned(rng) @ np.diag(values) @ small_bodies.turned(rng) for _ in range(16)]
+        matrices = [naive.turned(rng) @ np.diag(values) @ naive.turned(rng) for _ in range(16)]
         found = rotations(np.array(matrices, dtype=np.float32), kind).astype(float)
         np.testing.assert_allclose(np.swapaxes(found, 1, 2) @ found, np.tile(np.eye(3), (16, 1, 1)), rtol=0, atol=2e-5)
         traces = np.einsum("wij,wij->w", found, matrices)
         np.testing.assert_allclose(traces, sum(values), rtol=0, atol=2e-6)
+
+
+# Tetrahedra
+
+
+@settings(max_examples=20)
+@given(seed=seeds)
+def test_rigid_motion_costs_nothing(seed):
+    """Turned and moved, elements feel nothing; plain linear ones take the rotation for strain."""
+    rng = np.random.default_rng(seed)
+    turn, shift = naive.turned(rng), rng.uniform(-1, 1, 3)
+    for name, part in (("block", "tets"), ("green block", "green_lagrange"), ("linear block", "tets")):
+        body = BODIES[name]
+        x, stiffness = body.position @ turn.T + shift, np.abs(naive.stiffness_matrix(body)).max()
+        size = np.abs(force(part, body, WORLD, x, 0 * x)).max() / (stiffness * np.ptp(body.position))
+        assert size > 1e-3 * np.linalg.norm(turn - np.eye(3)) ** 2 if name == "linear block" else size <= 3e-15
+
+
+@pytest.mark.parametrize("name", ["block", "linear block"])
+def test_uniform_strain(name):
+    """A block stretched uniformly pulls on its ends with the stress of an isotropic material times their area."""
+    body, strain = BODIES[name], np.diag([2e-3, -1e-3, 3e-4])
+    x = body.position @ (np.eye(3) + strain).T
+    f = force("tets", body, WORLD, x, np.zeros_like(x))
+    shear, dilation = 2e4 / 2.6, 2e4 * 0.3 / (1.3 * 0.4)  # of Young's 20 kPa and Poisson's 0.3
+    stress = 2 * shear * strain + dilation * np.trace(strain) * np.eye(3)
+    found = -f.T @ body.position / body.tets.volume.sum()
+    np.testing.assert_allclose(found, stress, rtol=0, atol=1e-11 * np.abs(stress).max())
 
 
 # Gas
@@ -242,7 +279,7 @@ def test_torn_by_the_largest_stretch(others):
     for part, torn in ((1 - 1e-9, False), (1 + 1e-9, True)):
         stretch = np.diag(rng.permutation([part * STRETCH_LIMIT, *others]))
         for _ in range(5):
-            x = body.position @ (small_bodies.turned(rng) @ stretch @ small_bodies.turned(rng)).T
+            x = body.position @ (naive.turned(rng) @ stretch @ naive.turned(rng)).T
             assert (failure(x, "tets", body=body) == TORN) == torn
 
 
@@ -259,3 +296,67 @@ def test_a_squeezed_out_node_is_an_escape(lanes):
     tank.velocity[1, 3] = np.nan
     tank.advance(1)
     assert tank.failure[1] == FAILURES[NON_FINITE]
+
+
+# Walls, air and anchors
+
+
+@settings(max_examples=20)
+@given(seed=seeds)
+def test_walls_and_air(seed):
+    """Reactions and impacts of walls are the textbook's; the air leaves exp(-h mu / 2m) of a velocity that is free."""
+    rng, h = np.random.default_rng(seed), 0.005
+    x, v = small_bodies.shaken(ALL, rng)
+    world, f = world_with_all(ALL, offset=0.07), rng.normal(size=x.shape)
+    v[0, 2], f[0] = -0.1, [0.0, 0.0, -1.0]  # onto the walls, behind which it is
+    walls = Block(("contact",), FIXED, world, h=h).set(x, v)
+    for function, wanted in (("add_force", naive.with_reaction(world.planes, x, v, f)),
+                             ("constrain", constrain(world.planes, x, v, h, f))):  # fmt: skip
+        assert np.abs(wanted - f).max() > 0
+        close(walls.add(function, f=f), wanted)
+    v[[1, 3, 18], 2], v[[1, 3], 0] = -0.2, 0.05  # fixed nodes keep the velocity they are given
+    found = walls.set(x, v).velocities("finish")
+    close(found, naive.bounce(FIXED, world, h, x, v))
+    assert (found != v).any() and (found == v)[FIXED.inverse_mass == 0.0].all()
+    assert np.sum(found**2, axis=1) @ ALL.mass < np.sum(v**2, axis=1) @ ALL.mass
+    mass, h = rng.uniform(0.5, 2.0), 0.3
+    block = Block(("gravity",), FIXED, world, variation=[1, mass, 1, 0, 0, 0], h=h).set(x, v)
+    wanted = np.exp(-0.5 * h * world.viscosity * FIXED.inverse_mass / mass) * v
+    close(block.velocities("decay"), wanted, 1e-14)
+    assert (wanted == v).sum() == 8
+    close(block.add("add_force_cached", "add_force"), ALL.mass[:, None] * world.gravity)
+    close(block.matrix("add_system"), h * world.viscosity / mass * np.eye(60))
+
+
+def test_without_gravity():
+    """Walls without gravity reflect everything; a world without a force compiles nothing for it."""
+    world = make_world(planes=[((0, 0, 1), 0.0, 0.5)])._replace(gravity=None)
+    assert forces.present(ALL, world) == ("springs", "tets", "pressure", "barriers", "contact")
+    body = make_body([[0.0, 0.0, -1e-9]], [1.0], [], [], [], [], [])
+    assert forces.present(body, VACUUM) == ()
+    found = Block(None, body, world, h=0.1).set(body.position, np.array([[1.0, 0.0, -2.0]])).velocities("finish")
+    np.testing.assert_array_equal(found, [[1.0, 0.0, 1.0]])
+
+
+def test_anchor_at_its_point():
+    """An anchor with a length whose node is at its very point has no direction, and no force."""
+    body, still, names = (
+        completed(make_body(np.zeros((1, 3)), [1.0], [], [], [], [], [])),
+        np.zeros((1, 3)),
+        ("anchors",),
+    )
+    world = WORLD._replace(anchors=make_anchors([0], np.zeros(3), 5.0, 1.0, 0.3, [1.0, 0.0, 0.0]))
+    evaluator = Evaluator(body, world, names)
+    assert not evaluator.force(np.zeros(0), still, still).any()
+    assert not np.any(evaluator.jacobian(np.zeros(0), still, still))
+    block = Block(names, body, world).set(still, still)
+    assert not block.add("add_force_cached").any() and not block.add("add_tangent", v=still + 1.0).any()
+    assert not block.set(still, still).matrix("add_system").any()
+
+
+def test_bounds_of_anchors():
+    """The node with the stiffest anchors sets the rates, stiffness and damping each."""
+    inner, bound = forces.bounds(ALL, WORLD)
+    assert inner == FORCES["barriers"].bounds(ALL, WORLD)
+    assert bound == pytest.approx(naive.steps.anchor_rates(ALL, WORLD), rel=1e-14)
+    assert forces.bounds(ALL, VACUUM) == [inner]
