@@ -61,7 +61,7 @@ ROOMS = (
         ("fish_env/tasks/*.py",),
         "start_pose or starts_differ or commanded_when or reversal or severity_widens or alignment or impossible",
         ("tasks",),
-        ("tasks", "layout", "envs", "controllers", "evaluation"),
+        ("tasks", "observations", "environments", "controllers", "evaluation"),
     ),
 )  # fmt: skip
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult,

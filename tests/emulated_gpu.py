@@ -7,6 +7,7 @@ the same time is not seen.
 import ctypes
 import re
 from contextlib import contextmanager
+from functools import cache
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -93,10 +94,11 @@ class Emulated:
                 self._call(*arguments)
 
 
-def emulated(episodes, env_type, cc=(8, 0)):
-    """The kernel of `launch_for`, emulated, and its PTX."""
+@cache
+def emulated(launch, cc=(9, 0)):
+    """A kernel of `launch_for`, emulated, and its PTX."""
     with program() as modules:
-        ptx = to_ptx(launch_for(episodes, env_type), SIGNATURE, cc)
+        ptx = to_ptx(launch, SIGNATURE, cc)
     return Emulated(modules, "launch", [ctypes.c_int64] * 3 + [ctypes.c_double]), ptx
 
 
@@ -104,7 +106,7 @@ def emulated_launcher(episodes, env_type, blocks, device):
     """In place of `fish_env.gpu.torch_env.launcher`."""
     from fish_env.gpu.torch_env import BLOCK
 
-    call, _ = emulated(episodes, env_type)
+    call, _ = emulated(launch_for(episodes, env_type))
     return lambda *arguments: call(blocks * BLOCK, *arguments)
 
 
@@ -117,11 +119,11 @@ class EmulatedSteps:
         cc: compute capability.
     """
 
-    def __init__(self, env, warps=None, cc=(8, 0)):
+    def __init__(self, env, warps=None, cc=(9, 0)):
         self.env, self.warps = env, -(-env.num_envs // WARP) if warps is None else warps
         self.pack = threads_pack(env)
         self.upload = Upload(self.pack, self.warps, placed, lambda array: array.ctypes.data)
-        self._launch, self.ptx = emulated(env, self.upload.type, cc)
+        self._launch, self.ptx = emulated(launch_for(env, self.upload.type), cc)
 
     def step(self, action):
         """One control interval of all fish."""

@@ -446,7 +446,7 @@ NOT_RUN = {
     "is a server, an image or a cluster": ("tensorboard", "docker build", "docker run", "ray start"),
     "is in .ci/run too": ("mkdocs build",),
     "needs RL Baselines3 Zoo, which is no dependency": (r"python -m rl_zoo3\.",),
-    "is run by test_learners.py, test_rllib.py and test_torch_env.py where that is installed": (
+    "is run by test_learners.py, test_rllib.py and test_gpu.py where that is installed": (
         r"python examples/train_torchrl\.py", r"python examples/train_sbx\.py", r"python examples/train_rllib\.py",
         r"python examples/train_gpu\.py",
     ),

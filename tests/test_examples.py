@@ -27,7 +27,7 @@ SOURCES = {path.relative_to(EXAMPLES).as_posix(): path.read_text() for path in S
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
 QUICK = LEARNERS | {"train_ppo.py", "train_rllib.py", "train_gpu.py", "play.py", "pixels.py", "custom_task.py",
                     "custom_body.py", "plan_random_shooting.py"}  # fmt: skip
-"""The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_torch_env.py`."""
+"""The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_gpu.py`."""
 
 
 def run(folder, *words, **variables):

@@ -1,19 +1,27 @@
-"""Calls of tanks and environments, given anything and arrays in odd memory: refused, or done; never a number lost."""
+"""Calls of tanks and environments, given anything and arrays in odd memory: refused, or done; never a number lost.
 
+In any order, with copies and refusals between them, they answer as a fresh environment that is given those that count.
+"""
+
+import contextlib
+import copy
+import pickle
 import warnings
 
+import gymnasium as gym
 import numpy as np
 import pytest
-from fuzzing import FACTOR, LAYOUTS, THINGS, WHOLE, call, examples, numbers, odd, scaled, single
+from fuzzing import FACTOR, LAYOUTS, REFUSED, THINGS, WHOLE, call, examples, numbers, odd, scaled, single
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
-from fish_env import Tank, make_fish, observation_layout
+from fish_env import INTEGRATORS, Tank, make_fish, make_sb3_vec_env, observation_layout
 from fish_env.control import load_policy, shipped_policy
 from fish_env.envs import FishVectorEnv
 from fish_env.kernels.simd import Kind
 
-FISH = make_fish()
+FISH, SWIM, STUB = make_fish(), "FishEnv/Swim-v0", "FishEnv/Stub-v0"
 ACTION = single(np.random.default_rng(0).uniform(-1.0, 1.0, (2, 12)))
 
 
@@ -156,14 +164,6 @@ def test_a_flat_fish_is_not_made_to_vary_in_pitch():
     assert FishVectorEnv(2, body="planar", variation={"pitch": 0.0}).reset(seed=0)[0].shape[0] == 2
 
 
-def test_seeds_of_numpy():
-    """Seeds may be numpy's whole numbers, alone and in an array."""
-    env = FishVectorEnv(2)
-    wanted = env.reset(seed=[4, 5])[0]
-    for seed in (np.array([4, 5]), np.int64(4), [np.uint8(4), 5]):
-        np.testing.assert_array_equal(env.reset(seed=seed)[0], wanted)
-
-
 # Arrays in odd memory
 
 
@@ -258,37 +258,35 @@ def test_observations_in_odd_memory():
         np.testing.assert_array_equal(policy(obs), policy(lay(layout, obs)))
 
 
-@pytest.mark.parametrize("bad", [["0.5"] * 12, np.zeros(12, complex), np.zeros(12, "M8[s]"), [10**400] * 12, None, {},
-                                 np.ma.masked_array(np.zeros(12), np.arange(12) == 3)])  # fmt: skip
-def test_what_is_no_number_is_no_action(bad):
-    """Text, dates, complex and masked numbers are refused wherever a command is taken, and nothing moves."""
-    tank, env = Tank(FISH, 1), FishVectorEnv(1)
-    env.reset(seed=0)
-    many = bad if isinstance(bad, dict) or bad is None else [bad] if isinstance(bad, list) else bad[None]
-    for refused in (lambda: tank.swim(bad, tank.dt), lambda: tank.drive(many, 1), lambda: tank.command(many, tank.dt),
-                    lambda: env.step(many)):  # fmt: skip
-        with pytest.raises(ValueError, match=r"action is|contraction is|has shape"):
-            refused()
-    assert not tank.control.rate.any() and not tank.time.any() and not env.tank.time.any()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"max_episode_steps": 2**70}, "max_episode_steps is 1180591620717411303424; give a whole number"),
-        ({"control_interval": 1e308}, "give at most 9007199254740992 steps"),
-        ({"control_interval": 10**400}, "control_interval is 10+; give a positive number"),
-        ({"water": {"density": 1e308, "drag_coefficient": 1e308}}, "is infinite; give less"),
-        ({"dt": 1e300}, "dt is 1e.300; give a positive number of seconds, at least 1e-12 and at most 1e.09"),
-        ({"dt": 10**400}, "dt is 10+; give"),
-        ({"lanes": 8.0}, "lanes is 8.0"),
-        ({"speed": np.array(0.5 + 1j)}, "speed is .*give finite numbers"),
-    ],
-)
-def test_numbers_that_are_too_large_are_refused(options, message):
-    """Numbers that no clock, no counter and no float can hold are refused when an environment is made."""
-    with pytest.raises(ValueError, match=message):
-        FishVectorEnv(2, **options)
+@pytest.mark.parametrize("name", ["FishEnv.step", "FishVectorEnv.step", "FishVecEnv.step", "Tank.swim", "Tank.drive",
+                                  "Policy"])  # fmt: skip
+def test_odd_arrays(name):
+    """What is under a mask, complex or needs a gradient is refused everywhere by a ValueError; bfloat16 is taken."""
+    torch = pytest.importorskip("torch")
+    single, batch, vec = gym.make(STUB).unwrapped, gym.make_vec(STUB), make_sb3_vec_env(STUB)
+    for env in (single, batch, vec):
+        env.reset()
+    tank, policy = Tank(FISH, 1), load_policy(shipped_policy("swim"))
+    call = {
+        "FishEnv.step": lambda a: single.step(a[0]), "FishVectorEnv.step": batch.step, "FishVecEnv.step": vec.step,
+        "Tank.swim": lambda a: tank.swim(a, tank.dt), "Tank.drive": lambda a: tank.drive(a, 1), "Policy": policy,
+    }[name]  # fmt: skip
+    plain = np.full((1, 156 if name == "Policy" else 12), 0.25)
+    mask = np.zeros(plain.shape, dtype=bool)
+    call(plain)
+    call(np.ma.array(plain, mask=mask))
+    for dtype in (torch.float32, torch.float64, torch.bfloat16, torch.float16):
+        call(torch.from_numpy(plain).to(dtype))
+    mask[0, 3] = True
+    grad = torch.full(plain.shape, 0.25, requires_grad=True)
+    for bad in (np.ma.array(plain, mask=mask), np.ma.array(plain, mask=True), grad, grad * 1.0,
+                torch.nn.Parameter(grad.detach()), grad.to(torch.bfloat16), grad.detach().to(torch.complex64),
+                grad.detach().to("meta"), grad.detach().to_sparse(), plain + 0j, plain.astype(str),
+                np.zeros(plain.shape, "M8[s]"), [[10**400] * plain.size]):  # fmt: skip
+        with pytest.raises(ValueError):
+            call(bad)
+    with pytest.raises(ValueError, match="detach"):
+        call(grad)
 
 
 def test_a_body_of_extreme_size_is_refused():
@@ -322,3 +320,224 @@ def test_small_whole_numbers():
     env = FishVectorEnv(np.int8(2))
     assert type(env.num_envs) is int and env.reset(seed=0)[0].shape[0] == 2
     env.close()
+
+
+# Calls in any order
+
+
+IDS = (SWIM, STUB) if FACTOR == 1 else tuple(sorted(id for id in gym.registry if id.startswith("FishEnv/")))
+ids, few, some_steps, places = st.sampled_from(IDS), st.integers(0, 9), st.integers(0, 3), st.integers(0, 22)
+new_seeds = st.sampled_from([None, 0, 3])
+variations = st.sampled_from([None, {"mass": (0.8, 1.25), "current": (0.0, 0.3)}])
+yaws = st.sampled_from([{}, {"yaw": 0.5}])
+bad_actions = st.sampled_from([None, "left", np.zeros(5), np.full(12, np.inf), np.full((2, 12), np.nan),
+                               np.zeros((2, 12), complex)])  # fmt: skip
+bad_options = st.sampled_from(
+    [{"wind": 1}, {"yaw": np.nan}, {"yaw": 9.0}, [1], {"reset_mask": [True]}, {"pitch": "up"}]
+)
+
+
+def same(one, other, place=""):
+    """Whether two results have the same bits: arrays, numbers, and dictionaries and tuples of them."""
+    assert type(one) is type(other), place
+    if isinstance(one, dict):
+        assert one.keys() == other.keys(), place
+        for key in one:
+            same(one[key], other[key], f"{place}.{key}")
+    elif isinstance(one, tuple | list):
+        assert len(one) == len(other), place
+        for k, parts in enumerate(zip(one, other, strict=True)):
+            same(*parts, f"{place}[{k}]")
+    elif isinstance(one, np.ndarray) and one.dtype == object:
+        same(one.tolist(), other.tolist(), place)
+    else:
+        one, other = np.asarray(one), np.asarray(other)
+        assert one.dtype == other.dtype and one.tobytes() == other.tobytes(), f"{place}: {one} is not {other}"
+
+
+class Sequence(RuleBasedStateMachine):
+    """Calls in any order. At the end a fresh environment is given those that count, and must answer alike."""
+
+    def make(self):
+        raise NotImplementedError
+
+    def begin(self, **options):
+        """Make the environment, and call it for the first time."""
+        self.options, self.log = options, []
+        self.env = self.make()
+        self.first()
+
+    def first(self):
+        self.do("reset", seed=0)
+
+    def answer(self, env, method, args, keywords):
+        """What a method returns; of a tank, whose methods return nothing, the state that it leads to."""
+        result = getattr(env, method)(*copy.deepcopy(args), **copy.deepcopy(keywords))
+        return env.get_state() | {"effort": env.effort.copy()} if isinstance(env, Tank) else result
+
+    def do(self, method, *args, **keywords):
+        """Make a call that counts."""
+        self.last = self.answer(self.env, method, args, keywords)
+        self.log.append((method, args, keywords, copy.deepcopy(self.last)))
+        return copy.deepcopy(self.last)
+
+    def refused(self, method, *args, **keywords):
+        """Make a call that is refused, and does not count."""
+        with pytest.raises(REFUSED):
+            getattr(self.env, method)(*args, **keywords)
+
+    @rule(way=st.sampled_from(["pickle", "deepcopy", "pickle of a copy"]), seed=few)
+    def clone(self, way, seed):
+        """Go on with a copy; what becomes of the original does not matter to it."""
+        original = self.env
+        made = copy.deepcopy(original) if way != "pickle" else original
+        self.env = pickle.loads(pickle.dumps(made)) if way != "deepcopy" else made
+        self.disturb(original, seed)
+
+    def disturb(self, original, seed):
+        original.reset(seed=seed)
+        original.close()
+
+    @rule()
+    def close(self):
+        """Close it; a fish goes on, as its threads and its window begin again when they are needed."""
+        getattr(self.env, "unwrapped", self.env).close()
+
+    @rule()
+    def overwrite(self):
+        """Write to the arrays that were handed out last: they are the caller's."""
+        for part in self.last if isinstance(self.last, tuple) else (self.last,):
+            if isinstance(part, np.ndarray):
+                part[...] = 1
+
+    def teardown(self):
+        """A fresh environment, given the same calls, answers with the same bits."""
+        if not getattr(self, "log", None):
+            return
+        self.env.close()
+        fresh = self.make()
+        for k, (method, args, keywords, result) in enumerate(self.log):
+            same(self.answer(fresh, method, args, keywords), result, f"call {k}, {method}")
+        fresh.close()
+
+
+class Batch(Sequence):
+    """Several fish, by `gym.make_vec`, in all three autoreset modes."""
+
+    def make(self):
+        return gym.make_vec(**self.options)
+
+    @initialize(id=ids, num_envs=st.sampled_from([1, 2]), max_episode_steps=st.integers(1, 5),
+                autoreset_mode=st.sampled_from(["NextStep", "SameStep", "Disabled"]), threads=st.sampled_from([1, 2]),
+                info_every_step=st.booleans(), variation=variations)  # fmt: skip
+    def start(self, **options):
+        self.begin(**options)
+
+    @rule(seed=new_seeds, options=yaws, mask=st.integers(0, 3))
+    def reset(self, seed, options, mask):
+        chosen = (mask >> np.arange(self.env.num_envs) & 1).astype(bool)
+        self.do("reset", seed=seed, options=options | ({"reset_mask": chosen} if chosen.any() else {}))
+
+    @rule(seed=few)
+    def step(self, seed):
+        """Take an environment step; where autoreset is disabled, begin again what has ended."""
+        action = np.random.default_rng(seed).uniform(-1.2, 1.2, self.env.action_space.shape)
+        _, _, terminated, truncated, _ = self.do("step", action)
+        over = terminated | truncated
+        if over.any() and self.options["autoreset_mode"] == "Disabled":
+            self.refused("step", action)
+            self.do("reset", options={"reset_mask": over})
+
+    @rule(action=bad_actions)
+    def bad_step(self, action):
+        self.refused("step", action)
+
+    @rule(options=bad_options, seed=st.sampled_from([None, 5, -1]))
+    def bad_reset(self, options, seed):
+        self.refused("reset", seed=seed, options=options)
+
+
+class Tanks(Sequence):
+    """A tank: it is moved, held, dragged, varied and reset."""
+
+    def make(self):
+        return Tank(FISH, 2, water=FISH.water, **self.options)
+
+    @initialize(integrator=st.sampled_from([None] if FACTOR == 1 else [None, *INTEGRATORS]))
+    def start(self, **options):
+        self.begin(**options)
+
+    def first(self):
+        self.saved = self.env.get_state()
+        self.do("advance", 1)
+
+    def disturb(self, original, seed):
+        original.velocity[:] = seed
+        original.fix([seed])
+        original.advance(1)
+
+    @rule(seed=few, steps=st.integers(1, 3))
+    def drive(self, seed, steps):
+        self.do("drive", np.tile(np.random.default_rng(seed).uniform(size=12), (2, 1)), steps)
+
+    @rule(steps=some_steps)
+    def advance(self, steps):
+        self.do("advance", steps)
+
+    @rule(call=st.one_of(
+        st.tuples(st.just("fix"), st.lists(places, max_size=2), st.sampled_from(["x", "yz", "xyz"])),
+        st.tuples(st.just("move"), st.lists(places, max_size=2), st.sampled_from([np.zeros(3), np.full(3, 0.01)])),
+        st.tuples(st.just("grab"), places, st.just(np.array([0.1, 0, 0])), st.sampled_from([0.0, 5.0])),
+    ))  # fmt: skip
+    def hold(self, call):
+        """Hold, move or drag a node, if the method can; a refusal has changed nothing."""
+        with contextlib.suppress(ValueError):
+            self.do(*call)
+
+    @rule(nodes=st.sampled_from([None, [0, 5], list(range(23))]))
+    def release(self, nodes):
+        self.do("release", nodes)
+
+    @rule(i=st.integers(0, 1), mass=st.sampled_from([0.8, 1.0, 1.25]))
+    def vary(self, i, mass):
+        self.do("vary", i, mass=mass)
+
+    @rule(mask=st.sampled_from([None, np.array([True, False])]))
+    def reset(self, mask):
+        self.do("reset", mask)
+
+    @rule(keep=st.booleans())
+    def save_or_restore(self, keep):
+        """Keep the state, or come back to the one that was kept, whatever holds the nodes now."""
+        if keep:
+            self.saved = self.env.get_state()
+        else:
+            self.do("set_state", self.saved)
+
+    @rule(steps=some_steps)
+    def twin(self, steps):
+        """A fresh tank that is given the state goes on as a copy does whose nodes nothing holds."""
+        copied, fresh = copy.deepcopy(self.env), self.make()
+        copied.release(range(23))
+        copied.release()
+        state = copied.get_state()
+        fresh.set_state(state)
+        same(fresh.get_state(), state, "set_state")
+        for each in (copied, fresh):
+            each.advance(steps)
+        same(fresh.get_state(), copied.get_state(), "advance after set_state")
+
+    @rule(name=st.sampled_from(["x", "failure", "variation"]), value=st.sampled_from([np.nan, -5.0, None, 10**400]))
+    def bad_state(self, name, value):
+        """A state of which a part is missing or not allowed."""
+        if name != "x" or value != -5.0:
+            self.refused("set_state", {k: v for k, v in (self.saved | {name: value}).items() if v is not None})
+
+    @rule(node=st.sampled_from([-1, 23, 10**30, 0.5, None]))
+    def bad_node(self, node):
+        self.refused("fix", [node])
+        self.refused("grab", node, np.zeros(3), 1.0)
+
+
+TestBatch, TestTank = Batch.TestCase, Tanks.TestCase
+TestBatch.settings = TestTank.settings = examples(10, stateful_step_count=12)

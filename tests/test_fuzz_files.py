@@ -257,7 +257,7 @@ def wholes(recorded):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@examples(20)
+@examples(10)
 @given(data=st.data())
 def test_files_of_strangers(place, wholes, kind, data):
     """Files near good ones are read and used, or refused; see `try_file`."""
@@ -293,21 +293,3 @@ def test_command_lines(tmp_path_factory, arguments):
         except SystemExit as end:
             status = end.code
     assert status in (0, 2) and (status == 0) == (not err.getvalue()), (arguments, status, err.getvalue())
-
-
-TRAINING = ["train", "swim", "all", "evaluate", "compare", "report", "play", "--seed", "--timesteps", "--num-envs",
-            "--dt", "1", "nan", "inf", "1e400", "-1", "x", "--tasks", "--integrators", "--help", "", "--",
-            "é"]  # fmt: skip
-
-
-@examples(60)
-@given(arguments=st.lists(st.sampled_from(TRAINING), max_size=5))
-def test_training_command_lines(arguments):
-    """The command line of `train.py`, of any words, is understood or refused by argparse with status 2."""
-    train = pytest.importorskip("train")
-    pytest.importorskip("torch")
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        try:
-            train.make_parser()[0].parse_args(arguments)
-        except SystemExit as end:
-            assert end.code in (0, 2), arguments

@@ -1,4 +1,7 @@
-"""What stands between a fish and its controller: noise, delays, history, sensors, goals and a privileged state."""
+"""What a fish observes: the named parts of its observation, sensors, noise, delays, history and goals.
+
+Most of it is measured of fish that glide or stand anywhere, without compilation; `test_compiled` compares kernels.
+"""
 
 import copy
 import pickle
@@ -6,15 +9,19 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
+from gliding import ID, GlidingVectorEnv, each_task
 from gymnasium.utils.env_checker import check_env
+from moving import tiered
 
 import fish_env
 from fish_env.control import evaluate, record, replay
 from fish_env.envs import Layout
+from fish_env.envs.step import compile_measure_and_observe
 from fish_env.envs.variation import FACTORS
+from fish_env.tasks import Direction
 from fish_env.tasks.target import GoalTask, TargetTask
 
-SWIM = "FishEnv/Swim-v0"
+SWIM, STUB, TARGET = "FishEnv/Swim-v0", "FishEnv/Stub-v0", ID["target"]
 ALL = {
     "observation_noise": {"velocity": 0.1, "position": 0.01}, "action_noise": 0.1, "observation_delay": (0, 3),
     "action_delay": (0, 2), "history": 2, "privileged": True,
@@ -23,7 +30,7 @@ ALL = {
 ACTIONS = np.random.default_rng(1).uniform(-1.0, 1.0, (12, 16, 12)).astype(np.float32)
 
 
-def run(num_envs, id=SWIM, actions=ACTIONS, steps=12, **keywords):
+def run(num_envs, id=STUB, actions=ACTIONS, steps=12, **keywords):
     """Observations (T+1,B,D) of a batch under these actions, and the environment."""
     env = gym.make_vec(id, num_envs, **keywords).unwrapped
     found = [env.reset(seed=0)[0]]
@@ -32,29 +39,41 @@ def run(num_envs, id=SWIM, actions=ACTIONS, steps=12, **keywords):
     return np.array(found), env
 
 
-def test_fish_alone_and_among_others():
+def shake(env):
+    """Move every node of the fish a little, and give it a velocity of its own; what is observed then."""
+    rng, shape = np.random.default_rng(7), env.tank.position.shape
+    env.tank.position[:] += 0.02 * env.tank.fish.length * rng.normal(size=shape)
+    env.tank.velocity[:] = env.tank.fish.length * rng.normal(size=shape)
+    env._measure()
+    return env.observe()
+
+
+@pytest.mark.parametrize("id", tiered((STUB, SWIM), (STUB,)))
+def test_fish_alone_and_among_others(id):
     """With everything on, a fish has the same bits alone, in a batch, in any lanes and threads."""
-    batch, _ = run(16, lanes=8, threads=2, **ALL)
-    four, _ = run(4, threads=1, **ALL)
+    batch, _ = run(8, id, lanes=8, threads=2, **ALL)
+    four, _ = run(4, id, threads=1, **ALL)
     np.testing.assert_array_equal(batch[:, :4], four)
     for i in (0, 3):
-        env = gym.make(SWIM, **ALL)
+        env = gym.make(id, **ALL)
         alone = [env.reset(seed=i)[0], *(env.step(action[i])[0] for action in ACTIONS)]
         np.testing.assert_array_equal(alone, four[:, i])
 
 
-def test_kernels_as_python():
-    """The stub, whose kernels run as Python, has the observations of the same kernels compiled, noise included."""
-    keywords = {name: value for name, value in ALL.items() if name != "variation"}
-    stub, env = run(2, "FishEnv/Stub-v0", **keywords)
-    _, swim = run(2, **keywords, steps=0)
-    swim.tank.position[:], swim.tank.velocity[:] = env.tank.position, env.tank.velocity
-    swim.tank.rest_length[:] = env.tank.rest_length
-    swim._memory["past_action"][:] = env._memory["past_action"]
-    swim._memory["past_observation"][:] = env._memory["past_observation"]
-    swim._elapsed[:] = env._elapsed
-    swim._measure()
-    np.testing.assert_allclose(swim.observe(), stub[-1], rtol=1e-5, atol=1e-5)
+@each_task
+@pytest.mark.parametrize("observation", ["nodes", "sensors"])
+def test_compiled(task, observation):
+    """What a task and an observation are compiled to makes of ten steps what they make as Python."""
+    options = {"task": task, "observation": observation} | ({} if observation == "sensors" else ALL)
+    plain, compiled = (GlidingVectorEnv(2, **options) for _ in range(2))
+    compiled._measure_and_observe = compile_measure_and_observe(compiled._kernels, compiled._sensing)
+    for one, other in zip(plain.reset(seed=0), compiled.reset(seed=0), strict=True):
+        if not isinstance(one, dict):
+            np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
+    for action in ACTIONS[:10, :2]:
+        for one, other in zip(plain.step(action)[:4], compiled.step(action)[:4], strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(plain._arrays["totals"], compiled._arrays["totals"], rtol=1e-9, atol=1e-9)
 
 
 def test_action_arrives_k_steps_later():
@@ -82,7 +101,7 @@ def test_observation_delay_and_history():
                 np.testing.assert_array_equal(seen, layout.read(found[max(t - k, 0)], name), err_msg=f"{t} {k} {name}")
             given = ACTIONS[t - k, :3] if t >= k else -np.ones((3, 12))
             np.testing.assert_array_equal(layout.read(found[t], f"past {k}: action"), np.float32(given))
-    drawn = gym.make_vec(SWIM, 64, observation_delay=(1, 3)).unwrapped
+    drawn = gym.make_vec(STUB, 64, observation_delay=(1, 3)).unwrapped
     drawn.reset(seed=0)
     assert set(drawn._memory["delay"][:, 0].tolist()) == {1, 2, 3}
 
@@ -103,9 +122,9 @@ def test_noise():
     again = env.reset(seed=0)[0]
     np.testing.assert_array_equal(again, found[0])
     assert not np.array_equal(env.reset()[0][:, env.layout["vertical"].slice], again[:, env.layout["vertical"].slice])
-    still = np.zeros((200, 16, 12), dtype=np.float32)
-    _, noisy = run(16, actions=still, steps=60, action_noise=0.1)
-    _, quiet = run(16, actions=still, steps=60)
+    still = np.zeros((2, 16, 12), dtype=np.float32)
+    _, noisy = run(16, actions=still, steps=2, action_noise=0.1)
+    _, quiet = run(16, actions=still, steps=2)
     assert np.array_equal(quiet._contraction, np.full((16, 12), 0.5))
     assert (noisy._contraction - 0.5).std() == pytest.approx(0.05, rel=0.15)
 
@@ -113,9 +132,9 @@ def test_noise():
 def test_task_is_the_same_with_and_without_noise():
     """Delays and the noise's key are drawn last, so that an episode of a seed is the same one."""
     for keywords in ({"action_noise": 0.1}, {"action_delay": (0, 2)}):
-        env = gym.make_vec("FishEnv/Target-v0", 2, **keywords).unwrapped
+        env = gym.make_vec(TARGET, 2, **keywords).unwrapped
         env.reset(seed=3)
-        plain = gym.make_vec("FishEnv/Target-v0", 2).unwrapped
+        plain = gym.make_vec(TARGET, 2).unwrapped
         plain.reset(seed=3)
         np.testing.assert_array_equal(env.task._target, plain.task._target)
 
@@ -123,9 +142,10 @@ def test_task_is_the_same_with_and_without_noise():
 @pytest.mark.parametrize("body", ["mass_spring", "planar"])
 def test_sensors(body):
     """Every sensor agrees with its definition, calculated by numpy from positions and velocities."""
-    found, env = run(2, observation="sensors", body=body, variation={"drag": 1.5, "current": 0.3})
+    _, env = run(2, observation="sensors", body=body, variation={"drag": 1.5, "current": 0.3}, steps=0)
+    found = shake(env)
     layout, tank, fish = env.layout, env.tank, env.tank.fish
-    seen = {part.name: layout.read(found[-1], part.name)[1].astype(float) for part in layout}
+    seen = {part.name: layout.read(found, part.name)[1].astype(float) for part in layout}
     x, v, mass = tank.position[1], tank.velocity[1], fish.body.mass / fish.body.mass.sum()
 
     def axes(x):
@@ -166,6 +186,7 @@ def test_sensors(body):
 def test_mirror_image():
     """The observation of a mirrored fish, sensors and history, is the reflection that the layout states."""
     _, env = run(2, observation="sensors", history=1, muscle_groups="pairs", actions=ACTIONS[..., :6])
+    shake(env)
     tank, fish = env.tank, env.tank.fish
     tank.state.x[1] = tank.state.x[0, fish.mirror] * (1.0, -1.0, 1.0)
     tank.state.v[1] = tank.state.v[0, fish.mirror] * (1.0, -1.0, 1.0)
@@ -181,7 +202,7 @@ def test_mirror_image():
 def test_privileged():
     """The privileged observation is the exact one of all nodes, with the fish's factors, always."""
     plain, _ = run(2, variation={"mass": (0.8, 1.2)})
-    env = gym.make_vec(SWIM, 2, observation="sensors", observation_delay=2, privileged=True,
+    env = gym.make_vec(STUB, 2, observation="sensors", observation_delay=2, privileged=True,
                        variation={"mass": (0.8, 1.2)}, max_episode_steps=5,
                        autoreset_mode="SameStep").unwrapped  # fmt: skip
     infos = [env.reset(seed=0)[1], *(env.step(action[:2])[4] for action in ACTIONS[:5])]
@@ -192,19 +213,19 @@ def test_privileged():
     np.testing.assert_array_equal(infos[5]["final_info"]["privileged"][0][:156], plain[5, 0])
     assert infos[5]["variation"]["mass"][0] != infos[0]["variation"]["mass"][0]
     assert infos[5]["final_info"]["variation"]["mass"][0] == infos[0]["variation"]["mass"][0]
-    one = gym.make(SWIM, privileged=True)
+    one = gym.make(STUB, privileged=True)
     assert one.reset(seed=0)[1]["privileged"].shape == (165,)
     one.unwrapped.tank.vary(0, mass=1.25, length=1.5)
     told = one.step(one.action_space.sample())[4]["privileged"][-len(FACTORS) :]
     assert dict(zip(FACTORS, told, strict=True))["mass"] == 1.25 and told[-1] == 1.5
-    vec = fish_env.make_sb3_vec_env(SWIM, 2, seed=0, monitor=False, privileged=True)
+    vec = fish_env.make_sb3_vec_env(STUB, 2, seed=0, monitor=False, privileged=True)
     vec.reset()
     assert vec.reset_infos[0]["privileged"].shape == vec.step(ACTIONS[0, :2])[3][1]["privileged"].shape == (165,)
 
 
 def test_varied_muscles_and_length():
     """Strength scales the contraction, contraction_time its speed."""
-    tank = fish_env.Tank(fish_env.make_fish(), 3)
+    tank = fish_env.Tank(fish_env.make_fish(), 3, lanes="xyz")
     tank.vary(1, strength=0.5)
     tank.vary(2, contraction_time=2.0)
     tank.swim(np.ones(12), 0.02)
@@ -223,14 +244,14 @@ def test_varied_muscles_and_length():
     np.testing.assert_array_equal(tank.variation[0], [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("water", [None, "drag"])
+@pytest.mark.parametrize("water", tiered((None, "drag"), (None,)))
 def test_varied_length(water):
     """A fish varied to another length is the fish that is built so, in its own lengths: in a batch, alone, in a tank.
 
     What differs is rounding, which a regular stroke does not magnify.
     """
     own = {} if water is None else {"water": water}
-    batch = gym.make_vec(SWIM, 4, **own).unwrapped
+    batch = gym.make_vec(SWIM, 4, lanes="xyz", **own).unwrapped
     batch.reset(seed=0)
     ratios, fish, interval = (0.5, 0.7, 1.5, 2.0), batch.tank.fish, batch.control_interval
     alone = gym.make(SWIM, **own, variation={"length": 0.7, "contraction_time": 0.7**0.52}).unwrapped
@@ -256,7 +277,7 @@ def test_varied_length(water):
 
 def test_recorded_and_replayed():
     """An episode with noise and drawn delays is recorded and replayed to the bit."""
-    with gym.make(SWIM, **ALL) as env:
+    with gym.make(STUB, **ALL) as env:
         assert replay(record(env, ACTIONS[:, 0], seed=4)).same
 
 
@@ -273,8 +294,8 @@ def test_a_task_with_goals_is_of_its_own_class():
 
 def test_goals_are_exact():
     """Noise and delays are those of the observation alone: the goals are exact and of the present."""
-    exact = gym.make("FishEnv/Target-v0", goal_env=True)
-    worse = gym.make("FishEnv/Target-v0", goal_env=True, observation_noise={"position": 0.1}, observation_delay=3)
+    exact = gym.make(TARGET, goal_env=True)
+    worse = gym.make(TARGET, goal_env=True, observation_noise={"position": 0.1}, observation_delay=3)
     seen = []
     for env in (exact, worse):
         env.reset(seed=0)
@@ -286,7 +307,7 @@ def test_goals_are_exact():
 
 def test_rest_lengths_of_strong_muscles():
     """The rest length of a muscle that contracts further than 1 is observed as 1, as the page of Swim says."""
-    env = gym.make("FishEnv/Swim-v0", variation={"strength": 1.25})
+    env = gym.make(SWIM, variation={"strength": 1.25})
     env.reset(seed=0)
     for _ in range(10):
         obs = env.step(np.ones(12))[0]
@@ -296,7 +317,7 @@ def test_rest_lengths_of_strong_muscles():
 
 def test_goals():
     """With goal_env=True, rewards are those of the goals in the observation, and the checker is silent."""
-    with gym.make("FishEnv/Target-v0", goal_env=True, radius=0.25, disable_env_checker=True) as env:
+    with gym.make(TARGET, goal_env=True, radius=0.25, disable_env_checker=True) as env:
         check_env(env.unwrapped, skip_render_check=True)
         obs, _ = env.reset(seed=0, options={"distance": 0.8, "bearing": 0.0})
         target, nose = obs["desired_goal"], env.unwrapped.tank.fish.nose
@@ -315,7 +336,7 @@ def test_goals():
         found = env.unwrapped.episode_info()
         assert found["success"] and found["reached"] and 0 < found["time_to_target"] < 0.1
         assert replay(record(env, ACTIONS[:3, 0])).same
-    batch = gym.make_vec("FishEnv/Target-v0", 2, goal_env=True, max_episode_steps=2, autoreset_mode="SameStep")
+    batch = gym.make_vec(TARGET, 2, goal_env=True, max_episode_steps=2, autoreset_mode="SameStep")
     assert batch.reset(seed=0)[0]["desired_goal"].shape == (2, 3)
     for _ in range(2):
         obs, *_, infos = batch.step(batch.action_space.sample())
@@ -325,13 +346,13 @@ def test_goals():
     for each in (started[0][0], started[1][0], *moved):
         np.testing.assert_array_equal(each["desired_goal"], started[0][0]["desired_goal"])
     sb3 = pytest.importorskip("stable_baselines3")
-    model = sb3.SAC("MultiInputPolicy", fish_env.make_sb3_vec_env("FishEnv/Target-v0", 2, seed=0, goal_env=True))
+    model = sb3.SAC("MultiInputPolicy", fish_env.make_sb3_vec_env(TARGET, 2, seed=0, goal_env=True))
     assert set(evaluate(batch.unwrapped, model)["success"]) <= {0.0, 1.0}
     many = np.zeros((5, 3)), np.linspace(0, 1, 15).reshape(5, 3)
     assert batch.unwrapped.compute_reward(*many).tolist() == [
         0.0 if r <= 0.15 else -1.0 for r in np.linalg.norm(many[1], axis=1)
     ]
-    assert not hasattr(gym.make(SWIM).unwrapped, "compute_reward")
+    assert not hasattr(gym.make(STUB).unwrapped, "compute_reward")
 
 
 @pytest.mark.parametrize(
@@ -356,19 +377,97 @@ def test_bad_settings(keywords, message):
     """What is not allowed is one clear line."""
     for make in (gym.make, lambda id, **options: gym.make_vec(id, 2, **options)):
         with pytest.raises(ValueError, match=message):
-            make("FishEnv/Stub-v0", **keywords)
+            make(STUB, **keywords)
 
 
-def test_delay_is_shorter_than_the_limit_of_the_wrapper():
-    """A single fish learns of its time limit at a reset, and refuses a longer delay then."""
-    env = gym.make("FishEnv/Stub-v0", max_episode_steps=10, observation_delay=20)
-    with pytest.raises(ValueError, match=r"observation_delay is .*20.*; give a whole number .* from 0 to 9"):
-        env.reset()
+def test_noise_follows_the_unit():
+    """The noise of a part may be as large as the part; a part that is not there is named, whatever its noise."""
+    for part in gym.make(STUB, observation="sensors").unwrapped.layout:
+        gym.make(STUB, observation="sensors", observation_noise={part.name: part.limit})
+        with pytest.raises(ValueError, match=rf"from 0 to {part.limit:g} \(standard deviation, "):
+            gym.make(STUB, observation="sensors", observation_noise={part.name: 1.01 * part.limit})
+    with pytest.raises(ValueError, match="observation_noise has 'presure'; choose from"):
+        gym.make(STUB, observation="sensors", observation_noise={"presure": 0.0})
 
 
-def test_layout_of_history_and_sensors():
-    """Parts follow one another and have labels that begin with their names."""
-    layout = Layout(fish_env.make_fish(), (), "sensors", history=3)
-    assert layout.size == 4 * layout.present + 3 * 12 == sum(part.size for part in layout)
-    assert all(label.startswith(part.name) for part in layout for label in part.labels)
-    assert all(part.start == before.slice.stop for before, part in zip(layout.parts, layout.parts[1:], strict=False))
+# The layout
+
+
+@pytest.mark.parametrize(
+    ("id", "keywords"),
+    [*((id, {}) for id in ID.values()), (STUB, {"speed": 1.0}), (STUB, {"body": "planar"}),
+     (STUB, {"observation": "sensors", "history": 3})],
+)  # fmt: skip
+def test_parts_follow_one_another(id, keywords):
+    """The parts fill the observation without gaps, in their shapes, and the bounds are those of the space."""
+    env = gym.make_vec(id, 2, **keywords).unwrapped
+    layout, obs = env.layout, env.reset(seed=0)[0]
+    end = 0
+    for part in layout:
+        assert part.start == end and part.size == np.prod(part.shape) == len(part.labels)
+        assert all(label.startswith(part.name) for label in part.labels)
+        assert layout.read(obs, part.name).shape == (2, *part.shape)
+        assert np.shares_memory(layout.read(obs, part.name), obs)
+        end = part.slice.stop
+    assert end == layout.size == env.single_observation_space.shape[0]
+    np.testing.assert_array_equal(layout.bounds(), env.single_observation_space.high)
+    np.testing.assert_array_equal(-layout.bounds(), env.single_observation_space.low)
+
+
+def test_parts_are_what_they_say():
+    """Positions, velocities, rest lengths and directions are those of the tank in the body's frame."""
+    env = gym.make(SWIM).unwrapped
+    obs, _ = env.reset(seed=5, options={"yaw": 0.7, "heading": 1.2})
+    for action in np.random.default_rng(0).uniform(-1, 1, (20, 12)):
+        obs = env.step(action)[0]
+    tank, fish = env.tank, env.tank.fish
+    rows = env.layout.table()
+    assert len(rows) == obs.size == env.layout.size == len({name for name, _, _ in rows})
+    seen = {part.name: env.layout.read(obs, part.name) for part in env.layout}
+    mass = fish.body.mass / fish.body.mass.sum()
+    x = tank.position[0] - mass @ tank.position[0]
+    forward = fish.line @ x
+    forward /= np.linalg.norm(forward)
+    np.testing.assert_allclose(seen["position"][:, 0], x @ forward / fish.length, atol=1e-6)
+    np.testing.assert_allclose(seen["velocity"][:, 0], tank.velocity[0] @ forward / fish.length, atol=1e-5)
+    np.testing.assert_allclose(seen["rest length"], 2 * tank.contraction[0] - 1, atol=1e-6)
+    assert seen["vertical"][0] == pytest.approx(forward[2], abs=1e-6)
+    assert seen["vertical"] @ seen["vertical"] == pytest.approx(1, abs=1e-6)
+    assert seen["commanded heading"][0] == pytest.approx(forward @ [np.cos(1.2), np.sin(1.2), 0], abs=1e-6)
+    assert seen["commanded heading"] @ seen["commanded heading"] == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("body", fish_env.BODIES)
+def test_scaled_observation_of_a_fish_at_rest_is_zero(body):
+    """A relaxed fish at rest, level, is seen as zeros but for what the task shows."""
+    env = gym.make_vec(STUB, 1, body=body).unwrapped
+    env.reset(seed=0)
+    env.tank.position[:], env.tank.velocity[:] = env.tank.fish.body.position, 0.0
+    env._measure()
+    offset, scale = env.layout.scaling()
+    scaled = ((env.observe()[0] - offset) / scale)[: env.layout["commanded heading"].start]
+    relaxed = env.layout["rest length"]
+    np.testing.assert_allclose(scaled[relaxed.slice], -1.0, atol=1e-6)
+    scaled[relaxed.slice] = 0.0
+    np.testing.assert_allclose(scaled, 0.0, atol=1e-4)
+
+
+def test_layout_is_asked_by_id():
+    """`observation_layout` is the layout of the environment that Gymnasium makes; the stub's is Swim's."""
+    asked = fish_env.observation_layout("FishEnv/Avoid-v0")
+    env = gym.make("FishEnv/Avoid-v0").unwrapped
+    assert asked.table() == env.layout.table() and asked.version == env.layout.version == 1
+    swim, stub = (fish_env.observation_layout(f"FishEnv/{name}-v0") for name in ("Swim", "Stub"))
+    assert swim.table() == stub.table() and "commanded heading" in swim
+    assert "commanded velocity" in fish_env.observation_layout("FishEnv/Swim-v0", speed=1.0)
+    assert pickle.loads(pickle.dumps(env.layout)).table() == env.layout.table()
+    with pytest.raises(ValueError, match="CartPole-v1 has no observation layout"):
+        fish_env.observation_layout("CartPole-v1")
+    with pytest.raises(KeyError, match="no part 'speed'; its parts are position, velocity, rest length, vertical"):
+        swim["speed"]
+
+
+def test_parts_need_different_names():
+    """A task whose direction has the name of another part is an error."""
+    with pytest.raises(ValueError, match="give every direction a name of its own"):
+        Layout(fish_env.make_fish(), (Direction("velocity", "body lengths/s", 1.0, 1.0),))

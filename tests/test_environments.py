@@ -1,8 +1,10 @@
-"""The environments keep Gymnasium's and Stable-Baselines3's contracts, and a batch of fish is so many single fish."""
+"""The environments keep Gymnasium's and Stable-Baselines3's contracts, and a batch of fish is so many single fish.
+
+One fish, a batch and the `VecEnv` give the same answers: to seeds, limits and calls, and in infos.
+"""
 
 import copy
 import json
-import pickle
 import subprocess
 import sys
 from itertools import pairwise
@@ -10,20 +12,30 @@ from itertools import pairwise
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
+from gliding import ID
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from moving import tiered
 
 import fish_env
-from fish_env import make_sb3_vec_env
+from fish_env import make_fish, make_sb3_vec_env
 from fish_env.envs import FishVectorEnv, episode
 
 IDS = sorted(id for id in gym.registry if id.startswith("FishEnv/"))
 SWIM, STUB = "FishEnv/Swim-v0", "FishEnv/Stub-v0"
 each_mode = pytest.mark.parametrize("mode", list(AutoresetMode))
+each_id = pytest.mark.parametrize("id", tiered([*ID.values(), *IDS], [*ID.values(), SWIM, STUB]))
+"""Every task without physics; with physics one in every run, those of others are slow."""
 
 
 def actions(env, steps, seed=0):
     """Random actions for so many steps of a batch."""
     return np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape)).astype(np.float32)
+
+
+def sb3(id=STUB, num_envs=3, **options):
+    """A `VecEnv` without a monitor."""
+    pytest.importorskip("stable_baselines3")
+    return make_sb3_vec_env(id, num_envs, monitor=False, **options)
 
 
 def begun(id=SWIM, seed=0, **options):
@@ -33,9 +45,9 @@ def begun(id=SWIM, seed=0, **options):
     return env
 
 
-def begun_batch(num_envs=2, seed=0, **options):
+def begun_batch(num_envs=2, seed=0, make=FishVectorEnv, **options):
     """A batch at the beginning of its episodes."""
-    env = FishVectorEnv(num_envs, **options)
+    env = make(num_envs, **options)
     env.reset(seed=seed)
     return env
 
@@ -52,25 +64,6 @@ def test_ids(id):
     assert gym.make(elsewhere).observation_space == gym.make(id).observation_space, "it need not be registered"
 
 
-@pytest.mark.parametrize("limit", [3, 7, -1])
-def test_info_comes_with_another_time_limit(limit, monkeypatch):
-    """The summary is in the `info` of the step that `max_episode_steps` truncates, and of no other."""
-    monkeypatch.setattr(gym.spec(STUB), "max_episode_steps", 5)
-    env = gym.make(STUB, max_episode_steps=limit)
-    for _ in range(2):
-        env.reset(seed=0)
-        steps = [env.step(env.action_space.sample()) for _ in range(8 if limit < 0 else limit)]
-        assert [bool(info) for *_, info in steps] == [truncated for *_, truncated, _ in steps]
-        assert steps[-1][3] == (limit > 0)
-    assert limit < 0 or steps[-1][4]["seconds"] == pytest.approx(0.02 * limit)
-    longer = gym.wrappers.TimeLimit(gym.make(STUB, max_episode_steps=4), 6)
-    longer.reset(seed=0)
-    assert [bool(longer.step(env.action_space.sample())[4]) for _ in range(4)] == [False, False, False, True]
-    inside = gym.make_vec(STUB, 2, vectorization_mode="sync", max_episode_steps=3)
-    inside.reset(seed=0)
-    assert ["terms" in inside.step(inside.action_space.sample())[4] for _ in range(3)] == [False, False, True]
-
-
 def test_threads_of_one_fish():
     """`gym.make` takes `threads` as `gym.make_vec` does, checks it, and refuses what is for batches."""
     assert gym.make(SWIM, threads=2).unwrapped.tank.threads == 2
@@ -85,16 +78,11 @@ def test_threads_of_one_fish():
 
 
 @pytest.mark.parametrize("error", [TypeError, ValueError])
-@pytest.mark.parametrize("make", [lambda **options: gym.make(SWIM, **options), FishVectorEnv])
-def test_unknown_keywords_are_unknown_to_others_too(make, error):
+def test_unknown_keywords_are_unknown_to_others_too(error):
     """An unknown keyword is Python's TypeError in words and kind, which libraries that try keywords look for."""
-    with pytest.raises(error, match="unexpected keyword argument 'frameskip'"):
-        make(frameskip=1)
-
-
-def test_refused_environments_are_closed_in_silence():
-    """An environment whose options were refused may be closed, as some versions of Gymnasium do when it is deleted."""
-    FishVectorEnv.__new__(FishVectorEnv).close()
+    for make in (gym.make, gym.make_vec):
+        with pytest.raises(error, match="unexpected keyword argument 'frameskip'"):
+            make(SWIM, frameskip=1)
 
 
 def test_module_id():
@@ -125,16 +113,16 @@ def test_stub_compiles_nothing(monkeypatch):
         batch.step(batch.action_space.sample())
 
 
-@pytest.mark.parametrize("id", IDS)
+@each_id
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_batch_equals_singles(id, mode):
-    """A batch seeded s is Gymnasium's batch of single fish seeded s + i, bit for bit, over 50 steps and a restart."""
-    batch = gym.make_vec(id, 3, max_episode_steps=30, autoreset_mode=mode)
+    """A batch seeded s is Gymnasium's batch of single fish seeded s + i, bit for bit, over a restart."""
+    batch = gym.make_vec(id, 3, max_episode_steps=6, autoreset_mode=mode)
     mode = batch.metadata["autoreset_mode"]
-    singles = gym.vector.SyncVectorEnv([lambda: gym.make(id, max_episode_steps=30)] * 3, autoreset_mode=mode)
+    singles = gym.vector.SyncVectorEnv([lambda: gym.make(id, max_episode_steps=6)] * 3, autoreset_mode=mode)
     np.testing.assert_array_equal(batch.reset(seed=11)[0], singles.reset(seed=11)[0])
     ends = 0
-    for action in actions(batch, 50):
+    for action in actions(batch, 10):
         *found, infos = batch.step(action)
         *expected, wanted = singles.step(action)
         for one, other in zip(found, expected, strict=True):
@@ -144,28 +132,17 @@ def test_batch_equals_singles(id, mode):
     assert ends >= 3, "no episode ended: the restart was not tested"
 
 
-def test_same_seed_same_bits():
-    """The same seed and actions give the same bits, whatever the number of threads; another seed differs."""
-
-    def play(seed, threads):
-        env = begun_batch(64, seed, threads=threads)
-        return np.array([env.step(action)[0] for action in actions(env, 5)])
-
-    np.testing.assert_array_equal(play(3, 1), play(3, 3))
-    assert (play(3, 1) != play(4, 1)).any()
-
-
-@pytest.mark.parametrize("id", IDS)
+@each_id
 def test_observations(id):
     """Observations are finite, fresh, float32, inside their space, and no element is constant."""
-    env, seen = gym.make(id), []
+    env, seen, swims = gym.make(id), [], id in IDS and id != STUB
     for seed in range(4):  # an episode may lack what a task only sometimes has, such as an obstacle that moves
         seen.append(env.reset(seed=seed)[0])
-        for action in actions(env, 3 if id == STUB else gym.spec(id).max_episode_steps - 1, seed):
+        for action in actions(env, gym.spec(id).max_episode_steps - 1 if swims else 3, seed):
             seen.append(env.step(action)[0])
     assert all(env.observation_space.contains(obs) for obs in seen)
     assert not any(np.shares_memory(a, b) for a, b in pairwise(seen))
-    if id != STUB:  # the stub is stiff
+    if swims:  # others are stiff
         assert (np.ptp(seen, axis=0) > 0).all()
 
 
@@ -189,28 +166,6 @@ def test_reward_is_progress_less_effort():
     assert info["speed"] == pytest.approx(covered / info["seconds"], rel=1e-9)
     env = begun(info_every_step=True)
     assert {"step_terms", "term_effort", "position", "heading"} <= set(env.step(env.action_space.sample())[4])
-
-
-def test_still_fish_pays_nothing():
-    """A fish that keeps its muscles relaxed makes no effort and hardly moves."""
-    env = begun()
-    rewards = [env.step(-np.ones(12, dtype=np.float32))[1] for _ in range(20)]
-    assert np.abs(rewards).max() < 1e-3
-
-
-def test_disabled_autoreset():
-    """An episode that has ended waits for a reset by `reset_mask`, which leaves the other fish where they are."""
-    env = begun_batch(3, max_episode_steps=4, autoreset_mode="Disabled")
-    assert env.metadata["autoreset_mode"] is AutoresetMode.DISABLED
-    for action in actions(env, 4):
-        obs, _, terminated, truncated, infos = env.step(action)
-    assert truncated.all() and not terminated.any() and infos["_seconds"].all()
-    with pytest.raises(gym.error.ResetNeeded, match="reset_mask"):
-        env.step(env.action_space.sample())
-    mask = np.array([True, False, True])
-    after, _ = env.reset(options={"reset_mask": mask})
-    np.testing.assert_array_equal(after[1], obs[1])
-    assert (env.tank.time[mask] == 0).all() and env.tank.time[1] > 0
 
 
 @each_mode
@@ -241,16 +196,6 @@ def test_blown_up_fish_leaves_its_neighbours_alone(mode):
         assert not wild[5][2].any()
 
 
-def test_single_failure():
-    """The single environment reports a failure of the physics in `info`, with a finite last observation."""
-    env = begun(failure_penalty=3.0)
-    env.unwrapped.tank.velocity[0, 3, 1] = np.inf
-    obs, reward, terminated, truncated, info = env.step(env.action_space.sample())
-    assert terminated is True and truncated is False and info["failure"].startswith("non-finite")
-    assert np.isfinite(obs).all() and np.isfinite(reward)
-    assert info["terms"]["failure"] == -3.0
-
-
 def test_sb3_vec_env():
     """The native VecEnv hands over terminal observations and time limits as Stable-Baselines3 wants them."""
     pytest.importorskip("stable_baselines3")
@@ -273,32 +218,6 @@ def test_sb3_vec_env():
     _, _, done, infos = env.step(np.zeros((3, 12), dtype=np.float32))
     assert done.tolist() == [False, True, False]
     assert infos[1]["TimeLimit.truncated"] is False and infos[1]["failure"].startswith("non-finite")
-
-
-@pytest.mark.parametrize("task", fish_env.TASKS)
-def test_results_are_the_callers(task):
-    """What a caller does to the arrays of `step` does not come back; summaries are Python's own numbers."""
-    env = begun_batch(task=task)
-    for action in actions(env, 3):
-        _, reward, terminated, truncated, _ = env.step(action)
-        assert not terminated.any() and not truncated.any() and np.isfinite(reward).all()
-        terminated[:], truncated[:], reward[:] = True, True, np.nan
-    assert {type(value) for value in env.episode_info(0).values()} <= {float, int, bool, dict, str}
-
-
-@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-@pytest.mark.parametrize("id", IDS)
-def test_clone_goes_on_alike(id, clone):
-    """A pickled or copied environment, in the middle of an episode, goes on bit for bit like the original."""
-    env = gym.make_vec(id, num_envs=2)
-    env.reset(seed=0)
-    moves = actions(env, 10)
-    for action in moves[:5]:
-        env.step(action)
-    twin = clone(env)
-    for action in moves[5:]:
-        np.testing.assert_array_equal(env.step(action)[0], twin.step(action)[0])
-    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
 
 
 @pytest.mark.parametrize(
@@ -337,6 +256,14 @@ def test_clone_goes_on_alike(id, clone):
         ({"autoreset_mode": "foo"}, "unknown autoreset_mode 'foo'; choose from 'NextStep', 'SameStep', 'Disabled'"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"num_envs": 0}, "num_envs is 0; give a whole number, at least 1"),
+        ({"max_episode_steps": 2**70}, "max_episode_steps is 1180591620717411303424; give a whole number"),
+        ({"control_interval": 1e308}, "give at most 9007199254740992 steps"),
+        ({"control_interval": 10**400}, "control_interval is 10+; give a positive number"),
+        ({"water": {"density": 1e308, "drag_coefficient": 1e308}}, "is infinite; give less"),
+        ({"dt": 1e300}, "dt is 1e.300; give a positive number of seconds, at least 1e-12 and at most 1e.09"),
+        ({"dt": 10**400}, "dt is 10+; give"),
+        ({"lanes": 8.0}, "lanes is 8.0"),
+        ({"speed": np.array(0.5 + 1j)}, "speed is .*give finite numbers"),
     ],
 )
 def test_bad_options_are_refused(options, message):
@@ -374,16 +301,12 @@ def test_bad_use_is_refused():
 
 
 def test_vec_env_options():
-    """A `VecEnv` refuses an autoreset mode and other environments; `info_every_step` fills its infos."""
+    """A `VecEnv` refuses an autoreset mode and other environments."""
     pytest.importorskip("stable_baselines3")
     with pytest.raises(ValueError, match="autoreset_mode cannot be chosen"):
         make_sb3_vec_env(SWIM, num_envs=2, autoreset_mode="Disabled")
     with pytest.raises(ValueError, match="'CartPole-v1' is a CartPoleVectorEnv; give an environment whose batches"):
         make_sb3_vec_env("CartPole-v1", num_envs=2)
-    env = make_sb3_vec_env(SWIM, num_envs=2, seed=0, max_episode_steps=2, info_every_step=True)
-    env.reset()
-    infos = [env.step(np.zeros((2, 12)))[3][1] for _ in range(2)]
-    assert all("step_terms" in info for info in infos) and "terms" in infos[1]
 
 
 def test_actions_beyond_the_box_are_clipped():
@@ -400,3 +323,188 @@ def test_pairs_keep_the_fish_level():
         env.step(action)
     x = env.tank.position[0]
     np.testing.assert_allclose(x[[1, 2, 5, 6, 21]] * [1, 1, -1], x[[4, 3, 8, 7, 22]], atol=1e-12)  # upper and lower
+
+
+def test_no_limit(monkeypatch):
+    """-1 means no limit, as `gym.make` has it."""
+    monkeypatch.setattr(gym.spec(STUB), "max_episode_steps", 5)
+    for env in (gym.make_vec(STUB, 2, max_episode_steps=-1), SyncVectorEnv([lambda: gym.make(STUB, -1)] * 2)):
+        env.reset(seed=0)
+        assert not any(env.step(env.action_space.sample())[3].any() for _ in range(8))
+    assert gym.make_vec(STUB, 2, max_episode_steps=-1).unwrapped.max_episode_steps is None
+
+
+def test_calls():
+    """`call`, `get_attr` and `set_attr` of the batch answer as Gymnasium's batch of single fish does."""
+    batch, own = gym.make_vec(STUB, 3), SyncVectorEnv([lambda: gym.make(STUB)] * 3)
+    for env in (batch, own):
+        env.reset(seed=4)
+    for name in ("observation_space", "action_space", "render_mode", "np_random_seed"):
+        assert batch.get_attr(name) == own.get_attr(name) == batch.call(name)
+    assert batch.call("episode_info") == own.call("episode_info")
+    begun = [env.call("reset", seed=7, options={"yaw": 0.5}) for env in (batch, own)]
+    for one, other in zip(*begun, strict=True):
+        np.testing.assert_array_equal(one[0], other[0])
+        assert one[1] == other[1] == {}
+    for env in (batch, own):
+        with pytest.raises(ValueError, match="value"):
+            env.set_attr("heading_error", [0.1, 0.2])
+    with pytest.raises(ValueError, match="give one value, or 3 that are the same"):
+        batch.set_attr("heading_error", (0.1, 0.2, 0.3))
+
+
+def test_methods_of_some_fish():
+    """`env_method` acts on the fish that are meant alone, or is refused."""
+    env = sb3()
+    env.seed(0)
+    env.reset()
+    env.step(np.ones((3, 12)))
+    before = env.fish.tank.time.copy()
+    ((obs, info),) = env.env_method("reset", indices=[1], seed=5)
+    assert env.fish.tank.time.tolist() == [before[0], 0.0, before[2]] and info == {}
+    np.testing.assert_array_equal(obs, gym.make(STUB).reset(seed=5)[0])
+    assert len(env.env_method("episode_info", indices=[0, 2])) == 2
+    for name in ("stagger", "close", "observe"):
+        with pytest.raises(ValueError, match=f"{name} acts on all fish"):
+            env.env_method(name, indices=[1])
+        assert len(env.env_method(name)) == 3
+    with pytest.raises(ValueError, match="share their attributes"):
+        env.set_attr("heading_error", 0.1, indices=[1])
+
+
+@pytest.mark.parametrize("seed", [np.int64(3), np.uint8(3), 3, True, 0, 2**80])
+def test_seeds(seed):
+    """A whole number is a seed everywhere, and the same one."""
+    single, batch, vec = gym.make(STUB), gym.make_vec(STUB, 1), sb3(num_envs=1)
+    vec.seed(seed)
+    wanted = gym.make(STUB).reset(seed=int(seed))[0]
+    for found in (single.reset(seed=seed)[0], batch.reset(seed=seed)[0][0], vec.reset()[0],
+                  batch.reset(seed=[seed])[0][0]):  # fmt: skip
+        np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("seed", [-1, np.int64(-1), 1.5, np.array(3), "3", np.bool_(True), np.timedelta64(3), {}, 3j])
+def test_seeds_that_are_not_allowed(seed):
+    """Anything else is refused with one error, and the generators stay."""
+    single, batch, vec = gym.make(STUB), gym.make_vec(STUB, 2), sb3(num_envs=2)
+    for env, seeded, fish in ((single, single.reset, single.unwrapped.fish), (batch, batch.reset, batch.unwrapped),
+                              (vec, vec.seed, vec.fish)):  # fmt: skip
+        env.reset()
+        before = repr([generator.bit_generator.state for generator in fish.np_random])
+        for error in (gym.error.Error, ValueError):
+            with pytest.raises(error, match=r"seed is .*; give .*whole number, zero or more"):
+                seeded(seed=seed)
+        assert repr([generator.bit_generator.state for generator in fish.np_random]) == before
+    with pytest.raises(gym.error.Error, match="seed is"):
+        batch.reset(seed=[0, seed])
+
+
+# Infos
+
+
+def reset_ended(envs, over):
+    """Reset the fish of batches whose episodes are over, if they do not restart by themselves."""
+    for env in envs:
+        if env.metadata["autoreset_mode"] is AutoresetMode.DISABLED and over.any():
+            env.reset(options={"reset_mask": over})
+
+
+def plain(infos):
+    """The infos of a batch, their arrays as texts with the types of objects; NaN equals NaN there."""
+    if isinstance(infos, dict):
+        return {key: plain(value) for key, value in infos.items()}
+    return f"{infos.dtype} {[(type(each), np.asarray(each).tolist()) for each in infos]}"
+
+
+@each_mode
+@pytest.mark.parametrize("every", [False, True])
+@pytest.mark.parametrize("id", [STUB, ID["avoid"], ID["target"]])
+def test_infos(id, every, mode):
+    """The infos of the batch are those of Gymnasium's own batch of single fish, key by key, over ends of episodes."""
+    native = gym.make_vec(id, 3, info_every_step=every, autoreset_mode=mode)
+    own = SyncVectorEnv([lambda: gym.make(id, max_episode_steps=10**6, info_every_step=every)] * 3, autoreset_mode=mode)
+    for i, (steps, env) in enumerate(zip((3, 5, 4), own.envs, strict=True)):
+        env.set_wrapper_attr("_max_episode_steps", steps)
+        native.unwrapped._limit[i] = steps
+    obs, begun = zip(*(env.reset(seed=1) for env in (native, own)), strict=True)
+    assert plain(begun[0]) == plain(begun[1]) and bool(begun[0]) == every
+    native.unwrapped._limit[:] = 3, 5, 4
+    ended = 0
+    for action in np.random.default_rng(0).uniform(-1, 1, (5, *native.action_space.shape)).astype(np.float32):
+        (*one, infos), (*other, wanted) = native.step(action), own.step(action)
+        for mine, its in zip(one, other, strict=True):
+            np.testing.assert_array_equal(mine, its)
+        assert plain(infos) == plain(wanted)
+        ended += np.sum(one[2] | one[3])
+        reset_ended((native, own), one[2] | one[3])
+        native.unwrapped._limit[:] = 3, 5, 4  # one limit a fish
+    assert ended >= 3 and len(obs) == 2
+
+
+@pytest.mark.parametrize("id", ID.values())
+def test_infos_of_one_shape(id):
+    """With `info_every_step`, every reset and step has all keys but numbers that do not exist yet, of the same types.
+
+    A `VecEnv` adds what Stable-Baselines3 wants at the end of an episode. There every path says why it failed, "" if it
+    did not, and whether it succeeded, where a task says so.
+    """
+
+    def shape(info):
+        own = info.keys() - {"terminal_observation", "TimeLimit.truncated"}
+        return {
+            key: shape(info[key]) if isinstance(info[key], dict) else np.asarray(info[key]).dtype.kind for key in own
+        }
+
+    options = {"max_episode_steps": 3, "info_every_step": True}
+    one, vec, shapes = gym.make(id, **options), sb3(id, 2, **options), []
+    for _ in range(2):
+        shapes.append(shape(one.reset()[1]))
+        shapes += [shape(one.step(one.action_space.sample())[4]) for _ in range(3)]
+    assert one.reset()[1]["term_progress"] == 0.0
+    vec.reset()
+    for step in range(7):
+        infos = vec.step(np.zeros((2, 12), dtype=np.float32))[3]
+        shapes += [shape(info) for info in (*infos, *vec.reset_infos)]
+        assert infos[0]["seconds"] == pytest.approx(0.02 * (step % 3 + 1)) and vec.reset_infos[0]["seconds"] == 0.0
+        assert infos[0]["term_effort"] == infos[0]["step_terms"]["effort"]
+        if step % 3 == 2:
+            one = infos[1]
+            assert one["failure"] == "" and one.get("is_success") == one.get("success")
+    assert shapes[0]["failure"] == "U" and shapes[3].keys() == set().union(*shapes)  # at the end all, NaN among them
+    for each in shapes:
+        assert each.items() <= shapes[3].items() and {shapes[3][key] for key in shapes[3].keys() - each} <= {"f"}
+
+
+# Water
+
+
+WATERS = {  # what is named, and the fields of the fish's own water that it changes
+    "nothing": ({}, set()),
+    "what is there": ({"current": (0, 0, 0), "inertia": True, "density": 1000}, set()),
+    "drag": ({"drag_coefficient": 2.0}, {"quadratic"}),
+    "no inertia": ({"inertia": False}, {"added_mass", "righting"}),
+    "upright": ({"inertia": False, "righting": 0.01}, {"added_mass", "righting"}),
+    "density": ({"density": 500}, {"quadratic", "added_mass", "friction"}),
+    "no friction": ({"friction": 0.0}, {"friction"}),
+    "viscosity": ({"viscosity": 4e-6}, {"friction"}),
+    "law": ({"law": "linear"}, {"quadratic", "linear"}),
+    "current": ({"current": (0.1, 0.0, 0.0)}, {"current"}),
+}
+
+
+@pytest.mark.parametrize("case", WATERS)
+def test_water_changes_what_it_names(case):
+    """A dictionary of water keeps, bit for bit, what it does not name of the fish's own water."""
+    given, changed = WATERS[case]
+    own, found = make_fish().water, gym.make(SWIM, water=given).unwrapped.tank.world
+    assert {name for name in own._fields if not np.array_equal(getattr(own, name), getattr(found, name))} == changed
+    if case == "density":
+        for name in changed:
+            np.testing.assert_allclose(getattr(found, name), 0.5 * np.asarray(getattr(own, name)), rtol=1e-15)
+
+
+def test_water_that_changes_nothing():
+    """A keyword that would have no effect is refused."""
+    for given in ({"added_mass": (2.0, 1.0), "inertia": False}, {"viscosity": 4e-6, "friction": 0.0}):
+        with pytest.raises(ValueError, match="changes nothing in water without"):
+            gym.make(SWIM, water=given)
