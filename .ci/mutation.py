@@ -32,7 +32,7 @@ SECONDS = 60  # of processor time for all tests of a mistake; one that takes lon
 
 
 class Room(NamedTuple):
-    """Files that mistakes are made in, and the tests that are asked. Names of tests are patterns of tests/**/test_*.py."""
+    """Files in which mistakes are made, and the tests that are asked: patterns of tests/**/test_*.py."""
 
     files: tuple[str, ...]
     """Patterns below the root."""
