@@ -12,11 +12,14 @@ import subprocess
 import sys
 
 import pytest
+from moving import tiered
 from pages import FENCE, PAGES, ROOT, blocks
 
 IN_ORDER = re.compile(r"blocks\s+(?:of|on)\s+this\s+page\s+run\s+in\s+order", re.IGNORECASE)
 """What a page says whose Python blocks build on one another."""
 ELSEWHERE = {"docs/extending.md": "tests/test_extending.py runs its blocks, some of which are files"}
+OWN_KERNELS = "docs/soft-objects.md"
+"""A page whose blocks take long to compile, and which are slow."""
 NOT_CODE = {"math", "text", "mermaid", "bibtex"}
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 RUN = [block for block in BLOCKS if block.language in ("python", "json") and block.page not in ELSEWHERE]
@@ -69,7 +72,7 @@ def execute(block, scope):
             scope[name]()
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("program", tiered(PROGRAMS, [each for each in PROGRAMS if not each.startswith(OWN_KERNELS)]))
 def test_blocks_run(program, monkeypatch, tmp_path):
     """A block can be copied out of its page, anywhere: it imports what it needs, or its page says what is before."""
     monkeypatch.chdir(tmp_path)

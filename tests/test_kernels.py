@@ -15,10 +15,9 @@ import pytest
 import small_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernels import Block
-from moving import tiered
+from moving import Block, close, tiered
 from pages import ROOT
-from small_bodies import ALL, close
+from small_bodies import ALL
 
 from fish_env import TASKS
 from fish_env.envs import FishVectorEnv

@@ -577,10 +577,10 @@ def test_policies_meet_the_same_episodes(tmp_path, capsys):
     assert command_line.main(["compare", *files]) == 2 and "by --env-kwargs" in capsys.readouterr().err
     short = ["--env-kwargs", "max_episode_steps=3"]
     assert command_line.main(["compare", *files, *short, "effort_weight=0.7"]) == 0
-    assert f"{SWIM} with max_episode_steps=3, effort_weight=0.7: mean" in capsys.readouterr().out
+    assert f"{SWIM} with effort_weight=0.7, max_episode_steps=3: mean" in capsys.readouterr().out
     assert command_line.main(["evaluate", *files, *short, "--episodes", "2"]) == 0
     printed = capsys.readouterr().out
-    for file, own in zip(files, ("max_episode_steps=3", "max_episode_steps=3, effort_weight=0.7"), strict=True):
+    for file, own in zip(files, ("max_episode_steps=3", "effort_weight=0.7, max_episode_steps=3"), strict=True):
         assert f"{file}: {own}" in printed
 
 
