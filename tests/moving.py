@@ -1,5 +1,6 @@
 """What the tests share: lists of methods, forces in kernels of any kind, tanks of any body in any state."""
 
+from dataclasses import replace
 from functools import cache
 
 import naive
@@ -11,7 +12,7 @@ from fish_env import BODIES, INTEGRATORS, Tank, make_fish
 from fish_env.kernels.compile import njit
 from fish_env.kernels.simd import Kind, Pack, Vectors, packed, zero
 from fish_env.physics import forces
-from fish_env.physics.fish import ElasticObject
+from fish_env.physics.fish import ElasticObject, Fish
 from fish_env.physics.forces.control import NOMINAL, make_control
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, POLYNOMIAL, STAGES, H
@@ -94,12 +95,15 @@ def without_walls(name, world):
 
 
 def driven(thing, h):
-    """An object of the body, or of that of the thing, with a muscle for every spring and steps of h s."""
-    body, length = (thing, 1.0) if isinstance(thing, Body) else (thing.body, thing.length)
-    springs = np.arange(body.springs.stiffness.size)
-    halves = np.full(springs.size, 0.5)
-    return ElasticObject(name="driven", body=body, length=length, time_step=h, control_interval=h, muscles=springs,
-                         contracted=halves)  # fmt: skip
+    """The thing, or an object of the body, with a muscle for every spring and steps of h s; a fish stays a fish."""
+    if isinstance(thing, Body):
+        thing = ElasticObject(name="driven", body=thing, length=1.0, time_step=h, control_interval=h)
+    count = thing.body.springs.stiffness.size
+    changes = {"muscles": np.arange(count), "contracted": np.full(count, 0.5), "fibres": None, "drives": None}
+    if isinstance(thing, Fish):  # the kernels of all fish have the same types
+        landmarks = thing.landmarks._replace(muscles=np.zeros((count, 2), dtype=np.int64))
+        changes |= {"sides": np.ones(count, int), "segments": np.zeros(count, int), "landmarks": landmarks}
+    return replace(thing, time_step=h, control_interval=h, **changes)
 
 
 def tank_of(name, thing, world, x, v, h, rest=None, rate=None, **options):

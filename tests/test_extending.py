@@ -276,7 +276,7 @@ def test_beside_other_forces():
     x = statics.equilibrium(body, world, start=body.position - [0.0, 0.0, 0.02])  # its shifts are resisted
     np.testing.assert_allclose(x[:, 2], -9.8 * MASS / STIFFNESS, rtol=1e-9)
     for normal, wanted in (((0, 0, 1), 0.3), ((0, 0, -1), 0.0)):
-        planes = np.array([[*normal, 1.0 if normal[2] > 0 else 0.0, 0.5]])
+        planes = np.array([[*normal, 1.0, 0.5]])  # behind which it is
         sunk = body.position - [0.0, 0.0, 0.1]
         found = Evaluator(body, floor(3.0, planes=planes)).force(body.springs.rest_length, sunk, still)
         np.testing.assert_allclose(found[:, 2], wanted, rtol=1e-15)

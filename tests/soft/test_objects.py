@@ -244,7 +244,7 @@ def test_energy_of_the_swinging_ring():
     thing, errors = make_ring(relaxation_time=0.0), []
     evaluator = Evaluator(thing.body, VACUUM)
     for part in (1, 2):
-        tank = Tank(thing, dt=thing.time_step / part)
+        tank = Tank(thing, dt=thing.time_step / part, water=room(thing.down, 10.0, gravity=0.0))
         tank.velocity[0] = 5.0 * thing.body.position * (1.0, -1.0, 0.0)
         levels = []
         for _ in range(240 * part):
@@ -269,6 +269,7 @@ def test_bounce():
 # One layer beside two
 
 
+@pytest.mark.slow
 def test_collapse_and_what_pressure_restores():
     """On the floor a ring of one layer keeps no area without gas and nine tenths with it; two layers stand without."""
     cases = (1, 0.0), (1, 1.0), (2, 1e-9), (2, 1.0)  # a billionth is as good as none, with the kernels of a gas
