@@ -49,7 +49,7 @@ ROOMS = (
         ("fish_env/physics/integrators/*.py", "fish_env/soft/adaptive.py"),
         "equal_their_reference or equals_its_reference or every_method_has or most_stages or filter or polynomials",
         ("methods", "soft_methods"),
-        ("methods", "soft_methods", "costs", "stability", "topology", "tank"),
+        ("methods", "soft_methods", "stability", "bodies", "tank"),
     ),
     Room(
         ("fish_env/physics/forces/*.py", "fish_env/soft/forces/*.py"),

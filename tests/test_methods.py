@@ -140,7 +140,7 @@ def test_order(name, body, medium):
     amplitude's error grows as exp(h), so that it is straight in h only where the step is short against each vibration's
     own relaxation. So does the leapfrog, whose filter holds back the damping differently above a step of six relaxation
     times: its error has two slopes of second order and a bend. With the two stages that it takes here it is of second
-    order, with more of first (`test_problems.py`).
+    order, with more of first (`test_benchmarks.py`).
     """
     steps = moving.FINER.get(name, 1) * np.array(STEPS[medium])
     (world, x, v, rest, rate, duration), (true_x, true_v) = moving.scene(body, medium)
