@@ -50,7 +50,6 @@ from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
 from fish_env.control.statistics import compare, same_environments
 from fish_env.envs.ahead import compile_ahead, stored_kernels
-from fish_env.lab import LOOPBACK, serve
 from fish_env.training.config import CONFIGS, FINE_TUNING, as_tuples, check_options
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
@@ -106,7 +105,7 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     command = add("lab", open_laboratory, "open the laboratory, for this machine only", module)
     command.add_argument("--task", metavar="ID", help="an environment of your own, registered by --task-module")
     command.add_argument("--policy", help="a policy of your own, a file or the folder of a run")
-    command.add_argument("--host", default=LOOPBACK, help=f"address to listen at (default {LOOPBACK}, which only "
+    command.add_argument("--host", default="127.0.0.1", help="address to listen at (default 127.0.0.1, which only "
                          "this machine can open; at 0.0.0.0, all that reach it can, without a password)")  # fmt: skip
     command.add_argument("--port", type=int, default=8080, help="TCP port (default 8080, or the next free one)")
     command = add("compile", compile_kernels, "compile kernels ahead of use, into FISH_ENV_CACHE")
@@ -296,6 +295,8 @@ def replay_file(arguments: argparse.Namespace) -> int:
 
 def open_laboratory(arguments: argparse.Namespace) -> None:
     """Open the laboratory until it is interrupted."""
+    from fish_env.lab import serve
+
     user = None
     if arguments.task or arguments.policy:
         from fish_env.lab.swimmers import UserScene

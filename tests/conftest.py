@@ -3,6 +3,7 @@
 import gc
 import math
 import os
+import re
 import shutil
 import signal
 import sys
@@ -83,9 +84,12 @@ def pytest_configure(config):
 
 
 def pytest_ignore_collect(collection_path, config):
-    """With `--core`, the files of tests of these packages are left out."""
-    beside = collection_path.name == "soft" or collection_path.name.startswith(("test_lab", "test_gpu"))
-    return True if beside and config.getoption("core") else None
+    """With `--core`, the files of tests that import these packages, or benchmarks, which do, are left out."""
+    if not config.getoption("core") or collection_path.name == "naive":
+        return None
+    text = collection_path.read_text() if collection_path.suffix == ".py" else ""
+    beside = re.search(r"^(from|import) (fish_env\.(soft|lab|gpu)|benchmarks|small_bodies|emulated_gpu)\b", text, re.M)
+    return True if collection_path.name == "soft" or beside else None
 
 
 def pytest_collection_modifyitems(config, items):

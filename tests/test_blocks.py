@@ -15,6 +15,8 @@ import pytest
 from moving import tiered
 from pages import FENCE, PAGES, ROOT, blocks
 
+pytestmark = pytest.mark.soft
+
 IN_ORDER = re.compile(r"blocks\s+(?:of|on)\s+this\s+page\s+run\s+in\s+order", re.IGNORECASE)
 """What a page says whose Python blocks build on one another."""
 ELSEWHERE = {"docs/extending.md": "tests/test_extending.py runs its blocks, some of which are files"}

@@ -629,6 +629,7 @@ def runs_of(page: str, slow: bool) -> list[str]:
     return [command for command in found if slow or not matching(command, SLOW)]
 
 
+@pytest.mark.soft
 @pytest.mark.parametrize(
     ("page", "slow"),
     [

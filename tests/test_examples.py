@@ -62,6 +62,7 @@ def test_every_example_is_run():
     assert listed == QUICK | {"quickstart.ipynb", "register_elsewhere"}
 
 
+@pytest.mark.soft
 @pytest.mark.parametrize("name", SOURCES)
 def test_public_names_only(name):
     """Of fish_env an example imports what a module offers by `__all__`, or else what it names without underscore."""
@@ -99,6 +100,7 @@ def test_pixels(tmp_path):
     assert (tmp_path / "pixels.zip").exists()
 
 
+@pytest.mark.soft
 def test_train_gpu_without_a_gpu(tmp_path):
     """Without a GPU it says in one line what there is, and leaves no folder behind."""
     torch = pytest.importorskip("torch")

@@ -319,6 +319,7 @@ def test_defined_again(change):
     np.testing.assert_allclose(pushed(*old), 0.01 * STIFFNESS, rtol=1e-4)
 
 
+@pytest.mark.soft
 def test_a_method_defined_again(monkeypatch):
     """So it is with a user's method: its kernels are those that it has now."""
     method = ModuleType("own_method")

@@ -21,6 +21,8 @@ from fish_env.control import load_policy, shipped_policy
 from fish_env.envs import FishVectorEnv
 from fish_env.kernels.simd import Kind
 
+pytestmark = pytest.mark.soft
+
 FISH, SWIM, STUB = make_fish(), "FishEnv/Swim-v0", "FishEnv/Stub-v0"
 ACTION = single(np.random.default_rng(0).uniform(-1.0, 1.0, (2, 12)))
 

@@ -53,6 +53,7 @@ def build(what, source, target):
     return archive
 
 
+@pytest.mark.soft
 def test_public_names():
     """Every public name exists, has a docstring if it is a class or a function, and is there after a plain import."""
     wanted = {"BODIES", "INTEGRATORS", "TASKS", "Fish", "FishEnv", "FishVectorEnv", "Integrator", "Option", "Tank",

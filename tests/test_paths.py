@@ -140,6 +140,7 @@ def some(*choices, every):
     ]
 
 
+@pytest.mark.soft
 @pytest.mark.parametrize(("condition", "path", "when"), some(CONDITIONS, MAKERS, WHEN, every=9))
 def test_conditions(condition, path, when):
     """A condition acts as in a bare tank with the same commands; after its release, as if it had never been."""

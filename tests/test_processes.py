@@ -24,8 +24,8 @@ import pytest
 from gliding import ID, GlidingVectorEnv, each_way
 from moving import tiered
 from pages import ROOT
+from trainings import read_rows
 
-from benchmarks.common.tables import read_rows
 from fish_env import BODIES, TASKS, Tank, checks, make_fish
 from fish_env.control import load_policy
 from fish_env.envs import FishVectorEnv

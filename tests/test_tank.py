@@ -65,6 +65,7 @@ def test_no_stable_step(name):
     assert Tank(undamped, 1, "rk4").dt < 1 / np.sqrt(undamped.body.max_stiffness_eigenvalue)
 
 
+@pytest.mark.soft
 def test_default_method_and_step():
     """A fish has its own method and step; another method gets a step that divides its control interval."""
     tank = Tank(FISH)

@@ -27,9 +27,10 @@ from trainings import SHORT, torch, train_short, training
 
 pytest.importorskip("matplotlib")
 
+from trainings import read_rows
+
 import fish_env
 from agents import train_all
-from benchmarks.common.tables import read_rows
 from fish_env import __main__ as command_line
 from fish_env.control import evaluate, load_policy, make_eval_env, make_policy_env, record, shipped_policy
 from fish_env.control.equivariant import reflection_of
