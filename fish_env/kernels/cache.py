@@ -179,7 +179,7 @@ class KeyedFiles(IndexDataCacheFile):
         """Load compiled code; None if there is none."""
         name = self._name(key)
         path = Path(self._data_path(name))
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ImportError):  # also of a module that cannot be imported here
             if not others_write(path):
                 digest, data = (content := path.read_bytes())[:CHECKSUM], content[CHECKSUM:]
                 return pickle.loads(data) if checksum(name, data) == digest else None

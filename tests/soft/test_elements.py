@@ -11,7 +11,7 @@ from moving import Block, close, force, read, write
 from naive.forces import constrain
 from small_bodies import ALL, BODIES, completed, world_with_all
 
-from fish_env import Tank
+from fish_env import Tank, make_fish
 from fish_env.kernels.compile import njit
 from fish_env.kernels.simd import Kind, Pack
 from fish_env.physics import forces
@@ -360,3 +360,16 @@ def test_bounds_of_anchors():
     assert inner == FORCES["barriers"].bounds(ALL, WORLD)
     assert bound == pytest.approx(naive.steps.anchor_rates(ALL, WORLD), rel=1e-14)
     assert forces.bounds(ALL, VACUUM) == [inner]
+
+
+def test_named_forces_are_loaded(monkeypatch, kernels):
+    """A force that is asked for by its name acts, however it stands in the table; one without its part is refused."""
+    for name, part in (("anchors", "anchors"), ("tets", "tets")):
+        monkeypatch.setitem(forces.FORCES, name, f"fish_env.soft.forces.{name}:{part}")
+    fish = make_fish()
+    pull = make_anchors([0], [fish.body.position[0] + [0.1, 0.0, 0.0]], 5.0)
+    world, still, rest = fish.water._replace(anchors=pull), np.zeros((23, 3)), fish.body.springs.rest_length
+    force = Evaluator(fish.body, world, ("anchors",)).force(rest, fish.body.position, still)
+    np.testing.assert_allclose(force[0], [0.5, 0.0, 0.0], atol=1e-12)
+    with pytest.raises(ValueError, match="'tets' acts on nothing here"):
+        Evaluator(fish.body, world, ("tets",)).force(rest, fish.body.position, still)

@@ -130,10 +130,13 @@ def total(names: tuple[str, ...], function: str, *others: str):
     """Make the kernel that calls a function of each force in turn, or the first of the others that the force has.
 
     Raises:
-        ValueError: for a function that is not in KERNELS.
+        ValueError: for a function that is not in KERNELS, or a force whose part no body or world has had.
     """
     if not {function, *others} <= set(KERNELS):
         raise ValueError(f"{(function, *others)} are no functions of forces; choose from {', '.join(KERNELS)}")
+    absent = [name for name in names if isinstance(FORCES[name], str)]
+    if absent:
+        raise ValueError(f"{absent[0]!r} acts on nothing here: give a body or a world with its part, or leave it out")
     found = {}
     for name in names:
         chosen = next((option for option in (function, *others) if hasattr(FORCES[name], option)), None)

@@ -111,7 +111,8 @@ class Evaluator:
     def __init__(self, body: Body, world: World, names: tuple[str, ...] | None = None):
         check_elements(body)
         check_world(world, len(body.mass))
-        self.names = forces.present(body, world) if names is None else names
+        acting = forces.present(body, world)  # which also loads them
+        self.names = acting if names is None else names
         n = len(body.mass)
         self._control, self._dual, self._around = make_control(body, ONE), None, (body, world)
         self._compiled, self._jacobian = cache(compiled), cache(compiled_jacobian)  # for the present FORCES
