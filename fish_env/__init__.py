@@ -60,7 +60,7 @@ WHEN_USED = {
     "make_world": "fish_env.soft.room:make_world",
     "prescribe": "fish_env.soft.midline:prescribe",
 }
-"""What is loaded when it is first used."""
+"""Names that are loaded when they are first used."""
 
 
 def __getattr__(name: str):

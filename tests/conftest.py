@@ -106,7 +106,6 @@ def kernels(request):
         return
     import moving
 
-    from fish_env.kernels.simd import field
     from fish_env.physics import engine
     from fish_env.physics.forces import evaluate
 
@@ -117,6 +116,4 @@ def kernels(request):
         for module, name in ((engine, "make_call"), (evaluate, "compiled"), (evaluate, "compiled_jacobian"),
                              (moving, "entry")):  # fmt: skip
             patch.setattr(module, name, plain(getattr(module, name)))
-        if not hasattr(field, "__code__"):  # with the compiler it is known to kernels only
-            patch.setattr(type(field), "__call__", lambda self, pack, name: getattr(pack, name) if name else pack)
         yield

@@ -340,6 +340,18 @@ def test_damaged_files_are_compiled_again(tmp_path, monkeypatch, damage):
     assert path.stat().st_size > len(good) // 2
 
 
+def test_a_kernel_of_a_missing_module_is_compiled_again(tmp_path, monkeypatch):
+    """A stored kernel that names a module which cannot be imported here counts as missing, and a warning says why."""
+    monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))
+    _cache.warn_unstored.cache_clear()
+    assert hits(scaled(9.0)) == 0
+    (path,) = tmp_path.rglob("*.nbc")
+    content = b"cno_such_module\nkernel\n."  # a pickle of an object of this module
+    path.write_bytes(_cache.checksum(path.name, content) + content)
+    with pytest.warns(RuntimeWarning, match="No module named 'no_such_module'.*compiles them again"):
+        assert hits(scaled(9.0)) == 0
+
+
 def test_a_file_under_another_name_is_no_kernel(tmp_path, monkeypatch):
     """Stored files that are exchanged count as missing: each knows what it is the code of."""
     monkeypatch.setattr(_cache, "_FOLDER", str(tmp_path))

@@ -1,4 +1,4 @@
-"""What was given is what counts, on every path: however an environment was made, and however it was told.
+"""Keywords, options and states act in the same way on every path: however an environment was made and set.
 
 Conditions of its tank, and keywords that are set while it runs, act as in a bare tank and as in an environment that was
 made so, bit for bit, or are refused and change nothing.

@@ -82,7 +82,7 @@ def single(*wrappers):
 
 
 def learner(env, algorithm=sb3.PPO, policy="MlpPolicy", options=TANH, trained=256, **settings):
-    """A learner that has learnt a little, its actions large enough to be clipped now and then."""
+    """A learner trained for a moment, its actions large enough to be clipped now and then."""
     if issubclass(algorithm, sb3.PPO):
         settings = {"n_steps": 16, "batch_size": 32} | settings
     elif issubclass(algorithm, OffPolicyAlgorithm):

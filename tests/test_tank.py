@@ -544,7 +544,7 @@ CHANGED = [
     ("springs", {"stiffness": np.ones(3)}, "springs.stiffness has shape"),
     ("faces", {"nodes": raised(BODY.faces.nodes)}, "faces.nodes contains"),
     ("profile", {"first": np.zeros(23, int)}, "profile of the body is not that"),
-    ("body", {"mass": np.ones(22)}, "valid numbers are 0 to 21"),
+    ("body", {"mass": np.ones(22)}, "position has shape .23, 3.; give shape .22, 3."),
     ("body", {"position": BODY.position * np.nan}, "position is nan"),
     ("fish", {"muscles": raised(FISH.muscles)}, "muscles contains"),
     ("fish", {"contracted": FISH.contracted[:3]}, "contracted has shape"),
@@ -634,7 +634,7 @@ def test_a_tank_has_a_body_of_its_own(integrator):
         for array in (each.fish.body.springs.nodes, each.fish.body.inverse_mass, each.world.current):
             with pytest.raises(ValueError, match="read-only"):
                 array[:] = 0
-    with pytest.raises(ValueError, match=r"muscles contains 10+; valid numbers are 0 to 90"):
+    with pytest.raises(ValueError, match=r"springs.nodes contains 10+; valid numbers are 0 to 22"):
         Tank(fish, 1)
 
 

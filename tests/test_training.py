@@ -27,7 +27,6 @@ from trainings import SHORT, torch, train_short, training
 
 pytest.importorskip("matplotlib")
 
-from trainings import read_rows
 
 import fish_env
 from agents import train_all
@@ -38,7 +37,7 @@ from fish_env.control.film import film_data
 from fish_env.training import callbacks, report, report_charts, report_page
 from fish_env.training.build import export_policy, make_env, make_model, start_from
 from fish_env.training.config import CONFIGS, FINE_TUNING, PARENT, SCORES, Request, settings_for, settings_of
-from fish_env.training.run_folder import open_folder
+from fish_env.training.run_folder import open_folder, read_curve
 from fish_env.training.synergy import synergies
 
 LONGER = {"timesteps": 2048}
@@ -113,7 +112,7 @@ def test_same_seed_same_policy_whatever_the_clock_says(trained, tmp_path, monkey
     one, same, other = (np.load(run / "policy.npz")["weight0"] for run in (trained, *runs))
     np.testing.assert_array_equal(one, same)
     assert (one != other).any()
-    seconds = [float(row["seconds"]) for run in runs for row in read_rows(run / "curve.csv")]
+    seconds = [row[1] for run in runs for row in read_curve(run)]
     assert seconds and all(0.0 <= value < 1000.0 for value in seconds)
 
 
@@ -151,7 +150,7 @@ def test_a_run_goes_on_where_it_was(run_copy, tmp_path, monkeypatch):
     for name, value in one.items():
         assert torch.equal(value, other[name]), name
     assert [path.name for path in (run_copy / "tensorboard").iterdir()] == ["ppo_1"]
-    steps = [int(row["timesteps"]) for row in read_rows(run_copy / "curve.csv")]
+    steps = [row[0] for row in read_curve(run_copy)]
     assert steps == sorted(steps) and steps[-1] == 2048
     saved = json.loads((run_copy / "config.json").read_text())
     assert saved["resumed"] == 1 and saved["command"].endswith(f" --timesteps 2048 --num-envs 8 --resume {run_copy}")
@@ -501,7 +500,7 @@ def test_a_checkout_that_is_not_installed(missing, tmp_path):
 
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_start_from_another_body(symmetric):
-    """What was learnt in pairs on the flat fish moves both muscles of a pair alike on another body, and back again."""
+    """A policy trained in pairs on the flat fish moves both muscles of a pair alike on another body, and back again."""
     flat = learner(body="planar", shaken=0.3, symmetric=symmetric)
     solid, again = (learner(body=body, seed=1, symmetric=symmetric) for body in ("mass_spring", "planar"))
     noise = solid.policy.log_std.detach().clone()

@@ -1,7 +1,5 @@
 """Short trainings."""
 
-import csv
-
 import pytest
 
 torch = pytest.importorskip("torch")
@@ -27,9 +25,3 @@ def train_short(task="swim", seed=None, changes=SHORT, report=False, pictures=Fa
         if not report:
             patch.setattr(training, "report", lambda *arguments: None)
         return training.train(request)
-
-
-def read_rows(path):
-    """The rows of a table, dictionaries of texts."""
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))

@@ -19,7 +19,7 @@ from fish_env.physics.tank_options import LONGEST, SHORTEST
 
 ID = re.compile(r"([\w-]{1,100}/)?[\w.-]{1,100}", re.ASCII)
 MAKER_OPTIONS = ("self", "id", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "autoreset_mode",
-              "render_mode", "disable_env_checker")  # fmt: skip
+                 "render_mode", "disable_env_checker")  # fmt: skip
 """Keywords that are not of the environment, but of those who make it."""
 PASSIVE_WRAPPERS = (
     "TimeLimit", "OrderEnforcing", "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo", "HumanRendering",

@@ -176,13 +176,16 @@ class KeyedFiles(IndexDataCacheFile):
             file.write(checksum(name, content) + content)
 
     def load(self, key):
-        """Load compiled code; None if there is none."""
+        """Load compiled code; None if there is none, or if it is of a module that cannot be imported."""
         name = self._name(key)
         path = Path(self._data_path(name))
-        with contextlib.suppress(OSError, ImportError):  # also of a module that cannot be imported here
+        with contextlib.suppress(OSError):
             if not others_write(path):
                 digest, data = (content := path.read_bytes())[:CHECKSUM], content[CHECKSUM:]
-                return pickle.loads(data) if checksum(name, data) == digest else None
+                try:
+                    return pickle.loads(data) if checksum(name, data) == digest else None
+                except ImportError as error:
+                    warn_unstored(f"kernels so that they are found again ({error}); every process compiles them again")
         return None
 
     def _name(self, key) -> str:

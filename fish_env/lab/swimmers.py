@@ -320,7 +320,7 @@ class UserScene(FishScene):
         self.use(env, None if policy is None else as_controller(policy, env))
 
     def act(self, action: np.ndarray) -> Sequence[np.ndarray]:
-        """As `FishScene.act`; the next episode begins in the step that ends one."""
+        """Act as `FishScene.act`; the next episode begins in the step that ends one."""
         _, *found, self.infos = self.env.step(action)
         return found
 

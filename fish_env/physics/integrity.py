@@ -83,6 +83,6 @@ def check_problem(body: Body, world: World) -> None:
 
 def check_objects(fish: ElasticObject, world: World) -> None:
     """Raise ValueError as `check_problem`, and unless muscles and landmarks are valid numbers of springs and nodes."""
-    sizes = {"N": np.size(fish.body.mass), "E": len(fish.body.springs.nodes), "M": fish.num_muscles}
-    check_record("", fish, OBJECT | (FISH if isinstance(fish, Fish) else {}), **sizes)
     check_problem(fish.body, world)
+    sizes = {"N": len(fish.body.mass), "E": len(fish.body.springs.nodes), "M": fish.num_muscles}
+    check_record("", fish, OBJECT | (FISH if isinstance(fish, Fish) else {}), **sizes)

@@ -75,7 +75,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             failing = f"{self.integrator.name!r} will fail on {fish.name!r} in this water"
             warnings.warn(f"{failing}: {reason}; give a shorter dt or none, or another integrator", stacklevel=2)
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
-        self._conditions: Any = None if self.world.anchors is None else _conditions().first(self)
+        self._conditions: Any = None if self.world.anchors is None else _boundary().first(self)
         self.kind = options.kind_for(b, dtype, lanes)
         """Number of fish that the kernels process at once, and their precision."""
         position, counts = np.repeat(body.position[None], b, axis=0), np.zeros((b, len(COUNTERS)), dtype=np.int64)
@@ -292,7 +292,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         if self._conditions is None:
             self._run_evenly(steps)
         else:
-            _conditions().run(self, steps)
+            _boundary().run(self, steps)
 
     def _run_evenly(self, steps: int) -> None:
         """Advance by steps without a change of the boundary conditions."""
@@ -386,7 +386,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         is set to a new position before every call jumps instead, and stretches the spring at once. A missing node or an
         invalid number raises ValueError.
         """
-        _conditions().grab(self, node, point, stiffness, damping, rest_length, velocity)
+        _boundary().grab(self, node, point, stiffness, damping, rest_length, velocity)
 
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
         """Fix nodes of every body at their present positions until `release`: `move` with zero velocity.
@@ -418,7 +418,7 @@ class Tank(ReadOnly, Generic[Elastic]):
                 unchanged. `advance` raises it for a displacement that a function returns later; the bodies have then
                 moved up to that time.
         """
-        _conditions().move(self, nodes, along, axes, method)
+        _boundary().move(self, nodes, along, axes, method)
 
     def release(self, nodes=None) -> None:
         """Release the drag spring of `grab` (None); or nodes, numbers or a mask (N,), from `grab`, `fix` and `move`.
@@ -426,17 +426,17 @@ class Tank(ReadOnly, Generic[Elastic]):
         They keep their present velocity. Degrees of freedom that `fish_env.physics.body.fix` fixes remain fixed. A
         missing node raises ValueError.
         """
-        _conditions().release(self, nodes)
+        _boundary().release(self, nodes)
 
     @property
     def conditioned(self) -> bool:
         """True if a node is fixed by elimination or an anchor moves; `advance` updates both."""
-        return self._conditions is not None and _conditions().acting(self)
+        return self._conditions is not None and _boundary().acting(self)
 
     @property
     def fixed(self) -> np.ndarray:
         """Boolean mask (N,3) of the degrees of freedom that are fixed or moved by `fix`, `move` or the body itself."""
-        return _conditions().fixed(self)
+        return _boundary().fixed(self)
 
     def reactions(self) -> np.ndarray:
         """Reaction forces on the fixed and moved nodes of every body, (B,N,3) N; zero on all others.
@@ -444,14 +444,14 @@ class Tank(ReadOnly, Generic[Elastic]):
         By elimination, they balance all other forces at the present positions and velocities. By penalty, they are the
         forces of its springs. A wall that such a node touches carries no part of them.
         """
-        return _conditions().reactions(self)
+        return _boundary().reactions(self)
 
     def _impose(self) -> None:
         """Set the velocities of the eliminated degrees of freedom of all valid bodies."""
         if self._conditions is not None:
-            _conditions().impose(self)
+            _boundary().impose(self)
 
 
-def _conditions() -> ModuleType:
-    """The boundary conditions of tanks, which are loaded when one is first used."""
+def _boundary() -> ModuleType:
+    """Load the functions for boundary conditions, which most tanks have none of."""
     return import_module("fish_env.soft.conditions")

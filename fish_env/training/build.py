@@ -48,7 +48,7 @@ def make_model(config: TrainConfig, env: VecEnv, seed: int, folder: Path | None 
 
 
 def load_model(folder: Path, config: TrainConfig | None = None, env: VecEnv | None = None) -> PPO:
-    """The learner that a run has saved, to go on with these settings in an environment, or to start another one from.
+    """The learner that a run has saved, to continue in an environment with these settings, or to start another from.
 
     `PPO.load` executes what is in the file: resume no run of somebody whom you do not trust.
 

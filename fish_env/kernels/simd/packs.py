@@ -14,13 +14,13 @@ import numba
 import numpy as np
 from numba import types
 from numba.core import cgutils
-from numba.core.imputils import lower_getattr_generic
+from numba.core.imputils import lower_builtin, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
 from numba.np.numpy_support import from_dtype
 
 from fish_env.kernels.simd.kinds import Kind, Lanes, Scratch
-from fish_env.kernels.simd.types import THREAD
+from fish_env.kernels.simd.types import THREAD, typed
 from fish_env.kernels.simd.warps import WORD, ThreadArray, first_byte, steps
 
 SIZES: dict[types.Type, int] = {}  # bytes of an element, cached because LLVM takes a millisecond
@@ -180,21 +180,22 @@ class PackAttributes(AttributeTemplate):
         return kind.places[name][0] if name in kind.places else None
 
 
-def _field_of(pack, name: str):
+def field(pack, name: str) -> Any:
+    """Field of a pack with a name from a kernel's closure, of which numba compiles no `getattr`; for "", the pack."""
     return getattr(pack, name) if name else pack
 
 
-@intrinsic(prefer_literal=True)
-def _field_in_kernels(typingctx, pack, name):
-    def generate(context, builder, sig, args):
-        text = name.literal_value
-        return _pack_getattr(context, builder, pack, args[0], text) if text else args[0]
-
-    return (pack.places[name.literal_value][0] if name.literal_value else pack)(pack, name), generate
+@typed(field)
+def _type_of_field(pack, name):
+    if not isinstance(pack, PackType) or not isinstance(name, types.StringLiteral):
+        return None
+    return pack.places[name.literal_value][0] if name.literal_value else pack
 
 
-field: Any = _field_of if numba.config.DISABLE_JIT else _field_in_kernels
-"""Field of a pack with a name from a kernel's closure, of which numba compiles no `getattr`; for "", the pack."""
+@lower_builtin(field, PackType, types.StringLiteral)
+def _field(context, builder, sig, args):
+    (kind, name), pointer = sig.args, args[0]
+    return _pack_getattr(context, builder, kind, pointer, name.literal_value) if name.literal_value else pointer
 
 
 def pack_at(kind: PackType) -> Callable[[int], Any]:
