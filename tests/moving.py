@@ -350,11 +350,11 @@ class Block:
     def matrix(self, function):
         """The symmetric matrix (3N,3N) of those blocks, of one fish; above the diagonal nothing is read."""
         shape, a, n = self.body.profile, self.blocks(function), len(self.body.mass)
-        matrix = np.zeros((3 * n, 3 * n))
+        matrix, order = np.zeros((3 * n, 3 * n)), (3 * shape.row[:, None] + np.arange(3)).ravel()
         for i in range(n):
             for j in range(shape.first[i], i + 1):
                 matrix[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = a[shape.start[i] + j - shape.first[i]]
-        return np.tril(matrix) + np.tril(matrix, -1).T
+        return (np.tril(matrix) + np.tril(matrix, -1).T)[np.ix_(order, order)]
 
     def lagged(self):
         """What `add_lagged` adds to the matrix and to the load of Tu's method, (W,S) and (W,N,3), or of one fish."""

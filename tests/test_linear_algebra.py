@@ -41,17 +41,17 @@ def solvers():
 
 
 def solve_lanes(kind, shape, matrices, b):
-    """Solutions (w,N,3), L (w,N,N), 1/D (w,N) and pivots (w,2) of w matrices (w,N,N) with b (w,N,3)."""
+    """Solutions (w,N,3), L (w,N,N), 1/D (w,N) and pivots (w,2) of w matrices (w,N,N) with b (w,N,3), all by rows."""
     order = b.shape[1]
     block = Pack("scalars", shape=packed(shape, kind), a=kind.numbers(int(shape.start[-1])), b=kind.vectors(order),
                  inverse_pivot=kind.numbers(order), row=kind.numbers(order), pivots=kind.numbers(2))  # fmt: skip
     write(block.a, [skyline(shape, matrix) for matrix in matrices])
-    write(block.b, b)
+    write(block.b, b[:, shape.row])
     solvers()[0](block)
     lower = np.tile(np.eye(order), (len(b), 1, 1))
     for i, first in enumerate(shape.first):
         lower[:, i, first:i] = read(block.a)[:, shape.start[i] : shape.start[i + 1] - 1]
-    return read(block.b), lower, read(block.inverse_pivot), read(block.pivots)
+    return read(block.b)[:, shape.node], lower, read(block.inverse_pivot), read(block.pivots)
 
 
 def solve_blocks(kind, shape, matrices, b):
@@ -61,20 +61,20 @@ def solve_blocks(kind, shape, matrices, b):
                  row=kind.vectors(3 * order), pivots=kind.numbers(2))  # fmt: skip
     places = [(i, j) for i, first in enumerate(shape.first) for j in range(first, i + 1)]
     stored = np.array([matrices[:, 3 * i : 3 * i + 3, 3 * j : 3 * j + 3] for i, j in places]).swapaxes(0, 1)
-    stored[:, shape.diagonal] += np.triu(np.full((3, 3), np.nan), 1)  # which must not be read
+    stored[:, shape.start[1:] - 1] += np.triu(np.full((3, 3), np.nan), 1)  # which must not be read
     write(block.a, stored.swapaxes(2, 3).reshape(len(b), -1, 3))
     solvers()[1](block)
     found = []
     for right in (b, 2.0 * b):
-        write(block.b, right)
+        write(block.b, right[:, shape.row])
         solvers()[2](block)
-        found.append(read(block.b))
+        found.append(read(block.b)[:, shape.node])
     np.testing.assert_array_equal(found[1], 2.0 * found[0])
     a = read(block.a).reshape(len(b), -1, 3, 3).swapaxes(2, 3)
     lower = np.tile(np.eye(3 * order), (len(b), 1, 1))
     for (i, j), entries in zip(places, a.swapaxes(0, 1), strict=True):
         lower[:, 3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = entries if i > j else np.tril(entries, -1) + np.eye(3)
-    return found[0], lower, a[..., 2][:, shape.diagonal].reshape(len(b), -1), read(block.pivots)
+    return found[0], lower, a[..., 2][:, shape.start[1:] - 1].reshape(len(b), -1), read(block.pivots)
 
 
 each_solver = pytest.mark.parametrize("solver", [solve_lanes, solve_blocks])
@@ -134,7 +134,12 @@ def test_storage(data):
     order = data.draw(st.integers(1, 12))
     node = st.integers(0, order - 1)
     pairs = np.array(data.draw(st.lists(st.tuples(node, node), max_size=15)), dtype=int).reshape(-1, 2)
-    shape = ldlt.profile(pairs, order)
+    shape, own = ldlt.profile(pairs, order), ldlt.profile_in(np.arange(order), pairs)
+    assert shape.start[-1] <= own.start[-1]
+    assert shape.node[shape.row].tolist() == list(range(order))
+    if shape.start[-1] == own.start[-1]:
+        assert shape.row.tolist() == list(range(order))
+    pairs = shape.row[pairs]
     for i in range(order):
         partners = [min(pair) for pair in pairs.tolist() if max(pair) == i]
         assert shape.first[i] == min([i, *partners])
@@ -143,7 +148,8 @@ def test_storage(data):
     assert len(stored) == shape.start[-1]
     low, high = np.sort(pairs, axis=1).T
     for wanted in (pairs, pairs[:, ::-1]):
-        np.testing.assert_array_equal(stored[ldlt.entries(shape, wanted)], numbers[high, low])
+        np.testing.assert_array_equal(stored[ldlt.entries(shape, shape.node[wanted])], numbers[high, low])
+    np.testing.assert_array_equal(stored[shape.diagonal[shape.node]], numbers.diagonal())
 
 
 @pytest.mark.parametrize("place", range(6))
@@ -261,10 +267,20 @@ def test_trust_in_single_precision():
         assert solve_lanes(Kind(1, dtype), shape, matrix, np.ones((1, 2, 3)))[-1][0, 1] == lost
 
 
-def test_fixed_degrees_of_freedom_are_eliminated():
+def test_two_chains_are_eliminated_side_by_side():
+    """Two chains of n nodes joined by rungs, numbered one after the other, need n (n + 3) - 1 entries, or 3 a node."""
+    n, chain = 20, [(i, i + 1) for i in range(19)]
+    pairs = np.array([*chain, *((i + n, j + n) for i, j in chain), *((i, i + n) for i in range(n))])
+    assert ldlt.profile_in(np.arange(2 * n), pairs).start[-1] == n * (n + 3) - 1
+    assert ldlt.profile(pairs, 2 * n).start[-1] <= 6 * n
+
+
+@pytest.mark.parametrize("reordered", [False, True])
+def test_fixed_degrees_of_freedom_are_eliminated(reordered):
     """Their rows and columns are those of the identity, and all others stay as they are."""
-    body = fix(fix(make_fish().body, [3, 11]), [4, 22], "xz")
-    first, start = body.profile.first, body.profile.start
+    body = fix(fix(make_fish("two_layer" if reordered else "mass_spring").body, [3, 11]), [4, 22], "xz")
+    assert reordered == (body.profile.row.tolist() != list(range(len(body.mass))))
+    first, start, node = body.profile.first, body.profile.start, body.profile.node
     columns = np.random.default_rng(0).normal(size=(int(start[-1]), 3, 3))  # of each block: column, row
 
     @njit
@@ -279,6 +295,6 @@ def test_fixed_degrees_of_freedom_are_eliminated():
         for j in range(first[i], i + 1):
             entry = start[i] + j - first[i]
             for r, c in np.ndindex(3, 3):
-                held = (i, r) in fixed or (j, c) in fixed
+                held = (node[i], r) in fixed or (node[j], c) in fixed
                 expected = float((i, r) == (j, c)) if held else columns[entry, c, r]
                 assert found[entry, c, r] == expected, (i, r, j, c)

@@ -10,11 +10,13 @@ import numpy as np
 
 
 class Profile(NamedTuple):
-    """Shape of a skyline matrix of order N: entry (i, j) is at `start[i] + j - first[i]`."""
+    """Shape of a skyline matrix of order N, a row for each node: entry (i, j) is at `start[i] + j - first[i]`."""
 
     first: np.ndarray  # (N,) first stored column of each row
     start: np.ndarray  # (N+1,) index of the start of each row; the last element is the number of stored entries
-    diagonal: np.ndarray  # (N,) index of each diagonal entry
+    diagonal: np.ndarray  # (N,) index of the diagonal entry of each node
+    row: np.ndarray  # (N,) row of each node
+    node: np.ndarray  # (N,) node of each row
 
 
 class Springs(NamedTuple):

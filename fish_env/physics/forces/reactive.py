@@ -372,7 +372,7 @@ def add_system(body, world, control, x, v, a, cache):
         columns = (fma(n.x, sideways, b.x * upward), fma(n.y, sideways, b.y * upward), fma(n.z, sideways, b.z * upward))
         for p in range(first[k], first[k + 1]):
             for o in range(first[k], first[k + 1]):
-                row, column = nodes[p], nodes[o]
+                row, column = profile.row[nodes[p]], profile.row[nodes[o]]
                 if row < column:  # above the diagonal
                     continue
                 place = 3 * (profile.start[INDEX(row)] + column - profile.first[INDEX(row)])

@@ -225,7 +225,7 @@ def add_damping(body, world, control, x, v, a, cache):
     """
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], INNER]
-    first, start = body.profile.first, body.profile.start
+    first, start, rows = body.profile.first, body.profile.start, body.profile.row
     nodes, share = body.faces.nodes, body.faces.share
     for k in range(nodes.shape[0]):
         n, w, size, _ = push_on(body, linear, quadratic, current, x, v, k)
@@ -241,7 +241,7 @@ def add_damping(body, world, control, x, v, a, cache):
         )
         for m in range(4):
             for p in range(4):
-                row, column = nodes[k, m], nodes[k, p]
+                row, column = rows[nodes[k, m]], rows[nodes[k, p]]
                 if row < column:  # above the diagonal
                     continue
                 place = 3 * (start[INDEX(row)] + column - first[INDEX(row)])

@@ -148,7 +148,7 @@ def eliminate(body, a):
     """
     first, start, fixed, values, none = body.profile.first, body.profile.start, body.fixed, floats(a), zero(a)
     for m in range(fixed.shape[0]):
-        i, k = fixed[m, 0], fixed[m, 1]
+        i, k = body.profile.row[fixed[m, 0]], fixed[m, 1]
         for row in range(i, first.size):
             if first[row] <= i:
                 a[INDEX(3 * (start[row] + i - first[row]) + k)] = none
@@ -156,7 +156,7 @@ def eliminate(body, a):
             for lane in range(values.shape[2]):
                 values[INDEX(place), INDEX(k), lane] = 0.0
         for lane in range(values.shape[2]):
-            values[INDEX(3 * body.profile.diagonal[i] + k), INDEX(k), lane] = 1.0
+            values[INDEX(3 * (start[i + 1] - 1) + k), INDEX(k), lane] = 1.0
 
 
 @kernel

@@ -49,12 +49,12 @@ def make_work(body: Body, kind):
 @kernel
 def eliminate(body, v, work):
     """Eliminate the fixed nodes from the system: their equations become that their velocity is constant."""
-    first, start, fixed = body.profile.first, body.profile.start, work.fixed
+    first, start, row, fixed = body.profile.first, body.profile.start, body.profile.row, work.fixed
     matrix, load, none = work.matrix, work.load, zero(work.matrix)
     for m in range(fixed.size):
         i = fixed[m]
         for j in range(first.size):
-            low, high = min(i, j), max(i, j)
+            low, high = min(row[i], row[j]), max(row[i], row[j])
             if j != i and low >= first[high]:
                 place = INDEX(start[high] + low - first[high])
                 load[INDEX(j)] = fma(-matrix[place], v[INDEX(i)], load[INDEX(j)])

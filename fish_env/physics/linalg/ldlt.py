@@ -2,7 +2,8 @@
 
 Row i of the lower triangle is stored from its first non-zero column to the diagonal, row after row, in one array.
 Fill-in stays inside that skyline, so the profile is computed once a body and never changes. Every fish of a block has a
-matrix of its own; all have the same skyline.
+matrix of its own; all have the same skyline. Its rows are the nodes in their own order, or in that of reverse
+Cuthill-McKee (George & Liu 1981) if that stores fewer entries. Right-hand sides are in the order of the nodes.
 
 A pivot is untrusted if it is not finite, or smaller than TRUSTED_PIVOT times its diagonal entry, or than the rounding
 error of that entry. The fish continues to the end of the call, because the lanes of a block stay together.
@@ -21,16 +22,31 @@ from fish_env.kernels.simd import dot, epsilon, fma, select, vec3, zero
 from fish_env.physics.records import Body, Profile, Sections, Tets
 
 TRUSTED_PIVOT = 1e-9  # a pivot below this fraction of its diagonal entry has lost nine digits to cancellation
+MOSTLY_FULL = 0.75  # part of the entries at nodes that elements join, above which another order saves little
 ROUNDING = 16.0  # times the precision: rounding error of a pivot's sums
 
 
 def profile(pairs: np.ndarray, order: int) -> Profile:
-    """Profile of a symmetric matrix of the given order with off-diagonal entries at `pairs` (E,2)."""
-    first = np.arange(order)
-    for i, j in np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1):
-        first[j] = min(first[j], i)
-    start = np.concatenate([[0], np.cumsum(np.arange(order) - first + 1)])
-    return Profile(first.astype(np.int64), start.astype(np.int64), (start[1:] - 1).astype(np.int64))
+    """Profile of a symmetric matrix of the given order with off-diagonal entries at the nodes `pairs` (E,2)."""
+    pairs = np.unique(np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1), axis=0)
+    own = profile_in(np.arange(order), pairs)
+    if order + np.count_nonzero(pairs[:, 0] < pairs[:, 1]) >= MOSTLY_FULL * own.start[-1]:
+        return own
+    from scipy.sparse import coo_array  # imported here, because it takes 0.15 s and few bodies need it
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(order, order)).tocsr()
+    node = np.ascontiguousarray(reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True), dtype=np.int64)
+    return min(own, profile_in(node, pairs), key=lambda shape: shape.start[-1])
+
+
+def profile_in(node: np.ndarray, pairs: np.ndarray) -> Profile:
+    """Profile whose rows are the nodes in this order (N,)."""
+    row, first = np.argsort(node), np.arange(node.size)
+    low, high = np.sort(row[pairs], axis=1).T
+    np.minimum.at(first, high, low)
+    start = np.concatenate([[0], np.cumsum(np.arange(node.size) - first + 1)])
+    return Profile(first, start, start[row + 1] - 1, row, node)
 
 
 def profile_of(body: Body) -> Profile:
@@ -49,8 +65,8 @@ def profile_of_elements(n: int, springs, faces, tets: Tets | None, sections: Sec
 
 
 def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
-    """Storage indices (E,) of the off-diagonal entries `pairs` (E,2)."""
-    low, high = np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1).T
+    """Storage indices (E,) of the off-diagonal entries of the nodes `pairs` (E,2)."""
+    low, high = np.sort(shape.row[np.asarray(pairs, dtype=np.int64).reshape(-1, 2)], axis=1).T
     return shape.start[high] + low - shape.first[high]
 
 
@@ -71,11 +87,11 @@ def factor_solve(shape, a, b, inverse_pivot, row):
 
     inverse_pivot (N,) receives 1/D; row (N,) is scratch. Returns the numbers of non-positive and of untrusted pivots.
     """
-    first, start, order = shape.first, shape.start, shape.first.size
+    first, start, node, order = shape.first, shape.start, shape.node, shape.first.size
     negative, untrusted, least = zero(a), zero(a), max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
     for i in range(order):
         row_i = start[i] - first[i]
-        y, diagonal = b[INDEX(i)], a[INDEX(row_i + i)]
+        y, diagonal = b[INDEX(node[i])], a[INDEX(row_i + i)]
         d = diagonal
         for j in range(first[i], i):
             row_j = start[j] - first[j]
@@ -86,36 +102,36 @@ def factor_solve(shape, a, b, inverse_pivot, row):
             lower = s * inverse_pivot[INDEX(j)]
             a[INDEX(row_i + j)] = lower
             d = fma(-s, lower, d)
-            y = fma(-lower, b[INDEX(j)], y)
-        b[INDEX(i)] = y
+            y = fma(-lower, b[INDEX(node[j])], y)
+        b[INDEX(node[i])] = y
         negative, untrusted = check_pivot(least, diagonal, d, negative, untrusted)
         inverse_pivot[INDEX(i)] = 1.0 / d
     for i in range(order):
-        b[i] = inverse_pivot[i] * b[i]
+        b[INDEX(node[i])] = inverse_pivot[i] * b[INDEX(node[i])]
     for above in range(order):
         i = order - 1 - above
-        row_i, y = start[i] - first[i], b[INDEX(i)]
+        row_i, y = start[i] - first[i], b[INDEX(node[i])]
         for k in range(first[i], i):
-            b[INDEX(k)] = fma(-a[INDEX(row_i + k)], y, b[INDEX(k)])
+            b[INDEX(node[k])] = fma(-a[INDEX(row_i + k)], y, b[INDEX(node[k])])
     return negative, untrusted
 
 
 @kernel
 def solve_one(shape, a, inverse_pivot, b, begin):
     """Solve for three more right-hand sides, the N vectors of b from `begin` on, with the factors of `factor_solve`."""
-    first, start, order = shape.first, shape.start, shape.first.size
+    first, start, node, order = shape.first, shape.start, shape.node, shape.first.size
     for i in range(order):
-        row_i, y = start[i] - first[i], b[INDEX(begin + i)]
+        row_i, y = start[i] - first[i], b[INDEX(begin + node[i])]
         for j in range(first[i], i):
-            y = fma(-a[INDEX(row_i + j)], b[INDEX(begin + j)], y)
-        b[INDEX(begin + i)] = y
+            y = fma(-a[INDEX(row_i + j)], b[INDEX(begin + node[j])], y)
+        b[INDEX(begin + node[i])] = y
     for i in range(order):
-        b[INDEX(begin + i)] = inverse_pivot[INDEX(i)] * b[INDEX(begin + i)]
+        b[INDEX(begin + node[i])] = inverse_pivot[INDEX(i)] * b[INDEX(begin + node[i])]
     for above in range(order):
         i = order - 1 - above
-        row_i, y = start[i] - first[i], b[INDEX(begin + i)]
+        row_i, y = start[i] - first[i], b[INDEX(begin + node[i])]
         for k in range(first[i], i):
-            b[INDEX(begin + k)] = fma(-a[INDEX(row_i + k)], y, b[INDEX(begin + k)])
+            b[INDEX(begin + node[k])] = fma(-a[INDEX(row_i + k)], y, b[INDEX(begin + node[k])])
 
 
 @kernel
@@ -195,26 +211,26 @@ def factor(shape, a, row):
 @kernel
 def solve(shape, a, b):
     """Solve for one right-hand side, vectors b (N,), which is overwritten, with the factors a of `factor`."""
-    first, start, order, none = shape.first, shape.start, shape.first.size, zero(b)
+    first, start, node, order, none = shape.first, shape.start, shape.node, shape.first.size, zero(b)
     for i in range(order):
-        row_i, y = start[i] - first[i], b[INDEX(i)]
+        row_i, y = start[i] - first[i], b[INDEX(node[i])]
         for j in range(first[i], i):
             q0, q1, q2 = block(a, row_i + j)
-            p = b[INDEX(j)]
+            p = b[INDEX(node[j])]
             y = fma(-p.z, q2, fma(-p.y, q1, fma(-p.x, q0, y)))
         q0, q1, _ = block(a, row_i + i)
         y = fma(-y.x, q0, y)
-        b[INDEX(i)] = fma(-y.y, q1, y)
+        b[INDEX(node[i])] = fma(-y.y, q1, y)
     for i in range(order):
         _, _, inverse = block(a, start[i] + i - first[i])
-        b[i] = inverse * b[i]
+        b[INDEX(node[i])] = inverse * b[INDEX(node[i])]
     for above in range(order):
         i = order - 1 - above
-        row_i, y = start[i] - first[i], b[INDEX(i)]
+        row_i, y = start[i] - first[i], b[INDEX(node[i])]
         q0, q1, _ = block(a, row_i + i)
         middle = fma(-q1.z, y.z, y.y)
         y = none + vec3(fma(-q0.z, y.z, fma(-q0.y, middle, y.x)), middle, y.z)
-        b[INDEX(i)] = y
+        b[INDEX(node[i])] = y
         for j in range(first[i], i):
             q0, q1, q2 = block(a, row_i + j)
-            b[INDEX(j)] -= vec3(dot(q0, y), dot(q1, y), dot(q2, y))
+            b[INDEX(node[j])] -= vec3(dot(q0, y), dot(q1, y), dot(q2, y))

@@ -172,7 +172,7 @@ def add_system(body, world, control, x, v, a, cache):
     rotation is not symmetric, and is omitted.
     """
     elements, factor, now = body.tets, control.stiffness[0], cache.corner
-    first, start, shape = body.profile.first, body.profile.start, elements.gradient
+    first, start, rows, shape = body.profile.first, body.profile.start, body.profile.row, elements.gradient
     step, lowest = control.plans[control.row[0], INNER], control.plans[control.row[0], LOWEST]
     for t in range(elements.volume.size):
         m, n = gradient(elements, t, edges(elements, t, x)), gradient(elements, t, edges(elements, t, v))
@@ -191,7 +191,7 @@ def add_system(body, world, control, x, v, a, cache):
             now[i] = along(shape, t, i, m)
         for i in range(4):
             for j in range(4):
-                row, column = elements.nodes[t, i], elements.nodes[t, j]
+                row, column = rows[elements.nodes[t, i]], rows[elements.nodes[t, j]]
                 if row < column:  # above the diagonal
                     continue
                 here, there, place = now[i], now[j], 3 * (start[row] + column - first[row])

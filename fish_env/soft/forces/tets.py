@@ -269,7 +269,8 @@ def add_system(body, world, control, x, v, a, cache):
     are symmetric and positive semi-definite.
     """
     tets, factor, now = body.tets, control.stiffness[0], cache.corner
-    first, start, step = body.profile.first, body.profile.start, control.plans[control.row[0], INNER]
+    first, start, rows = body.profile.first, body.profile.start, body.profile.row
+    step = control.plans[control.row[0], INNER]
     for t in range(tets.volume.size):
         h = rotated_gradients(tets, t, edges(tets, t, x), cache.polar)
         keep(tets, t, h, 1.0, cache)
@@ -278,7 +279,7 @@ def add_system(body, world, control, x, v, a, cache):
         mu, la = constants(tets, t, factor * (step * (step + tets.relaxation_time[t])))
         for p in range(4):
             for q in range(4):
-                row, column = tets.nodes[t, p], tets.nodes[t, q]
+                row, column = rows[tets.nodes[t, p]], rows[tets.nodes[t, q]]
                 if row < column:  # above the diagonal
                     continue
                 here, there = now[p], now[q]
