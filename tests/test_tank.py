@@ -59,10 +59,10 @@ def test_no_stable_step(name):
     """A method without a stable step on undamped springs raises an error with those that have one; a dt is used."""
     springs = BODY.springs._replace(damping=np.zeros_like(BODY.springs.damping))
     undamped = replace(FISH, body=FISH.body._replace(springs=springs, max_damping_eigenvalue=0.0))
-    with pytest.raises(ValueError, match=f"{name!r} has no stable step on 'mass_spring', .* from 'semi_implicit'"):
+    with pytest.raises(ValueError, match=f"{name!r} has no known stable step on 'mass_spring': not all .*'semi_impl"):
         Tank(undamped, 1, name)
     assert Tank(undamped, 1, name, 1e-5).dt == 1e-5
-    assert Tank(undamped, 1, "rk4").dt < 1 / np.sqrt(undamped.body.max_stiffness_eigenvalue)
+    assert Tank(undamped, 1, "rk4").dt < 1.7 / np.sqrt(undamped.body.max_stiffness_eigenvalue)
 
 
 @pytest.mark.soft
@@ -73,7 +73,7 @@ def test_default_method_and_step():
     for name, record in INTEGRATORS.items():
         dt = Tank(FISH, 1, name).dt
         assert PAUSE / dt == pytest.approx(round(PAUSE / dt), rel=1e-12)
-        assert name == FISH.integrator or dt <= 0.5 * record.base(FISH.body)
+        assert name == FISH.integrator or 0.5 * record.base(FISH.body) <= dt <= 0.6 * record.base(FISH.body)
 
 
 ZERO, NAN = np.zeros(12), float("nan")

@@ -83,9 +83,9 @@ def check_scene(fish: ElasticObject, world: World, integrator: Integrator, energ
 
 
 def too_long(body: Body, world: World, integrator: Integrator, dt: float) -> str:
-    """Reason that a step of dt s of a method fails on a body in a world; "" if it is stable."""
+    """Reason that a step of dt s of a method fails on a body in a world; "" if it is stable, or its limit unknown."""
     limit = integrator.limit(body, world)
-    return "" if dt <= limit else f"its stable steps are at most {limit:.3g} s, and dt is {dt:.3g} s"
+    return "" if not dt > limit else f"its stable steps are at most {limit:.3g} s, and dt is {dt:.3g} s"
 
 
 def integrator_error(fish: ElasticObject, integrator: Integrator, reason: str) -> ValueError:
@@ -156,7 +156,7 @@ def apply_variation(body: Body, world: World, row, length=1.0) -> tuple[Body, Wo
     )  # fmt: skip
 
 
-PART = 0.5  # ratio of the default step to one that is stable
+PART = 0.6  # ratio of the default step to one that is stable
 
 
 def own_step(fish: ElasticObject, integrator: Integrator) -> float:
@@ -166,8 +166,10 @@ def own_step(fish: ElasticObject, integrator: Integrator) -> float:
     base = integrator.base(fish.body)
     if not base > 0:
         others = ", ".join(repr(name) for name, record in INTEGRATORS.items() if record.base(fish.body) > 0)
-        what = f"{integrator.name!r} has no stable step on {fish.name!r}, whose springs are not damped"
-        raise ValueError(f"{what}; choose from {others}")
+        why = "not all of its motion is damped" if base == 0 else "it has too many nodes to compute one"
+        raise ValueError(
+            f"{integrator.name!r} has no known stable step on {fish.name!r}: {why}; give a dt, or choose from {others}"
+        )
     return fish.control_interval / max(1, math.ceil(fish.control_interval / (PART * base)))
 
 

@@ -47,3 +47,24 @@ def volume_of(faces, x) -> tuple[float, np.ndarray]:
     slope = ONE.vectors(len(x))
     plain = getattr(add_volume, "py_func", add_volume)
     return float(plain(np.asarray(faces), 0, len(faces), ONE.rows(x), slope, 0)), slope.memory
+
+
+def curvature_of(faces, x) -> tuple[np.ndarray, np.ndarray]:
+    """Second derivatives of that volume: nodes (Q,k) of each face and matrices (Q,3k,3k), m; k is 4, or 2 for edges.
+
+    The volume m . (d x e) / 24 of a face is linear in each of the three, so that each pair has a cross product.
+    """
+    flat, x = faces[0, 2] < 0, x - x[faces[0, 0]]
+    nodes = faces[:, :2] if flat else faces
+    corners = x[nodes].swapaxes(0, 1)
+    if flat:
+        parts = [([1.0, 0.0], [0.0, 1.0], np.full((len(faces), 3), [0.0, 0.0, 0.5]))]
+    else:
+        p, q, r, s = corners
+        m, d, e = np.ones(4), np.array([-1.0, 0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0, 1.0])
+        parts = [(m, d, (s - q) / 24.0), (e, m, (r - p) / 24.0), (d, e, (p + q + r + s) / 24.0)]
+    found = np.zeros((len(faces), nodes.shape[1], 3, nodes.shape[1], 3))
+    for one, other, along in parts:
+        turned = np.cross(along[:, None], np.eye(3)).swapaxes(1, 2)
+        found += np.einsum("ab,fij->faibj", np.outer(other, one) - np.outer(one, other), turned)
+    return nodes, found.reshape(len(faces), 3 * nodes.shape[1], -1)

@@ -102,9 +102,12 @@ def stiffness_matrix(body, kind="stiffness"):
     """Stiffness, or damping, of the body at rest, linearised: (3N,3N), node by node."""
     n, x = len(body.mass), body.position
     matrix = np.zeros((n, 3, n, 3))
-    for (i, j), c in zip(body.springs.nodes, getattr(body.springs, kind), strict=True):
+    for e, ((i, j), c) in enumerate(zip(body.springs.nodes, getattr(body.springs, kind), strict=True)):
         direction = (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
         block = c * np.outer(direction, direction)
+        if kind == "stiffness":  # of a taut spring, also across it
+            taut = c * (1 - body.springs.rest_length[e] / np.linalg.norm(x[j] - x[i]))
+            block += taut * (np.eye(3) - np.outer(direction, direction))
         for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
             matrix[p, :, q] += sign * block
     for t, nodes, block, _ in tet_blocks(body, x, 0 * x) if body.tets is not None else ():
@@ -116,6 +119,9 @@ def stiffness_matrix(body, kind="stiffness"):
     for c, gas in enumerate(body.compartments.gas) if body.compartments is not None and kind == "stiffness" else ():
         volume, slope = gas_volume(body.compartments, c, x)
         matrix += gas / volume**2 * np.outer(slope, slope)
+        for k, way in enumerate(np.eye(3 * n)):  # the gradient is quadratic, so differences are exact
+            ahead, behind = (gas_volume(body.compartments, c, x + sign * way.reshape(n, 3))[1] for sign in (1, -1))
+            matrix[:, k] -= (gas / volume - body.compartments.ambient[c]) * (ahead - behind).ravel() / 2
     return matrix
 
 

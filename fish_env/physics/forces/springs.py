@@ -29,12 +29,19 @@ def make_cache(body: Body, world: World, kind) -> Pack:
 
 
 def rest_matrices(body: Body, elastic):
-    """Stiffness, N/m, or damping, N s/m, at rest: nodes (E,2) and matrices (E,6,6)."""
+    """Stiffness, N/m, or damping, N s/m, at rest: nodes (E,2) and matrices (E,6,6).
+
+    Springs that are stretched or compressed at rest, as by gas, also have a stiffness transverse to them.
+    """
     springs, x = body.springs, body.position
     r = x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]]
-    row = np.concatenate([r, -r], axis=1) / np.linalg.norm(r, axis=1)[:, None]
+    length = np.linalg.norm(r, axis=1)
+    row = np.concatenate([r, -r], axis=1) / length[:, None]
     constant = springs.stiffness if elastic else springs.damping
-    yield springs.nodes, constant[:, None, None] * row[:, :, None] * row[:, None, :]
+    across = elastic * constant * (1.0 - springs.rest_length / length)
+    apart = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
+    along = (constant - across)[:, None, None] * row[:, :, None] * row[:, None, :]
+    yield springs.nodes, along + across[:, None, None] * apart  # (22)
 
 
 @kernel

@@ -14,6 +14,7 @@ from fish_env.kernels.simd import Kind, Pack
 from fish_env.physics.integrators import leapfrog_chebyshev, limits, runge_kutta, semi_implicit
 from fish_env.physics.lazy import load_texts
 from fish_env.physics.records import Body, World
+from fish_env.physics.world import VACUUM
 
 
 class Method(Protocol):
@@ -72,9 +73,7 @@ class Integrator:
     """The implementation of its steps, a `Method`, or a text "module:name" of it; None for a method that chooses its
     own."""
     limit: limits.Limit = limits.none
-    """Largest stable step of a body in a world for small motion about rest, s; inf if all are stable."""
-    base: Callable[[Body], float] = limits.leapfrog
-    """Step from which the default one follows, s: stable on the body in any water; 0 if there is none."""
+    """Largest stable step of a body in a world for small motion about rest, s; inf if all are stable, nan if unknown."""
     refuses: Callable[[Body, World], str] = limits.everything
     """Reason that it cannot move a body in a world; "" if it can."""
     advance: Any = None
@@ -83,6 +82,14 @@ class Integrator:
 
     def __post_init__(self):
         load_texts(self, "method", "advance")
+
+    def base(self, body: Body) -> float:
+        """Step from which the default one follows, s: the largest stable one of the body in vacuum, nan if unknown.
+
+        Methods that have none, or choose their own steps or stages, take that of symplectic Euler.
+        """
+        own = self.kind in ("explicit", "semi-implicit")
+        return self.limit(body, VACUUM) if own else limits.leapfrog(body)
 
     def __reduce__(self):
         return get_integrator, (self.name,)  # a pickle contains the name only; compiled code stays in its process
@@ -106,9 +113,9 @@ INTEGRATORS: dict[str, Integrator] = {
         Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, runge_kutta.SYMPLECTIC_EULER, limits.LEAPFROG),
         Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", runge_kutta.RK4, limits.RK4),
         Integrator(
-            "explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.EULER, limits.explicit_euler
+            "explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.EULER
         ),
-        Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.MIDPOINT, limits.midpoint),
+        Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.MIDPOINT),
         Integrator("leapfrog_chebyshev", 1, "stabilised", 0, 0, 0, CARLE, leapfrog_chebyshev, limits.STABILISED),
         Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, f"{SOFT}.rosenbrock:EULER"),
         Integrator("linearly_implicit_projected", 1, IMPLICIT, 1, 1, 1, BARAFF, f"{SOFT}.rosenbrock:PROJECTED"),

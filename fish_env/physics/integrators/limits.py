@@ -13,17 +13,24 @@ import numpy as np
 from fish_env.physics import forces
 from fish_env.physics.integrators import leapfrog_chebyshev
 from fish_env.physics.integrators.leapfrog_chebyshev import MOST_STAGES, SAFETY
-from fish_env.physics.linalg.rates import DENSE, assemble
-from fish_env.physics.records import Body, World
+from fish_env.physics.linalg.rates import assemble
+from fish_env.physics.records import Anchors, Body, World
 
 Limit = Callable[[Body, World], float]
+MOST_MODES = 600  # degrees of freedom up to which all motions are computed, within a second
 TRIED = np.geomspace(1e-6, 1.0, 2000)  # steps, of the longest that any method could take
+UNDAMPED = 1e-9  # of a rate, its real part: less is rounding
 GROWS = 1e-12  # of a step: less is rounding
 
 
-def motion(body: Body, world: World) -> tuple[np.ndarray, np.ndarray]:
-    """K and D, (n,n) 1/s2 and 1/s; of a body with more than DENSE degrees of freedom, those of two extreme modes."""
-    if body.inverse_mass.size > DENSE:
+def motion(body: Body, world: World, subtracted: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """K and D, (n,n) 1/s2 and 1/s; of a body with more than MOST_MODES degrees of freedom, those of two extreme ones.
+
+    From K, so many times the stiffness of springs that are taut at rest, as if each pulled in all directions, is
+    subtracted.
+    """
+    large = body.inverse_mass.size > MOST_MODES
+    if large:
         elastic, viscous = body.max_stiffness_eigenvalue, body.max_damping_eigenvalue
         matrices = np.diag([elastic, elastic]), np.diag([min(viscous, relaxation(body) * elastic), viscous])
     else:
@@ -35,11 +42,31 @@ def motion(body: Body, world: World) -> tuple[np.ndarray, np.ndarray]:
                     i = 3 * nodes[a:b] + axis
                     mass[np.ix_(i, i)] += world.added_mass[axis - 1] * volume[k] * np.outer(share[a:b], share[a:b])
         root = np.linalg.inv(np.linalg.cholesky(mass[free][:, free]))
-        parts = (assemble(forces.rest_matrices(body, elastic), free.size) for elastic in (True, False))
+        parts = [assemble(forces.rest_matrices(body, elastic), free.size, free.size) for elastic in (True, False)]
+        parts[0] -= assemble([taut(body, subtracted)], free.size, free.size)
+        if world.anchors is not None:
+            add_anchors(body, world.anchors, *parts)
         matrices = tuple(root @ part[free][:, free] @ root.T for part in parts)
-    one, around = np.eye(len(matrices[0])), forces.bounds(body._replace(barriers=None), world)  # inactive at rest
-    added = np.sum([(0.0, world.viscosity * body.inverse_mass.max()), *around], axis=0)
-    return matrices[0] + added[0] * one, matrices[1] + added[1] * one
+    one, around = np.eye(len(matrices[0])), world if large else world._replace(anchors=None)
+    bounds = forces.bounds(body._replace(barriers=None), around)  # barriers are inactive at rest
+    elastic, viscous = np.sum([(0.0, world.viscosity * body.inverse_mass.max()), *bounds], axis=0)
+    return matrices[0] + elastic * one, matrices[1] + viscous * one
+
+
+def taut(body: Body, factor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (E,2) of the springs, and their effective stiffness at rest times a factor, (E,6,6) N/m."""
+    nodes, stiffness, _, rest, _ = body.springs
+    length = np.linalg.norm(body.position[nodes[:, 1]] - body.position[nodes[:, 0]], axis=1)
+    apart = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
+    return nodes, (factor * stiffness * (1.0 - rest / length))[:, None, None] * apart
+
+
+def add_anchors(body: Body, anchors: Anchors, elastic: np.ndarray, viscous: np.ndarray) -> None:
+    """Add anchors to the stiffness and the damping (3N,3N) of a body at rest; across a drag spring they are stiffer."""
+    for node, point, _, stiffness, damping, length in zip(*anchors, strict=True):
+        i, way = slice(3 * node, 3 * node + 3), point - body.position[node]
+        elastic[i, i] += stiffness * np.eye(3)
+        viscous[i, i] += damping * (np.outer(way, way) / max(way @ way, 1e-300) if length else np.eye(3))
 
 
 def roots(elastic: np.ndarray, viscous: np.ndarray) -> np.ndarray:
@@ -53,29 +80,39 @@ def none(body: Body, world: World) -> float:
     return math.inf
 
 
-def filtered(reach: float) -> Limit:
+def filtered(reach: float, subtracted: float = 0.0) -> Limit:
     """Limit of a leapfrog, s, whose steps are stable while the highest eigenvalue of h^2 K + 2 h D is below its reach.
 
     Symplectic Euler, and Tu's method near rest, reach 4: sqrt((w s)^2 + 4) - w s over w, with the relaxation time s.
+    What Tu's takes as implicit, the pull of springs that are taut at rest, is subtracted twice.
     """
 
     def limit(body: Body, world: World) -> float:
-        elastic, viscous = motion(body, world)
+        elastic, viscous = motion(body, world, subtracted)
         fastest = np.real(roots(-elastic / reach, -2.0 * viscous / reach)).max()
-        return 1.0 / fastest if fastest > 0.0 else math.inf
+        return 1.0 / float(fastest) if fastest > 0.0 else math.inf
 
     return limit
 
 
 def polynomial(*coefficients: float) -> Limit:
-    """Limit of a Runge-Kutta method, s, that multiplies a motion exp(z t) by this polynomial of z h in a step."""
+    """Limit of a Runge-Kutta method, s, that multiplies a motion exp(z t) by this polynomial of z h in a step.
+
+    Where undamped motion grows at any step, as with explicit Euler, the limit is that of the least damped motion, and
+    zero without damping. Of a large body of springs or gas it is then unknown, nan.
+    """
+    amplifies = abs(np.polyval(coefficients, 0.1j)) > 1.0
 
     def limit(body: Body, world: World) -> float:
+        if amplifies and body.inverse_mass.size > MOST_MODES and (body.springs.nodes.size or body.compartments):
+            return math.nan
         rates = roots(*motion(body, world))
         fastest = np.abs(rates).max()
         if fastest == 0.0:
             return math.inf
         rates = rates[np.abs(rates) > 1e-6 * fastest]  # rigid motion, to rounding
+        if amplifies and (np.abs(rates.real) < UNDAMPED * np.abs(rates)).any():
+            return 0.0
         steps = 2.0 * len(coefficients) / fastest * TRIED
         growing = (np.abs(np.polyval(coefficients, steps[:, None] * rates)) > 1.0 + GROWS).any(axis=1)
         first = int(growing.argmax())
@@ -84,17 +121,17 @@ def polynomial(*coefficients: float) -> Limit:
     return limit
 
 
-LEAPFROG, STABILISED = filtered(4.0), filtered(leapfrog_chebyshev.polynomial(MOST_STAGES)[3] / SAFETY)
+LEAPFROG, LAGGED, STABILISED = filtered(4.0), filtered(4.0, 2.0), filtered(leapfrog_chebyshev.polynomial(MOST_STAGES)[3] / SAFETY)
 EULER, MIDPOINT, RK4 = polynomial(1.0, 1.0), polynomial(0.5, 1.0, 1.0), polynomial(1 / 24, 1 / 6, 0.5, 1.0, 1.0)
 
 
 def lagged(body: Body, world: World) -> float:
-    """Limit of Tu's method, s: that of symplectic Euler, for which it takes springs at rest; anchors are implicit."""
-    return LEAPFROG(body, world._replace(anchors=None))
+    """Limit of Tu's method, s; anchors are implicit."""
+    return LAGGED(body, world._replace(anchors=None))
 
 
 def leapfrog(body: Body) -> float:
-    """Step that symplectic Euler, and so most methods, can take on a body in any water, s: default steps follow it."""
+    """Step that symplectic Euler can take on a body in any water, s, by the highest rates alone."""
     elastic, viscous = body.max_stiffness_eigenvalue, body.max_damping_eigenvalue
     if elastic == 0.0:
         return 2.0 / viscous if viscous > 0.0 else math.inf
@@ -107,18 +144,6 @@ def relaxation(body: Body) -> float:
     elastic = springs.stiffness > 0.0
     shortest = math.inf if tets is None else float(tets.relaxation_time.min(initial=math.inf))
     return float((springs.damping[elastic] / springs.stiffness[elastic]).min(initial=shortest))
-
-
-def explicit_euler(body: Body) -> float:
-    """Largest stable step of explicit Euler, s: at most the relaxation time, which is zero without damping."""
-    return min(relaxation(body), leapfrog(body))
-
-
-def midpoint(body: Body) -> float:
-    """Largest stable step of the midpoint method, s: it amplifies by (h w)^4 / 4, and damping reduces by h s w^2."""
-    if body.max_stiffness_eigenvalue == 0.0:
-        return leapfrog(body)
-    return min((4.0 * relaxation(body) / body.max_stiffness_eigenvalue) ** (1 / 3), leapfrog(body))
 
 
 def everything(body: Body, world: World) -> str:

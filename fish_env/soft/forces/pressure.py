@@ -14,7 +14,7 @@ from fish_env.kernels.simd import Pack, dot, fma, log, nowhere, select, sqrt, ze
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.plan import FACTOR, H
 from fish_env.physics.records import Body, World
-from fish_env.soft.volume import add_volume, volume_of
+from fish_env.soft.volume import add_volume, curvature_of, volume_of
 
 FAILURE = ESCAPED
 ANYWHERE = True
@@ -32,13 +32,20 @@ def make_cache(body: Body, world: World, kind) -> Pack:
 
 
 def rest_matrices(body: Body, elastic):
-    """Stiffness of the gas at rest, N/m: all nodes (1,N) and a matrix (1,3N,3N) for each compartment. No damping."""
+    """Stiffness of the gas at rest, N/m, for each compartment; it has no damping.
+
+    That of compression joins all nodes (1,N), by a matrix (1,3N,3N); that of the pressure, whose direction turns with
+    the faces, the nodes of each.
+    """
     if body.compartments is None or not elastic:
         return
     first = body.compartments.first
-    for c, gas in enumerate(body.compartments.gas):
-        volume, slope = volume_of(body.compartments.faces[first[c] : first[c + 1]], body.position)
+    for c, (gas, ambient) in enumerate(zip(body.compartments.gas, body.compartments.ambient, strict=True)):
+        faces = body.compartments.faces[first[c] : first[c + 1]]
+        volume, slope = volume_of(faces, body.position)
         yield np.arange(len(slope))[None], (gas / volume**2 * np.outer(slope, slope))[None]
+        nodes, curvature = curvature_of(faces, body.position)
+        yield nodes, (ambient - gas / volume) * curvature
 
 
 @kernel
